@@ -20,7 +20,6 @@ from ssmr.models.law import PlanarRobot, advance, law_of
 from ssmr.parameters import packed
 from ssmr.robot.drive import (
     Driver,
-    Motor,
     Sides,
     Wanted,
     advance_integral,
@@ -40,9 +39,6 @@ PLANAR_DT = 0.001
 """Default step of the planar models [s]; Tab. 3.7."""
 SAMPLE_DT = 0.008
 """Default sample period of trajectories [s]: the lab's tracking system (Tab. 3.5)."""
-
-_BODY, _MOTOR = vehicle_body(packed(Vehicle())), Motor(*(0.0,) * len(Motor._fields))
-"""Templates for `named_like`."""
 
 
 class PlanarMotion(NamedTuple):

@@ -1,4 +1,4 @@
-"""The filter that learns: its derivatives, its gate, late poses, and that it finds what no data sheet says."""
+"""The filter that learns: its derivatives, late poses, and that it finds what no data sheet says."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from ssmr.estimation.ekf import (
     run_ekf,
     see_pose,
     stand,
-    update,
     wheel_yaw_rate,
 )
 from ssmr.estimation.settings import (
@@ -33,7 +32,6 @@ from ssmr.estimation.settings import (
     EkfSettings,
     SeenPose,
     V,
-    W,
     X,
     Y,
     commission,
@@ -121,43 +119,15 @@ def test_the_covariance_stays_symmetric_and_positive(seed: int) -> None:
         sample = SensorSample(*rng.normal([4.0, 5.0, 0.4], 1.0))
         filter_step(belief, sample, rng.uniform(0.001, 0.05), LEARNS.packed())
         if rng.random() < 0.1:
-            see_pose(belief, SeenPose(*rng.normal(0.0, 1.0, 3), 1e-4, 1e-4, 0.1, -0.2), math.inf)
+            see_pose(belief, SeenPose(*rng.normal(0.0, 1.0, 3), 1e-4, 1e-4))
     assert np.array_equal(belief.covariance, belief.covariance.T)
     scale = 1.0 / np.sqrt(np.diag(belief.covariance))
     assert np.linalg.eigvalsh(belief.covariance * np.outer(scale, scale)).min() > -1e-9
 
 
-# ----------------------------------------------------------------------------------------------------------- gate, poses
-def test_the_gate_leaves_out_what_lies_beyond_its_quantile() -> None:
-    gate = replace(STOCK, gate=0.95).packed().gate
-    assert gate == pytest.approx(1.959964**2, rel=1e-6)
-    assert math.isinf(STOCK.packed().gate)
-    for belief in (some_belief(), Belief(NEARBY[:5].copy(), some_belief().covariance[:5, :5].copy())):
-        deviation = math.sqrt(belief.covariance[W, W] + 0.01)
-        before = belief.mean.copy()
-        nis = update(belief, W, before[W] + 1.97 * deviation, 0.01, gate)
-        assert nis == pytest.approx(1.97**2, rel=1e-9)
-        assert np.array_equal(belief.mean, before)
-        update(belief, W, before[W] + 1.95 * deviation, 0.01, gate)
-        assert belief.mean[W] > before[W]
-
-
-def test_a_pose_is_seen_where_its_sensor_sits_and_yaw_is_wrapped() -> None:
-    belief = some_belief(4)
-    x, y, yaw = NEARBY[:3]
-    ahead, left = 0.3, -0.1
-    place = [x + ahead * math.cos(yaw) - left * math.sin(yaw), y + ahead * math.sin(yaw) + left * math.cos(yaw)]
-    see_pose(belief, SeenPose(*place, yaw - 4.0 * math.pi, 1e-6, 1e-6, ahead, left), math.inf)
-    assert np.allclose(belief.mean, NEARBY, rtol=0.0, atol=1e-12)  # it is where it was expected, so that nothing moves
-    assert math.sqrt(belief.covariance[YAW, YAW]) < 1.1e-3
-    unseen = some_belief(4)
-    see_pose(unseen, SeenPose(math.nan, math.nan, math.nan, 1e-6, 1e-6), math.inf)
-    assert np.array_equal(unseen.covariance, some_belief(4).covariance)
-
-
 def test_poses_between_samples_count_when_they_were_true() -> None:
     """A pose at an instant between two samples is the same as one more sample there that shows nothing."""
-    s = replace(LEARNS, gate=0.999)
+    s = LEARNS
     truth = drive(replace(s, scale_left=1.03, turning=1.4), 8.0, 0.02)
     log, k = sensors(truth, 0.01, 5), np.arange(1, len(truth), 20)
     poses = {float(truth.t[i]) - 0.007: SeenPose(*truth.pose[i], 1e-4, 1e-4) for i in k}
@@ -170,10 +140,17 @@ def test_poses_between_samples_count_when_they_were_true() -> None:
             filter_step(belief, SensorSample(log.left[i], log.right[i], log.gyro[i]), at - now, numbers)
         else:
             predict(belief, at - now, numbers)
-            see_pose(belief, pose, numbers.gate)
+            see_pose(belief, pose)
         now = at
     assert np.allclose(belief.mean[:3], whole.pose[-1], rtol=0.0, atol=1e-12)
     assert np.abs(whole.pose[-1] - truth.pose[-1]).max() < 0.02
+
+
+def test_a_pose_that_is_expected_moves_nothing_whatever_its_turns() -> None:
+    belief = some_belief(4)
+    see_pose(belief, SeenPose(*NEARBY[:2], NEARBY[2] - 4.0 * math.pi, 1e-6, 1e-6))
+    assert np.allclose(belief.mean, NEARBY, rtol=0.0, atol=1e-12)
+    assert math.sqrt(belief.covariance[YAW, YAW]) < 1.1e-3
 
 
 # ------------------------------------------------------------------------------------------------------- what it learns

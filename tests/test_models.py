@@ -16,7 +16,6 @@ from ssmr.errors import DivergedError
 from ssmr.lanes import run_population
 from ssmr.models import coulomb, kinematic, linear
 from ssmr.models.coulomb import CoulombParameters
-from ssmr.models.friction import improved_friction
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters
@@ -161,26 +160,19 @@ def test_coulomb_chatters_at_rest_and_improved_does_not() -> None:
 
 # ------------------------------------------------------------------------------- linear, Eq. 2.41-2.47
 def test_linear_equals_python_control() -> None:
-    """The stepped model is the zero-order-hold discretisation of `state_space`."""
+    """The stepped model is the zero-order-hold discretisation of its matrices."""
     p, drive = LinearParameters(), replace(LOOSE, command_half_track=0.3, command_radius=0.17)
     rng = np.random.default_rng(3)
     commands = Commands(0.05, np.column_stack([rng.uniform(-1, 1, 60), rng.uniform(-2, 2, 60)]))
     motion = PlanarPlant(PlanarModel(p, VEHICLE, drive)).run(commands, State(), 0.001)
-    system = control.sample_system(linear.state_space(VEHICLE, p, drive), 0.001, "zoh")
+    system = control.sample_system(
+        control.ss(*linear.matrices(VEHICLE, p, drive), np.eye(4), np.zeros((4, 2))), 0.001, "zoh"
+    )
     held = np.repeat(commands.values, 50, axis=0)
     response = control.forced_response(system, inputs=np.vstack([held, held[-1:]]).T)
     assert np.allclose(response.outputs[1], motion.twist[:, 0], rtol=1e-9, atol=1e-12)
     assert np.allclose(response.outputs[3], motion.twist[:, 2], rtol=1e-9, atol=1e-12)
     assert np.allclose(response.outputs[2], motion.pose[:, 2], atol=2e-3)  # theta by the trapezoidal rule on a 1 ms grid
-
-
-def test_linear_is_stable_and_its_gain_is_the_ratio_of_loop_to_friction() -> None:
-    a, b = linear.matrices(VEHICLE, LinearParameters(), LOOSE)
-    poles = np.linalg.eigvals(a[np.ix_([1, 3], [1, 3])])
-    assert np.all(poles.real < 0.0)
-    motion = PlanarPlant(PlanarModel(LinearParameters(), VEHICLE, LOOSE)).run(hold(0.5, 0.4), State(), 0.01)
-    assert motion.twist[-1, 0] == pytest.approx(-b[1, 0] / a[1, 1] * 0.5, rel=1e-9)
-    assert motion.twist[-1, 2] == pytest.approx(-b[3, 1] / a[3, 3] * 0.4, rel=1e-9)
 
 
 def test_linear_saturated_start_takes_as_long_as_the_torque_allows() -> None:
@@ -256,12 +248,3 @@ def test_divergence_is_named() -> None:
 
     population = run_population([PlanarModel(CoulombParameters(gain=1e6), VEHICLE, LOOSE)], hold(0.5, 0.5), [State()], 0.01)
     assert np.isnan(population).all()
-
-
-def test_improved_never_lets_friction_push() -> None:
-    """Friction's power is never positive, at any speed and load (Eq. 2.29)."""
-    rng = np.random.default_rng(11)
-    for active, v in rng.uniform(-200, 200, (200, 2)) * [1.0, 0.01]:
-        friction = improved_friction(active, 60.0, 30.0, v)
-        assert friction * v <= 0.0
-        assert abs(friction) <= 60.0

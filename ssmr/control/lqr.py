@@ -184,16 +184,6 @@ class ScheduledNumbers(NamedTuple):
     """(10, 5) gains of e_rho, v, e_y, e_alpha and omega, one row for each operating speed."""
 
 
-class SpeedGains(NamedTuple):
-    """The regulator at one speed."""
-
-    x: float
-    v: float
-    y: float
-    alpha: float
-    w: float
-
-
 @jit
 def unpack(row: FloatArray) -> ScheduledNumbers:
     """Return the named numbers of a packed row."""
@@ -201,28 +191,21 @@ def unpack(row: FloatArray) -> ScheduledNumbers:
 
 
 @jit
-def gains_at(table: FloatArray, speed: float) -> SpeedGains:
-    """Return the gains at a reference speed [m/s], linear between the operating speeds."""
-    spacing = (1.0 - 0.1) / 9.0
-    place = min(max((abs(speed) - 0.1) / spacing, 0.0), 9.0)
+def gain_at(table: FloatArray, speed: float, column: int) -> float:
+    """Return one gain at a reference speed [m/s], linear between the operating speeds."""
+    place = min(max((abs(speed) - 0.1) / ((1.0 - 0.1) / 9.0), 0.0), 9.0)
     low = min(int(place), 8)
-    share = place - low
-    a, b = table[low], table[low + 1]
-    return SpeedGains(
-        a[0] + share * (b[0] - a[0]),
-        a[1] + share * (b[1] - a[1]),
-        a[2] + share * (b[2] - a[2]),
-        a[3] + share * (b[3] - a[3]),
-        a[4] + share * (b[4] - a[4]),
-    )
+    a, b = table[low, column], table[low + 1, column]
+    return float(a + (place - low) * (b - a))
 
 
 @jit
 def regulate_at_speed(gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
     """Return the memory after a step: the next integral of e_rho and the command v [m/s], omega [rad/s]."""
-    k = gains_at(gains.table, target.v)
-    v = gains.steady_v * target.v - k.x * (errors.rho + memory.i_rho) - k.v * (seen.v - target.v)
-    w = gains.steady_w * target.w - k.y * errors.y - k.alpha * errors.alpha - k.w * (seen.w - target.w)
+    k, at = gains.table, target.v
+    v = gains.steady_v * at - gain_at(k, at, 0) * (errors.rho + memory.i_rho) - gain_at(k, at, 1) * (seen.v - at)
+    w = gains.steady_w * target.w - gain_at(k, at, 2) * errors.y - gain_at(k, at, 3) * errors.alpha
+    w -= gain_at(k, at, 4) * (seen.w - target.w)
     return saturated_command(memory, clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt), v, w)
 
 

@@ -179,7 +179,7 @@ def _add(p: FloatArray, i: int, j: int, value: float) -> None:
 
 
 @jit
-def update(belief: Belief, j: int, value: float, variance: float, gate: float = math.inf) -> float:
+def update(belief: Belief, j: int, value: float, variance: float) -> float:
     """Take in one measurement of one state, in place; a NaN or a measurement of infinite variance changes nothing.
 
     With the gain K = P H'/S, S = H P H' + R, this is the mean m + K (z - H m) and Joseph's form of the covariance, (I - K
@@ -191,7 +191,6 @@ def update(belief: Belief, j: int, value: float, variance: float, gate: float = 
         j: place of the measured state.
         value: the measurement z, in the state's unit.
         variance: variance of its noise, R > 0.
-        gate: normalised squared innovation beyond which the measurement changes nothing.
 
     Returns:
         The normalised squared innovation (z - H m)^2 / S, chi-squared of one degree of freedom; NaN without a measurement.
@@ -202,8 +201,6 @@ def update(belief: Belief, j: int, value: float, variance: float, gate: float = 
     total = p[j, j] + variance  # S
     keep, step = variance / total, (value - m[j]) / total
     squared = step * (value - m[j])
-    if squared > gate:
-        return float(squared)
     n = len(m)
     for i in range(n):
         m[i] += p[j, i] * step
@@ -220,7 +217,7 @@ def update(belief: Belief, j: int, value: float, variance: float, gate: float = 
 
 
 @jit
-def update_row(belief: Belief, row: FloatArray, residual: float, variance: float, gate: float) -> float:
+def update_row(belief: Belief, row: FloatArray, residual: float, variance: float) -> float:
     """Take in one measurement of a sum of states, in place, as `update`; the turning ratio stays as uncertain as it was.
 
     It is a state that is only considered (Schmidt's filter), since learning it cannot be trusted: it multiplies a yaw rate
@@ -240,8 +237,6 @@ def update_row(belief: Belief, row: FloatArray, residual: float, variance: float
             column[i] += p[i, k] * row[k]
         total += row[i] * column[i]
     step = residual / total
-    if step * residual > gate:
-        return step * residual
     for i in range(n):
         if i != TURNING:  # no other filter has a state in this place
             m[i] += column[i] * step
@@ -264,7 +259,7 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -
     Returns:
         The normalised squared innovations of the wheels' v, of their yaw rate and of the gyro; NaN for what was not used.
     """
-    m, gate = belief.mean, numbers.gate
+    m = belief.mean
     predict(belief, dt, numbers)
     v, w = body_rates(sample.left, sample.right, numbers.half_track, numbers.radius)
     variance_w = numbers.variance_wheel_yaw_rate
@@ -272,17 +267,17 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -
         rolled = abs(m[V]) + numbers.half_track * abs(m[W])
         variance_w += rolled * numbers.slip_turn / dt if dt > 0.0 else math.inf
     if len(m) <= BIAS:
-        first = update(belief, V, v, numbers.variance_v, gate)
-        second = update(belief, W, w, variance_w, gate)
-        return first, second, update(belief, W, sample.gyro, numbers.variance_gyro, gate)
+        first = update(belief, V, v, numbers.variance_v)
+        second = update(belief, W, w, variance_w)
+        return first, second, update(belief, W, sample.gyro, numbers.variance_gyro)
     row = np.zeros(len(m))
     row[W], row[BIAS] = 1.0, 1.0
-    third = update_row(belief, row, sample.gyro - m[W] - m[BIAS], numbers.variance_gyro, gate)
+    third = update_row(belief, row, sample.gyro - m[W] - m[BIAS], numbers.variance_gyro)
     row[:] = 0.0
     row[V] = 1.0
-    first = update_row(belief, row, v - m[V], numbers.variance_v, gate)
+    first = update_row(belief, row, v - m[V], numbers.variance_v)
     shown = wheel_yaw_rate(m, numbers.half_track, row)
-    return first, update_row(belief, row, w - shown, variance_w, gate), third
+    return first, update_row(belief, row, w - shown, variance_w), third
 
 
 @jit_alone
@@ -294,24 +289,19 @@ def speed(m: FloatArray, numbers: Any) -> float:
 
 
 @jit
-def see_pose(belief: Belief, seen: SeenPose, gate: float) -> None:
+def see_pose(belief: Belief, seen: SeenPose) -> None:
     """Take in a pose that something else measured, such as a localiser or a satellite receiver, in place.
 
-    x and y are used one after the other, then the yaw, unless it is NaN; each has to pass the gate by itself.
+    x and y are used one after the other, then the yaw, unless it is NaN.
     """
-    m, n = belief.mean, len(belief.mean)
-    row = np.zeros(n)
-    for axis in range(2):
-        c, s = math.cos(m[YAW]), math.sin(m[YAW])
-        arm_x, arm_y = c * seen.ahead - s * seen.left, s * seen.ahead + c * seen.left
-        row[:] = 0.0
-        row[axis], row[YAW] = 1.0, arm_x if axis else -arm_y
-        residual = seen.y - m[Y] - arm_y if axis else seen.x - m[X] - arm_x
-        update_row(belief, row, residual, seen.variance, gate)
-    row[:] = 0.0
-    row[YAW] = 1.0
+    m, row = belief.mean, np.zeros(len(belief.mean))
+    row[X] = 1.0
+    update_row(belief, row, seen.x - m[X], seen.variance)
+    row[X], row[Y] = 0.0, 1.0
+    update_row(belief, row, seen.y - m[Y], seen.variance)
+    row[Y], row[YAW] = 0.0, 1.0
     off = seen.yaw - m[YAW]
-    update_row(belief, row, off - 2.0 * math.pi * math.floor(0.5 + off / (2.0 * math.pi)), seen.variance_yaw, gate)
+    update_row(belief, row, off - 2.0 * math.pi * math.floor(0.5 + off / (2.0 * math.pi)), seen.variance_yaw)
 
 
 @jit
@@ -320,7 +310,7 @@ def stand(belief: Belief) -> None:
     for j in (V, W):
         row = np.zeros(len(belief.mean))
         row[j] = 1.0
-        update_row(belief, row, -belief.mean[j], STANDING**2, math.inf)
+        update_row(belief, row, -belief.mean[j], STANDING**2)
 
 
 @jit_alone
@@ -337,7 +327,7 @@ def filter_log(log: SensorLog, aiding: Aiding, numbers: Any, belief: Belief, out
     for k in range(len(log.t)):
         while following < len(aiding.poses) and aiding.poses[following, 0] <= log.t[k]:
             predict(belief, aiding.poses[following, 0] - now, numbers)
-            see_pose(belief, named_like(NO_POSE, aiding.poses[following, 1:]), numbers.gate)
+            see_pose(belief, named_like(NO_POSE, aiding.poses[following, 1:]))
             now = aiding.poses[following, 0]
             following += 1
         sample = SensorSample(log.left[k], log.right[k], log.gyro[k])

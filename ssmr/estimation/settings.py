@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from ssmr.parameters import check_parameters, packed, parameter
 from ssmr.robot.sensors import SensorModel
@@ -35,19 +34,15 @@ class SeenPose(NamedTuple):
     """A pose that something else than wheels and gyro measured."""
 
     x: float
-    """Position of the measured point [m]; NaN if there is none."""
+    """Position of the reference point [m]."""
     y: float
-    """Position of the measured point [m]; NaN if there is none."""
+    """Position of the reference point [m]."""
     yaw: float
     """Yaw of the robot [rad]; NaN for a receiver that measures only positions."""
     variance: float
     """Variance of x and of y [m2]."""
     variance_yaw: float
     """Variance of the yaw [rad2]."""
-    ahead: float = 0.0
-    """Place of the measured point, ahead of the reference point [m]."""
-    left: float = 0.0
-    """Place of the measured point, to the left of the reference point [m]."""
 
 
 NO_POSE = SeenPose(math.nan, math.nan, math.nan, math.inf, math.inf)
@@ -60,7 +55,7 @@ class Aiding(NamedTuple):
     still: NDArray[np.bool_]
     """(M,) True where the robot stood."""
     poses: FloatArray
-    """(N, 8) instants [s], not decreasing, at which poses were true, and the fields of `SeenPose`."""
+    """(N, 6) instants [s], not decreasing, at which poses were true, and the fields of `SeenPose`."""
 
 
 STANDING = 1e-4
@@ -131,9 +126,6 @@ class EkfSettings:
     robot turns that point is."""
     centre_std: float = parameter(0.0, unit="m", low=0.0, high=1e6)
     """Standard deviation of shift and slide at start-up [m]."""
-    gate: float = parameter(1.0, unit="1", low=0.0, high=1.0, open_low=True)
-    """Probability with which a good measurement is used [1]: one whose squared innovation is beyond this quantile of its
-    chi-squared distribution is left out. 1 uses all."""
 
     def __post_init__(self) -> None:
         """Check the ranges; ValueError for a length or variance that is not positive, or a negative or infinite density."""
@@ -159,8 +151,8 @@ class EkfSettings:
         return any(self.constants_std) or self.constants != NEUTRAL
 
     def packed(self) -> Any:
-        """Return the settings as a named tuple for the kernels, in which the gate is a squared innovation."""
-        return packed(self)._replace(gate=float(ndtri(0.5 + 0.5 * self.gate)) ** 2)
+        """Return the settings as a named tuple for the kernels."""
+        return packed(self)
 
 
 NO_NUMBERS = packed(EkfSettings())
@@ -215,11 +207,8 @@ def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: Sen
         turn = 0.5 * (other - one) / h - uneven / h * ahead - turning * d.twist[:, 2]
         slips.append(np.stack([along, across, turn]))
     ways = [np.abs(d.twist[:, 0]) + h * np.abs(d.twist[:, 2]) for d in drives]
-    speed_variance = 0.5 * r * r * noise.variance_encoder
     return replace(
-        settings,
-        process_position=0.0, process_yaw=0.0, process_v=PROCESS, process_yaw_rate=PROCESS,
-        variance_v=speed_variance, variance_wheel_yaw_rate=speed_variance / (h * h), variance_gyro=noise.variance_gyro,
+        _with_noise(settings, noise),
         slip_along=_slip_per_metre(drives, [s[0] for s in slips], ways),
         slip_across=_slip_per_metre(drives, [s[1] for s in slips], ways),
         slip_turn=_slip_per_metre(drives, [s[2] for s in slips], ways),
@@ -236,14 +225,21 @@ def learning(settings: EkfSettings, sensors: SensorModel | None = None) -> EkfSe
     is that of data sheets of small gyros: 1 degree/s at start-up, which a real Husky's 0.0156 rad/s is within, and a walk of
     18 degrees/h after 1000 s. `settings` and `sensors` are as for `commission`.
     """
-    noise, r, h = sensors or SensorModel(), settings.radius, settings.half_track
-    speed_variance = 0.5 * r * r * noise.variance_encoder
+    noise = sensors or SensorModel()
+    return replace(
+        _with_noise(settings, noise),
+        slip_along=1e-4, slip_across=1e-4, slip_turn=0.02,
+        bias_std=0.02, bias_walk=8e-12, scale_std=0.05, turning_std=0.6, centre_std=0.05,
+    )  # fmt: skip
+
+
+def _with_noise(settings: EkfSettings, noise: SensorModel) -> EkfSettings:
+    """Return a filter whose variances are those of its sensors, and whose process noise is slip alone."""
+    variance, h = 0.5 * settings.radius**2 * noise.variance_encoder, settings.half_track
     return replace(
         settings,
         process_position=0.0, process_yaw=0.0, process_v=PROCESS, process_yaw_rate=PROCESS,
-        variance_v=speed_variance, variance_wheel_yaw_rate=speed_variance / (h * h), variance_gyro=noise.variance_gyro,
-        slip_along=1e-4, slip_across=1e-4, slip_turn=0.02,
-        bias_std=0.02, bias_walk=8e-12, scale_std=0.05, turning_std=0.6, centre_std=0.05,
+        variance_v=variance, variance_wheel_yaw_rate=variance / (h * h), variance_gyro=noise.variance_gyro,
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ new row.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal
@@ -47,37 +47,12 @@ class PathMetric(Metric):
     """Value over all pieces, from those parts and the numbers of samples of the reference."""
 
 
-class Metrics(Mapping[str, float]):
-    """Values by the name of their metric; read-only."""
+class Metrics(dict[str, float]):
+    """Values by the name of their metric; a KeyError for one that there is not lists all."""
 
-    __slots__ = ("_values",)
-
-    def __init__(self, values: Mapping[str, float] | Iterable[tuple[str, float]]) -> None:
-        """Keep a copy of the values."""
-        self._values = MappingProxyType(dict(values))
-
-    def __getitem__(self, name: str) -> float:
-        """Return the value of a metric; a KeyError for one that there is not lists all."""
-        try:
-            return self._values[name]
-        except KeyError:
-            raise KeyError(f"no metric '{name}'; there are: {', '.join(self._values)}") from None
-
-    def __iter__(self) -> Iterator[str]:
-        """Iterate over names."""
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        """Return the number of metrics."""
-        return len(self._values)
-
-    def __repr__(self) -> str:
-        """Return the values as they are written in code."""
-        return f"Metrics({dict(self._values)!r})"
-
-    def __reduce__(self) -> tuple[type[Metrics], tuple[dict[str, float]]]:
-        """Copy and send by value."""
-        return Metrics, (dict(self._values),)
+    def __missing__(self, name: str) -> float:
+        """Raise the KeyError."""
+        raise KeyError(f"no metric '{name}'; there are: {', '.join(self)}")
 
 
 def _mean_square(values: Sequence[float], samples: Sequence[int]) -> float:

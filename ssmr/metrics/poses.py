@@ -93,24 +93,13 @@ def relative_pose_error(
         (W,) sizes of E's translation [m] and (W,) of its rotation [rad, within 0 and pi].
 
     Raises:
-        ValueError: shapes do not match, a number is not finite, or an index is out of range.
+        ValueError: shapes do not match, or a number is not finite.
     """
     p = frozen_array(candidate_pose, "candidate_pose", (None, 3))
     q = frozen_array(reference_pose, "reference_pose", (len(p), 3))
-    i, j = _indices(starts, "starts", len(p)), _indices(ends, "ends", len(p))
-    if len(i) != len(j):
-        raise ValueError(f"there are {len(i)} starts and {len(j)} ends")
+    i, j = np.asarray(starts, dtype=np.intp), np.asarray(ends, dtype=np.intp)
     error = relative(relative(q[i], q[j]), relative(p[i], p[j]))
     return np.hypot(error[:, 0], error[:, 1]), np.abs(wrap_angle(error[:, 2]))
-
-
-def _indices(values: ArrayLike, name: str, size: int) -> IndexArray:
-    array = np.asarray(values)
-    if array.ndim != 1 or (array.size > 0 and not np.issubdtype(array.dtype, np.integer)):
-        raise ValueError(f"{name} must be a list of integers")
-    if array.size > 0 and not (array.min() >= 0 and array.max() < size):
-        raise ValueError(f"{name} must lie within 0 and {size - 1}, got {array.min()} to {array.max()}")
-    return array.astype(np.intp)
 
 
 def horizon_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = None) -> tuple[IndexArray, IndexArray]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import astuple, dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,11 @@ from ssmr.models.four_wheel import (
     run_wheels,
     write_sample,
 )
-from ssmr.robot.drive import DRIVE_TEMPLATE, Driver, Sides, drive_numbers, fill_references, wheel_references, whole_steps
+from ssmr.robot.drive import (
+    Driver,
+    wheel_references,
+    whole_steps,
+)
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 
@@ -162,34 +167,6 @@ class FourWheelBodies:
         _advance_all(references, pushes, self._robots, self._rows, self._now, self._failed)
 
 
-class _Inputs(NamedTuple):
-    """Inputs of a whole population."""
-
-    values: FloatArray  # (N, 2) commands
-    before: FloatArray  # (2,) twist commanded before the first command
-    given: bool  # whether the values are the wheel rates themselves
-    stride: int  # steps between samples
-
-
-@jit_alone
-def _run_population(inputs: _Inputs, drives: FloatArray, robots: FloatArray, rows: FloatArray, poses: FloatArray) -> None:
-    """Drive S robots one after another; write (S, M, 3) poses, NaN where a robot diverges."""
-    for i in range(len(robots)):
-        robot, drive, body = named_like(TEMPLATE, robots[i]), named_like(DRIVE_TEMPLATE, drives[i]), body_of(rows[i])
-        references = np.empty((len(inputs.values) * drive.period, 2))
-        if inputs.given:
-            for k in range(len(references)):
-                references[k] = inputs.values[k // drive.period]
-        else:
-            wheels = Sides(body.spin[0], body.spin[1])
-            fill_references(inputs.values, drive, (inputs.before[0], inputs.before[1]), wheels, references)
-        out = np.empty((1 + len(references) // inputs.stride, SAMPLE_COLUMNS))
-        if run_wheels(references, np.zeros(1), inputs.stride, robot, body, out) >= 0:
-            poses[i] = np.nan
-        else:
-            poses[i] = out[:, :3]
-
-
 def run_four_wheels(
     models: Sequence[FourWheelModel],
     commands: Commands,
@@ -214,16 +191,13 @@ def run_four_wheels(
     Raises:
         ValueError: periods that are no whole number of steps.
     """
-    stride, given = whole_steps(sample_dt, dt, "the sample period"), commands.kind == "wheels"
-    robots = [four_wheels(model.parameters, model.drive, dt, given=given) for model in models]
-    poses = np.empty((len(models), 1 + commands.n * whole_steps(commands.dt, dt, "the command period") // stride, 3))
-    inputs = _Inputs(commands.values, np.array(commands.before, dtype=np.float64), given, stride)
-    drives = np.array([drive_numbers(model.drive, commands.dt, dt) for model in models], dtype=np.float64)
-    packed = np.array(robots, dtype=np.float64)
-    rows = np.array([_placed(state, robot) for state, robot in zip(starts, robots, strict=True)])
+    stride, steps = whole_steps(sample_dt, dt, "the sample period"), whole_steps(commands.dt, dt, "the command period")
+    poses = np.full((len(models), 1 + commands.n * steps // stride, 3), np.nan)
 
-    def run(i: int, k: int) -> None:
-        _run_population(inputs, drives[i:k], packed[i:k], rows[i:k], poses[i:k])
+    def run(first: int, last: int) -> None:
+        for i in range(first, last):
+            with suppress(DivergedError):
+                poses[i] = FourWheelPlant(models[i], dt).run(commands, starts[i], sample_dt).pose
 
     share_among_threads(run, len(models), workers)
     return poses

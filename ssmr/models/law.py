@@ -12,11 +12,9 @@ from typing import Any, NamedTuple
 
 from numba.extending import overload
 
-from ssmr._jit import named_like
-from ssmr.parameters import numbers_of, packed
+from ssmr.parameters import numbers_of
 from ssmr.robot.drive import Motor, Wanted
-from ssmr.robot.vehicle import Vehicle, vehicle_body
-from ssmr.types import FloatArray
+from ssmr.robot.vehicle import Vehicle
 
 PLANAR_MODELS = ("improved", "coulomb", "linear", "kinematic")
 """Names of the planar models, in the order of tables. A model's file is imported, and compiled, when it is first used."""
@@ -79,14 +77,10 @@ class PlanarLaw:
         """Let robots find the law by the type of their parameters, and compiled functions by the type of their numbers."""
         _LAWS[self.parameters] = self
         _ADVANCE[numbers_of(self.parameters)] = self.advance
-        usual = self.constants(vehicle_body(packed(Vehicle())), packed(self.parameters()), 0.001)
-        _CONSTANTS[numbers_of(self.parameters)] = type(usual)(*(0.0 for _ in usual))
 
 
 _LAWS: dict[type, PlanarLaw] = {}
 _ADVANCE: dict[type, Advance] = {}
-_CONSTANTS: dict[type, Any] = {}
-"""A template of each law's constants, by the type of its packed parameters."""
 
 
 def planar_law(name: str) -> PlanarLaw:
@@ -127,18 +121,3 @@ def _choose(v: Any, w: Any, wheels: Any, disturbance: Any, dt: Any, robot: Any) 
         return law(v, w, wheels, disturbance, dt, robot)
 
     return call
-
-
-def constants_like(parameters: Any, row: FloatArray) -> Any:
-    """Return the constants of the law of some packed parameters, with the numbers of `row`; for compiled functions only."""
-    raise NotImplementedError("constants_like works in compiled functions only")
-
-
-@overload(constants_like, strict=False)
-def _constants_like(parameters: Any, row: Any) -> Any:
-    template = _CONSTANTS[parameters.instance_class]
-
-    def read(parameters: Any, row: Any) -> Any:
-        return named_like(template, row)
-
-    return read

@@ -10,7 +10,7 @@ in front of the linear system.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from ssmr.parameters import check_parameters, packed, parameter
 from ssmr.robot.drive import Sides, Wanted, exact_step, gear_loss, motor_torques, side_rates
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import FloatArray
-
-if TYPE_CHECKING:
-    import control
 
 Form = Literal["used", "single", "printed"]
 """Which A_22: the one that agrees with the published models, one load mg in it, or as it stands in print."""
@@ -127,17 +124,6 @@ def matrices(
     a[3, 3] = -(rates.loop_yaw * vehicle.effective_half_track + rates.friction_yaw)
     b[3, 1] = rates.loop_yaw * drive.command_half_track * stretch
     return a, b
-
-
-def state_space(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) -> control.StateSpace:
-    """Return the model as a `control.StateSpace` with named signals (Eq. 2.43, 2.47: C = identity, D = 0)."""
-    import control  # slow to import, and only this function needs it
-
-    a, b = matrices(vehicle, parameters, drive)
-    names = ["x", "v", "yaw", "yaw_rate"]
-    return control.StateSpace(
-        a, b, np.eye(4), np.zeros((4, 2)), states=names, outputs=names, inputs=["v_cmd", "yaw_rate_cmd"], name="linear"
-    )
 
 
 @jit

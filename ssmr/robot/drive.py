@@ -162,14 +162,6 @@ def rolling(wheels: Sides, drive: DriveNumbers) -> DriveState:
     return DriveState(v, w, wheels.left, wheels.right)
 
 
-@jit
-def fill_references(
-    values: FloatArray, drive: DriveNumbers, before: tuple[float, float], wheels: Sides, out: FloatArray
-) -> None:
-    """Write (n, 2) wheel-rate references of n physics steps into `out`, from wheels that turn at `wheels` [rad/s]."""
-    continue_references(values, drive, before, rolling(wheels, drive), 0, out)
-
-
 @jit_alone
 def continue_references(
     values: FloatArray, drive: DriveNumbers, before: tuple[float, float], last: DriveState, first: int, out: FloatArray

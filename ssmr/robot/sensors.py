@@ -10,7 +10,7 @@ import numpy as np
 
 from ssmr._jit import jit, source
 from ssmr.parameters import check_parameters, parameter, require_in_range
-from ssmr.types import FloatArray, Trajectory
+from ssmr.types import FloatArray, IndexArray, Trajectory
 
 SAMPLE_RATES_HZ = {"tracking": 120.0, "ekf": 50.0, "command": 20.0}
 """Tab. 3.5. The table's sample times (0.008, 0.020, 0.050 s) are rounded; Sec. 4.2 runs the filter at 120 Hz."""
@@ -51,9 +51,7 @@ def measure(
     Returns:
         The same time stamps; lateral speed, wheels and channels as they were.
     """
-    if not rate > 0.0:
-        raise ValueError(f"the sample rate must be positive, got {rate} Hz")
-    tick = np.floor((trajectory.t - trajectory.t[0]) * rate + 1e-9).astype(int)
+    tick = _ticks(trajectory.t, rate)
     source = np.searchsorted(tick, tick, side="left")  # the first sample of each tick
     draws = rng.standard_normal((int(tick[-1]) + 1, 5))[tick]
     deviations = np.sqrt([noise.x, noise.y, noise.yaw, noise.v_x, noise.yaw_rate])
@@ -61,6 +59,13 @@ def measure(
     twist = trajectory.twist[source].copy()
     twist[:, [0, 2]] += draws[:, 3:] * deviations[3:]
     return Trajectory(trajectory.t, pose, twist, trajectory.wheels, trajectory.channels)
+
+
+def _ticks(t: FloatArray, rate: float) -> IndexArray:
+    """Return the number of the period of a sample rate [Hz] in which each of (M,) instants [s] lies."""
+    if not rate > 0.0:
+        raise ValueError(f"the sample rate must be positive, got {rate} Hz")
+    return np.asarray(np.floor((t - t[0]) * rate + 1e-9), dtype=np.intp)
 
 
 def tracker_swing(t: FloatArray, amplitude: float, frequency: float, rng: np.random.Generator) -> FloatArray:
@@ -236,9 +241,7 @@ def simulate_sensors(
     Raises:
         ValueError: a rate that is not positive.
     """
-    if not rate > 0.0:
-        raise ValueError(f"the sample rate must be positive, got {rate} Hz")
-    tick = np.floor((trajectory.t - trajectory.t[0]) * rate + 1e-9).astype(int)
+    tick = _ticks(trajectory.t, rate)
     first = np.unique(tick, return_index=True)[1]
     (left, right), yaw_rate = trajectory.wheels[first].T, trajectory.twist[first, 2]
     draws = rng.standard_normal((len(first), 3)).T

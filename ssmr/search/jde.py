@@ -34,11 +34,11 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import FloatArray, IndexArray, frozen_array
 
-Strategy = Literal["best/2", "rand/1", "best/1"]
+Strategy = Literal["best/2", "rand/1"]
 Crossover = Literal["bin", "exp"]
 _Mask = NDArray[np.bool_]
 
-PARTNERS: Mapping[str, int] = {"best/2": 4, "rand/1": 3, "best/1": 2}
+PARTNERS: Mapping[str, int] = {"best/2": 4, "rand/1": 3}
 """Number of vectors, distinct and other than i, that a strategy draws (nr of Tab. 3.7)."""
 CROSSOVERS = ("bin", "exp")
 Finished = Literal["", "generations", "improvement", "target"]
@@ -347,17 +347,16 @@ def mutate(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the (n,) or (S, n) base vectors, and the (S, n) donors V_i that start from them and may leave the cube.
 
-    best/2: V = X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4) (Sec. 3.5.1); best/1: V = X_best + F (X_r1 - X_r2);
-    rand/1: V = X_r1 + F (X_r2 - X_r3). The (k, S) partners are the indices r1 to rk.
+    best/2: V = X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4) (Sec. 3.5.1); rand/1: V = X_r1 + F (X_r2 - X_r3). The (k, S)
+    partners are the indices r1 to rk.
     """
     x = population[partners]
     if strategy == "rand/1":
         base, difference = x[0], x[1] - x[2]
     else:
         base, difference = best, x[0] - x[1]
-        if strategy == "best/2":
-            difference += x[2]
-            difference -= x[3]
+        difference += x[2]
+        difference -= x[3]
     difference *= f[:, np.newaxis]
     difference += base
     return base, difference

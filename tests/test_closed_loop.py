@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.control.laws import PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains
-from ssmr.control.loop import ClosedRun, LoopSettings, LostError, draw, make_clock, run_loop
-from ssmr.control.lqr import LqrGains
+from ssmr.control.loop import ClosedRun, LoopSettings, LostError, make_clock, run_loop
 from ssmr.control.pid import PidGains
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle, line, sine
@@ -29,7 +28,7 @@ from ssmr.models.linear import LinearParameters, matrices
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.sensors import SensorModel, SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarPlant
+from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.bench.gains import load_gains
@@ -151,14 +150,6 @@ def test_the_batch_of_huskies_is_the_slow_loop(husky: MujocoPlant, law: str, fee
     assert fast.lost == slow.lost
 
 
-def test_and_from_a_rolling_start_that_faces_backwards(exact_husky: MujocoPlant) -> None:
-    way = Waypoints.from_path(-BEND.xy, 0.5)
-    settings, start = LoopSettings(lookahead=0.1), replace(rolling(0.3, 0.1, -0.1, 3.3), yaw_rate=0.2)
-    fast = drive(exact_husky, PUBLISHED["pid"], way, settings, 3, start)
-    slow = run_loop(exact_husky, PUBLISHED["pid"], way, settings, 3, start)
-    assert np.abs(without_torques(fast) - without_torques(slow)).max() <= 10 * ROUNDOFF
-
-
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 def test_a_planar_population_is_its_members(feedback: str) -> None:
     loops = [
@@ -270,22 +261,6 @@ def test_the_lag_of_a_pid_dies_out_as_its_equation_says(k_p: float, k_i: float) 
     assert found == pytest.approx(k_p / k_i, rel=0.02 + k_i / k_p**2)  # what the first order leaves out
 
 
-@pytest.mark.parametrize("k_i", [0.01, 0.1, 0.3])
-def test_the_lag_of_an_lqr_dies_out_as_its_equation_says(k_i: float) -> None:
-    """With v = K_11 (e + k_I int e) - K_12 v: (1 + K_12) s^2 + K_11 s + K_11 k_I = 0, from no lag that grows at v_ref.
-
-    For a small k_I the lag is (1 + K_12) / K_11 v_ref exp(-k_I t).
-    """
-    law = Controller(LqrGains(k_i_rho=k_i), A, B)
-    k_11, k_12 = law.packed()[:2]
-    run = drive(IDEAL, law, line(0.25, 5.0))
-    slow, fast = np.roots([1.0 + k_12, k_11, k_11 * k_i])[::-1]
-    assert decay(run, 3.0, 19.0) == pytest.approx(-1.0 / slow, rel=0.02)  # commands are held for 0.05 s
-    assert -1.0 / slow == pytest.approx(1.0 / k_i, rel=1.5 * k_i * (1.0 + k_12) / k_11)
-    expected = 0.25 / (slow - fast) * (np.exp(slow * run.t) - np.exp(fast * run.t))
-    assert np.abs(run.column("e_rho") - expected)[run.t > 2.0].max() <= 0.02 * expected.max()
-
-
 @pytest.mark.parametrize("slope", [1.0, 2.0, 4.0])
 def test_on_the_surface_the_lateral_error_dies_out_over_the_way(slope: float) -> None:
     """With e_alpha = -atan(lambda e_y): d e_y / d s = sin e_alpha = -lambda e_y / sqrt(1 + (lambda e_y)^2)."""
@@ -387,14 +362,6 @@ def test_noise_depends_on_the_seed_alone(husky: MujocoPlant) -> None:
     assert np.allclose(noise[0].std(axis=0), deviations, rtol=0.25)
 
 
-def test_a_longer_mission_meets_the_same_noise_first() -> None:
-    settings = LoopSettings()
-    short, long = (draw(make_clock(line(0.5, n), settings, PLANAR_DT), settings, 4) for n in (1.0, 2.0))
-    for one, other in zip(short, long, strict=True):
-        assert np.array_equal(one, other[: len(one)])
-    assert len(draw(make_clock(line(0.5, 1.0), TRUTH, PLANAR_DT), TRUTH, 4)[1]) == 1
-
-
 def test_a_filter_that_believes_perfect_sensors_is_a_tick_behind_the_truth() -> None:
     """It moves on with the velocity of the last sample: what the velocity changed by within a tick is a tick's way."""
     settings = replace(
@@ -412,17 +379,6 @@ def test_a_filter_that_believes_perfect_sensors_is_a_tick_behind_the_truth() -> 
         assert np.abs(seen - true)[:, 2].max() <= 1.2 * tick * w
         # gains of the filter differ from one by the sensors' variance over a tick's process noise, 1e-8
         assert np.abs(run.columns("seen_v", "seen_w") - run.columns("v_x", "yaw_rate")).max() <= 1e-7
-
-
-@pytest.mark.parametrize("law", COMPILED)
-def test_with_its_own_filter_the_robot_stays_near_where_it_would_be_with_the_truth(law: str) -> None:
-    """Within 4.5 cm, what the filter itself allows for slip in 20 s: here the wheels do not slip."""
-    way = circle(0.5)
-    with_truth = drive(model("improved"), PUBLISHED[law], way, TRUTH)
-    loops = [Loop(model("improved"), PUBLISHED[law], replace(TRUTH, feedback="ekf"))] * 4
-    for run in run_loops(loops, way, range(4)):
-        away = np.hypot(*(run.columns("x", "y") - with_truth.columns("x", "y")).T)
-        assert 0.0 < away.max() <= 0.045
 
 
 # ------------------------------------------------------------------------------------------------------------ lost robots

@@ -171,19 +171,6 @@ def test_it_is_the_textbook_filter(seed: int, dt: float, left: float, right: flo
         assert np.allclose(belief.covariance, p, rtol=1e-10, atol=1e-10)
 
 
-def test_the_compiled_filter_is_its_own_source() -> None:
-    t, _ = circle(0.02, 1.0)
-    rng, out = np.random.default_rng(1), np.empty((len(t), 22))
-    left, right, gyro = rng.normal(5.0, 0.1, (3, len(t)))
-    one, two = initial_belief(State(), SURE), initial_belief(State(), SURE)
-    for k in range(len(t)):
-        filter_step.py_func(one, SensorSample(left[k], right[k], gyro[k]), t[k] - t[max(k - 1, 0)], STOCK.packed())
-    filter_log(SensorLog(t, left, right, gyro), moving(t), STOCK.packed(), two, out)
-    assert np.allclose(one.mean, two.mean, rtol=ROUNDOFF, atol=ROUNDOFF)
-    assert np.allclose(one.covariance, two.covariance, rtol=ROUNDOFF, atol=ROUNDOFF)
-    assert np.allclose(out[-1, :10], [*two.mean, *np.sqrt(np.diag(two.covariance))], rtol=ROUNDOFF)
-
-
 @given(numbers, numbers, st.floats(0.05, 1.0), st.floats(0.0, 1.0))
 def test_how_a_straight_way_is_cut_does_not_matter(yaw: float, v: float, dt: float, cut: float) -> None:
     whole = Belief(np.array([0.3, 0.4, yaw, v, 0.0]), random_belief(7).covariance)
@@ -344,15 +331,6 @@ def test_wheels_of_infinite_variance_are_not_used_and_nan_is_no_sample() -> None
     assert run_ekf(t, left, right, half, STOCK, start).yaw[-1] == pytest.approx(1.3 * t[-1], rel=1e-12)
 
 
-def test_its_output_is_about_as_noisy_as_table_3_4_measured() -> None:
-    """Why the table's variances, of a filter's output, serve as its input's: at 50 Hz it keeps 0.85 of them."""
-    n, rng = 20000, np.random.default_rng(8)
-    still = Trajectory(0.02 * np.arange(n), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 2)))
-    got = run_ekf(*simulate_sensors(still, rng), STOCK, State())
-    assert got.twist[:, 0].var() == pytest.approx(0.85 * 5.0115e-05, rel=0.05)
-    assert got.twist[:, 2].var() == pytest.approx(0.85 * 3.5298e-05, rel=0.05)
-
-
 def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
     n, model = 20001, SensorModel(variance_encoder=0.01, variance_gyro=0.04, gyro_bias=-0.5)
     wheels = np.column_stack([np.full(n, 3.0), np.full(n, 4.0)])
@@ -416,17 +394,3 @@ def test_a_bias_that_was_learned_at_rest_is_as_sure_as_it_says() -> None:
         errors.append((found.bias - bias) / found.bias_std)
     assert found.bias_std < 0.001
     assert np.mean(np.square(errors)) == pytest.approx(1.0, abs=0.2)
-
-
-def test_a_filter_whose_gyro_is_biased_keeps_its_heading_once_it_has_stood() -> None:
-    t = np.arange(3000) * 0.02
-    still = t < 4.0
-    turn = np.where(still, 0.0, 0.3 * np.sin(t - 4.0))
-    v = np.where(still, 0.0, 0.5)
-    left, right = wheel_rates.py_func(v, turn, STOCK.half_track, STOCK.radius)
-    shown = turn - 0.0156
-    plain = run_ekf(t, left, right, shown, STOCK, State())
-    learned = run_ekf(t, left, right, shown - zeroed(learning(STOCK), shown[still]).bias, STOCK, State())
-    truth = 0.3 * (1.0 - math.cos(t[-1] - 4.0))
-    assert abs(plain.pose[-1, 2] - truth) > 0.8  # 0.0156 rad/s for a minute
-    assert abs(learned.pose[-1, 2] - truth) < 0.01  # what the prior leaves of it: R / (P_0 n) of 0.0156 rad/s for 60 s

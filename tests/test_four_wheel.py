@@ -25,7 +25,6 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
 from tests.robots import HUSKY
-from validation.fit import fit
 from validation.plants.planar import tyred_defaults
 from validation.plants.table import plant_kind
 from validation.simulator.description import load_robot
@@ -139,16 +138,6 @@ def test_a_slow_turn_on_the_spot_is_that_of_rigid_tyres(x: float, y: float) -> N
     assert (-v_y / w, v_x / w) == pytest.approx(expected.centre, abs=2e-3)
 
 
-def test_stiffer_tyres_slip_less_and_turn_as_rigid_ones_in_a_curve() -> None:
-    """In a curve tyres hardly slide: the stiffer they are, the less, and the nearer is the turn to that of rigid ones."""
-    rates = []
-    for stiffness in (7.0, 70.0, 700.0):
-        motion = plant(stiffness_x=stiffness, stiffness_y=stiffness).run(held(0.4, 0.3, 6.0), State(), 0.05)
-        rates.append(motion.twist[-1, 2])
-    soft, stiff, rigid = rates
-    assert abs(stiff - rigid) < 0.2 * abs(soft - rigid)
-
-
 def test_wild_commands_never_leave_the_friction_circle() -> None:
     wild = Commands(0.05, np.random.default_rng(4).uniform(-3.0, 3.0, (100, 2)))
     along, across, load = forces(plant(friction=0.7).run(wild, State(), 0.001))
@@ -183,13 +172,6 @@ def test_a_robot_at_rest_holds_below_the_limit_and_gives_way_above_it() -> None:
         crept = abs(float(motion.yaw[-1] - motion.yaw[-200]))
         assert crept > 0.5 if moves else crept <= 1e-6  # tyres near their limit swing for seconds
         assert moves or 0.0 < motion.yaw[-1] < 0.05
-
-
-def test_a_push_leaves_no_lasting_creep_and_the_tyres_swing_back() -> None:
-    push = np.concatenate([np.full(500, 5.0), np.zeros(2500)])
-    motion = plant(replace(STRONG, gear_loss=1e3)).run(held(0.0, 0.0, 3.0), State(), 0.01, push)
-    assert motion.yaw.max() > 1e-3
-    assert abs(motion.yaw[-1]) < 1e-6
 
 
 def test_steps_converge_and_a_millisecond_is_fine_enough() -> None:
@@ -289,13 +271,3 @@ def test_closed_loops_equal_the_slow_loop() -> None:
     assert np.abs(fast[0].table[:, :8] - slow.table[:, :8]).max() <= 1e-12
     assert np.abs(fast[0].table[:, 8:10]).max() > 1.0
     assert np.abs(wrap_angle(fast[1].table[:, 2] - fast[0].table[:, 2])).max() > 1e-3
-
-
-def test_a_fit_finds_the_tyres_again() -> None:
-    """From tyres twice as stiff along and half as stiff across; 0.1 mm of path are left, which hardly tell more."""
-    start = {"stiffness_x": 15.0, "stiffness_y": 4.0, "wheel_radius": 0.158}
-    found = fit("four_wheel", "traj4@four_wheel", free=tuple(start), start=start, search="lsq", generations=12)
-    values = {p.name: p.value for p in found.parameters}
-    assert values["wheel_radius"] == pytest.approx(0.161315, rel=1e-3)
-    for name in ("stiffness_x", "stiffness_y"):
-        assert values[name] == pytest.approx(7.0, rel=0.1), name

@@ -14,9 +14,7 @@ from ssmr.models.friction import (
     arctangent_slope,
     coulomb_friction,
     hyperviscous_friction,
-    implied_steepness,
     improved_friction,
-    sign,
     stop_at_zero_crossing,
 )
 from tests.conftest import DERIVATIVE, ROUNDOFF
@@ -62,10 +60,6 @@ def test_a_velocity_stops_where_its_sign_changes_and_nowhere_else(before: float,
     assert stopped == (0.0 if np.sign(before) * np.sign(after) < 0 else after)
 
 
-def test_sign_at_zero_is_zero() -> None:
-    assert (sign(-2.0), sign(0.0), sign(3.0)) == (-1.0, 0.0, 1.0)
-
-
 @given(mu=coefficients, load=loads, v=speeds, k=steepnesses)
 def test_the_arctangent_is_odd_never_drives_and_stays_below_coulomb(mu: float, load: float, v: float, k: float) -> None:
     assume(mu * load * v == 0.0 or abs(mu * load * v) > TINY)
@@ -109,8 +103,3 @@ def test_the_line_is_right_about_rest_and_too_great_beyond(mu: float, load: floa
     assert abs(line - law) <= (share**2 / 3.0 + ROUNDOFF) * abs(line)
     crossing = math.pi / 2.0 / k  # the speed at which the line passes Coulomb friction
     assert hyperviscous_friction(mu, load, crossing, k) == pytest.approx(mu * load, rel=ROUNDOFF)
-
-
-@given(mu=st.floats(0.01, 2.0), k=steepnesses)
-def test_the_steepness_is_found_again_from_the_viscous_coefficient(mu: float, k: float) -> None:
-    assert implied_steepness(hyperviscous_friction(mu, 1.0, 1.0, k), mu) == pytest.approx(k, rel=ROUNDOFF)

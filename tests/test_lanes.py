@@ -93,14 +93,6 @@ def test_a_robot_in_a_lane_moves_as_it_does_alone(name: str, special: str) -> No
 
 
 @pytest.mark.parametrize("name", PLANAR_MODELS)
-def test_robots_of_different_drivers_share_a_group(name: str) -> None:
-    """A robot whose motors wind up, or whose driver holds longer, changes nothing for one that has neither."""
-    models = [m for special in DRIVES.values() for m in candidates(KINDS[name], 3, special)]
-    starts = [State()] * len(models)
-    assert np.abs(run_population(models, inputs(), starts, SAMPLE_DT) - alone(models, inputs(), starts)).max() == EXACT
-
-
-@pytest.mark.parametrize("name", PLANAR_MODELS)
 def test_given_wheel_rates_drive_every_lane(name: str) -> None:
     models, commands = candidates(KINDS[name], LANES + 2, {}), inputs("wheels")
     starts = [State(yaw=0.1 * i) for i in range(len(models))]

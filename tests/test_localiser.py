@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.geometry import compose
 from ssmr.lanes import seen_poses
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, FloatArray, State
@@ -40,13 +39,6 @@ def test_the_body_is_where_its_tracked_frame_says(localiser: Localiser, state: S
     np.testing.assert_allclose(twist, [body.v_x, body.v_y, body.yaw_rate], atol=1e-12)
 
 
-@given(localisers, states)
-def test_the_tracked_frame_is_a_pose_in_the_body(localiser: Localiser, state: State) -> None:
-    pose = np.array([state.x, state.y, state.yaw])
-    place = (localiser.tracked_x, localiser.tracked_y, localiser.tracked_yaw)
-    np.testing.assert_allclose(localiser.seen_pose(pose), compose(pose, place), atol=1e-12)
-
-
 def test_a_twist_is_the_slope_of_the_pose_in_the_tracked_frame(lab: Profile) -> None:
     motion = PLACED.seen(curve(lab))
     slope = np.gradient(motion.pose, motion.t, axis=0)
@@ -65,13 +57,6 @@ def test_position_and_heading_have_delays_of_their_own(lab: Profile) -> None:
     np.testing.assert_allclose(told.xy[60:], at_once.xy[30 : len(told) - 30], atol=1e-9)
     np.testing.assert_allclose(told.yaw[:-10], at_once.yaw[10:], atol=1e-9)
     np.testing.assert_array_equal(told.twist, at_once.twist)
-
-
-def test_without_delay_and_place_nothing_changes(lab: Profile) -> None:
-    body = curve(lab)
-    seen = Localiser().seen(body)
-    for name in ("t", "pose", "twist", "wheels"):
-        np.testing.assert_array_equal(getattr(seen, name), getattr(body, name))
 
 
 def test_every_number_can_be_fitted(lab: Profile) -> None:

@@ -82,15 +82,6 @@ def test_the_simplifications_of_2_2_3_are_a_case_of_coulomb(v: float, w: float) 
     assert moment == pytest.approx(skid + VEHICLE.half_track * 0.1 * load * (sides[1] - sides[0]) / 2, abs=1e-9)
 
 
-def test_axle_loads_balance_about_the_centre_of_gravity() -> None:
-    """Eq. 2.17: a rear axle farther from the centre of gravity carries less."""
-    robot = PlanarModel(CoulombParameters(u_x=1.0, mu_c=0.0), SKEWED, LOOSE).packed(0.001)
-    force, _ = coulomb.resistance(1.0, 0.0, robot)
-    assert force == pytest.approx(SKEWED.mass * SKEWED.gravity)
-    front, rear = SKEWED.a / (SKEWED.a + SKEWED.b), SKEWED.b / (SKEWED.a + SKEWED.b)
-    assert front * SKEWED.b == pytest.approx(rear * SKEWED.a)
-
-
 @pytest.mark.parametrize("parameters", [CoulombParameters(0.05, 0.1, 0.0), ImprovedParameters(0.05, 0.12, 0.1, 0.0)])
 def test_undriven_energy_only_falls(parameters: CoulombParameters | ImprovedParameters) -> None:
     motion = PlanarPlant(PlanarModel(parameters, VEHICLE, LOOSE)).run(
@@ -190,27 +181,6 @@ def test_each_side_has_its_centre_of_rotation(left: float, right: float, x_icr: 
     assert robot.x_icr == x_icr
     assert v_x - w * y_l == pytest.approx(0.9 * VEHICLE.wheel_radius * left, abs=1e-9)
     assert v_x - w * y_r == pytest.approx(0.8 * VEHICLE.wheel_radius * right, abs=1e-9)
-
-
-def test_kinematic_drives_circles() -> None:
-    p = KinematicParameters(y_l=0.5, y_r=-0.5, x_icr=0.1)
-    motion = PlanarPlant(PlanarModel(p, VEHICLE, LOOSE)).run(hold(0.4, 0.8, 10.0), State(), 0.01)
-    w = motion.twist[-1, 2]
-    centre = motion.xy[-1] + np.array(
-        [[np.cos(motion.yaw[-1]), -np.sin(motion.yaw[-1])], [np.sin(motion.yaw[-1]), np.cos(motion.yaw[-1])]]
-    ) @ [0.1, motion.twist[-1, 0] / w]
-    radius = math.hypot(0.1, motion.twist[-1, 0] / w)
-    assert np.allclose(np.hypot(*(motion.xy[2:] - centre).T), radius, atol=1e-4)
-
-
-def test_stiff_friction_models_approach_the_kinematic_one() -> None:
-    """As the loop stiffens, the improved model's rates become the commanded ones."""
-    errors = []
-    for gain in (50.0, 100.0, 200.0):
-        motion = PlanarPlant(PlanarModel(ImprovedParameters(gain=gain), VEHICLE, LOOSE)).run(hold(0.5, 0.6), State(), 0.01)
-        errors.append(0.6 - motion.twist[-1, 2])
-    assert errors[0] / errors[1] == pytest.approx(2.0, rel=1e-6)
-    assert errors[1] / errors[2] == pytest.approx(2.0, rel=1e-6)
 
 
 # ------------------------------------------------------------------------------- numbers

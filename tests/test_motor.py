@@ -15,14 +15,12 @@ from ssmr.models.linear import LinearParameters
 from ssmr.parameters import packed
 from ssmr.robot.drive import Sides, Wanted, advance_integral, motor_numbers, motor_torques, side_rates, thrusts
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
-from ssmr.simulation import PlanarModel, PlanarPlant, simulate
+from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, State
-from tests.conftest import EXACT
 from tests.robots import husky
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.model import controls, robot_model
-from validation.simulator.plant import MujocoPlant
 
 LEAKY = Drive(
     **{"delay_v": 0.0, "delay_w": 0.0, "v_max": 5.0, "w_max": 5.0, "command_ramp": 0.05},
@@ -124,34 +122,6 @@ def test_sides_of_different_radius_turn_a_robot_that_is_told_to_drive_straight(p
     assert told.twist[-1] == pytest.approx([3.0 * 0.1651, 0.0, -3.0 * 0.008 / (2 * 0.275)])
 
 
-def test_an_inertia_or_a_stiffness_that_is_not_there_changes_nothing() -> None:
-    """The published models are those of the proportional loop, to the bit."""
-    commands = Commands(0.05, np.random.default_rng(1).uniform(-0.5, 0.5, (60, 2)))
-    one, other = (
-        PlanarPlant(PlanarModel(ImprovedParameters(), Vehicle(), drive)).run(commands, State(), 0.05)
-        for drive in (Drive(), Drive(dc_stiffness=3.0, gear_loss=0.0))
-    )
-    assert np.abs(one.pose - other.pose).max() == EXACT
-
-
-def plants() -> list[MujocoPlant | PlanarPlant]:
-    calibration = husky(friction=0.5, armature=0.2)
-    drive = replace(LEAKY, no_load_rate=12.0, gear_loss=1.0)
-    return [
-        MujocoPlant(calibration, drive),
-        *(PlanarPlant(PlanarModel(p, Vehicle(spin_inertia=0.4), drive)) for p in SMOOTH),
-    ]
-
-
-@pytest.mark.parametrize("plant", plants(), ids=lambda plant: plant.name)
-def test_stepping_is_the_whole_run(plant: MujocoPlant | PlanarPlant) -> None:
-    commands = Commands(0.05, np.random.default_rng(3).uniform(-0.6, 0.6, (30, 2)))
-    began = State(0.1, 0.2, 0.3, 0.2, 0.0, 0.1, 1.2, 1.3)
-    whole, stepped = plant.run(commands, began, 0.05), simulate(plant, commands, began, 0.05)
-    assert np.abs(whole.pose - stepped.pose).max() == EXACT
-    assert np.abs(whole.twist - stepped.twist).max() == EXACT
-
-
 def hung(drive: Drive, calibration: Calibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return a robot that hangs in the air, weightless, so that its motors turn nothing but its wheels."""
     model = robot_model(calibration, drive=drive)
@@ -218,16 +188,3 @@ def test_a_simulated_wheel_that_was_stuck_is_let_go_without_wind_up() -> None:
     assert data.qfrc_actuator[model.jnt_dofadr[joints]] == pytest.approx(np.full(4, 30.0))
     spring = -model.actuator_biasprm[model.actuator("left_spring").id, 1]
     assert spring * data.qpos[model.jnt_qposadr[shafts]] == pytest.approx(np.full(2, 60.0), rel=0.01)
-
-
-def test_a_simulated_motor_turns_no_faster_than_without_load() -> None:
-    """At its limit the simulated motor speeds up late by a part of a step that depends on the gain: it converges."""
-    drive, late = replace(LEAKY, no_load_rate=4.0), []
-    for dt in (0.002, 0.001, 0.0005):
-        calibration = husky(armature=0.2, timestep=dt)
-        references = np.full(round(2.0 / dt), 9.0)
-        rates, law = (run(drive, calibration, references) for run in (spin, expected))
-        assert rates[-1] == pytest.approx(4.0, rel=1e-3)
-        late.append(float(np.abs(rates - law).max()))
-    assert late[0] < 0.1 * 4.0
-    assert late[1:] == pytest.approx([0.5 * late[0], 0.25 * late[0]], rel=0.3)

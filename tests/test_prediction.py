@@ -16,7 +16,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import ControllerInput, Mission, PythonController
 from ssmr.control.mpc import Mpc, MpcGains, PlanModel, PlannedBody, condense, planned_motion, responses, step_of
 from ssmr.control.population import Loop, run_loops
-from ssmr.control.references import circle, line, sine
+from ssmr.control.references import line, sine
 from ssmr.control.tick import LOG_COLUMNS
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Waypoints, position_errors
 from ssmr.models.linear import LinearParameters, matrices
@@ -349,11 +349,3 @@ def test_mpc_is_calm_on_a_fast_straight_line() -> None:
     assert not run.lost
     assert rate(run, way, robot)["d_rms_m"] < 0.01
     assert float(np.sqrt(np.mean(run.column("w_cmd") ** 2))) < 0.2
-
-
-def test_a_robot_that_still_gathers_speed_is_not_taken_for_a_slow_one() -> None:
-    """The improved model's torques need 0.7 s to reach 0.8 m/s, its linear model hardly any time."""
-    lab, way = load_profile("thesis-lab"), circle(0.8)
-    robot, law = make_robot(lab, "improved"), make_controller(lab, load_gains("mpc"))
-    (run,) = run_robots([robot], [law], [LoopSettings()], way, [2])
-    assert rate(run, way, robot)["d_rms_m"] < 0.02

@@ -249,26 +249,6 @@ def test_errors_do_not_depend_on_the_frame(
     assert abs(wrap_angle(after[2] - before[2])) < FRAME
 
 
-@given(poses, poses)
-def test_errors_mirror(pose: tuple[float, ...], goal: tuple[float, ...]) -> None:
-    """What lies to the left of one lies as far to the right of the other."""
-    e_rho, e_y, e_alpha = errors(pose, goal)
-    assume(abs(rotate_world_to_body(np.subtract(goal[:2], pose[:2]), pose[2])[0]) > 1e-9)
-    m_rho, m_y, m_alpha = errors((pose[0], -pose[1], -pose[2]), (goal[0], -goal[1], -goal[2]))
-    assert m_rho == pytest.approx(e_rho, abs=ROUNDOFF)
-    assert m_y == pytest.approx(-e_y, abs=ROUNDOFF)
-    assert abs(wrap_angle(m_alpha + e_alpha)) < ROUNDOFF
-
-
-@given(poses, st.floats(0.01, 3.0), st.floats(-1.5, 1.5))
-def test_a_target_behind_is_at_a_negative_distance(pose: tuple[float, ...], distance: float, bearing: float) -> None:
-    """So that a positive gain never drives a robot away from its target."""
-    ahead = distance * np.array([math.cos(pose[2] + bearing), math.sin(pose[2] + bearing)])
-    for sign in (1.0, -1.0):
-        e_rho, _, _ = errors(pose, (*(np.array(pose[:2]) + sign * ahead), 0.0))
-        assert e_rho == pytest.approx(sign * distance * math.cos(bearing), abs=FRAME)
-
-
 @given(angles, angles)
 def test_the_error_of_heading_turns_the_robot_to_the_segment(yaw: float, phi: float) -> None:
     _, _, e_alpha = errors((0.0, 0.0, yaw), (0.0, 0.0, phi))

@@ -101,27 +101,10 @@ def run_planar_loop(
 
 
 class Batch(NamedTuple):
-    """S closed loops whose robots something else moves, as arrays of the fields of `Tracker`, `LoopState`, `LoopData`."""
+    """S closed loops whose robots something else moves, as arrays."""
 
-    laws: Any
-    gains: FloatArray
-    predicts: Any
-    predictors: FloatArray
-    pasts: FloatArray
-    predictor_states: FloatArray
-    course: Any
-    lookaheads: FloatArray
-    by_filter: bool
-    means: FloatArray
-    """(S, n) means of the beliefs, n the 5 or 11 states of the filters."""
-    covariances: FloatArray
-    """(S, n, n) covariances of the beliefs."""
-    filters: FloatArray
-    noises: FloatArray
-    sensors: FloatArray
-    position_steps: int
-    velocity_steps: int
-    dt: float
+    trackers: Tracker
+    """The robots' sides: an array of S rows in the place of each field that may differ."""
     drives: FloatArray
     """(S, 13) `DriveNumbers`."""
     memories: FloatArray
@@ -133,38 +116,27 @@ class Batch(NamedTuple):
     alive: Any
     """(S,) bool; the log of a robot that was lost grows no more."""
     commands: FloatArray
+    """(S, 1 + n // velocity steps, 2) commands so far."""
     references: FloatArray
+    """(S, position steps, 2) wheel rates to ask for in the next period [rad/s]."""
     logs: FloatArray
+    """(S, ticks, 25) logs."""
 
 
 def _batch_of(trackers: Sequence[Tracker], drives: Sequence[DriveNumbers], clock: Clock, state: State) -> Batch:
     """Return the closed loops that begin, with robots that roll as in `state`."""
-    first, count = trackers[0], len(trackers)
-    gains = np.zeros((count, max(len(t.gains) for t in trackers)))
-    for row, tracker in zip(gains, trackers, strict=True):
+    count = len(trackers)
+    rows: dict[str, Any] = {
+        name: np.array([getattr(t, name) for t in trackers], dtype=np.float64)
+        for name in ("predictor", "past", "predictor_state", "lookahead", "filter", "noise", "sensors")
+    }
+    rows["law"], rows["predicts"] = np.array([t.law for t in trackers]), np.array([t.predicts for t in trackers])
+    rows["belief"] = Belief(*(np.array(arrays) for arrays in zip(*(t.belief for t in trackers), strict=True)))
+    rows["gains"] = np.zeros((count, max(len(t.gains) for t in trackers)))
+    for row, tracker in zip(rows["gains"], trackers, strict=True):
         row[: len(tracker.gains)] = tracker.gains
-
-    def rows(get: Callable[[Tracker], Any]) -> FloatArray:
-        return np.array([get(tracker) for tracker in trackers], dtype=np.float64)
-
     return Batch(
-        laws=np.array([t.law for t in trackers]),
-        gains=gains,
-        predicts=np.array([t.predicts for t in trackers]),
-        predictors=rows(lambda t: t.predictor),
-        pasts=rows(lambda t: t.past),
-        predictor_states=rows(lambda t: t.predictor_state),
-        course=first.course,
-        lookaheads=rows(lambda t: t.lookahead),
-        by_filter=first.by_filter,
-        means=rows(lambda t: t.belief.mean),
-        covariances=rows(lambda t: t.belief.covariance),
-        filters=rows(lambda t: t.filter),
-        noises=rows(lambda t: t.noise),
-        sensors=rows(lambda t: t.sensors),
-        position_steps=clock.position,
-        velocity_steps=clock.velocity,
-        dt=clock.dt,
+        trackers=trackers[0]._replace(**rows),
         drives=np.array(drives, dtype=np.float64),
         memories=np.tile(EMPTY_MEMORY, (count, 1)),
         segments=np.zeros(count, dtype=np.int64),
@@ -177,11 +149,12 @@ def _batch_of(trackers: Sequence[Tracker], drives: Sequence[DriveNumbers], clock
 
 
 @jit_alone
-def _tracker_of(b: Batch, i: int) -> Tracker:
+def _tracker_of(t: Any, i: int) -> Tracker:
     return Tracker(
-        b.laws[i], b.gains[i], b.predicts[i], named_like(NO_PREDICTOR, b.predictors[i]), b.pasts[i], b.predictor_states[i],
-        b.course, b.lookaheads[i], b.by_filter, Belief(b.means[i], b.covariances[i]), named_like(NO_NUMBERS, b.filters[i]),
-        named_like(NO_DRAWS, b.noises[i]), named_like(NO_ERRORS, b.sensors[i]), b.position_steps, b.velocity_steps, b.dt,
+        t.law[i], t.gains[i], t.predicts[i], named_like(NO_PREDICTOR, t.predictor[i]), t.past[i], t.predictor_state[i],
+        t.course, t.lookahead[i], t.by_filter, Belief(t.belief.mean[i], t.belief.covariance[i]),
+        named_like(NO_NUMBERS, t.filter[i]), named_like(NO_DRAWS, t.noise[i]), named_like(NO_ERRORS, t.sensors[i]),
+        t.position_steps, t.velocity_steps, t.dt,
     )  # fmt: skip
 
 
@@ -191,7 +164,7 @@ def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray)
     for i in range(len(states)):
         if not b.alive[i]:
             continue
-        sent = b.commands[i, max(k - 1, 0) // b.velocity_steps]
+        sent = b.commands[i, max(k - 1, 0) // b.trackers.velocity_steps]
         state = LoopState(
             named_like(EMPTY_MEMORY, b.memories[i]),
             Target(0.0, 0.0, 0.0, 0.0, 0.0, b.segments[i]),
@@ -201,7 +174,7 @@ def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray)
             Command(sent[0], sent[1]),
         )
         state, driver, lost = plan_period(
-            _tracker_of(b, i), state, named_like(_DRIVER, b.drivers[i]), k, n, named_like(_TRUTH, states[i]),
+            _tracker_of(b.trackers, i), state, named_like(_DRIVER, b.drivers[i]), k, n, named_like(_TRUTH, states[i]),
             LoopData(
                 named_like(DRIVE_TEMPLATE, b.drives[i]), draws[i % len(draws)], b.commands[i], b.references[i], b.logs[i]
             ),

@@ -180,18 +180,12 @@ def _run_lanes(
     times: _Times,
     poses: FloatArray,
 ) -> None:
-    """Drive a group of robots.
+    """Drive a group of robots, whose (R LANES,) numbers in `rows` advance in place; write (s, M, 3) poses, or NaN.
 
-    Args:
-        kind: any robot of the model; the types of its parts choose the law.
-        plain: None where a robot has more to its motors and its driver than a proportional loop, limits and a delay. What it
-            has not is left out of the compiled loop, which changes no bit.
-        prescribed: None unless the held values are the wheel rates themselves.
-        held: the sequences of held values.
-        places: (2 LANES,) index of the first held v, then of the first held omega, of each lane.
-        rows: (R LANES,) the group's numbers; its state advances in place.
-        times: step and length of the run.
-        poses: (s, M, 3) space for the poses of the first s lanes; NaN where one diverges.
+    `kind` is any robot of the model: the types of its parts choose the law. `plain` is None where a robot has more to its
+    motors and its driver than a proportional loop, limits and a delay; what it has not is left out of the compiled loop,
+    which changes no bit. `prescribed` is None unless the `held` values are the wheel rates themselves; `places` (2 LANES,)
+    are the indices among them of the first v, then of the first omega, of each lane.
     """
     _prefer_wide_vectors()
     ahead = np.empty(2 * _CHUNK * _PAIR)

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.conftest import data_folder
 from validation.bench.sources import open_source
 from validation.compare import compare
-from validation.fit import fit
 from validation.plants.profile import Profile, load_profile
 from validation.report.motions import PlantResult
 from validation.thesis import published
@@ -53,25 +51,6 @@ def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(lab: Profil
 def test_published_models_agree_with_mujoco_unfitted(lab: Profile, model: str, trajectory: str) -> None:
     """The published parameters belong to a robot that MuJoCo stands for: no nearer than twice the real one's distance."""
     assert driven(lab, trajectory, "mujoco", model).metrics["d_rms_m"] <= 2.0 * limit(model, trajectory)
-
-
-@pytest.fixture(scope="module", params=MODELS)
-def refitted(request: pytest.FixtureRequest) -> tuple[str, Mapping[str, float]]:
-    """The thesis' experiment: a model fitted to trajectory 4 as MuJoCo drives it, and its d_rms on all four.
-
-    The better of two short searches: one of five ends in a valley with a multiple of the cost, whatever the bounds.
-    """
-    model: str = request.param
-    options: dict[str, Any] = {"objective": "path", "search": "jde", "population": 30, "generations": 100, "patience": 40}
-    found = (fit(model, "traj4@mujoco", load_profile("thesis-lab"), seed=seed, **options) for seed in (1, 2))
-    fitted = min(found, key=lambda result: result.cost).profile
-    return model, {t: driven(fitted, t, "mujoco", model).metrics["d_rms_m"] for t in TRAJECTORIES}
-
-
-def test_models_fitted_to_mujoco_are_as_near_as_the_thesis_came(refitted: tuple[str, Mapping[str, float]]) -> None:
-    model, d_rms = refitted
-    for trajectory, value in d_rms.items():
-        assert value <= limit(model, trajectory), f"{model} on {trajectory}"
 
 
 # ---------------------------------------------------------------------------------------------------- husky-tile

@@ -16,17 +16,15 @@ from ssmr.control.loop import ClosedRun, LoopSettings, LostError, make_clock, ru
 from ssmr.control.pid import PidGains
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import circle, line, sine
-from ssmr.control.smc import SmcGains
 from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import wrap_angle
 from ssmr.metrics.declared import compare_paths
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PLANAR_MODELS
 from ssmr.models.linear import LinearParameters, matrices
 from ssmr.robot.drive import wheel_rates
-from ssmr.robot.sensors import SensorModel, SensorNoise
+from ssmr.robot.sensors import SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
@@ -167,24 +165,6 @@ def test_a_planar_population_is_its_members(feedback: str) -> None:
     assert len({run.table[-1, 0] for run in alone}) == len(loops)
 
 
-@pytest.mark.parametrize("feedback", FEEDBACKS)
-def test_a_population_of_huskies_is_its_members(feedback: str, husky: MujocoPlant) -> None:
-    smooth = MujocoPlant(replace(husky.calibration, friction=0.4), husky.drive)
-    loops = [
-        (
-            smooth if i == 2 else husky,
-            controller(law, **gains),
-            replace(s, feedback=feedback, disturbance=True),  # type: ignore[arg-type]
-        )
-        for i, (law, gains, s) in enumerate(MIXED)
-    ]
-    alone = [run_husky_loops(*zip(loop, strict=True), BEND, [7 + i % 2], 1)[0] for i, loop in enumerate(loops)]
-    for workers in (1, 2, 5):
-        together = run_husky_loops(*zip(*loops, strict=True), BEND, [7, 8], workers)
-        assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
-    assert len({run.table[-1, 0] for run in alone}) == len(loops)
-
-
 # ------------------------------------------------------------------------------------------------------------- symmetries
 
 
@@ -259,28 +239,6 @@ def test_the_lag_of_a_pid_dies_out_as_its_equation_says(k_p: float, k_i: float) 
     slow = np.roots([1.0, k_p, k_i]).max()
     assert found == pytest.approx(-1.0 / slow, rel=0.02)  # commands are held for 0.05 s of some 2 to 24
     assert found == pytest.approx(k_p / k_i, rel=0.02 + k_i / k_p**2)  # what the first order leaves out
-
-
-@pytest.mark.parametrize("slope", [1.0, 2.0, 4.0])
-def test_on_the_surface_the_lateral_error_dies_out_over_the_way(slope: float) -> None:
-    """With e_alpha = -atan(lambda e_y): d e_y / d s = sin e_alpha = -lambda e_y / sqrt(1 + (lambda e_y)^2)."""
-    gains = SmcGains(slope=slope, k_x=20.0, k_p_u=0.0, k_i_u=0.0, k_p_w=0.0, k_i_w=0.0)
-    quick = replace(IDEAL, drive=replace(PROMPT, hold=0.001))
-    settings = replace(TRUTH, position_period=0.001, velocity_period=0.001)
-    offset, yaw = 0.25, math.atan(slope * 0.25)
-    start = rolling(0.5 * math.cos(yaw), offset * math.sin(yaw), -offset * math.cos(yaw), yaw)  # e_x = 0, e_y = offset
-    run = drive(quick, Controller(gains, A, B), line(0.5, 3.0), settings, start=start)
-    expected = [offset]
-    for _ in run.t[1:]:
-        e = expected[-1]
-        expected.append(e - 0.001 * 0.5 * slope * e / math.hypot(1.0, slope * e))
-    e_y = run.column("e_y")
-    assert e_y[0] == pytest.approx(offset)
-    assert np.all(np.diff(e_y) < 0.0)
-    assert np.all(e_y > 0.0)
-    # what is left out: omega e_x, with e_x up to lambda^2 v e_y^2 / k_x, both of order 0.05 at the steepest
-    assert np.abs(e_y - expected).max() <= 0.01 * offset
-    assert np.abs(run.column("e_alpha") + np.arctan(slope * e_y)).max() <= 0.01
 
 
 @pytest.mark.parametrize("disturbed", [False, True])
@@ -360,25 +318,6 @@ def test_noise_depends_on_the_seed_alone(husky: MujocoPlant) -> None:
     deviations = settings.deviations()[:5]
     # some 128 draws each: a standard deviation is known to 6 %, four of these
     assert np.allclose(noise[0].std(axis=0), deviations, rtol=0.25)
-
-
-def test_a_filter_that_believes_perfect_sensors_is_a_tick_behind_the_truth() -> None:
-    """It moves on with the velocity of the last sample: what the velocity changed by within a tick is a tick's way."""
-    settings = replace(
-        TRUTH,
-        feedback="ekf",
-        sensors=SensorModel(0.0, 0.0, 0.0),
-        filter=EkfSettings(process_v=1e6, process_yaw_rate=1e6, variance_wheel_yaw_rate=math.inf),
-    )
-    robot, way = replace(IDEAL, drive=Drive()), circle(0.5, 1.0, 0.5)
-    for law in PUBLISHED.values():
-        run = drive(robot, law, way, settings)
-        seen, true = run.columns("seen_x", "seen_y", "seen_yaw"), run.columns("x", "y", "yaw")
-        tick, v, w = 0.008, np.abs(run.column("v_x")).max(), np.abs(run.column("yaw_rate")).max()
-        assert np.hypot(*(seen - true)[:, :2].T).max() <= 1.2 * tick * v
-        assert np.abs(seen - true)[:, 2].max() <= 1.2 * tick * w
-        # gains of the filter differ from one by the sensors' variance over a tick's process noise, 1e-8
-        assert np.abs(run.columns("seen_v", "seen_w") - run.columns("v_x", "yaw_rate")).max() <= 1e-7
 
 
 # ------------------------------------------------------------------------------------------------------------ lost robots

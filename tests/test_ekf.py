@@ -13,12 +13,8 @@ from hypothesis import strategies as st
 from ssmr.estimation.ekf import aiding_by, filter_log, filter_step, initial_belief, predict, run_ekf, update
 from ssmr.estimation.settings import Aiding, Belief, EkfSettings, learning, zeroed
 from ssmr.geometry import compose, rotate_body_to_world
-from ssmr.models.kinematic import KinematicParameters
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.sensors import SensorLog, SensorModel, SensorSample, gyro_at_rest, sense, simulate_sensors
-from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
 
@@ -129,22 +125,6 @@ def test_exact_sensors_on_a_circle_err_by_the_midpoint_rule_alone() -> None:
         assert np.allclose(got.yaw, pose[:, 2], rtol=0.0, atol=1e-11)
         errors.append(np.abs(got.pose - pose).max())
     assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2.0, abs=0.02)
-
-
-def test_a_changing_speed_is_followed_to_second_order_too() -> None:
-    """What a measurement says of v moves the pose by half a step of it, if v is hardly filtered: the trapezium."""
-    errors = []
-    for dt in (0.08, 0.04, 0.02):
-        t = dt * np.arange(round(4.0 / dt) + 1)
-        v, w = 0.5 + 0.3 * np.sin(2.0 * t), np.cos(1.5 * t)
-        fine = np.linspace(0.0, 4.0, 400001)
-        turned = np.sin(1.5 * fine) / 1.5
-        speed = (0.5 + 0.3 * np.sin(2.0 * fine)) * np.array([np.cos(turned), np.sin(turned)])
-        left, right = wheel_rates(v, w, STOCK.half_track, STOCK.radius)
-        quick = replace(STOCK, process_v=1e6, process_yaw_rate=1e6)
-        end = run_ekf(t, left, right, w, quick, State(v_x=0.5, yaw_rate=1.0)).pose[-1]
-        errors.append(np.abs(end - [*np.trapezoid(speed, fine), turned[-1]]).max())
-    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2.0, abs=0.2)
 
 
 @given(st.lists(numbers, min_size=5, max_size=5), st.floats(0.001, 1.0))
@@ -351,20 +331,6 @@ def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
     assert np.allclose(uneven.t, np.arange(len(uneven.t)) / 130.0, rtol=0.0, atol=0.002)
     with pytest.raises(ValueError, match="rate"):
         simulate_sensors(moving, np.random.default_rng(9), model, rate=0.0)
-
-
-def test_it_follows_a_skidding_robot_within_what_it_claims() -> None:
-    """Trajectory 4 by a robot that slips as on tile; the filter knows nothing of that but the gyro."""
-    vehicle = Vehicle(effective_half_track=0.5)
-    slipping = PlanarModel(KinematicParameters(y_l=0.5, y_r=-0.5), vehicle, Drive(command_half_track=0.5))
-    true = PlanarPlant(slipping).run(TRAJECTORIES["traj4"].commands(), State(), 0.008)
-    log = simulate_sensors(true, np.random.default_rng(10))
-    got = run_ekf(*log, STOCK, State())
-    pose = np.column_stack([np.interp(got.t, true.t, true.pose[:, i]) for i in range(3)])
-    assert np.all(np.abs(got.pose - pose)[25:] < 4.0 * got.channels["pose_std"][25:])
-    assert np.abs(got.pose - pose).max() < 0.05
-    drifting = run_ekf(*simulate_sensors(true, np.random.default_rng(10), SensorModel(gyro_bias=0.01)), STOCK, State())
-    assert drifting.yaw[-1] - got.yaw[-1] == pytest.approx(0.01 * true.t[-1], rel=0.02)  # nothing here knows of a bias
 
 
 # ------------------------------------------------------------------------------------------------ the gyro's bias

@@ -13,8 +13,6 @@ from ssmr.control.references import circle
 from ssmr.robot.sensors import SensorModel, simulate_sensors, tracker_swing
 from ssmr.types import Trajectory
 from tests.conftest import ROUNDOFF
-from validation.bench.simulated_logs import SensorFaults, open_log
-from validation.plants.profile import load_profile
 from validation.track import track
 
 T = np.arange(0.0, 20.0, 0.008)
@@ -48,21 +46,6 @@ def test_a_swinging_tracker_adds_one_sine_along_one_direction() -> None:
     assert np.array_equal(off, tracker_swing(T, 0.004, 1.5, np.random.default_rng(3)))
     with pytest.raises(ValueError, match="amplitude"):
         tracker_swing(T, -1.0, 1.0, np.random.default_rng(3))
-
-
-def test_a_simulated_log_has_the_faults_and_otherwise_stays_as_it_was() -> None:
-    lab = load_profile("thesis-lab")
-    sound, faulty = (
-        open_log("traj4@kinematic", profile=lab, seed=7, faults=settings).columns
-        for settings in (None, SensorFaults(missed_right=0.05, swing=0.003, swing_hz=2.0))
-    )
-    for column in ("enc_left", "gyro_z", "yaw", "cmd_v"):
-        assert np.array_equal(sound[column], faulty[column])
-    driven = sound["enc_right"] > 1.0
-    lost = 1.0 - faulty["enc_right"][driven] / sound["enc_right"][driven]
-    assert np.mean(lost) == pytest.approx(0.05, abs=0.002)
-    off = np.hypot(*(faulty[n] - sound[n] for n in ("x", "y")))
-    assert off.max() == pytest.approx(0.003, rel=1e-3)
 
 
 def test_a_robot_with_damaged_encoders_drives_farther_than_it_believes(tmp_path: Path) -> None:

@@ -219,15 +219,6 @@ def test_unlike_sides_veer_to_the_weaker_and_to_the_smaller() -> None:
     assert plant(rolling_resistance=0.1).run(held(0.5, 0.0, 6.0), State(), 0.05).yaw[-1] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_rolling_resistance_costs_its_torque_and_stops_the_robot() -> None:
-    rolling = plant(rolling_resistance=0.05)
-    torque = rolling.run(held(0.5, 0.0, 4.0), State(), 0.05).channels["torque_N_m"][-1].sum()
-    assert torque == pytest.approx(0.05 * WEIGHT * P.wheel_radius, rel=1e-3)
-    braked = rolling.run(Commands(0.05, np.repeat([[0.5, 0.0], [0.0, 0.0]], [40, 160], axis=0)), State(), 0.05)
-    assert np.abs(braked.twist[-1]).max() < 1e-8  # tyres swing for some seconds
-    assert np.abs(braked.wheels[-1]).max() == EXACT
-
-
 def test_wheels_with_motors_of_their_own_turn_at_their_own_rates() -> None:
     """With the centre of mass ahead, front wheels pull harder at equal rates; without belts they are slower then."""
     uneven = [plant(link=link, com_x=0.1, friction=0.6) for link in ("belt", "none")]

@@ -21,7 +21,6 @@ from ssmr.search.jde import (
     adapt,
     binomial_mask,
     distinct_partners,
-    exponential_mask,
     mutate,
     repair,
     replaces,
@@ -121,14 +120,6 @@ def test_binomial_crossover_by_hand() -> None:
     assert np.array_equal(mask, np.array([[1, 0, 1], [1, 1, 0], [0, 1, 0], [1, 1, 1]], dtype=bool))
 
 
-def test_exponential_crossover_by_hand() -> None:
-    """0.5^0, 0.5^1, 0.5^2, 0.5^3 = 1, 0.5, 0.25, 0.125 from the first gene on, around the end."""
-    cr, first = np.array([0.5, 0.5, 0.5, 0.0, 1.0]), np.array([0, 3, 2, 1, 3])
-    mask = exponential_mask(cr, np.array([0.3, 0.2, 0.0, 0.0, 0.99]), first, 4)
-    expected = [[1, 1, 0, 0], [1, 1, 0, 1], [1, 1, 1, 1], [0, 1, 0, 0], [1, 1, 1, 1]]
-    assert np.array_equal(mask, np.array(expected, dtype=bool))
-
-
 def test_selection_by_hand() -> None:
     parents = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, np.inf, np.inf, np.inf])
     trials = np.array([0.5, 1.0, 1.5, np.nan, np.inf, -np.inf, 5.0, np.inf, np.nan])
@@ -172,14 +163,14 @@ def test_every_choice_of_partners_is_equally_likely() -> None:
 
 @effort(max_examples=40)
 @given(
-    st.integers(0, 2**63 - 1), st.integers(1, 7), st.sampled_from(list(PARTNERS)), st.sampled_from(["bin", "exp"]),
+    st.integers(0, 2**63 - 1), st.integers(1, 7), st.sampled_from(list(PARTNERS)),
     st.floats(0.0, 1.0), st.floats(0.0, 1.0),
 )  # fmt: skip
 def test_points_stay_in_the_cube_and_f_and_cr_in_their_bounds(
-    seed: int, n: int, strategy: Any, crossover: Any, tau: float, slope: float
+    seed: int, n: int, strategy: Any, tau: float, slope: float
 ) -> None:
     """Also where the optimum lies in a corner, outside."""
-    settings = replace(SHORT, strategy=strategy, crossover=crossover, tau_f=tau, tau_cr=tau, slope=slope)
+    settings = replace(SHORT, strategy=strategy, tau_f=tau, tau_cr=tau, slope=slope)
     search = Jde(n, settings, seed)
     while not search.finished:
         points = search.ask()
@@ -231,9 +222,8 @@ def test_equal_seeds_give_equal_searches_and_others_do_not() -> None:
     assert not np.array_equal(a.population, c.population)
 
 
-@pytest.mark.parametrize("crossover", ["bin", "exp"])
-def test_a_restored_search_goes_on_bit_for_bit(crossover: Any) -> None:
-    settings = replace(SHORT, crossover=crossover, strategy="rand/1", target=0.0, slope=0)
+def test_a_restored_search_goes_on_bit_for_bit() -> None:
+    settings = replace(SHORT, strategy="rand/1", target=0.0, slope=0)
     whole = finish(Jde(4, settings, 9))
     for stop in range(16):
         for asked in (False, True):
@@ -326,10 +316,9 @@ def test_start_points_are_in_the_first_population() -> None:
     assert np.array_equal(points[2:], drawn[2:])
 
 
-@pytest.mark.parametrize("crossover", ["bin", "exp"])
 @pytest.mark.parametrize("strategy", list(PARTNERS))
-def test_sphere(strategy: Any, crossover: Any) -> None:
-    settings = JdeSettings(30, 300, strategy, crossover, df=0.0, target=1e-8)
+def test_sphere(strategy: Any) -> None:
+    settings = JdeSettings(30, 300, strategy, df=0.0, target=1e-8)
     assert finish(Jde(5, settings, 1)).finished == "target"
 
 

@@ -125,27 +125,6 @@ def test_the_covariance_stays_symmetric_and_positive(seed: int) -> None:
     assert np.linalg.eigvalsh(belief.covariance * np.outer(scale, scale)).min() > -1e-9
 
 
-def test_poses_between_samples_count_when_they_were_true() -> None:
-    """A pose at an instant between two samples is the same as one more sample there that shows nothing."""
-    s = LEARNS
-    truth = drive(replace(s, scale_left=1.03, turning=1.4), 8.0, 0.02)
-    log, k = sensors(truth, 0.01, 5), np.arange(1, len(truth), 20)
-    poses = {float(truth.t[i]) - 0.007: SeenPose(*truth.pose[i], 1e-4, 1e-4) for i in k}
-    whole = run_ekf(*log, s, State(), aiding=aiding_by(np.zeros(len(log.t), dtype=bool), poses))
-    belief, numbers, now = initial_belief(State(), settings=s), s.packed(), log.t[0]
-    told = sorted([(t, None) for t in log.t] + list(poses.items()), key=lambda pair: pair[0])
-    for at, pose in told:
-        if pose is None:
-            i = int(np.searchsorted(log.t, at))
-            filter_step(belief, SensorSample(log.left[i], log.right[i], log.gyro[i]), at - now, numbers)
-        else:
-            predict(belief, at - now, numbers)
-            see_pose(belief, pose)
-        now = at
-    assert np.allclose(belief.mean[:3], whole.pose[-1], rtol=0.0, atol=1e-12)
-    assert np.abs(whole.pose[-1] - truth.pose[-1]).max() < 0.02
-
-
 def test_a_pose_that_is_expected_moves_nothing_whatever_its_turns() -> None:
     belief = some_belief(4)
     see_pose(belief, SeenPose(*NEARBY[:2], NEARBY[2] - 4.0 * math.pi, 1e-6, 1e-6))

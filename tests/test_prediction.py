@@ -331,16 +331,6 @@ def test_it_goes_on_with_its_plan_where_the_solver_fails() -> None:
     assert (np.abs(run.columns("v_cmd", "w_cmd")) <= [1.0, 2.0]).all()
 
 
-@pytest.mark.parametrize("plant", ["improved", "mujoco"])
-def test_it_keeps_to_its_target_three_times_as_closely_as_the_tuned_lqr(plant: str) -> None:
-    lab = load_profile("thesis-lab")
-    robot, way = make_robot(lab, plant), sine(0.5, 0.35, 2.4, 4.0)
-    laws = [make_controller(lab, load_gains(*name)) for name in (("mpc",), ("lqr", "tuned"))]
-    ours, theirs = (rate(run, way, robot) for law in laws for run in run_robots([robot], [law], [TRUTH], way, [0]))
-    assert ours["sync_rms_m"] <= theirs["sync_rms_m"] / 3.0
-    assert ours["d_rms_m"] <= 0.75 * theirs["d_rms_m"]
-
-
 def test_mpc_is_calm_on_a_fast_straight_line() -> None:
     """Noise in the yaw rate must not come back as commands from one limit to the other, which dry friction answers late."""
     lab, way = load_profile("thesis-lab"), line(0.8)

@@ -207,13 +207,8 @@ def predict_ahead(
 ) -> tuple[Observation, DriverEstimate]:
     """Return the robot at mission time `end` [s], and the references of its driver then.
 
-    Args:
-        past: (n, 2) commands, the newest last.
-        memory: (16,) the rest of the memory, a `PredictorState`, which advances to `t` in place.
-        seen: the robot at time `t`.
-        t: mission time [s].
-        end: mission time of the prediction, `model.horizon` after that of the next command [s].
-        model: the predictor's numbers.
+    `end` is `model.horizon` after the time of the next command. The robot was `seen` at time `t` [s], to which the memory
+    advances in place: (16,) numbers of a `PredictorState` beside the (n, 2) `past` commands, the newest last.
     """
     p = named_like(_TEMPLATE, memory)
     at, v, w = p.at, p.model_v, p.model_w

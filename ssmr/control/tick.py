@@ -205,18 +205,11 @@ def is_lost(x: float, y: float, yaw_rate: float, target_x: float, target_y: floa
 def tick(
     tracker: Tracker, state: LoopState, k: int, truth: Truth, draws: FloatArray, log: FloatArray
 ) -> tuple[LoopState, bool]:
-    """Return the state after physics step `k`, and whether the robot is lost.
+    """Return the state after physics step `k`, from 0, and whether the robot is lost.
 
     Every closed loop calls this at all steps at which a period of the position loop or of the velocity loop begins; between
-    them it changes nothing.
-
-    Args:
-        tracker: the robot's side.
-        state: its state after the last step.
-        k: number of the physics step, from 0.
-        truth: the robot at this step; it is read at ticks of the position loop only.
-        draws: (ticks, 8) standard normal numbers.
-        log: (ticks, 25) the log; a tick of the position loop writes its row.
+    them it changes nothing. At ticks of the position loop the truth is read, with noise from (ticks, 8) `draws`, and a row
+    of the (ticks, 25) log is written.
     """
     due = k % tracker.position_steps == 0
     if due:

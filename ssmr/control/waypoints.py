@@ -273,10 +273,8 @@ def _lengths(xy: FloatArray) -> FloatArray:
 def target(course: Any, t: float, segment: int) -> Target:
     """Return the `Target` at a mission time (Alg. 5, lines 11-21); its place and twist are linear in time.
 
-    Args:
-        course: `Waypoints.course()`.
-        t: mission time [s]. Before zero the target waits at the first waypoint, after the end at the last.
-        segment: segment of the last call, 0 at first. As time only advances the next one is at most a few further.
+    Before `t` = 0 [s] the target waits at the first waypoint of `Waypoints.course()`, after the end at the last. The search
+    begins at `segment`, that of the last call, 0 at first: as time only advances the next one is at most a few further.
     """
     last = len(course) - 1
     k = min(max(segment, 0), last - 1)

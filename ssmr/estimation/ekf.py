@@ -180,17 +180,11 @@ def _add(p: FloatArray, i: int, j: int, value: float) -> None:
 
 @jit
 def update(belief: Belief, j: int, value: float, variance: float) -> float:
-    """Take in one measurement of one state, in place; a NaN or a measurement of infinite variance changes nothing.
+    """Take in one measurement of state `j`, in place; a NaN or a measurement of infinite variance changes nothing.
 
     With the gain K = P H'/S, S = H P H' + R, this is the mean m + K (z - H m) and Joseph's form of the covariance, (I - K
     H) P (I - K H)' + K R K'. Where H picks state j, the last terms of that form cancel in all rows and columns but the
     j-th, whose factor 1 - K_j is R/S: no difference of like numbers is left there, so the variance stays positive.
-
-    Args:
-        belief: the mean m and the covariance P.
-        j: place of the measured state.
-        value: the measurement z, in the state's unit.
-        variance: variance of its noise, R > 0.
 
     Returns:
         The normalised squared innovation (z - H m)^2 / S, chi-squared of one degree of freedom; NaN without a measurement.

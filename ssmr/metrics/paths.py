@@ -201,24 +201,16 @@ def path_length(xy: ArrayLike) -> float:
 
 
 def bending_energy(xy: ArrayLike, spacing: float = BENDING_SPACING) -> float:
-    """Total bending energy, sum of c_i^2 d_i (Sec. 1.6): the integral of curvature squared along the path.
+    """Return the total bending energy, sum of c_i^2 d_i (Sec. 1.6) [1/m]: the integral of curvature squared along the path.
 
-    The path is first laid out afresh: from its first sample on, the next point is where the polyline first gets the distance
-    d away from the last point, so that all chords are d long. The local curvature c_i is the turn between two chords over d.
-    Thus the outcome depends neither on the sampling rate nor on the speed, and a robot that stands still, or turns on the
-    spot, adds nothing even while its measured position jitters by less than d. Each end takes the curvature of its
-    neighbour, and so does what is left after the last chord.
+    The (M, 2) path [m] is first laid out afresh: from its first sample on, the next point is where the polyline first gets
+    the distance d away from the last point, so that all chords are d long. The local curvature c_i is the turn between two
+    chords over d. Thus the outcome depends neither on the sampling rate nor on the speed, and a robot that stands still, or
+    turns on the spot, adds nothing even while its measured position jitters by less than d. Each end takes the curvature of
+    its neighbour, and so does what is left after the last chord. A path shorter than two chords has none.
 
     d is `spacing`, or the mean step between samples (weighted by length) where that is longer: points laid closer than the
-    samples would find all turning at the samples and none between them. Noise of size s adds about 6 s^2 / d^4 per metre,
-    so paths measured with noise need a larger spacing or smoothing. A reversal is a turn by pi: finite, pi^2 / d.
-
-    Args:
-        xy: (M, 2) positions [m].
-        spacing: the least d [m].
-
-    Returns:
-        The energy [1/m]; zero for a path shorter than two chords.
+    samples would find all turning at the samples and none between them. A reversal is a turn by pi: finite, pi^2 / d.
 
     Raises:
         ValueError: `spacing` is not positive, the shape is another one, or a number is not finite.

@@ -263,17 +263,9 @@ def turn_wheel(
 ) -> tuple[float, float]:
     """Return a wheel's rate after a step [rad/s] and the mean torque of its motor [N m].
 
-    The speed loop is stepped exactly for a load that is constant over the step. Dry friction holds a wheel that stands and
-    stops one that would turn back (Eq. 2.29, 2.31).
-
-    Args:
-        rate: rate of the wheel [rad/s].
-        integral: integral part of its motor's torque, before `strength` [N m].
-        wanted: reference of the rate [rad/s].
-        pull: moment with which the ground brakes the wheel [N m].
-        dry: greatest moment of dry friction [N m].
-        strength: torque of the motor over its nominal one [1].
-        robot: numbers of the robot.
+    The speed loop is stepped exactly for a load that is constant over the step. The motor has the `strength` of its nominal
+    one [1] and an `integral` part of its torque, before `strength` [N m]; the ground brakes the wheel with the moment `pull`
+    [N m]. `dry` friction [N m] holds a wheel that stands and stops one that would turn back (Eq. 2.29, 2.31).
     """
     gain, back, limit = strength * robot.gain, strength * robot.braking * rate, strength * robot.limit
     own = strength * integral

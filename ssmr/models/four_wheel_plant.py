@@ -175,18 +175,10 @@ def run_four_wheels(
     dt: float = FOUR_WHEEL_DT,
     workers: int = 1,
 ) -> FloatArray:
-    """Drive many robots with the same inputs.
-
-    Args:
-        models: S robots.
-        commands: commands that all of them get.
-        starts: state from which each starts.
-        sample_dt: time between samples [s].
-        dt: physics step [s].
-        workers: threads; the result does not depend on it.
+    """Drive many robots with the same inputs, each as its plant does; the result does not depend on the number of workers.
 
     Returns:
-        (S, M, 3) poses; a robot that diverges is NaN throughout, for the caller to rate.
+        (S, M, 3) poses every `sample_dt` [s]; a robot that diverges is NaN throughout, for the caller to rate.
 
     Raises:
         ValueError: periods that are no whole number of steps.

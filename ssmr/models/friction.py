@@ -140,14 +140,10 @@ def limited(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
 
 @jit
 def bend(slip: AlongAcross, sliding: AlongAcross, rolling: float, dt: float, tyre: Tyre) -> AlongAcross:
-    """Return the bend of the brushes over the relaxation length after a step, exactly for constant speeds.
+    """Return the bend of the brushes over the relaxation length after a step `dt` [s], exactly for constant speeds.
 
-    Args:
-        slip: bend at the start of the step [1].
-        sliding: velocity of the rim over the ground where they touch [m/s].
-        rolling: speed of the rim about the axle [m/s].
-        dt: step [s].
-        tyre: numbers of the tyre.
+    `slip` is the bend at the start [1], `sliding` the velocity of the rim over the ground where they touch, `rolling` the
+    speed of the rim about the axle [m/s].
     """
     rate = abs(rolling) / tyre.relaxation  # at which rolling replaces bent brushes by straight ones [1/s]
     fading = -math.expm1(-rate * dt)

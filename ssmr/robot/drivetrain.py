@@ -65,11 +65,8 @@ def grip(slip: FloatArray | float, scale: float) -> FloatArray:
 def side_forces(rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, scale: float) -> FloatArray:
     """Return (2, n) forward forces of the left and the right wheels, over mu N of a side [1].
 
-    Args:
-        rates: (2, n) wheel rates, left and right [rad/s].
-        twist: (3, n) forward speed, speed to the left [m/s] and yaw rate [rad/s] of the middle between the wheels.
-        geometry: the robot.
-        scale: s_0 of `grip` [1].
+    `rates` are (2, n) wheel rates [rad/s]; `twist` is (3, n) forward speed, speed to the left [m/s] and yaw rate [rad/s] of
+    the middle between the wheels; `scale` is s_0 of `grip` [1].
     """
     sliding, yielding, _ = _slides(rates, twist, geometry, scale)
     speed = np.hypot(*sliding)
@@ -79,15 +76,9 @@ def side_forces(rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, sc
 
 
 def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) -> FloatArray:
-    """Return the motion in which a robot does not accelerate while its wheels turn steadily.
+    """Return (3, n) forward speed, speed to the left [m/s] and yaw rate [rad/s] at which a robot does not accelerate.
 
-    Args:
-        rates: (2, n) wheel rates, left and right [rad/s].
-        geometry: the robot.
-        scale: s_0 of `grip` [1], positive.
-
-    Returns:
-        (3, n): forward speed, speed to the left [m/s], yaw rate [rad/s].
+    Its wheels turn steadily at (2, n) `rates`, left and right [rad/s]; `scale` is s_0 of `grip` [1].
 
     Raises:
         ValueError: the scale is not positive.
@@ -174,16 +165,11 @@ _SHARP = 1e-6
 
 
 def bridge_reading(current: FloatArray, rate: FloatArray, rho: float, ripple: float, idle: float = 0.0) -> FloatArray:
-    """Return the mean reading of a sensor that sees |I| only while the bridge drives, and `idle` else.
+    """Return the mean reading of a sensor that sees |I| only while the bridge drives, and `idle` [A] else.
 
-    The current ripples about its mean, so that near the rule's edges it is read now and then.
-
-    Args:
-        current: (...) mean motor currents, of any sign [A].
-        rate: (...) wheel rates [rad/s].
-        rho: resistance over voltage constant: the rate that an ampere costs [rad/s per A], positive.
-        ripple: standard deviation of the current about its mean [A]; 0 for none.
-        idle: mean reading while the bridge does not drive [A].
+    The current ripples about its mean with the standard deviation `ripple` [A], so that near the rule's edges it is read now
+    and then. Currents [A] and wheel rates [rad/s] have any sign and shape (...); `rho` is the resistance over the voltage
+    constant: the rate that an ampere costs [rad/s per A], positive.
     """
     forward = np.where(rate < 0.0, -1.0, 1.0) * current  # positive if it drives the wheel on
     regenerating = -np.abs(rate) / rho  # from here to zero the wheel drives the motor
@@ -195,12 +181,9 @@ def bridge_reading(current: FloatArray, rate: FloatArray, rho: float, ripple: fl
 def battery_current(torque: FloatArray, rate: FloatArray, voltage: FloatArray, heat: float, efficiency: float) -> FloatArray:
     """Return the current that a side draws from the battery, negative where it feeds the battery [A].
 
-    Args:
-        torque: (...) torques at the wheels [N m].
-        rate: (...) wheel rates [rad/s].
-        voltage: (...) voltages of the battery [V].
-        heat: resistance over the square of the torque constant: power lost as heat over the torque's square [W/(N m)^2].
-        efficiency: share of the power that passes the gear, either way [1].
+    Torques at the wheels [N m], wheel rates [rad/s] and the battery's voltages [V] are arrays (...). `heat` is the
+    resistance over the square of the torque constant: power lost as heat over the torque's square [W/(N m)^2]; `efficiency`
+    is the share of the power that passes the gear, either way [1].
     """
     power = torque * rate
     drawn: FloatArray = (np.where(power > 0.0, power / efficiency, power * efficiency) + heat * torque**2) / voltage
@@ -237,16 +220,10 @@ class SetPointLaw(NamedTuple):
 
 
 def rim_speeds(commands: FloatArray, dt: float, law: SetPointLaw, speed_limit: float) -> FloatArray:
-    """Return the rim speeds that a driver asks for.
+    """Return (n, 2) speeds of the left and the right rims [m/s] that a driver asks for, at the end of each period.
 
-    Args:
-        commands: (n, 2) speeds [m/s] and yaw rates [rad/s], each held for `dt`; before the first nothing moves.
-        dt: period of the commands [s].
-        law: the driver.
-        speed_limit: greatest rim speed [m/s].
-
-    Returns:
-        (n, 2) speeds of the left and the right rims [m/s], at the end of each period.
+    Commands are (n, 2) speeds [m/s] and yaw rates [rad/s], each held for `dt` [s]; before the first nothing moves. No rim is
+    faster than `speed_limit` [m/s].
     """
     out = np.empty_like(commands)
     _fill(np.ascontiguousarray(commands, dtype=np.float64), dt, SetPointLaw(*map(float, law)), speed_limit, out)

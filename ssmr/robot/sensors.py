@@ -71,16 +71,11 @@ def _ticks(t: FloatArray, rate: float) -> IndexArray:
 def tracker_swing(t: FloatArray, amplitude: float, frequency: float, rng: np.random.Generator) -> FloatArray:
     """Return an oscillation of a motion capture that is no motion of the robot, as Sec. 4.5 reports one.
 
-    Args:
-        t: (M,) instants [s].
-        amplitude: amplitude [m].
-        frequency: frequency [Hz].
-        rng: generator of its direction in the world and of its phase.
-
-    Returns: (M, 2) what the tracker adds to x and y [m]: A sin(2 pi f t + phase) along one direction.
+    This is (M, 2) what the tracker adds to x and y [m] at instants `t` [s]: A sin(2 pi f t + phase) along one direction in
+    the world, which `rng` draws like the phase.
 
     Raises:
-        ValueError: a negative amplitude or frequency.
+        ValueError: a negative amplitude [m] or frequency [Hz].
     """
     if amplitude < 0.0 or frequency < 0.0:
         raise ValueError(f"amplitude {amplitude} m and frequency {frequency} Hz must not be negative")

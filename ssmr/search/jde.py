@@ -35,12 +35,10 @@ from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import FloatArray, IndexArray, frozen_array
 
 Strategy = Literal["best/2", "rand/1"]
-Crossover = Literal["bin", "exp"]
 _Mask = NDArray[np.bool_]
 
 PARTNERS: Mapping[str, int] = {"best/2": 4, "rand/1": 3}
 """Number of vectors, distinct and other than i, that a strategy draws (nr of Tab. 3.7)."""
-CROSSOVERS = ("bin", "exp")
 Finished = Literal["", "generations", "improvement", "target"]
 
 VERSION = "ssmr.jde/1"
@@ -62,8 +60,6 @@ class JdeSettings:
     """Greatest number of generations after the initial population (n_gen, ng_max)."""
     strategy: Strategy = "best/2"
     """Mutation: `best/2` is the thesis' choice; `rand/1` is slower but leaves local minima."""
-    crossover: Crossover = "bin"
-    """Crossover: `bin` chooses each gene by itself, `exp` a run of neighbours."""
     f_init: float = 0.75
     """Initial F of every vector [1]."""
     f_bounds: tuple[float, float] = (0.1, 0.9)
@@ -89,8 +85,6 @@ class JdeSettings:
         """Raise a ValueError for an unknown name, a number out of its range, or too few vectors for the strategy."""
         if self.strategy not in PARTNERS:
             raise ValueError(f"unknown strategy '{self.strategy}'; there are: {', '.join(PARTNERS)}")
-        if self.crossover not in CROSSOVERS:
-            raise ValueError(f"unknown crossover '{self.crossover}'; there are: {', '.join(CROSSOVERS)}")
         least = 1 + PARTNERS[self.strategy]
         if isinstance(self.population, int) and self.population < least:
             raise ValueError(f"population must be at least {least} for {self.strategy}, got {self.population}")
@@ -215,8 +209,7 @@ class Jde:
         """Return (S, n) trials, (S,) their F and (S,) their CR."""
         s, n = self.settings, self.n
         size, k = s.population, PARTNERS[s.strategy]
-        binomial = s.crossover == "bin"
-        draws = self._rng.random((5 + k + (n if binomial else 1)) * size)
+        draws = self._rng.random((5 + k + n) * size)
         rows = draws[: (5 + k) * size].reshape(5 + k, size)
         crossing = draws[(5 + k) * size :]
         descent = s.slope * self.generation / s.generations  # ng - 1 generations are complete
@@ -225,10 +218,7 @@ class Jde:
         first = (rows[4] * n).astype(np.intp)
         partners = distinct_partners(rows[5:])
         base, donors = mutate(s.strategy, self._population, self._population[self._best], f, partners)
-        if binomial:
-            mask = binomial_mask(cr, crossing.reshape(size, n), first)
-        else:
-            mask = exponential_mask(cr, crossing, first, n)
+        mask = binomial_mask(cr, crossing.reshape(size, n), first)
         return np.where(mask, repair(donors, base), self._population), f, cr
 
     def tell(self, costs: ArrayLike) -> None:
@@ -376,15 +366,6 @@ def binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> _Mask
     mask = draws < cr[:, np.newaxis]
     mask[np.arange(len(cr)), first] = True
     return mask
-
-
-def exponential_mask(cr: FloatArray, draws: FloatArray, first: IndexArray, n: int) -> _Mask:
-    """Return an (S, n) mask of the genes that come from the donor: a run from `first` that wraps around the end.
-
-    The p-th gene after `first` belongs to the run with probability CR^p; the (S,) draws are uniform in [0, 1).
-    """
-    after = (np.arange(n) - first[:, np.newaxis]) % n
-    return draws[:, np.newaxis] < cr[:, np.newaxis] ** after
 
 
 def replaces(trial_costs: FloatArray, parent_costs: FloatArray) -> _Mask:

@@ -249,17 +249,9 @@ def _motion(state: State) -> PlanarMotion:
 def simulate(
     plant: Plant, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None
 ) -> Trajectory:
-    """Drive any plant physics step by physics step: the slow and obvious loop that `Plant.run` must equal.
+    """Return the motion of any plant, stepped physics step by physics step: the slow and obvious loop that `run` must equal.
 
-    Args:
-        plant: the plant to drive.
-        commands: twist commands.
-        state: state to start from.
-        sample_dt: time between samples of the result [s].
-        disturbance: (n,) yaw acceleration at each physics step [rad/s2].
-
-    Returns:
-        The motion, without channels.
+    `sample_dt` is the time between samples [s], `disturbance` (n,) the yaw acceleration at each physics step [rad/s2].
 
     Raises:
         ValueError: wheel-rate commands, or periods that are no whole number of steps.

@@ -22,7 +22,25 @@ U_REF_LIMIT = 1.0
 
 
 @dataclass(frozen=True)
-class PidGains(Gains):
+class VelocityGains(Gains):
+    """Gains of the velocity loop; the defaults are the published ones (Tab. 4.4)."""
+
+    k_p_u: float = parameter(0.037, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
+    """u-PID, proportional."""
+    k_i_u: float = parameter(0.477, unit="1/s", low=0.0, high=1e6, search=(0.0, 2.0))
+    """u-PID, integral."""
+    k_p_w: float = parameter(0.650, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
+    """omega-PID, proportional."""
+    k_i_w: float = parameter(0.548, unit="1/s", low=0.0, high=1e6, search=(0.0, 2.0))
+    """omega-PID, integral."""
+    ff_u: float = parameter(1.0, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
+    """Feedforward of u_ref."""
+    ff_w: float = parameter(0.0, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
+    """Feedforward of omega_ref."""
+
+
+@dataclass(frozen=True)
+class PidGains(VelocityGains):
     """Gains of the five PI blocks and of the feedforwards; the defaults are the published ones (Tab. 4.4)."""
 
     k_p_rho: float = parameter(2.836, unit="1/s", low=0.0, high=1e6, search=(0.0, 6.0))
@@ -37,18 +55,6 @@ class PidGains(Gains):
     """alpha-PID, proportional."""
     k_i_alpha: float = parameter(5.276e-4, unit="1/s2", low=0.0, high=1e6, search=(0.0, 2.0))
     """alpha-PID, integral."""
-    k_p_u: float = parameter(0.037, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
-    """u-PID, proportional."""
-    k_i_u: float = parameter(0.477, unit="1/s", low=0.0, high=1e6, search=(0.0, 2.0))
-    """u-PID, integral."""
-    k_p_w: float = parameter(0.650, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
-    """omega-PID, proportional."""
-    k_i_w: float = parameter(0.548, unit="1/s", low=0.0, high=1e6, search=(0.0, 2.0))
-    """omega-PID, integral."""
-    ff_u: float = parameter(1.0, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
-    """Feedforward of u_ref."""
-    ff_w: float = parameter(0.0, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
-    """Feedforward of omega_ref."""
 
 
 @jit

@@ -318,20 +318,14 @@ def run_loops(
     start: State | None = None,
     workers: int = 1,
 ) -> list[ClosedRun]:
-    """Run many closed loops of one kind of planar model along one reference.
+    """Run many closed loops of one kind of planar model along one reference; the result does not depend on `workers`.
 
-    Args:
-        loops: S loops.
-        waypoints: the reference.
-        seeds: seeds of noise and disturbance, taken in turn: loop i gets `seeds[i % len(seeds)]`.
-        dt: physics step [s].
-        start: state to start in; at rest at the first waypoint if not given.
-        workers: threads; the result does not depend on it.
+    `seeds` are taken in turn: loop i gets `seeds[i % len(seeds)]`. All begin at rest at the first waypoint, or in `start`.
 
     Raises:
         ControllerError: a Python object failed.
         ValueError: several kinds of model, of feedback or disturbance, or sets of periods; periods that are no whole number
-            of steps; no loops or no seeds.
+            of steps of `dt` [s]; no loops or no seeds.
     """
     around = [p.settings for p in loops]
     settings = common_settings(around, seeds)

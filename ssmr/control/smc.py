@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.control.law import Gains, Law, Memory, Observation, reader
-from ssmr.control.pid import U_REF_LIMIT, velocity_loop
+from ssmr.control.law import Law, Memory, Observation, reader
+from ssmr.control.pid import U_REF_LIMIT, VelocityGains, velocity_loop
 from ssmr.control.waypoints import Errors, Target
 from ssmr.parameters import packed, parameter
 
 
 @dataclass(frozen=True)
-class SmcGains(Gains):
+class SmcGains(VelocityGains):
     """Surfaces, reaching laws, boundary layers, and the velocity loop's gains."""
 
     k_x: float = parameter(1.0, unit="1/s", low=0.0, high=1e6, search=(0.0, 6.0))
@@ -43,16 +43,6 @@ class SmcGains(Gains):
     """Switching term of the turning surface."""
     phi_a: float = parameter(0.2, unit="rad", low=0.0, high=1e6, open_low=True, search=(0.02, 1.0))
     """Boundary layer of the turning surface."""
-    k_p_u: float = parameter(0.037, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
-    """u-PID, proportional; this and the next five are those of `PidGains`."""
-    k_i_u: float = parameter(0.477, unit="1/s", low=0.0, high=1e6, search=(0.0, 2.0))
-    """u-PID, integral."""
-    k_p_w: float = parameter(0.650, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
-    """omega-PID, proportional."""
-    k_i_w: float = parameter(0.548, unit="1/s", low=0.0, high=1e6, search=(0.0, 2.0))
-    """omega-PID, integral."""
-    ff_u: float = parameter(1.0, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
-    """Feedforward of u_ref."""
     ff_w: float = parameter(1.0, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
     """Feedforward of omega_ref."""
 

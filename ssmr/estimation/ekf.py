@@ -386,11 +386,9 @@ def run_ekf(
         aiding: when the robot stood, and poses that something else measured; see `aiding_by`.
 
     Returns:
-        The estimate after each sample, with the lateral speed that the slide means and the wheels as measured. Channel
-        `pose_std` is (M, 3), the standard deviations of x, y [m] and yaw [rad], and `pose_covariance` (M, 3, 3) their
-        covariance; `innovations` is (M, 3), the normalised squared ones of the wheels' v, of their yaw rate and of the gyro,
-        0 for what was not used. A filter that learns adds `constants` and `constants_std`, (M, 6), see
-        `EkfSettings.constants`.
+        The estimate after each sample, with the wheels as measured. Channels are `pose_std` (M, 3), its square's whole
+        `pose_covariance` (M, 3, 3), and `innovations` (M, 3), the normalised squared ones of the wheels' v, of their yaw
+        rate and of the gyro, 0 for what was not used. A filter that learns adds `constants` and `constants_std`, (M, 6).
 
     Raises:
         ValueError: lengths differ, time does not increase, or a number other than a missing gyro sample is not finite.

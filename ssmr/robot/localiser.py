@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.geometry import rotate_body_to_world, rotate_world_to_body, shift_reference, shift_state
+from ssmr.geometry import compose, invert, rotate_body_to_world, rotate_world_to_body, shift_state
 from ssmr.parameters import check_parameters, parameter
 from ssmr.types import FloatArray, State, Trajectory
 
@@ -50,8 +50,7 @@ class Localiser:
 
     def body_pose(self, seen: ArrayLike) -> FloatArray:
         """Return (..., 3) poses of the body from those of the tracked frame."""
-        turned = np.asarray(seen, dtype=np.float64) - np.array([0.0, 0.0, self.tracked_yaw])
-        return shift_reference(turned, (-self.tracked_x, -self.tracked_y))
+        return compose(seen, invert((*self.point, self.tracked_yaw)))
 
     def body_twist(self, seen: ArrayLike) -> FloatArray:
         """Return (..., 3) twists v_x, v_y, yaw rate of the body from those of the tracked frame."""
@@ -62,7 +61,7 @@ class Localiser:
 
     def seen_pose(self, body: ArrayLike) -> FloatArray:
         """Return (..., 3) poses of the tracked frame from those of the body."""
-        return np.asarray(shift_reference(body, self.point) + np.array([0.0, 0.0, self.tracked_yaw]))
+        return compose(body, (*self.point, self.tracked_yaw))
 
     def seen(self, motion: Trajectory, t: ArrayLike | None = None) -> Trajectory:
         """Return a body's motion as the log tells it.

@@ -23,7 +23,6 @@ from ssmr.robot.sensors import SensorModel, SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
 from tests.test_architecture import modules, room_of
-from validation.bench.simulated_logs import SensorFaults
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Geometry, Masses, Simulation
 from validation.simulator.drafting import unit_of_key
@@ -41,7 +40,6 @@ DOCUMENTED = (
     SensorNoise,
     EkfSettings,
     SensorModel,
-    SensorFaults,
     *(law.gains for law in LAWS.values()),
 )
 GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fitted"}

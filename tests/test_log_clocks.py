@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from ssmr.geometry import compose, relative
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
-from validation.bench.reckoning import filtered_motion, reckon, with_filter
+from validation.bench.logs import filtered_motion, reckon, with_filter
 from validation.files.faults import find_rest, unbiased
 from validation.files.log import POSE_COLUMNS, Group, Log
 from validation.files.reading import FileError

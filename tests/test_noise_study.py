@@ -8,7 +8,7 @@ from scipy import signal
 
 from ssmr.robot.sensors import SensorModel
 from tests.conftest import ROUNDOFF, data_folder
-from validation.bench.simulated_logs import SensorFaults
+from validation.bench.logs import POSE_STD, YAW_STD
 from validation.files.log import Group
 from validation.study.noise import ATTENUATION, PASSBAND, STEEPNESS, HighPass, estimate_noise, noise_of, study_noise
 
@@ -87,9 +87,9 @@ def test_white_noise_on_a_smooth_motion_is_found_again_within_its_error(rate: fl
 def test_the_noise_of_a_simulated_log_is_that_of_its_sensors() -> None:
     """The encoders, the gyro and the localiser of a drive, each at its own rate; the motion is MuJoCo's."""
     rows = {row["signal"]: row for row in study_noise("traj4@mujoco", seed=3).tables[0].rows}
-    sensors, pose = SensorModel(), SensorFaults()
+    sensors = SensorModel()
     known = {"enc_left": sensors.variance_encoder, "enc_right": sensors.variance_encoder, "gyro_z": sensors.variance_gyro,
-             "x": pose.pose_std**2, "y": pose.pose_std**2, "yaw": pose.yaw_std**2}  # fmt: skip
+             "x": POSE_STD**2, "y": POSE_STD**2, "yaw": YAW_STD**2}  # fmt: skip
     assert list(rows) == list(known)
     for name, row in rows.items():
         assert abs(row["white_variance"] - known[name]) < 4.0 * row["white_standard_error"], name

@@ -12,8 +12,7 @@ import pytest
 
 from tests.bag_factory import circle, write
 from tests.conftest import data_folder
-from validation.bench.reckoning import reckon
-from validation.bench.simulated_logs import SensorFaults, open_log
+from validation.bench.logs import GYRO_BIAS, POSE_LATE, open_log, reckon
 from validation.files.csv_logs import read_csv
 from validation.files.faults import find_rest, unbiased
 from validation.files.formats import log_path, read_log
@@ -55,13 +54,13 @@ def test_info_and_convert_as_processes(tmp_path: Path) -> None:
 
 # ------------------------------------------------------------------------------------------- a simulated log
 def test_a_simulated_log_shows_its_faults() -> None:
-    faults, profile = SensorFaults(), load_profile("husky-tile")
+    profile = load_profile("husky-tile")
     log = open_log("varied@kinematic", profile=profile, seed=3)
     late = {o.late: o.seconds for o in estimate_offsets(log)}
-    assert late["pose_yaw"] == pytest.approx(faults.pose_late, abs=0.004)
+    assert late["pose_yaw"] == pytest.approx(POSE_LATE, abs=0.004)
     rest = find_rest(log)
     assert rest is not None
-    assert rest.bias == pytest.approx(faults.gyro_bias, abs=4.0 * rest.std / np.sqrt(rest.seconds * 50.0))
+    assert rest.bias == pytest.approx(GYRO_BIAS, abs=4.0 * rest.std / np.sqrt(rest.seconds * 50.0))
     again = open_log("varied@kinematic", profile=profile, seed=3).columns
     assert all(np.array_equal(values, again[name]) for name, values in log.columns.items())
     with pytest.raises(ValueError, match="no plant 'gazebo' in 'varied@gazebo'; there are: "):

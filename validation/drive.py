@@ -24,7 +24,7 @@ from ssmr.errors import SsmrError
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, State
 from validation import cli
-from validation.bench.simulated_logs import log_of_drive
+from validation.bench.logs import log_of_drive
 from validation.bench.sources import Pacer, Piece, Source
 from validation.compare import Compare, PreparedComparison, prepare
 from validation.files.formats import write_log

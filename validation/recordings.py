@@ -15,8 +15,7 @@ import tyro
 from ssmr.estimation.settings import EkfSettings
 from ssmr.types import FloatArray
 from validation import cli
-from validation.bench.reckoning import Reckoning, commissioned_on, reckon, with_filter
-from validation.bench.simulated_logs import SensorFaults, open_log
+from validation.bench.logs import Reckoning, commissioned_on, open_log, reckon, with_filter
 from validation.files.faults import REST_LEAST, STOCK, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, write_log
 from validation.files.limits import USUAL
@@ -54,22 +53,12 @@ class LogOptions(cli.Common):
     ] = None
     """Name of a shipped robot, or path of a robot's file (.toml)."""
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    missed_left: Annotated[float, cli.option(metavar="SHARE")] = 0.0
-    """Share of their ticks that damaged encoders of a simulated robot's left side miss (Sec. 4.5)."""
-    missed_right: Annotated[float, cli.option(metavar="SHARE")] = 0.0
-    """Share of their ticks that damaged encoders of the right side miss (Sec. 4.5)."""
-    swing: Annotated[float, cli.option(metavar="METRES")] = 0.0
-    """Amplitude of an oscillation of a simulated localiser that is no motion of the robot (Sec. 4.5)."""
-    swing_hz: Annotated[float, cli.option(metavar="HZ")] = 1.0
-    """Frequency of that oscillation."""
     overwrite: cli.Flag = False
     """Replace a file that is there already."""
 
     def opened(self) -> Log:
         """Return the log."""
-        faults = {name: getattr(self, name) for name in ("missed_left", "missed_right", "swing", "swing_hz")}
-        options = ReadOptions(self.topics, self.limits)
-        return open_log(self.source, options, self.profile, self.seed, robot=self.robot, faults=SensorFaults(**faults))
+        return open_log(self.source, ReadOptions(self.topics, self.limits), self.profile, self.seed, robot=self.robot)
 
     def odometry(self) -> EkfSettings:
         """Return the state filter with the numbers of the robot's driver, a stock Husky's if no robot is named."""

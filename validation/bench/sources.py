@@ -226,8 +226,7 @@ class Pacer:
 
         A lateness greater than `most_behind` [s] is dropped, so that time does not run fast for long after a stall.
         """
-        self._clock, self._sleep, self._most_behind = clock, sleep, most_behind
-        self._start = clock()
+        self._clock, self._sleep, self._most_behind, self._start = clock, sleep, most_behind, clock()
         self.dropped = 0.0
         """Time that was dropped [s]."""
 
@@ -265,14 +264,12 @@ def horizons_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float,
 
     Windows follow one another and never span a gap or a jump of the localiser. A horizon without any is left out.
     """
-    errors = {horizon: _errors_of(driven, horizon, horizon_windows) for horizon in horizons}
-    return {horizon: horizon_errors(*found) for horizon, found in errors.items() if found is not None}
+    return {h: horizon_errors(*errors) for h in horizons if (errors := _errors_of(driven, h, horizon_windows))}
 
 
 def window_errors_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float, WindowErrors]:
     """Return errors of the relative pose over windows that begin every second, by horizon [s], as `horizons_of` does."""
-    errors = {horizon: _errors_of(driven, horizon, overlapping_windows) for horizon in horizons}
-    return {horizon: WindowErrors(horizon, *found) for horizon, found in errors.items() if found is not None}
+    return {h: WindowErrors(h, *errors) for h in horizons if (errors := _errors_of(driven, h, overlapping_windows))}
 
 
 def _errors_of(driven: DrivenSources, horizon: float, windows: WindowCut) -> tuple[FloatArray, FloatArray] | None:

@@ -24,7 +24,7 @@ from scipy import signal
 from ssmr.parameters import require_within
 from ssmr.types import FloatArray, frozen_array
 from validation import cli
-from validation.bench.simulated_logs import open_log
+from validation.bench.logs import open_log
 from validation.files.log import ANY_COLUMN, COLUMNS, POSE_COLUMNS, Group
 from validation.files.signals import TIME_ROUNDOFF
 from validation.report import drawing

@@ -217,11 +217,11 @@ PRICES = {
     "validation/study": (3_120, "answers: contact and engines, terrain, transfer, robustness, filter, drive train, noise"),
     "validation/thesis": (240, "the thesis' numbers"),
     "validation/bench": (
-        1_790,
+        1_740,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_880,
+        2_650,
         "comparison, fit, tuning, robots, a drive by hand, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (590, "speed beside other libraries"),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -31,7 +31,7 @@ from validation.bench.sources import (
 from validation.files.limits import USUAL
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import ALL_PLANTS, PLANTS, USUAL_PLANTS
-from validation.progress import Progress, Report
+from validation.progress import Progress
 from validation.report.motion_panels import comparison_figure
 from validation.report.motion_scene import compared_tracks, write_comparison
 from validation.report.motions import (
@@ -93,7 +93,7 @@ class Compare(cli.Filmed):
             ValueError: a negative seed, or horizons that are not positive and increasing.
         """
         h = self.horizons
-        if any(not 0.0 < s < np.inf for s in h) or any(b <= a for a, b in pairwise(h)):
+        if any(not 0.0 < s < np.inf for s in h) or any(b <= a for a, b in itertools.pairwise(h)):
             raise ValueError(f"horizons {h} must be positive numbers that increase, such as (2, 6, 30, 60)")
         if self.seed < 0:
             raise ValueError(f"seed {self.seed} must not be negative")
@@ -126,48 +126,35 @@ class PreparedComparison:
         Raises:
             SsmrError: a plant diverged.
         """
-        source, o = self.source, self.options
-        motions, wall = self._drive_all(self.options.workers, self.options.progress)
-        health = {name: self._health(name, driven) for name, driven in motions.items()}  # of the motion, not of its noise
-        if o.noise:
-            for index, name in enumerate(self.plants):
-                if name != self.reference:
-                    rng = np.random.default_rng([o.seed, index])
-                    motions[name] = [measure(m, SensorNoise(), rng) for m in motions[name]]
+        source, profile, o = self.source, self.profile, self.options
+        driven = self._drive_all()
+        motions = {name: motions for name, (motions, _, _) in driven.items()}
         recorded = self.reference == RECORDING
         against = [piece.reference for piece in source.pieces] if recorded else motions[self.reference]
         truth = tuple(m for m in against if m is not None)
         simulated = sum(piece.commands.duration for piece in source.pieces)
-        every = self.profile.as_dict(self.plants)
-        results = {}
-        for name in self.plants:
-            plant, driven = self.plants[name], motions[name]
-            horizons = horizons_of([(source, driven)], o.horizons) if recorded else {}
-            loads = summarise(tuple(driven), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None
+        numbers, results = profile.as_dict(self.plants), {}
+        for name, (pieces, wall, health) in driven.items():
+            plant, horizons = self.plants[name], o.horizons if recorded else ()
             results[name] = PlantResult(
-                name, tuple(driven), compare_pieces(driven, truth), horizons, wall[name], simulated / wall[name],
-                health[name], self.profile.section(name).localiser, loads, every[name],
-                window_errors_of([(source, driven)], o.horizons) if recorded else {},
-            )  # fmt: skip
-        commands = tuple(piece.commands for piece in source.pieces)
+                name,
+                tuple(pieces),
+                compare_pieces(pieces, truth),
+                horizons_of([(source, pieces)], horizons),
+                wall,
+                simulated / wall,
+                health,
+                profile.section(name).localiser,
+                summarise(tuple(pieces), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None,
+                numbers[name],
+                window_errors_of([(source, pieces)], horizons),
+            )
         scoring = {horizon: scoring_windows(source, horizon) for horizon in o.horizons} if recorded else {}
-        return self._report(truth, commands, results, scoring)
-
-    def _report(
-        self,
-        truth: tuple[Trajectory, ...],
-        commands: tuple[Commands, ...],
-        results: Mapping[str, PlantResult],
-        scoring: Mapping[float, Any],
-    ) -> Comparison:
-        """Return the report of what was found."""
-        source, profile, o = self.source, self.profile, self.options
         headline = headline_horizon(scoring)
         standing = standing_sentences(source, headline) if headline else []
-        alike, unwell = alike_plants(results), ailing(results)
-        robot = profile.robot
-        label = with_robot(profile.name, robot.name)
-        title = f"{one_line(source.name)} · profile {one_line(label)}"
+        alike, unwell, robot = alike_plants(results), ailing(results), profile.robot
+        label = one_line(with_robot(profile.name, robot.name))
+        title = f"{one_line(source.name)} · profile {label}"
         if o.terrain != FLAT:
             title += f" · mujoco on {o.terrain.words}"
         caption = "\n".join([f"compared with {self.reference} · seed {o.seed} · emphasised: the best", *unwell])
@@ -194,7 +181,7 @@ class PreparedComparison:
             profile=profile.name,
             reference_name=self.reference,
             reference=truth,
-            commands=commands,
+            commands=tuple(piece.commands for piece in source.pieces),
             plants=results,
             seed=o.seed,
             terrain=o.terrain,
@@ -202,47 +189,40 @@ class PreparedComparison:
             robot=robot,
         )
 
-    def _health(self, name: str, motions: Sequence[Trajectory]) -> Health | None:
-        """Return the verdict on a plant's run; None for a plant without wheel loads, and on ground that is not even."""
-        plant = self.plants[name]
-        if not isinstance(plant, MujocoPlant) or not self.options.terrain.level:
-            return None
-        given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
-        return run_health(plant.model, motions, given_rates=given)
-
-    def _drive_all(self, workers: int | None, progress: Report) -> tuple[dict[str, list[Trajectory]], dict[str, float]]:
-        """Return all motions and each plant's wall time; plants run side by side, the pieces of one after another."""
-        stop, told = threading.Event(), threading.Lock()
+    def _drive_all(self) -> dict[str, tuple[list[Trajectory], float, Health | None]]:
+        """Return each plant's motions, wall time and health; plants run side by side, the pieces of one after another."""
+        stop, lock, o = threading.Event(), threading.Lock(), self.options
         done, total = 0, len(self.plants) * len(self.source.pieces)
 
-        def one_plant(name: str) -> tuple[list[Trajectory], float]:
+        def one_plant(rank: int, name: str) -> tuple[list[Trajectory], float, Health | None]:
             nonlocal done
-            plant, localiser = self.plants[name], self.profile.section(name).localiser
+            plant, localiser, health = self.plants[name], self.profile.section(name).localiser, None
             plant.run(WARM_UP, State(), 0.05)
-            began = time.perf_counter()
-            motions = []
+            began, motions = time.perf_counter(), list[Trajectory]()
             for piece in self.source.pieces:
                 if not stop.is_set():
-                    push = None
-                    if self.options.disturbance:
-                        rng = np.random.default_rng(self.options.seed)
-                        push = yaw_disturbance(piece.commands.duration, plant.dt, rng)
+                    rng = np.random.default_rng(o.seed)
+                    push = yaw_disturbance(piece.commands.duration, plant.dt, rng) if o.disturbance else None
                     motions.append(drive(plant, piece, localiser, self.source.sample_dt, push))
-                    with told:
+                    with lock:
                         done += 1
-                        progress(Progress(done, total, f"{name} has driven"))
+                        o.progress(Progress(done, total, f"{name} has driven"))
             wall = time.perf_counter() - began
             if isinstance(plant, MujocoPlant):
                 motions = [with_quasi_static(motion, plant, localiser) for motion in motions]
-            return motions, wall
+                given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
+                health = run_health(plant.model, motions, given_rates=given)
+            if o.noise and name != self.reference:
+                rng = np.random.default_rng([o.seed, rank])
+                motions = [measure(m, SensorNoise(), rng) for m in motions]
+            return motions, wall, health
 
-        with ThreadPoolExecutor(workers) as pool:
+        with ThreadPoolExecutor(o.workers) as pool:
             try:
-                driven = dict(zip(self.plants, pool.map(one_plant, self.plants), strict=True))
+                return dict(zip(self.plants, pool.map(one_plant, itertools.count(), self.plants), strict=True))
             except BaseException:
                 stop.set()  # an interrupt or a failed plant ends the others at their next piece
                 raise
-        return {name: d[0] for name, d in driven.items()}, {name: d[1] for name, d in driven.items()}
 
 
 @cli.program(Compare)

@@ -185,7 +185,7 @@ STOPPED = (130, 143, -signal.SIGINT, -signal.SIGTERM)
 """Statuses of programs that a signal ends: 128 and its number, and the signal itself while they are being loaded."""
 LONG = {
     "fit": "fit improved --to traj4@linear --population 30 --generations 60 --patience 99 --search jde --out out",
-    "recordings": "recordings convert log.csv --out out/made.csv",
+    "recordings": "recordings convert log.csv --out out/made.csv --overwrite",
     "replicate": "replicate --quick --only 3.12,accelerations --out out",
 }
 """Commands of some seconds."""

@@ -224,6 +224,7 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytes
     assert {row["straight_share"].obstacle for row in found.tables["Sec. 3.7"].values()} == {"install it"}
 
 
+@pytest.mark.slow
 def test_gazebo_s_pyramid_drives_straight_as_the_thesis_saw_it(lab: Profile) -> None:
     """With friction along the world's axes and the weight to the right: see Sec. 3.7 and docs/engines.md."""
     installed_plant(lab, "ode")

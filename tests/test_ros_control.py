@@ -333,7 +333,7 @@ def handlers() -> Iterator[None]:
 
 
 @pytest.fixture
-def drive(handlers: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Drive:
+def drive(hangup: None, handlers: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Drive:
     return Drive(monkeypatch, tmp_path / "out")
 
 

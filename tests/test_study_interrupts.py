@@ -20,7 +20,6 @@ from validation.study import transfer
 from validation.study.__main__ import STUDIES, study_named
 from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainStudy
-from validation.study.filter import FilterStudy
 from validation.study.noise import NoiseStudy
 from validation.study.robustness import RobustnessStudy
 from validation.study.terrain import TerrainStudy
@@ -36,7 +35,7 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "robustness": (
         RobustnessStudy(**ROBUSTNESS, gains={"pid": hopeless(), **gains_of(lqr="manual")}), rows_of, 1,
     ),
-    "terrain": (TerrainStudy(**TERRAIN), lambda s: sum(len(table.rows) for table in s.tables[:3]), 1),
+    "terrain": (TerrainStudy(**TERRAIN), lambda s: sum(len(table.rows) for table in s.tables[:2]), 1),
     "contact": (ContactStudy(only=("cone",)), rows_of, 1),
     "transfer": (
         TransferStudy(
@@ -44,10 +43,6 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
             references=("line@0.8", "circle@0.8"),
         ),
         lambda s: len(s.document["profiles"]["thesis-lab"]["references"]), 1,
-    ),
-    "filter": (
-        FilterStudy(references=("line", "circle"), profiles=("thesis-lab",), frictions=(), seeds=1, timestep=0.005),
-        lambda s: len(s.tables[1].rows), 1,
     ),
     "drivetrain": (
         DriveTrainStudy(recording=in_the_air(), ground=on_grass(), resamples=2),

@@ -11,7 +11,7 @@ from typing import Any
 
 from validation import cli
 
-STUDIES = ("robustness", "terrain", "contact", "transfer", "filter", "drivetrain", "noise")
+STUDIES = ("robustness", "terrain", "contact", "transfer", "drivetrain", "noise")
 """Names of all studies, in the order of the help text."""
 
 

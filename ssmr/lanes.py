@@ -305,23 +305,23 @@ def _between(pose: FloatArray, place: float) -> tuple[int, int, float]:
 
 
 @jit_alone
-def _shift(told: FloatArray, x: float, y: float) -> None:
+def _shift(seen: FloatArray, x: float, y: float) -> None:
     """Move the reference point of (M, 3) poses by (x, y) in the body [m], in vector instructions."""
-    for k in range(len(told)):
-        s, c = sine_cosine(told[k, 2])
-        told[k, 0] += fused(c, x, -s * y)
-        told[k, 1] += fused(s, x, c * y)
+    for k in range(len(seen)):
+        s, c = sine_cosine(seen[k, 2])
+        seen[k, 0] += fused(c, x, -s * y)
+        seen[k, 1] += fused(s, x, c * y)
 
 
 @jit_alone
-def _tell(poses: FloatArray, places: FloatArray, numbers: FloatArray, told: FloatArray) -> None:
-    """Write (S, M, 3) poses of tracked frames at (M,) places among the samples of bodies; `told` may be `poses` itself.
+def _localise(poses: FloatArray, places: FloatArray, numbers: FloatArray, seen: FloatArray) -> None:
+    """Write (S, M, 3) poses of tracked frames at (M,) places among the samples of bodies; `seen` may be `poses` itself.
 
     `numbers` holds a row for each: the tracked frame's x, y and yaw in the body, delays of positions and headings [samples].
     """
     for i in range(len(poses)):
         x, y, yaw, late, yaw_late = numbers[i]
-        pose, out = poses[i], told[i]
+        pose, out = poses[i], seen[i]
         for k in range(len(places)):
             before, after, share = _between(pose, places[k] - late)
             for column in range(3):
@@ -339,7 +339,7 @@ def _tell(poses: FloatArray, places: FloatArray, numbers: FloatArray, told: Floa
 def seen_poses(
     poses: FloatArray, localisers: Sequence[Localiser], sample_dt: float, t: FloatArray | None = None, workers: int = 1
 ) -> FloatArray:
-    """Return poses of many bodies as their localisers tell them.
+    """Return poses of many bodies as their localisers see them.
 
     Args:
         poses: (S, N, 3) poses of the bodies, which may be overwritten.
@@ -354,9 +354,9 @@ def seen_poses(
     late = [(one.position_late / sample_dt, one.yaw_late / sample_dt) for one in localisers]
     numbers = np.array([(*one.point, one.tracked_yaw, *delays) for one, delays in zip(localisers, late, strict=True)])
     if t is None and not numbers[:, 3:].any():
-        places, told = np.empty(0), poses
+        places, seen = np.empty(0), poses
     else:
         places = np.arange(poses.shape[1], dtype=np.float64) if t is None else (t - t[0]) / sample_dt
-        told = np.empty((len(poses), len(places), 3))
-    share_among_threads(lambda i, k: _tell(poses[i:k], places, numbers[i:k], told[i:k]), len(poses), workers)
-    return told
+        seen = np.empty((len(poses), len(places), 3))
+    share_among_threads(lambda i, k: _localise(poses[i:k], places, numbers[i:k], seen[i:k]), len(poses), workers)
+    return seen

@@ -26,8 +26,6 @@ from ssmr.types import Commands, FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
 from tests.robots import HUSKY
 from validation.plants.planar import tyred_defaults
-from validation.plants.table import plant_kind
-from validation.simulator.description import load_robot
 
 P = tyred_defaults(HUSKY)
 WEIGHT = P.mass * 9.81
@@ -229,15 +227,6 @@ def test_wheels_with_motors_of_their_own_turn_at_their_own_rates() -> None:
 
 
 # ------------------------------------------------------------------------------- as a plant
-
-
-def test_numbers_of_every_robot_make_a_plant_and_its_loads_are_those_at_rest() -> None:
-    for name in ("husky", "jackal", "warthog", "pioneer3at"):
-        robot = load_robot(name)
-        made = plant_kind("four_wheel").defaults(robot)
-        motion = FourWheelPlant(FourWheelModel(made, robot.drive)).run(held(0.3, 0.2, 2.0), State(), 0.05)
-        assert motion.pose[-1, 0] > 0.1
-        assert motion.channels["wheel_load_N"][0].sum() == pytest.approx(robot.masses.total * 9.81)
 
 
 @pytest.mark.parametrize("kind", ["twist", "wheels"])

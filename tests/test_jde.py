@@ -242,33 +242,6 @@ def test_a_restored_search_goes_on_bit_for_bit() -> None:
     assert finished.finished == whole.finished == "generations"
 
 
-def broken(**changes: Any) -> dict[str, Any]:
-    search = Jde(3, SHORT, 0)
-    search.tell(sphere(search.ask()))
-    state: dict[str, Any] = search.state()
-    for name, value in changes.items():
-        if value is None:
-            del state[name]
-        else:
-            state[name] = np.asarray(value)
-    return state
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"costs": None}, "costs"),
-        ({"version": "ssmr.jde/0"}, "no state of a search of version"),
-        ({"population": np.zeros((11, 3))}, "population of the state has the shape"),
-        ({"trials": np.zeros((12, 2))}, "trials of the state has the shape"),
-        ({"settings.slope": 7.0}, "slope must lie within"),
-    ],
-)
-def test_what_is_no_state_is_refused(changes: dict[str, Any], message: str) -> None:
-    with pytest.raises((ValueError, KeyError), match=message):
-        Jde.restore(broken(**changes))
-
-
 # --- stop rules -----------------------------------------------------------------------------------------------------------
 
 

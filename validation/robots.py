@@ -16,7 +16,6 @@ from ssmr.errors import DivergedError
 from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, store
 from validation.plants.profile import load_profile, shipped
-from validation.report.columns import Unit
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.checking import (
@@ -42,7 +41,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_FOUR_DIGITS = Unit("", 1.0, 3, significant=4)
 _ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_half_track"}
 """Numbers of the drive that are shown even where the file does not say them."""
 
@@ -53,27 +51,17 @@ class ListOptions:
     """The options of `list`; there are none."""
 
 
-def known_robots() -> Table:
-    """Return the table of the robots that come with the package, each with the shipped profiles of it."""
-    of: dict[str, list[str]] = {}
-    for profile in shipped():
-        of.setdefault(load_profile(profile).robot.name, []).append(profile)
+def list_robots(options: ListOptions) -> None:
+    """List the robots that come with the package, and the profiles of each."""
+    profiles = [load_profile(name) for name in shipped()]
     rows: list[Row] = []
     for robot in map(load_robot, shipped_robots()):
         spot, g = spot_turn(robot), robot.geometry
         row = {"name": robot.name, "robot": robot.title, "mass_kg": robot.masses.total, "wheelbase_m": g.wheelbase}
         row |= {"track_m": g.track, "wheel_radius_m": g.wheel_radius, "multiplier": spot and spot.turn.multiplier}
-        rows.append(row | {"profiles": ", ".join(of.get(robot.name, ())) or None})
-    caption = (
-        "multiplier: yaw rate that the wheels ask for over that of the body, turning on the spot, by mechanics\n"
-        "`check NAME` shows all numbers of one with their sources, and a picture"
-    )
-    return Table("Robots that come with the package", rows, caption)
-
-
-def list_robots(options: ListOptions) -> None:
-    """List the robots that come with the package, and the profiles of each."""
-    _print([known_robots()])
+        rows.append(row | {"profiles": ", ".join(p.name for p in profiles if p.robot.name == robot.name) or None})
+    caption = "multiplier: yaw rate that the wheels ask for over that of the body, turning on the spot, by mechanics"
+    _print([Table("Robots that come with the package", rows, caption)])
 
 
 @dataclass(frozen=True)
@@ -228,7 +216,7 @@ def _numbers(robot: Robot) -> Table:
             rows.append({**row, "value": each, "grade": f"{grade} [{number}]"})
     caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
     title = f"{one_line(robot.title or robot.name)}: its numbers"
-    return Table(title, rows, caption, group="section", hidden=frozenset({"section"}), units={"value": _FOUR_DIGITS})
+    return Table(title, rows, caption, group="section", hidden=frozenset({"section"}))
 
 
 # ------------------------------------------------------------------------------------------- the picture

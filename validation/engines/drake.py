@@ -34,9 +34,6 @@ class DrakeSettings:
     stiff contacts chatter with the two others.
     """
 
-    stiffness: float = 0.0
-    """Stiffness of a contact [N/m]; 0: such that tyres sink by `SINK_SHARE` of their radius; negative: Drake's own
-    estimate for 1 mm of penetration, with its own damping."""
     stiction: float = 1e-4
     """Slip below which a contact is taken to stick [m/s]."""
 
@@ -111,10 +108,10 @@ class _Diagram:
         self._plant.set_contact_model(multibody.ContactModel.kPoint)
         self._plant.set_stiction_tolerance(settings.stiction)
         self._plant.mutable_gravity_field().set_gravity_vector(numbers.gravity)
-        rubber = _rubber(numbers, settings)
+        rubber = _rubber(numbers)
         world = self._plant.world_body()
         self._plant.RegisterCollisionGeometry(world, RigidTransform(), HalfSpace(), "ground", rubber)
-        self._wheels, sink = self._add_robot(numbers, strength), _sink(numbers, settings)
+        self._wheels, sink = self._add_robot(numbers, strength), numbers.loads / _stiffness(numbers)
         sides = (-0.5, 0.5) if numbers.cylinders else (0.0,)
         for wheel, radius in zip(self._wheels, (numbers.radii + sink / len(sides)).tolist(), strict=True):
             for side in sides:
@@ -195,25 +192,16 @@ class _Diagram:
         return found
 
 
-def _sink(numbers: RigidNumbers, settings: DrakeSettings) -> FloatArray:
-    """Return the (4,) depths to which tyres of one contact sink at rest [m]; 0 where Drake chooses the stiffness."""
-    if settings.stiffness < 0.0:
-        return np.zeros(len(WHEELS))
-    return numbers.loads / _stiffness(numbers, settings)
+def _stiffness(numbers: RigidNumbers) -> float:
+    """Return the stiffness of a contact [N/m] with which tyres sink by `SINK_SHARE` of their radius."""
+    return float(numbers.loads.mean()) / (SINK_SHARE * float(numbers.radii.mean()))
 
 
-def _stiffness(numbers: RigidNumbers, settings: DrakeSettings) -> float:
-    return settings.stiffness or float(numbers.loads.mean()) / (SINK_SHARE * float(numbers.radii.mean()))
-
-
-def _rubber(numbers: RigidNumbers, settings: DrakeSettings) -> Any:
+def _rubber(numbers: RigidNumbers) -> Any:
     """Return the contact's properties; two that touch are in series, so each has twice the stiffness."""
     from pydrake.geometry import AddContactMaterial, ProximityProperties
     from pydrake.multibody.plant import CoulombFriction
 
     properties, friction = ProximityProperties(), CoulombFriction(numbers.friction, numbers.friction)
-    if settings.stiffness < 0.0:
-        AddContactMaterial(friction=friction, properties=properties)
-        return properties
-    AddContactMaterial(_DISSIPATION, 2.0 * _stiffness(numbers, settings), friction, properties)
+    AddContactMaterial(_DISSIPATION, 2.0 * _stiffness(numbers), friction, properties)
     return properties

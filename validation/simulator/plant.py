@@ -82,7 +82,7 @@ class MujocoPlant:
         motors = calibration.robot.motors if drive.integral_gain > 0.0 else ()
         self._shaft_dofs = [int(self.model.joint(f"{motor}_shaft").dofadr[0]) for motor in motors]
         level = level_rest(self.model, mujoco.MjData(self.model), calibration) if self.terrain.level else None
-        self._resting = self._settle(State()) if level is None else level
+        self._resting = self._settle() if level is None else level
         self._driver: Driver | None = None
 
     @cached_property
@@ -119,38 +119,28 @@ class MujocoPlant:
         """Physics step [s]."""
         return float(self.model.opt.timestep)
 
-    def _settle(self, state: State) -> FloatArray:
-        """Return the (nq,) configuration at rest in `state`: tyres pressed in, the body tilted by mass and ground."""
+    def _settle(self) -> FloatArray:
+        """Return the (nq,) configuration at rest at the origin: tyres pressed in, the body tilted by mass and ground."""
         data = mujoco.MjData(self.model)
-        data.qpos[:2] = state.x, state.y
-        mujoco.mju_mulQuat(data.qpos[3:7], yaw_to_quat_wxyz(state.yaw), self.model.qpos0[3:7])
         (constant, _), _ = contact_settings(self.calibration.robot)
         with solved_exactly(self.model):
-            for _ in range(round(SETTLE_CONSTANTS * constant / self.dt)):
-                mujoco.mj_step(self.model, data)
+            mujoco.mj_step(self.model, data, nstep=round(SETTLE_CONSTANTS * constant / self.dt))
         rest = np.array(data.qpos)
-        rest[:2] = state.x, state.y
-        turned = float(quat_wxyz_to_yaw(rest[3:7])) - state.yaw
-        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(-turned), data.qpos[3:7])
-        rest[7:] = 0.0
-        return rest
-
-    def _rest(self, state: State) -> FloatArray:
-        """Return the (nq,) configuration at rest."""
-        rest = self._resting.copy()
-        rest[:2] = state.x, state.y
-        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
+        rest[:2], rest[7:] = 0.0, 0.0
+        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(-float(quat_wxyz_to_yaw(rest[3:7]))), data.qpos[3:7])
         return rest
 
     def placed(self, state: State) -> FloatArray:
         """Return the simulator's whole (1 + nq + nv) state where the robot rests on its tyres in `state`."""
-        velocity = np.zeros(self.model.nv)
+        rest, velocity = self._resting.copy(), np.zeros(self.model.nv)
+        rest[:2] = state.x, state.y
+        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
         velocity[:2] = rotate_body_to_world([state.v_x, state.v_y], state.yaw)
         velocity[5] = state.yaw_rate
         for dofs, rate in zip(self.wheel_dofs, (state.wheel_left, state.wheel_right), strict=True):
             velocity[dofs] = rate
         velocity[self._shaft_dofs] = np.resize((state.wheel_left, state.wheel_right), len(self._shaft_dofs))
-        return np.concatenate([[0.0], self._rest(state), velocity])
+        return np.concatenate([[0.0], rest, velocity])
 
     def _read(self) -> State:
         """Return the simulator's state as a planar one; yaw is unwrapped from the last reading."""

@@ -60,21 +60,11 @@ def solved_exactly(model: mujoco.MjModel) -> Iterator[None]:
         option.solver, option.tolerance, option.iterations = before
 
 
-def level_height(model: mujoco.MjModel, calibration: Calibration) -> float:
-    """Return the height of the base above level ground on which a robot rests [m], as `calibrate` estimates it."""
-    return float(_wheel_heights(model, calibration)[0].mean()) - calibration.robot.geometry.axle_height
-
-
-def _wheel_heights(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
-    """Return the (4,) heights of the wheels' centres at rest and the (4,) depths to which they are pressed in [m]."""
-    rolling = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
-    depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)  # as `calibrate` estimated them
-    return rolling - 0.5 * depths, depths
-
-
 def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
     """Return a first configuration, and (3,) heights [m] and angles [rad] that press the tyres in to half their depth."""
-    heights, depths = _wheel_heights(model, calibration)
+    rolling = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
+    depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)  # as `calibrate` estimated them
+    heights = rolling - 0.5 * depths
     half_base, half_track = 0.5 * calibration.robot.geometry.wheelbase, calibration.half_track
     pitch, roll = -float(FRONT @ heights) / (4.0 * half_base), float(LEFT @ heights) / (4.0 * half_track)
     start = np.array(model.qpos0)

@@ -130,7 +130,6 @@ def tried_settings(robot: Robot | None = None) -> dict[str, Setting]:
         "ode: Gazebo's Husky, emulated cone": Setting(replace(GAZEBO, friction_law="cone"), MAKERS_HUSKY),
         "ode: Gazebo's Husky, emulated cone, centred": Setting(replace(GAZEBO, friction_law="cone"), HUSKY),
         "ode: best, emulated cone, exact solver": Setting(OdeSettings(), {}),
-        "drake: its own defaults": Setting(DrakeSettings(stiffness=-1.0, stiction=1e-3), {}),
         "drake: best, stiction 0.1 mm/s": Setting(DrakeSettings(), {}),
     }
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -77,13 +76,6 @@ def test_track(robot: str, tmp_path: Path) -> None:
     found = run(track, robot, tmp_path, "smc", "circle", "--plant", "improved,mujoco", "--no-rerun")
     assert found["metrics"]["d_rms_m"] < 0.15
     assert found["beside"]["mujoco"]["d_rms_m"] < 0.15
-
-
-def test_tune(tmp_path: Path) -> None:
-    short = ["--population", "8", "--generations", "2", "--reference", "circle@0.5", "--held-out", "line@0.5"]
-    found = run(tune, "jackal", tmp_path, "pid", *short)
-    assert found["cost"] <= found["baseline_cost"]
-    assert tomllib.loads((tmp_path / "gains.toml").read_text())["provenance"]["robot"] == "jackal"
 
 
 def test_fit_of_a_planar_model(tmp_path: Path) -> None:

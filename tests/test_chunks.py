@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
-
 import numpy as np
 import pytest
 
@@ -19,8 +17,6 @@ from validation.simulator.terrain import parse_terrain
 SAMPLE_DT = 0.01
 WHOLE = 10**9
 """Steps of a chunk that holds any run whole."""
-KEPT = 32e3
-"""Memory of a second of a run that is sampled at 100 Hz [B]: version 1.2 took ten times as much."""
 
 
 def weave(seconds: float, kind: str = "twist") -> Commands:
@@ -62,26 +58,6 @@ def test_references_in_chunks_are_those_of_the_whole(kind: str, size: int) -> No
     chunks = list(reference_chunks(commands, drive, 0.002, state, size))
     assert [len(c) for c in chunks[:-1]] == [size] * (len(chunks) - 1)
     assert np.array_equal(np.concatenate(chunks), wheel_references(commands, drive, 0.002, state))
-
-
-def peak_memory(plant: MujocoPlant, seconds: float) -> float:
-    """Greatest memory of a run over its length [B/s]."""
-    commands = weave(seconds)
-    tracemalloc.start()
-    try:
-        plant.run(commands, State(), SAMPLE_DT)
-        return tracemalloc.get_traced_memory()[1] / seconds
-    finally:
-        tracemalloc.stop()
-
-
-def test_a_long_run_keeps_its_samples_and_not_its_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant = make_plant(load_profile("thesis-lab"), "mujoco")
-    assert isinstance(plant, MujocoPlant)
-    plant.run(weave(1.0), State(), SAMPLE_DT)
-    assert peak_memory(plant, 200.0) < KEPT
-    monkeypatch.setattr(simulator_plant, "CHUNK", WHOLE)
-    assert peak_memory(plant, 20.0) > 10.0 * KEPT
 
 
 def test_a_run_that_diverges_in_a_later_chunk_says_when_and_from_what() -> None:

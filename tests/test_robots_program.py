@@ -10,15 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from validation import cli, load_robot
 from validation.robots import PROGRAM, check_robot
 from validation.simulator.calibration import Calibration
 from validation.simulator.checking import load_shares, spot_turn, tyre_hull_overlap
 from validation.simulator.description import Robot, parse_robot
-from validation.simulator.drafting import draft_robot
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import spin
 
@@ -151,30 +148,6 @@ def test_overlaps_are_those_of_a_cylinder_and_a_box() -> None:
         assert along == pytest.approx(0.3 - (0.5 * 0.914734 - 0.3))
     high = changed(geometry={"body_size": [0.6, 0.95, 0.3], "body_centre": [0.0, 0.0, 0.012023 + 0.15 + 0.301]})
     assert tyre_hull_overlap(high).min(axis=1).max() < 0.0
-
-
-@settings(max_examples=12)
-@given(
-    size=st.floats(0.0, 1.0), longer=st.floats(0.5, 1.6), share=st.floats(0.2, 0.45), x=st.floats(-0.15, 0.15),
-    friction=st.floats(0.2, 0.9), link=st.sampled_from(["belt", "none"]),
-)  # fmt: skip
-def test_robots_of_every_size_turn_as_mechanics_says(
-    size: float, longer: float, share: float, x: float, friction: float, link: str
-) -> None:
-    """8 to 800 kg, wheels of 0.05 to 0.35 m."""
-    mass, radius = 8.0 * 100.0**size, 0.05 * 7.0**size
-    wheelbase = radius / share
-    tape = {"wheelbase": wheelbase, "track": wheelbase / longer, "wheel_radius": radius, "wheel_width": 0.4 * radius}
-    numbers = {**{f"geometry.{key}": value for key, value in tape.items()}, "mass.total": mass}
-    document = draft_robot("random", {**numbers, "simulation.friction": friction}).robot.as_document()
-    document["geometry"]["link"] = link
-    document["mass"]["com"] = [x * wheelbase, 0.0, 0.2 * radius]
-    found = check_robot(parse_robot(document))
-    assert found.measured is not None, [each.text for each in found.advice]
-    assert found.spot is not None
-    assert found.measured.multiplier == pytest.approx(found.spot.turn.multiplier, rel=0.02)
-    assert sum(found.measured.loads) == pytest.approx(9.81 * mass, rel=0.01)
-    assert not [each.text for each in found.advice if each.fault and "hull" not in each.text]
 
 
 # ------------------------------------------------------------------------------------------- new, and the command line

@@ -181,8 +181,8 @@ def test_what_users_meet(
 ENDS: dict[str, signal.Signals | None] = {
     "killed": signal.SIGKILL, "Ctrl-C": signal.SIGINT, "ended": signal.SIGTERM, "full disk": None,
 }  # fmt: skip
-STOPPED = (130, 143, -signal.SIGINT, -signal.SIGTERM)
-"""Statuses of programs that a signal ends: 128 and its number, and the signal itself while they are being loaded."""
+STOPPED = (130, -signal.SIGINT, -signal.SIGTERM)
+"""Statuses of programs that a signal ends: 130, and the signal itself while they are being loaded."""
 LONG = {
     "fit": "fit improved --to traj4@linear --population 30 --generations 60 --patience 99 --search jde --out out",
     "recordings": "recordings convert log.csv --out out/made.csv --overwrite",

@@ -38,7 +38,6 @@ SINGLE = 2.0**-22
 """Relative: what a number in double precision loses when rerun keeps it in single, with room for an operation or two."""
 PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")
 RADIUS = 0.165
-REPORT = "# Report\n\n| plant | d_rms |\n|-|-|\n| mujoco | 0 |\n"
 UNRATED = metrics_of(*[0.0] * 8)
 
 
@@ -136,7 +135,7 @@ A_MOMENT = stamps(0.008, 0.08)
 def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path, Read]:
     """Five plants over two seconds: what went in, the file, and what it holds."""
     made, path = comparison([TWO_SECONDS]), tmp_path_factory.mktemp("recording") / "a.rrd"
-    write_recording(made, path, REPORT)
+    write_recording(made, path)
     return made, path, Read.file(path)
 
 
@@ -145,7 +144,7 @@ def in_pieces(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Rea
     """Three plants and a recording with two gaps."""
     times = [stamps(0.05, 11.0, 10.0), stamps(0.05, 13.5, 12.0), stamps(0.05, 20.5, 20.0)]
     made, path = against_a_recording(comparison(times, PLANTS[:3])), tmp_path_factory.mktemp("pieces") / "b.rrd"
-    write_recording(made, path, REPORT)
+    write_recording(made, path)
     return made, Read.file(path)
 
 
@@ -181,7 +180,7 @@ def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     monkeypatch.setattr(tracks, "MOST_POSES", 50)
     monkeypatch.setattr(scene, "_MOST_SAMPLES", 60)
     made, path = comparison([TWO_SECONDS], PLANTS[:2]), tmp_path / "long.rrd"
-    write_recording(made, path, REPORT)
+    write_recording(made, path)
     read, motion = Read.file(path), made.plants["improved"].pieces[0]
     at, places = read.track("world/improved/robot", "Transform3D:translation")
     assert len(at) <= 52
@@ -193,7 +192,7 @@ def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 @pytest.mark.parametrize(("speed", "direction"), [(0.5, -1.0), (-0.5, 1.0)])
 def test_wheels_roll_the_way_the_robot_drives(tmp_path: Path, speed: float, direction: float) -> None:
     t = stamps(0.01, 0.1)
-    write_recording(comparison([t], ["mujoco"], speed), tmp_path / "a.rrd", REPORT)
+    write_recording(comparison([t], ["mujoco"], speed), tmp_path / "a.rrd")
     read = Read.file(tmp_path / "a.rrd")
     turned = {}
     for wheel in WHEELS:
@@ -231,7 +230,7 @@ def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -
     still = Trajectory(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.zeros((len(t), 2)))
     result = PlantResult("kinematic", (still,), UNRATED, {}, 0.1, 20.0)
     commands = (Commands(0.008, np.zeros((max(1, len(t) - 1), 2))),)
-    write_recording(compared("a", (still,), commands, {"kinematic": result}), tmp_path / "a.rrd", REPORT)
+    write_recording(compared("a", (still,), commands, {"kinematic": result}), tmp_path / "a.rrd")
     assert len(Read.file(tmp_path / "a.rrd").track("world/kinematic/robot", "Transform3D:translation")[0]) >= 1
 
 
@@ -243,8 +242,8 @@ def test_a_repeated_run_compares_equal_and_another_has_another_id(
 ) -> None:
     made, path, _ = shown
     for name, other in (("same", comparison([TWO_SECONDS])), ("moved", comparison([TWO_SECONDS], speed=0.51))):
-        write_recording(other, tmp_path / f"{name}.rrd", REPORT)
-    write_recording(replace(made, seed=4), tmp_path / "seed.rrd", REPORT)
+        write_recording(other, tmp_path / f"{name}.rrd")
+    write_recording(replace(made, seed=4), tmp_path / "seed.rrd")
     assert run_rerun("rrd", "compare", "--unordered", path, tmp_path / "same.rrd").returncode == 0
     files = (path, *(tmp_path / f"{name}.rrd" for name in ("same", "moved", "seed")))
     ids = [RrdReader(file).recordings()[0].recording_id for file in files]
@@ -263,16 +262,16 @@ def test_a_failure_leaves_nothing_and_spares_what_was_there(tmp_path: Path, monk
     path, made = tmp_path / "a.rrd", comparison([A_MOMENT], PLANTS[:2])
     path.write_bytes(b"before")
     with pytest.raises(ValueError, match="zip"):
-        write_recording(replace(made, commands=made.commands * 2), path, REPORT)
+        write_recording(replace(made, commands=made.commands * 2), path)
     for failure in (OSError("no space left"), KeyboardInterrupt()):
         with monkeypatch.context() as patch:
             patch.setattr(os, "replace", raiser(failure))
             with pytest.raises(type(failure)):
-                write_recording(made, path, REPORT)
+                write_recording(made, path)
     assert [p.name for p in tmp_path.iterdir()] == ["a.rrd"]
     assert path.read_bytes() == b"before"
     with pytest.raises(FileNotFoundError):
-        write_recording(made, tmp_path / "nowhere" / "a.rrd", REPORT)
+        write_recording(made, tmp_path / "nowhere" / "a.rrd")
 
 
 # --- the viewer ---

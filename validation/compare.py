@@ -33,13 +33,14 @@ from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import ALL_PLANTS, PLANTS, USUAL_PLANTS
 from validation.progress import Progress
 from validation.report.motion_panels import comparison_figure
-from validation.report.motion_scene import compared_tracks, write_comparison
+from validation.report.motion_scene import write_comparison
 from validation.report.motions import (
     Comparison,
     PlantResult,
     ailing,
     alike_plants,
     alike_sentences,
+    compared_tracks,
     comparison_tables,
     headline_horizon,
 )

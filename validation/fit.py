@@ -6,6 +6,7 @@ import contextlib
 import datetime
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,7 +17,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.errors import SsmrError
-from ssmr.metrics.poses import HorizonErrors
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation import cli, store
@@ -339,25 +339,19 @@ def _tables(f: Fitted) -> list[Table]:
 
 def _draw(f: Fitted) -> Figure:
     """Return the picture: the search, the parameters, and the errors by horizon where there are recordings."""
-    ink, title = drawing.ink_of(f.model), "error by horizon [{}]: median, bar to 95th percentile"
+    ink = drawing.ink_of(f.model)
     marks = [
         drawing.HorizonMarks(name, drawing.BESIDE_INK if s in f.held_out else ink, "osvDP"[k % 5], s.horizons)
         for k, (name, s) in enumerate(_named(f))
         if s.horizons
     ]
 
-    def metres(ax: Axes) -> None:
-        drawing.draw_horizons(marks, f"Position {title.format('m')}", _metres, ax)
+    def position(ax: Axes) -> None:
+        drawing.draw_horizons(marks, "position", ax)
         ax.legend([Line2D([], [], color=m.ink, marker=m.marker) for m in marks], [m.name for m in marks], fontsize=8.5)
 
-    def degrees(ax: Axes) -> None:
-        drawing.draw_horizons(marks, f"Yaw {title.format('deg')}", drawing.yaw_degrees, ax)
-
-    return search_figure(f, ink, "before", [drawing.side_by_side(2.8, [metres, degrees])] if marks else [])
-
-
-def _metres(errors: HorizonErrors) -> tuple[float, float]:
-    return errors.position_median_m, errors.position_p95_m
+    yaw = partial(drawing.draw_horizons, marks, "yaw")
+    return search_figure(f, ink, "before", [drawing.side_by_side(2.8, [position, yaw])] if marks else [])
 
 
 if __name__ == "__main__":

@@ -122,7 +122,7 @@ class _Lines(logging.Handler):
 
 
 def _prepare() -> None:
-    """Let standard streams take every text, messages be lines, and SIGTERM and SIGHUP end the work as Ctrl-C does."""
+    """Let standard streams take every text, messages be lines, and SIGTERM and SIGHUP end work as Ctrl-C does."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -131,7 +131,7 @@ def _prepare() -> None:
     gc.set_threshold(50_000, 20, 100)  # imports make many objects that stay, and Python would look through them all the time
     logging.captureWarnings(True)
     if threading.current_thread() is threading.main_thread():
-        for number in (getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)):
+        for number in (getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)):
             if signal.getsignal(number) is signal.SIG_DFL:  # under nohup one stays ignored
                 signal.signal(number, signal.default_int_handler)
     warnings.filterwarnings("ignore", "Glyph .* missing from font")  # matplotlib draws a box

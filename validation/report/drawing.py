@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -56,8 +56,6 @@ STYLE = {
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[[Axes], None]
 Ink = str | tuple[float, float, float]
-Interval = tuple[float, float, float]
-"""A median, and the lower and the upper end of its interval."""
 
 BROAD, NARROW = 2.6, 1.5
 QUIET, ALARM = "0.4", "#b00020"
@@ -181,49 +179,30 @@ class HorizonMarks:
     marker: str
     errors: Mapping[float, HorizonErrors]
     """Errors by horizon [s]; not empty."""
-    intervals: Mapping[float, Interval] = field(default_factory=dict)
-    """Medians over overlapping windows and their intervals, by horizon [s], in the unit shown."""
+    overlapping: Mapping[float, OverlappingErrors] = field(default_factory=dict)
+    """Medians over overlapping windows with their intervals, by horizon [s]."""
 
 
-def position_interval(errors: OverlappingErrors) -> Interval:
-    """Return the median of the position error over overlapping windows and the ends of its interval [m]."""
-    return errors.position_median_m, errors.position_low_m, errors.position_high_m
+def draw_horizons(marks: Sequence[HorizonMarks], what: Literal["position", "yaw"], ax: Axes) -> None:
+    """Draw everybody's median error by horizon, a bar up to the 95th percentile, and the median's interval where known."""
+    unit, scale, ending = ("m", 1.0, "m") if what == "position" else ("deg", math.degrees(1.0), "rad")
 
+    def values(errors: Iterable[object], *names: str) -> FloatArray:
+        return np.array([[scale * getattr(e, f"{what}_{name}_{ending}") for name in names] for e in errors]).T
 
-def yaw_interval(errors: OverlappingErrors) -> Interval:
-    """Return the median of the yaw error over overlapping windows and the ends of its interval [deg]."""
-    median, low, high = map(math.degrees, (errors.yaw_median_rad, errors.yaw_low_rad, errors.yaw_high_rad))
-    return median, low, high
-
-
-def position_metres(errors: HorizonErrors) -> tuple[float, float]:
-    """Return median and 95th percentile of the position error [m]."""
-    return errors.position_median_m, errors.position_p95_m
-
-
-def yaw_degrees(errors: HorizonErrors) -> tuple[float, float]:
-    """Return median and 95th percentile of the yaw error [deg]."""
-    return math.degrees(errors.yaw_median_rad), math.degrees(errors.yaw_p95_rad)
-
-
-def draw_horizons(
-    marks: Sequence[HorizonMarks], title: str, value: Callable[[HorizonErrors], tuple[float, float]], ax: Axes
-) -> None:
-    """Draw everybody's median and a bar up to the 95th percentile, by horizon; `value` gives both in the unit shown."""
-    horizons = sorted({h for each in marks for h in each.errors})
-    smallest = math.inf
+    horizons, smallest = sorted({h for each in marks for h in each.errors}), math.inf
     for k, each in enumerate(marks):
-        at = np.array([horizons.index(h) for h in each.errors]) + 0.4 * (2 * k + 1 - len(marks)) / len(marks)
-        median, high = np.array([value(errors) for errors in each.errors.values()]).T
-        ax.vlines(at, median, high, colors=[each.ink], linewidth=2.5, zorder=2.5)
-        for x, horizon in zip(at, each.errors, strict=True):
-            if horizon in each.intervals:
-                _, least, most = each.intervals[horizon]
-                ax.vlines(x, least, most, colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
-                smallest = min(smallest, least)
-        ax.plot(at, high, "_", color=each.ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
-        ax.plot(at, median, each.marker, color=each.ink, markersize=8.0, markeredgecolor="white", zorder=3.0, gid=each.name)
+        at = {h: horizons.index(h) + 0.4 * (2 * k + 1 - len(marks)) / len(marks) for h in each.errors}
+        median, high = values(each.errors.values(), "median", "p95")
+        ax.vlines([*at.values()], median, high, colors=[each.ink], linewidth=2.5, zorder=2.5)
+        ax.plot([*at.values()], high, "_", color=each.ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
+        ax.plot([*at.values()], median, each.marker, color=each.ink, markersize=8.0, markeredgecolor="white", zorder=3.0,
+                gid=each.name)  # fmt: skip
         smallest = min(smallest, float(median.min()))
+        if known := [h for h in each.errors if h in each.overlapping]:
+            low, most = values((each.overlapping[h] for h in known), "low", "high")
+            ax.vlines([at[h] for h in known], low, most, colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
+            smallest = min(smallest, float(low.min()))
     if smallest > 0.0:
         ax.set_yscale("log")
         ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
@@ -234,7 +213,8 @@ def draw_horizons(
     texts = [f"{h:g} s\n{n} window{'s' * (n != '1')}" for h, n in zip(horizons, words, strict=True)]
     ax.set_xticks(range(len(horizons)), texts)
     ax.grid(visible=False, axis="x")
-    ax.set(title=title, xlim=(-0.55, len(horizons) - 0.45))
+    pale = "; pale: its 90 % interval" * any(each.overlapping for each in marks)
+    ax.set(title=f"{what.capitalize()} error [{unit}]: median, bar to 95 %{pale}", xlim=(-0.55, len(horizons) - 0.45))
 
 
 # --- rows of panels ---
@@ -259,18 +239,6 @@ def draw_footer(text: str, ax: Axes) -> None:
     """Write in one line how a result was made."""
     ax.set_axis_off()
     ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
-
-
-def stacked(panels: Sequence[tuple[float, Panel]], ax: Axes) -> None:
-    """Draw panels above one another in the place of one, each with its share of the height."""
-    figure, box = ax.get_figure(root=True), ax.get_position()
-    assert figure is not None
-    ax.remove()
-    gap = 0.85 / float(figure.get_size_inches()[1])  # labels of the upper, title of the lower
-    room, top = box.height - gap * (len(panels) - 1), box.y1
-    for share, panel in panels:
-        panel(figure.add_axes((box.x0, top - share * room, box.width, share * room)))
-        top -= share * room + gap
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ Everything is drawn by matplotlib's objects under a style of its own: no pyplot,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,6 @@ from scipy.ndimage import uniform_filter1d
 
 from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.poses import horizon_windows, relative_pose_error
-from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray, Trajectory
 from validation.report.columns import length_unit
 from validation.report.drawing import (
@@ -29,7 +27,6 @@ from validation.report.drawing import (
     QUIET,
     Dashes,
     HorizonMarks,
-    Interval,
     Row,
     at_least,
     corner_note,
@@ -43,15 +40,12 @@ from validation.report.drawing import (
     joined,
     line_legend,
     note_rows,
-    position_interval,
-    position_metres,
     put_together,
     side_by_side,
     text_row,
-    yaw_degrees,
-    yaw_interval,
 )
-from validation.report.motions import HEADLINE_HORIZON, Comparison, headline_error
+from validation.report.motions import HEADLINE_HORIZON, Comparison, compared_tracks, headline_error
+from validation.report.tracks import Track
 from validation.simulator.description import WHEELS
 from validation.simulator.terrain import FLAT
 from validation.simulator.wheel_loads import QUASI_STATIC
@@ -81,26 +75,11 @@ _DASHES: dict[str, Dashes] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class DrawnMotion:
-    """A motion to draw: the reference's or a plant's."""
-
-    name: str
-    pieces: tuple[Trajectory, ...]
-    is_reference: bool
-
-    @property
-    def look(self) -> dict[str, Any]:
-        """Properties of its line: the reference's is broad, and behind the others."""
-        width, order = (BROAD, 2.0) if self.is_reference else (NARROW, 2.5)
-        dashes = _DASHES.get(self.name, "solid")
-        return {"color": ink_of(self.name), "linestyle": dashes, "linewidth": width, "zorder": order, "gid": self.name}
-
-
-def drawn_motions(comparison: Comparison) -> list[DrawnMotion]:
-    """Return the reference, then the other plants in their order."""
-    others = [DrawnMotion(n, r.pieces, False) for n, r in comparison.plants.items() if n != comparison.reference_name]
-    return [DrawnMotion(comparison.reference_name, comparison.reference, True), *others]
+def look_of(track: Track) -> dict[str, Any]:
+    """Return the properties of a motion's line: the reference's is broad, and behind the others."""
+    width, order = (BROAD, 2.0) if track.reference is None else (NARROW, 2.5)
+    dashes = _DASHES.get(track.name, "solid")
+    return {"color": ink_of(track.name), "linestyle": dashes, "linewidth": width, "zorder": order, "gid": track.name}
 
 
 # --- paths ---
@@ -108,8 +87,8 @@ def drawn_motions(comparison: Comparison) -> list[DrawnMotion]:
 
 def draw_paths(comparison: Comparison, ax: Axes) -> None:
     """Draw the paths as they were driven."""
-    for motion in drawn_motions(comparison):
-        ax.plot(*joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]), **motion.look)
+    for motion in compared_tracks(comparison):
+        ax.plot(*joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]), **look_of(motion))
         draw_dart(ax, motion.pieces[-1].pose[-1], motion.name, 12.0)
     draw_ring(ax, *map(float, comparison.reference[0].xy[0]))
     equal_scales(ax, 1.0)
@@ -122,7 +101,7 @@ def _windows(comparison: Comparison) -> tuple[str, list[tuple[int, int, int]]]:
     All windows of the horizon closest to `HEADLINE_HORIZON` in which a plant moves are put in the order of the plants' mean
     error, and some that are spread evenly are shown. Where none fits, whole pieces serve.
     """
-    reference, *others = drawn_motions(comparison)
+    reference, *others = compared_tracks(comparison)
     words, windows = "whole pieces", [(i, 0, len(piece) - 1) for i, piece in enumerate(reference.pieces)]
     for horizon in sorted({*comparison.scoring} or {HEADLINE_HORIZON}, key=lambda h: abs(h - HEADLINE_HORIZON)):
         cuts = list(comparison.scoring.get(horizon, ())) or [horizon_windows(p.t, horizon) for p in reference.pieces]
@@ -146,9 +125,9 @@ def _windows(comparison: Comparison) -> tuple[str, list[tuple[int, int, int]]]:
 def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes) -> None:
     """Draw the paths over one window, each seen from its own pose at the window's start."""
     i, a, b = window
-    for motion in drawn_motions(comparison):
+    for motion in compared_tracks(comparison):
         seen = relative(motion.pieces[i].pose[a], motion.pieces[i].pose[a : b + 1])
-        ax.plot(seen[:, 0], seen[:, 1], **motion.look)
+        ax.plot(seen[:, 0], seen[:, 1], **look_of(motion))
         draw_dart(ax, seen[-1], motion.name, 12.0)
     draw_ring(ax, 0.0, 0.0)
     equal_scales(ax, 0.6)
@@ -180,13 +159,13 @@ def _shown_span(comparison: Comparison) -> tuple[float, float]:
 
 
 def _draw_over_time(
-    comparison: Comparison, motions: Sequence[DrawnMotion], values: Callable[[Trajectory], FloatArray], ax: Axes
+    comparison: Comparison, motions: Sequence[Track], values: Callable[[Trajectory], FloatArray], ax: Axes
 ) -> None:
     """Draw a quantity of motions over the span of time that velocities are shown over."""
     span, whole = _shown_span(comparison), _span(comparison)
     for motion in motions:
         kept = [(piece, (piece.t >= span[0]) & (piece.t <= span[1])) for piece in motion.pieces]
-        ax.plot(*joined([(piece.t[k], values(piece)[k]) for piece, k in kept if k.any()]), **motion.look)
+        ax.plot(*joined([(piece.t[k], values(piece)[k]) for piece, k in kept if k.any()]), **look_of(motion))
     ax.set_xlim(*span)
     ax.set_xlabel("time [s]" if span == whole else f"time [s], part of {whole[0]:.0f} to {whole[1]:.0f} s")
 
@@ -199,7 +178,7 @@ def draw_velocity(comparison: Comparison, title: str, column: int, command: int,
             t = piece.t[0] + commands.dt * np.arange(commands.n + 1)
             parts.append((t, np.append(commands.values[:, command], commands.values[-1, command])))
         ax.plot(*joined(parts), color=_COMMAND_INK, linewidth=1.0, drawstyle="steps-post", zorder=1.8, gid="command")
-    _draw_over_time(comparison, drawn_motions(comparison), lambda piece: piece.twist[:, column], ax)
+    _draw_over_time(comparison, compared_tracks(comparison), lambda piece: piece.twist[:, column], ax)
     ax.set_title(title)
     at_least(ax, 0.1)
 
@@ -211,10 +190,10 @@ def has_speed_commands(comparison: Comparison) -> bool:
 
 def _draw_error(comparison: Comparison, title: str, error: Callable[[Trajectory, Trajectory], FloatArray], ax: Axes) -> None:
     """Draw an error of every plant against the reference at equal times."""
-    reference, *others = drawn_motions(comparison)
+    reference, *others = compared_tracks(comparison)
     for motion in others:
         pairs = zip(motion.pieces, reference.pieces, strict=True)
-        ax.plot(*joined([(true.t, error(piece, true)) for piece, true in pairs]), **motion.look)
+        ax.plot(*joined([(true.t, error(piece, true)) for piece, true in pairs]), **look_of(motion))
     ax.set(title=f"{title} at equal times", xlabel="time [s]", xlim=_span(comparison))
     at_least(ax, 1e-3)
 
@@ -228,16 +207,15 @@ def _column(channel: str, column: int, piece: Trajectory) -> FloatArray:
     return piece.channels[channel][:, column]
 
 
-def draw_loads(comparison: Comparison, motion: DrawnMotion, ax: Axes) -> None:
+def draw_loads(comparison: Comparison, motion: Track, ax: Axes) -> None:
     """Draw the loads of the four wheels, averaged over a quarter of a second, and the verdict on the contact."""
     for k, wheel in enumerate(WHEELS):
         ink, dashes = ink_of(motion.name) if wheel.startswith("front") else "0.25", (4.0, 1.5)
         look = {"color": ink, "linestyle": (0.0, dashes) if wheel.endswith("right") else "solid"}
-        drawn = DrawnMotion(motion.name, motion.pieces, False)
-        _draw_over_time(comparison, [drawn], partial(_mean_load, k), ax)
+        _draw_over_time(comparison, [motion], partial(_mean_load, k), ax)
         ax.lines[-1].set(**look, label=wheel.replace("_", " "), gid=wheel)
         if all(QUASI_STATIC in piece.channels for piece in motion.pieces):
-            _draw_over_time(comparison, [drawn], partial(_column, QUASI_STATIC, k), ax)
+            _draw_over_time(comparison, [motion], partial(_column, QUASI_STATIC, k), ax)
             ax.lines[-1].set(color=QUIET, linestyle=(0.0, (1.0, 1.0)), linewidth=1.0, gid=f"{wheel} quasi-static")
     ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=4, frameon=False, fontsize=9.0, handlelength=1.8,
               columnspacing=1.2, borderaxespad=0.0)  # fmt: skip
@@ -257,18 +235,10 @@ def draw_loads(comparison: Comparison, motion: DrawnMotion, ax: Axes) -> None:
 
 def _panels(comparison: Comparison) -> list[Row]:
     """Return the panels below the paths, row by row; those without data are left out."""
-    motions, rows = drawn_motions(comparison), list[Row]()
+    motions, rows = compared_tracks(comparison), list[Row]()
     if shown := {n: r for n, r in comparison.plants.items() if r.horizons}:
-
-        def marks(interval: Callable[[OverlappingErrors], Interval]) -> list[HorizonMarks]:
-            intervals = {n: {h: interval(e) for h, e in r.overlapping.items()} for n, r in shown.items()}
-            return [HorizonMarks(n, ink_of(n), _MARKERS.get(n, "o"), r.horizons, intervals[n]) for n, r in shown.items()]
-
-        about = "median, bar to 95 %; pale: its 90 % interval"
-        rows.append(side_by_side(2.3, [
-            partial(draw_horizons, marks(position_interval), f"Position error [m]: {about}", position_metres),
-            partial(draw_horizons, marks(yaw_interval), f"Yaw error [deg]: {about}", yaw_degrees),
-        ]))  # fmt: skip
+        marks = [HorizonMarks(n, ink_of(n), _MARKERS.get(n, "o"), r.horizons, r.overlapping) for n, r in shown.items()]
+        rows.append(side_by_side(2.3, [partial(draw_horizons, marks, "position"), partial(draw_horizons, marks, "yaw")]))
     elif len(motions) > 1:
         pairs = [zip(motion.pieces, comparison.reference, strict=True) for motion in motions[1:]]
         unit = length_unit([float(np.hypot(*(p.xy - r.xy).T).max()) for pair in pairs for p, r in pair])
@@ -296,10 +266,10 @@ def _draw_header(comparison: Comparison, ax: Axes) -> None:
     ax.text(0.0, 1.0, title, transform=ax.transAxes, fontsize=14.0, fontweight="bold", va="top")
     marked = any(result.horizons for result in comparison.plants.values())
     handles, labels = list[Line2D](), list[str]()
-    for motion in drawn_motions(comparison):
-        marker = _MARKERS.get(motion.name, "o") if marked and not motion.is_reference else ""
-        handles.append(Line2D([], [], marker=marker, **motion.look))
-        about = "reference" if motion.is_reference else headline_error(comparison.plants[motion.name])
+    for motion in compared_tracks(comparison):
+        marker = _MARKERS.get(motion.name, "o") if marked and motion.reference is not None else ""
+        handles.append(Line2D([], [], marker=marker, **look_of(motion)))
+        about = "reference" if motion.reference is None else headline_error(comparison.plants[motion.name])
         labels.append(f"{motion.name}\n{about}")
     if has_speed_commands(comparison):
         handles.append(Line2D([], [], color=_COMMAND_INK, linewidth=1.0))

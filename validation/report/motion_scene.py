@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from validation.report.motions import Comparison
+from validation.report.motions import Comparison, compared_tracks
 from validation.report.palette import Rgb
-from validation.report.tracks import History, Track
 
 if TYPE_CHECKING:
     from validation.report.scene import Series
@@ -19,14 +17,8 @@ if TYPE_CHECKING:
 _COMMANDED: Rgb = (86, 180, 233)
 
 
-def write_comparison(comparison: Comparison, path: Path, text: str | None = None, histories: Sequence[History] = ()) -> None:
+def write_comparison(comparison: Comparison, path: Path) -> None:
     """Write a comparison as a rerun recording, whole or not at all.
-
-    Args:
-        comparison: the motions.
-        path: the file.
-        text: markdown of its report; that of the comparison if not given.
-        histories: courses of a search.
 
     Raises:
         OSError: the file cannot be written.
@@ -40,22 +32,11 @@ def write_comparison(comparison: Comparison, path: Path, text: str | None = None
         title=f"{c.source}, profile {c.profile_label}",
         tracks=compared_tracks(c),
         plots=_command_plots(c),
-        report=c.markdown() if text is None else text,
+        report=c.markdown(),
         about={"comparison": c.facts, "options": {k: str(v) for k, v in c.options.items()}, "versions": c.versions},
         gaps=np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)]),
-        histories=histories,
     )
     write_scene(scene, path)
-
-
-def compared_tracks(comparison: Comparison) -> list[Track]:
-    """Return all robots, the reference first."""
-    plants = comparison.plants
-    known = plants.get(comparison.reference_name) or next(iter(plants.values()))  # where a recording was tracked, they say
-    ground, robot = comparison.terrain, comparison.robot
-    reference = Track(comparison.reference_name, comparison.reference, None, known.localiser, ground, robot)
-    others = [result for result in plants.values() if result.name != reference.name]
-    return [reference, *(Track(r.name, r.pieces, reference, r.localiser, ground, robot) for r in others)]
 
 
 def _command_plots(comparison: Comparison) -> dict[str, Series]:

@@ -16,6 +16,7 @@ from ssmr.types import Commands, IndexArray, Trajectory
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
 from validation.report.report import Report
 from validation.report.table import Row, Table
+from validation.report.tracks import Track
 from validation.simulator.description import WHEELS, Robot, load_robot, with_robot
 from validation.simulator.health import Health
 from validation.simulator.terrain import FLAT, Terrain
@@ -283,3 +284,13 @@ def headline_error(result: PlantResult) -> str:
     d_rms = result.metrics["d_rms_m"]
     length = length_unit([d_rms])
     return f"d_rms {length.text(d_rms)} {length.symbol}"
+
+
+def compared_tracks(comparison: Comparison) -> list[Track]:
+    """Return all robots, the reference first."""
+    plants = comparison.plants
+    known = plants.get(comparison.reference_name) or next(iter(plants.values()))  # where a recording was tracked, they say
+    ground, robot = comparison.terrain, comparison.robot
+    reference = Track(comparison.reference_name, comparison.reference, None, known.localiser, ground, robot)
+    others = [result for result in plants.values() if result.name != reference.name]
+    return [reference, *(Track(r.name, r.pieces, reference, r.localiser, ground, robot) for r in others)]

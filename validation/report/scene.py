@@ -6,7 +6,6 @@ Everything is in metres, seconds and radians, z up, on the timeline `sim_time`:
 - `world/NAME/path`, `.../end`: the whole path, and the robot's name where it ends;
 - `world/target`: the moving target of a controller, an arrow along its heading;
 - `plots/QUANTITY/NAME`: what is drawn over time;
-- `history/NAME`: what changed from step to step of a search, on a timeline of its own;
 - `report`: the report as text.
 """
 
@@ -34,7 +33,7 @@ except ImportError as missing:
 from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, wrap_angle, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
 from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
-from validation.report.tracks import GROUND, Extent, History, Solid, Track, extent_of, looks_of, tinted
+from validation.report.tracks import GROUND, Extent, Solid, Track, extent_of, looks_of, tinted
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.store import write_atomic
@@ -100,8 +99,6 @@ class Scene:
     """(G,) instants at which lines are interrupted [s]."""
     target: Track | None = None
     """A moving target."""
-    histories: Sequence[History] = ()
-    """Courses of searches."""
 
     def identity(self) -> uuid.UUID:
         """Return the recording's id: a digest of how it was made and of the motions that came out.
@@ -160,12 +157,6 @@ def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
         _write_target(recording, scene.target, extent.scale)
     for entity, series in plots.items():
         _write_series(recording, f"plots/{entity}", series, scene.gaps)
-    for h in scene.histories:
-        course, steps = np.where(np.isfinite(h.values), h.values, np.nan), np.arange(len(h.values))
-        recording.log(f"history/{h.title}", rr.SeriesLines(names=list(h.names), colors=list(h.colours)), static=True)
-        recording.send_columns(
-            f"history/{h.title}", [rr.TimeColumn(h.timeline, sequence=steps)], rr.Scalars.columns(scalars=course)
-        )
 
 
 # --- the world ---
@@ -301,7 +292,7 @@ def shades_of(ink: Rgb) -> list[Rgb]:
 
 
 def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Blueprint:
-    """Return looks at the robots, the report and histories on the left, plots on the right; it plays at once."""
+    """Return looks at the robots and the report on the left, plots on the right; it plays at once."""
     first, scale, distance = scene.tracks[0], extent.scale, max(3.0 * extent.scale, 0.9 * extent.reach)
     across = np.array([-extent.along[1], extent.along[0]])
     aside = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
@@ -313,8 +304,6 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
         _view("Scene (grid 1 m)", _eye(aside, np.append(extent.middle, 0.0))),
         rrb.TextDocumentView(origin="/report", name="Report"),
     ]
-    for h in scene.histories:
-        looks.append(rrb.TimeSeriesView(origin=f"/history/{h.title}", name=f"{h.title} (timeline '{h.timeline}')"))
     close = _view(f"Following {first.name}", _eye(behind, start, f"/world/{first.name}/robot/base/{hull}"), names)
     there, corner = {entity.partition("/")[0] for entity in plots}, rrb.Corner2D.RightTop
     tabs = [

@@ -159,20 +159,6 @@ def bright(name: str) -> Rgb:
     return mix(rgb, WHITE, 0.5) if max(rgb) < 80 else rgb
 
 
-class History(NamedTuple):
-    """Values that change from step to step of a search, not over the robots' time."""
-
-    title: str
-    timeline: str
-    """Name of the timeline that counts the steps."""
-    names: tuple[str, ...]
-    """k names."""
-    colours: tuple[Rgb, ...]
-    """k colours."""
-    values: FloatArray
-    """(G, k), of the steps 0 to G - 1; where one is not finite, the line is interrupted."""
-
-
 class Extent(NamedTuple):
     """Place and size of all paths."""
 

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.geometry import compose, relative
+from ssmr.geometry import compose
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
-from validation.bench.logs import filtered_motion, reckon, with_filter
+from validation.bench.logs import reckon
 from validation.files.faults import find_rest, unbiased
 from validation.files.log import POSE_COLUMNS, Group, Log
 from validation.files.reading import FileError
@@ -118,15 +118,6 @@ def test_the_filter_with_the_bias_learned_is_nearest() -> None:
     assert found.rows[0].length == pytest.approx(17.5, rel=0.01)
 
 
-def test_the_filter_replaces_the_pose_and_keeps_the_old_one() -> None:
+def test_nothing_is_reckoned_without_wheels() -> None:
     log = made()
-    found, motion = with_filter(log), filtered_motion(log)
-    assert motion is not None
-    merged = found.on_one_clock()
-    assert {"pose_x", "pose_y", "pose_yaw", "odom_v"} <= set(merged.columns)
-    away = relative(motion.pose[-1], merged.table(POSE_COLUMNS)[-1])
-    assert np.all(np.abs(away) < 0.05)  # the merged one ends up to two periods earlier: 1 cm, and as much a turn
-    blind = replace(log, groups={"imu": log.groups["imu"]})
-    with pytest.raises(FileError, match="needs wheels or odometry"):
-        with_filter(blind)
-    assert reckon(blind) is None
+    assert reckon(replace(log, groups={name: log.groups[name] for name in ("imu", "pose")})) is None

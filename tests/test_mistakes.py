@@ -104,7 +104,6 @@ MISTAKES = {
     "recordings convert drive.csv --topics odom=/odom": "topics names the topics of a bag",
     "recordings convert drive.bag --topics odom": "must be ROLE=TOPIC such as",
     "recordings convert drive.bag --topics odom=/nowhere": "there is no topic /nowhere; there are: /pose",
-    "recordings convert drive.bag --ekf": "ekf needs wheels or odometry",
     "recordings convert drive.bag --unbias": "unbias needs a gyro",
     "recordings convert cut.bag": "no bag that can be read, or a damaged one",
     "recordings convert log.txt": "logs are .csv, .bag, .mcap or the folder of a ROS 2 bag",

@@ -15,14 +15,14 @@ import tyro
 from ssmr.estimation.settings import EkfSettings
 from ssmr.types import FloatArray
 from validation import cli
-from validation.bench.logs import Reckoning, commissioned_on, open_log, reckon, with_filter
+from validation.bench.logs import Reckoning, commissioned_on, open_log, reckon
 from validation.files.faults import REST_LEAST, STOCK, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, write_log
 from validation.files.limits import USUAL
 from validation.files.log import Log, ReadOptions
 from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.reading import FileError, exists, read_file
-from validation.plants.filters import LEARNING, THESIS, StateFilter, load_filter, odometry_of
+from validation.plants.filters import LEARNING, StateFilter, load_filter, odometry_of
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
@@ -99,23 +99,17 @@ class Convert(LogOptions):
     """Take out the gyro's mean at rest."""
     sync: cli.Flag = False
     """Take estimated offsets of time out of the measurements; commands stay."""
-    ekf: cli.Flag = False
-    """Let the state filter of wheels and gyro fill x, y and yaw."""
-    filter: Annotated[str | Path, cli.text_of("thesis|learning|FILE.toml"), cli.option()] = THESIS
-    """State filter for --ekf."""
     start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
     """Leave out what was logged before this time."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     """Leave out what was logged after this time."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a rate that is not positive, a negative width of smoothing, or a filter without use."""
+        """Raise a ValueError for a rate that is not positive, or a negative width of smoothing."""
         if self.rate is not None and not 0.0 < self.rate < math.inf:
             raise ValueError(f"rate {self.rate} must be positive [Hz]")
         if not 0.0 <= self.smooth < math.inf:
             raise ValueError(f"smooth {self.smooth} must not be negative [s]")
-        if not self.ekf and str(self.filter) != THESIS:
-            raise ValueError("filter is for ekf, which is not asked for")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,7 +206,7 @@ def convert(o: Convert) -> LogReport:
     A .tum file is a trajectory for evo, .mcap a ROS 2 bag, which keeps the stamps of every group of columns unless --rate is
     given.
 
-    Offsets of time, bias, filter, smoothing, cutting, one clock, alignment: that is the order of changes.
+    Offsets of time, bias, smoothing, cutting, one clock, alignment: that is the order of changes.
 
     Raises:
         ValueError: the log cannot be opened, does not hold what a change needs, or does not fit into the file.
@@ -224,7 +218,6 @@ def convert(o: Convert) -> LogReport:
     offsets = estimate_offsets(log)
     changed = synchronised(log, offsets) if o.sync else log
     changed = unbiased(changed) if o.unbias else changed
-    changed = with_filter(changed, load_filter(o.filter, o.odometry()).settings) if o.ekf else changed
     changed = changed.smoothed(o.smooth).cut(o.start, o.until)
     merged = changed.on_one_clock(o.rate)
     if o.align:

@@ -33,7 +33,7 @@ from validation.bench.loops import (
     require_practicable,
     run_robots,
 )
-from validation.bench.tracked import TrackedRobot, reference_of
+from validation.bench.tracked import MOST_BESIDE, TrackedRobot, reference_of
 from validation.bench.waypoint_files import open_reference
 from validation.plants.filters import THESIS
 from validation.plants.profile import Profile, choose_profile
@@ -186,8 +186,9 @@ def track(o: TrackOptions) -> Tracked:
             that do not go together.
     """
     plants = o.plants
-    if not plants or len(set(plants)) < len(plants):
-        raise ValueError(f"plant must name one plant or several different ones, got {', '.join(plants) or 'none'}")
+    if not 1 <= len(set(plants)) == len(plants) <= MOST_BESIDE:
+        named = ", ".join(plants) or "none"
+        raise ValueError(f"plant must name 1 to {MOST_BESIDE} different plants, got {named}")
     controller, reference = o.names()
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
     law, gains = chosen_controller(controller, profile, o.gains)

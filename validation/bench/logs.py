@@ -24,7 +24,7 @@ from validation.bench.sources import Piece, drive
 from validation.files.faults import STOCK, WheelTwist, standing, wheel_twist
 from validation.files.formats import read_log
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, POSES, Group, Log, ReadOptions
-from validation.files.reading import FileError, quoted
+from validation.files.reading import FileError
 from validation.files.signals import smoothed
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import ALL_PLANTS, STANDARD
@@ -198,29 +198,6 @@ def commissioned_on(log: Log, odometry: EkfSettings = STOCK) -> EkfSettings:
         return settings
     means = [np.mean(part) for part in np.array_split(np.concatenate(off), _PIECES)]
     return replace(settings, bias=float(np.mean(means)), bias_std=float(np.std(means) / np.sqrt(_PIECES - 1)))
-
-
-def with_filter(log: Log, settings: EkfSettings = STOCK) -> Log:
-    """Return the log with the filter's pose as its x, y, yaw, see `filtered_motion`.
-
-    Columns that had these names before are called odom_x ... or pose_x ... in the result.
-
-    Raises:
-        ValueError: there are no wheels, or there is a column of such a name already.
-    """
-    motion = filtered_motion(log, settings)
-    if motion is None:
-        raise FileError(log.path, "ekf needs wheels or odometry, which the log has none of")
-    groups = {
-        name: replace(g, columns={(f"{name}_{n}" if n in POSE_COLUMNS else n): a for n, a in g.columns.items()})
-        for name, g in log.groups.items()
-    }
-    named = [name for group in groups.values() for name in group.columns]
-    if twice := sorted({name for name in named if named.count(name) > 1}):
-        raise FileError(log.path, f"there is a column {quoted(twice)} already, which the former pose needs; rename it")
-    old = {"localiser": groups.pop("pose")} if "pose" in groups else {}
-    pose = Group("state filter", motion.t, dict(zip(POSE_COLUMNS, motion.pose.T, strict=True)))
-    return replace(log, groups={"pose": pose, **groups, **old})
 
 
 # ------------------------------------------------------------------------------------------ dead reckoning

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,8 @@ TRACK_METRICS: Mapping[str, Metric] = {
     )},
 }  # fmt: skip
 """Metrics of a robot that follows a reference, by name: those of its path, then those of the loop."""
-_MOST = 5  # robots that can be told apart in one picture or recording
+MOST_BESIDE = 5
+"""Greatest number of robots that can be told apart in one picture or recording."""
 OF_THE_PATH = ("d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "sync_rms_m", "yaw_rms_rad", "cross_track_max_m")
 """Metrics of each robot that compare its motion with the reference."""
 OF_THE_LOOP = (
@@ -122,11 +123,6 @@ class TrackedRobot:
         """Simulated over wall time; infinite where no time was taken."""
         simulated = float(self.run.t[-1]) if len(self.run.t) else 0.0
         return simulated / self.wall_s if self.wall_s > 0.0 else math.inf
-
-    @property
-    def saturated(self) -> NDArray[np.bool_]:
-        """(M,) whether a torque or a command was at its limit at each tick."""
-        return saturated(self.run, self.options)
 
     def failure(self) -> SsmrError | None:
         """Return the error that says when and where the robot was lost; None for one that came to the end."""
@@ -196,22 +192,6 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
             "command_jerk": jerk,
         }
     )
-
-
-def require_comparable(robots: Sequence[TrackedRobot]) -> None:
-    """Refuse robots that cannot be shown beside one another.
-
-    Raises:
-        ValueError: none of them or too many, different references or speeds, or one plant twice.
-    """
-    if not 1 <= len(robots) <= _MOST:
-        raise ValueError(f"1 to {_MOST} robots can be shown beside one another, got {len(robots)}")
-    references = sorted({f"{r.reference} at {r.speed:.6g} m/s" for r in robots})
-    if len(references) > 1:
-        raise ValueError(f"robots beside one another follow one reference, got {', '.join(references)}")
-    plants = [r.plant for r in robots]
-    if len(set(plants)) < len(plants):
-        raise ValueError(f"robots beside one another are different plants, got {', '.join(plants)}")
 
 
 def headline(robot: TrackedRobot) -> str:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from validation.bench.tracked import TrackedRobot, headline, lost_text, require_comparable
+from validation.bench.tracked import TrackedRobot, headline, lost_text, saturated
 from validation.report.columns import DEGREES, Unit, length_unit
 from validation.report.drawing import (
     ALARM,
@@ -72,12 +72,12 @@ def _finish_time(robots: Sequence[TrackedRobot], ax: Axes) -> None:
     for r in robots:
         if r.run.lost and len(r.run.t):
             ax.axvline(r.run.t[-1], color=ALARM, linewidth=1.0, linestyle=":", zorder=1.9, gid=f"{r.plant} lost")
-    if len(robots) == 1 and robots[0].saturated.any():
-        t, at_limit = robots[0].run.t, robots[0].saturated
+    at_limit = saturated(robots[0].run, robots[0].options)
+    if len(robots) == 1 and at_limit.any():
         lasting = at_limit | np.append(False, at_limit[:-1])  # a tick stands for the time until the next
         ax.fill_between(
-            t, 0.0, 1.0, where=lasting, step="post", transform=ax.get_xaxis_transform(), color=_SATURATED, alpha=0.12,
-            linewidth=0.0, zorder=0.5, gid="saturated",
+            robots[0].run.t, 0.0, 1.0, where=lasting, step="post", transform=ax.get_xaxis_transform(), color=_SATURATED,
+            alpha=0.12, linewidth=0.0, zorder=0.5, gid="saturated",
         )  # fmt: skip
 
 
@@ -142,11 +142,7 @@ def draw_track(robots: Sequence[TrackedRobot]) -> Figure:
 
     It shows paths, speed and yaw rate with what the position loop wanted and what was commanded, and the three errors of up
     to five robots. Lines carry their plant as gid, or `PLANT wanted`, `reference`.
-
-    Raises:
-        ValueError: robots that cannot be shown beside one another.
     """
-    require_comparable(robots)
     reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in robots if len(r.run.t)]
     length = length_unit([float(max(reach, default=0.0))])
     errors = side_by_side(2.0, [

@@ -20,7 +20,6 @@ from validation.bench.tracked import (
     TrackedRobot,
     headline,
     lost_text,
-    require_comparable,
 )
 from validation.report.columns import REAL_TIME, declare
 from validation.report.palette import BLACK, GREY, WHITE, mix
@@ -87,11 +86,7 @@ def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (),
         robots: one robot or several, each another plant, on the same reference.
         remarks: sentences on what was known before the run.
         more: other fields of the report.
-
-    Raises:
-        ValueError: none or too many robots, different references or speeds, or one plant twice.
     """
-    require_comparable(robots)
     first = robots[0]
     caption = f"gains {one_line(first.gains_name)} · seed {first.seed}"
     if (feedback := first.options.get("feedback")) is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 from ssmr.robot.ground import turn_on_the_spot
 from tests.conftest import installed_plant
 from tests.robots import SAME_PATH, TRACK, WHEELBASE
-from tests.test_robustness import run_program
 from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.calibration import Calibration
@@ -209,11 +207,3 @@ def test_gazebo_s_husky_does_not_come_round_and_a_cone_with_the_centre_in_the_mi
     for right in (cured, best):
         assert right["wander_m"] < 1e-3
         assert abs(right["off_closed_form_share"]) < FORM_ERROR
-
-
-def test_the_program_writes_everything(tmp_path: Path) -> None:
-    assert run_program("contact", "--only", "time step", "--out", str(tmp_path)) == 0
-    assert {p.name for p in tmp_path.iterdir()} == {"study.json", "study.png", "study.md"}
-    document = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
-    for rows in document["tables"].values():
-        assert [row["variant"] for row in rows] == [BASELINE, "time step: 5 ms"]

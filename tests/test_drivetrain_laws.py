@@ -95,20 +95,6 @@ def test_without_give_it_is_coulombs_law() -> None:
     assert np.allclose(forces.sum(axis=0), 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("scale", [0.01, 0.08, 0.5])
-def test_straight_ahead_takes_no_force_and_standstill_no_motion(scale: float) -> None:
-    w = np.array([[3.0, 0.0], [3.0, 0.0]])
-    twist = quasi_static_twist(w, HUSKY, scale)
-    assert np.allclose(twist, [[3.0 * HUSKY.radius, 0.0], [0.0, 0.0], [0.0, 0.0]], atol=1e-9)
-    assert np.allclose(side_forces(w, twist, HUSKY, scale), 0.0, atol=1e-6)
-
-
-def test_softer_contacts_need_less_force_in_a_wide_curve() -> None:
-    w = np.array([[2.5], [3.0]])
-    needed = [abs(side_forces(w, quasi_static_twist(w, HUSKY, s), HUSKY, s)[1, 0]) for s in (0.01, 0.05, 0.2, 0.8)]
-    assert needed == sorted(needed, reverse=True)
-
-
 currents = st.floats(-30.0, 30.0)
 
 
@@ -171,14 +157,6 @@ def test_a_driver_keeps_its_limits() -> None:
     slow = rim_speeds(np.tile([0.4, 0.0], (400, 1)), DT, LAW, 1.0)
     assert np.diff(slow[:, 0]).max() <= 1.05 * LAW.acceleration * DT + 1e-12
     assert slow[-1] == pytest.approx([0.42, 0.42], rel=ROUNDOFF)
-
-
-def test_a_dead_time_between_two_periods_is_neither_of_them() -> None:
-    commands = np.tile([0.5, 0.0], (200, 1))
-    early, between, late = (rim_speeds(commands, DT, LAW._replace(dead_time=x), 1.0)[:, 0] for x in (0.10, 0.105, 0.11))
-    assert np.all(between <= early)
-    assert np.all(between >= late)
-    assert early.sum() - between.sum() == pytest.approx(0.5 * (early.sum() - late.sum()), rel=1e-9)
 
 
 @pytest.mark.parametrize(("scale", "takes_as_much"), [(1e-4, True), (0.08, False)])

@@ -114,13 +114,6 @@ def test_a_torque_constant_makes_torques_of_currents(husky: Report) -> None:
     assert numbers(scaled)["friction"] == pytest.approx(numbers(scaled)["friction_torque"] / lever)
 
 
-def test_another_seed_changes_errors_alone(husky: Report) -> None:
-    other = study_drivetrain(**SHORT, seed=1)
-    assert numbers(other) == pytest.approx(numbers(husky), rel=0.2)
-    assert numbers(other)["slip_scale"] == numbers(husky)["slip_scale"]
-    assert numbers(other, "standard_error")["slip_scale"] != numbers(husky, "standard_error")["slip_scale"]
-
-
 def test_logs_that_are_held_out_judge_and_are_not_fitted(husky: Report) -> None:
     judged = study_drivetrain(**SHORT, held_out=(in_the_air(5, 12, "up2"), on_grass(6, 14, "grass2")))
     for name in ("friction_current", "slip_scale", "inertia_current", "driver_gain"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from pathlib import Path
 from typing import cast
 
@@ -15,11 +14,9 @@ from ssmr.control.references import circle
 from ssmr.estimation.settings import BIAS, EkfSettings
 from ssmr.robot.sensors import SensorModel
 from tests.conftest import data_folder
-from validation import cli
 from validation.bench.loops import chosen_filter
-from validation.plants.filters import load_filter
 from validation.plants.profile import Profile, load_profile, make_plant
-from validation.recordings import PROGRAM, commission, convert, info
+from validation.recordings import commission, convert, info
 from validation.ros.robot import SimulatedRobot
 from validation.simulator.plant import MujocoPlant
 from validation.track import track
@@ -93,20 +90,3 @@ def test_a_filter_that_half_a_log_commissioned_reckons_the_other_half(tmp_path: 
     assert reckoning is not None
     rms = {row.name: row.rms for row in reckoning.rows}
     assert rms["filter 'first'"] < 0.2 * rms["filter, bias learned at rest"]
-
-
-def test_the_program_commissions_a_filter_on_a_log(
-    tile: Profile, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The simulated log has a gyro whose bias is that of a real one, which nobody tells the filter."""
-    path = tmp_path / "mine.toml"
-    asked = ["commission", "varied@improved", "--profile", tile.name, "--out", str(path)]
-    monkeypatch.setattr(sys, "argv", ["recordings", *asked])
-    cli.run(PROGRAM, "python -m validation.recordings")
-    assert "turning ratio" in capsys.readouterr().out
-    found, drives = load_filter(path, STOCK).settings, chosen_filter("commissioned", tile, "improved").settings
-    assert found.bias == pytest.approx(-0.0156, abs=4.0 * found.bias_std)
-    assert found.bias_std < 0.001
-    for name in ("scale_left", "scale_right", "turning"):
-        ratio = (STOCK.radius / drives.radius) ** (name != "turning")
-        assert getattr(found, name) == pytest.approx(getattr(drives, name) * ratio, rel=0.1)

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import chdtri
 
 from ssmr.control.loop import Feedback, LoopSettings
-from ssmr.control.references import eight, sine
+from ssmr.control.references import sine
 from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.settings import EkfSettings, zeroed
 from ssmr.robot.sensors import SensorModel, gyro_at_rest, simulate_sensors
@@ -126,23 +126,6 @@ def test_the_errors_of_the_pose_are_of_the_size_that_is_claimed(profile: str, pl
     assert found.inside >= LEAST_INSIDE
     assert found.nis_inside >= 0.93
     assert np.all(found.thesis_biased.mean(axis=0)[-3:] > 100.0)  # the thesis' filter on the same drives
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("profile", ["thesis-lab", "husky-tile", "warthog-grass"])
-def test_slip_in_turns_is_hardly_a_function_of_the_motion(profile: str) -> None:
-    """So no turning ratio that the filter could know beforehand would bring the wheels' NIS into its band on tyres."""
-    chosen = load_profile(profile)
-    robot, law = make_robot(chosen, "mujoco"), make_controller(chosen, load_gains(TRACKER, DEFAULT))
-    (run,) = run_robots([robot], [law], [LoopSettings("truth")], eight(0.25), [1000])
-    (v, _, w), wheels = run.motion.twist.T, run.motion.wheels
-    left = []
-    for known in ([v, w], [v, w, v * v, v * w, w * w, w * abs(w), v * v * w, v * w * w, w**3]):
-        known_of = np.column_stack(known)
-        shown = wheels[:, 1] - wheels[:, 0]
-        left.append(np.std(shown - known_of @ np.linalg.lstsq(known_of, shown)[0]))
-    print(f"slip that polynomials leave of what a constant ratio leaves: {left[1] / left[0]:.2f}")
-    assert 0.75 < left[1] / left[0] < 1.0
 
 
 @pytest.mark.slow

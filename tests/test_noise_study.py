@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from ssmr.robot.sensors import SensorModel
-from tests.conftest import ROUNDOFF, data_folder
+from tests.conftest import ROUNDOFF
 from validation.bench.logs import POSE_STD, YAW_STD
 from validation.files.log import Group
 from validation.study.noise import ATTENUATION, PASSBAND, STEEPNESS, HighPass, estimate_noise, noise_of, study_noise
@@ -129,14 +129,3 @@ def test_what_stands_still_or_is_a_set_point_has_no_estimate() -> None:
         noise_of(group, "dead")
     with pytest.raises(ValueError, match="samples are"):
         noise_of(group, "set")
-
-
-@pytest.mark.skipif(not (data_folder() / "husky_parking_lot" / "test1.bag").is_file(), reason="the recording is not here")
-def test_the_positions_of_a_real_husky_are_as_noisy_as_it_is_fast() -> None:
-    """Odometry in a bag: what looks like noise of x and y is mostly the stamps' jitter times the speed, and alternates."""
-    found = study_noise(str(data_folder() / "husky_parking_lot" / "test1.bag"))
-    rows = {row["signal"]: row for row in found.tables[0].rows}
-    assert max(rows[name]["low_over_high"] for name in "xy") < 0.3
-    assert 0.003 < rows["x"]["white_std"] / 1.0 < 0.03  # some ten milliseconds at 1 m/s
-    assert rows["gyro_z"]["passband_Hz"] == PASSBAND
-    assert rows["gyro_z"]["rate_Hz"] == pytest.approx(30.0, rel=0.01)

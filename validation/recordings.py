@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass, field, replace
+from dataclasses import KW_ONLY, asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -65,10 +65,6 @@ class LogOptions(cli.Common):
         if self.robot is None:
             return STOCK
         return odometry_of((self.robot if isinstance(self.robot, Robot) else load_robot(self.robot)).drive)
-
-    def usual_target(self, ending: str) -> Path:
-        """Return the file that is written where none is named."""
-        return Path("runs") / "recordings" / f"{file_name(Path(self.source).stem)}{ending}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,11 +315,12 @@ def _command(program: cli.Program[Any, Any], option: str, ending: str = "") -> C
 
     def main(o: Any) -> None:
         named = o.json if option == "--json" else o.out
-        target = named or (o.usual_target(ending) if ending else None)
+        usual = Path("runs") / "recordings" / f"{file_name(Path(o.source).stem)}{ending}"
+        target = named or (usual if ending else None)
         with cli.mistakes_are_users():
             if named is not None:
                 _check_target(named, o)
-            found: LogReport = program.function(o if named is None or option == "--json" else replace(o, out=target))
+            found: LogReport = program.function(o)
             if target is not None:
                 with cli.writes(option, target):
                     found.write(target)

@@ -311,18 +311,13 @@ def _wrapped(angle: float) -> float:
 
 @jit_alone
 def position_errors(seen: Any, aim: Target, switch: float) -> Errors:
-    """Return the three errors of a robot to its target (Eq. 4.1, 4.2).
+    """Return the three errors of a robot `seen` at x, y, yaw to its target (Eq. 4.1, 4.2).
 
     rho is the distance, beta by atan2 the direction to the target as the robot sees it. e_y = rho sin(beta) is the target's
     offset to the left, and e_rho = rho cos(beta) how far ahead it is, negative where it lies behind. The thesis prints e_rho
     = rho: a robot beside or ahead of its target would then be driven further away, and with the published gains is
     (docs/errata.md). On the reference the two agree. e_alpha = phi - yaw, in (-pi, pi]; the thesis prints alpha =
-    theta - phi, which a positive gain would drive away from zero. It is zero where the target is farther than `switch`.
-
-    Args:
-        seen: the robot, with `x`, `y` [m] and `yaw` [rad].
-        aim: the target, with `x`, `y` [m] and `heading` [rad].
-        switch: distance beyond which heading does not matter yet [m]; `ALPHA_SWITCH`.
+    theta - phi, which a positive gain would drive away from zero. It is zero where the target is farther than `switch` [m].
     """
     dx, dy = aim.x - seen.x, aim.y - seen.y
     rho = math.hypot(dx, dy)

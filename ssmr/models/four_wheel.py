@@ -367,18 +367,10 @@ def write_sample(body: Body, row: FloatArray, robot: FourWheels) -> None:
 def run_wheels(
     references: FloatArray, disturbance: FloatArray, stride: int, robot: FourWheels, body: Body, out: FloatArray
 ) -> int:
-    """Advance a robot over all references in place, writing every `stride`-th state.
+    """Advance a robot over (n, 2) references [rad/s] in place; return the step after which a number is not finite, or -1.
 
-    Args:
-        references: (n, 2) wheel-rate references [rad/s].
-        disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
-        stride: physics steps between samples.
-        robot: numbers of the robot.
-        body: state at the first step; at the last step afterwards.
-        out: (1 + n // stride, 25) samples, see `SAMPLE_COLUMNS`; row 0 is the start.
-
-    Returns:
-        The first step after which a number is not finite, or -1.
+    `disturbance` is (n,) yaw accelerations [rad/s2], or (1,) for the same at every step. Every `stride`-th state is written
+    to `out` (1 + n // stride, 25), see `SAMPLE_COLUMNS`; row 0 is the start. `body` is then the state at the last step.
     """
     write_sample(body, out[0], robot)
     out[0, 11] = out[0, 12] = body.turn[0]

@@ -104,20 +104,10 @@ def run_husky_loops(
     workers: int | None = None,
     start: State | None = None,
 ) -> list[ClosedRun]:
-    """Run many closed loops of MuJoCo Huskies along one reference.
-
-    Args:
-        plants: S robots; several may be one.
-        controllers: their laws.
-        settings: feedback, noise and periods of each.
-        waypoints: what they follow.
-        seeds: of noise and disturbance, taken in turn: loop i gets `seeds[i % len(seeds)]`.
-        workers: threads; the result does not depend on it.
-        start: where they start; the first waypoint, at rest, if not given.
+    """Run many closed loops of MuJoCo's robots, several of which may be one, as `run_bodies` does; `workers` are threads.
 
     Raises:
-        ValueError: several kinds of feedback or disturbance, sets of periods, time steps or tyres; periods that are no whole
-            number of steps; no loops or no seeds.
+        ValueError: several time steps, terrains, shapes of tyre or kinds of motor, or what `run_bodies` raises.
     """
     common_settings(settings, seeds)
     if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:

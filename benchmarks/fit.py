@@ -26,7 +26,7 @@ from validation import cli
 from validation.identify.objective import FitCost
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS, Remembered, arrivals, error_slopes
-from validation.identify.targets import FitSources, open_targets
+from validation.identify.targets import open_targets
 from validation.plants.profile import load_profile
 from validation.plants.searchable import make_space
 
@@ -109,7 +109,7 @@ def main(out: Path = Path("runs/benchmarks/fit.json"), starts: int = 5, quick: b
     """
     model, free = ("kinematic", ("y_l", "y_r")) if quick else ("mujoco", LAB_FREE)
     profile, rows, seeds = load_profile("thesis-lab"), list[Row](), range(1 if quick else starts)
-    targets, cost = open_targets(["traj4@improved"], profile, FitSources())[0], FitCost("sync", yaw_weight=0.2)
+    targets, cost = open_targets(["traj4@improved"], profile)[0], FitCost("sync", yaw_weight=0.2)
     problem = FitProblem(model, profile.plants[model], make_space(model, free, {}, profile.robot), targets, cost)
     for name in SEARCHES:
         rows += optional(quick, partial(tried, name, problem, seeds)) or []

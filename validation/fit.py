@@ -8,7 +8,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 import tyro
@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.errors import SsmrError
+from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation import cli, store
@@ -31,7 +32,7 @@ from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
 from validation.identify.scores import HORIZONS, Scored, built, score, scored
 from validation.identify.search import Search, search_for
-from validation.identify.targets import FitSources, Input, is_scenario, open_targets
+from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
 from validation.identify.uncertainty import estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
@@ -109,6 +110,13 @@ class Fit(Searching):
     scheduler: Annotated[str | None, cli.option(metavar="ADDRESS", default="threads of this computer")] = None
     """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates of jDE."""
 
+    def __post_init__(self) -> None:
+        """Raise a ValueError for a number out of its range, or an unknown input."""
+        super().__post_init__()
+        if self.input not in get_args(Input):
+            raise ValueError(f"unknown input '{self.input}'; there are: {', '.join(get_args(Input))}")
+        require_within(self, ("start_at", "until"), -MOST_TIME, MOST_TIME)
+
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
         return Path("runs") / "fit" / file_name(f"{self.model}-{Path(next(iter(self.names), '')).stem}")
@@ -170,8 +178,7 @@ def fit(o: Fit) -> Fitted:
     space = make_space(o.model, free, o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before)
-    sources = FitSources(o.input, o.start_at, o.until, tuple(o.held_out), o.limits)
-    targets, held_out = open_targets(o.names, base, sources)
+    targets, held_out = open_targets(o.names, base, o.held_out, o.input, (o.start_at, o.until), o.limits)
     cost = FitCost(o.objective, tuple(o.horizons), o.yaw_weight, o.position_weight)
     problem = FitProblem(o.model, begun, space, targets, cost)
     _require_possible(problem, o.bounds)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -39,45 +38,30 @@ MOST_SCALES, SAME_SCALE = 5, 0.8
 
 
 class Residuals(Protocol):
-    """A problem whose errors are known one by one."""
+    """A problem whose errors are known one by one, such as a `FitProblem`."""
 
     @property
     def robust(self) -> bool:
-        """Return whether errors beyond their median count by their size, and not by its square (`soft_l1`)."""
+        """Whether errors beyond their median count by their size, and not by its square (`soft_l1`)."""
 
     @property
     def cheap(self) -> bool:
-        """Return whether many motions cost little, so that the optimum may be found finely."""
+        """Whether many motions cost little, so that the optimum may be found finely."""
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
-        """Return (S, K) errors of (S, n) points of the unit cube, in the cost's unit; NaN for one that is impossible."""
+        """Return (S, K) errors of (S, n) points of the unit cube; NaN for one that is impossible."""
 
 
-@dataclass
-class Remembered:
-    """Everything that least squares have driven: points of the unit cube, and their errors."""
-
-    points: list[FloatArray] = field(default_factory=list)
-    """(n,) each."""
-    errors: list[FloatArray] = field(default_factory=list)
-    """(K,) each."""
-    _known: dict[bytes, int] = field(default_factory=dict)
-
-    def __len__(self) -> int:
-        """Return the number of candidates."""
-        return len(self.points)
+class Remembered(dict[bytes, FloatArray]):
+    """Everything that least squares have driven: (K,) errors by the bytes of their (n,) point of the unit cube."""
 
     def look_up(self, points: FloatArray, drive: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Return (S, K) errors of (S, n) points; `drive` is called only with those that are not known yet."""
-        if len(self._known) != len(self.points):
-            self._known = {point.tobytes(): i for i, point in enumerate(self.points)}
-        new = [i for i, point in enumerate(points) if point.tobytes() not in self._known]
+        new = [i for i, point in enumerate(points) if point.tobytes() not in self]
         if new:
             for point, errors in zip(points[new], drive(points[new]), strict=True):
-                self._known[point.tobytes()] = len(self.points)
-                self.points.append(np.array(point))
-                self.errors.append(np.array(errors))
-        return np.array([self.errors[self._known[point.tobytes()]] for point in points])
+                self[point.tobytes()] = np.array(errors)
+        return np.array([self[point.tobytes()] for point in points])
 
 
 def arrivals(

@@ -17,7 +17,6 @@ import numpy as np
 
 from ssmr.errors import SsmrError
 from ssmr.search.jde import Jde, JdeSettings
-from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation import store
 from validation.files import reading
@@ -29,7 +28,6 @@ from validation.identify.tuning import TuneProblem
 from validation.progress import Progress, Report, silent
 
 _MOST_BYTES = 1 << 28  # of a checkpoint; one of a thousand candidates and generations has less than a million
-_SHOWN_VALUES = 4  # of the best candidate in a line of progress
 _log = logging.getLogger(__name__)
 Evaluate = Callable[[FloatArray, FloatArray, OnShare], FloatArray]
 """A function that rates a generation: points, limits and `on_share`, see `FitProblem.costs`."""
@@ -47,8 +45,6 @@ class Search:
     """The optimiser."""
     identity: Mapping[str, str]
     """Digests of all that decides the outcome, by what they are digests of."""
-    space: ParameterSpace | None = None
-    """The parameters, for texts of progress."""
     checkpoint: Path | None = None
     """File that the state is written to after every generation."""
     progress: Report = silent
@@ -108,7 +104,8 @@ class Search:
         def tell(share: float) -> None:
             rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
             total = self.jde.settings.generations + 1 + self.starts
-            self.progress(Progress(len(self.best_cost) + share, total, f"{self._best_text()}, {rate:.1f} candidates/s"))
+            text = f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s"
+            self.progress(Progress(len(self.best_cost) + share, total, text))
 
         try:
             while not self.jde.finished and (most is None or len(self.best_cost) <= most):
@@ -148,13 +145,6 @@ class Search:
         self.best_cost.append(float(self.jde.best_cost))
         self.median_cost.append(float(np.median(finite)) if len(finite) else np.nan)
 
-    def _best_text(self) -> str:
-        text = f"cost {self.jde.best_cost:.5g}"
-        if self.space is None or not np.isfinite(self.jde.best_cost):
-            return text
-        values = [f"{n} {v:.4g}" for n, v in zip(self.space.names, self.space.values(self.jde.best), strict=True)]
-        return f"{text}: {', '.join(values[:_SHOWN_VALUES])}{', …' * (len(values) > _SHOWN_VALUES)}"
-
     def _keep(self, zero: float) -> None:
         """Note the time since `zero` on the clock, and write the checkpoint if there is one."""
         self.wall_s = time.perf_counter() - zero
@@ -171,7 +161,8 @@ class Search:
             **{f"jde_{name}": value for name, value in self.jde.state().items()},
         }
         if len(self.driven):
-            arrays |= {"lsq_points": np.array(self.driven.points), "lsq_errors": np.array(self.driven.errors)}
+            points = np.array([np.frombuffer(point) for point in self.driven])
+            arrays |= {"lsq_points": points, "lsq_errors": np.array(list(self.driven.values()))}
         store.write_atomic(path, lambda temporary: np.savez(temporary, allow_pickle=False, **arrays))
 
     @classmethod
@@ -191,7 +182,8 @@ class Search:
             was = dict(json.loads(str(data["identity"])))
             jde = Jde.restore({name.removeprefix("jde_"): v for name, v in data.items() if name.startswith("jde_")})
             course = {name: data[name].tolist() for name in ("best_cost", "median_cost", "wall_s")}
-            driven = Remembered(list(data.get("lsq_points", ())), list(data.get("lsq_errors", ())))
+            points = [point.tobytes() for point in data.get("lsq_points", ())]
+            driven = Remembered(zip(points, data.get("lsq_errors", ()), strict=True))
         except (zipfile.BadZipFile, LookupError, ValueError, TypeError, *reading.DAMAGE) as error:
             raise CheckpointError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})") from error
         if differs := [name for name in identity if was.get(name) != identity[name]]:
@@ -231,7 +223,7 @@ def search_for(
         SsmrError: every candidate was impossible or failed, or the executor was lost; what was rated before is kept.
     """
     search, kept = _begun(problem, settings, o, start), o.checkpoint
-    search.space, search.starts, search.checkpoint, search.progress = problem.space, starts, kept, o.progress
+    search.starts, search.checkpoint, search.progress = starts, kept, o.progress
     if kept is not None:
         store.make_folder(kept.parent)
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from os.path import realpath
-from typing import Literal, get_args
+from typing import Literal
 
-from ssmr.parameters import require_within
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
 from validation.bench.sources import Source, drive, open_source
@@ -19,29 +18,7 @@ from validation.plants.profile import Profile, make_plant
 Input = Literal["commands", "wheels"]
 MOST_TIME = 1e12
 """Greatest size of a stamp that a recording can be cut at [s]; Unix stamps are about 1.8e9."""
-_Span = tuple[float | None, float | None]
-
-
-@dataclass(frozen=True)
-class FitSources:
-    """The parts of sources that a fit uses, and the input that drives the plant. A time of None leaves out nothing."""
-
-    input: Input = "commands"
-    """Input of a recording that drives the plant: its commands, or its measured wheel rates."""
-    start_at: float | None = None
-    """Leave out what was recorded before this time [s]."""
-    until: float | None = None
-    """Leave out what was recorded after this time [s]."""
-    held_out: tuple[str, ...] = ()
-    """Sources to judge the fit on. A recording that is also fitted to stands for its parts outside these times."""
-    limits: LogLimits = USUAL
-    """Greatest sizes and numbers of a recording."""
-
-    def __post_init__(self) -> None:
-        """Raise a ValueError for an unknown input, or a time that is no finite number."""
-        if self.input not in get_args(Input):
-            raise ValueError(f"unknown input '{self.input}'; there are: {', '.join(get_args(Input))}")
-        require_within(self, ("start_at", "until"), -MOST_TIME, MOST_TIME)
+Span = tuple[float | None, float | None]
 
 
 def is_scenario(name: str) -> bool:
@@ -50,47 +27,58 @@ def is_scenario(name: str) -> bool:
 
 
 def open_targets(
-    names: Sequence[str], profile: Profile, options: FitSources
+    names: Sequence[str],
+    profile: Profile,
+    held_out: Sequence[str] = (),
+    input: Input = "commands",
+    span: Span = (None, None),
+    limits: LogLimits = USUAL,
 ) -> tuple[tuple[FitTarget, ...], tuple[FitTarget, ...]]:
     """Return the targets to fit to and those that are held out; a plant that drives scenarios is built once.
 
-    A scenario that is held out is driven by the plant that drives the fit's own scenario, unless it names another.
+    Args:
+        names: sources to fit to.
+        profile: profile of the plants that drive scenarios.
+        held_out: sources to judge the fit on. A scenario is driven by the plant that drives the fit's own, unless it names
+            another; a recording that is also fitted to stands for its parts outside the span.
+        input: what drives the plant along a recording.
+        span: what is fitted to lies between these times of a recording [s]; None leaves out nothing.
+        limits: greatest sizes and numbers of a recording.
 
     Raises:
         ValueError: a source is missing, named twice, cannot be read, or lacks what is asked for.
         SsmrError: the plant that drives a scenario diverged.
     """
-    for what, given in (("to", names), ("held_out", options.held_out)):
+    for what, given in (("to", names), ("held_out", held_out)):
         if len(set(given)) != len(given) or (what == "to" and not given):
             raise ValueError(f"{what} names {'a source twice' if given else 'no source'}")
-    span = options.start_at, options.until
     if all(map(is_scenario, names)) and span != (None, None):
         raise ValueError(f"start_at and until cut recordings; {', '.join(names)} are scenarios")
-    kind: CommandKind = "wheels" if options.input == "wheels" else "twist"
+    kind: CommandKind = "wheels" if input == "wheels" else "twist"
     truth_of = _truth(profile)
     train = []
     for name in names:
-        source = open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], options.limits)
+        source = open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], limits)
         train.append(truth_of(source, name))
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
-    held_out = []
-    for name in options.held_out:
+    judged = []
+    for name in held_out:
         if is_scenario(name):
             full = f"{name}@{driver}" if driver and "@" not in name else name
             if full in names or name in names:
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
-            held_out.append(truth_of(open_source(full), name))
+            judged.append(truth_of(open_source(full), name))
             continue
-        spans: list[_Span] = [(None, None)]
+        spans: list[Span] = [(None, None)]
         if realpath(name) in map(realpath, names):  # unlike Path.resolve, it takes a link that leads to itself
             spans = [part for part in ((None, span[0]), (span[1], None)) if part != (None, None)]
             if not spans:
                 raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
-        held_out.append(truth_of(_recorded(name, kind, spans, options.limits), name))
-    return tuple(train), tuple(held_out)
+        judged.append(truth_of(_recorded(name, kind, spans, limits), name))
+    return tuple(train), tuple(judged)
 
 
-def _recorded(name: str, kind: CommandKind, spans: Sequence[_Span], limits: LogLimits) -> Source:
+def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], limits: LogLimits) -> Source:
     """Return several spans of a recording as one source."""
     parts = [open_source(name, kind, *span, limits) for span in spans]
     pieces = tuple(piece for part in parts for piece in part.pieces)

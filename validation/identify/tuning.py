@@ -25,8 +25,6 @@ from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
 
 TuneMeasure = Literal["path", "time"]
-MOST_SEEDS = 10_000
-"""Greatest number of draws of noise that a cost is the mean of."""
 GUARD_DISTANCE = 1.0
 """Distance from its target within which the robot must stay for the stability guard [m]."""
 
@@ -40,7 +38,7 @@ class TuneCost:
     paths (Sec. 5)."""
     guard: float = 0.1
     """Candidates that lose the reference with this much more delay are refused [s]; 0 turns this off."""
-    seeds: Sequence[int] = (0,)
+    seeds: tuple[int, ...] = (0,)
     """Seeds of noise and disturbance; the cost is the mean over them."""
     k_rms: float = 100.0
     """Weight of d_rms, or of the RMS position error at equal times [1/m]; Tab. 4.3, 4.20."""
@@ -54,18 +52,10 @@ class TuneCost:
     """Weight of |1 - u_RMS|, the speed's RMS over that of the reference; Tab. 4.20 has 50 for the LQR."""
 
     def __post_init__(self) -> None:
-        """Check names and weights.
-
-        Raises:
-            ValueError: an unknown cost, a weight out of its range, no seed, too many, or one out of its range.
-        """
+        """Raise a ValueError for an unknown cost, or a guard or seed out of its range."""
         if self.cost not in get_args(TuneMeasure):
             raise ValueError(f"unknown cost '{self.cost}'; there are: {', '.join(get_args(TuneMeasure))}")
-        require_within(self, ("k_rms", "k_haus", "k_ratio", "k_bend", "k_u"), 0.0, 1e6)
         require_within(self, ("guard",), 0.0, 10.0)
-        if not 1 <= len(self.seeds) <= MOST_SEEDS:
-            raise ValueError(f"seeds must name 1 to {MOST_SEEDS} seeds")
-        object.__setattr__(self, "seeds", tuple(self.seeds))
         require_within(self, ("seeds",), 0, MOST_SEED, whole=True)
 
 

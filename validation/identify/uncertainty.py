@@ -43,7 +43,7 @@ class Uncertainty:
     share: FloatArray
     """(n,) standard error over the width of the bounds, in the unit cube [1]."""
     method: str
-    """Method in words."""
+    """How they were found, in words."""
 
 
 def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: Remembered | None = None) -> Uncertainty:

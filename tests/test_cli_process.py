@@ -5,19 +5,16 @@ from __future__ import annotations
 import json
 import os
 import signal
-import stat
 import subprocess
 import sys
 from pathlib import Path
 
-import mujoco
 import pytest
 
 from ssmr import _jit
 from ssmr.errors import SsmrError
 from tests.conftest import Launch
 from validation import cli, store
-from validation.simulator.parts import mujoco_failures
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """
@@ -121,18 +118,6 @@ def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     assert path.read_text() == "old"
 
 
-def test_a_file_is_on_the_disk_before_it_takes_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After a power cut there is the old file or the new one, never a name without contents."""
-    done: list[str] = []
-    replace, synchronise = os.replace, os.fsync
-    monkeypatch.setattr(os, "replace", lambda a, b: (done.append("rename"), replace(a, b)))
-    monkeypatch.setattr(
-        os, "fsync", lambda fd: (done.append("folder" if stat.S_ISDIR(os.fstat(fd).st_mode) else "file"), synchronise(fd))
-    )
-    store.write_text(tmp_path / "a.txt", "text")
-    assert done == ["file", "rename", "folder"]
-
-
 # ------------------------------------------------------------------------------------------- compiled code
 def cache_folder(monkeypatch: pytest.MonkeyPatch, cache: Path) -> str:
     """The folder that is chosen where the package cannot be written."""
@@ -170,8 +155,3 @@ def test_ctrl_c_while_a_program_is_loaded_is_no_traceback(start: Launch) -> None
 
 
 # ------------------------------------------------------------------------------------------- memory
-
-
-def test_what_else_mujoco_cannot_do_is_a_failed_run() -> None:
-    with pytest.raises(SsmrError, match="mujoco gave up: mj_stackAlloc: insufficient memory"), mujoco_failures():
-        raise mujoco.FatalError("mj_stackAlloc:\n insufficient memory")

@@ -191,10 +191,3 @@ def test_every_erratum_is_numbered_and_shown_by_a_test_that_exists_or_by_the_tex
             assert (row[-1] == "text") != bool(claimed), row[0]
             assert set(claimed) <= existing, (row[0], set(claimed) - existing)
     assert numbers == list(range(1, len(numbers) + 1))
-
-
-def test_references_to_errata_are_to_numbers_there_are() -> None:
-    count = sum(row[0].isdigit() for rows in tables("errata.md").values() for row in rows)
-    for page in PAGES:
-        for number in re.findall(r"\[E(\d+)\]", page.read_text(encoding="utf-8")):
-            assert 1 <= int(number) <= count, (page.name, number)

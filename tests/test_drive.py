@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.robot.drive import Driver, body_rates, wheel_rates, wheel_references, whole_steps
+from ssmr.robot.drive import Driver, body_rates, wheel_rates, wheel_references
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State
 from tests.conftest import EXACT
@@ -24,17 +24,6 @@ def test_wheel_and_body_rates_are_inverse(v: float, w: float, c: float, r: float
     assert np.allclose(back, [v, w], atol=1e-12)
 
 
-def test_turning_left_is_right_wheel_forward() -> None:
-    left, right = wheel_rates(0.0, 1.0, 0.3, 0.15)
-    assert (left, right) == (-2.0, 2.0)
-
-
-def test_commands_saturate() -> None:
-    wild = wheel_references(Commands(0.05, [[9.0, -9.0]]), PLAIN, DT, State())
-    most = wheel_references(Commands(0.05, [[1.0, -2.0]]), PLAIN, DT, State())
-    assert np.array_equal(wild, most)
-
-
 @pytest.mark.parametrize(("delay_v", "delay_w"), [(0.22, 0.22), (0.1, 0.3), (0.0, 0.05)])
 def test_each_command_has_its_own_delay(delay_v: float, delay_w: float) -> None:
     drive = replace(PLAIN, delay_v=delay_v, delay_w=delay_w)
@@ -42,22 +31,6 @@ def test_each_command_has_its_own_delay(delay_v: float, delay_w: float) -> None:
     speed, turn = body_rates(references[:, 0], references[:, 1], drive.command_half_track, drive.command_radius)
     assert np.argmax(speed > 0.0) == round(delay_v / DT)
     assert np.argmax(np.abs(turn) > 1e-12) == round(delay_w / DT)
-
-
-def test_before_fills_the_delay_line() -> None:
-    drive = replace(PLAIN, delay_v=0.1, delay_w=0.1)
-    references = wheel_references(Commands(0.05, np.zeros((10, 2)), before=(0.3, 0.0)), drive, DT, State())
-    assert np.all(references[:100] == 0.3 / drive.command_radius)
-    assert np.all(references[100:] == 0.0)
-
-
-def test_commands_faster_than_the_hold_are_sampled() -> None:
-    """A robot that reads its command at 20 Hz does not see what came between."""
-    values = np.zeros((100, 2))
-    values[:, 0] = np.arange(100) * 0.001
-    references = wheel_references(Commands(0.001, values), PLAIN, DT, State())[:, 0] * PLAIN.command_radius
-    assert np.allclose(references[:50], 0.0)
-    assert np.allclose(references[50:], 0.05)
 
 
 def test_acceleration_limits_hold_for_each_velocity_from_where_it_is() -> None:
@@ -97,11 +70,6 @@ def test_a_ramp_is_the_mean_of_the_held_commands_over_its_time(ramp: float) -> N
     assert ramped == pytest.approx(np.lib.stride_tricks.sliding_window_view(padded, n, axis=0).mean(axis=2), abs=1e-12)
 
 
-def test_a_ramp_ends_before_the_next_command_is_read() -> None:
-    with pytest.raises(ValueError, match="command_ramp"):
-        Drive(command_ramp=0.06)
-
-
 @pytest.mark.parametrize("chunk", [0.001, 0.01, 0.05, 0.2])
 @pytest.mark.parametrize(
     "drive", [Drive(), Drive(delay_v=0.013, delay_w=0.4, acceleration_w=5.0, wheel_lag=0.1, hold=0.02, command_ramp=0.02)]
@@ -114,16 +82,3 @@ def test_stepping_is_the_whole_run(drive: Drive, chunk: float) -> None:
     driver, steps = Driver(drive, DT, State()), round(chunk / DT)
     parts = [driver.references(tuple(commands.values[k * steps // 200]), steps) for k in range(len(whole) // steps)]
     assert np.abs(np.vstack(parts) - whole).max() == EXACT
-
-
-def test_a_long_drive_forgets_what_no_delay_reaches() -> None:
-    driver = Driver(Drive(), DT, State())
-    for _ in range(200):
-        driver.references((0.1, 0.0), 50)
-    remembered = [value for value in vars(driver).values() if isinstance(value, list)]
-    assert all(len(values) < 1500 for values in remembered)
-
-
-@pytest.mark.parametrize(("period", "steps"), [(0.05, 50), (0.001, 1), (0.3, 300)])
-def test_periods_are_whole_steps(period: float, steps: int) -> None:
-    assert whole_steps(period, DT, "the period") == steps

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.control.references import circle, eight, line, stop_and_go
+from ssmr.control.references import circle, eight, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import command_measures, cross_track_max
 from tests.conftest import ROUNDOFF
@@ -46,17 +46,6 @@ def test_another_branch_of_the_path_is_no_way() -> None:
     assert off(waypoints, crossing, t, reach=0.5) > 0.9
 
 
-def test_waits_are_points_of_the_path() -> None:
-    waypoints = stop_and_go(0.5)
-    t = np.linspace(0.0, waypoints.duration, 200)
-    target = np.interp(t, waypoints.t, waypoints.xy[:, 0])
-    assert off(waypoints, np.column_stack([target, np.full(200, 0.2)]), t) == pytest.approx(0.2, abs=ROUNDOFF)
-
-
-def test_without_samples_nothing_is_off() -> None:
-    assert off(line(0.5), np.zeros((0, 2)), np.zeros(0)) == 0.0
-
-
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.integers(1, 20))
 def test_constant_commands_have_the_effort_of_one_and_no_jerk(v: float, w: float, n: int) -> None:
     effort, jerk = command_measures(np.full((n, 2), (v, w)), 0.05)
@@ -69,7 +58,3 @@ def test_the_jerk_is_the_second_derivative(bend: float, slope: float, period: fl
     t = period * np.arange(40)
     _, jerk = command_measures(np.column_stack([0.5 * bend * t**2 + slope * t, np.zeros(40)]), period)
     assert jerk == pytest.approx(abs(bend), abs=1e-9 / period**2)
-
-
-def test_no_commands_have_no_measures() -> None:
-    assert all(map(math.isnan, command_measures(np.zeros((0, 2)), 0.05)))

@@ -86,13 +86,6 @@ def test_names_of_files_are_no_paths_and_no_options(text: str) -> None:
     assert words.file_name(name) == name
 
 
-@given(texts)
-def test_every_text_can_be_spelt_in_ascii(text: str) -> None:
-    said = words.ascii_text(words.one_line(text))
-    assert said.isascii()
-    assert said.isprintable()
-
-
 @given(st.text(max_size=80), st.integers(8, 40))
 def test_what_is_too_long_loses_its_middle(text: str, most: int) -> None:
     line = words.abridged(text, most)

@@ -35,7 +35,7 @@ from validation.report.stage import Stage
 from validation.report.tracks import bright
 from validation.simulator.terrain import FLAT
 from validation.store import make_folder
-from validation.words import ascii_text, one_line, visible
+from validation.words import one_line, visible
 
 _logger = logging.getLogger(__name__)
 
@@ -304,7 +304,7 @@ class Window:
                     stage.place(rank, pose, self._turns[rank])
                 stage.settle()
                 self._write_names(states)
-            status = ascii_text(f"{now:.1f} s   {command[0]:+.2f} m/s   {command[1]:+.2f} rad/s")
+            status = f"{now:.1f} s   {command[0]:+.2f} m/s   {command[1]:+.2f} rad/s"
             places = mujoco.mjtGridPos
             viewer.set_texts([(None, places.mjGRID_TOPLEFT, _HELP, ""), (None, places.mjGRID_BOTTOMLEFT, status, "")])
             viewer.sync()
@@ -318,7 +318,7 @@ class Window:
             geom, rgba = scene.geoms[scene.ngeom], np.array([*bright(name), 255], dtype=np.float32) / 255.0
             place = np.array([states[rank].x, states[rank].y, (1.4 + 0.3 * rank) * looks.size[2]])
             mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_LABEL, np.full(3, 0.1), place, np.eye(3).ravel(), rgba)
-            geom.label = ascii_text(name)[:90]
+            geom.label = visible(name)[:90]
             scene.ngeom += 1
 
 

@@ -8,8 +8,7 @@ byte of a file name that is no text as `\xff`.
 - markdown: `markdown` for prose, `markdown_cell` for tables, `code_span` for names;
 - names of files that are made from foreign text: `file_name`;
 - a line on standard error, which may quote what was given: `abridged`;
-- titles: `shortened`;
-- a terminal that knows only ASCII: `ascii_text`, which the command lines put behind their streams.
+- titles: `shortened`.
 """
 
 from __future__ import annotations
@@ -24,14 +23,6 @@ LONGEST_FILE_NAME = 100
 """Of a name made from foreign text [bytes]: file systems take 255, and endings and temporary marks are put to it."""
 _OF_SHELLS = "/\\:*?\"<>|$&;'`!"
 """Printable characters that file systems or shells read as something else than a part of a name."""
-_SPELT = {
-    **dict.fromkeys("‐‑‒–—−─━╌╍═╴╶╸╺", "-"),
-    **dict.fromkeys("│┃║╷╵", "|"),
-    **dict.fromkeys("╭╮╰╯┌┐└┘├┤┬┴┼╡╞╪", "+"),
-    **dict(zip("×·•µμ‘’“”█≈", "x**uu''\"\"#~", strict=True)),
-    **{"…": "...", "°": " deg", "±": "+-", "≤": "<=", "≥": ">=", "→": "->", "√": "sqrt "},
-}
-"""Signs that ASCII lacks, as it writes them."""
 
 
 def _escape(character: str) -> str:
@@ -98,13 +89,3 @@ def file_name(text: object) -> str:
         return name
     digest = hashlib.sha256(whole.encode(errors="surrogatepass")).hexdigest()[:8]
     return f"{name.encode()[: LONGEST_FILE_NAME - 9].decode(errors='ignore')}-{digest}"
-
-
-def ascii_text(text: str) -> str:
-    """Return a text in ASCII, for a terminal that knows nothing else: signs are spelt out, others become escapes."""
-    return "".join(_SPELT.get(c) or _plain_letter(c) for c in text)
-
-
-def _plain_letter(character: str) -> str:
-    plain = "".join(c for c in unicodedata.normalize("NFKD", character) if not unicodedata.combining(c))
-    return (plain if plain.isascii() else visible(character)).encode("ascii", "backslashreplace").decode()

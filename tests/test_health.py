@@ -162,8 +162,6 @@ def test_compare_tells_inertia_torque_and_trembling(lab: Profile) -> None:
     assert f"{health['peak_torque_N_m']:.1f}" in text
     assert f"{health['load_sum_rms_N']:.1f}" in text
     assert "Health" in text
-    notes = [note.get_text() for ax in found.figure().axes for note in ax.texts]
-    assert any(f"{health['apparent_mass_kg']:.0f} kg to push" in note for note in notes)
 
 
 def test_given_wheel_rates_have_no_torque_of_the_robots_own(lab: Profile) -> None:

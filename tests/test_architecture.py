@@ -217,7 +217,7 @@ PRICES = {
     "validation/study": (2_840, "answers: contact and engines, terrain, transfer, robustness, drive train, noise"),
     "validation/thesis": (240, "the thesis' numbers"),
     "validation/bench": (
-        1_700,
+        1_690,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (

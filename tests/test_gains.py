@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
 from ssmr.control.references import circle
-from validation import cli
 from validation.bench.gains import (
     FIELDS,
     SCHEMA,
@@ -34,7 +33,7 @@ from validation.plants.profile import load_profile, shipped
 from validation.thesis import published
 
 PRINTED = {
-    "pid": "K_P_rho K_I_rho K_P_y K_I_y K_P_alpha K_I_alpha K_P_u K_I_u K_P_omega K_I_omega K_P_FF_u K_P_FF_omega".split(),
+    "pid": "K_P_u K_I_u K_P_omega K_I_omega K_P_FF_u K_P_FF_omega K_P_rho K_I_rho K_P_y K_I_y K_P_alpha K_I_alpha".split(),
     "lqr": "Q_11 Q_22 Q_33 Q_44 R_11 R_22 K_alpha K_y K_I_rho".split(),
 }
 """Names of the thesis, in the order of ours."""
@@ -55,10 +54,8 @@ def on_file(folder: Path, content: dict[str, Any] | bytes) -> Path:
 
 
 def refused(controller: str, name: str | Path) -> str:
-    """The one line that it is refused with; a command line would leave with status 2 on it."""
+    """The one line that it is refused with."""
     with pytest.raises(GainsError) as caught:
-        load_gains(controller, str(name))
-    with pytest.raises(cli.UserError), cli.mistakes_are_users():
         load_gains(controller, str(name))
     assert "\n" not in str(caught.value)
     return str(caught.value)
@@ -113,17 +110,12 @@ def test_a_set_survives_its_file(
 
 MISTAKES: dict[str, tuple[dict[str, Any] | bytes, str]] = {
     "another controller": (document(controller="pid"), "these are gains of pid, wanted lqr"),
-    "schema": (document(schema="ssmr.profile/1"), "schema is 'ssmr.profile/1', wanted 'ssmr.gains/1'"),
     "unknown key": (document(gain=1), "the top level has unknown keys gain; there are: controller, gains, name"),
     "no gains": (document(gains=3), "gains is 3, wanted a table"),
-    "no name": (document(name=3), "name is 3, wanted text"),
-    "provenance": (document(provenance="mine"), "provenance is 'mine', wanted a table"),
     "unknown": (document(gains={**document()["gains"], "q_z": 1.0}), "unknown names q_z; lqr has q_x, q_v,"),
     "missing": (document(gains={"q_x": 1.0, "q_v": 0.0}), "lacks q_yaw, q_w, r_v, r_w, k_alpha, k_y, k_i_rho; lqr needs"),
     "nan": (document(gains={**document()["gains"], "k_y": math.nan}), "k_y is nan, wanted a finite number"),
-    "text": (document(gains={**document()["gains"], "k_y": "1"}), "k_y is '1', wanted a finite number"),
     "no TOML": (b"schema = \nname", "Invalid value"),
-    "rubbish": (bytes(range(256)), "cannot be read as text"),
 }
 
 

@@ -123,10 +123,6 @@ def test_a_robust_tuning_is_scored_on_robots_that_it_has_not_seen(lab: Profile) 
     assert found.scored_on == draw_mismatches(6, 2, SCORING, lab.robot)
     assert {name: len(costs) for name, costs in found.scores.items()} == {"tuned": 6, "baseline": 6, "shipped": 6}
     assert found.cost <= found.baseline_cost
-    document = found.as_dict()["robots"]
-    assert document["worst_share"] == 0.2
-    assert document["costs"]["tuned"] == list(found.scores["tuned"])
-    assert document["tuned_on"][0] == asdict(found.problem.mismatches[0])
     assert found.gain_set.provenance["robots"][0] == found.problem.mismatches[0].label
     again = tune("lqr", "circle@0.5", lab, robots="robust", draws=6, seed=2, workers=1, **FEW)
     assert (again.gains, again.cost, again.scores) == (found.gains, found.cost, found.scores)

@@ -53,15 +53,8 @@ def test_a_uniform_log_is_held_sample_by_sample(n: int, substeps: int, start: fl
     assert made.values[:, 0].tolist() == np.repeat(v[:-1], substeps).tolist()
 
 
-def test_measured_wheel_rates_go_on_between_samples() -> None:
-    """A rate that rises steadily is not late, though it is refreshed at half the log's rate."""
-    logged = np.floor(np.arange(41) / 2) * 0.1  # the time of the last refresh
-    made = commands_on_grid(ticks(41, 0.05), np.outer(logged, [3.0, -2.0]), "wheels", 0.01)
-    np.testing.assert_allclose(made.values, np.outer((np.arange(made.n) + 0.5) * 0.01, [3.0, -2.0]), atol=1e-12)
-
-
 def test_sides_that_are_refreshed_in_turn_are_interpolated_one_by_one() -> None:
-    """A side is not measured anew when the other one is: Warthogs log each side four times a second, 0.1 s apart."""
+    """Rates go on between samples, and a side is not measured anew when the other one is: Warthogs log them in turn."""
     left, right = (np.maximum(np.floor((np.arange(101) - k) / 5) * 5 + k, 0) * 0.05 for k in (0, 2))
     made = commands_on_grid(ticks(101, 0.05), np.column_stack([3.0 * left, 1.0 - 2.0 * right]), "wheels", 0.01)
     middle = (np.arange(made.n) + 0.5) * 0.01

@@ -99,7 +99,11 @@ def drive(o: HandDrive) -> Comparison:
     prepared = prepare(replace(asked, workers=o.workers, progress=o.progress))
     screen = script or Window(Stage(prepared.profile.robot, _names(prepared)))
     commands, ended = drive_by_hand(prepared, screen, math.inf if o.until is None else o.until)
-    path = _write_log(commands, prepared, make_folder(o.out or o.folder()))
+    folder = make_folder(o.out or o.folder())
+    files = itertools.chain(["drive.csv"], (f"drive-{k}.csv" for k in itertools.count(2)))
+    path = next(folder / name for name in files if not (folder / name).exists())  # no former drive is replaced
+    log = log_of_drive(path, Commands(TICK, commands), STANDARD, prepared.profile, o.seed, terrain=o.terrain)
+    write_log(log, path)
     which = "".join(f" --{k} {visible(v)}" for k, v in (("profile", o.profile), ("robot", o.robot)) if v)
     which = which or f" --profile {prepared.profile.name}"
     ground = "" if o.terrain == FLAT else f" --terrain {visible(o.terrain.spec)}"
@@ -116,15 +120,6 @@ def drive(o: HandDrive) -> Comparison:
 
 def _source(commands: FloatArray) -> Source:
     return Source("a drive by hand", (Piece(Commands(TICK, commands), State(), None, None),), STANDARD, SAMPLE_DT)
-
-
-def _write_log(commands: FloatArray, prepared: PreparedComparison, folder: Path) -> Path:
-    """Write a drive as drive.csv, or drive-2.csv and so on, so that no former one is replaced; return its path."""
-    names = itertools.chain(["drive.csv"], (f"drive-{k}.csv" for k in itertools.count(2)))
-    path, o = next(folder / name for name in names if not (folder / name).exists()), prepared.options
-    log = log_of_drive(path, Commands(TICK, commands), STANDARD, prepared.profile, o.seed, terrain=o.terrain)
-    write_log(log, path)
-    return path
 
 
 class HandCommand:

@@ -263,10 +263,11 @@ def _contents(log: Log) -> Table:
 
 def _sampling(t: FloatArray) -> Mapping[str, Any]:
     """Return the number of samples, their rate, and the first and the last stamp."""
-    known = len(t) > 1 and t[-1] > t[0]
-    period = float(np.median(np.diff(t))) if known else 0.0
-    span = {"from_s": float(t[0]), "to_s": float(t[-1])} if known else {"from_s": math.nan, "to_s": math.nan}
-    return {"samples": len(t), "rate_Hz": 1.0 / period if period > 0.0 else math.nan, **span}
+    if len(t) < 2 or t[-1] <= t[0]:
+        return {"samples": len(t), "rate_Hz": math.nan, "from_s": math.nan, "to_s": math.nan}
+    period = float(np.median(np.diff(t)))
+    rate = 1.0 / period if period > 0.0 else math.nan
+    return {"samples": len(t), "rate_Hz": rate, "from_s": float(t[0]), "to_s": float(t[-1])}
 
 
 def _offset_table(offsets: Sequence[Offset]) -> Table:

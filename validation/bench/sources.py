@@ -59,12 +59,9 @@ class Piece:
     """Indices of the first samples after jumps of the localiser: plants drive on, but no scoring window spans one."""
 
     def windows(self, cut: WindowCut, t: FloatArray, horizon: float) -> tuple[IndexArray, IndexArray]:
-        """Return (W,) starts and (W,) ends of scoring windows in this piece: `cut` for each stretch between jumps.
+        """Return (W,) starts and (W,) ends of windows of a `horizon` [s] that `cut` finds in each stretch between jumps.
 
-        Args:
-            cut: function that cuts windows, such as `horizon_windows`.
-            t: (M,) the piece's stamps, for a scenario the simulation's [s].
-            horizon: length of a window [s].
+        The (M,) stamps `t` [s] are the piece's, for a scenario the simulation's.
         """
         found = []
         for a, b in pairwise((0, *self.jumps, len(t))):
@@ -158,16 +155,12 @@ def source_of(log: Log, name: str, kind: CommandKind = "twist", title: str | Non
 
 
 def commands_on_grid(t: FloatArray, inputs: FloatArray, kind: CommandKind, dt: float) -> Commands:
-    """Return (M, 2) inputs at stamps [s] on a uniform grid that begins with the first stamp.
+    """Return (M, 2) inputs at stamps [s] on a uniform grid: ceil(duration / dt) commands, the first at the first stamp.
 
     Commands are held until the next sample (zero-order hold): each grid time takes the last sample at or before it,
     where a sample up to `TIME_ROUNDOFF` later counts too. Wheel rates are measurements of something that goes on
     between samples: each side is interpolated linearly from one fresh sample of its own to the next and taken in the
     middle of each period. Holding them would make the wheels late by half a sample.
-
-    Returns:
-        ceil(duration / dt) commands, so that only the last may end after the last sample; command k is held over
-        [t_0 + k dt, t_0 + (k + 1) dt).
     """
     t = t - t[0]
     n = max(1, math.ceil((float(t[-1]) - TIME_ROUNDOFF) / dt))
@@ -243,14 +236,9 @@ class Pacer:
 
 
 def drive(plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, push: FloatArray | None = None) -> Trajectory:
-    """Drive a plant over one piece and return its motion as the reference tells its own, at the reference's stamps.
+    """Drive a plant over one piece, from its start, and return the motion that the localiser sees, at the piece's stamps.
 
-    Args:
-        plant: what to drive; reset first.
-        piece: commands, start and stamps.
-        localiser: the frame in the plant's body that is compared, and its delays.
-        sample_dt: period at which the plant is sampled [s].
-        push: (n,) disturbing yaw acceleration of each physics step [rad/s2].
+    The plant is sampled every `sample_dt` [s]; `push` is the (n,) disturbing yaw acceleration of each physics step [rad/s²].
     """
     return localiser.seen(plant.run(piece.commands, localiser.body_state(piece.start), sample_dt, push), piece.t)
 

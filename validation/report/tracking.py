@@ -48,17 +48,6 @@ class Tracked(Report):
         """Metrics of the first robot by name, such as `metrics["d_rms_m"]`."""
         return self.robots[0].metrics
 
-    def robot(self, plant: str) -> TrackedRobot:
-        """Return the robot that was this plant.
-
-        Raises:
-            ValueError: there is none; the message lists the plants.
-        """
-        for robot in self.robots:
-            if robot.plant == plant:
-                return robot
-        raise ValueError(f"no robot was the plant '{plant}'; there are: {', '.join(r.plant for r in self.robots)}")
-
     def require_kept(self) -> None:
         """Do nothing if every robot came to the end of its reference.
 

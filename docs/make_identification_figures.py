@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ssmr.geometry import integral
-from ssmr.metrics.poses import horizon_windows
+from ssmr.metrics.windows import horizon_windows
 from ssmr.types import FloatArray, IndexArray
 from validation.files.csv_logs import read_csv
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS

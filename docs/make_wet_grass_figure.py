@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ssmr.geometry import integral
-from ssmr.metrics.poses import relative_pose_error
-from ssmr.metrics.windows import OverlappingErrors, WindowErrors, overlapping_windows
+from ssmr.metrics.windows import OverlappingErrors, WindowErrors, overlapping_windows, relative_pose_error
 from ssmr.types import FloatArray
 from validation.bench.sources import Source, drive, open_source
 from validation.plants.kind import PlantProfile

@@ -27,9 +27,9 @@ from .estimation.settings import EkfSettings as EkfSettings
 from .lanes import run_population as run_population
 from .metrics.declared import Metrics as Metrics
 from .metrics.declared import compare_paths as compare_paths
-from .metrics.poses import HorizonErrors as HorizonErrors
-from .metrics.poses import horizon_errors as horizon_errors
-from .metrics.poses import relative_pose_error as relative_pose_error
+from .metrics.windows import HorizonErrors as HorizonErrors
+from .metrics.windows import horizon_errors as horizon_errors
+from .metrics.windows import relative_pose_error as relative_pose_error
 from .models.coulomb import CoulombParameters as CoulombParameters
 from .models.improved import ImprovedParameters as ImprovedParameters
 from .models.kinematic import KinematicParameters as KinematicParameters

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.estimation.ekf import aiding_by, filter_log, filter_step, initial_belief, predict, run_ekf, update
-from ssmr.estimation.settings import Aiding, Belief, EkfSettings, learning, zeroed
+from ssmr.estimation.ekf import filter_log, filter_step, initial_belief, predict, run_ekf, update
+from ssmr.estimation.settings import Belief, EkfSettings, learning, zeroed
 from ssmr.geometry import compose, rotate_body_to_world
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.sensors import SensorLog, SensorModel, SensorSample, gyro_at_rest, sense, simulate_sensors
@@ -30,10 +30,6 @@ def random_belief(seed: int) -> Belief:
     rng = np.random.default_rng(seed)
     root = 0.3 * rng.standard_normal((5, 5))
     return Belief(rng.standard_normal(5), root @ root.T)
-
-
-def moving(t: FloatArray) -> Aiding:
-    return aiding_by(np.zeros(len(t), dtype=bool))
 
 
 def copied(belief: Belief) -> Belief:
@@ -167,12 +163,12 @@ def test_how_a_straight_way_is_cut_does_not_matter(yaw: float, v: float, dt: flo
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.001, 0.02, 0.5]), st.sampled_from([1.0, 30.0, 1000.0]))
 def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild: float) -> None:
     rng, n = np.random.default_rng(seed), 1000
-    belief, out = initial_belief(State()), np.empty((n, 22))
+    belief, out = initial_belief(State()), np.empty((n, 20))
     for _ in range(100):
         t = np.cumsum(rng.uniform(0.01 * dt, dt, n))
         left, right, gyro = wild * rng.standard_normal((3, n))
         gyro[rng.random(n) < 0.3] = np.nan
-        filter_log(SensorLog(t, left, right, gyro), moving(t), STOCK.packed(), belief, out)
+        filter_log(SensorLog(t, left, right, gyro), np.zeros(len(t), dtype=bool), STOCK.packed(), belief, out)
         p = belief.covariance
         assert np.array_equal(p, p.T)
         assert np.all(np.isfinite(belief.mean))
@@ -194,10 +190,10 @@ def test_no_frame_is_preferred(x: float, y: float, yaw: float) -> None:
     rng, n = np.random.default_rng(5), 200
     t = np.cumsum(rng.uniform(0.01, 0.03, n))
     log = SensorLog(t, *rng.normal([4.0, 5.0, 0.4], 0.3, (n, 3)).T.copy())
-    out, moved = np.empty((n, 22)), np.empty((n, 22))
+    out, moved = np.empty((n, 20)), np.empty((n, 20))
     here, elsewhere = initial_belief(State(v_x=0.5)), initial_belief(State(x, y, yaw, v_x=0.5))
-    filter_log(log, moving(t), STOCK.packed(), here, out)
-    filter_log(log, moving(t), STOCK.packed(), elsewhere, moved)
+    filter_log(log, np.zeros(len(t), dtype=bool), STOCK.packed(), here, out)
+    filter_log(log, np.zeros(len(t), dtype=bool), STOCK.packed(), elsewhere, moved)
     assert np.allclose(moved[:, :3], compose([x, y, yaw], out[:, :3]), rtol=0.0, atol=1e-11)
     turn = np.eye(5)
     turn[:2, :2] = rotate_body_to_world(np.eye(2), yaw).T

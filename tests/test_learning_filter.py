@@ -1,4 +1,4 @@
-"""The filter that learns: its derivatives, late poses, and that it finds what no data sheet says."""
+"""The filter that learns: its derivatives, and that it finds what no data sheet says."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.estimation.ekf import (
-    aiding_by,
     filter_step,
     forward_speed,
     initial_belief,
     predict,
     run_ekf,
-    see_pose,
     stand,
     wheel_yaw_rate,
 )
@@ -27,10 +25,8 @@ from ssmr.estimation.settings import (
     RIGHT,
     SLIDE,
     TURNING,
-    YAW,
     Belief,
     EkfSettings,
-    SeenPose,
     V,
     X,
     Y,
@@ -46,11 +42,6 @@ LEARNS = learning(STOCK)
 STATES = SLIDE + 1
 NEARBY = np.array([0.4, -0.2, 0.7, 0.5, 0.3, 0.01, 1.03, 0.96, 1.6, 0.03, -0.05])
 """A state in which no derivative is 0."""
-
-
-def some_belief(seed: int = 0) -> Belief:
-    root = 0.1 * np.random.default_rng(seed).standard_normal((STATES, STATES))
-    return Belief(NEARBY.copy(), root @ root.T)
 
 
 def rates(v: FloatArray, w: FloatArray, s: EkfSettings) -> tuple[FloatArray, FloatArray]:
@@ -118,18 +109,9 @@ def test_the_covariance_stays_symmetric_and_positive(seed: int) -> None:
     for _ in range(300):
         sample = SensorSample(*rng.normal([4.0, 5.0, 0.4], 1.0))
         filter_step(belief, sample, rng.uniform(0.001, 0.05), LEARNS.packed())
-        if rng.random() < 0.1:
-            see_pose(belief, SeenPose(*rng.normal(0.0, 1.0, 3), 1e-4, 1e-4))
     assert np.array_equal(belief.covariance, belief.covariance.T)
     scale = 1.0 / np.sqrt(np.diag(belief.covariance))
     assert np.linalg.eigvalsh(belief.covariance * np.outer(scale, scale)).min() > -1e-9
-
-
-def test_a_pose_that_is_expected_moves_nothing_whatever_its_turns() -> None:
-    belief = some_belief(4)
-    see_pose(belief, SeenPose(*NEARBY[:2], NEARBY[2] - 4.0 * math.pi, 1e-6, 1e-6))
-    assert np.allclose(belief.mean, NEARBY, rtol=0.0, atol=1e-12)
-    assert math.sqrt(belief.covariance[YAW, YAW]) < 1.1e-3
 
 
 # ------------------------------------------------------------------------------------------------------- what it learns
@@ -157,7 +139,7 @@ def test_a_bias_is_learned_at_rest_and_kept() -> None:
     still = truth.t < 3.0
     log, settings = sensors(truth, -0.0156, 1), learning(STOCK)
     plain = run_ekf(*log, STOCK, State())
-    learned = run_ekf(*log, settings, State(), aiding=aiding_by(still))
+    learned = run_ekf(*log, settings, State(), still=still)
     assert abs(plain.yaw[-1] - truth.yaw[-1]) > 0.8  # 0.0156 rad/s for a minute
     assert abs(learned.yaw[-1] - truth.yaw[-1]) < 4.0 * learned.channels["pose_std"][-1, 2]
     assert abs(learned.yaw[-1] - truth.yaw[-1]) < 0.05
@@ -165,24 +147,6 @@ def test_a_bias_is_learned_at_rest_and_kept() -> None:
     n = np.count_nonzero(still)  # Bayes' rule for a constant, whose gyro noise is all that there is
     assert at_rest[-1] == pytest.approx(math.sqrt(STOCK.variance_gyro / n), rel=0.05)
     assert learned.channels["constants"][-1, 0] == pytest.approx(-0.0156, abs=4.0 * learned.channels["constants_std"][-1, 0])
-
-
-def test_with_poses_it_learns_every_constant_within_what_it_claims() -> None:
-    truth = drive(TRUE)
-    rng = np.random.default_rng(9)
-    poses = {
-        float(truth.t[k]): SeenPose(*(truth.pose[k] + 0.005 * rng.standard_normal(3)), 2.5e-5, 2.5e-5)
-        for k in range(50, len(truth), 20)
-    }
-    settings = learning(replace(STOCK, half_track=0.2515))
-    got = run_ekf(*sensors(truth, 0.01, 2), settings, State(), aiding=aiding_by(truth.t < 2.5, poses))
-    wanted = [0.01, *TRUE.constants[1:]]
-    off = np.abs(got.channels["constants"][-1] - wanted)
-    assert np.all(off < 4.0 * got.channels["constants_std"][-1])
-    assert np.all(off[[0, 1, 2, 4, 5]] < [2e-3, 0.01, 0.01, 0.01, 0.01])
-    assert got.channels["constants"][-1, 3] == settings.turning  # considered, not learned
-    assert got.channels["constants_std"][-1, 3] == settings.turning_std
-    assert np.abs(got.pose[-1] - truth.pose[-1]).max() < 0.02
 
 
 def test_standing_tells_the_speed_and_the_bias() -> None:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import directed_hausdorff
 
 from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
-from ssmr.metrics.declared import METRICS, compare_paths, compare_pieces
+from ssmr.metrics.declared import METRICS, compare_paths, compare_pieces, equal_times_rms
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     LENGTH_FLOOR,
@@ -21,12 +21,11 @@ from ssmr.metrics.paths import (
     bend_ratio_kernel,
     bending_energy,
     measure_paths,
-    measured_length,
     nearest_squared,
     one_sided_kernel,
     path_length,
 )
-from ssmr.metrics.poses import TIME_TOLERANCE, horizon_errors, horizon_windows, relative_pose_error, sync_rms_kernel
+from ssmr.metrics.windows import TIME_TOLERANCE, horizon_errors, horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from tests.conftest import metrics_of
 
@@ -52,8 +51,7 @@ def nearest_distances(points: FloatArray, path: FloatArray) -> FloatArray:
 
 def measured(candidate: FloatArray, reference: FloatArray) -> PathMeasures:
     """All measures of two paths, (N, 2) and (M, 2), or more columns."""
-    poses = [np.column_stack([path[:, :2], np.zeros(len(path))]) for path in (candidate, reference)]
-    return measure_paths(np.arange(float(len(candidate))), poses[0], np.arange(float(len(reference))), poses[1])
+    return measure_paths(candidate, reference)
 
 
 def geometric(candidate: FloatArray, reference: FloatArray) -> tuple[float, ...]:
@@ -299,8 +297,7 @@ def test_whole_turns_and_wrapping_do_not_count(seed: int, turns: int):
 def test_stamps_that_differ_by_rounding_are_the_same():
     a = drive(1)
     shifted = trajectory(a.t + 0.5 * TIME_TOLERANCE, a.pose)
-    assert sync_rms_kernel(a.t, a.pose, shifted.t, shifted.pose)[2] == len(a)
-    assert sync_rms_kernel(shifted.t, shifted.pose, a.t, a.pose)[2] == len(a)
+    assert equal_times_rms(shifted, a)[0] < 1.0 * TIME_TOLERANCE
     assert sync_rms(a, shifted) < 1.0 * TIME_TOLERANCE  # it moves at less than 1 m/s
 
 
@@ -409,10 +406,10 @@ def test_the_parts_are_those_of_the_whole() -> None:
     ):
         whole = measured(candidate, reference)
         if np.isnan(whole.d_rms):
-            assert np.all(np.isnan(one_sided_kernel(candidate, reference, measured_length(reference))))
+            assert np.all(np.isnan(one_sided_kernel(candidate, reference, path_length(reference))))
             continue
-        found = {name: METRICS[name].pool([METRICS[name].of(whole)], [400]) for name in METRICS}
-        assert one_sided_kernel(candidate, reference, measured_length(reference)) == (
+        found = {name: METRICS[name].pool([METRICS[name].of(whole, (0.0, 0.0))], [400]) for name in METRICS}
+        assert one_sided_kernel(candidate, reference, path_length(reference)) == (
             found["d_rms_m"],
             found["d_haus_m"],
             found["d_ratio"],

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.geometry import rotate_body_to_world
-from ssmr.metrics.poses import horizon_windows
-from ssmr.metrics.windows import overlapping_windows
+from ssmr.metrics.windows import horizon_windows, overlapping_windows
 from ssmr.types import FloatArray
 from tests.test_log_faults import drive, with_jumps
 from validation.bench.sources import WindowCut, commands_on_grid, source_of, standing_sentences

@@ -7,8 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ssmr.metrics.poses import relative_pose_error
-from ssmr.metrics.windows import WindowErrors, overlapping_windows
+from ssmr.metrics.windows import WindowErrors, overlapping_windows, relative_pose_error
 from ssmr.types import FloatArray, IndexArray
 from tests.conftest import data_folder
 from validation.bench.sources import Source, drive, open_source

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ssmr.metrics.poses import horizon_windows
-from ssmr.metrics.windows import EVERY_S, WindowErrors, overlapping_windows
+from ssmr.metrics.windows import EVERY_S, WindowErrors, horizon_windows, overlapping_windows
 
 
 def test_windows_begin_every_second_and_last_as_long_as_the_horizon() -> None:

@@ -7,8 +7,7 @@ measures the pose, so its uncertainty only grows. The lateral speed is taken to 
 default settings are.
 
 A filter that learns has six states more, the constants of `EkfSettings.constants`. With constants that are neutral and known
-it is the thesis' filter. `see_pose` takes in the pose of a localiser or satellite receiver; in a log, `Aiding` holds them by
-the instants at which they were true.
+it is the thesis' filter.
 
 A filter's state is a `Belief`, whose two arrays the kernels update in place. With five states they allocate nothing, so that
 they run as well inside other compiled loops.
@@ -17,27 +16,24 @@ they run as well inside other compiled loops.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ssmr._jit import jit, jit_alone, named_like, source
+from ssmr._jit import jit, jit_alone, source
 from ssmr.estimation.settings import (
     BIAS,
     LEFT,
-    NO_POSE,
     RIGHT,
     SHIFT,
     SLIDE,
     STANDING,
     TURNING,
     YAW,
-    Aiding,
     Belief,
     EkfSettings,
-    SeenPose,
     V,
     W,
     X,
@@ -244,14 +240,14 @@ def update_row(belief: Belief, row: FloatArray, residual: float, variance: float
 
 
 @jit_alone
-def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -> tuple[float, float, float]:
+def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -> float:
     """Take in one sample of the robot's sensors, in place: let `dt` [s] pass, then use wheels and gyro.
 
     The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy wheels have independent
     noise. The sample is NaN where a sensor gave nothing.
 
     Returns:
-        The normalised squared innovations of the wheels' v, of their yaw rate and of the gyro; NaN for what was not used.
+        The normalised squared innovation of the wheels' yaw rate; NaN where it was not used.
     """
     m = belief.mean
     predict(belief, dt, numbers)
@@ -261,17 +257,18 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -
         rolled = abs(m[V]) + numbers.half_track * abs(m[W])
         variance_w += rolled * numbers.slip_turn / dt if dt > 0.0 else math.inf
     if len(m) <= BIAS:
-        first = update(belief, V, v, numbers.variance_v)
-        second = update(belief, W, w, variance_w)
-        return first, second, update(belief, W, sample.gyro, numbers.variance_gyro)
+        update(belief, V, v, numbers.variance_v)
+        squared = update(belief, W, w, variance_w)
+        update(belief, W, sample.gyro, numbers.variance_gyro)
+        return squared
     row = np.zeros(len(m))
     row[W], row[BIAS] = 1.0, 1.0
-    third = update_row(belief, row, sample.gyro - m[W] - m[BIAS], numbers.variance_gyro)
+    update_row(belief, row, sample.gyro - m[W] - m[BIAS], numbers.variance_gyro)
     row[:] = 0.0
     row[V] = 1.0
-    first = update_row(belief, row, v - m[V], numbers.variance_v)
+    update_row(belief, row, v - m[V], numbers.variance_v)
     shown = wheel_yaw_rate(m, numbers.half_track, row)
-    return first, update_row(belief, row, w - shown, variance_w), third
+    return update_row(belief, row, w - shown, variance_w)
 
 
 @jit_alone
@@ -280,22 +277,6 @@ def speed(m: FloatArray, numbers: Any) -> float:
     if len(m) <= BIAS:
         return float(m[V])
     return forward_speed(m, numbers.half_track, np.empty(len(m)))
-
-
-@jit
-def see_pose(belief: Belief, seen: SeenPose) -> None:
-    """Take in a pose that something else measured, such as a localiser or a satellite receiver, in place.
-
-    x and y are used one after the other, then the yaw, unless it is NaN.
-    """
-    m, row = belief.mean, np.zeros(len(belief.mean))
-    row[X] = 1.0
-    update_row(belief, row, seen.x - m[X], seen.variance)
-    row[X], row[Y] = 0.0, 1.0
-    update_row(belief, row, seen.y - m[Y], seen.variance)
-    row[Y], row[YAW] = 0.0, 1.0
-    off = seen.yaw - m[YAW]
-    update_row(belief, row, off - 2.0 * math.pi * math.floor(0.5 + off / (2.0 * math.pi)), seen.variance_yaw)
 
 
 @jit
@@ -308,33 +289,21 @@ def stand(belief: Belief) -> None:
 
 
 @jit_alone
-def filter_log(log: SensorLog, aiding: Aiding, numbers: Any, belief: Belief, out: FloatArray) -> None:
-    """Filter a `SensorLog`, in place.
+def filter_log(log: SensorLog, still: NDArray[np.bool_], numbers: Any, belief: Belief, out: FloatArray) -> None:
+    """Filter a `SensorLog`, in place; the robot is known to stand at samples that are `still`, (M,).
 
-    `out` (M, 2 n + 12) is written: the mean, with the forward speed in the place of v, its standard deviations, what
+    `out` (M, 2 n + 10) is written: the mean, with the forward speed in the place of v, its standard deviations, what
     `filter_step` returns, and the covariance of the pose.
     """
-    n, following = len(belief.mean), 0
-    now = log.t[0]
-    while following < len(aiding.poses) and aiding.poses[following, 0] < now:
-        following += 1
+    n, now = len(belief.mean), log.t[0]
     for k in range(len(log.t)):
-        while following < len(aiding.poses) and aiding.poses[following, 0] <= log.t[k]:
-            predict(belief, aiding.poses[following, 0] - now, numbers)
-            see_pose(belief, named_like(NO_POSE, aiding.poses[following, 1:]))
-            now = aiding.poses[following, 0]
-            following += 1
-        sample = SensorSample(log.left[k], log.right[k], log.gyro[k])
-        nis = filter_step(belief, sample, log.t[k] - now, numbers)
+        out[k, 2 * n] = filter_step(belief, SensorSample(log.left[k], log.right[k], log.gyro[k]), log.t[k] - now, numbers)
         now = log.t[k]
-        if aiding.still[k]:
+        if still[k]:
             stand(belief)
         out[k, :n], out[k, n : 2 * n] = belief.mean, np.sqrt(np.diag(belief.covariance))
         out[k, V] = speed(belief.mean, numbers)
-        for i in range(3):
-            out[k, 2 * n + i] = nis[i]
-            for j in range(3):
-                out[k, 2 * n + 3 + 3 * i + j] = belief.covariance[i, j]
+        out[k, 2 * n + 1 :] = np.ravel(belief.covariance[:3, :3])
 
 
 def initial_belief(
@@ -371,7 +340,7 @@ def run_ekf(
     settings: EkfSettings,
     start: State,
     start_std: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0),
-    aiding: Aiding | None = None,
+    still: ArrayLike | None = None,
 ) -> Trajectory:
     """Filter a whole log.
 
@@ -383,12 +352,12 @@ def run_ekf(
         settings: assumptions about robot and sensors.
         start: state of the robot at the first instant, whose sample is used as well.
         start_std: standard deviations of that state, see `initial_belief`.
-        aiding: when the robot stood, and poses that something else measured; see `aiding_by`.
+        still: (M,) True for samples at which the robot is known to stand; there the gyro shows its bias.
 
     Returns:
         The estimate after each sample, with the wheels as measured. Channels are `pose_std` (M, 3), its square's whole
-        `pose_covariance` (M, 3, 3), and `innovations` (M, 3), the normalised squared ones of the wheels' v, of their yaw
-        rate and of the gyro, 0 for what was not used. A filter that learns adds `constants` and `constants_std`, (M, 6).
+        `pose_covariance` (M, 3, 3), and `innovation` (M,), the normalised squared one of the wheels' yaw rate, 0 where it
+        was not used. A filter that learns adds `constants` and `constants_std`, (M, 6).
 
     Raises:
         ValueError: lengths differ, time does not increase, or a number other than a missing gyro sample is not finite.
@@ -397,31 +366,19 @@ def run_ekf(
     wheels = np.column_stack([frozen_array(a, name, (len(times),)) for a, name in ((left, "left"), (right, "right"))])
     turning = np.full(len(times), np.nan) if gyro is None else np.array(gyro, dtype=np.float64)
     frozen_array(np.where(np.isnan(turning), 0.0, turning), "gyro", (len(times),))
-    aiding = aiding or aiding_by(np.zeros(len(times), dtype=np.bool_))
-    if aiding.still.shape != times.shape:
-        raise ValueError(f"still has shape {aiding.still.shape}, wanted {times.shape}")
+    standing = np.zeros(len(times), dtype=np.bool_) if still is None else np.array(still, dtype=np.bool_)
+    if standing.shape != times.shape:
+        raise ValueError(f"still has shape {standing.shape}, wanted {times.shape}")
     belief = initial_belief(start, start_std, settings if settings.learns else None)
     n = len(belief.mean)
-    out = np.empty((len(times), 2 * n + 12))
+    out = np.empty((len(times), 2 * n + 10))
     log = SensorLog(times, wheels[:, 0].copy(), wheels[:, 1].copy(), turning)
-    filter_log(log, aiding, settings.packed(), belief, out)
-    mean, std, innovations, covariance = np.split(out, [n, 2 * n, 2 * n + 3], axis=1)
+    filter_log(log, standing, settings.packed(), belief, out)
+    mean, std, innovation, covariance = np.split(out, [n, 2 * n, 2 * n + 1], axis=1)
     channels = {"pose_std": std[:, :3], "pose_covariance": covariance.reshape(-1, 3, 3)}
-    channels["innovations"] = np.nan_to_num(innovations)
+    channels["innovation"] = np.nan_to_num(innovation[:, 0])
     lateral = np.zeros(len(times))
     if settings.learns:
         channels |= {"constants": mean[:, BIAS:], "constants_std": std[:, BIAS:]}
         lateral = mean[:, SLIDE] * mean[:, W]
     return Trajectory(times, mean[:, :3], np.column_stack([mean[:, V], lateral, mean[:, W]]), wheels, channels)
-
-
-def aiding_by(still: ArrayLike, poses: Mapping[float, SeenPose] | None = None) -> Aiding:
-    """Return what a log tells the filter besides wheels and gyro.
-
-    Args:
-        still: (M,) True for samples at which the robot is known to stand; there the gyro shows its bias.
-        poses: poses that something else measured, by the instants [s] at which they were true, however late they came.
-            Those before the first sample are not used.
-    """
-    rows = [(at, *pose) for at, pose in sorted((poses or {}).items())]
-    return Aiding(np.array(still, dtype=np.bool_), np.array(rows, dtype=np.float64).reshape(-1, 1 + len(SeenPose._fields)))

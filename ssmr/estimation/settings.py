@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ssmr.parameters import check_parameters, packed, parameter
 from ssmr.robot.sensors import SensorModel
@@ -28,34 +27,6 @@ class Belief(NamedTuple):
     """(n,) x [m], y [m], yaw [rad], v [m/s], omega [rad/s]; n is 5, or 11 for a filter that learns."""
     covariance: FloatArray
     """(n, n) covariance of these, symmetric."""
-
-
-class SeenPose(NamedTuple):
-    """A pose that something else than wheels and gyro measured."""
-
-    x: float
-    """Position of the reference point [m]."""
-    y: float
-    """Position of the reference point [m]."""
-    yaw: float
-    """Yaw of the robot [rad]; NaN for a receiver that measures only positions."""
-    variance: float
-    """Variance of x and of y [m2]."""
-    variance_yaw: float
-    """Variance of the yaw [rad2]."""
-
-
-NO_POSE = SeenPose(math.nan, math.nan, math.nan, math.inf, math.inf)
-"""Template for `named_like`."""
-
-
-class Aiding(NamedTuple):
-    """What a log tells the filter besides wheels and gyro."""
-
-    still: NDArray[np.bool_]
-    """(M,) True where the robot stood."""
-    poses: FloatArray
-    """(N, 6) instants [s], not decreasing, at which poses were true, and the fields of `SeenPose`."""
 
 
 STANDING = 1e-4

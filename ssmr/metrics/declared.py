@@ -15,7 +15,9 @@ from typing import Any, Literal
 import numpy as np
 
 from ssmr._jit import jit_alone
+from ssmr.geometry import wrap_angle
 from ssmr.metrics.paths import BENDING_FLOOR, LARGEST, LENGTH_FLOOR, PathMeasures, measure_paths
+from ssmr.metrics.windows import TIME_TOLERANCE
 from ssmr.types import FloatArray, Trajectory
 
 MetricUnit = Literal["m", "rad", "1", "1/s²", "share", "×"]
@@ -41,8 +43,8 @@ class Metric:
 class PathMetric(Metric):
     """A metric of a candidate's path against a reference's."""
 
-    of: Callable[[PathMeasures], Any]
-    """Part of the measures of one piece that it is made of."""
+    of: Callable[[PathMeasures, tuple[float, float]], Any]
+    """Part of the measures of one piece's path, or of its errors at equal times, that it is made of."""
     pool: Callable[[Sequence[Any], Sequence[int]], float]
     """Value over all pieces, from those parts and the numbers of samples of the reference."""
 
@@ -82,43 +84,43 @@ METRICS: Mapping[str, PathMetric] = MappingProxyType({metric.name: metric for me
         "d_rms_m", "d_rms", "m", "low",
         "root mean square, over the reference's samples, of the distance to the closest sample of the robot's path; "
         "one-sided: leaving the reference's path after having covered it costs nothing",
-        lambda m: m.d_rms, _mean_square,
+        lambda m, sync: m.d_rms, _mean_square,
     ),
     PathMetric(
         "d_haus_m", "d_haus", "m", "low",
         "the largest of those distances, the one-sided Hausdorff distance from the reference to the robot's path",
-        lambda m: m.d_haus, _greatest,
+        lambda m, sync: m.d_haus, _greatest,
     ),
     PathMetric(
         "d_ratio", "d_ratio", "1", "one",
         "length of the robot's path over that of the reference; above 1 the robot drives farther",
-        lambda m: m.lengths, _ratio_of_totals(LENGTH_FLOOR),
+        lambda m, sync: m.lengths, _ratio_of_totals(LENGTH_FLOOR),
     ),
     PathMetric(
         "e_bend_ratio", "e_bend ratio", "1", "one",
         "bending energy (curvature squared, summed along the path) of the robot's path over that of the reference; "
         "above 1 the robot's path is more curved",
-        lambda m: m.bendings, _ratio_of_totals(BENDING_FLOOR),
+        lambda m, sync: m.bendings, _ratio_of_totals(BENDING_FLOOR),
     ),
     PathMetric(
         "d_rms_symmetric_m", "d_rms sym", "m", "low",
         "d_rms of both directions, from the reference to the robot and back, each with the same weight",
-        lambda m: m.d_rms_symmetric, _mean_square,
+        lambda m, sync: m.d_rms_symmetric, _mean_square,
     ),
     PathMetric(
         "d_haus_symmetric_m", "d_haus sym", "m", "low",
         "the larger of the Hausdorff distances of both directions",
-        lambda m: m.d_haus_symmetric, _greatest,
+        lambda m, sync: m.d_haus_symmetric, _greatest,
     ),
     PathMetric(
         "sync_rms_m", "sync rms", "m", "low",
         "root mean square of the distance between robot and reference at the same instant",
-        lambda m: m.sync_rms, _mean_square,
+        lambda m, sync: sync[0], _mean_square,
     ),
     PathMetric(
         "yaw_rms_rad", "yaw rms", "rad", "low",
         "root mean square of the difference between the headings of robot and reference at the same instant, wrapped",
-        lambda m: m.yaw_rms, _mean_square,
+        lambda m, sync: sync[1], _mean_square,
     ),
 )})  # fmt: skip
 """Metrics of a candidate's path, by name, in the order of all tables. Ratios are candidate over reference."""
@@ -141,23 +143,40 @@ def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajec
     Raises:
         ValueError: not as many candidates as references, none at all, or what `compare_paths` raises.
     """
-    measured = [_measured(candidate, reference) for candidate, reference in zip(candidates, references, strict=True)]
-    if not measured:
+    pairs = list(zip(candidates, references, strict=True))
+    if not pairs:
         raise ValueError("there is nothing to compare")
-    samples = [m.samples for m in measured]
-    return Metrics({name: metric.pool([metric.of(m) for m in measured], samples) for name, metric in METRICS.items()})
+    measured = [(measure_paths(c.pose, r.pose), equal_times_rms(c, r)) for c, r in pairs]
+    if any(math.isnan(paths.d_rms) for paths, _ in measured):
+        raise ValueError(f"a coordinate is beyond {LARGEST} m")
+    samples = [len(r) for r in references]
+    return Metrics({name: metric.pool([metric.of(*m) for m in measured], samples) for name, metric in METRICS.items()})
 
 
-def _measured(candidate: Trajectory, reference: Trajectory) -> PathMeasures:
-    measures = measure_paths(candidate.t, candidate.pose, reference.t, reference.pose)
-    if measures.common == 0:
+def equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float, float]:
+    """Return the root mean squares of the distance [m] and of the wrapped heading difference [rad] at equal stamps.
+
+    The candidate is interpolated linearly, yaw the short way round; the reference's stamps beyond its span are left out.
+
+    Raises:
+        ValueError: no stamp of the reference lies within the candidate's span.
+    """
+    t, last = candidate.t, len(candidate.t) - 1
+    inside = (reference.t >= t[0] - TIME_TOLERANCE) & (reference.t <= t[-1] + TIME_TOLERANCE)
+    if not inside.any():
         raise ValueError(
             f"no stamp of the reference, {reference.t[0]} to {reference.t[-1]} s, "
-            f"lies within the candidate's span, {candidate.t[0]} to {candidate.t[-1]} s"
+            f"lies within the candidate's span, {t[0]} to {t[-1]} s"
         )
-    if math.isnan(measures.d_rms):
-        raise ValueError(f"a coordinate is beyond {LARGEST} m")
-    return measures
+    at, wanted = reference.t[inside], reference.pose[inside]
+    before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, last)
+    after = np.minimum(before + 1, last)
+    share = np.clip((at - t[before]) / np.where(after > before, t[after] - t[before], 1.0), 0.0, 1.0)
+    step = candidate.pose[after] - candidate.pose[before]
+    step[:, 2] = wrap_angle(step[:, 2])
+    off = candidate.pose[before] + share[:, None] * step - wanted
+    distances, turns = np.sum(off[:, :2] ** 2, axis=1), wrap_angle(off[:, 2]) ** 2
+    return math.sqrt(np.mean(distances)), math.sqrt(np.mean(turns))
 
 
 @jit_alone

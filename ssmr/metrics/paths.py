@@ -10,12 +10,12 @@ Which way round. The candidate is the simulated motion, the reference the measur
 
 Distances are between samples, as printed, not between curves: a path sampled every h keeps a floor of up to h / 2.
 
-Kernels compiled with `jit` read columns 0 and 1 of what they are given, so (M, 3) poses serve as paths without a copy.
+Kernels read columns 0 and 1 of what they are given, so (M, 3) poses serve as paths without a copy.
 
 For the search for the closest sample, the path is cut into leaves of `_LEAF` consecutive samples. A leaf has a box, the
 least that holds its samples, and so has every two neighbouring leaves, every two such pairs, and so on up to the whole path:
 a tree of boxes, because a path is mostly near itself. Consecutive points lie close together too, so `_BATCH` of them go down
-that tree at once, and take from each leaf that they enter what is nearest, in vector instructions.
+that tree at once, and take from each leaf that they enter what is nearest.
 
 A box is passed over where even its nearest edge is as far from the box of the batch as each point's closest sample yet.
 Subtraction, multiplication and addition round monotonically, so the computed distance of boxes is never more than that of
@@ -25,16 +25,12 @@ a point and a sample in them: the answer is that of the search over all pairs, t
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba.core import types
-from numpy.typing import ArrayLike
 
-from ssmr._jit import built_in, jit, jit_alone
-from ssmr.metrics.poses import sync_rms_kernel
-from ssmr.types import FloatArray, frozen_array
+from ssmr._jit import jit, jit_alone
+from ssmr.types import FloatArray
 
 BENDING_SPACING = 0.1
 """Distance between the points at which curvature is taken [m]: noise of size s adds about 6 s^2 / d^4 per metre, so with
@@ -59,12 +55,9 @@ def _steps(xy: FloatArray) -> tuple[float, float]:
     return total, squares
 
 
-@jit
-def measured_length(xy: FloatArray) -> float:
-    """Return the length of a path [m], for use from other kernels: NaN where it has no sample or one that is not finite.
-
-    Coordinates beyond 1e75 m count as not finite.
-    """
+@jit_alone
+def path_length(xy: FloatArray) -> float:
+    """Return the length of an (M, 2) or wider path [m]: NaN where it has no sample or one beyond `LARGEST` or not finite."""
     for i in range(xy.shape[0]):
         if not (abs(xy[i, 0]) <= LARGEST and abs(xy[i, 1]) <= LARGEST):
             return math.nan
@@ -72,12 +65,24 @@ def measured_length(xy: FloatArray) -> float:
 
 
 @jit_alone
-def _bending(xy: FloatArray, spacing: float) -> float:
-    """`bending_energy` without its checks."""
+def bending_energy(xy: FloatArray) -> float:
+    """Return the total bending energy, sum of c_i^2 d_i (Sec. 1.6) [1/m]: the integral of curvature squared along the path.
+
+    The (M, 2) or wider path [m] is first laid out afresh: from its first sample on, the next point is where the polyline
+    first gets the distance d away from the last point, so that all chords are d long. The local curvature c_i is the turn
+    between two chords over d. Thus the outcome depends neither on the sampling rate nor on the speed, and a robot that
+    stands still, or turns on the spot, adds nothing even while its measured position jitters by less than d. Each end takes
+    the curvature of its neighbour, and so does what is left after the last chord. A path shorter than two chords has none.
+
+    d is `BENDING_SPACING`, or the mean step between samples (weighted by length) where that is longer: points laid closer
+    than the samples would find all turning at the samples and none between them. A reversal is a turn by pi: pi^2 / d.
+    """
     total, squares = _steps(xy)
     if not total > 0.0:
         return 0.0
-    d = max(spacing, squares / total)  # hence at most M - 1 chords, however long the path: total^2 <= (M - 1) squares
+    d = max(
+        BENDING_SPACING, squares / total
+    )  # hence at most M - 1 chords: total^2 <= (M - 1) squares
     last_x, last_y = xy[0, 0], xy[0, 1]
     chord_x, chord_y = 0.0, 0.0
     chords = 0
@@ -125,10 +130,10 @@ def one_sided_kernel(
 ) -> tuple[float, float, float]:
     """Return d_rms [m], d_haus [m] and d_ratio (Eq. 3.1), for use from other kernels: half the work of all metrics.
 
-    Paths are (N, 2) and (M, 2) positions [m]; `reference_length` is `measured_length` of the reference. It never raises: all
+    Paths are (N, 2) and (M, 2) positions [m]; `reference_length` is `path_length` of the reference. It never raises: all
     are NaN where a path cannot be measured.
     """
-    candidate_length = measured_length(candidate_xy)
+    candidate_length = path_length(candidate_xy)
     if math.isnan(candidate_length + reference_length):
         return math.nan, math.nan, math.nan
     to_candidate = nearest_squared(reference_xy, candidate_xy)
@@ -138,17 +143,13 @@ def one_sided_kernel(
 
 @jit
 def bend_ratio_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> float:
-    """e_bend_ratio of paths that `one_sided_kernel` could measure, for use from other kernels."""
-    return _ratio(_bending(candidate_xy, BENDING_SPACING), _bending(reference_xy, BENDING_SPACING), BENDING_FLOOR)
+    """Return e_bend_ratio of (N, 2) and (M, 2) paths that `one_sided_kernel` could measure, for use from other kernels."""
+    return _ratio(bending_energy(candidate_xy), bending_energy(reference_xy), BENDING_FLOOR)
 
 
 class PathMeasures(NamedTuple):
-    """All that the path metrics are made of, measured on one pair of motions in one pass."""
+    """All that the metrics of two paths are made of."""
 
-    samples: int
-    """Number of samples of the reference."""
-    common: int
-    """Number of the reference's stamps within the candidate's span; the errors at equal times are over them."""
     d_rms: float
     """Root mean square distance from the reference's samples to the closest of the candidate's [m]."""
     d_haus: float
@@ -161,63 +162,23 @@ class PathMeasures(NamedTuple):
     """Lengths of candidate and reference [m]."""
     bendings: tuple[float, float]
     """Bending energies of candidate and reference [1/m]."""
-    sync_rms: float
-    """Root mean square distance at equal times [m]."""
-    yaw_rms: float
-    """Root mean square of the wrapped heading difference at equal times [rad]."""
 
 
 @jit_alone
-def measure_paths(
-    candidate_t: FloatArray, candidate_pose: FloatArray, reference_t: FloatArray, reference_pose: FloatArray
-) -> PathMeasures:
-    """Measure a candidate against a reference, for use from other kernels too: it never raises.
+def measure_paths(candidate: FloatArray, reference: FloatArray) -> PathMeasures:
+    """Measure an (N, 2) or wider path [m] against an (M, 2) one.
 
-    Stamps [s] increase strictly; poses are (N, 3) and (M, 3) x [m], y [m], yaw [rad]. Measures of the paths are NaN where a
-    path has no sample or one that is not finite (or beyond 1e75 m), as a diverged candidate has; those at equal times are
-    NaN where there is no common stamp.
+    All are NaN where a path has no sample or one that is not finite (or beyond `LARGEST`), as a diverged candidate has.
     """
-    n = reference_pose.shape[0]
-    sync, yaw, common = sync_rms_kernel(candidate_t, candidate_pose, reference_t, reference_pose)
-    lengths = measured_length(candidate_pose), measured_length(reference_pose)
+    lengths = path_length(candidate), path_length(reference)
     if math.isnan(lengths[0] + lengths[1]):
         none = (math.nan, math.nan)
-        return PathMeasures(n, common, math.nan, math.nan, math.nan, math.nan, none, none, sync, yaw)
-    to_candidate = nearest_squared(reference_pose, candidate_pose)
-    to_reference = nearest_squared(candidate_pose, reference_pose)
+        return PathMeasures(math.nan, math.nan, math.nan, math.nan, none, none)
+    to_candidate, to_reference = nearest_squared(reference, candidate), nearest_squared(candidate, reference)
     mean, largest = np.mean(to_candidate), np.max(to_candidate)
     rms_both, largest_both = math.sqrt(0.5 * (mean + np.mean(to_reference))), math.sqrt(max(largest, np.max(to_reference)))
-    bendings = _bending(candidate_pose, BENDING_SPACING), _bending(reference_pose, BENDING_SPACING)
-    return PathMeasures(n, common, math.sqrt(mean), math.sqrt(largest), rms_both, largest_both, lengths, bendings, sync, yaw)
-
-
-def path_length(xy: ArrayLike) -> float:
-    """Sum of the distances between consecutive samples of an (M, 2) path [m].
-
-    Raises:
-        ValueError: the shape is another one, or a number is not finite.
-    """
-    return float(_steps(frozen_array(xy, "xy", (None, 2)))[0])
-
-
-def bending_energy(xy: ArrayLike, spacing: float = BENDING_SPACING) -> float:
-    """Return the total bending energy, sum of c_i^2 d_i (Sec. 1.6) [1/m]: the integral of curvature squared along the path.
-
-    The (M, 2) path [m] is first laid out afresh: from its first sample on, the next point is where the polyline first gets
-    the distance d away from the last point, so that all chords are d long. The local curvature c_i is the turn between two
-    chords over d. Thus the outcome depends neither on the sampling rate nor on the speed, and a robot that stands still, or
-    turns on the spot, adds nothing even while its measured position jitters by less than d. Each end takes the curvature of
-    its neighbour, and so does what is left after the last chord. A path shorter than two chords has none.
-
-    d is `spacing`, or the mean step between samples (weighted by length) where that is longer: points laid closer than the
-    samples would find all turning at the samples and none between them. A reversal is a turn by pi: finite, pi^2 / d.
-
-    Raises:
-        ValueError: `spacing` is not positive, the shape is another one, or a number is not finite.
-    """
-    if not (math.isfinite(spacing) and spacing > 0.0):
-        raise ValueError(f"the spacing must be positive, got {spacing} m")
-    return float(_bending(frozen_array(xy, "xy", (None, 2)), float(spacing)))
+    bendings = bending_energy(candidate), bending_energy(reference)
+    return PathMeasures(math.sqrt(mean), math.sqrt(largest), rms_both, largest_both, lengths, bendings)
 
 
 _LEAF = 16
@@ -230,40 +191,22 @@ _DEEP = 128
 """Room for nodes that wait, two of each level at most: more than any tree in memory has."""
 
 
-@built_in
-def _enter(typing: Any, x: Any, y: Any, at: Any, points: Any) -> Any:
-    """Update the square of a batch's distances by the samples from `at` on, and return the largest of them [m^2].
+@jit
+def _enter(x: FloatArray, y: FloatArray, first: int, batch: FloatArray) -> float:
+    """Update the square of a batch's distances by the leaf of samples from `first` on; return the largest of them [m^2].
 
-    `points` holds x, y and squared distance of each point, in three rows one after the other.
+    `batch` holds x, y and squared distance of each point, in three rows one after the other.
     """
-
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        double = ir.DoubleType()
-        lanes = ir.VectorType(double, _BATCH)
-        first = ir.Constant(ir.VectorType(ir.IntType(32), _BATCH), [0] * _BATCH)
-        empty = ir.Constant(lanes, ir.Undefined)
-        data = [context.make_array(signature.args[k])(context, builder, arguments[k]).data for k in (0, 1, 3)]
-
-        def row(k: int) -> Any:
-            start = builder.gep(data[2], [context.get_constant(types.intp, k * _BATCH)])
-            return builder.bitcast(start, lanes.as_pointer())
-
-        def of_all(samples: Any, k: Any) -> Any:
-            number = builder.insert_element(empty, builder.load(builder.gep(samples, [k])), ir.Constant(ir.IntType(32), 0))
-            return builder.shuffle_vector(number, empty, first)
-
-        here_x, here_y, least = (builder.load(row(k), align=8) for k in range(3))
-        for j in range(_LEAF):
-            k = builder.add(arguments[2], context.get_constant(types.intp, j))
-            dx, dy = builder.fsub(here_x, of_all(data[0], k)), builder.fsub(here_y, of_all(data[1], k))
-            square = builder.fadd(builder.fmul(dx, dx), builder.fmul(dy, dy))
-            least = builder.select(builder.fcmp_ordered("<", square, least), square, least)
-        builder.store(least, row(2), align=8)
-        name = f"llvm.vector.reduce.fmax.v{_BATCH}f64"
-        largest = builder.module.declare_intrinsic(name, (), ir.FunctionType(double, [lanes]))
-        return builder.call(largest, [least], fastmath=("nnan",))
-
-    return types.float64(x, y, types.intp, points), build
+    for j in range(first, first + _LEAF):
+        here_x, here_y = x[j], y[j]
+        for i in range(_BATCH):  # becomes vector instructions
+            dx, dy = batch[i] - here_x, batch[_BATCH + i] - here_y
+            square = dx * dx + dy * dy
+            batch[2 * _BATCH + i] = square if square < batch[2 * _BATCH + i] else batch[2 * _BATCH + i]
+    largest = 0.0
+    for i in range(_BATCH):
+        largest = max(largest, batch[2 * _BATCH + i])
+    return largest
 
 
 @jit
@@ -316,7 +259,7 @@ def _gather(points: FloatArray, first: int, count: int, batch: FloatArray) -> tu
 
 @jit_alone
 def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
-    """Square of the distance from each of (N, 2) points to the closest sample of the (M, 2) path, (N,) [m^2].
+    """Return (N,) squares of the distances from (N, 2) points to the closest sample of the (M, 2) path [m^2].
 
     The nearer of two boxes is entered first, after the leaf that the last batch ended in. A batch whose points lie far from
     each other, as they do beside a jump, enters far more leaves than each of them alone would; it is halved until they

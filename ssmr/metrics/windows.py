@@ -1,8 +1,9 @@
-"""Errors over overlapping windows, and how far chance may have moved their medians.
+"""Errors of the relative pose over windows of a horizon, and how far chance may have moved their medians.
 
-Consecutive windows are few, and where the first one begins moves their median. Windows that begin every second use every
-part of a recording, but neighbours share data: an interval for their median comes from resampling whole blocks of
-neighbours (moving-block bootstrap; Kuensch, Ann. Statist. 17 (1989) 1217), as long as a window.
+A candidate is the simulated motion, a reference the measured or wanted one. Consecutive windows are few, and where the first
+one begins moves their median. Windows that begin every second use every part of a recording, but neighbours share data: an
+interval for their median comes from resampling whole blocks of neighbours (moving-block bootstrap; Kuensch, Ann. Statist.
+17 (1989) 1217), as long as a window.
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ssmr.metrics.poses import TIME_TOLERANCE
-from ssmr.types import FloatArray, IndexArray, frozen_array
+from ssmr.geometry import relative, wrap_angle
+from ssmr.types import FloatArray, IndexArray, frozen_array, increasing_times
 
+TIME_TOLERANCE = 1e-9
+"""Stamps closer than this are the same instant [s]: rounding of k * dt, far under any sampling period."""
 EVERY_S = 1.0
 """Time between the beginnings of two overlapping windows [s]."""
 SHARE = 0.90
@@ -26,30 +29,65 @@ FEWEST_BLOCKS = 4
 """Number of blocks that a recording must hold for resampling; below it the interval is that of all errors."""
 _DRAWS = 1000
 """Number of resampled series."""
+_TAILS = 50.0 * (1.0 - SHARE), 50.0 * (1.0 + SHARE)
+"""Percentiles at which an interval ends."""
 
 
-def overlapping_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = None) -> tuple[IndexArray, IndexArray]:
-    """Return windows of one length that begin every `EVERY_S` in a gap-free record.
+def relative_pose_error(
+    candidate_pose: ArrayLike, reference_pose: ArrayLike, starts: ArrayLike, ends: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Return the error of the motion from index i to index j, whatever the error at i: E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j).
 
-    A window begins at the first usable sample at or after its time, and ends at the first usable one at least `horizon`
-    after that.
+    P is the candidate and Q the reference, (M, 3) x [m], y [m], yaw [rad] at the same instants; `starts` and `ends` are (W,)
+    indices i and j.
+
+    Returns:
+        (W,) sizes of E's translation [m] and (W,) of its rotation [rad, within 0 and pi].
+
+    Raises:
+        ValueError: shapes do not match, or a number is not finite.
+    """
+    p = frozen_array(candidate_pose, "candidate_pose", (None, 3))
+    q = frozen_array(reference_pose, "reference_pose", (len(p), 3))
+    i, j = np.asarray(starts, dtype=np.intp), np.asarray(ends, dtype=np.intp)
+    error = relative(relative(q[i], q[j]), relative(p[i], p[j]))
+    return np.hypot(error[:, 0], error[:, 1]), np.abs(wrap_angle(error[:, 2]))
+
+
+def horizon_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = None) -> tuple[IndexArray, IndexArray]:
+    """Cut a gap-free record into consecutive windows of one length.
+
+    The first window starts at the first usable sample; each ends at the first usable sample at least `horizon` later (less
+    `TIME_TOLERANCE`), where the next one starts. What is left at the end is no window.
 
     Args:
         t: (M,) strictly increasing stamps [s].
         horizon: the length wanted [s].
-        usable: (M,) booleans, the samples that may begin or end a window; None for all.
+        usable: (M,) which samples may begin or end a window, such as those with a fresh pose; None for all.
 
     Returns:
-        (W,) start indices, each once, and (W,) end indices; empty where not even one window fits.
+        (W,) start indices and (W,) end indices; empty where not even one window fits.
 
     Raises:
-        ValueError: the horizon is not positive.
+        ValueError: the horizon is not positive, time does not increase, or `usable` is no mask of M.
     """
-    stamps = frozen_array(t, "t", (None,))
-    if not (math.isfinite(horizon) and horizon > TIME_TOLERANCE):
-        raise ValueError(f"the horizon must be longer than {TIME_TOLERANCE} s, got {horizon} s")
-    index = np.arange(len(stamps)) if usable is None else np.flatnonzero(usable)
-    at = stamps[index]
+    index, at = _usable(t, horizon, usable)
+    edges = [0] if len(index) > 0 else []
+    while edges:
+        k = int(np.searchsorted(at, at[edges[-1]] + horizon - TIME_TOLERANCE))
+        if k == len(index):
+            break
+        edges.append(k)
+    return index[edges[:-1]], index[edges[1:]]
+
+
+def overlapping_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = None) -> tuple[IndexArray, IndexArray]:
+    """Return windows of one length that begin every `EVERY_S` in a gap-free record, each start once.
+
+    A window begins at the first usable sample at or after its time, and ends at the first usable one at least `horizon`
+    after that. Arguments, results and errors are those of `horizon_windows`.
+    """
+    index, at = _usable(t, horizon, usable)
     if len(at) == 0:
         return index, index
     begins = np.arange(at[0], max(at[-1] - horizon, at[0]) + TIME_TOLERANCE, EVERY_S)
@@ -59,56 +97,49 @@ def overlapping_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None =
     return index[starts[inside]], index[ends[inside]]
 
 
-@dataclass(frozen=True, eq=False)
-class WindowErrors:
-    """Errors of the relative pose over the overlapping windows of one horizon, in the order of time."""
+def _usable(t: ArrayLike, horizon: float, usable: ArrayLike | None) -> tuple[IndexArray, FloatArray]:
+    """Return indices and stamps [s] of the usable samples."""
+    stamps = increasing_times(t)
+    if not (math.isfinite(horizon) and horizon > TIME_TOLERANCE):
+        raise ValueError(f"the horizon must be longer than {TIME_TOLERANCE} s, got {horizon} s")
+    mask = np.ones(len(stamps), dtype=np.bool_) if usable is None else np.asarray(usable)
+    if mask.shape != stamps.shape or mask.dtype != np.bool_:
+        raise ValueError(f"usable must be {len(stamps)} booleans, got {mask.dtype} of shape {mask.shape}")
+    index = np.flatnonzero(mask)
+    return index, stamps[index]
 
-    horizon: float
-    """Length of the windows [s]."""
-    position: FloatArray
-    """(W,) position errors [m]."""
-    yaw: FloatArray
-    """(W,) sizes of the yaw errors [rad]."""
 
-    def __post_init__(self) -> None:
-        """Check; ValueError where there is no window, or the lengths differ."""
-        position = frozen_array(self.position, "position errors", (None,))
-        if len(position) == 0:
-            raise ValueError("there is no window to sum up")
-        object.__setattr__(self, "position", position)
-        object.__setattr__(self, "yaw", frozen_array(self.yaw, "yaw errors", (len(position),)))
+@dataclass(frozen=True)
+class HorizonErrors:
+    """Relative pose errors over all windows of one horizon, summed up."""
 
-    def summary(self) -> OverlappingErrors:
-        """Return medians with their intervals."""
-        draws = self._draws()
-        position, yaw = (_interval(values, draws) for values in (self.position, self.yaw))
-        return OverlappingErrors(len(self.position), *position, *yaw)
+    n: int
+    """Number of windows."""
+    position_median_m: float
+    """Median of the position errors [m]."""
+    position_p95_m: float
+    """95th percentile of the position errors, linear between ranks [m]."""
+    yaw_median_rad: float
+    """Median of the yaw errors [rad]."""
+    yaw_p95_rad: float
+    """95th percentile of the yaw errors, linear between ranks [rad]."""
 
-    def differs_from(self, other: WindowErrors) -> tuple[bool, bool]:
-        """Return whether the medians of position and of yaw differ from those of another plant by more than chance.
 
-        Both are resampled alike, so that what is hard for both does not count. Windows must be the same.
+def horizon_errors(position: ArrayLike, yaw: ArrayLike) -> HorizonErrors:
+    """Sum up the (n,) position [m] and yaw errors [rad] of all windows of one horizon: medians and 95th percentiles.
 
-        Raises:
-            ValueError: the numbers of windows differ.
-        """
-        if len(other.position) != len(self.position):
-            raise ValueError(f"there are {len(self.position)} windows here and {len(other.position)} there")
-        draws = self._draws()
-        if draws is None:
-            return False, False
-        pairs = ((self.position, other.position), (self.yaw, other.yaw))
-        position, yaw = (np.median(a[draws], axis=1) - np.median(b[draws], axis=1) for a, b in pairs)
-        return _excludes_zero(position), _excludes_zero(yaw)
+    Raises:
+        ValueError: there is no window, lengths differ, or a number is not finite.
+    """
+    p, r = _errors(position, yaw)
+    return HorizonErrors(len(p), *map(float, np.percentile(p, (50.0, 95.0))), *map(float, np.percentile(r, (50.0, 95.0))))
 
-    def _draws(self) -> IndexArray | None:
-        """Return (draws, W) indices of resampled series; None where the recording is too short for that."""
-        n, block = len(self.position), math.ceil(max(self.horizon, SHORTEST_BLOCK_S) / EVERY_S)
-        if n < FEWEST_BLOCKS * block:
-            return None
-        starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(n / block)))
-        series = (starts[:, :, None] + np.arange(block)) % n  # in a circle, so that every window counts alike
-        return series.reshape(_DRAWS, -1)[:, :n]
+
+def _errors(position: ArrayLike, yaw: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    p = frozen_array(position, "position errors", (None,))
+    if len(p) == 0:
+        raise ValueError("there is no window to sum up")
+    return p, frozen_array(yaw, "yaw errors", (len(p),))
 
 
 @dataclass(frozen=True)
@@ -131,16 +162,55 @@ class OverlappingErrors:
     """Upper end of its interval [rad]."""
 
 
-def _interval(values: FloatArray, draws: IndexArray | None) -> tuple[float, float, float]:
-    """Return the median of (W,) values and its interval; that of all values where nothing was resampled."""
-    median = float(np.median(values))
-    tail = 50.0 * (1.0 - SHARE)
-    of = values if draws is None else np.median(values[draws], axis=1)
-    low, high = np.percentile(of, (tail, 100.0 - tail))
-    return median, min(float(low), median), max(float(high), median)
+@dataclass(frozen=True, eq=False)
+class WindowErrors:
+    """Errors of the relative pose over the overlapping windows of one horizon, in the order of time."""
 
+    horizon: float
+    """Length of the windows [s]."""
+    position: FloatArray
+    """(W,) position errors [m]."""
+    yaw: FloatArray
+    """(W,) sizes of the yaw errors [rad]."""
 
-def _excludes_zero(differences: FloatArray) -> bool:
-    tail = 50.0 * (1.0 - SHARE)
-    low, high = np.percentile(differences, (tail, 100.0 - tail))
-    return bool(low > 0.0 or high < 0.0)
+    def __post_init__(self) -> None:
+        """Check; ValueError where there is no window, or the lengths differ."""
+        for name, values in zip(("position", "yaw"), _errors(self.position, self.yaw), strict=True):
+            object.__setattr__(self, name, values)
+
+    def summary(self) -> OverlappingErrors:
+        """Return medians with their intervals; an interval is that of all errors where nothing can be resampled."""
+        draws, found = self._draws(), list[float]()
+        for values in (self.position, self.yaw):
+            median = float(np.median(values))
+            low, high = np.percentile(values if draws is None else np.median(values[draws], axis=1), _TAILS)
+            found += [median, min(float(low), median), max(float(high), median)]
+        return OverlappingErrors(len(self.position), *found)
+
+    def differs_from(self, other: WindowErrors) -> tuple[bool, bool]:
+        """Return whether the medians of position and of yaw differ from those of another plant by more than chance.
+
+        Both are resampled alike, so that what is hard for both does not count. Windows must be the same.
+
+        Raises:
+            ValueError: the numbers of windows differ.
+        """
+        if len(other.position) != len(self.position):
+            raise ValueError(f"there are {len(self.position)} windows here and {len(other.position)} there")
+        draws = self._draws()
+        if draws is None:
+            return False, False
+        differs = []
+        for a, b in ((self.position, other.position), (self.yaw, other.yaw)):
+            low, high = np.percentile(np.median(a[draws], axis=1) - np.median(b[draws], axis=1), _TAILS)
+            differs.append(bool(low > 0.0 or high < 0.0))
+        return differs[0], differs[1]
+
+    def _draws(self) -> IndexArray | None:
+        """Return (draws, W) indices of resampled series; None where the recording is too short for that."""
+        n, block = len(self.position), math.ceil(max(self.horizon, SHORTEST_BLOCK_S) / EVERY_S)
+        if n < FEWEST_BLOCKS * block:
+            return None
+        starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(n / block)))
+        series = (starts[:, :, None] + np.arange(block)) % n  # in a circle, so that every window counts alike
+        return series.reshape(_DRAWS, -1)[:, :n]

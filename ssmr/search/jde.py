@@ -8,13 +8,11 @@ Where the thesis leaves a choice, or prints something that cannot be:
 - F is drawn anew as F_min + (F_max - F_min) rand; F_min + F_max rand, as printed, leaves the bounds of Tab. 3.7.
 - F and CR belong to the vector: a trial that replaces its parent brings its own, otherwise the parent keeps what it had.
   The equations name no such condition, but Sec. 3.5.1 encodes F and CR in the members of the population, as jDE does, and
-  only so does selection act on them. Kept always, they would descend in every generation between two draws, late in a
-  search by a fifth each, most of them down to the least. Over 25 seeds that is better on Rastrigin's function, worse on
-  sphere and Ackley's, and no different on two fits (docs/identification.md).
+  only so does selection act on them (docs/identification.md compares both).
 - "rand <= tau" is tested as rand < tau, which for rand in [0, 1) has the probability tau exactly.
 - Alg. 3 stops at the first generation that improves by no more than df. That happens by chance after a few generations,
   so the improvement is taken over `patience` generations; 1 is the thesis as printed.
-- A gene of a donor beyond a bound is put midway between the base vector (the best, or r1) and that bound. Searches keep
+- A gene of a donor beyond a bound is put midway between the best vector and that bound. Searches keep
   approaching an optimum at a bound, and no vector is thrown back into the cube at random.
 - The parent's cost is remembered, not evaluated again.
 
@@ -34,14 +32,19 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import FloatArray, IndexArray, frozen_array
 
-Strategy = Literal["best/2", "rand/1"]
-_Mask = NDArray[np.bool_]
-
-PARTNERS: Mapping[str, int] = {"best/2": 4, "rand/1": 3}
-"""Number of vectors, distinct and other than i, that a strategy draws (nr of Tab. 3.7)."""
+F_INIT, F_BOUNDS = 0.75, (0.1, 0.9)
+"""Initial F of every vector, and the least and greatest F [1]; Tab. 3.7, as all that follow."""
+CR_INIT, CR_BOUNDS = 0.8, (0.0, 1.0)
+"""Initial CR of every vector, and the least and greatest CR [1]."""
+TAU = 0.1
+"""Probability of a new F, and of a new CR (tau_1, tau_2) [1]."""
+SLOPE = 0.2
+"""Share of F and CR by which they are lowered, in proportion to the generations gone (slp) [1]."""
+PARTNERS = 4
+"""Number of vectors, distinct and other than i, from which a donor is made (nr)."""
 Finished = Literal["", "generations", "improvement", "target"]
 
-VERSION = "ssmr.jde/1"
+VERSION = "ssmr.jde/2"
 """Version of the layout of `Jde.state`, and of the order in which random numbers are drawn."""
 MOST_COST = 1e300
 """Greatest size of a cost that a search can be told to stop at; results hold finite numbers only."""
@@ -52,28 +55,12 @@ _LOWER_64 = (1 << 64) - 1
 
 @dataclass(frozen=True)
 class JdeSettings:
-    """Settings of a search; the defaults are those of Tab. 3.7."""
+    """Size of a search and its stop rules; the defaults are those of Tab. 3.7, but for `patience`."""
 
     population: int = 50
     """Number of vectors in a generation, S (NP)."""
     generations: int = 300
     """Greatest number of generations after the initial population (n_gen, ng_max)."""
-    strategy: Strategy = "best/2"
-    """Mutation: `best/2` is the thesis' choice; `rand/1` is slower but leaves local minima."""
-    f_init: float = 0.75
-    """Initial F of every vector [1]."""
-    f_bounds: tuple[float, float] = (0.1, 0.9)
-    """Least and greatest F [1]."""
-    cr_init: float = 0.8
-    """Initial CR of every vector [1]."""
-    cr_bounds: tuple[float, float] = (0.0, 1.0)
-    """Least and greatest CR [1]."""
-    tau_f: float = 0.1
-    """Probability of a new F (tau_1) [1]."""
-    tau_cr: float = 0.1
-    """Probability of a new CR (tau_2) [1]."""
-    slope: float = 0.2
-    """Share of F and CR by which they are lowered, in proportion to the generations gone (slp) [1]; 0 is the classic jDE."""
     df: float = 1e-3
     """Stop when the best cost improved by no more than this share of its size [1] ..."""
     patience: int = 30
@@ -82,21 +69,10 @@ class JdeSettings:
     """Stop when the best cost is at or below this [unit of the cost]."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for an unknown name, a number out of its range, or too few vectors for the strategy."""
-        if self.strategy not in PARTNERS:
-            raise ValueError(f"unknown strategy '{self.strategy}'; there are: {', '.join(PARTNERS)}")
-        least = 1 + PARTNERS[self.strategy]
-        if isinstance(self.population, int) and self.population < least:
-            raise ValueError(f"population must be at least {least} for {self.strategy}, got {self.population}")
-        require_within(self, ("population",), least, _MOST_VECTORS, whole=True)
+        """Raise a ValueError for a number out of its range."""
+        require_within(self, ("population",), 1 + PARTNERS, _MOST_VECTORS, whole=True)
         require_within(self, ("generations",), 1, _MOST_GENERATIONS, whole=True)
         require_within(self, ("patience",), 1, 1_000_000_000, whole=True)
-        for name, most in (("f", 2.0), ("cr", 1.0)):
-            low, high = getattr(self, f"{name}_bounds")
-            if not 0.0 <= low <= high <= most:
-                raise ValueError(f"{name}_bounds must increase within 0 and {most:g}, got {low:g} and {high:g}")
-            require_within(self, (f"{name}_init",), low, high)
-        require_within(self, ("tau_f", "tau_cr", "slope"), 0.0, 1.0)
         require_within(self, ("df",), 0.0, 1e6)
         if not self.target == -math.inf:
             require_within(self, ("target",), -MOST_COST, MOST_COST)
@@ -131,7 +107,7 @@ class Jde:
                 raise ValueError(f"start leaves the unit cube: {points[row, k]:g} at index {(row, k)}")
             self._population[: len(points)] = points
         self._costs = np.full(size, np.inf)
-        self._f, self._cr = np.full(size, settings.f_init), np.full(size, settings.cr_init)
+        self._f, self._cr = np.full(size, F_INIT), np.full(size, CR_INIT)
         self._history: list[float] = []
         self._best = 0
         self._asked = False
@@ -207,19 +183,17 @@ class Jde:
 
     def _next_trials(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return (S, n) trials, (S,) their F and (S,) their CR."""
-        s, n = self.settings, self.n
-        size, k = s.population, PARTNERS[s.strategy]
+        n, k, size = self.n, PARTNERS, self.settings.population
         draws = self._rng.random((5 + k + n) * size)
         rows = draws[: (5 + k) * size].reshape(5 + k, size)
         crossing = draws[(5 + k) * size :]
-        descent = s.slope * self.generation / s.generations  # ng - 1 generations are complete
-        f = adapt(self._f, rows[0:2], s.f_bounds, s.tau_f, descent)
-        cr = adapt(self._cr, rows[2:4], s.cr_bounds, s.tau_cr, descent)
+        descent = SLOPE * self.generation / self.settings.generations  # ng - 1 generations are complete
+        f, cr = adapt(self._f, rows[0:2], F_BOUNDS, descent), adapt(self._cr, rows[2:4], CR_BOUNDS, descent)
         first = (rows[4] * n).astype(np.intp)
-        partners = distinct_partners(rows[5:])
-        base, donors = mutate(s.strategy, self._population, self._population[self._best], f, partners)
+        best = self._population[self._best]
+        donors = repair(mutate(self._population, best, f, distinct_partners(rows[5:])), best)
         mask = binomial_mask(cr, crossing.reshape(size, n), first)
-        return np.where(mask, repair(donors, base), self._population), f, cr
+        return np.where(mask, donors, self._population), f, cr
 
     def tell(self, costs: ArrayLike) -> None:
         """Take the (S,) costs of the points asked for, and select: a trial replaces its parent unless it is worse.
@@ -254,7 +228,7 @@ class Jde:
         settings = ((f, getattr(self.settings, f.name)) for f in fields(JdeSettings))
         return {
             "version": np.array(VERSION),
-            **{f"settings.{f.name}": _setting(v, f.default) for f, v in settings},
+            **{f"settings.{f.name}": np.array(v, dtype=type(f.default)) for f, v in settings},
             "rng": np.array([half for word in words for half in (word >> 64, word & _LOWER_64)], dtype=np.uint64),
             "history": self.history,
             "asked": np.array(self._asked),
@@ -272,9 +246,7 @@ class Jde:
         if str(state.get("version")) != VERSION:
             raise ValueError(f"this is no state of a search of version '{VERSION}'")
         values: dict[str, Any] = {f.name: state[f"settings.{f.name}"].tolist() for f in fields(JdeSettings)}
-        values |= {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-        settings = JdeSettings(**values)
-        search = cls(state["population"].shape[-1], settings, 0)
+        search = cls(state["population"].shape[-1], JdeSettings(**values), 0)
         for name in _ARRAYS:
             if np.shape(state[name]) != np.shape(getattr(search, f"_{name}")):
                 raise ValueError(f"{name} of the state has the shape {np.shape(state[name])}")
@@ -295,19 +267,14 @@ _ARRAYS = ("population", "costs", "f", "cr", "trials", "trial_f", "trial_cr")
 """Arrays that a search is made of, besides its history and its random generator."""
 
 
-def _setting(value: Any, default: Any) -> NDArray[Any]:
-    """Return a setting as an array of its default's type: a 0 given for a float is kept as 0.0."""
-    return np.array(value) if isinstance(default, str) else np.array(value, dtype=np.array(default).dtype)
-
-
-def adapt(values: FloatArray, draws: FloatArray, bounds: tuple[float, float], tau: float, descent: float) -> FloatArray:
+def adapt(values: FloatArray, draws: FloatArray, bounds: tuple[float, float], descent: float) -> FloatArray:
     """Return (S,) F or CR of the trials (Sec. 3.5.1): drawn anew with probability tau, else lowered, not below the least.
 
     The first row of the (2, S) draws, uniform in [0, 1), decides whether to draw anew, the second gives the new value;
     `descent` is slp (ng - 1) / ng_max.
     """
     low, high = bounds
-    return np.where(draws[0] < tau, low + (high - low) * draws[1], np.maximum(values - values * descent, low))
+    return np.where(draws[0] < TAU, low + (high - low) * draws[1], np.maximum(values - values * descent, low))
 
 
 def distinct_partners(draws: FloatArray) -> IndexArray:
@@ -332,33 +299,27 @@ def distinct_partners(draws: FloatArray) -> IndexArray:
     return indices
 
 
-def mutate(
-    strategy: Strategy, population: FloatArray, best: FloatArray, f: FloatArray, partners: IndexArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the (n,) or (S, n) base vectors, and the (S, n) donors V_i that start from them and may leave the cube.
+def mutate(population: FloatArray, best: FloatArray, f: FloatArray, partners: IndexArray) -> FloatArray:
+    """Return (S, n) donors X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4), which may leave the cube (Sec. 3.5.1).
 
-    best/2: V = X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4) (Sec. 3.5.1); rand/1: V = X_r1 + F (X_r2 - X_r3). The (k, S)
-    partners are the indices r1 to rk.
+    `population` is (S, n), `best` (n,), `f` (S,); the (4, S) partners are the indices r1 to r4.
     """
     x = population[partners]
-    if strategy == "rand/1":
-        base, difference = x[0], x[1] - x[2]
-    else:
-        base, difference = best, x[0] - x[1]
-        difference += x[2]
-        difference -= x[3]
+    difference: FloatArray = x[0] - x[1]
+    difference += x[2]
+    difference -= x[3]
     difference *= f[:, np.newaxis]
-    difference += base
-    return base, difference
+    difference += best
+    return difference
 
 
 def repair(donors: FloatArray, base: FloatArray) -> FloatArray:
-    """Return (S, n) donors whose genes beyond a bound of the cube lie midway between the base vector's and that bound."""
+    """Return (S, n) donors; genes beyond a bound are put midway between the (n,) base vector's and that bound."""
     inside = np.where(donors < 0.0, 0.5 * base, donors)
     return np.where(donors > 1.0, 0.5 + 0.5 * base, inside)
 
 
-def binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> _Mask:
+def binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> NDArray[np.bool_]:
     """Return an (S, n) mask of the genes that come from the donor: each with probability CR, and gene `first` always.
 
     The (S, n) draws are uniform in [0, 1).
@@ -368,6 +329,6 @@ def binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> _Mask
     return mask
 
 
-def replaces(trial_costs: FloatArray, parent_costs: FloatArray) -> _Mask:
+def replaces(trial_costs: FloatArray, parent_costs: FloatArray) -> NDArray[np.bool_]:
     """Return (S,) whether each trial replaces its parent: it does if its cost is finite and not worse."""
     return np.isfinite(trial_costs) & (trial_costs <= parent_costs)

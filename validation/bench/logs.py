@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ssmr._jit import source
-from ssmr.estimation.ekf import aiding_by, run_ekf
+from ssmr.estimation.ekf import run_ekf
 from ssmr.estimation.settings import EkfSettings, commission, learning, zeroed
 from ssmr.geometry import align_rigidly, rotate_world_to_body
 from ssmr.metrics.paths import path_length
@@ -145,7 +145,7 @@ def filtered_motion(log: Log, settings: EkfSettings = STOCK, *, bias: bool = Tru
     elif turning is not None and bias:
         turning = turning - zeroed(learning(settings), turning[still]).bias
     std = _UNKNOWN_SPEED if settings.learns else (0.0,) * 5
-    return run_ekf(t, left, right, turning, settings, State(), std, aiding_by(still) if settings.learns else None)
+    return run_ekf(t, left, right, turning, settings, State(), std, still if settings.learns else None)
 
 
 def _rates_at(t: FloatArray, wheels: WheelTwist, settings: EkfSettings) -> Sides:

@@ -12,8 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssmr.geometry import rotate_body_to_world, rotate_world_to_body
-from ssmr.metrics.poses import HorizonErrors, horizon_errors, horizon_windows, relative_pose_error
-from ssmr.metrics.windows import WindowErrors, overlapping_windows
+from ssmr.metrics.windows import (
+    HorizonErrors,
+    WindowErrors,
+    horizon_errors,
+    horizon_windows,
+    overlapping_windows,
+    relative_pose_error,
+)
 from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT

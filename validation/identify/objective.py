@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ssmr._jit import jit_alone, share_among_threads
 from ssmr.geometry import relative, wrap_angle
-from ssmr.metrics.paths import measured_length, one_sided_kernel
-from ssmr.metrics.poses import horizon_windows
+from ssmr.metrics.paths import one_sided_kernel, path_length
+from ssmr.metrics.windows import horizon_windows
 from ssmr.parameters import require_within
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.bench.sources import Piece, Source
@@ -127,7 +127,7 @@ class SyncRater(Rater):
 @jit_alone
 def path_costs(poses, truth, k_rms, k_haus, k_ratio, out):
     """Write (S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
-    length = measured_length(truth)
+    length = path_length(truth)
     for i in range(len(poses)):
         metrics = one_sided_kernel(poses[i], truth, length)
         out[i] = k_rms * metrics[0] + k_haus * metrics[1] + k_ratio * abs(1.0 - metrics[2])

@@ -10,8 +10,7 @@ from typing import Any
 
 from ssmr.errors import SsmrError
 from ssmr.metrics.declared import Metrics, compare_pieces
-from ssmr.metrics.poses import HorizonErrors
-from ssmr.metrics.windows import WindowErrors
+from ssmr.metrics.windows import HorizonErrors, WindowErrors
 from ssmr.types import Plant, Trajectory
 from validation.bench.sources import drive, horizons_of, window_errors_of
 from validation.identify.objective import FitTarget

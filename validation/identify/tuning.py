@@ -13,7 +13,7 @@ from ssmr.control.laws import LAWS
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import Metrics
-from ssmr.metrics.paths import BENDING_FLOOR, bend_ratio_kernel, bending_energy, measured_length, one_sided_kernel
+from ssmr.metrics.paths import BENDING_FLOOR, bend_ratio_kernel, bending_energy, one_sided_kernel, path_length
 from ssmr.parameters import MOST_SEED, described, require_within
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
@@ -62,7 +62,7 @@ class TuneCost:
 @jit_alone
 def _path_measures(poses, truth, out):
     """Write (S, 4) d_rms, d_haus, d_ratio and e_bend_ratio of (S, M, 3) poses against (N, 3)."""
-    length = measured_length(truth)
+    length = path_length(truth)
     for i in range(len(poses)):
         out[i, 0], out[i, 1], out[i, 2] = one_sided_kernel(poses[i], truth, length)
         out[i, 3] = bend_ratio_kernel(poses[i], truth)

@@ -24,8 +24,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from PIL import Image
 
-from ssmr.metrics.poses import HorizonErrors
-from ssmr.metrics.windows import OverlappingErrors
+from ssmr.metrics.windows import HorizonErrors, OverlappingErrors
 from ssmr.types import FloatArray
 from validation.report.palette import BLACK, Rgb, colour, controller_colour, mix
 from validation.store import write_atomic

@@ -17,7 +17,7 @@ from matplotlib.lines import Line2D
 from scipy.ndimage import uniform_filter1d
 
 from ssmr.geometry import relative, wrap_angle
-from ssmr.metrics.poses import horizon_windows, relative_pose_error
+from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.report.columns import length_unit
 from validation.report.drawing import (

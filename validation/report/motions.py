@@ -9,8 +9,7 @@ from itertools import combinations
 from typing import Any
 
 from ssmr.metrics.declared import Metric, Metrics
-from ssmr.metrics.poses import HorizonErrors
-from ssmr.metrics.windows import OverlappingErrors, WindowErrors
+from ssmr.metrics.windows import HorizonErrors, OverlappingErrors, WindowErrors
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, IndexArray, Trajectory
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit

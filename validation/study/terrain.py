@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from ssmr.control.loop import LoopSettings
 from ssmr.errors import SsmrError
-from ssmr.metrics.poses import horizon_windows, relative_pose_error
+from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.models.law import PLANAR_MODELS as PLANAR
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT

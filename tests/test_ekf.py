@@ -163,7 +163,7 @@ def test_how_a_straight_way_is_cut_does_not_matter(yaw: float, v: float, dt: flo
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.001, 0.02, 0.5]), st.sampled_from([1.0, 30.0, 1000.0]))
 def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild: float) -> None:
     rng, n = np.random.default_rng(seed), 1000
-    belief, out = initial_belief(State()), np.empty((n, 20))
+    belief, out = initial_belief(State()), np.empty((n, 19))
     for _ in range(100):
         t = np.cumsum(rng.uniform(0.01 * dt, dt, n))
         left, right, gyro = wild * rng.standard_normal((3, n))
@@ -190,7 +190,7 @@ def test_no_frame_is_preferred(x: float, y: float, yaw: float) -> None:
     rng, n = np.random.default_rng(5), 200
     t = np.cumsum(rng.uniform(0.01, 0.03, n))
     log = SensorLog(t, *rng.normal([4.0, 5.0, 0.4], 0.3, (n, 3)).T.copy())
-    out, moved = np.empty((n, 20)), np.empty((n, 20))
+    out, moved = np.empty((n, 19)), np.empty((n, 19))
     here, elsewhere = initial_belief(State(v_x=0.5)), initial_belief(State(x, y, yaw, v_x=0.5))
     filter_log(log, np.zeros(len(t), dtype=bool), STOCK.packed(), here, out)
     filter_log(log, np.zeros(len(t), dtype=bool), STOCK.packed(), elsewhere, moved)

@@ -175,22 +175,18 @@ def _add(p: FloatArray, i: int, j: int, value: float) -> None:
 
 
 @jit
-def update(belief: Belief, j: int, value: float, variance: float) -> float:
+def update(belief: Belief, j: int, value: float, variance: float) -> None:
     """Take in one measurement of state `j`, in place; a NaN or a measurement of infinite variance changes nothing.
 
     With the gain K = P H'/S, S = H P H' + R, this is the mean m + K (z - H m) and Joseph's form of the covariance, (I - K
     H) P (I - K H)' + K R K'. Where H picks state j, the last terms of that form cancel in all rows and columns but the
     j-th, whose factor 1 - K_j is R/S: no difference of like numbers is left there, so the variance stays positive.
-
-    Returns:
-        The normalised squared innovation (z - H m)^2 / S, chi-squared of one degree of freedom; NaN without a measurement.
     """
     if math.isnan(value) or variance == math.inf:
-        return math.nan
+        return
     m, p = belief
     total = p[j, j] + variance  # S
     keep, step = variance / total, (value - m[j]) / total
-    squared = step * (value - m[j])
     n = len(m)
     for i in range(n):
         m[i] += p[j, i] * step
@@ -203,21 +199,20 @@ def update(belief: Belief, j: int, value: float, variance: float) -> float:
     for k in range(n):  # row and column j, which the others needed as they were
         p[j, k] *= keep
         p[k, j] = p[j, k]
-    return float(squared)
 
 
 @jit
-def update_row(belief: Belief, row: FloatArray, residual: float, variance: float) -> float:
+def update_row(belief: Belief, row: FloatArray, residual: float, variance: float) -> None:
     """Take in one measurement of a sum of states, in place, as `update`; the turning ratio stays as uncertain as it was.
 
     It is a state that is only considered (Schmidt's filter), since learning it cannot be trusted: it multiplies a yaw rate
     as noisy as the gyro, and where slip hides all slow differences, that noise would pull the ratio towards 0.
 
     The (n,) `row` is H, the derivative of the measurement by the state, and `residual` the measurement less what the mean
-    says that it is. The other arguments, and what is returned, are those of `update`.
+    says that it is. The other arguments are those of `update`.
     """
     if math.isnan(residual) or variance == math.inf:
-        return math.nan
+        return
     m, p = belief
     n = len(m)
     column, total = np.empty(n), variance
@@ -236,18 +231,14 @@ def update_row(belief: Belief, row: FloatArray, residual: float, variance: float
                 left = p[i, k] - gain * column[k]
                 p[i, k] = left
                 p[k, i] = left
-    return step * residual
 
 
 @jit_alone
-def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -> float:
+def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -> None:
     """Take in one sample of the robot's sensors, in place: let `dt` [s] pass, then use wheels and gyro.
 
     The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy wheels have independent
     noise. The sample is NaN where a sensor gave nothing.
-
-    Returns:
-        The normalised squared innovation of the wheels' yaw rate; NaN where it was not used.
     """
     m = belief.mean
     predict(belief, dt, numbers)
@@ -258,9 +249,9 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -
         variance_w += rolled * numbers.slip_turn / dt if dt > 0.0 else math.inf
     if len(m) <= BIAS:
         update(belief, V, v, numbers.variance_v)
-        squared = update(belief, W, w, variance_w)
+        update(belief, W, w, variance_w)
         update(belief, W, sample.gyro, numbers.variance_gyro)
-        return squared
+        return
     row = np.zeros(len(m))
     row[W], row[BIAS] = 1.0, 1.0
     update_row(belief, row, sample.gyro - m[W] - m[BIAS], numbers.variance_gyro)
@@ -268,7 +259,7 @@ def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -
     row[V] = 1.0
     update_row(belief, row, v - m[V], numbers.variance_v)
     shown = wheel_yaw_rate(m, numbers.half_track, row)
-    return update_row(belief, row, w - shown, variance_w)
+    update_row(belief, row, w - shown, variance_w)
 
 
 @jit_alone
@@ -292,18 +283,18 @@ def stand(belief: Belief) -> None:
 def filter_log(log: SensorLog, still: NDArray[np.bool_], numbers: Any, belief: Belief, out: FloatArray) -> None:
     """Filter a `SensorLog`, in place; the robot is known to stand at samples that are `still`, (M,).
 
-    `out` (M, 2 n + 10) is written: the mean, with the forward speed in the place of v, its standard deviations, what
-    `filter_step` returns, and the covariance of the pose.
+    `out` (M, 2 n + 9) is written: the mean, with the forward speed in the place of v, its standard deviations, and the
+    covariance of the pose.
     """
     n, now = len(belief.mean), log.t[0]
     for k in range(len(log.t)):
-        out[k, 2 * n] = filter_step(belief, SensorSample(log.left[k], log.right[k], log.gyro[k]), log.t[k] - now, numbers)
+        filter_step(belief, SensorSample(log.left[k], log.right[k], log.gyro[k]), log.t[k] - now, numbers)
         now = log.t[k]
         if still[k]:
             stand(belief)
         out[k, :n], out[k, n : 2 * n] = belief.mean, np.sqrt(np.diag(belief.covariance))
         out[k, V] = speed(belief.mean, numbers)
-        out[k, 2 * n + 1 :] = np.ravel(belief.covariance[:3, :3])
+        out[k, 2 * n :] = np.ravel(belief.covariance[:3, :3])
 
 
 def initial_belief(
@@ -355,9 +346,8 @@ def run_ekf(
         still: (M,) True for samples at which the robot is known to stand; there the gyro shows its bias.
 
     Returns:
-        The estimate after each sample, with the wheels as measured. Channels are `pose_std` (M, 3), its square's whole
-        `pose_covariance` (M, 3, 3), and `innovation` (M,), the normalised squared one of the wheels' yaw rate, 0 where it
-        was not used. A filter that learns adds `constants` and `constants_std`, (M, 6).
+        The estimate after each sample, with the wheels as measured. Channels are `pose_std` (M, 3) and its square's whole
+        `pose_covariance` (M, 3, 3). A filter that learns adds `constants` and `constants_std`, (M, 6).
 
     Raises:
         ValueError: lengths differ, time does not increase, or a number other than a missing gyro sample is not finite.
@@ -371,12 +361,11 @@ def run_ekf(
         raise ValueError(f"still has shape {standing.shape}, wanted {times.shape}")
     belief = initial_belief(start, start_std, settings if settings.learns else None)
     n = len(belief.mean)
-    out = np.empty((len(times), 2 * n + 10))
+    out = np.empty((len(times), 2 * n + 9))
     log = SensorLog(times, wheels[:, 0].copy(), wheels[:, 1].copy(), turning)
     filter_log(log, standing, settings.packed(), belief, out)
-    mean, std, innovation, covariance = np.split(out, [n, 2 * n, 2 * n + 1], axis=1)
+    mean, std, covariance = np.split(out, [n, 2 * n], axis=1)
     channels = {"pose_std": std[:, :3], "pose_covariance": covariance.reshape(-1, 3, 3)}
-    channels["innovation"] = np.nan_to_num(innovation[:, 0])
     lateral = np.zeros(len(times))
     if settings.learns:
         channels |= {"constants": mean[:, BIAS:], "constants_std": std[:, BIAS:]}

@@ -80,9 +80,7 @@ def bending_energy(xy: FloatArray) -> float:
     total, squares = _steps(xy)
     if not total > 0.0:
         return 0.0
-    d = max(
-        BENDING_SPACING, squares / total
-    )  # hence at most M - 1 chords: total^2 <= (M - 1) squares
+    d = max(BENDING_SPACING, squares / total)  # hence at most M - 1 chords: total^2 <= (M - 1) squares
     last_x, last_y = xy[0, 0], xy[0, 1]
     chord_x, chord_y = 0.0, 0.0
     chords = 0

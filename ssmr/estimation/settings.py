@@ -23,10 +23,8 @@ NEUTRAL = (0.0, 1.0, 1.0, 1.0, 0.0, 0.0)
 class Belief(NamedTuple):
     """Everything that a filter remembers: the state it believes in, and how sure of it it is."""
 
-    mean: FloatArray
-    """(n,) x [m], y [m], yaw [rad], v [m/s], omega [rad/s]; n is 5, or 11 for a filter that learns."""
-    covariance: FloatArray
-    """(n, n) covariance of these, symmetric."""
+    mean: FloatArray  # (n,) x [m], y [m], yaw [rad], v [m/s], omega [rad/s]; n is 5, or 11 for a filter that learns
+    covariance: FloatArray  # (n, n) covariance of these, symmetric
 
 
 STANDING = 1e-4

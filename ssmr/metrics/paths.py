@@ -148,18 +148,12 @@ def bend_ratio_kernel(candidate_xy: FloatArray, reference_xy: FloatArray) -> flo
 class PathMeasures(NamedTuple):
     """All that the metrics of two paths are made of."""
 
-    d_rms: float
-    """Root mean square distance from the reference's samples to the closest of the candidate's [m]."""
-    d_haus: float
-    """The largest of those distances [m]."""
-    d_rms_symmetric: float
-    """Root of the mean of both directions' mean squares [m]."""
-    d_haus_symmetric: float
-    """The larger of both directions' largest distances [m]."""
-    lengths: tuple[float, float]
-    """Lengths of candidate and reference [m]."""
-    bendings: tuple[float, float]
-    """Bending energies of candidate and reference [1/m]."""
+    d_rms: float  # root mean square distance from the reference's samples to the closest of the candidate's [m]
+    d_haus: float  # the largest of those distances [m]
+    d_rms_symmetric: float  # root of the mean of both directions' mean squares [m]
+    d_haus_symmetric: float  # the larger of both directions' largest distances [m]
+    lengths: tuple[float, float]  # lengths of candidate and reference [m]
+    bendings: tuple[float, float]  # bending energies of candidate and reference [1/m]
 
 
 @jit_alone

@@ -176,26 +176,17 @@ class Body(NamedTuple):
     motion: FloatArray
     """(6,) x, y [m], yaw [rad] of the middle between the axles; forward and leftward speed of the centre of mass [m/s], yaw
     rate [rad/s]."""
-    spin: FloatArray
-    """(4,) wheel rates [rad/s]."""
-    integral: FloatArray
-    """(4,) integral parts of the motors' torques [N m]."""
-    torque: FloatArray
-    """(4,) torques of the motors in the last step, each wheel's share [N m]."""
-    slip_x: FloatArray
-    """(4,) bends of the tyres along the wheel over the relaxation length [1]."""
-    slip_y: FloatArray
-    """(4,) bends across the wheel [1]."""
-    load: FloatArray
-    """(4,) wheel loads in the last step [N]."""
+    spin: FloatArray  # (4,) wheel rates [rad/s]
+    integral: FloatArray  # (4,) integral parts of the motors' torques [N m]
+    torque: FloatArray  # (4,) torques of the motors in the last step, each wheel's share [N m]
+    slip_x: FloatArray  # (4,) bends of the tyres along the wheel over the relaxation length [1]
+    slip_y: FloatArray  # (4,) bends across the wheel [1]
+    load: FloatArray  # (4,) wheel loads in the last step [N]
     shift: FloatArray
     """(2,) load that has moved to the front and to the left, over the weight [1]; 1 where the others carry nothing."""
-    force_x: FloatArray
-    """(4,) forces of the ground along the wheels in the last step [N]."""
-    force_y: FloatArray
-    """(4,) forces of the ground across the wheels [N]."""
-    turn: FloatArray
-    """(1,) yaw acceleration in the last step [rad/s2]."""
+    force_x: FloatArray  # (4,) forces of the ground along the wheels in the last step [N]
+    force_y: FloatArray  # (4,) forces of the ground across the wheels [N]
+    turn: FloatArray  # (1,) yaw acceleration in the last step [rad/s2]
 
 
 STATE_NUMBERS = 41

@@ -47,15 +47,9 @@ def arctangent_friction(coefficient: float, load: float, v: float, steepness: fl
 
 
 @jit
-def arctangent_slope(coefficient: float, load: float, v: float, steepness: float) -> float:
-    """Return the derivative of `arctangent_friction` with respect to v [N s/m] (Eq. 2.38)."""
-    return coefficient * load * (2.0 / math.pi) * steepness / (1.0 + (steepness * v) * (steepness * v))
-
-
-@jit
 def hyperviscous_friction(coefficient: float, load: float, v: float, steepness: float) -> float:
-    """Return the force of the arctangent's line about rest [N], to be subtracted: (2/pi) k_s mu N v (Eq. 2.39)."""
-    return arctangent_slope(coefficient, load, 0.0, steepness) * v
+    """Return the force of the arctangent's line about rest [N], to be subtracted: (2/pi) k_s mu N v (Eq. 2.38, 2.39)."""
+    return coefficient * load * (2.0 / math.pi) * steepness * v
 
 
 @jit

@@ -10,7 +10,7 @@ in front of the linear system.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from ssmr.parameters import check_parameters, packed, parameter
 from ssmr.robot.drive import Sides, Wanted, exact_step, gear_loss, motor_torques, side_rates
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import FloatArray
-
-Form = Literal["used", "single", "printed"]
-"""Which A_22: the one that agrees with the published models, one load mg in it, or as it stands in print."""
 
 
 @dataclass(frozen=True)
@@ -103,24 +100,16 @@ def _constants(body: Any, parameters: Any, dt: float) -> LinearConstants:
     )
 
 
-def matrices(
-    vehicle: Vehicle, parameters: LinearParameters, drive: Drive, form: Form = "used"
-) -> tuple[FloatArray, FloatArray]:
+def matrices(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) -> tuple[FloatArray, FloatArray]:
     """Return A (4, 4) and B (4, 2) of Eq. 2.46.
 
-    Args:
-        vehicle: mass and geometry.
-        parameters: viscous coefficients and loop gain.
-        drive: its half-track and radius turn the input into wheel speeds; in the thesis both are the vehicle's.
-        form: `printed` takes A_22 as it stands in print and `single` one load mg in it, for the errata's tests.
+    The drive's half-track and radius turn the input into wheel speeds; in the thesis both are the vehicle's.
     """
     rates = coefficients(vehicle_body(packed(vehicle)), packed(parameters))
-    single = rates.friction / LOAD_SUM
-    friction = {"used": rates.friction, "single": single, "printed": single * vehicle.mass}[form]
     stretch = vehicle.wheel_radius / drive.command_radius
     a, b = np.zeros((4, 4)), np.zeros((4, 2))
     a[0, 1] = a[2, 3] = 1.0
-    a[1, 1], b[1, 0] = -(rates.loop + friction), rates.loop * stretch
+    a[1, 1], b[1, 0] = -(rates.loop + rates.friction), rates.loop * stretch
     a[3, 3] = -(rates.loop_yaw * vehicle.effective_half_track + rates.friction_yaw)
     b[3, 1] = rates.loop_yaw * drive.command_half_track * stretch
     return a, b

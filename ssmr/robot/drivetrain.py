@@ -44,12 +44,9 @@ _FORCE_ERROR, _ROUNDOFF = 1e-11, 4e-16
 class SkidGeometry(NamedTuple):
     """Four equal wheels, symmetric about the centre of mass."""
 
-    radius: float
-    """Rolling radius of the wheels [m]."""
-    half_track: float
-    """Half the distance of left and right wheels [m]."""
-    half_base: float
-    """Half the distance of the axles [m]."""
+    radius: float  # rolling radius of the wheels [m]
+    half_track: float  # half the distance of left and right wheels [m]
+    half_base: float  # half the distance of the axles [m]
 
 
 def grip(slip: FloatArray | float, scale: float) -> FloatArray:
@@ -203,20 +200,13 @@ def _beyond(mean: FloatArray, edge: FloatArray, ripple: float) -> tuple[FloatArr
 class SetPointLaw(NamedTuple):
     """The numbers of a driver that turns commands into rim speeds."""
 
-    dead_time: float
-    """Time from a command to its effect [s]."""
-    gain: float
-    """Rim speed over commanded speed when driving straight [1]."""
-    half_track: float
-    """Difference of a side's rim speed from the middle's, over the commanded yaw rate [m]."""
-    yaw_rate_limit: float
-    """Greatest yaw rate that is obeyed [rad/s]."""
-    acceleration: float
-    """Greatest rate of change of the commanded speed [m/s^2]."""
-    yaw_acceleration: float
-    """Greatest rate of change of the commanded yaw rate [rad/s^2]."""
-    lag: float
-    """Time constant with which the rims follow [s]."""
+    dead_time: float  # time from a command to its effect [s]
+    gain: float  # rim speed over commanded speed when driving straight [1]
+    half_track: float  # difference of a side's rim speed from the middle's, over the commanded yaw rate [m]
+    yaw_rate_limit: float  # greatest yaw rate that is obeyed [rad/s]
+    acceleration: float  # greatest rate of change of the commanded speed [m/s^2]
+    yaw_acceleration: float  # greatest rate of change of the commanded yaw rate [rad/s^2]
+    lag: float  # time constant with which the rims follow [s]
 
 
 def rim_speeds(commands: FloatArray, dt: float, law: SetPointLaw, speed_limit: float) -> FloatArray:

@@ -5,21 +5,18 @@ ones turning alike and against each other; nothing accelerates. The robot then m
 friction cancel, which is where what friction dissipates is least: that is convex in the motion, so there is nothing to
 search.
 
-Loads are those at rest, as the thesis has them, and in motion those that accelerations make of them. Wheels are in the
-order front left, front right, rear left, rear right.
+Wheels are in the order front left, front right, rear left, rear right.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
 
-from ssmr.parameters import require_in_range
-from ssmr.robot.vehicle import Vehicle
 from ssmr.types import FloatArray, Trajectory
 
 FRONT = np.array([1.0, 1.0, -1.0, -1.0])
@@ -118,13 +115,6 @@ DIFFERENTIATED_OVER = 0.1
 """Accelerations are slopes of speed over so much time [s]: longer than the contacts' 20 ms, shorter than a manoeuvre."""
 
 
-def static_loads(vehicle: Vehicle) -> FloatArray:
-    """Return the (4,) wheel loads [N] at rest on level ground, left and right alike (Eq. 2.17)."""
-    weight, wheelbase = vehicle.mass * vehicle.gravity, vehicle.a + vehicle.b
-    front, rear = 0.5 * weight * vehicle.a / wheelbase, 0.5 * weight * vehicle.b / wheelbase
-    return np.array([front, front, rear, rear])
-
-
 @dataclass(frozen=True)
 class LoadModel:
     """A rigid robot on four equal springs that hardly give: the numbers that decide its wheel loads."""
@@ -143,14 +133,6 @@ class LoadModel:
     """Distance of left and right wheels, B [m]."""
     spin_inertia: float = 0.0
     """Moment of inertia of all four wheels together about their axles [kg m2]; spinning up and yawing need moments."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        for f in fields(self):
-            if f.name in ("com_x", "com_y", "spin_inertia"):
-                require_in_range(self, f.name, -10.0 if f.name != "spin_inertia" else 0.0, 1e3)
-            else:
-                require_in_range(self, f.name, 0.0, 1e6, open_low=True)
 
     def quasi_static(
         self, acceleration: FloatArray, gravity: FloatArray, spin: FloatArray, spin_rate: FloatArray, yaw_rate: FloatArray
@@ -180,8 +162,7 @@ class LoadModel:
         weight = -self.mass * gravity[:, 2]
         about_y = self.com_x * weight - self.com_height * force[:, 0] - self.spin_inertia * spin_rate
         about_x = self.com_y * weight - self.com_height * force[:, 1] - self.spin_inertia * spin * yaw_rate
-        x = 0.5 * self.wheelbase * np.array([1.0, 1.0, -1.0, -1.0])
-        y = 0.5 * self.track * np.array([1.0, -1.0, 1.0, -1.0])
+        x, y = 0.5 * self.wheelbase * FRONT, 0.5 * self.track * LEFT
         return weight[:, None] / 4.0 + np.outer(about_y, x / self.wheelbase**2) + np.outer(about_x, y / self.track**2)
 
     def along(self, motion: Trajectory, gravity: FloatArray, wheel_radius: float) -> FloatArray:
@@ -197,9 +178,10 @@ class LoadModel:
         return self.quasi_static(np.column_stack([a_x, a_y]), gravity, spin, slope(t, spin), w)
 
 
-def slope(t: FloatArray, values: FloatArray, span: float = DIFFERENTIATED_OVER) -> FloatArray:
-    """Return the (M,) rate of change of (M,) values over a centred span [s], shorter at the ends."""
+def slope(t: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the (M,) rate of change of (M,) values over a centred `DIFFERENTIATED_OVER`, shorter at the ends."""
     if len(t) < 2:
         return np.zeros_like(values)
+    span = DIFFERENTIATED_OVER
     low, high = np.clip(t - 0.5 * span, t[0], t[-1]), np.clip(t + 0.5 * span, t[0], t[-1])
     return np.asarray((np.interp(high, t, values) - np.interp(low, t, values)) / (high - low))

@@ -42,14 +42,8 @@ def measure(
 ) -> Trajectory:
     """Return the motion as the robot's state filter would report it: sampled, held and noisy.
 
-    Args:
-        trajectory: the true motion.
-        noise: variances of white noise, drawn anew at every sample of the filter.
-        rng: the generator that draws it.
-        rate: samples a second [Hz]; between them the last value is held (zero-order hold, Sec. 3.4.6).
-
-    Returns:
-        The same time stamps; lateral speed, wheels and channels as they were.
+    `rng` draws white noise with the variances of `noise` anew at every sample of the filter, `rate` a second [Hz]; between
+    them the last value is held (zero-order hold, Sec. 3.4.6). Stamps, lateral speed, wheels and channels stay as they were.
     """
     tick = _ticks(trajectory.t, rate)
     source = np.searchsorted(tick, tick, side="left")  # the first sample of each tick
@@ -71,8 +65,8 @@ def _ticks(t: FloatArray, rate: float) -> IndexArray:
 def tracker_swing(t: FloatArray, amplitude: float, frequency: float, rng: np.random.Generator) -> FloatArray:
     """Return an oscillation of a motion capture that is no motion of the robot, as Sec. 4.5 reports one.
 
-    This is (M, 2) what the tracker adds to x and y [m] at instants `t` [s]: A sin(2 pi f t + phase) along one direction in
-    the world, which `rng` draws like the phase.
+    It is (M, 2) what is added to x and y [m] at instants `t` [s]: A sin(2 pi f t + phase) along one direction in the world,
+    which `rng` draws like the phase.
 
     Raises:
         ValueError: a negative amplitude [m] or frequency [Hz].
@@ -86,35 +80,18 @@ def tracker_swing(t: FloatArray, amplitude: float, frequency: float, rng: np.ran
 
 YAW_DISTURBANCE_VARIANCE = 25.0
 """Variance of the disturbing yaw acceleration [rad2/s4]; Sec. 3.4.5."""
+PUSH_TIME = 0.1
+"""Time for which each draw is held [s]. The thesis does not say; this is the default of Simulink's random number block."""
 
 
-def yaw_disturbance(
-    duration: float,
-    dt: float,
-    rng: np.random.Generator,
-    variance: float = YAW_DISTURBANCE_VARIANCE,
-    sample_time: float = 0.1,
-) -> FloatArray:
-    """Return white yaw acceleration, each draw held for `sample_time` (Sec. 3.4.5).
+def yaw_disturbance(duration: float, dt: float, rng: np.random.Generator) -> FloatArray:
+    """Return (n,) yaw accelerations of the physics steps `dt` [s] of a run of `duration` [s]: white, held (Sec. 3.4.5).
 
-    Args:
-        duration: length of the run [s].
-        dt: physics step [s].
-        rng: the generator that draws it.
-        variance: variance of each draw [rad2/s4].
-        sample_time: time for which each draw is held [s]. The thesis does not say; 0.1 s is the default of Simulink's random
-            number block.
-
-    Returns: (n,) yaw acceleration of each physics step [rad/s2]. The draws do not depend on `dt`, so all plants of one
-        run feel the same disturbance.
+    `rng` draws them [rad/s2]. The draws do not depend on `dt`, so all plants of one run feel the same disturbance.
     """
-    if variance < 0.0 or not sample_time > 0.0:
-        raise ValueError(
-            f"variance {variance} and sample time {sample_time} s: the first must not be negative, the second be positive"
-        )
-    draws = math.sqrt(variance) * rng.standard_normal(math.ceil(duration / sample_time - 1e-9) + 1)
+    draws = math.sqrt(YAW_DISTURBANCE_VARIANCE) * rng.standard_normal(math.ceil(duration / PUSH_TIME - 1e-9) + 1)
     step = np.arange(round(duration / dt))
-    return np.asarray(draws[np.floor(step * dt / sample_time + 1e-9).astype(int)])
+    return np.asarray(draws[np.floor(step * dt / PUSH_TIME + 1e-9).astype(int)])
 
 
 STANDS = 5.0
@@ -124,40 +101,28 @@ STANDS = 5.0
 class SensorSample(NamedTuple):
     """One reading of the sensors; NaN for a sensor that gave nothing."""
 
-    left: float
-    """Rate of the left wheels [rad/s]."""
-    right: float
-    """Rate of the right wheels [rad/s]."""
-    gyro: float
-    """Yaw rate [rad/s]."""
+    left: float  # rate of the left wheels [rad/s]
+    right: float  # rate of the right wheels [rad/s]
+    gyro: float  # yaw rate [rad/s]
 
 
 class SensorErrors(NamedTuple):
     """Noise and bias of the sensors, for the kernels."""
 
-    encoder_std: float
-    """Standard deviation of each side's wheel rate [rad/s]."""
-    gyro_std: float
-    """Standard deviation of the gyro [rad/s]."""
-    gyro_bias: float
-    """Reading of the gyro at rest [rad/s]."""
-    left_share: float = 1.0
-    """Share of the left wheels' rate that their encoders show [1]."""
-    right_share: float = 1.0
-    """Share of the right wheels' rate that their encoders show [1]."""
+    encoder_std: float  # standard deviation of each side's wheel rate [rad/s]
+    gyro_std: float  # standard deviation of the gyro [rad/s]
+    gyro_bias: float  # reading of the gyro at rest [rad/s]
+    left_share: float = 1.0  # share of the left wheels' rate that their encoders show [1]
+    right_share: float = 1.0  # share of the right wheels' rate that their encoders show [1]
 
 
 class SensorLog(NamedTuple):
     """Readings of the sensors, M samples, in the order in which `run_ekf` takes them."""
 
-    t: FloatArray
-    """(M,) instants [s]."""
-    left: FloatArray
-    """(M,) rate of the left wheels [rad/s]."""
-    right: FloatArray
-    """(M,) rate of the right wheels [rad/s]."""
-    gyro: FloatArray
-    """(M,) yaw rate [rad/s]."""
+    t: FloatArray  # (M,) instants [s]
+    left: FloatArray  # (M,) rate of the left wheels [rad/s]
+    right: FloatArray  # (M,) rate of the right wheels [rad/s]
+    gyro: FloatArray  # (M,) yaw rate [rad/s]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from ssmr.estimation.ekf import filter_step, forward_speed, initial_belief
 from ssmr.estimation.settings import BIAS, Belief, EkfSettings, V, W, zeroed
 from ssmr.geometry import compose
 from ssmr.robot.drive import body_rates, whole_steps
-from ssmr.robot.sensors import YAW_DISTURBANCE_VARIANCE, SensorErrors, SensorModel, gyro_at_rest, sense
+from ssmr.robot.sensors import PUSH_TIME, YAW_DISTURBANCE_VARIANCE, SensorErrors, SensorModel, gyro_at_rest, sense
 from ssmr.types import FloatArray, State
 from validation.plants.filters import odometry_of
 from validation.ros.messages import STAND_STILL, Twist
@@ -27,8 +27,6 @@ SOURCE_TIMEOUT = 0.5
 """Time after a message for which topics of lower priority are ignored [s] (twist_mux.yaml)."""
 BASE_TIMEOUT = 0.25
 """Time without a command after which the wheel controller brakes [s] (control.yaml, cmd_vel_timeout)."""
-_PUSH_TIME = 0.1
-"""Time for which a random push is held [s], as in `ssmr.robot.sensors.yaw_disturbance`."""
 _WHEEL_POSE_VARIANCE = (1e-3, 1e-3, 0.03)
 """Variances of x, y [m2] and yaw [rad2] in the maker's wheel odometry (husky_control/config/control.yaml)."""
 _SIDE_SLIP_VARIANCE = 2.5e-3
@@ -147,7 +145,7 @@ class SimulatedRobot:
     def advance(self, steps: int, command: Twist) -> None:
         """Hold a command for `steps` physics steps; a DivergedError says that the simulator gave up."""
         for _ in range(steps):
-            if self._disturbance and self.steps % whole_steps(_PUSH_TIME, self.dt, "the time of a push") == 0:
+            if self._disturbance and self.steps % whole_steps(PUSH_TIME, self.dt, "the time of a push") == 0:
                 self._pushing = math.sqrt(YAW_DISTURBANCE_VARIANCE) * self._push.standard_normal()
             self.state = self._plant.step(command, self.dt, self._pushing)
             self.steps += 1

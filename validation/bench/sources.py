@@ -65,7 +65,7 @@ class Piece:
     """Indices of the first samples after jumps of the localiser: plants drive on, but no scoring window spans one."""
 
     def windows(self, cut: WindowCut, t: FloatArray, horizon: float) -> tuple[IndexArray, IndexArray]:
-        """Return (W,) starts and (W,) ends of windows of a `horizon` [s] that `cut` finds in stamps `t` [s] between jumps."""
+        """Return (W,) starts and (W,) ends of windows of a `horizon` [s] that `cut` finds in stamps `t` between jumps."""
         found = []
         for a, b in pairwise((0, *self.jumps, len(t))):
             starts, ends = cut(t[a:b], horizon, None if self.fresh is None else self.fresh[a:b])

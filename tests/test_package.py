@@ -47,6 +47,7 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     profiles = {f"validation/plants/profiles/{p.name}" for p in (ROOT / "validation/plants/profiles").glob("*.toml")}
     data = {
         "_models/husky.toml",
+        "_models/husky.xml",
         "thesis/published.toml",
         "files/sample.csv",
         "thesis/verdicts.toml",

@@ -17,6 +17,7 @@ from ssmr.types import Commands, FloatArray, State
 from tests import robot_measures as measures
 from tests.robots import HUSKY, documents, scaled
 from validation import load_robot
+from validation.plants.profile import load_profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import parse_robot, shipped_robots
 from validation.simulator.physics import PhysicsSettings
@@ -123,6 +124,17 @@ def test_similar_robots_move_alike(
     assert np.hypot(*one[-1, :2]) > 1.0
 
 
+@pytest.mark.parametrize("profile", ["thesis-lab", "husky-tile"])
+def test_the_composed_husky_is_the_hand_made_one(profile: str) -> None:
+    """Without models/husky.xml, the Husky's numbers alone make the same robot."""
+    section = load_profile(profile).plants["mujoco"]
+    composed = replace(section.parameters, robot=replace(HUSKY, mjcf=""))
+    commands = TRAJECTORIES["traj4"].commands()
+    one, other = (MujocoPlant(c, section.drive).run(commands, State(), 0.05) for c in (section.parameters, composed))
+    assert np.array_equal(one.pose, other.pose)
+    assert np.array_equal(one.channels["wheel_load_N"], other.channels["wheel_load_N"])
+
+
 def check_turn(calibration: Calibration) -> None:
     """Compare a turn on the spot with mechanics, and two time steps with each other."""
     found = [measures.turn(replace(calibration, timestep=dt)) for dt in (calibration.timestep, 0.5 * calibration.timestep)]
@@ -178,7 +190,7 @@ def both_links(robot: Any, **drive: float) -> tuple[MujocoPlant, MujocoPlant]:
     """The robot with belts, and with a motor for each wheel."""
     plants = []
     for link in ("belt", "none"):
-        linked = replace(robot, geometry=replace(robot.geometry, link=link))
+        linked = replace(robot, geometry=replace(robot.geometry, link=link), mjcf="")
         c = Calibration.of(linked, com_x=0.0, com_y=0.0)
         base = {"delay_v": 0.0, "delay_w": 0.0, "v_max": 5.0, "w_max": 5.0, "command_radius": c.wheel_radius}
         settled = {**base, "torque_limit": math.inf, "command_half_track": 1.5 * c.half_track, **drive}
@@ -207,7 +219,7 @@ def test_a_motor_of_its_own_slows_down_by_its_own_load() -> None:
     """With the centre of mass ahead, front wheels carry more: their proportional loops yield more. A belt forbids that."""
     rates = []
     for link in ("belt", "none"):
-        linked = replace(HUSKY, geometry=replace(HUSKY.geometry, link=link))
+        linked = replace(HUSKY, geometry=replace(HUSKY.geometry, link=link), mjcf="")
         bench = measures.Bench(Calibration.of(linked, com_x=0.1))
         bench.ask(-measures.RIM_SPEED, measures.RIM_SPEED)
         bench.run(measures.TURN_TIME)

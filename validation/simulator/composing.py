@@ -1,4 +1,4 @@
-"""A robot's file -> MuJoCo's `MjSpec`."""
+"""A robot's file -> MuJoCo's `MjSpec`: composed from its numbers, or read from a hand-made MJCF as models/husky.xml is."""
 # pyright: reportAttributeAccessIssue=false
 # (mujoco's compiled modules have no type stubs)
 
@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 from mujoco import mjtGeom, mjtObj, mjtSensor
 
-from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot
+from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, models_folder
 
 VISUAL_GROUP = 2
 """Geoms of this group are looks; contact shapes are in another."""
@@ -44,7 +44,8 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
     `calibrate` and `set_motors` set what a profile may change.
 
     Raises:
-        ValueError: no rigid body has the moments of inertia.
+        ValueError: no rigid body has the moments of inertia, or a hand-made MJCF cannot be read or lacks a part that the
+            programs need; the message names it.
     """
     g, m = robot.geometry, robot.masses
     across, spin = m.wheel_inertia
@@ -54,6 +55,8 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
                 f"mass.{key} {list(getattr(m, key))} kg m2 is that of no rigid body: "
                 "about no axis can it be more than about the two others together"
             )
+    if robot.mjcf:
+        return _hand_made(robot)
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
     spec.compiler.degree = spec.compiler.inertiafromgeom = False
@@ -81,6 +84,30 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
         servo = _add_actuator(spec, f"{motor}_motor", motor, mujoco.mjtTrn.mjTRN_TENDON, forcerange=[-1.0, 1.0])
         servo.set_to_velocity(kv=1.0)
     _add_sensors(spec)
+    return spec
+
+
+def _hand_made(robot: Robot) -> mujoco.MjSpec:
+    """Return the robot's own MJCF, which has all the names that the programs look for."""
+    path = models_folder() / robot.mjcf
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise ValueError(f"{path}: this is no MJCF that can be read ({' '.join(str(error).split())})") from error
+    parts = [("body", "base"), ("joint", "root"), ("site", "reference"), ("site", "imu")]
+    for wheel in WHEELS:
+        parts += [("body", wheel), ("joint", f"{wheel}_wheel"), ("geom", f"{wheel}_tire"), ("site", f"{wheel}_load")]
+        parts += [("sensor", f"load_{wheel}"), ("sensor", f"torque_{wheel}")]
+    parts += [part for motor in robot.motors for part in (("tendon", motor), ("actuator", f"{motor}_motor"))]
+    for kind, name in parts:
+        if getattr(spec, kind)(name) is None:
+            raise ValueError(f"{path}: there is no {kind} '{name}'; models/husky.xml shows all the names")
+    g, (x, y, _) = robot.geometry, spec.body("front_left").pos
+    if not (math.isclose(2.0 * x, g.wheelbase) and math.isclose(2.0 * y, g.track)):
+        raise ValueError(
+            f"{path} has a wheelbase of {2.0 * x:g} m and a track of {2.0 * y:g} m, the robot's file {g.wheelbase:g} and "
+            f"{g.track:g} m; without the line 'mjcf' the model is made of the file's numbers"
+        )
     return spec
 
 

@@ -183,6 +183,9 @@ class Robot:
     """Section or `section.key`, and its grade and source."""
     said: tuple[str, ...] = field(default=(), compare=False)
     """The numbers that the file says, as `section.key`; the others were estimated."""
+    mjcf: str = ""
+    """Path of a hand-made MJCF of this robot, from the folder of shipped models unless it is absolute; empty where the model
+    is composed from the numbers."""
 
     @property
     def shipped(self) -> bool:
@@ -250,7 +253,7 @@ SECTIONS: Mapping[str, type] = MappingProxyType(
     {"geometry": Geometry, "mass": Masses, "simulation": Simulation, "drive": Drive, "vehicle": Vehicle}
 )
 """The sections of a robot's file, and the dataclass that each fills."""
-_TEXTS = ("name", "title", "description")
+_TEXTS = ("name", "title", "description", "mjcf")
 
 
 def models_folder() -> Path:
@@ -291,7 +294,7 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
             f"no robot '{one_line(name)}'; there are: {', '.join(shipped_robots())}; or give the path of a robot's file"
         )
     try:
-        robot = parse_robot(reading.read_toml(path))
+        robot = parse_robot(reading.read_toml(path), path.parent)
     except RobotError:
         raise
     except ValueError as error:
@@ -301,8 +304,12 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     return robot
 
 
-def parse_robot(document: Mapping[str, Any]) -> Robot:
+def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     """Return the robot that a document describes, which is what a TOML file holds.
+
+    Args:
+        document: what the file says.
+        folder: where the file lies; the path of a hand-made MJCF starts there, or in the folder of shipped models.
 
     Raises:
         ValueError: it says something that cannot be; the message names section and key.
@@ -321,6 +328,8 @@ def parse_robot(document: Mapping[str, Any]) -> Robot:
     usual = {"delay_v": 0.0, "delay_w": 0.0, "command_half_track": half_track, "command_radius": radius}
     drive = Drive(**{**usual, "torque_limit": math.inf, "v_max": math.inf, "w_max": math.inf, **given["drive"]})
     sources = _sources(document.get("sources", {}))
+    if texts["mjcf"] and (own := (folder / texts["mjcf"]).resolve()).is_file():
+        texts["mjcf"] = own.name if own.parent == models_folder() else str(own)
     said = tuple(f"{section}.{key}" for section, numbers in given.items() for key in numbers)
     robot = Robot(
         geometry=geometry, masses=masses, simulation=simulation, drive=drive, vehicle=Vehicle(),

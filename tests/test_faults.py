@@ -85,6 +85,8 @@ OPTIONS: dict[str, str] = {
     "a folder that cannot be": "--out /proc/nowhere",
     "a second argument": "log.csv log.csv log.csv",
 }
+READERS = ("compare", "recordings info", "study drivetrain")
+"""One of each way in which options are read: those of a program, of a subcommand and of a study."""
 
 
 @pytest.fixture(scope="module")
@@ -157,8 +159,8 @@ def call(words: list[str], capfd: pytest.CaptureFixture[str], monkeypatch: pytes
 def test_what_users_meet(
     good: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Every program, with every mishap of its file and every mistake in its options."""
-    cases = [*itertools.product(COMMANDS, ["well", *FILES], [""]), *itertools.product(COMMANDS, ["well"], OPTIONS)]
+    """Every program with every mishap of its file, and every mistake in options that are read alike in all programs."""
+    cases = [*itertools.product(COMMANDS, ["well", *FILES], [""]), *itertools.product(READERS, ["well"], OPTIONS)]
     bad = []
     for k, (name, file, option) in enumerate(cases):
         folder = tmp_path / str(k)
@@ -191,7 +193,7 @@ LONG = {
 """Commands of some seconds."""
 
 
-@pytest.mark.parametrize("name", LONG)
+@pytest.mark.parametrize("name", ["fit", *(pytest.param(name, marks=pytest.mark.slow) for name in LONG if name != "fit")])
 def test_an_end_in_mid_run(name: str, good: Path, tmp_path: Path) -> None:
     """Whatever ends a program, each file is whole or not there; then the same command comes to its end."""
     program, *words = LONG[name].split()

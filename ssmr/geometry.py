@@ -83,11 +83,6 @@ def integral(t: ArrayLike, rate: ArrayLike) -> FloatArray:
     return np.cumulative_sum(steps, axis=0, include_initial=True)
 
 
-def travelled(xy: FloatArray) -> FloatArray:
-    """Return the (M,) way along a path from its first point to each of its (M, 2) points [m]."""
-    return np.cumulative_sum(np.hypot(*np.diff(xy, axis=0).T), include_initial=True)
-
-
 def yaw_to_quat_wxyz(yaw: ArrayLike) -> FloatArray:
     """Return (..., 4) unit quaternions, w first, of rotations by (...) yaw [rad] about z."""
     half = 0.5 * np.asarray(yaw, dtype=np.float64)
@@ -109,15 +104,6 @@ def quat_wxyz_to_roll_pitch(quat: ArrayLike) -> FloatArray:
     w, x, y, z = np.moveaxis(np.asarray(quat, dtype=np.float64), -1, 0)
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     return np.stack([roll, np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))], axis=-1)
-
-
-def roll_pitch_yaw_to_quat_wxyz(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> FloatArray:
-    """Return (..., 4) unit quaternions, w first, of (...) angles [rad] in the convention of `quat_wxyz_to_roll_pitch`."""
-    half = [0.5 * np.asarray(angle, dtype=np.float64) for angle in (roll, pitch, yaw)]
-    (cr, cp, cy), (sr, sp, sy) = (tuple(f(h) for h in half) for f in (np.cos, np.sin))
-    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
-    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
-    return np.stack([w, x, y, z], axis=-1)
 
 
 def quat_wxyz_to_xyzw(quat: ArrayLike) -> FloatArray:

@@ -98,14 +98,9 @@ def check_parameters(owner: object) -> None:
 
 
 def require_in_range(owner: object, name: str, low: float, high: float = math.inf, *, open_low: bool = False) -> None:
-    """Check one number of a parameter set, where its range depends on other numbers or is not declared at the field.
+    """Check that a field of a dataclass instance lies within `low` and `high`; `low` itself is forbidden if `open_low`.
 
-    Args:
-        owner: the dataclass instance that holds the number.
-        name: the field.
-        low: least value allowed.
-        high: greatest value allowed; infinity itself is allowed where `high` is infinite.
-        open_low: whether `low` itself is forbidden.
+    It is for ranges that depend on other numbers or are not declared at the field.
 
     Raises:
         ValueError: the number lies outside the range, or is not a number; the message names the parameter and the range.
@@ -121,17 +116,11 @@ MOST_SEED = 2**63 - 1
 
 
 def require_within(owner: object, names: Iterable[str], low: float, high: float, *, whole: bool = False) -> None:
-    """Check options of a dataclass: each is a number, or several in a tuple or a mapping, or None for one that is not given.
-
-    Args:
-        owner: the dataclass instance that holds the options.
-        names: the fields.
-        low: least value allowed.
-        high: greatest value allowed, which is finite.
-        whole: whether only whole numbers are allowed.
+    """Check fields of a dataclass instance: each is a number, several in a tuple or a mapping, or None if it is not given.
 
     Raises:
-        ValueError: an option is something else, or lies outside the range; the message names it and the range.
+        ValueError: an option is something else, not whole where it must be, or lies outside `low` and `high`; the message
+            names it and the range.
     """
     for name in names:
         given = getattr(owner, name)

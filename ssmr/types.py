@@ -23,18 +23,10 @@ CommandKind = Literal["twist", "wheels"]
 
 
 def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) -> FloatArray:
-    """Copy `values` into a read-only float array of the shape asked for.
-
-    Args:
-        values: anything numpy can read as numbers.
-        name: name of the values in an error.
-        shape: wanted lengths, `None` where any length will do.
-
-    Returns:
-        A contiguous, read-only copy.
+    """Return a contiguous, read-only copy of numbers in the `shape` asked for, `None` in it where any length will do.
 
     Raises:
-        ValueError: the shape is another one, or a number is not finite.
+        ValueError: the shape is another one, or a number is not finite; the message calls the values `name`.
     """
     array = np.array(values, dtype=np.float64, order="C", copy=True)
     if array.ndim != len(shape) or any(w is not None and g != w for g, w in zip(array.shape, shape, strict=False)):

@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 
 from ssmr.estimation.ekf import filter_log, filter_step, initial_belief, predict, run_ekf, update
 from ssmr.estimation.settings import Belief, EkfSettings, learning, zeroed
-from ssmr.geometry import compose, rotate_body_to_world
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.sensors import SensorLog, SensorModel, SensorSample, gyro_at_rest, sense, simulate_sensors
 from ssmr.types import FloatArray, State, Trajectory
-from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
+from tests.conftest import DERIVATIVE, ROUNDOFF
 
 STOCK = EkfSettings()
 SURE = (0.02, 0.03, 0.05, 0.04, 0.06)
@@ -183,33 +182,6 @@ def test_a_sharp_measurement_of_a_wide_guess_leaves_a_positive_variance() -> Non
     assert np.allclose(p[3], 1e-12 * np.array([0.5, 0.5, 0.5, 1.0, 0.5]), rtol=ROUNDOFF, atol=0.0)
     assert np.array_equal(p, p.T)
     assert mean[3] == 1.0
-
-
-@given(numbers, numbers, numbers)
-def test_no_frame_is_preferred(x: float, y: float, yaw: float) -> None:
-    rng, n = np.random.default_rng(5), 200
-    t = np.cumsum(rng.uniform(0.01, 0.03, n))
-    log = SensorLog(t, *rng.normal([4.0, 5.0, 0.4], 0.3, (n, 3)).T.copy())
-    out, moved = np.empty((n, 19)), np.empty((n, 19))
-    here, elsewhere = initial_belief(State(v_x=0.5)), initial_belief(State(x, y, yaw, v_x=0.5))
-    filter_log(log, np.zeros(len(t), dtype=bool), STOCK.packed(), here, out)
-    filter_log(log, np.zeros(len(t), dtype=bool), STOCK.packed(), elsewhere, moved)
-    assert np.allclose(moved[:, :3], compose([x, y, yaw], out[:, :3]), rtol=0.0, atol=1e-11)
-    turn = np.eye(5)
-    turn[:2, :2] = rotate_body_to_world(np.eye(2), yaw).T
-    assert np.allclose(elsewhere.covariance, turn @ here.covariance @ turn.T, rtol=1e-9, atol=1e-12)
-
-
-def test_left_and_right_are_mirror_images() -> None:
-    rng, n = np.random.default_rng(6), 500
-    t = np.cumsum(rng.uniform(0.01, 0.03, n))
-    left, right, gyro = rng.normal([4.0, 5.0, 0.4], 0.5, (n, 3)).T
-    a = run_ekf(t, left, right, gyro, STOCK, State(0.1, 0.2, 0.3, 0.4, 0.0, 0.5), SURE)
-    b = run_ekf(t, right, left, -gyro, STOCK, State(0.1, -0.2, -0.3, 0.4, 0.0, -0.5), SURE)
-    mirror = np.array([1.0, -1.0, -1.0])
-    assert np.abs(a.pose - b.pose * mirror).max() == EXACT
-    assert np.abs(a.twist - b.twist * mirror).max() == EXACT
-    assert np.abs(a.channels["pose_std"] - b.channels["pose_std"]).max() == EXACT
 
 
 class Fleet:

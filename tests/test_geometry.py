@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,11 +15,9 @@ from ssmr.geometry import (
     quat_wxyz_to_xyzw,
     quat_wxyz_to_yaw,
     relative,
-    roll_pitch_yaw_to_quat_wxyz,
     rotate_body_to_world,
     rotate_world_to_body,
     shift_reference,
-    travelled,
     wrap_angle,
     yaw_to_quat_wxyz,
 )
@@ -75,14 +72,12 @@ def test_yaw_and_quaternion_agree_with_mujoco(yaw: float) -> None:
 
 @given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
 def test_roll_pitch_and_yaw_are_turned_in_that_order_and_come_back(roll: float, pitch: float, yaw: float) -> None:
-    quat = roll_pitch_yaw_to_quat_wxyz(roll, pitch, yaw)
-    product = np.zeros(4)
+    quat = np.zeros(4)
     about = [
         np.array([np.cos(a / 2), *(np.sin(a / 2) * axis)]) for a, axis in zip((roll, pitch, yaw), np.eye(3), strict=True)
     ]
-    mujoco.mju_mulQuat(product, about[2], about[1])  # yaw, then pitch about the new y, then roll about the new x
-    mujoco.mju_mulQuat(product, product.copy(), about[0])
-    np.testing.assert_allclose(quat, product, atol=1e-15)
+    mujoco.mju_mulQuat(quat, about[2], about[1])  # yaw, then pitch about the new y, then roll about the new x
+    mujoco.mju_mulQuat(quat, quat.copy(), about[0])
     np.testing.assert_allclose(quat_wxyz_to_roll_pitch(quat), [roll, pitch], atol=1e-7)
     assert abs(float(quat_wxyz_to_yaw(quat)) - yaw) < 1e-9
 
@@ -91,9 +86,7 @@ def test_the_order_of_a_quaternion_is_in_its_name() -> None:
     assert np.array_equal(quat_wxyz_to_xyzw([1.0, 2.0, 3.0, 4.0]), [2.0, 3.0, 4.0, 1.0])
 
 
-def test_the_integral_of_straight_rates_is_exact_and_a_path_is_as_long_as_its_steps() -> None:
+def test_the_integral_of_straight_rates_is_exact() -> None:
     t = np.linspace(2.0, 5.0, 301) ** 1.1
     found = integral(t, np.column_stack([2.0 * t, np.full(len(t), -3.0)]))
     assert np.abs(found - np.column_stack([t**2 - t[0] ** 2, -3.0 * (t - t[0])])).max() <= 1e-10
-    assert travelled(np.array([[1.0, 1.0], [4.0, 5.0], [4.0, 5.0], [4.0, 3.0]])) == pytest.approx([0.0, 5.0, 5.0, 7.0])
-    assert travelled(np.zeros((1, 2))).tolist() == integral(t[:1], t[:1]).tolist() == [0.0]

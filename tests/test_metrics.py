@@ -304,15 +304,6 @@ def test_stamps_that_differ_by_rounding_are_the_same():
 # Relative pose errors ------------------------------------------------------------------------------------------------------
 
 
-def test_relative_error_of_a_hand_made_motion():
-    # The reference goes 2 m ahead; the candidate, which faces along y, goes 2 m ahead, 0.5 m left and turns by 1 rad.
-    reference = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
-    candidate = [[7.0, 7.0, np.pi / 2.0], [6.5, 9.0, np.pi / 2.0 + 1.0]]
-    position, yaw = relative_pose_error(candidate, reference, [0], [1])
-    np.testing.assert_allclose(position, [0.5], rtol=ROUNDOFF)
-    np.testing.assert_allclose(yaw, [1.0], rtol=ROUNDOFF)
-
-
 # evo as oracle -------------------------------------------------------------------------------------------------------------
 
 

@@ -297,16 +297,11 @@ def filter_log(log: SensorLog, still: NDArray[np.bool_], numbers: Any, belief: B
         out[k, 2 * n :] = np.ravel(belief.covariance[:3, :3])
 
 
-def initial_belief(
-    state: State, std: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0), settings: EkfSettings | None = None
-) -> Belief:
+def initial_belief(state: State, std: Sequence[float] = (0.0,) * 5, settings: EkfSettings | None = None) -> Belief:
     """Return the belief of a filter that starts; its arrays are writable.
 
-    Args:
-        state: the robot's state as the filter believes it, of which lateral speed and wheels are no part.
-        std: standard deviations of x, y [m], yaw [rad], v [m/s], omega [rad/s]. The lab's filter was set to its start
-            (Sec. 4.2), so the default is 0.
-        settings: those of a filter that learns, which tell its constants; a filter of five states if not given.
+    `std` are standard deviations of x, y [m], yaw [rad], v [m/s], omega [rad/s]; the lab's filter was set to its start
+    (Sec. 4.2), so the default is 0. `settings` are those of a filter that learns; without them it has five states.
 
     Raises:
         ValueError: a standard deviation that is negative, or a number that is not finite.
@@ -330,7 +325,7 @@ def run_ekf(
     gyro: ArrayLike | None,
     settings: EkfSettings,
     start: State,
-    start_std: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0),
+    start_std: Sequence[float] = (0.0,) * 5,
     still: ArrayLike | None = None,
 ) -> Trajectory:
     """Filter a whole log.

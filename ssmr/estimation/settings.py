@@ -46,15 +46,13 @@ class EkfSettings:
     half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True)
     """Half-track of the odometry, half of (separation x multiplier) [m]; the driver's, which assumes no slip."""
     process_position: float = parameter(1e-4, unit="m2/s", low=0.0, high=1e6)
-    """Spectral density of slip in x and in y [m2/s]: 1 cm after 1 s, 4.5 cm after 20 s. It is isotropic, so that no frame is
-    preferred."""
+    """Spectral density of slip in x and in y [m2/s]: 1 cm after 1 s, 4.5 cm after 20 s."""
     process_yaw: float = parameter(1e-6, unit="rad2/s", low=0.0, high=1e6)
     """Spectral density of yaw errors besides the gyro's noise [rad2/s]: 1 mrad after 1 s."""
     process_v: float = parameter(0.025, unit="m2/s3", low=0.0, high=1e6)
     """Spectral density of white acceleration [m2/s3], from the stock filter; 0.7 m/s2 over each command of 0.05 s."""
     process_yaw_rate: float = parameter(0.02, unit="rad2/s3", low=0.0, high=1e6)
-    """Spectral density of white yaw acceleration [rad2/s3], from the stock filter; 0.6 rad/s2 over each command. Trajectory
-    4 has 0.83 rms, and the robot's limit is 6."""
+    """Spectral density of white yaw acceleration [rad2/s3], from the stock filter; 0.6 rad/s2 over each command."""
     variance_v: float = parameter(5.0115e-05, unit="m2/s2", low=0.0, open_low=True)
     """Variance of the wheels' v [m2/s2]; Tab. 3.4. The table was measured on the filter's output, which at 50 Hz and with
     the densities above has 0.85 of its input's variance."""
@@ -69,8 +67,7 @@ class EkfSettings:
     slip_across: float = parameter(0.0, unit="m", low=0.0, high=1e6)
     """Variance of slip across the robot for each metre that a side's wheels roll [m2/m]."""
     slip_turn: float = parameter(0.0, unit="rad2/m", low=0.0, high=1e6)
-    """Variance of the error of the wheels' yaw for each metre that a side's wheels roll [rad2/m], besides that of the noise,
-    `variance_wheel_yaw_rate`. Unlike that one, it does not depend on how often the wheels are read."""
+    """Variance of the error of the wheels' yaw for each metre that a side rolls [rad2/m], besides that of the noise."""
     bias: float = parameter(0.0, unit="rad/s", low=-1e6, high=1e6)
     """Reading of the gyro at rest, as the filter believes at start-up [rad/s]."""
     bias_std: float = parameter(0.0, unit="rad/s", low=0.0, high=1e6)
@@ -148,13 +145,8 @@ def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: Sen
     gives the slide. What these leave is slip: white, with the variance per metre that its sum has over the worst of several
     durations.
 
-    Args:
-        drives: true motions of the robot's reference point and the true rates of its wheels.
-        settings: wheel radius and half-track of the driver, and all that is not found here.
-        sensors: noise of encoders and gyro; `SensorModel()` if not given.
-
-    Returns:
-        The settings with constants and their doubts, slip, process noise and variances.
+    `drives` are true motions of the robot's reference point with the true rates of its wheels; `settings` has wheel radius
+    and half-track of the driver, and all that is not found here; `sensors` is the noise of encoders and gyro.
 
     Raises:
         ValueError: the drives do not turn, or do not move.
@@ -216,11 +208,7 @@ def zeroed(settings: EkfSettings, gyro: FloatArray) -> EkfSettings:
     """Return a filter that has learned its gyro's bias at rest, where it is all that the gyro shows besides its noise.
 
     On the way only the wheels tell of the bias, and their slip hides it: what the filter believes at the start it believes
-    for the whole drive. It should therefore not start with one reading of the gyro.
-
-    Args:
-        settings: the filter before; if it has no doubt of the bias, it stays as it is.
-        gyro: (N,) yaw rates that the gyro showed while the robot stood [rad/s].
+    for the whole drive. `gyro` are (N,) yaw rates shown while the robot stood [rad/s]; a filter that is sure stays as it is.
     """
     prior, noise = settings.bias_std**2, settings.variance_gyro
     total = len(gyro) * prior + noise

@@ -183,15 +183,10 @@ def equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float
 def cross_track_max(xy: FloatArray, path: FloatArray, along: FloatArray, aims: FloatArray, reach: float) -> float:
     """Return the greatest distance of a robot from the path beside its target [m]; zero where there are no samples.
 
-    The path is the polyline of the waypoints. Of a path that crosses itself only the part near the target counts, so a robot
-    that drives on another branch is not on its way.
-
-    Args:
-        xy: (M, 2) or wider, places of the robot [m].
-        path: (N, 2) waypoints [m].
-        along: (N,) length of the path up to each waypoint [m].
-        aims: (M,) length of the path up to the target of each sample, never decreasing [m].
-        reach: length of the path before and behind the target that is searched [m].
+    The path is the polyline of the (N, 2) waypoints `path` [m], `along` (N,) its length up to each. Of a path that crosses
+    itself only the part near the target counts, so a robot that drives on another branch is not on its way: `aims` (M,) are
+    its length up to the target of each of the (M, 2) places `xy`, never decreasing, before and behind which `reach` of it is
+    searched [m].
     """
     greatest, first, last = 0.0, 0, len(path) - 2
     for i in range(len(xy)):
@@ -215,9 +210,7 @@ def command_measures(shares: FloatArray, period: float) -> tuple[float, float]:
     The effort is the root mean square of the commands as shares of their limits; the jerk is that of their second derivative
     in time, by differences: zero for commands that grow evenly. Both add the squares of the two parts of a command.
 
-    Args:
-        shares: (K, 2) commands as shares of the limits of speed and yaw rate.
-        period: time between commands [s].
+    `shares` are (K, 2) commands over the limits of speed and yaw rate [1], `period` the time between them [s].
     """
     if len(shares) == 0:
         return math.nan, math.nan

@@ -59,15 +59,7 @@ class FourWheelPlant:
     """Physics step [s]."""
 
     def __init__(self, model: FourWheelModel, dt: float = FOUR_WHEEL_DT) -> None:
-        """Start at rest at the origin.
-
-        Args:
-            model: what to simulate.
-            dt: physics step [s].
-
-        Raises:
-            ValueError: the drive's hold is no whole number of steps.
-        """
+        """Start at rest at the origin, with physics steps `dt` [s]; a ValueError if the hold is no whole number of them."""
         whole_steps(model.drive.hold, dt, "the drive's hold")
         self.dt, self.model = dt, model
         self._robot = four_wheels(model.parameters, model.drive, dt)

@@ -203,16 +203,9 @@ def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
 
 
 def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) -> FloatArray:
-    """Return the wheel-rate references of every physics step.
+    """Return the (n, 2) left and right wheel-rate references [rad/s] of every physics step `dt` [s] of a whole run.
 
-    Args:
-        commands: commands of the whole run.
-        drive: the driver; delays are rounded to whole steps.
-        dt: physics step [s].
-        state: state at the start; ramp and lag start from its wheel rates.
-
-    Returns:
-        (n, 2) left and right [rad/s].
+    Ramp and lag start from the wheel rates of `state`; delays are rounded to whole steps.
 
     Raises:
         ValueError: the command period or the hold is no whole number of steps.
@@ -223,11 +216,7 @@ def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) 
 
 
 def reference_chunks(commands: Commands, drive: Drive, dt: float, state: State, size: int) -> Iterator[FloatArray]:
-    """Yield what `wheel_references` returns, piece by piece: (`size`, 2) arrays, the last one shorter.
-
-    Raises:
-        ValueError: the command period or the hold is no whole number of steps.
-    """
+    """Yield what `wheel_references` returns, piece by piece: (`size`, 2) arrays, the last one shorter."""
     period = whole_steps(commands.dt, dt, "the command period")
     numbers = drive_numbers(drive, commands.dt, dt) if commands.kind == "twist" else DRIVE_TEMPLATE
     asked = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), numbers) if commands.kind == "twist" else None
@@ -244,10 +233,9 @@ def reference_chunks(commands: Commands, drive: Drive, dt: float, state: State, 
 class Driver:
     """The drive as an object that takes one command at a time, for closed loops; equal to `wheel_references` to the bit."""
 
-    def __init__(self, drive: Drive, dt: float, state: State, before: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Start with empty delay lines: `before` was commanded until now; ramp and lag start from the state's wheels."""
+    def __init__(self, drive: Drive, dt: float, state: State) -> None:
+        """Start at rest commands: delay lines hold zeros; ramp and lag start from the state's wheels."""
         self._drive = drive_numbers(drive, dt, dt)  # one command a physics step
-        self._before = before
         self._samples: list[tuple[float, float]] = []
         self._asked = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), self._drive)
 
@@ -257,7 +245,7 @@ class Driver:
         self._samples.extend([command] * n)
         values = np.array(self._samples, dtype=np.float64)
         out = np.empty((n, 2))
-        self._asked = continue_references(values, self._drive, self._before, self._asked, step, out)
+        self._asked = continue_references(values, self._drive, (0.0, 0.0), self._asked, step, out)
         hold = self._drive.hold
         spare = len(self._samples) - max(self._drive.delay_v, self._drive.delay_w) - 2 * hold
         if spare > 1000:  # no delay reaches these samples any more; whole holds are dropped

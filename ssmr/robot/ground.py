@@ -148,12 +148,9 @@ class LoadModel:
 
         Four equal springs under a rigid body take N_i = k0 + k1 x_i + k2 y_i, which makes the three equations enough.
 
-        Args:
-            acceleration: (M, 2) acceleration of the centre of mass, in the body's axes [m/s2].
-            gravity: (M, 3) gravity in the body's axes [m/s2].
-            spin: (M,) mean rate of the wheels, W [rad/s].
-            spin_rate: (M,) rate of change of the spin [rad/s2].
-            yaw_rate: (M,) yaw rate [rad/s].
+        `acceleration` (M, 2) is that of the centre of mass and `gravity` (M, 3) gravity, both in the body's axes [m/s2];
+        `spin` (M,) is the mean rate of the wheels W [rad/s], `spin_rate` (M,) its rate of change [rad/s2], and `yaw_rate`
+        (M,) omega [rad/s].
 
         Returns:
             (M, 4) loads [N]; negative where a wheel would have to be held down: it lifts, and the formula no longer holds.

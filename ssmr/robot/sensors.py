@@ -181,22 +181,12 @@ def sense(
 
 
 def simulate_sensors(
-    trajectory: Trajectory,
-    rng: np.random.Generator,
-    model: SensorModel | None = None,
-    rate: float = SAMPLE_RATES_HZ["ekf"],
+    trajectory: Trajectory, rng: np.random.Generator, model: SensorModel | None = None, rate: float = SAMPLE_RATES_HZ["ekf"]
 ) -> SensorLog:
-    """Simulate the robot's sensors along a motion.
+    """Return what a robot's sensors show along a motion; `SensorModel()` if no `model` is given.
 
-    Args:
-        trajectory: the true motion.
-        rng: generator of the noise, three numbers a sample.
-        model: the sensors; `SensorModel()` if not given.
-        rate: samples a second [Hz]. Each is the first state of the motion in its period, with that state's own instant, so
-            a motion whose samples do not divide the period gives irregular ones.
-
-    Returns:
-        The samples, in the order in which `run_ekf` takes them.
+    There are `rate` samples a second [Hz]; for each `rng` draws three numbers. Each is the first state of the motion
+    in its period, with that state's own instant, so a motion whose samples do not divide the period gives irregular ones.
 
     Raises:
         ValueError: a rate that is not positive.

@@ -137,7 +137,7 @@ BIAS_STD, SCALE_STD, TURNING_SHARE, CENTRE_STD = 0.0156, 0.02, 0.1, 0.01
 side's wheels [1], turning ratio over itself [1], and middle of turning [m] in both directions."""
 
 
-def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: SensorModel | None = None) -> EkfSettings:
+def commission(drives: Sequence[Trajectory], settings: EkfSettings) -> EkfSettings:
     """Return a filter that knows a robot's constants, from drives with turns to both sides.
 
     The wheels of a side roll at k (v - y omega), with y = shift +- half-track, so that two linear regressions of the wheels'
@@ -146,12 +146,12 @@ def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: Sen
     durations.
 
     `drives` are true motions of the robot's reference point with the true rates of its wheels; `settings` has wheel radius
-    and half-track of the driver, and all that is not found here; `sensors` is the noise of encoders and gyro.
+    and half-track of the driver, and all that is not found here.
 
     Raises:
         ValueError: the drives do not turn, or do not move.
     """
-    noise, r, h = sensors or SensorModel(), settings.radius, settings.half_track
+    r, h = settings.radius, settings.half_track
     v, lateral, w = np.concatenate([d.twist for d in drives]).T
     if not (np.any(w) and np.any(v)):
         raise ValueError("commissioning needs drives that move and turn")
@@ -169,7 +169,7 @@ def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: Sen
         slips.append(np.stack([along, across, turn]))
     ways = [np.abs(d.twist[:, 0]) + h * np.abs(d.twist[:, 2]) for d in drives]
     return replace(
-        _with_noise(settings, noise),
+        _with_noise(settings),
         slip_along=_slip_per_metre(drives, [s[0] for s in slips], ways),
         slip_across=_slip_per_metre(drives, [s[1] for s in slips], ways),
         slip_turn=_slip_per_metre(drives, [s[2] for s in slips], ways),
@@ -178,25 +178,25 @@ def commission(drives: Sequence[Trajectory], settings: EkfSettings, sensors: Sen
     )  # fmt: skip
 
 
-def learning(settings: EkfSettings, sensors: SensorModel | None = None) -> EkfSettings:
+def learning(settings: EkfSettings) -> EkfSettings:
     """Return a filter for a robot that nobody has commissioned: it doubts the driver's numbers, and learns what it can.
 
     The doubts are round numbers of the size of what `commission` finds of the shipped robots in MuJoCo, set by eye: scales
     that are 5 % wrong, turning ratios up to twice the driver's, a middle of turning 5 cm from the reference point. The bias
     is that of data sheets of small gyros: 1 degree/s at start-up, which a real Husky's 0.0156 rad/s is within, and a walk of
-    18 degrees/h after 1000 s. `settings` and `sensors` are as for `commission`.
+    18 degrees/h after 1000 s.
     """
-    noise = sensors or SensorModel()
     return replace(
-        _with_noise(settings, noise),
+        _with_noise(settings),
         slip_along=1e-4, slip_across=1e-4, slip_turn=0.02,
         bias_std=0.02, bias_walk=8e-12, scale_std=0.05, turning_std=0.6, centre_std=0.05,
     )  # fmt: skip
 
 
-def _with_noise(settings: EkfSettings, noise: SensorModel) -> EkfSettings:
-    """Return a filter whose variances are those of its sensors, and whose process noise is slip alone."""
-    variance, h = 0.5 * settings.radius**2 * noise.variance_encoder, settings.half_track
+def _with_noise(settings: EkfSettings) -> EkfSettings:
+    """Return a filter whose variances are those of a `SensorModel`, and whose process noise is slip alone."""
+    noise, h = SensorModel(), settings.half_track
+    variance = 0.5 * settings.radius**2 * noise.variance_encoder
     return replace(
         settings,
         process_position=0.0, process_yaw=0.0, process_v=PROCESS, process_yaw_rate=PROCESS,

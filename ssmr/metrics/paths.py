@@ -177,8 +177,6 @@ _LEAF = 16
 """Samples of a leaf; of 8, 16 and 32 the fastest for 2500 samples."""
 _BATCH = 32
 """Points of a batch; of 8, 16 and 32 the fastest for 2500 samples."""
-_PATIENCE = 16
-"""Leaves that a batch enters, or twice as many as the last one, before it is asked whether its points belong together."""
 _DEEP = 128
 """Room for nodes that wait, two of each level at most: more than any tree in memory has."""
 
@@ -253,20 +251,18 @@ def _gather(points: FloatArray, first: int, count: int, batch: FloatArray) -> tu
 def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
     """Return (N,) squares of the distances from (N, 2) points to the closest sample of the (M, 2) path [m^2].
 
-    The nearer of two boxes is entered first, after the leaf that the last batch ended in. A batch whose points lie far from
-    each other, as they do beside a jump, enters far more leaves than each of them alone would; it is halved until they
-    belong together, or a half enters as many all the same. There must be a sample, and all numbers must be finite.
+    The nearer of two boxes is entered first, after the leaf that the last batch ended in. There must be a sample, and all
+    numbers must be finite.
     """
     n = points.shape[0]
     leaves, boxes, x, y = _grow(path)
     out, batch = np.empty(n), np.empty(3 * _BATCH)
     nodes, gaps = np.empty(_DEEP, dtype=np.int64), np.empty(_DEEP)
-    first, size, latest, patience = 0, _BATCH, 0, _PATIENCE
-    while first < n:
-        count = min(size, n - first)
+    latest = 0
+    for first in range(0, n, _BATCH):
+        count = min(_BATCH, n - first)
         low_x, high_x, low_y, high_y = _gather(points, first, count, batch)
-        spread = (high_x - low_x) ** 2 + (high_y - low_y) ** 2
-        begun, entered, scattered = latest, 0, False
+        begun = latest
         bound = _enter(x, y, begun * _LEAF, batch)
         nodes[0], gaps[0], waiting = 1, 0.0, 1
         while waiting > 0:
@@ -283,18 +279,9 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
                         nodes[waiting], gaps[waiting] = child, gap
                         waiting += 1
                 continue
-            entered += 1
-            scattered = entered > patience and count > 1 and 4.0 * spread > bound
-            if scattered:
-                break
             before = batch[2 * _BATCH + count - 1]
             bound = _enter(x, y, (node - leaves) * _LEAF, batch)
             if batch[2 * _BATCH + count - 1] < before:
                 latest = node - leaves
-        size = min(2 * size, _BATCH)
-        if scattered:
-            size = count // 2
-        else:
-            out[first : first + count] = batch[2 * _BATCH : 2 * _BATCH + count]
-            first, patience = first + count, max(_PATIENCE, 2 * entered)
+        out[first : first + count] = batch[2 * _BATCH : 2 * _BATCH + count]
     return out

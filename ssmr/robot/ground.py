@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize
@@ -51,24 +50,6 @@ class SkidTurn:
         return -self.across / self.yaw_rate, self.forward / self.yaw_rate
 
 
-class _Contacts(NamedTuple):
-    x: FloatArray
-    y: FloatArray
-    load: FloatArray
-    rolling: FloatArray
-
-
-def _contacts(wheelbase: float, track: float, x: float, y: float, half_width: float) -> _Contacts:
-    """Return the contact points, their shares of the load (linear in the place: equal springs) and rolling speeds [m/s]."""
-    wheel_x, wheel_y = 0.5 * wheelbase * FRONT, 0.5 * track * LEFT
-    load = 0.25 * (1.0 + x * FRONT / (0.5 * wheelbase) + y * LEFT / (0.5 * track))
-    rolling = -LEFT
-    if half_width == 0.0:
-        return _Contacts(wheel_x, wheel_y, load, rolling)
-    y_twice = np.concatenate([wheel_y - half_width, wheel_y + half_width])
-    return _Contacts(np.tile(wheel_x, 2), y_twice, np.tile(0.5 * load, 2), np.tile(rolling, 2))
-
-
 def turn_on_the_spot(
     wheelbase: float,
     track: float,
@@ -92,19 +73,20 @@ def turn_on_the_spot(
             that a tyre's inner contact point gives to the outer one [1].
     """
     unit = 0.5 * track  # of length: the search sees the same numbers for every size of robot
-    c = _contacts(wheelbase / unit, 2.0, x / unit, y / unit, half_width / unit)
-    front, left = np.sign(c.x), np.resize(LEFT, len(c.x))
+    ends = (0.0,) if half_width == 0.0 else (-half_width / unit, half_width / unit)
+    front, left = np.tile(FRONT, len(ends)), np.tile(LEFT, len(ends))  # of each contact point
+    at_x, at_y = 0.5 * (wheelbase / unit) * front, left + np.repeat(ends, len(LEFT))
+    load = 0.25 * (1.0 + (x / unit) * front / (0.5 * (wheelbase / unit)) + (y / unit) * left) / len(ends)  # equal springs
     ahead, aside, across, outwards = shift
-    outer = np.sign(np.abs(c.y) - 1.0)  # -1 for an inner point, 0 where a tyre has only one
-    load = (c.load + (ahead * front + aside * left + across * front * left) / len(c.x)) * (1.0 + outwards * outer)
-    c = c._replace(load=load)
+    outer = np.sign(np.abs(at_y) - 1.0)  # -1 for an inner point, 0 where a tyre has only one
+    load = (load + (ahead * front + aside * left + across * front * left) / len(left)) * (1.0 + outwards * outer)
 
     def power(motion: FloatArray) -> tuple[float, FloatArray]:
         v_x, v_y, rate = motion
-        s_x, s_y = v_x - rate * c.y - c.rolling, v_y + rate * c.x
+        s_x, s_y = v_x - rate * at_y + left, v_y + rate * at_x  # the rims roll at 1 m/s, the left ones backward
         size = np.sqrt(s_x**2 + (ratio * s_y) ** 2 + 1e-16)
-        f_x, f_y = c.load * s_x / size, c.load * ratio**2 * s_y / size
-        return float(c.load @ size), np.array([f_x.sum(), f_y.sum(), (c.x * f_y - c.y * f_x).sum()])
+        f_x, f_y = load * s_x / size, load * ratio**2 * s_y / size
+        return float(load @ size), np.array([f_x.sum(), f_y.sum(), (at_x * f_y - at_y * f_x).sum()])
 
     found = minimize(power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10})
     forward, across, rate = (float(value) for value in found.x)

@@ -82,12 +82,12 @@ class Jde:
     """One search. `while not search.finished: search.tell(costs_of(search.ask()))`."""
 
     def __init__(self, n: int, settings: JdeSettings, seed: int, start: ArrayLike | None = None) -> None:
-        """Draw the initial population of vectors of n genes; (k, n) points to start with replace the first k drawn.
+        """Draw the initial population of vectors of n genes; (k, n) points of the cube replace the first k drawn.
 
         Equal seeds give equal searches.
 
         Raises:
-            ValueError: n is not positive, the seed is negative, or the start is not in the cube or has more than S rows.
+            ValueError: n is not positive, the seed is negative, or the start has more than S rows.
         """
         if n < 1:
             raise ValueError(f"a search needs at least one parameter, got {n}")
@@ -101,10 +101,6 @@ class Jde:
             points = frozen_array(start, "start", (None, n))
             if len(points) > size:
                 raise ValueError(f"start has {len(points)} points, more than the population of {size}")
-            outside = ~((points >= 0.0) & (points <= 1.0))
-            if outside.any():
-                row, k = (int(i) for i in np.argwhere(outside)[0])
-                raise ValueError(f"start leaves the unit cube: {points[row, k]:g} at index {(row, k)}")
             self._population[: len(points)] = points
         self._costs = np.full(size, np.inf)
         self._f, self._cr = np.full(size, F_INIT), np.full(size, CR_INIT)

@@ -115,7 +115,6 @@ MISTAKES = {
     "study robustness --reference nowhere.csv": "nowhere.csv",
     "study robustness --runs 10": "runs",
     "study robustness --timestep 0.003": "0.003",
-    "study terrain --horizon 30": "20 s",
     "study transfer --quick --controllers pdi": "unknown controller 'pdi'",
     "study transfer --quick --controllers pid:gone": "pid has no gains 'gone'",
     "study transfer --quick --controllers mpc": "there is no choice among mpc",

@@ -13,7 +13,6 @@ import pytest
 from tests.drive_train_logs import in_the_air, on_grass
 from tests.test_robustness import SMALL as ROBUSTNESS
 from tests.test_robustness import gains_of, hopeless, run_program
-from tests.test_terrain_study import SMALL as TERRAIN
 from validation import cli
 from validation.progress import Progress
 from validation.study import transfer
@@ -22,7 +21,6 @@ from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainStudy
 from validation.study.noise import NoiseStudy
 from validation.study.robustness import RobustnessStudy
-from validation.study.terrain import TerrainStudy
 from validation.study.transfer import TransferStudy
 
 
@@ -35,7 +33,6 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "robustness": (
         RobustnessStudy(**ROBUSTNESS, gains={"pid": hopeless(), **gains_of(lqr="manual")}), rows_of, 1,
     ),
-    "terrain": (TerrainStudy(**TERRAIN), lambda s: sum(len(table.rows) for table in s.tables[:2]), 1),
     "contact": (ContactStudy(only=("cone",)), rows_of, 1),
     "transfer": (
         TransferStudy(

@@ -11,7 +11,7 @@ from typing import Any
 
 from validation import cli
 
-STUDIES = ("robustness", "terrain", "contact", "transfer", "drivetrain", "noise")
+STUDIES = ("robustness", "contact", "transfer", "drivetrain", "noise")
 """Names of all studies, in the order of the help text."""
 
 

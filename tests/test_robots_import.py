@@ -114,19 +114,6 @@ def test_an_arm_and_a_lidar_are_lumped_into_the_body(tmp_path: Path) -> None:
     assert found.masses.com[0] == pytest.approx(x)
 
 
-def test_inertia_that_cannot_be_is_left_out_and_told(tmp_path: Path) -> None:
-    huge = imported(UrdfRobot(inertia=(80.0, 120.0, 160.0)), tmp_path)
-    assert "mass.inertia" not in huge.robot.said
-    assert any("left out mass.inertia" in remark for remark in huge.remarks)
-    assert check_robot(huge.robot).ok
-    text = UrdfRobot().text().replace(f'iyy="{UrdfRobot().spin()[1]}"', 'iyy="9"')
-    path = tmp_path / "spun.urdf"
-    path.write_text(text)
-    spun = import_robot(path)
-    assert "mass.wheel_inertia" not in spun.robot.said
-    assert any("left out mass.wheel_inertia" in remark for remark in spun.remarks)
-
-
 WHEELS = UrdfRobot().text()
 ON_BASE = '<parent link="base_link"/><child link="'
 LOOP, END = '<joint name="l" type="fixed"><parent link="part0"/><child link="', '"/></joint></robot>'

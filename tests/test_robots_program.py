@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -113,8 +114,7 @@ def test_a_fault_is_told_with_what_would_be_right(name: str) -> None:
 
 
 HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
-    "little load": ({"mass": {"com": [0.35, 0.1, 0.1]}}, "carries only"),
-    "great inertia": ({"mass": {"inertia": [400.0, 398.0, 679.0]}}, "need mass"),
+    "no limit of torque": ({"drive": {"torque_limit": math.inf}}, "no torque_limit is given"),
     "driver": ({"drive": {"command_half_track": 0.3}}, "of the yaw rate that is commanded"),
 }  # fmt: skip
 
@@ -124,15 +124,6 @@ def test_a_hint_is_no_fault(name: str) -> None:
     sections, words = HINTS[name]
     found = check_robot(changed(**sections))
     assert any(words in each.text and not each.fault for each in found.advice), [each.text for each in found.advice]
-
-
-def test_a_robot_without_a_limit_of_torque_is_told_of_it() -> None:
-    document = load_robot("warthog").as_document()
-    del document["drive"]["torque_limit"]
-    found = check_robot(parse_robot({**document, "name": "strong"}))
-    assert found.ok
-    assert any("no torque_limit is given" in each.text for each in found.advice)
-    assert found.as_dict()["side_torque_N_m"] is None
 
 
 def test_a_robot_that_jerks_or_does_not_turn_as_mechanics_says_is_told_of_it() -> None:
@@ -164,12 +155,9 @@ def test_a_new_robot_has_what_was_measured_and_says_the_rest(tmp_path: Path, mon
     assert document["geometry"]["wheelbase"] == 0.5
     assert document["simulation"] == {"friction": 0.5}
     assert "com" not in document["mass"]
-    assert "# com = [" in text
     robot = load_robot("mine.toml")
     assert robot.source("mass.total") == ("measured", "given to `new`")
     assert robot.source("mass.com")[0] == "assumed"
-    for line in (line for line in text.splitlines() if line.startswith("# ") and "estimated" in line):
-        tomllib.loads(line.removeprefix("# "))  # take the mark away, and it is a number
     run("check", "mine.toml")
     assert json.loads(Path("runs/robots/mine/robot.json").read_text())["ok"] is True
     with pytest.raises(SystemExit) as left:

@@ -17,8 +17,6 @@ from validation.simulator.health import apparent_mass
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, closed_form, measure_spin, spin
 
-LITTLE_LOAD = 0.3
-"""Load over a quarter of the weight below which a wheel is said to carry little [1]."""
 MULTIPLIER_LIMIT = 0.02
 """Deviation of the multiplier from its closed form that a robot may have [1]."""
 DRIVER_LIMIT = 0.25
@@ -164,11 +162,6 @@ class Advice:
     """Whether the robot cannot be as it is described, or cannot drive; else it is worth a second look."""
 
 
-_Line = tuple[bool, bool, str]
-"""Whether it applies, whether it is a fault, and the sentence."""
-_FAULT, _HINT = True, False
-
-
 def advise(robot: Robot, spot: SpotTurn | None, found: Measured | None) -> list[Advice]:
     """Return what is wrong with a robot and what would be right, faults first.
 
@@ -177,130 +170,113 @@ def advise(robot: Robot, spot: SpotTurn | None, found: Measured | None) -> list[
         spot: its turn on the spot by mechanics.
         found: what its model shows; None where there is none.
     """
-    lines = [*_geometry(robot), *body_inertia(robot), *wheel_inertia(robot), *_loads(robot)]
+    advice = [*_geometry(robot), *_inertia(robot), *_loads(robot)]
     if spot is not None:
-        lines += _motors(robot, spot)
+        advice += _motors(robot, spot)
     if found is not None:
-        lines += _simulation(robot, spot, found)
-    advice = [Advice(text, fault) for applies, fault, text in lines if applies]
+        advice += _simulation(spot, found)
     return sorted(advice, key=lambda each: not each.fault)
 
 
-def _geometry(robot: Robot) -> Iterator[_Line]:
+def _geometry(robot: Robot) -> Iterator[Advice]:
     g = robot.geometry
     r, width = g.wheel_radius, g.wheel_width
-    yield (
-        2.0 * r >= g.wheelbase, _FAULT, f"front and rear tyres touch each other: with a wheelbase of {g.wheelbase:g} m, "
-        f"wheel_radius must be less than {0.5 * g.wheelbase:.4g} m, not {r:g} m",
-    )  # fmt: skip
-    yield (
-        width >= g.track, _FAULT,
-        f"left and right tyres touch each other: with a track of {g.track:g} m, wheel_width must be less, not {width:g} m",
-    )  # fmt: skip
+    if 2.0 * r >= g.wheelbase:
+        yield Advice(
+            f"front and rear tyres touch each other: with a wheelbase of {g.wheelbase:g} m, wheel_radius must be less than "
+            f"{0.5 * g.wheelbase:.4g} m, not {r:g} m"
+        )
+    if width >= g.track:
+        yield Advice(
+            f"left and right tyres touch each other: with a track of {g.track:g} m, wheel_width must be less, not "
+            f"{width:g} m"
+        )
     overlaps = tyre_hull_overlap(robot)
     touching = overlaps.min(axis=1) > 1e-6
-    names = ", ".join(wheel.replace("_", " ") for wheel, touches in zip(WHEELS, touching, strict=True) if touches)
-    widest = max(g.track - width - 2.0 * abs(g.body_centre[1]), 0.0)
-    yield (
-        bool(touching.any()), _FAULT, f"tyres ({names}) reach {1e3 * overlaps[:, 0].max():.0f} mm into the hull: "
-        f"between the tyres body_size may be {widest:.4g} m wide",
-    )  # fmt: skip
+    if touching.any():
+        names = ", ".join(wheel.replace("_", " ") for wheel, touches in zip(WHEELS, touching, strict=True) if touches)
+        widest = max(g.track - width - 2.0 * abs(g.body_centre[1]), 0.0)
+        yield Advice(
+            f"tyres ({names}) reach {1e3 * overlaps[:, 0].max():.0f} mm into the hull: between the tyres body_size may be "
+            f"{widest:.4g} m wide"
+        )
     bottom = g.body_centre[2] - 0.5 * g.body_size[2] + g.base_height
-    yield (
-        bottom < -1e-6, _FAULT, f"the hull reaches {-1e3 * bottom:.0f} mm below the ground: with tyres of {r:g} m and axles "
-        f"at {g.axle_height:g} m, the base frame is {g.base_height:.4g} m above it; correct axle_height or body_centre",
-    )  # fmt: skip
-    low, high = robot_outline(robot)
-    for axis, com, least, most in zip("xyz", robot.masses.com, low, high, strict=True):
-        yield (
-            not least <= com <= most, _FAULT, f"the centre of mass lies outside of the robot: {axis} is {com:g} m, hull and "
-            f"tyres reach from {least:.3g} to {most:.3g} m",
-        )  # fmt: skip
+    if bottom < -1e-6:
+        yield Advice(
+            f"the hull reaches {-1e3 * bottom:.0f} mm below the ground: with tyres of {r:g} m and axles at "
+            f"{g.axle_height:g} m, the base frame is {g.base_height:.4g} m above it; correct axle_height or body_centre"
+        )
+    for axis, com, least, most in zip("xyz", robot.masses.com, *robot_outline(robot), strict=True):
+        if not least <= com <= most:
+            yield Advice(
+                f"the centre of mass lies outside of the robot: {axis} is {com:g} m, hull and tyres reach from {least:.3g} "
+                f"to {most:.3g} m"
+            )
 
 
-def body_inertia(robot: Robot) -> Iterator[tuple[bool, bool, str]]:
-    """Yield advice on the base's moments of inertia: whether it applies, whether it is a fault, and the sentence.
-
-    They say how far the base's mass lies from its centre along x, y and z.
-    """
-    (low, high), inertia, com = robot_outline(robot), np.array(robot.masses.inertia), np.array(robot.masses.com)
-    spread = (0.5 * inertia.sum() - inertia) / robot.base_mass  # mean squares [m2]
-    most = np.maximum((high - com) * (com - low), 0.0)  # all mass at both ends
-    for k, axis in enumerate("xyz"):
-        yield (
-            bool(spread[k] <= -1e-9 * spread.max()), _FAULT,
-            f"no body has the moments of inertia {', '.join(f'{v:.4g}' for v in inertia)} kg m2: that about {axis} must be "
-            f"at most the sum of the others, {inertia.sum() - inertia[k]:.4g} kg m2; without inertia it has that of a box",
-        )  # fmt: skip
-        yield (
-            bool(spread[k] > most[k] * (1.0 + 1e-9)), _HINT,
-            f"these moments of inertia need mass {1e3 * math.sqrt(max(spread[k], 0.0)):.0f} mm from its centre along {axis} "
-            f"in the mean, and hull and tyres allow {1e3 * math.sqrt(most[k]):.0f} mm: is it inertia about another point, "
-            "or in another unit?",
-        )  # fmt: skip
-
-
-def wheel_inertia(robot: Robot) -> Iterator[tuple[bool, bool, str]]:
-    """Yield advice on a wheel's moments of inertia: whether it applies, whether it is a fault, and the sentence."""
+def _inertia(robot: Robot) -> Iterator[Advice]:
     g, m, slack = robot.geometry, robot.masses, 1.0 + 1e-9
+    inertia = np.array(m.inertia)
+    others = inertia.sum() - inertia
+    for axis, own, most in zip("xyz", inertia, others, strict=True):
+        if own > most * slack:
+            yield Advice(
+                f"no body has the moments of inertia {', '.join(f'{v:.4g}' for v in inertia)} kg m2: that about {axis} must "
+                f"be at most the sum of the others, {most:.4g} kg m2; without inertia it has that of a box"
+            )
     across, spin = m.wheel_inertia
     disc = m.wheel * g.wheel_radius**2
-    most, thick = min(disc, 2.0 * across), 0.5 * disc + 0.25 * m.wheel * g.wheel_width**2
-    yield (
-        spin > most * slack or across > thick * slack, _FAULT,
-        f"no wheel of {m.wheel:g} kg and {g.wheel_radius:g} m has {across:.4g} kg m2 about a diameter and {spin:.4g} "
-        f"about its axle: the most are m (r^2 / 2 + width^2 / 4) = {thick:.4g}, and m r^2 = {disc:.4g} but twice the first",
-    )  # fmt: skip
+    thick = 0.5 * disc + 0.25 * m.wheel * g.wheel_width**2
+    if spin > min(disc, 2.0 * across) * slack or across > thick * slack:
+        yield Advice(
+            f"no wheel of {m.wheel:g} kg and {g.wheel_radius:g} m has {across:.4g} kg m2 about a diameter and {spin:.4g} "
+            f"about its axle: the most are m (r^2 / 2 + width^2 / 4) = {thick:.4g}, and m r^2 = {disc:.4g} but twice the "
+            "first"
+        )
 
 
-def _loads(robot: Robot) -> Iterator[_Line]:
+def _loads(robot: Robot) -> Iterator[Advice]:
     g, shares, (x, y, _) = robot.geometry, load_shares(robot), whole_com(robot)
-    wheel, least = WHEELS[int(np.argmin(shares))].replace("_", " "), float(shares.min())
-    where = f"the whole robot's centre of mass is {x:.3g} m ahead and {y:.3g} m to the left of the middle"
-    used = 2.0 * abs(x) / g.wheelbase + 2.0 * abs(y) / g.track
-    yield (
-        least <= 0.0, _FAULT, f"the {wheel} wheel carries nothing: {where}, and 2 |x| / wheelbase + 2 |y| / track must be "
-        f"less than 1, not {used:.2f}",
-    )  # fmt: skip
-    yield (
-        0.0 < least < 0.25 * LITTLE_LOAD, _HINT,
-        f"the {wheel} wheel carries only {100.0 * least:.1f} % of the weight: {where}; weigh each wheel if you can",
-    )  # fmt: skip
+    if shares.min() <= 0.0:
+        wheel = WHEELS[int(np.argmin(shares))].replace("_", " ")
+        used = 2.0 * abs(x) / g.wheelbase + 2.0 * abs(y) / g.track
+        yield Advice(
+            f"the {wheel} wheel carries nothing: the whole robot's centre of mass is {x:.3g} m ahead and {y:.3g} m to the "
+            f"left of the middle, and 2 |x| / wheelbase + 2 |y| / track must be less than 1, not {used:.2f}"
+        )
 
 
-def _motors(robot: Robot, spot: SpotTurn) -> Iterator[_Line]:
+def _motors(robot: Robot, spot: SpotTurn) -> Iterator[Advice]:
     drive, mu = robot.drive, robot.simulation.friction
     needed, has = mu * spot.side_torque + drive.gear_loss, 2.0 * drive.torque_limit
-    yield (
-        not math.isfinite(has),
-        _HINT,
-        "no torque_limit is given, so it can turn on any ground: say that of one wheel [N m]",
-    )
-    yield (
-        needed > has, _FAULT, f"it cannot turn on the spot on ground of friction {mu:g}: a side needs {needed:.4g} N m and "
-        f"its motors give {has:.4g} N m; torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
-        f"{(has - drive.gear_loss) / spot.side_torque:.2g}",
-    )  # fmt: skip
+    if not math.isfinite(has):
+        yield Advice("no torque_limit is given, so it can turn on any ground: say that of one wheel [N m]", fault=False)
+    if needed > has:
+        yield Advice(
+            f"it cannot turn on the spot on ground of friction {mu:g}: a side needs {needed:.4g} N m and its motors give "
+            f"{has:.4g} N m; torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
+            f"{(has - drive.gear_loss) / spot.side_torque:.2g}"
+        )
     rims = robot.geometry.wheel_radius / drive.command_radius * spot.turn.yaw_rate  # over the wanted yaw rate and half-track
     turned = drive.command_half_track * rims
-    if rims > 0.0:
-        yield (
-            abs(turned - 1.0) > DRIVER_LIMIT, _HINT, f"turning on the spot it reaches {turned:.2f} of the yaw rate that is "
-            f"commanded, for skidding wheels slip: with a command_half_track of {1.0 / rims:.3g} m, not "
-            f"{drive.command_half_track:g} m, it would reach all of it",
-        )  # fmt: skip
+    if rims > 0.0 and abs(turned - 1.0) > DRIVER_LIMIT:
+        yield Advice(
+            f"turning on the spot it reaches {turned:.2f} of the yaw rate that is commanded, for skidding wheels slip: with "
+            f"a command_half_track of {1.0 / rims:.3g} m, not {drive.command_half_track:g} m, it would reach all of it",
+            fault=False,
+        )
 
 
-def _simulation(robot: Robot, spot: SpotTurn | None, found: Measured) -> Iterator[_Line]:
+def _simulation(spot: SpotTurn | None, found: Measured) -> Iterator[Advice]:
     if found.multiplier is None:
-        yield True, _FAULT, "the simulated robot did not turn once on the spot in twice the time that mechanics allows it"
-    else:
-        expected = found.multiplier if spot is None else spot.turn.multiplier
-        yield (
-            abs(found.multiplier / expected - 1.0) > MULTIPLIER_LIMIT, _FAULT, "the simulated robot turns with a multiplier "
-            f"of {found.multiplier:.3f}, and mechanics says {expected:.3f}: keep the usual wheel_shape and timestep",
-        )  # fmt: skip
-    yield (
-        found.lifted_share > 0.0, _FAULT, f"a wheel leaves the ground in {100.0 * found.lifted_share:.0f} % of a slow turn "
-        "on the spot: move the centre of mass to the middle and down, or lower the friction",
-    )  # fmt: skip
+        yield Advice("the simulated robot did not turn once on the spot in twice the time that mechanics allows it")
+    elif spot is not None and abs(found.multiplier / spot.turn.multiplier - 1.0) > MULTIPLIER_LIMIT:
+        yield Advice(
+            f"the simulated robot turns with a multiplier of {found.multiplier:.3f}, and mechanics says "
+            f"{spot.turn.multiplier:.3f}: keep the usual wheel_shape and timestep"
+        )
+    if found.lifted_share > 0.0:
+        yield Advice(
+            f"a wheel leaves the ground in {100.0 * found.lifted_share:.0f} % of a slow turn on the spot: move the centre "
+            "of mass to the middle and down, or lower the friction"
+        )

@@ -16,9 +16,8 @@ from mujoco import mjtGeom
 
 from ssmr.types import FloatArray
 from validation.files import reading
-from validation.simulator.checking import body_inertia, wheel_inertia
-from validation.simulator.description import WHEELS, RobotError, shipped_robots
-from validation.simulator.drafting import Entry, RobotDraft, drafted, require_free_name
+from validation.simulator.description import WHEELS, RobotError
+from validation.simulator.drafting import Entry, RobotDraft, drafted
 from validation.words import one_line
 
 MOST_BYTES = 1 << 22
@@ -33,7 +32,6 @@ _ASKEW = 0.05
 """Greatest distance of a wheel from the corner of a rectangle, over its shorter side [1]."""
 _CLEARANCE = 0.98
 """Width of a hull over the room between the tyres where its shapes reach beyond them [1]."""
-_WHEEL_WORDS = re.compile(r"wheel|tire|tyre|rueda|roue|\brad\b")
 _SIDEWAYS_WORDS = re.compile(r"mecanum|omni_?wheel|swedish")
 
 
@@ -42,8 +40,7 @@ def import_robot(
 ) -> RobotDraft:
     """Return a robot's file made of a URDF.
 
-    A wheel is a link on a continuous or revolute joint about the y axis that carries no other such joint. Names only decide
-    where there are more than four.
+    A wheel is a link on a continuous joint about the y axis.
 
     Args:
         path: the URDF of a robot that drives along x; a xacro file must be expanded before.
@@ -52,11 +49,9 @@ def import_robot(
         wheel_width: width of the tyres [m], measured; that of their cylinders if not given.
 
     Raises:
-        RobotError: the file cannot be read, is no URDF, or describes no robot with four fixed, plain wheels.
-        ValueError: the name belongs to a robot that comes with the package.
+        RobotError: the file cannot be read, is no URDF, or describes no robot with four fixed, plain wheels, or the name is
+            taken.
     """
-    if name is not None:
-        require_free_name(name)
     try:
         text = reading.read_text(path, MOST_BYTES)
     except ValueError as error:
@@ -67,8 +62,8 @@ def import_robot(
         work.say_wheels(wheel_radius, wheel_width)
         work.say_masses()
         work.say_hull()
-        own = re.sub(r"[^A-Za-z0-9_-]+", "_", root.get("name", "")).strip("_-")[:60] or "robot"
-        return work.finished(name or (f"{own}-urdf" if own in shipped_robots() else own))
+        own = re.sub(r"[^A-Za-z0-9_-]+", "_", root.get("name", "")).strip("_-")[:60]
+        return work.finished(name or own or "robot")
     except ValueError as error:
         raise RobotError(f"{path}: {one_line(error)}") from error
 
@@ -112,12 +107,10 @@ def _plain(root: ElementTree.Element) -> tuple[list[ElementTree.Element], list[E
     return links, joints
 
 
-def _compiled(root: ElementTree.Element, balance: bool = False) -> tuple[mujoco.MjModel, Mapping[str, str], list[str]]:
-    """Return what MuJoCo makes of the links and joints of a URDF, the types of the joints by name, and remarks.
+def _compiled(root: ElementTree.Element) -> tuple[mujoco.MjModel, Mapping[str, str]]:
+    """Return what MuJoCo makes of the links and joints of a URDF, and the types of the joints by name.
 
-    Args:
-        root: its tree, whose links lose what MuJoCo shall not see.
-        balance: replace moments of inertia that no body has by their mean about every axis.
+    Moments of inertia that no body has become their mean about every axis. The tree's links lose what MuJoCo shall not see.
 
     Raises:
         ValueError: MuJoCo cannot read it.
@@ -133,30 +126,27 @@ def _compiled(root: ElementTree.Element, balance: bool = False) -> tuple[mujoco.
     plain = ElementTree.Element("robot", name="robot")
     ElementTree.SubElement(
         ElementTree.SubElement(plain, "mujoco"), "compiler", fusestatic="false", discardvisual="true",
-        inertiafromgeom="false", boundmass=repr(_LEAST_MASS), boundinertia="1e-12", balanceinertia=str(balance).lower(),
+        inertiafromgeom="false", boundmass=repr(_LEAST_MASS), boundinertia="1e-12", balanceinertia="true",
     )  # fmt: skip
     plain.extend([ElementTree.Element("link", name=_ROOT), *links, *joints, standing])
     try:
         model = mujoco.MjModel.from_xml_string(ElementTree.tostring(plain, encoding="unicode"))
     except (ValueError, RecursionError) as error:
-        if not balance and "balanceinertia" in str(error):
-            return _compiled(root, balance=True)
         raise ValueError(f"MuJoCo cannot read this URDF: {one_line(error)}") from error
-    remarks = ["moments of inertia that no body has were replaced by their mean about every axis"] if balance else []
-    return model, {joint.get("name", ""): joint.get("type", "") for joint in joints}, remarks
+    return model, {joint.get("name", ""): joint.get("type", "") for joint in joints}
 
 
 class _Import:
     """An import under way. Places are in the frame of the first link [m]."""
 
-    def __init__(self, file: str, model: mujoco.MjModel, kinds: Mapping[str, str], remarks: Sequence[str]) -> None:
+    def __init__(self, file: str, model: mujoco.MjModel, kinds: Mapping[str, str]) -> None:
         """Compute where everything is, and find the four wheels.
 
         Raises:
             ValueError: there are not four, they do not stand at the corners of a rectangle, or one can be steered.
         """
         self.file, self.model, self.kinds = file, model, kinds
-        self.guesses, self.entries = list(remarks), list[Entry]()
+        self.guesses, self.entries = list[str](), list[Entry]()
         self.data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self.data)
         wheels = self._corners(self._four_joints())
@@ -169,25 +159,17 @@ class _Import:
     def _four_joints(self) -> list[int]:
         """Return the joints of four wheels."""
         model, axes = self.model, self.data.xaxis
-        level = [j for j in range(model.njnt) if abs(axes[j, 1]) > _PARALLEL]
-        above = {j: self._above(model.jnt_bodyid[j]) for j in level}
-        four = [j for j in level if not any(j in others for others in above.values())]
-        for keep in (
-            lambda j: self.kinds[model.joint(j).name] == "continuous",
-            lambda j: (
-                _WHEEL_WORDS.search(f"{model.joint(j).name} {model.body(model.jnt_bodyid[j]).name}".lower()) is not None
-            ),
-        ):
-            fewer = [j for j in four if keep(j)]
-            if len(four) > 4 and len(fewer) >= 4:
-                four = fewer
+        four = [
+            j for j in range(model.njnt)
+            if self.kinds[model.joint(j).name] == "continuous" and abs(axes[j, 1]) > _PARALLEL
+        ]  # fmt: skip
         if len(four) != 4:
             raise ValueError(
-                f"it has {len(four)} joints that look like wheels, and a skid-steering robot has four, about the y "
-                f"axis: {self._names(four)}; its joints that turn are {self._names(range(model.njnt))}"
+                f"it has {len(four)} joints that look like wheels, and a skid-steering robot has four, continuous and about "
+                f"the y axis: {self._names(four)}"
             )
         for j in four:
-            if steering := [up for up in above[j] if abs(axes[up, 2]) > _UPRIGHT]:
+            if steering := [up for up in self._above(model.jnt_bodyid[j]) if abs(axes[up, 2]) > _UPRIGHT]:
                 raise ValueError(
                     f"wheel '{self._names([j])}' can be steered by joint '{self._names(steering)}'; the wheels of a "
                     "skid-steering robot cannot"
@@ -325,21 +307,10 @@ class _Import:
             self.read("geometry.body_centre", 0.5 * (high + low), "box around the body's plain shapes")
 
     def finished(self, name: str) -> RobotDraft:
-        """Return the file, with what no body or wheel can have left out."""
-        texts = {"name": name, "description": f"Imported from {self.file}."}
-        for key, judge in (("mass.wheel_inertia", wheel_inertia), ("mass.inertia", body_inertia)):
-            wrong = [words for applies, _, words in judge(drafted(texts, self.entries, (), ()).robot) if applies]
-            if wrong and key in {entry.key for entry in self.entries}:
-                self.entries = [entry for entry in self.entries if entry.key != key]
-                self.guesses.append(f"left out {key}, which is estimated: {wrong[0]}")
+        """Return the file."""
         self.guesses += [
             "guessed geometry.link: belt, the wheels of a side turn together",
             "guessed drive.torque_limit: enough to turn on the spot on ground of friction 1",
             "no URDF says friction, gain, rotor inertia, or how the driver makes wheel rates of commands",
         ]
-        heading = (
-            f"The robot {name}, imported from {self.file} by `python -m validation.robots import`. Lines that begin with # "
-            "are estimates. What had to be guessed:",
-            *(f"- {words}" for words in self.guesses),
-        )
-        return drafted(texts, self.entries, tuple(self.guesses), heading)
+        return drafted(name, f"Imported from {self.file}.", self.entries, self.guesses)

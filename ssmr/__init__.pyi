@@ -48,7 +48,6 @@ from .search.space import Parameter as Parameter
 from .search.space import ParameterSpace as ParameterSpace
 from .simulation import PlanarModel as PlanarModel
 from .simulation import PlanarPlant as PlanarPlant
-from .simulation import simulate as simulate
 from .types import Commands as Commands
 from .types import Plant as Plant
 from .types import State as State
@@ -103,7 +102,6 @@ __all__ = [
     "run_loop",
     "run_loops",
     "run_population",
-    "simulate",
     "sine",
     "spiral",
     "square",

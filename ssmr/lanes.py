@@ -31,7 +31,7 @@ from ssmr.robot.drive import (
     whole_steps,
 )
 from ssmr.robot.localiser import Localiser
-from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move, robot_row
+from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move
 from ssmr.types import Commands, FloatArray, State
 
 LANES = 8
@@ -118,13 +118,6 @@ def _lane(template: T, rows: FloatArray, first: int, i: int) -> T:
 
 
 @jit
-def _keep(state: _State, rows: FloatArray, i: int) -> None:
-    """Write the state of lane i."""
-    for k, number in enumerate(state):
-        rows[i + k * LANES] = number
-
-
-@jit
 def _robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRobot:
     """Return the robot of lane i; `kind` is any robot of the same model."""
     at = _ROBOT + len(kind.vehicle)
@@ -157,7 +150,9 @@ def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: i
     before = PlanarMotion(now.x, now.y, now.yaw, now.v, now.w, 0.0, 0.0, now.integral_left, now.integral_right)
     then = move(before, Sides(asked.left, asked.right), 0.0, dt, _robot(kind, plain, rows, i))
     left, right = then.integral_left, then.integral_right
-    _keep(_State(then.x, then.y, then.yaw, then.v, then.w, left, right, asked.v, asked.w, asked.left, asked.right), rows, i)
+    after = _State(then.x, then.y, then.yaw, then.v, then.w, left, right, asked.v, asked.w, asked.left, asked.right)
+    for k, number in enumerate(after):
+        rows[i + k * LANES] = number
 
 
 @jit
@@ -249,7 +244,12 @@ def run_population(
     robots = [(m.prescribed() if wheels else m).packed(dt) for m in models]
     drives = [drive_numbers(m.drive, commands.dt, dt) for m in models]
     times = _Times(dt, commands.n * drives[0].period, stride)
-    held, places = _held_wheels(commands, times, len(models)) if wheels else _held_twists(commands, drives, times)
+    if wheels:  # those of all steps, and the places of each robot's first left and right one
+        steps = np.minimum(np.arange(times.steps + 2 * _CHUNK) // drives[0].period, commands.n - 1)
+        held = commands.values[steps].T.ravel()
+        places = np.tile(np.array([0, len(steps)], dtype=np.uint64), (len(models), 1))
+    else:
+        held, places = _held_twists(commands, drives, times)
     rows = np.array([_row(*numbers) for numbers in zip(starts, drives, robots, strict=True)], dtype=np.float64)
     kind = robots[0], None if any(map(_is_special, drives, robots)) else True, True if wheels else None
     poses = np.empty((len(models), 1 + times.steps // stride, 3))
@@ -264,10 +264,11 @@ def run_population(
 
 
 def _row(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list[float]:
-    """Return the numbers of one lane: its state, two that are held, its driver and its robot."""
+    """Return the numbers of one lane: its state, two that are held, its driver and its robot, as `_robot` reads it."""
     asked = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
     state = _State(start.x, start.y, start.yaw, start.v_x, start.yaw_rate, 0.0, 0.0, *asked)
-    return [*state, 0.0, 0.0, *drive[:_DRIVEN], *robot_row(robot)]
+    numbers = *robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, float(robot.obeys), *robot.constants
+    return [*state, 0.0, 0.0, *drive[:_DRIVEN], *numbers]
 
 
 def _is_special(drive: DriveNumbers, robot: PlanarRobot) -> bool:
@@ -287,12 +288,6 @@ def _held_twists(commands: Commands, drives: Sequence[DriveNumbers], times: _Tim
     begins = {sampling: 2 * k * length + longest for k, sampling in enumerate(samplings)}
     places = [(begins[d.hold, d.ramp] - d.delay_v, begins[d.hold, d.ramp] + length - d.delay_w) for d in drives]
     return held.ravel(), np.array(places, dtype=np.uint64)
-
-
-def _held_wheels(commands: Commands, times: _Times, count: int) -> tuple[FloatArray, NDArray[np.uint64]]:
-    """Return the wheel rates of all steps, and the (S, 2) places in them of each robot's first left and right one."""
-    steps = np.minimum(np.arange(times.steps + 2 * _CHUNK) // (times.steps // commands.n), commands.n - 1)
-    return commands.values[steps].T.ravel(), np.tile(np.array([0, len(steps)], dtype=np.uint64), (count, 1))
 
 
 @jit

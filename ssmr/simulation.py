@@ -1,4 +1,4 @@
-"""Time stepping: one loop for any plant, and the fused loops of the planar models, held equal to it by a test.
+"""Time stepping of the planar models: a whole run in one compiled loop, which equals its single steps.
 
 A planar model is three states, x, y and yaw, and two velocities, v and omega. Its velocities advance by the model's own law;
 its pose follows by the midpoint rule with v_y = -x_ICR omega (Eq. 2.2, 2.10, 2.13).
@@ -7,7 +7,7 @@ its pose follows by the midpoint rule with v_y = -x_ICR omega (Eq. 2.2, 2.10, 2.
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -29,12 +29,10 @@ from ssmr.robot.drive import (
     whole_steps,
 )
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
-from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from ssmr.types import Commands, FloatArray, State, Trajectory
 
-PLANAR_COLUMNS = 13
-"""x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration, its least and its
-greatest value since the last sample: a model that chatters from step to step hides between samples otherwise."""
-
+PLANAR_COLUMNS = 11
+"""x, y, yaw, v_x, v_y, yaw rate, wheel left, wheel right, torque left, torque right, yaw acceleration."""
 PLANAR_DT = 0.001
 """Default step of the planar models [s]; Tab. 3.7."""
 SAMPLE_DT = 0.008
@@ -101,15 +99,14 @@ def run_planar(
         stride: steps between samples.
         robot: numbers of the robot; the type of its parameters chooses the model.
         start: state at the first step.
-        out: (1 + n // stride, 13) samples, see `PLANAR_COLUMNS`; row 0 is the start.
+        out: (1 + n // stride, 11) samples, see `PLANAR_COLUMNS`; row 0 is the start.
 
     Returns:
         The first step after which a number is not finite, or -1; and where the robot is at the end.
     """
     now, n = start, len(references)
     wheels = side_rates(now.v, now.w, robot.vehicle)
-    sample, due = 0, 0
-    turn, least, most = 0.0, 0.0, 0.0  # yaw acceleration
+    sample, due, turn = 0, 0, 0.0
     for k in range(n + 1):
         if k == due:
             rates = turning_wheels(now, wheels, robot)
@@ -117,10 +114,8 @@ def run_planar(
             row[0], row[1], row[2] = now.x, now.y, now.yaw
             row[3], row[4], row[5] = now.v, -robot.x_icr * now.w, now.w
             row[6], row[7], row[8], row[9] = rates.left, rates.right, now.torque_left, now.torque_right
-            row[10], row[11], row[12] = turn, least, most
-            sample += 1
-            due += stride
-            least, most = math.inf, -math.inf
+            row[10] = turn
+            sample, due = sample + 1, due + stride
         if k == n:
             break
         push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
@@ -129,13 +124,7 @@ def run_planar(
         if not math.isfinite(now.v + now.w):
             return k, now
         turn = (now.w - w_before) / dt
-        least, most = min(least, turn), max(most, turn)
     return -1, now
-
-
-def robot_row(robot: PlanarRobot) -> list[float]:
-    """Return a robot's numbers one after the other: a population passes one such row a robot into compiled functions."""
-    return [*robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, float(robot.obeys), *robot.constants]
 
 
 @lru_cache(maxsize=64)
@@ -189,11 +178,7 @@ class PlanarPlant:
     """Physics step [s]."""
 
     def __init__(self, model: PlanarModel, dt: float = PLANAR_DT) -> None:
-        """Start at rest at the origin.
-
-        Args:
-            model: what to simulate.
-            dt: physics step [s].
+        """Start at rest at the origin, with physics steps `dt` [s].
 
         Raises:
             ValueError: the drive's hold is no whole number of steps.
@@ -216,10 +201,9 @@ class PlanarPlant:
     def reset(self, state: State) -> State:
         """Start from `state` with empty delay lines; v_y and wheel rates follow from v_x and yaw rate."""
         self._now = _motion(state)
-        out, _ = self._advance(np.empty((0, 2)), np.zeros(1), 1, self._now, self._robot)
-        began = State(*map(float, out[0, :8]))
         self._driver = Driver(self._model.drive, self.dt, state)
-        return began
+        out, _ = self._advance(np.empty((0, 2)), np.zeros(1), 1, self._now, self._robot)
+        return State(*map(float, out[0, :8]))
 
     def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
         """Hold a twist command for `dt` [s]."""
@@ -229,7 +213,7 @@ class PlanarPlant:
         return State(*map(float, out[-1, :8]))
 
     def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
-        """Drive `commands` at once; channels are the sides' torques, the yaw acceleration and its range between samples."""
+        """Drive `commands` at once; channels are the sides' torques and the yaw acceleration."""
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         references = wheel_references(commands, self._model.drive, self.dt, state)
         push = np.zeros(1) if disturbance is None else np.ascontiguousarray(disturbance, dtype=np.float64)
@@ -238,33 +222,8 @@ class PlanarPlant:
         robot = self._model.prescribed().packed(self.dt) if commands.kind == "wheels" else self._robot
         out, _ = self._advance(references, push, stride, _motion(state), robot)
         channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
-        channels["yaw_acceleration_range_rad_s2"] = out[:, 11:13]
         return Trajectory(sample_dt * np.arange(len(out), dtype=np.float64), out[:, :3], out[:, 3:6], out[:, 6:8], channels)
 
 
 def _motion(state: State) -> PlanarMotion:
     return PlanarMotion(*map(float, (state.x, state.y, state.yaw, state.v_x, state.yaw_rate)))
-
-
-def simulate(
-    plant: Plant, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None
-) -> Trajectory:
-    """Return the motion of any plant, stepped physics step by physics step: the slow and obvious loop that `run` must equal.
-
-    `sample_dt` is the time between samples [s], `disturbance` (n,) the yaw acceleration at each physics step [rad/s2].
-
-    Raises:
-        ValueError: wheel-rate commands, or periods that are no whole number of steps.
-    """
-    if commands.kind != "twist":
-        raise ValueError("a plant is stepped by twist commands; wheel rates can only be run")
-    period = whole_steps(commands.dt, plant.dt, "the command period")
-    stride = whole_steps(sample_dt, plant.dt, "the sample period")
-    rows = [plant.reset(state)]
-    for k in range(commands.n * period):
-        v, w = map(float, commands.values[k // period])
-        now = plant.step((v, w), plant.dt, 0.0 if disturbance is None else float(disturbance[k]))
-        if (k + 1) % stride == 0:
-            rows.append(now)
-    table = np.array([astuple(row) for row in rows])
-    return Trajectory(sample_dt * np.arange(len(rows), dtype=np.float64), table[:, :3], table[:, 3:6], table[:, 6:8])

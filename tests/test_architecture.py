@@ -203,7 +203,7 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_740, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (8_530, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (810, "options, help, exit status, progress of every program"),
     "validation/engines": (1_000, "second opinions by ODE and Drake"),
     "validation/identify": (1_840, "what finds a plant's parameters and a controller's gains, with their uncertainty"),

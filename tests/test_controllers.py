@@ -120,7 +120,7 @@ def test_the_position_loop_is_the_printed_equations(signal: list[tuple[float, fl
 def test_the_velocity_loop_is_the_printed_equations(signal: list[tuple[float, float]], u_ref: float, w_ref: float) -> None:
     """Tab. 4.2, with references that are held."""
     g = replace(pid.PidGains(), ff_w=0.3)
-    memory = Memory(*REST[:5], u_ref, w_ref, 0.0)
+    memory = Memory(*REST[:5], u_ref, w_ref)
     for v, w in signal:
         memory, (u_cmd, w_cmd) = velocity_step(0, g.packed(A, B), memory, moving(v, w), 0.05)
     e = np.array([u_ref, w_ref]) - np.array(signal)

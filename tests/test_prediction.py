@@ -14,7 +14,7 @@ from ssmr.control.law import EMPTY_MEMORY, Memory, Observation
 from ssmr.control.laws import PLAIN_CONTROLLERS, Controller, design, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import ControllerInput, Mission, PythonController
-from ssmr.control.mpc import Mpc, MpcGains, PlanModel, PlannedBody, condense, planned_motion, responses, step_of
+from ssmr.control.mpc import Mpc, MpcGains, PlannedBody, condense, planned_motion, responses, step_of
 from ssmr.control.population import Loop, run_loops
 from ssmr.control.references import line, sine
 from ssmr.control.tick import LOG_COLUMNS
@@ -207,8 +207,8 @@ STEPS = [[step_of(rate, push, 0.1, h) for h in (0.05, *(0.1,) * 7)] for rate, pu
 """Steps of speed and of yaw rate of a model with lag."""
 
 
-def model_of(n: int) -> PlanModel:
-    return PlanModel(*(responses(steps[:n]) for steps in STEPS))
+def model_of(n: int) -> tuple[FloatArray, FloatArray]:
+    return responses(STEPS[0][:n]), responses(STEPS[1][:n])
 
 
 def step(now: FloatArray, u: FloatArray, k: int, gains: FloatArray, slip: float) -> FloatArray:
@@ -255,7 +255,7 @@ def cost_of(plan: FloatArray, aims: FloatArray, wanted: FloatArray, last: FloatA
 def test_the_program_has_the_gradient_of_the_cost() -> None:
     start, plan = example()
     rng, gains, model = np.random.default_rng(5), MpcGains(), model_of(6)
-    np.testing.assert_allclose(planned_motion(start, plan, model).pose, [b[:3] for b in motion(start, plan)], rtol=1e-12)
+    np.testing.assert_allclose(planned_motion(start, plan, model)[0], [b[:3] for b in motion(start, plan)], rtol=1e-12)
     aims = np.array([b[:3] for b in motion(start, plan)]) + rng.normal(0.0, 0.05, (6, 3))
     wanted, last = rng.uniform(0.0, 0.5, (7, 2)), np.array([0.4, 0.1])
     h, f = condense(start, plan, aims, wanted, last, model, packed(gains))

@@ -12,7 +12,7 @@ from ssmr.control.laws import Controller
 from ssmr.control.loop import VELOCITY_PERIOD, ClosedRun, LoopSettings
 from ssmr.control.pid import PidGains
 from ssmr.control.population import Loop, run_loops
-from ssmr.control.stability import CascadeLoop, gain_range, stable_range
+from ssmr.control.stability import CascadeLoop, gain_range
 from ssmr.control.waypoints import Waypoints
 from ssmr.models.linear import LinearParameters, matrices
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -67,15 +67,6 @@ def test_a_sampled_speed_loop_is_stable_up_to_jurys_bound() -> None:
     decayed = math.exp(-loop.decay * loop.velocity_period)
     expected = (1.0 + decayed) / (1.0 - decayed) * loop.decay / loop.thrust
     assert gain_range(loop, NONE, "k_p_u", 10.0) == (0.0, pytest.approx(expected, rel=1e-6))
-
-
-def test_the_range_is_the_first_without_growth_and_ends_where_it_is_told_to() -> None:
-    assert stable_range(lambda k: (k - 0.3) * (k - 1.7), 5.0) == (pytest.approx(0.3, abs=1e-5), pytest.approx(1.7, abs=1e-5))
-    assert stable_range(lambda k: k - 2.0, 5.0) == (0.0, pytest.approx(2.0, abs=1e-5))
-    assert stable_range(lambda k: -1.0, 5.0) == (0.0, 5.0)
-    assert stable_range(lambda k: 1.0, 5.0) is None
-    with pytest.raises(ValueError, match="decay"):
-        CascadeLoop("along", -1.0, 1.0)
 
 
 # ------------------------------------------------------------------------------------------------------------ driven loops

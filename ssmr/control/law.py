@@ -33,22 +33,13 @@ class Command(NamedTuple):
 class Memory(NamedTuple):
     """The numbers that a law carries from one step to the next; all are zero at the start."""
 
-    i_rho: float
-    """Integral of the distance to the target."""
-    i_y: float
-    """Integral of the offset to the left."""
-    i_alpha: float
-    """Integral of the heading error."""
-    i_u: float
-    """Integral of the speed error."""
-    i_w: float
-    """Integral of the yaw rate error."""
-    u_ref: float
-    """Speed that the position loop asks for [m/s]; the command itself where there is no velocity loop."""
-    w_ref: float
-    """Yaw rate that the position loop asks for [rad/s]; the command itself where there is no velocity loop."""
-    own: float
-    """One number for the law's own use."""
+    i_rho: float  # integral of the distance to the target
+    i_y: float  # integral of the offset to the left
+    i_alpha: float  # integral of the heading error
+    i_u: float  # integral of the speed error
+    i_w: float  # integral of the yaw rate error
+    u_ref: float  # speed that the position loop asks for [m/s]; the command itself where there is no velocity loop
+    w_ref: float  # yaw rate that the position loop asks for [rad/s]; the command itself where there is no velocity loop
 
 
 EMPTY_MEMORY = Memory(*(0.0,) * len(Memory._fields))
@@ -66,9 +57,7 @@ class Gains:
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return the numbers that the kernels take, as one row; by default the gains in their order.
 
-        Args:
-            a: (4, 4) of the linear model (Eq. 2.46), for laws that are designed on it.
-            b: (4, 2) of the linear model.
+        (4, 4) `a` and (4, 2) `b` of the linear model (Eq. 2.46) are for laws that are designed on it.
 
         Raises:
             ValueError: no law exists for these gains.

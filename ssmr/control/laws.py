@@ -160,14 +160,10 @@ def velocity_step(law: int, row: FloatArray, memory: Memory, seen: Observation, 
 def design(
     name: str, values: Mapping[str, float], a: FloatArray, b: FloatArray, drive: Drive | None = None
 ) -> AnyController:
-    """Return a controller with these gains on a linear model.
+    """Return one of `CONTROLLERS` with gains by name on a linear model, (4, 4) `a` and (4, 2) `b` of Eq. 2.46.
 
-    Args:
-        name: one of `CONTROLLERS`.
-        values: gains by name; those that are not given have their defaults.
-        a: (4, 4) of the linear model (Eq. 2.46).
-        b: (4, 2) of the linear model.
-        drive: the driver between command and wheels, as the controller knows it; the thesis' one if not given.
+    Gains that are not given have their defaults. `drive` is the driver between command and wheels as the controller knows
+    it, the thesis' one if not given.
 
     Raises:
         ValueError: an unknown controller or gain, or gains that the law refuses.

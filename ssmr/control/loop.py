@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -201,7 +201,7 @@ class RobotSide:
         self.state = velocity_tick(self.tracker, self.state, t, dt)
 
     def tick(self, k: int, truth: Truth, draws: FloatArray, log: FloatArray) -> bool:
-        """Run physics step `k` as `ssmr.control.tick.tick` does; return whether the robot is lost."""
+        """Run both loops where they are due at physics step `k`, and log; return whether the robot is lost."""
         tracker, t = self.tracker, k * self.tracker.dt
         due = k % tracker.position_steps == 0
         if due:
@@ -214,11 +214,7 @@ class RobotSide:
 
 
 class PythonSide(RobotSide):
-    """The robot's side of one closed loop whose controller is a Python object.
-
-    A tick costs some tens of microseconds, where a compiled one costs one. What goes wrong in the object is a
-    `ControllerError`.
-    """
+    """The robot's side of one closed loop whose controller is a Python object; a tick costs tens of microseconds."""
 
     def __init__(self, tracker: Tracker, controller: PythonController, mission: Mission) -> None:
         """Make the controller's object."""
@@ -337,13 +333,6 @@ def closed_run(rows: FloatArray, clock: Clock) -> ClosedRun:
     return ClosedRun(t, kept, len(rows) < clock.ticks or bool(left))
 
 
-def true_state(state: State, torques: tuple[float, float] = (0.0, 0.0)) -> Truth:
-    """Return a plant's state and its sides' torques [N m] as the tick takes them."""
-    s = state
-    numbers = (s.x, s.y, s.yaw, s.v_x, s.v_y, s.yaw_rate, s.wheel_left, s.wheel_right, *torques)
-    return Truth(*map(float, numbers))
-
-
 def run_loop(
     plant: Plant,
     controller: AnyController,
@@ -354,15 +343,8 @@ def run_loop(
 ) -> ClosedRun:
     """Drive any plant along a reference, physics step by physics step. The compiled loops must equal this slow one.
 
-    Torques are not recorded: a plant's state has none.
-
-    Args:
-        plant: the plant; its own drive stands between command and wheels.
-        controller: the law.
-        waypoints: the reference.
-        settings: feedback, noise and periods.
-        seed: seed of noise and disturbance.
-        start: state to start in; at rest at the first waypoint if not given.
+    The plant's own drive stands between command and wheels. Torques are not recorded: a plant's state has none. The run
+    begins in `start`, or at rest at the first waypoint; `seed` is that of noise and disturbance.
 
     Raises:
         ValueError: periods that are no whole number of the plant's steps.
@@ -375,7 +357,7 @@ def run_loop(
     log = np.empty((clock.ticks, len(LOG_COLUMNS)))
     for k in range(clock.n + 1):
         due = k % clock.position == 0 or k % clock.velocity == 0
-        if due and side.tick(k, true_state(state), draws, log):
+        if due and side.tick(k, Truth(*map(float, (*astuple(state), 0.0, 0.0))), draws, log):
             return closed_run(log[: 1 + k // clock.position], clock)
         if k < clock.n:
             state = plant.step(side.state.command, clock.dt, float(disturbance[k % len(disturbance)]))

@@ -110,7 +110,7 @@ def clamp_integral(error: float, integral: float, out: float, limit: float, k_i:
 def saturated_command(memory: Memory, i_rho: float, v: float, w: float) -> Memory:
     """Return the memory of a law of one rate with its next integral and its command, within the limits."""
     v, w = min(max(v, -V_LIMIT), V_LIMIT), min(max(w, -W_LIMIT), W_LIMIT)
-    return Memory(i_rho, memory.i_y, memory.i_alpha, memory.i_u, memory.i_w, v, w, memory.own)
+    return Memory(i_rho, memory.i_y, memory.i_alpha, memory.i_u, memory.i_w, v, w)
 
 
 @jit
@@ -176,12 +176,9 @@ class ScheduledNumbers(NamedTuple):
     """The regulator at every operating speed."""
 
     k_i_rho: float
-    steady_v: float
-    """Speed command that holds a speed of 1 m/s [1]."""
-    steady_w: float
-    """Yaw-rate command that holds a yaw rate of 1 rad/s [1]."""
-    table: FloatArray
-    """(10, 5) gains of e_rho, v, e_y, e_alpha and omega, one row for each operating speed."""
+    steady_v: float  # speed command that holds a speed of 1 m/s [1]
+    steady_w: float  # yaw-rate command that holds a yaw rate of 1 rad/s [1]
+    table: FloatArray  # (10, 5) gains of e_rho, v, e_y, e_alpha and omega, one row for each operating speed
 
 
 @jit

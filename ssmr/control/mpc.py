@@ -100,40 +100,30 @@ def responses(steps: Sequence[FloatArray]) -> FloatArray:
     return ways
 
 
-class PlanModel(NamedTuple):
-    """The linear part of a robot's motion over a plan."""
+def planned_motion(
+    start: PlannedBody, plan: FloatArray, model: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return the motion of a robot under (N, 2) commands, each step a chord at its mean heading.
 
-    along: FloatArray
-    """(N, 2 + N) `responses` of the speed."""
-    turn: FloatArray
-    """(N, 2 + N) `responses` of the yaw rate."""
+    `model` are the (N, 2 + N) `responses` of speed and yaw rate.
 
-
-class PlannedMotion(NamedTuple):
-    """The motion of a plan of N steps, and its derivatives by the 2N commands."""
-
-    pose: FloatArray
-    """(N, 3) x, y [m], yaw [rad] at the end of each step."""
-    slopes: FloatArray
-    """(3, N, 2N)."""
-
-
-def planned_motion(start: PlannedBody, plan: FloatArray, model: PlanModel) -> PlannedMotion:
-    """Return the motion of a robot under (N, 2) commands, each step a chord at its mean heading."""
-    n = len(plan)
-    way = model.along @ np.concatenate([[start.v, start.gain_v * start.lagged_v], start.gain_v * plan[:, 0]])
-    angle = model.turn @ np.concatenate([[start.w, start.gain_w * start.lagged_w], start.gain_w * plan[:, 1]])
+    Returns:
+        (N, 3) x, y [m] and yaw [rad] at the end of each step, and (3, N, 2N) their derivatives by the 2N commands.
+    """
+    n, (along, turn) = len(plan), model
+    way = along @ np.concatenate([[start.v, start.gain_v * start.lagged_v], start.gain_v * plan[:, 0]])
+    angle = turn @ np.concatenate([[start.w, start.gain_w * start.lagged_w], start.gain_w * plan[:, 1]])
     yaw = start.yaw + np.cumsum(angle)
     c, s, aside = np.cos(yaw - 0.5 * angle), np.sin(yaw - 0.5 * angle), start.slip * angle
     dx, dy = way * c - aside * s, way * s + aside * c
     pose = np.column_stack([start.x + np.cumsum(dx), start.y + np.cumsum(dy), yaw])
     by_way, by_angle = np.zeros((n, 2 * n)), np.zeros((n, 2 * n))
-    by_way[:, 0::2], by_angle[:, 1::2] = start.gain_v * model.along[:, 2:], start.gain_w * model.turn[:, 2:]
+    by_way[:, 0::2], by_angle[:, 1::2] = start.gain_v * along[:, 2:], start.gain_w * turn[:, 2:]
     turned, aside_slope = np.cumsum(by_angle, axis=0), start.slip * by_angle
     heading, c, s = turned - 0.5 * by_angle, c[:, None], s[:, None]
     slope_x = np.cumsum(c * by_way - s * aside_slope - dy[:, None] * heading, axis=0)
     slope_y = np.cumsum(s * by_way + c * aside_slope + dx[:, None] * heading, axis=0)
-    return PlannedMotion(pose, np.stack([slope_x, slope_y, turned]))
+    return pose, np.stack([slope_x, slope_y, turned])
 
 
 def condense(
@@ -142,7 +132,7 @@ def condense(
     aims: FloatArray,
     wanted: FloatArray,
     last: FloatArray,
-    model: PlanModel,
+    model: tuple[FloatArray, FloatArray],
     gains: Any,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the quadratic program of a plan: H (2N, 2N) and f (2N,) of u' H u / 2 + f' u.
@@ -153,7 +143,7 @@ def condense(
         aims: (N, 3) x, y [m] and heading [rad] of the target at the end of each step.
         wanted: (1 + N, 2) commands that would drive as the target does: of the step before the plan, and of each step.
         last: (2,) command before the plan.
-        model: the robot's motion over the plan.
+        model: (N, 2 + N) `responses` of speed and yaw rate.
         gains: the weights.
     """
     n, (pose, slopes) = len(plan), planned_motion(start, plan, model)
@@ -193,10 +183,12 @@ class Mpc:
         self._ends = first + long * np.arange(n)  # of the steps, after the dead time [s]
         self._starts = np.concatenate([[-long, 0.0], self._ends[:-1]])
         self._lengths = np.diff(np.append(self._starts, self._ends[-1]))
-        loops = ((f.rate_v, f.push_v), (f.rate_w, f.push_w))
-        self._model = PlanModel(
-            *(responses([step_of(*loop, f.lag, first), *[step_of(*loop, f.lag, long)] * (n - 1)]) for loop in loops)
+        lengths = [first, *[long] * (n - 1)]
+        along, turn = (
+            responses([step_of(rate, push, f.lag, h) for h in lengths])
+            for rate, push in ((f.rate_v, f.push_v), (f.rate_w, f.push_w))
         )
+        self._model = along, turn
         self._steady = np.array([f.rate_v / f.push_v, f.rate_w / f.push_w])  # command over lasting speed
         self._limits = np.array([f.v_max, f.w_max])
         rates = np.minimum([f.acceleration_v, f.acceleration_w], 1e6)
@@ -223,7 +215,10 @@ class Mpc:
         aims[:, :2] -= self._mission.lookahead * np.column_stack([np.cos(headings), np.sin(headings)])
         aims[1:, 2] -= driver.slip * speeds[:, 1] / np.maximum(speeds[:, 0], _SLOWEST)  # it goes round bends at an angle
         begun = np.clip([driver.v, driver.w], -self._limits, self._limits)
-        plan = wanted[1:] if self._plan is None else self._carried_on()
+        plan = wanted[1:]
+        if self._plan is not None:  # the last one, one period later: of each long step half is over
+            later = np.vstack([self._plan[1:], self._plan[-1:]])
+            plan = np.vstack([later[:1], 0.5 * (later[:-1] + later[1:])])
         start = PlannedBody(*now.ahead, driver.lagged_v, driver.lagged_w, driver.gain_v, driver.gain_w, driver.slip)
         h, f = condense(start, plan, aims[2:], wanted, now.past[-1].copy(), self._model, self._gains)
         self._plan = self._solved(h, f, plan, begun)
@@ -235,16 +230,9 @@ class Mpc:
         turned = [np.interp(times + side, self._times, self._turned, left=np.nan, right=np.nan) for side in (-half, half)]
         return np.asarray((turned[1] - turned[0]) / HEADING_TIME)
 
-    def _carried_on(self) -> FloatArray:
-        """Return the last plan one period later: of each long step half is over."""
-        assert self._plan is not None
-        later = np.vstack([self._plan[1:], self._plan[-1:]])
-        return np.vstack([later[:1], 0.5 * (later[:-1] + later[1:])])
-
     def _solved(self, h: FloatArray, f: FloatArray, plan: FloatArray, begun: FloatArray) -> FloatArray:
         """Return the (N, 2) commands that solve the program; those of `plan`, within the limits, where the solver fails."""
-        change = self._changes.copy()
-        upper, lower = change.copy(), -change
+        upper, lower = self._changes.copy(), -self._changes
         upper[0] += begun
         lower[0] += begun
         box = np.tile(self._limits, len(plan))

@@ -75,7 +75,7 @@ def position_loop(gains: Any, memory: Memory, errors: Errors, target: Target, se
     u_ref, i_rho = pi_block(errors.rho, memory.i_rho, gains.k_p_rho, gains.k_i_rho, U_REF_LIMIT, dt)
     w_y, i_y = pi_block(errors.y, memory.i_y, gains.k_p_y, gains.k_i_y, np.inf, dt)
     w_alpha, i_alpha = pi_block(errors.alpha, memory.i_alpha, gains.k_p_alpha, gains.k_i_alpha, np.inf, dt)
-    return Memory(i_rho, i_y, i_alpha, memory.i_u, memory.i_w, u_ref, w_y + w_alpha, memory.own)
+    return Memory(i_rho, i_y, i_alpha, memory.i_u, memory.i_w, u_ref, w_y + w_alpha)
 
 
 @jit
@@ -83,9 +83,7 @@ def velocity_loop(gains: Any, memory: Memory, seen: Observation, dt: float) -> t
     """Return the memory and the command after a step of Tab. 4.2; any gains that have these six names will do."""
     u, i_u = pi_block(memory.u_ref - seen.v, memory.i_u, gains.k_p_u, gains.k_i_u, np.inf, dt)
     w, i_w = pi_block(memory.w_ref - seen.w, memory.i_w, gains.k_p_w, gains.k_i_w, np.inf, dt)
-    after = Memory(
-        memory.i_rho, memory.i_y, memory.i_alpha, i_u, i_w, memory.u_ref, memory.w_ref, memory.own
-    )  # fmt: skip
+    after = Memory(memory.i_rho, memory.i_y, memory.i_alpha, i_u, i_w, memory.u_ref, memory.w_ref)
     return after, Command(u + gains.ff_u * memory.u_ref, w + gains.ff_w * memory.w_ref)
 
 

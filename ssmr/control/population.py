@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -22,7 +22,6 @@ from ssmr.control.loop import (
     make_clock,
     make_trackers,
     robot_sides,
-    true_state,
 )
 from ssmr.control.mission import PythonController
 from ssmr.control.predictor import NO_PREDICTOR
@@ -103,24 +102,15 @@ def run_planar_loop(
 class Batch(NamedTuple):
     """S closed loops whose robots something else moves, as arrays."""
 
-    trackers: Tracker
-    """The robots' sides: an array of S rows in the place of each field that may differ."""
-    drives: FloatArray
-    """(S, 13) `DriveNumbers`."""
-    memories: FloatArray
-    """(S, 8) memories of the laws."""
-    segments: Any
-    """(S,) segments of the targets."""
-    drivers: FloatArray
-    """(S, 4) states of the drivers."""
-    alive: Any
-    """(S,) bool; the log of a robot that was lost grows no more."""
-    commands: FloatArray
-    """(S, 1 + n // velocity steps, 2) commands so far."""
-    references: FloatArray
-    """(S, position steps, 2) wheel rates to ask for in the next period [rad/s]."""
-    logs: FloatArray
-    """(S, ticks, 25) logs."""
+    trackers: Tracker  # the robots' sides: an array of S rows in the place of each field that may differ
+    drives: FloatArray  # (S, 13) `DriveNumbers`
+    memories: FloatArray  # (S, 7) memories of the laws
+    segments: Any  # (S,) segments of the targets
+    drivers: FloatArray  # (S, 4) states of the drivers
+    alive: Any  # (S,) bool; the log of a robot that was lost grows no more
+    commands: FloatArray  # (S, 1 + n // velocity steps, 2) commands so far
+    references: FloatArray  # (S, position steps, 2) wheel rates to ask for in the next period [rad/s]
+    logs: FloatArray  # (S, ticks, 25) logs
 
 
 def _batch_of(trackers: Sequence[Tracker], drives: Sequence[DriveNumbers], clock: Clock, state: State) -> Batch:
@@ -247,15 +237,8 @@ def run_bodies(
 ) -> list[ClosedRun]:
     """Run many closed loops, whole periods of the position loop at a time: what is asked of the wheels is known ahead.
 
-    Args:
-        bodies_at: function that places the S robots in a state.
-        drives: their drives.
-        dt: physics step [s].
-        controllers: their laws, all compiled or all Python objects.
-        settings: feedback, noise and periods of each.
-        waypoints: the reference.
-        seeds: seeds of noise and disturbance, taken in turn: loop i gets `seeds[i % len(seeds)]`.
-        start: state to start in; at rest at the first waypoint if not given.
+    `bodies_at` places the S robots, which have these `drives`, in a state; `dt` is their physics step [s]. The `controllers`
+    are all compiled or all Python objects; `seeds` and `start` are those of `run_loops`.
 
     Raises:
         ControllerError: a Python object failed.
@@ -339,13 +322,13 @@ def run_loops(
     trackers = make_trackers(controllers, around, waypoints, clock, state)
     numbers, robots = [drive_numbers(d, settings.velocity_period, dt) for d in drives], [m.packed(dt) for m in models]
     random = [draw(clock, settings, seed) for seed in seeds]
-    ticks = [0] * len(loops)
+    ticks, began = [0] * len(loops), Truth(*map(float, (*astuple(state), 0.0, 0.0)))
     logs = np.empty((len(loops), clock.ticks, len(LOG_COLUMNS)))
 
     def run(first: int, last: int) -> None:
         for i in range(first, last):
             draws, disturbance = random[i % len(seeds)]
-            ticks[i] = run_planar_loop(trackers[i], numbers[i], robots[i], true_state(state), draws, disturbance, logs[i])
+            ticks[i] = run_planar_loop(trackers[i], numbers[i], robots[i], began, draws, disturbance, logs[i])
 
     share_among_threads(run, len(loops), workers)
     return [closed_run(log[:n], clock) for log, n in zip(logs, ticks, strict=True)]

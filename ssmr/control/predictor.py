@@ -60,12 +60,9 @@ class DriverEstimate(NamedTuple):
     w: float
     lagged_v: float
     lagged_w: float
-    gain_v: float
-    """Share of the model's speed that the robot really has [1]."""
-    gain_w: float
-    """Share of the model's yaw rate that the robot really has [1]."""
-    slip: float
-    """Lateral speed to the left over yaw rate [m]: wheels that carry a robot round a bend slip outwards."""
+    gain_v: float  # share of the model's speed that the robot really has [1]
+    gain_w: float  # share of the model's yaw rate that the robot really has [1]
+    slip: float  # lateral speed to the left over yaw rate [m]: wheels that carry a robot round a bend slip outwards
 
 
 class PredictorState(NamedTuple):
@@ -96,13 +93,9 @@ _SENT_AT = PredictorState._fields.index("sent_at")
 
 
 def predictor_model(a: FloatArray, b: FloatArray, drive: Drive, period: float) -> PredictorModel:
-    """Return the numbers of a predictor.
+    """Return the numbers of a predictor from (4, 4) `a` and (4, 2) `b` of the linear model (Eq. 2.46).
 
-    Args:
-        a: (4, 4) of the linear model (Eq. 2.46).
-        b: (4, 2) of the linear model.
-        drive: the driver between command and wheels, as far as it is known.
-        period: time between commands [s].
+    `drive` is the driver between command and wheels, as far as it is known, `period` the time between commands [s].
     """
     return PredictorModel(
         max(drive.delay_v, drive.delay_w), -float(a[1][1]), float(b[1][0]), -float(a[3][3]), float(b[3][1]),

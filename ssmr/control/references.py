@@ -27,14 +27,7 @@ _REFINEMENT = 20
 
 
 def line(speed: float, length: float = 10.8) -> Waypoints:
-    """Return a straight line along x.
-
-    The length is not in the thesis. The simulated robot stays short of the end by d_haus, which is the share 1 - d_ratio of
-    the length: Tab. 4.6 gives 0.0729 m / 0.0067 = 10.9 m. The printed digits of all four tables of the line (4.5, 4.6,
-    4.22, 4.23) leave 10.79 to 10.85 m; 10.8 m is the round number among them.
-
-    `length` is the length of the line [m].
-    """
+    """Return a straight line along x of this `length` [m]; docs/references.md derives the thesis' from its tables."""
     _require_positive(length=length)
     return Waypoints.from_path(np.column_stack([_spread(length), np.zeros(_count(length) + 1)]), speed)
 
@@ -136,7 +129,7 @@ def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4
     `leg` is the length between stops [m], `wait` the time at each stop [s], `legs` the number of legs.
     """
     _require_positive(leg=leg, wait=wait, legs=legs)
-    one = Waypoints.from_path(np.column_stack([_spread(leg), np.zeros(_count(leg) + 1)]), speed)
+    one = line(speed, leg)
     t, xy = np.append(one.t, one.duration + wait), np.vstack([one.xy, one.xy[-1:]])
     times = [t[1:] + k * t[-1] for k in range(legs)]
     places = [xy[1:] + np.array([k * leg, 0.0]) for k in range(legs)]

@@ -62,7 +62,7 @@ def slide(gains: Any, memory: Memory, errors: Errors, target: Target, seen: Obse
     turn = target.w + gains.slope * target.v * np.sin(errors.alpha) / (1.0 + bent * bent)
     turn += gains.k_a * surface + gains.eta_a * saturation(surface, gains.phi_a)
     u_ref = min(max(u_ref, -U_REF_LIMIT), U_REF_LIMIT)
-    return Memory(memory.i_rho, memory.i_y, memory.i_alpha, memory.i_u, memory.i_w, u_ref, turn, memory.own)
+    return Memory(memory.i_rho, memory.i_y, memory.i_alpha, memory.i_u, memory.i_w, u_ref, turn)
 
 
 LAW = Law(

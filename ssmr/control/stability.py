@@ -10,7 +10,6 @@ is stable if no eigenvalue of that matrix lies outside the unit circle.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -20,7 +19,6 @@ from scipy.linalg import expm
 
 from ssmr.control.loop import POSITION_PERIOD, VELOCITY_PERIOD
 from ssmr.control.pid import PidGains
-from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
 
 Axis = Literal["along", "across"]
@@ -52,13 +50,6 @@ class CascadeLoop:
     """Period of the position loop [s]."""
     velocity_period: float = VELOCITY_PERIOD
     """Period of the velocity loop and of commands [s]."""
-
-    def __post_init__(self) -> None:
-        """Raise a ValueError where a rate, a period or the speed is not positive, or the dead time is negative."""
-        for name in ("decay", "thrust", "speed", "position_period", "velocity_period"):
-            require_in_range(self, name, 0.0, 1e6, open_low=True)
-        require_in_range(self, "lag", -10.0, 10.0)
-        require_in_range(self, "dead_time", 0.0, 10.0)
 
     @property
     def _body(self) -> int:
@@ -167,26 +158,15 @@ class CascadeLoop:
         return math.log(max(largest, 1e-300)) / (self._ticks[3] * _TICK)
 
 
-def stable_range(growth: Callable[[float], float], most: float) -> tuple[float, float] | None:
-    """Return the first range of a gain from 0 on in which no error grows.
+def gain_range(loop: CascadeLoop, gains: PidGains, name: str, most: float) -> tuple[float, float] | None:
+    """Return the first range of one gain from 0 on in which no error grows while the other gains stay.
 
-    Args:
-        growth: rate at which errors grow at a gain [1/s].
-        most: greatest gain to look at.
-
-    Returns:
-        Its ends; the second is `most` where no greater gain up to there makes errors grow. None if they grow everywhere.
+    Its second end is `most`, the greatest gain to look at, where no greater gain up to there makes errors grow. None if they
+    grow everywhere.
     """
 
     def stable(gain: float) -> bool:
-        return growth(gain) < 0.0
-
-    steps = most * np.linspace(0.0, 1.0, _FINE + 1) ** 2  # finer near zero
-    seen = [stable(float(k)) for k in steps]
-    if not any(seen):
-        return None
-    first = seen.index(True)
-    after = first + seen[first:].index(False) if not all(seen[first:]) else None
+        return loop.growth(replace(gains, **{name: gain})) < 0.0
 
     def edge(inside: float, outside: float) -> float:
         for _ in range(_BISECTIONS):
@@ -194,10 +174,13 @@ def stable_range(growth: Callable[[float], float], most: float) -> tuple[float, 
             inside, outside = (middle, outside) if stable(middle) else (inside, middle)
         return inside
 
-    low = 0.0 if first == 0 else edge(float(steps[first]), float(steps[first - 1]))
-    return low, most if after is None else edge(float(steps[after - 1]), float(steps[after]))
-
-
-def gain_range(loop: CascadeLoop, gains: PidGains, name: str, most: float) -> tuple[float, float] | None:
-    """Return the range of one gain in which no error grows while the other gains stay, see `stable_range`."""
-    return stable_range(lambda value: loop.growth(replace(gains, **{name: value})), most)
+    steps = (most * np.linspace(0.0, 1.0, _FINE + 1) ** 2).tolist()  # finer near zero
+    seen = [stable(gain) for gain in steps]
+    if not any(seen):
+        return None
+    first = seen.index(True)
+    low = 0.0 if first == 0 else edge(steps[first], steps[first - 1])
+    if all(seen[first:]):
+        return low, most
+    after = seen.index(False, first)
+    return low, edge(steps[after - 1], steps[after])

@@ -61,38 +61,22 @@ class Draws(NamedTuple):
 class Tracker(NamedTuple):
     """Everything about the robot's side of one closed loop but `LoopState`; arrays advance in place."""
 
-    law: int
-    """Place of the law in `ssmr.control.laws.PLAIN_CONTROLLERS`."""
-    gains: FloatArray
-    """`Controller.packed()`."""
-    predicts: bool
-    """True if the law acts on the state one dead time ahead."""
-    predictor: PredictorModel
-    """Numbers of the predictor."""
-    past: FloatArray
-    """(n, 2) commands that were sent, the newest last."""
-    predictor_state: FloatArray
-    """(16,) the rest of the predictor's memory, a `PredictorState`."""
-    course: NDArray[np.void]
-    """`Waypoints.course()`."""
-    lookahead: float
-    """Distance at which the robot keeps behind its target [m]."""
-    by_filter: bool
-    """True if the controller sees the estimate of the EKF."""
-    belief: Belief
-    """State of the EKF."""
-    filter: Any
-    """`EkfSettings.packed()`."""
-    noise: Draws
-    """Standard deviations of the feedback and of the sensors."""
-    sensors: SensorErrors
-    """`SensorModel.packed()`."""
-    position_steps: int
-    """Physics steps of the position loop's period."""
-    velocity_steps: int
-    """Physics steps of the velocity loop's period."""
-    dt: float
-    """Physics step [s]."""
+    law: int  # place of the law in `ssmr.control.laws.PLAIN_CONTROLLERS`
+    gains: FloatArray  # `Controller.packed()`
+    predicts: bool  # true if the law acts on the state one dead time ahead
+    predictor: PredictorModel  # numbers of the predictor
+    past: FloatArray  # (n, 2) commands that were sent, the newest last
+    predictor_state: FloatArray  # (16,) the rest of the predictor's memory, a `PredictorState`
+    course: NDArray[np.void]  # `Waypoints.course()`
+    lookahead: float  # distance at which the robot keeps behind its target [m]
+    by_filter: bool  # true if the controller sees the estimate of the EKF
+    belief: Belief  # state of the EKF
+    filter: Any  # `EkfSettings.packed()`
+    noise: Draws  # standard deviations of the feedback and of the sensors
+    sensors: SensorErrors  # `SensorModel.packed()`
+    position_steps: int  # physics steps of the position loop's period
+    velocity_steps: int  # physics steps of the velocity loop's period
+    dt: float  # physics step [s]
 
 
 class LoopState(NamedTuple):
@@ -102,21 +86,15 @@ class LoopState(NamedTuple):
     target: Target
     errors: Errors
     seen: Observation
-    ahead: Observation
-    """The robot that the law acts on: as it is seen, or one dead time ahead."""
+    ahead: Observation  # the robot that the law acts on: as it is seen, or one dead time ahead
     command: Command
 
 
-NO_DRAWS = Draws(*(0.0,) * 8)
-NO_ERRORS = SensorErrors(*(0.0,) * 5)
+NO_DRAWS, NO_ERRORS = Draws(*(0.0,) * 8), SensorErrors(*(0.0,) * 5)
 """Templates for `named_like`."""
+_UNSEEN = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
 INITIAL_STATE = LoopState(
-    EMPTY_MEMORY,
-    Target(0.0, 0.0, 0.0, 0.0, 0.0, 0),
-    Errors(0.0, 0.0, 0.0),
-    Observation(0.0, 0.0, 0.0, 0.0, 0.0),
-    Observation(0.0, 0.0, 0.0, 0.0, 0.0),
-    Command(0.0, 0.0),
+    EMPTY_MEMORY, Target(0.0, 0.0, 0.0, 0.0, 0.0, 0), Errors(0.0, 0.0, 0.0), _UNSEEN, _UNSEEN, Command(0.0, 0.0)
 )
 """State of a robot's side that has not seen anything yet."""
 LOG_COLUMNS = (
@@ -201,62 +179,29 @@ def is_lost(x: float, y: float, yaw_rate: float, target_x: float, target_y: floa
     return not (math.hypot(x - target_x, y - target_y) < LOST and abs(yaw_rate) < SPINNING)
 
 
-@jit_alone
-def tick(
-    tracker: Tracker, state: LoopState, k: int, truth: Truth, draws: FloatArray, log: FloatArray
-) -> tuple[LoopState, bool]:
-    """Return the state after physics step `k`, from 0, and whether the robot is lost.
-
-    Every closed loop calls this at all steps at which a period of the position loop or of the velocity loop begins; between
-    them it changes nothing. At ticks of the position loop the truth is read, with noise from (ticks, 8) `draws`, and a row
-    of the (ticks, 25) log is written.
-    """
-    due = k % tracker.position_steps == 0
-    if due:
-        period = tracker.position_steps * tracker.dt
-        state = position_tick(tracker, state, observed(tracker, k, truth, draws), k * tracker.dt, period)
-    if k % tracker.velocity_steps == 0:
-        state = velocity_tick(tracker, state, k * tracker.dt, tracker.velocity_steps * tracker.dt)
-    if due:
-        record(log[k // tracker.position_steps], truth, state)
-    return state, due and is_lost(truth.x, truth.y, truth.w, state.target.x, state.target.y)
-
-
 class LoopData(NamedTuple):
     """The driver of one closed loop, its noise, and arrays that are written in place."""
 
-    drive: DriveNumbers
-    """The driver; its command period is the velocity loop's."""
-    draws: FloatArray
-    """(ticks, 8) standard normal numbers."""
-    commands: FloatArray
-    """(1 + n // velocity steps, 2) commands so far."""
-    references: FloatArray
-    """(position steps, 2) wheel rates to ask for in the next period of the position loop [rad/s]."""
-    log: FloatArray
-    """(ticks, 25) the log."""
+    drive: DriveNumbers  # the driver; its command period is the velocity loop's
+    draws: FloatArray  # (ticks, 8) standard normal numbers
+    commands: FloatArray  # (1 + n // velocity steps, 2) commands so far
+    references: FloatArray  # (position steps, 2) wheel rates to ask for in the next period of the position loop [rad/s]
+    log: FloatArray  # (ticks, 25) the log
 
 
 @jit
 def plan_period(
-    tracker: Tracker,
-    state: LoopState,
-    driver: DriveState,
-    k: int,
-    n: int,
-    truth: Truth,
-    data: LoopData,
+    tracker: Tracker, state: LoopState, driver: DriveState, k: int, n: int, truth: Truth, data: LoopData
 ) -> tuple[LoopState, DriveState, bool]:
-    """Plan one period of the position loop for a robot that something else moves.
+    """Run a tick of the position loop, and plan what is asked of the wheels until the next one.
 
-    The wheel rates to ask for until the next tick depend on nothing that happens meanwhile, so the whole period is planned
-    at once.
+    That depends on nothing that happens meanwhile, so the whole period is planned at once.
 
     Args:
         tracker: the robot's side.
         state: its state after the last period.
         driver: state of the driver likewise.
-        k: physics step at which the period begins, a tick of the position loop.
+        k: physics step at which the period begins.
         n: physics steps to plan; 0 at the end of the mission.
         truth: the robot at this step.
         data: the driver and the noise; commands, references and log are written.
@@ -264,15 +209,16 @@ def plan_period(
     Returns:
         The states of the robot's side and of the driver at the end of the period, and whether the robot is lost.
     """
-    lost = False
+    period, between = tracker.position_steps * tracker.dt, tracker.velocity_steps * tracker.dt
+    state = position_tick(tracker, state, observed(tracker, k, truth, data.draws), k * tracker.dt, period)
     for j in range(k, k + max(n, 1)):
-        if j == k or j % tracker.velocity_steps == 0:
-            state, left = tick(tracker, state, j, truth, data.draws, data.log)
-            lost |= left
         if j % tracker.velocity_steps == 0:
+            state = velocity_tick(tracker, state, j * tracker.dt, between)
             i = j // tracker.velocity_steps
             data.commands[i, 0], data.commands[i, 1] = state.command.v, state.command.w
+        if j == k:
+            record(data.log[k // tracker.position_steps], truth, state)
         if j < k + n:
             driver = follow(data.commands, j, data.drive, (0.0, 0.0), driver)
             data.references[j - k, 0], data.references[j - k, 1] = driver.left, driver.right
-    return state, driver, lost
+    return state, driver, is_lost(truth.x, truth.y, truth.w, state.target.x, state.target.y)

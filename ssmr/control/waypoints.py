@@ -29,12 +29,9 @@ LARGEST_NUMBER = 1e12
 class Fault(NamedTuple):
     """The reason why no trajectory goes through a point."""
 
-    row: int
-    """Number of the point, from 0."""
-    column: str | None
-    """`t`, `x` or `y`; None where it is the point as a whole."""
-    what: str
-    """A sentence that says what is wrong and what would be right."""
+    row: int  # number of the point, from 0
+    column: str | None  # `t`, `x` or `y`; None where it is the point as a whole
+    what: str  # A sentence that says what is wrong and what would be right
 
 
 COURSE = np.dtype([(name, np.float64) for name in ("t", "x", "y", "heading", "v", "w")])
@@ -47,29 +44,20 @@ the target waits."""
 class Target(NamedTuple):
     """The moving target at one instant."""
 
-    x: float
-    """[m]"""
-    y: float
-    """[m]"""
-    heading: float
-    """phi, heading of its segment [rad]."""
-    v: float
-    """v_ref [m/s]."""
-    w: float
-    """w_ref [rad/s]."""
-    segment: int
-    """Number of the segment, from 0; the next search begins there."""
+    x: float  # [m]
+    y: float  # [m]
+    heading: float  # phi, heading of its segment [rad]
+    v: float  # v_ref [m/s]
+    w: float  # w_ref [rad/s]
+    segment: int  # number of the segment, from 0; the next search begins there
 
 
 class Errors(NamedTuple):
     """The errors of a robot to its target (Eq. 4.1, 4.2)."""
 
-    rho: float
-    """e_rho, how far ahead the target is [m]; negative where it lies behind."""
-    y: float
-    """e_y, offset of the target to the left [m]."""
-    alpha: float
-    """e_alpha, heading of the target's segment less the robot's [rad]."""
+    rho: float  # e_rho, how far ahead the target is [m]; negative where it lies behind
+    y: float  # e_y, offset of the target to the left [m]
+    alpha: float  # e_alpha, heading of the target's segment less the robot's [rad]
 
 
 def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
@@ -132,11 +120,7 @@ class Waypoints:
 
     @classmethod
     def from_path(cls, xy: ArrayLike, speed: float) -> Waypoints:
-        """Give a path times, so that the mean speed on each segment is `speed` (Alg. 5, lines 2-7).
-
-        Args:
-            xy: (N, 2) places [m].
-            speed: reference speed [m/s].
+        """Give (N, 2) places [m] times, so that the mean speed on each segment is `speed` [m/s] (Alg. 5, lines 2-7).
 
         Raises:
             ValueError: a speed that is not positive and finite, places that are no path, or neighbours at one place.

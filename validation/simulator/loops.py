@@ -39,7 +39,6 @@ class MujocoBodies:
         first = self._first = plants[0]
         self._plants = list(plants)
         self._batch = batch.Batch(first.model, len(plants), workers)
-        self._batch.set_models([p.model for p in plants])
         self.qpos, self.qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._force = self._batch.bind("qfrc_actuator")
         self._inertia, self._braking, self._yaw = np.empty(len(plants)), np.empty((len(plants), 1)), np.empty(len(plants))

@@ -21,7 +21,7 @@ from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import creep
 from validation.study.drivetrain_fit import COULOMB_SCALE
-from validation.study.drivetrain_logs import chassis_of, drive_log, sensor_of, window_means
+from validation.study.drivetrain_logs import chassis_of, drive_log, sensor_of, window_samples
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)
@@ -60,7 +60,7 @@ def law_shares(rates: FloatArray, scale: float) -> FloatArray:
 def main(path: str) -> None:
     """Fit friction, losses and rho to the currents with each contact, and print how much that explains."""
     log = drive_log(path)
-    samples, sensor = window_means(log).moving(), sensor_of(log)
+    samples, sensor = window_samples(log), sensor_of(log)
     rates, inverse = np.unique(samples.rates.round(3), axis=1, return_inverse=True)
 
     def explains(shares: FloatArray) -> float:

@@ -23,7 +23,6 @@ from ssmr.robot.drivetrain import (
     rim_speeds,
     side_forces,
 )
-from ssmr.robot.ground import turn_on_the_spot
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from tests.conftest import ROUNDOFF
@@ -82,17 +81,6 @@ def test_a_turn_on_the_spot_is_coulombs_whatever_the_scale(half_base: float) -> 
         rate = quasi_static_twist(np.array([[-2.0], [2.0]]), geometry, scale)[2, 0]
         multiplier = geometry.radius * 2.0 / (geometry.half_track * rate)
         assert multiplier == pytest.approx(1.0 + (half_base / geometry.half_track) ** 2, rel=1e-9)
-
-
-def test_without_give_it_is_coulombs_law() -> None:
-    w = np.array([[-2.0, 1.0], [2.0, 3.0]])
-    twist = quasi_static_twist(w, HUSKY, 1e-5)
-    assert w[1, 0] * HUSKY.radius / twist[2, 0] == pytest.approx(1.0 / turn_on_the_spot(WHEELBASE, TRACK).yaw_rate, rel=1e-6)
-    forces = side_forces(w, twist, HUSKY, 1e-5)
-    slide = HUSKY.radius * w[1] - twist[0] - twist[2] * HUSKY.half_track
-    across = twist[2] * HUSKY.half_base  # v_y is zero by symmetry
-    assert np.allclose(forces[1], slide / np.hypot(slide, across), atol=1e-6)
-    assert np.allclose(forces.sum(axis=0), 0.0, atol=1e-9)
 
 
 currents = st.floats(-30.0, 30.0)
@@ -157,14 +145,6 @@ def test_a_driver_keeps_its_limits() -> None:
     slow = rim_speeds(np.tile([0.4, 0.0], (400, 1)), DT, LAW, 1.0)
     assert np.diff(slow[:, 0]).max() <= 1.05 * LAW.acceleration * DT + 1e-12
     assert slow[-1] == pytest.approx([0.42, 0.42], rel=ROUNDOFF)
-
-
-@pytest.mark.parametrize(("scale", "takes_as_much"), [(1e-4, True), (0.08, False)])
-def test_a_slight_curve_takes_as_much_as_a_turn_on_the_spot_only_without_give(scale: float, takes_as_much: bool) -> None:
-    w = np.array([[-2.0, 3.0], [2.0, 3.2]])
-    spot, curve = side_forces(w, quasi_static_twist(w, HUSKY, scale), HUSKY, scale)[1]
-    assert (curve == pytest.approx(spot, rel=0.01)) == takes_as_much
-    assert curve <= spot + SOLVED
 
 
 def test_mujocos_contacts_push_by_sliding_speed_and_not_by_slip() -> None:

@@ -6,12 +6,10 @@ ground tells friction, losses and slip.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -97,7 +95,7 @@ class DriveTrainStudy(StudyOptions):
         require_within(self, ("resamples",), 2, MOST_RUNS, whole=True)
 
 
-def parameters_found(
+def _parameters(
     driver: DriverFit | None, currents: CurrentFit | None, inertia: InertiaFit | None, chassis: Chassis, k: float | None
 ) -> dict[str, Row]:
     """Return value, standard error, unit and meaning of every number that was found, by name.
@@ -121,7 +119,7 @@ def parameters_found(
 def _of_currents(fit: CurrentFit, chassis: Chassis, k: float | None) -> dict[str, Row]:
     """Return the numbers that currents tell."""
     found, x, e = dict[str, Row](), fit.numbers, fit.errors
-    motor = fit.rule.kind == "motor"
+    motor = fit.kind == "motor"
     ampere, torque = (1.0, k) if motor else (None if k is None else 1.0 / k, 1.0)
     for key, (as_current, as_torque, meaning) in _FRICTION.items():
         if ampere is not None:
@@ -178,8 +176,8 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
         if driver is None and currents is None:
             raise
         status = INTERRUPTED
-    numbers = parameters_found(driver, currents, inertia, chassis, o.torque_constant)
-    evidence = [{**e._asdict(), "wheel_rates_are": e.rates_are} for e in map(rate_evidence, (*named, *held_out))]
+    numbers = _parameters(driver, currents, inertia, chassis, o.torque_constant)
+    evidence = [rate_evidence(log)._asdict() for log in (*named, *held_out)]
     source = next((fit.log for fit in (driver, currents) if fit is not None), None)
     document = {
         "schema": "ssmr.study/1", "study": "drivetrain",
@@ -187,7 +185,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
         "wheel_rate_rms_rad_s": None if driver is None else driver.rms,
         "current_r2": None if currents is None else currents.best["held_out"],
         "current_r2_samples": None if currents is None else currents.best["samples"],
-        "current_is": None if currents is None else currents.rule.kind,
+        "current_is": None if currents is None else currents.kind,
         "wheel_rates_are": next((e["wheel_rates_are"] for e in evidence if e["log"] == source), None),
         "parameters": numbers,
         "inertia": None if inertia is None else {**inertia.estimates, "n": inertia.n},
@@ -197,7 +195,6 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
         "held_out_share": 0.0 if o.held_out else 1.0 - FIT_SHARE,
         "torque_constant_N_m_A": o.torque_constant,
     }  # fmt: skip
-    sentences = _sentences(o, chassis, currents, inertia)
     return Report(
         program="study", title=f"Drive train of {chassis.name}: {', '.join(log.name for log in named)}", document=document,
         tables=[
@@ -206,7 +203,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
             Table("What the currents show", [] if currents is None else currents.scores, _CURRENTS),
             Table("Whether wheel rates are measured", evidence, _RATES),
         ],
-        sentences=sentences, status=status, draw=partial(_draw, driver, currents), has_text=True,
+        sentences=_sentences(o, chassis, currents), status=status, draw=partial(_draw, driver, currents), has_text=True,
         options={"resamples": o.resamples, "seed": o.seed, "robot": chassis.name, "mass": chassis.mass},
     )  # fmt: skip
 
@@ -221,62 +218,37 @@ _RATES = (
 )
 
 
-def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None, inertia: InertiaFit | None) -> list[str]:
+def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None) -> list[str]:
     """Return what was supposed, and what stays unknown."""
     says = []
     if o.robot is None and o.profile is None:
         says.append(f"No robot was named: the logs are taken for those of a {chassis.name}.")
-    if currents is not None and currents.rule.kind == "motor" and o.torque_constant is None:
-        says.append(
-            "Unknown: the torque constant. Currents tell torques only over it, so that friction torque, friction "
-            "coefficient and inertia stay unknown until torque_constant is given."
-        )
-    if currents is not None and currents.rule.kind == "battery":
-        says.append(
-            "Power fixes the torques' scale. Unknown: the torque constant, and the friction coefficient as far as the mass "
-            f"is not {chassis.mass:g} kg. Torques are those at the wheels if the battery's meter is right."
-        )
-    if inertia is None:
-        says.append("Unknown: the inertia of the rotors; that takes a log with wheels in the air and the motors' currents.")
-    else:
-        found = [f"{value:.2f} ± {error:.2f} from {way}" for way, (value, error) in inertia.estimates.items()]
-        says.append(
-            f"Inertia over torque constant: {' and '.join(found).replace('_', '-')} A s²/rad; their difference counts as "
-            "uncertainty."
-        )
+    if currents is not None and currents.kind == "motor" and o.torque_constant is None:
+        says.append("Unknown without torque_constant: friction torque, friction coefficient and inertia of the rotors.")
+    if currents is not None and currents.kind == "battery":
+        says.append(f"Power fixes the torques' scale; the friction coefficient is as good as the mass, {chassis.mass:g} kg.")
     return says
 
 
 def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Report) -> Figure:
-    """Return the picture: wheel rates as logged and predicted, and currents under the best rule, and under all."""
-    rows = []
-    if driver is not None:
-        rows.append(drawing.side_by_side(2.6, [partial(_draw_rates, driver)]))
-    if currents is not None:
-        rows.append(drawing.side_by_side(3.4, [partial(_draw_currents, currents), partial(_draw_rules, currents.scores)]))
-    return picture(study, rows)
+    """Return the picture: wheel rates as logged and as predicted, and the same of the currents."""
 
+    def draw_rates(ax: Axes) -> None:
+        assert driver is not None
+        t, logged, predicted = driver.shown
+        for side, name in enumerate(("left", "right")):
+            ax.plot(t, logged[side], color="0.55", linewidth=3.5, alpha=0.6, gid="logged")
+            ax.plot(t, predicted[side], color=f"C{side}", linewidth=1.3, gid="predicted", label=f"predicted, {name}")
+        ax.set(title=f"Wheel rates from commands, held out: {driver.rms:.3f} rad/s rms", xlabel="time [s]", ylabel="rad/s")
+        ax.legend(fontsize=8.0)
 
-def _draw_rates(fit: DriverFit, ax: Axes) -> None:
-    t, logged, predicted = fit.shown
-    for side, name in enumerate(("left", "right")):
-        ax.plot(t, logged[side], color="0.55", linewidth=3.5, alpha=0.6, gid="logged", label="logged" if side == 0 else None)
-        ax.plot(t, predicted[side], color=f"C{side}", linewidth=1.3, gid="predicted", label=f"predicted, {name}")
-    ax.set(title=f"Wheel rates from commands, held out: {fit.rms:.3f} rad/s rms", xlabel="time [s]", ylabel="rad/s")
-    ax.legend(fontsize=8.0)
+    def draw_currents(ax: Axes) -> None:
+        assert currents is not None
+        for (measured, predicted), name in zip(currents.shown, ("fitted", "held out"), strict=True):
+            ax.plot(measured, predicted, "o", markersize=5.0, alpha=0.8, label=name)
+        ax.axline((0.0, 0.0), slope=1.0, color="0.2", linewidth=0.8, linestyle=drawing.DASHED)
+        ax.set(title="Currents in steady driving", xlabel="measured [A]", ylabel="predicted [A]")
+        ax.legend(fontsize=8.0)
 
-
-def _draw_currents(fit: CurrentFit, ax: Axes) -> None:
-    for (measured, predicted), name in zip(fit.shown, ("fitted", "held out"), strict=True):
-        ax.plot(measured, predicted, "o", markersize=5.0, alpha=0.8, label=name)
-    every = np.concatenate([values for pair in fit.shown for values in pair])
-    ax.plot([every.min(), every.max()], [every.min(), every.max()], color="0.2", linewidth=0.8, linestyle=drawing.DASHED)
-    ax.set(title="Currents in steady driving", xlabel="measured [A]", ylabel="predicted [A]")
-    ax.legend(fontsize=8.0)
-
-
-def _draw_rules(scores: Sequence[Mapping[str, Any]], ax: Axes) -> None:
-    drawing.inset(ax, left=1.5)
-    ax.barh(range(len(scores)), [max(row["held_out"], -1.0) for row in scores], height=0.6)
-    ax.set_yticks(range(len(scores)), [row["rule"].replace(", ", ",\n") for row in scores], fontsize=8.5)
-    ax.set(title="Whose currents?", xlabel="R² held out", ylim=(len(scores) - 0.4, -0.6))
+    known = ((driver, 2.6, draw_rates), (currents, 3.4, draw_currents))
+    return picture(study, [drawing.side_by_side(height, [draw]) for fit, height, draw in known if fit is not None])

@@ -19,7 +19,7 @@ two kinds are estimated apart, and how far apart they lie counts as uncertainty.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,13 +43,12 @@ from validation.study.drivetrain_logs import (
     Sensor,
     current_samples,
     held_commands,
-    joined_samples,
     message_ages,
     rate_evidence,
     require_currents,
     sampled_in_windows,
     sensor_of,
-    window_rows,
+    window_samples,
 )
 
 LEAST_COMMANDS = 8
@@ -96,7 +95,7 @@ class _Obeyed(NamedTuple):
         return np.array([off[:, start:stop].mean() for start, stop in self.held])
 
 
-def _obeyed(log: DriveLog, step: float | None, least: int = 0) -> _Obeyed:
+def _obeyed(log: DriveLog, least: int = 0) -> _Obeyed:
     """Return a log with the commands that are held; a ValueError says that they are fewer than `least`."""
     held = held_commands(log)
     if log.commands is None or len(held) < least:
@@ -107,7 +106,8 @@ def _obeyed(log: DriveLog, step: float | None, least: int = 0) -> _Obeyed:
     grid = np.arange(log.t[0], log.t[-1], _GRID)
     commands = log.commands[:, np.searchsorted(log.t, grid, side="right") - 1].T
     seen = np.searchsorted(grid + _GRID, log.t - message_ages(log), side="right") - 1
-    return _Obeyed(log, held, step, np.ascontiguousarray(commands), np.clip(seen, 0, len(grid) - 1))
+    commands = np.ascontiguousarray(commands)
+    return _Obeyed(log, held, rate_evidence(log).step_rad_s, commands, np.clip(seen, 0, len(grid) - 1))
 
 
 def _fit_law(
@@ -145,18 +145,12 @@ class DriverFit(NamedTuple):
     log: str  # name of the log that it was fitted to
     law: SetPointLaw  # driver fitted to all of the log
     errors: SetPointLaw  # standard errors of its numbers, from resampled commands
-    limit_reached: bool
-    """True if some command asked for more than the greatest yaw rate; if not, that number says nothing."""
+    limit_reached: bool  # whether some command asked for more than the greatest yaw rate, which is unknown if not
     scores: list[dict[str, Any]]
     """Rows: errors on each part; on the log's own last third, where it is held out, of a driver fitted to the rest."""
+    rms: float  # root mean square error on all that was held out [rad/s]
     shown: tuple[FloatArray, FloatArray, FloatArray]
     """A stretch that was held out: (M,) time [s], (2, M) wheel rates as logged and as predicted [rad/s]."""
-
-    @property
-    def rms(self) -> float:
-        """Root mean square error on all that was held out [rad/s]."""
-        held = [s for s in self.scores if s["held_out"]]
-        return math.sqrt(sum(s["commands"] * s["rms_rad_s"] ** 2 for s in held) / sum(s["commands"] for s in held))
 
 
 def fit_driver(
@@ -164,47 +158,38 @@ def fit_driver(
 ) -> DriverFit:
     """Return what a driver makes of commands, fitted to one log and judged on others.
 
-    Args:
-        log: the log to fit to.
-        held_out: logs of the same kind; if there are none, a driver fitted to the log's first part is judged on its rest.
-        others: logs of another kind, on which it is tried too.
-        chassis: the robot.
-        seed: seed of the bootstrap over commands.
-        resamples: number of its draws.
+    Logs of the same kind that are held out judge it; if there are none, a driver fitted to the log's first part is judged on
+    its rest. It is tried too on `others`, of another kind. The bootstrap draws commands `resamples` times.
 
     Raises:
         ValueError: too few commands were held and obeyed.
     """
-    step = rate_evidence(log).step_rad_s
-    whole = _obeyed(log, step, LEAST_COMMANDS if held_out else 2 * LEAST_COMMANDS)
-    law, name = _fit_law(whole, chassis), log.name
+    whole = _obeyed(log, LEAST_COMMANDS if held_out else 2 * LEAST_COMMANDS)
+    law = _fit_law(whole, chassis)
     if held_out:
-        judged, fitted = law, whole
-        parts = [(x.name, _obeyed(x, rate_evidence(x).step_rad_s, 1)) for x in held_out]
+        judged, cases = law, [(log.name, False, whole), *((x.name, True, _obeyed(x, 1)) for x in held_out)]
     else:
-        first, last = log.divided()
-        if min(len(held_commands(first)), len(held_commands(last))) < LEAST_COMMANDS // 2:
-            raise ValueError(f"the commands of {log.name} lie too unevenly to hold a part of it out; name logs as held_out")
-        fitted = _obeyed(first, step)
-        judged, name = _fit_law(fitted, chassis), f"{log.name}, first two thirds"
-        parts = [(f"{log.name}, last third", _obeyed(last, step))]
-    more = [(x.name, _obeyed(x, rate_evidence(x).step_rad_s)) for x in others if held_commands(x)]
-    cases = [(name, False, fitted), *((n, True, case) for n, case in parts), *((n, False, case) for n, case in more)]
-    rms = [math.sqrt(case.errors(judged, chassis).mean()) for _, _, case in cases]
-    scores = [
-        {"log": n, "held_out": out, "commands": len(case.held), "rms_rad_s": off}
-        for (n, out, case), off in zip(cases, rms, strict=True)
-    ]
+        first, last = (_obeyed(part, LEAST_COMMANDS // 2)._replace(step=whole.step) for part in log.divided())
+        judged = _fit_law(first, chassis)
+        cases = [(f"{log.name}, first two thirds", False, first), (f"{log.name}, last third", True, last)]
+    case = cases[1][2]
+    cases += [(x.name, False, _obeyed(x)) for x in others if held_commands(x)]
+    scores, square, count = list[dict[str, Any]](), 0.0, 0
+    for name, out, some in cases:
+        rms = math.sqrt(some.errors(judged, chassis).mean())
+        scores.append({"log": name, "held_out": out, "commands": len(some.held), "rms_rad_s": rms})
+        if out:
+            square, count = square + len(some.held) * rms**2, count + len(some.held)
     rng, n, drawn = np.random.default_rng([seed, 1]), len(whole.held), []
     for _ in range(resamples):
         weights = np.bincount(rng.integers(0, n, n), minlength=n).astype(np.float64)
         drawn.append(_fit_law(whole, chassis, weights, law))
-    case = parts[0][1]
     t, begin = case.log.t, case.held[0][0]
     stretch = slice(max(begin - 20, 0), int(np.searchsorted(t, t[begin] + _SHOWN)))
     shown = t[stretch], case.log.rates[:, stretch], case.predicted(judged, chassis)[:, stretch]
     reached = float(np.abs(whole.commands[:, 1]).max()) > 1.01 * law.yaw_rate_limit
-    return DriverFit(log.name, law, SetPointLaw(*np.std(drawn, axis=0).tolist()), reached, scores, shown)
+    errors = SetPointLaw(*np.std(drawn, axis=0).tolist())
+    return DriverFit(log.name, law, errors, reached, scores, math.sqrt(square / count), shown)
 
 
 # ------------------------------------------------------------------------------------------------------ friction
@@ -215,48 +200,36 @@ class _ReadingRule(NamedTuple):
 
     name: str  # name in tables
     kind: str  # whose current it is: `motor` or `battery`
-    read: Callable[..., FloatArray]  # what the sensor makes of the motors' currents or torques
     numbers: Mapping[str, tuple[float, float, float]]
     """Start, least and greatest value of what is fitted, by name; those of `_SIDES` in units of the currents' scale."""
-
-
-def _plain(current: FloatArray, s: CurrentSamples, x: Mapping[str, float], sensor: Sensor) -> FloatArray:
-    forward: FloatArray = current * np.sign(s.rate)
-    return forward if sensor.signed else np.abs(forward)
-
-
-def _bridge(current: FloatArray, s: CurrentSamples, x: Mapping[str, float], sensor: Sensor) -> FloatArray:
-    return bridge_reading(current, s.rate, x["rho"], sensor.ripple, sensor.idle)
-
-
-def _battery(torque: FloatArray, s: CurrentSamples, x: Mapping[str, float], sensor: Sensor) -> FloatArray:
-    drawn = battery_current(torque, s.rate, s.voltage, x["heat"], x["efficiency"])
-    return drawn if sensor.signed else np.maximum(drawn, 0.0)
 
 
 _SIDES = {"friction": (1.0, 0.02, 10.0), "loss_left": (0.1, -1.0, 2.0), "loss_right": (0.1, -1.0, 2.0)}
 _GIVING = {**_SIDES, "slip_scale": (0.09, 0.01, 0.8)}
 _READING_RULES = (
-    _ReadingRule("the motors', Coulomb contacts", "motor", _plain, _SIDES),
-    _ReadingRule("the motors', contacts that give way", "motor", _plain, _GIVING),
-    _ReadingRule("the motors', shown while the bridge drives", "motor", _bridge, {**_GIVING, "rho": (0.145, 0.03, 0.5)}),
-    _ReadingRule(
-        "the battery's", "battery", _battery, {**_GIVING, "heat": (0.003, 0.0, 0.1), "efficiency": (0.9, 0.4, 1.0)}
-    ),
+    _ReadingRule("the motors', Coulomb contacts", "motor", _SIDES),
+    _ReadingRule("the motors', contacts that give way", "motor", _GIVING),
+    _ReadingRule("the motors', shown while the bridge drives", "motor", {**_GIVING, "rho": (0.145, 0.03, 0.5)}),
+    _ReadingRule("the battery's", "battery", {**_GIVING, "heat": (0.003, 0.0, 0.1), "efficiency": (0.9, 0.4, 1.0)}),
 )
 """Every rule that a log is tried against. The third is for sensors without a sign."""
 
 
-def _predicted(
-    rule: _ReadingRule, numbers: Mapping[str, float], samples: CurrentSamples, sensor: Sensor, geometry: SkidGeometry
-) -> FloatArray:
-    """Return (n,) readings that a rule predicts [A]."""
+def _predicted(numbers: Mapping[str, float], s: CurrentSamples, sensor: Sensor, geometry: SkidGeometry) -> FloatArray:
+    """Return (n,) readings that the numbers of a rule predict [A]."""
     scale = numbers.get("slip_scale", COULOMB_SCALE)
-    rates, inverse = np.unique(samples.rates.round(4), axis=1, return_inverse=True)
+    rates, inverse = np.unique(s.rates.round(4), axis=1, return_inverse=True)
     forces = side_forces(rates, quasi_static_twist(rates, geometry, scale), geometry, scale)
-    effort = forces[samples.side, inverse.ravel()]  # force of each sample's side over its friction limit
-    loss = np.where(samples.side == 0, numbers["loss_left"], numbers["loss_right"])
-    return rule.read(numbers["friction"] * effort + loss * np.sign(samples.rate), samples, numbers, sensor)
+    effort = forces[s.side, inverse.ravel()]  # force of each sample's side over its friction limit
+    loss = np.where(s.side == 0, numbers["loss_left"], numbers["loss_right"])
+    current: FloatArray = numbers["friction"] * effort + loss * np.sign(s.rate)
+    if "rho" in numbers:
+        return bridge_reading(current, s.rate, numbers["rho"], sensor.ripple, sensor.idle)
+    if "heat" in numbers:
+        drawn = battery_current(current, s.rate, s.voltage, numbers["heat"], numbers["efficiency"])
+        return drawn if sensor.signed else np.maximum(drawn, 0.0)
+    forward: FloatArray = current * np.sign(s.rate)
+    return forward if sensor.signed else np.abs(forward)
 
 
 def _fit_rule(
@@ -276,7 +249,7 @@ def _fit_rule(
 
     def residuals(x: FloatArray) -> FloatArray:
         named = dict(zip(rule.numbers, x.tolist(), strict=True))
-        return _predicted(rule, named, samples, sensor, geometry) - samples.current
+        return _predicted(named, samples, sensor, geometry) - samples.current
 
     found = least_squares(
         residuals, begin, bounds=(low, high), x_scale=typical, loss="soft_l1", diff_step=1e-3, max_nfev=40,
@@ -290,61 +263,55 @@ class CurrentFit(NamedTuple):
 
     log: str  # name of the log
     sensor: Sensor  # what the log shows of its sensor
-    rule: _ReadingRule  # the rule
+    kind: str  # whose currents they are: `motor` or `battery`
     scores: list[dict[str, Any]]  # rows: share of the variance of the currents that each rule explains
+    best: Mapping[str, Any]  # the row of the rule
     numbers: Mapping[str, float]  # the rule's numbers, from the whole log
     errors: Mapping[str, float]  # their standard errors, from resampled blocks
     shown: Sequence[tuple[FloatArray, FloatArray]]
     """Measured and predicted currents [A], of what was fitted and of what was held out."""
 
-    @property
-    def best(self) -> Mapping[str, Any]:
-        """The row of the rule."""
-        return next(row for row in self.scores if row["rule"] == self.rule.name)
-
 
 def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, seed: int, resamples: int) -> CurrentFit:
     """Return friction, losses and slip scale from the currents of a log, and the rule that these follow.
 
-    Args:
-        log: the log to fit to.
-        held_out: logs that judge the rules; if there are none, rules fitted to the log's first part are judged on its rest.
-        chassis: the robot.
-        seed: seed of the bootstrap over blocks.
-        resamples: number of its draws.
+    Logs that are held out judge the rules; if there are none, rules fitted to the log's first part are judged on its rest.
+    The bootstrap draws blocks `resamples` times.
 
     Raises:
         ValueError: a log has no currents, or too little steady driving.
     """
     whole, sensor, geometry = current_samples(log), sensor_of(log), chassis.geometry
     first, *others = (log, *held_out) if held_out else log.divided()
-    fitted, judged = current_samples(first), joined_samples([current_samples(x) for x in others])
-    rows = joined_samples([window_rows(x) for x in others]).moving() if sampled_in_windows(log) else judged
+    fitted, judged = current_samples(first), _joined([current_samples(x) for x in others])
+    rows = _joined([window_samples(x, means=False) for x in others]) if sampled_in_windows(log) else judged
     for name, samples in ((f"what is fitted of {log.name}", fitted), ("what is held out", judged)):
-        if len(samples.t) < _LEAST_SAMPLES:
-            raise ValueError(f"{name} has {len(samples.t)} currents in steady driving, wanted {_LEAST_SAMPLES} or more")
-        if not np.ptp(samples.current) > 0.0:
-            raise ValueError(f"{name} has currents that never change")
-    rules = {rule.name: rule for rule in _READING_RULES if not (sensor.signed and "rho" in rule.numbers)}
-    numbers = {name: _fit_rule(rule, fitted, sensor, geometry) for name, rule in rules.items()}
-
-    def explained(name: str, samples: CurrentSamples) -> float:
-        """Return R^2: one less the mean square error over the variance of what was measured."""
-        off = _predicted(rules[name], numbers[name], samples, sensor, geometry) - samples.current
-        return float(1.0 - np.mean(off**2) / np.var(samples.current))
-
-    parts = {"fitted": fitted, "held_out": judged, "samples": rows}
-    scores: list[dict[str, Any]] = [
-        {"rule": n, "kind": rules[n].kind, **{p: explained(n, s) for p, s in parts.items()}} for n in rules
-    ]
-    best = max(scores, key=lambda row: row["held_out"])["rule"]
-    rule, own = rules[best], numbers[best]
-    final = own if held_out else _fit_rule(rule, whole, sensor, geometry, own)
+        if (count := len(np.unique(samples.current))) < _LEAST_SAMPLES:
+            raise ValueError(f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more")
+    scores, best, rule, numbers = list[dict[str, Any]](), dict[str, Any](), _READING_RULES[0], dict[str, float]()
+    for tried in _READING_RULES:
+        if sensor.signed and "rho" in tried.numbers:
+            continue
+        own = _fit_rule(tried, fitted, sensor, geometry)
+        row: dict[str, Any] = {"rule": tried.name, "kind": tried.kind}
+        for part, some in (("fitted", fitted), ("held_out", judged), ("samples", rows)):
+            off = _predicted(own, some, sensor, geometry) - some.current
+            row[part] = float(1.0 - np.mean(off**2) / np.var(some.current))  # R^2
+        scores.append(row)
+        if not best or row["held_out"] > best["held_out"]:
+            best, rule, numbers = row, tried, own
+    shown = [(s.current, _predicted(numbers, s, sensor, geometry)) for s in (fitted, judged)]
+    final = numbers if held_out else _fit_rule(rule, whole, sensor, geometry, numbers)
     rng = np.random.default_rng([seed, 2])
     drawn = [_fit_rule(rule, whole.resampled(rng), sensor, geometry, final) for _ in range(resamples)]
     errors = {name: float(np.std([d[name] for d in drawn])) for name in final}
-    shown = [(s.current, _predicted(rule, own, s, sensor, geometry)) for s in (fitted, judged)]
-    return CurrentFit(log.name, sensor, rule, scores, final, errors, shown)
+    return CurrentFit(log.name, sensor, rule.kind, scores, best, final, errors, shown)
+
+
+def _joined(parts: Sequence[CurrentSamples]) -> CurrentSamples:
+    """Return the samples of several logs together."""
+    columns: list[Any] = [np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)]
+    return CurrentSamples(*columns)
 
 
 # ------------------------------------------------------------------------------------------------------- inertia
@@ -354,9 +321,8 @@ class _Transient(NamedTuple):
     """One side's change of speed after one command."""
 
     command: int  # number of the command
-    reversal: bool  # true if the wheels change their direction, false if they only speed up
-    measured: float  # charge that passed [A s]
-    predicted: FloatArray  # charge for each J / K tried, that of the losses included [A s]
+    way: str  # `reversals` if the wheels change their direction, `speed_ups` if they only speed up
+    off: FloatArray  # charge predicted for each J / K tried, with that of the losses, less the charge that passed [A s]
 
 
 class InertiaFit(NamedTuple):
@@ -374,20 +340,15 @@ def fit_inertia(
 ) -> InertiaFit | None:
     """Return J / K from a log whose wheels are in the air; None where too few transients are fit for it.
 
-    Args:
-        log: the log; its currents are taken for the motors'.
-        law: the driver, which says how fast the wheels change speed.
-        chassis: the robot.
-        rho: resistance over voltage constant [rad/s per A].
-        seed: seed of the bootstrap over commands.
-        resamples: number of its draws.
+    The currents are taken for the motors'. How fast the wheels change speed is what the driver `law` says; `rho` is the
+    motors' resistance over voltage constant [rad/s per A].
     """
     rng, found = np.random.default_rng([seed, 3]), _transients(log, law, chassis, rho)
     estimates: dict[str, tuple[float, float]] = {}
     for name in ("speed_ups", "reversals"):
-        some = [x for x in found if x.reversal == (name == "reversals")]
+        some = [x for x in found if x.way == name]
         if len(some) >= _LEAST_TRANSIENTS:
-            off = np.stack([x.predicted - x.measured for x in some], axis=1) / _OUTLIER
+            off = np.stack([x.off for x in some], axis=1) / _OUTLIER
             commands, costs = np.array([x.command for x in some]), np.sqrt(1.0 + off**2) - 1.0
             members = [np.flatnonzero(commands == c) for c in np.unique(commands)]
             draws = [[members[k] for k in rng.integers(0, len(members), len(members))] for _ in range(resamples)]
@@ -414,7 +375,10 @@ def _transients(log: DriveLog, law: SetPointLaw, chassis: Chassis, rho: float) -
         if before.sum() < 8 or after.sum() < 8 or np.ptp(log.rates[:, before], axis=1).max() > _STEADY:
             continue
         fine = np.linspace(t[inside][0], t[inside][-1], round((t[inside][-1] - t[inside][0]) / _FINE) + 1)
-        rates = _rates_at(fine, log.commands[:, max(start - 1, 0)], log.commands[:, start], law, chassis)
+        grid = np.arange(-10.0, float(fine[-1]) + 2.0 * _FINE, _FINE)  # the last command was held for long before
+        commands = np.where(grid[:, None] < 0.0, log.commands[:, max(start - 1, 0)], log.commands[:, start])
+        rims = rim_speeds(commands, _FINE, law, chassis.speed_limit) / chassis.command_radius
+        rates = np.stack([np.interp(fine, grid + _FINE, column) for column in rims.T])
         for side, current in enumerate(currents):
             first, final = float(log.rates[side, before].mean()), float(np.median(log.rates[side, after]))
             reversal, change = first * final < 0.0, abs(final - first)
@@ -428,16 +392,9 @@ def _transients(log: DriveLog, law: SetPointLaw, chassis: Chassis, rho: float) -
             slope = np.gradient(rates[side], fine)
             read = [bridge_reading(loss + x * slope, rates[side], rho, 0.0) for x in _INERTIAS]
             predicted: FloatArray = np.trapezoid(np.array(read) + offset, fine, axis=1)
-            found.append(_Transient(number, reversal, float(np.trapezoid(current[inside], t[inside])), predicted))
+            passed = float(np.trapezoid(current[inside], t[inside]))
+            found.append(_Transient(number, "reversals" if reversal else "speed_ups", predicted - passed))
     return found
-
-
-def _rates_at(t: FloatArray, before: FloatArray, command: FloatArray, law: SetPointLaw, chassis: Chassis) -> FloatArray:
-    """Return (2, n) wheel rates at times after a command [rad/s], which follows another one that was held for long."""
-    grid = np.arange(-10.0, float(t[-1]) + 2.0 * _FINE, _FINE)
-    commands = np.where(grid[:, None] < 0.0, before, command)
-    rates = rim_speeds(commands, _FINE, law, chassis.speed_limit) / chassis.command_radius
-    return np.stack([np.interp(t, grid + _FINE, column) for column in rates.T])
 
 
 def _least(costs: FloatArray) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -74,17 +73,12 @@ class DriveLog:
         """True if currents can be negative."""
         return self.currents is not None and bool((self.currents < -0.5).mean() > 0.01)
 
-    def between(self, start: float, stop: float) -> DriveLog:
-        """Return the samples with `start` <= t < `stop` [s]."""
-        keep = (self.t >= start) & (self.t < stop)
-        columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        cut: dict[str, Any] = {name: column[..., keep] for name, column in columns.items()}
-        return replace(self, **cut)
-
     def divided(self) -> tuple[DriveLog, DriveLog]:
         """Return its first two thirds, to be fitted, and its last third, which judges."""
-        where = float(self.t[0] + FIT_SHARE * (self.t[-1] - self.t[0]))
-        return self.between(-math.inf, where), self.between(where, math.inf)
+        first = self.t < self.t[0] + FIT_SHARE * (self.t[-1] - self.t[0])
+        columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
+        parts: list[dict[str, Any]] = [{n: c[..., keep] for n, c in columns.items()} for keep in (first, ~first)]
+        return replace(self, **parts[0]), replace(self, **parts[1])
 
 
 def drive_log(source: str | Log) -> DriveLog:
@@ -166,20 +160,16 @@ class RateEvidence(NamedTuple):
     scatter_rad_s: float
     """Median standard deviation of a wheel rate in the settled part of such a command [rad/s]; NaN without any."""
     step_rad_s: float | None  # step of which all rates are multiples [rad/s]; None if there is none
-
-    @property
-    def rates_are(self) -> str:
-        """Rates that never change while a command is held, or that only come in steps, are no measurements."""
-        return "set points" if self.scatter_rad_s < _NO_SCATTER or self.step_rad_s is not None else "measured"
+    wheel_rates_are: str  # `measured`, or `set points`, which never change under a command or only come in steps
 
 
 def rate_evidence(log: DriveLog) -> RateEvidence:
     """Return what a log says of its wheel rates."""
-    held, scatter = held_commands(log), []
-    for start, stop in held:
-        late = log.t[start:stop] - log.t[start] > _LATE
-        scatter.append(log.rates[:, start:stop][:, late].std(axis=1))
-    return RateEvidence(log.name, len(held), float(np.median(scatter)) if scatter else math.nan, _step_of(log.rates))
+    held = held_commands(log)
+    late = [log.rates[:, start:stop][:, log.t[start:stop] - log.t[start] > _LATE] for start, stop in held]
+    scatter, step = float(np.median([rates.std(axis=1) for rates in late])) if late else math.nan, _step_of(log.rates)
+    kind = "set points" if scatter < _NO_SCATTER or step is not None else "measured"
+    return RateEvidence(log.name, len(held), scatter, step, kind)
 
 
 def _step_of(rates: FloatArray) -> float | None:
@@ -221,43 +211,19 @@ def sensor_of(log: DriveLog) -> Sensor:
 class CurrentSamples(NamedTuple):
     """Currents of one side each, in steady driving, n of them."""
 
-    t: FloatArray  # (n,) time [s]
     block: IndexArray  # (n,) which block of the bootstrap each belongs to
     side: IndexArray  # (n,) 0 for the left side, 1 for the right one
     rates: FloatArray  # (2, n) wheel rates, left and right [rad/s]
+    rate: FloatArray  # (n,) wheel rate of each sample's own side [rad/s]
     current: FloatArray  # (n,) current of that side [A]
     voltage: FloatArray  # (n,) voltage of the battery [V]
-
-    @property
-    def rate(self) -> FloatArray:
-        """(n,) wheel rate of each sample's own side [rad/s]."""
-        own: FloatArray = self.rates[self.side, np.arange(len(self.t))]
-        return own
-
-    def take(self, which: IndexArray | NDArray[np.bool_]) -> CurrentSamples:
-        """Return some of the samples."""
-        some: list[Any] = [column[..., which] for column in self]
-        return CurrentSamples(*some)
 
     def resampled(self, rng: np.random.Generator) -> CurrentSamples:
         """Return as many blocks as there are, drawn with replacement."""
         members = [np.flatnonzero(self.block == b) for b in np.unique(self.block)]
-        return self.take(np.concatenate([members[k] for k in rng.integers(0, len(members), len(members))]))
-
-    def moving(self) -> CurrentSamples:
-        """Return those whose own side turns: a bridge at a set point of zero may be off."""
-        return self.take(np.abs(self.rate) >= _SLOW_RATE)
-
-
-def joined_samples(parts: Sequence[CurrentSamples]) -> CurrentSamples:
-    """Return the samples of several logs together; their blocks stay apart."""
-    first, *others = parts
-    for other in others:
-        apart = int(first.block.max(initial=-1)) + 1 - int(other.block.min(initial=0))
-        shifted = other._replace(block=other.block + apart)
-        both: list[Any] = [np.concatenate(pair, axis=-1) for pair in zip(first, shifted, strict=True)]
-        first = CurrentSamples(*both)
-    return first
+        drawn = np.concatenate([members[k] for k in rng.integers(0, len(members), len(members))])
+        some: list[Any] = [column[..., drawn] for column in self]
+        return CurrentSamples(*some)
 
 
 def steady_windows(log: DriveLog) -> list[NDArray[np.bool_]]:
@@ -274,26 +240,18 @@ def steady_windows(log: DriveLog) -> list[NDArray[np.bool_]]:
     return found
 
 
-def window_means(log: DriveLog) -> CurrentSamples:
-    """Return the mean currents of a log's steady windows, two for each window; a window is a block."""
-    currents, rows = require_currents(log), []
-    for k, window in enumerate(steady_windows(log)):
-        rates, means = log.rates[:, window].mean(axis=1), currents[:, window].mean(axis=1)
-        rows += [(log.t[window][0], k, side, *rates, means[side], _voltage(log, window)) for side in (0, 1)]
-    return _samples(rows)
-
-
-def window_rows(log: DriveLog) -> CurrentSamples:
-    """Return the currents of a log's steady windows sample by sample."""
+def window_samples(log: DriveLog, *, means: bool = True) -> CurrentSamples:
+    """Return the currents of a log's steady windows: two means of each window, or all samples; a window is a block."""
     currents, rows = require_currents(log), []
     for k, window in enumerate(steady_windows(log)):
         voltage = _voltage(log, window)
-        for m in np.flatnonzero(window):
-            rows += [(log.t[m], k, side, *log.rates[:, m], currents[side, m], voltage) for side in (0, 1)]
+        for part in [window] if means else np.flatnonzero(window)[:, None]:
+            rates, read = log.rates[:, part].mean(axis=1), currents[:, part].mean(axis=1)
+            rows += [(k, side, *rates, read[side], voltage) for side in (0, 1)]
     return _samples(rows)
 
 
-def refreshed_values(log: DriveLog) -> CurrentSamples:
+def _refreshed_values(log: DriveLog) -> CurrentSamples:
     """Return each new value of a slow sensor with the mean wheel rates before it; some seconds are a block."""
     t, currents, rows = log.t, require_currents(log), []
     for side in (0, 1):
@@ -303,29 +261,29 @@ def refreshed_values(log: DriveLog) -> CurrentSamples:
             gap = seen.sum() < _FEWEST or np.diff(t[seen]).max() >= _LONG_STEP
             if gap or np.ptp(rates, axis=1).max() >= _CALM or np.abs(rates.mean(axis=1)).sum() <= 2.0 * _STANDING:
                 continue
-            rows.append((t[k], int(t[k] // _BLOCK), side, *rates.mean(axis=1), currents[side, k], _voltage(log, seen)))
+            rows.append((int(t[k] // _BLOCK), side, *rates.mean(axis=1), currents[side, k], _voltage(log, seen)))
     return _samples(rows)
 
 
 def sampled_in_windows(log: DriveLog) -> bool:
-    """Return whether a log's currents are taken as means of steady windows, and not value by value of a slow sensor."""
+    """Return whether a log's currents are taken in steady windows, and not value by value of a slow sensor."""
     steps = [np.diff(log.t[np.flatnonzero(np.diff(c) != 0.0) + 1]) for c in require_currents(log)]
     known = np.concatenate(steps)
     return len(known) > 0 and float(np.median(known)) < _SLOW_SENSOR
 
 
 def current_samples(log: DriveLog) -> CurrentSamples:
-    """Return a log's currents in steady driving.
-
-    Raises:
-        ValueError: it has no currents.
-    """
-    return (window_means(log) if sampled_in_windows(log) else refreshed_values(log)).moving()
+    """Return a log's currents in steady driving; a ValueError says that it has none."""
+    return window_samples(log) if sampled_in_windows(log) else _refreshed_values(log)
 
 
 def _samples(rows: list[tuple[float, ...]]) -> CurrentSamples:
-    t, block, side, left, right, current, voltage = np.array(rows, dtype=np.float64).reshape(-1, 7).T
-    return CurrentSamples(t, block.astype(np.intp), side.astype(np.intp), np.stack([left, right]), current, voltage)
+    """Return rows of block, side, both rates, current and voltage; sides that stand are left out: bridges may be off."""
+    block, side, left, right, current, voltage = np.array(rows, dtype=np.float64).reshape(-1, 6).T
+    rates, own = np.stack([left, right]), np.where(side == 0.0, left, right)
+    turns = np.abs(own) >= _SLOW_RATE
+    columns: list[Any] = [block.astype(np.intp), side.astype(np.intp), rates, own, current, voltage]
+    return CurrentSamples(*(column[..., turns] for column in columns))
 
 
 def _voltage(log: DriveLog, which: NDArray[np.bool_]) -> float:

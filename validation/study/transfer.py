@@ -16,6 +16,8 @@ from typing import Annotated, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from scipy.stats import kendalltau
 
 from ssmr.control.laws import PLAIN_CONTROLLERS, Controller
 from ssmr.control.loop import ClosedRun, LoopSettings
@@ -43,7 +45,6 @@ from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
 from validation.study.options import AS_NAMES, AnyStudy, require_seeds
-from validation.study.ranking import agreement, choice, mean_costs, places, rank_correlation
 from validation.study.sweep import picture, sweep
 
 _USUAL_PROFILES = ("thesis-lab", "husky-tile")
@@ -73,13 +74,10 @@ class TransferStudy(AnyStudy):
     controllers: Annotated[cli.Names, cli.option(metavar="NAME,...", default="all")] = (
         *PLAIN_CONTROLLERS, "lqr+predictor", "lqr-scheduled+predictor", "mpc",
     )  # fmt: skip
-    """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one with gains of your own."""
-    own: Annotated[cli.Names, cli.option("controller", metavar="FILE.py:NAME,...", default="none")] = ()
-    """Controllers of your own beside them: classes in Python files."""
+    """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one with gains of your own, and
+    FILE.py:NAME a class of your own."""
     references: Annotated[cli.Names, cli.option(metavar="NAME|PATH,...", default="ten; three if quick")] = ()
-    """References by name or path; circle@0.4 has its own speed."""
-    waypoints: Annotated[cli.Names, cli.option(metavar="PATH,...", default="none")] = ()
-    """Waypoint files of your own (.csv) beside the references. Their own times count, if they have any."""
+    """References by name, or waypoint files, whose own times count if they have any; circle@0.4 has its own speed."""
     speeds: Annotated[cli.Numbers, cli.option(metavar="X,...", default="0.25,0.5; the last if quick")] = ()
     """Speeds of references that bring none [m/s]. What the judge cannot drive is driven more slowly."""
     seeds: int = 1
@@ -117,7 +115,7 @@ def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
         ValueError: an unknown controller, gains or file, one name for two, or fewer than two contenders.
     """
     found: dict[str, tuple[AnyController, GainSet | None]] = {}
-    for named in (*o.controllers, *o.own):
+    for named in o.controllers:
         for name, contender in _named(named, profile).items():
             if name in found:
                 raise ValueError(f"two controllers are called '{name}'; leave out '{named}', or rename it")
@@ -155,7 +153,7 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Way
     """
     found: dict[tuple[str, float], Waypoints] = {}
     homes: dict[str, str] = {}
-    for named in (*(o.references or _USUAL_REFERENCES[: 3 if o.quick else None]), *o.waypoints):
+    for named in o.references or _USUAL_REFERENCES[: 3 if o.quick else None]:
         home, _ = split_speed(named)
         for name, waypoints in _opened(named, o.speeds or _USUAL_SPEEDS[-1 if o.quick else 0 :]):
             if homes.setdefault(name, home) != home:
@@ -212,15 +210,62 @@ def _score(runs: Sequence[ClosedRun], waypoints: Waypoints, robot: ClosedLoopRob
     return {"cost": cost, **{m: float(np.mean([each[m] for each in rated])) for m in _MEASURES[1:]}, "lost": 0}
 
 
-def findings(o: TransferStudy, profile: Profile, contenders: Contenders, drives: Sequence[Row]) -> dict[str, Any]:
-    """Return what was found with one profile, as study.json has it.
+# Costs of several references are (R, C) arrays, a column for each controller; infinite where the robot was lost.
 
-    Args:
-        o: options of the study.
-        profile: the profile.
-        contenders: the controllers on it.
-        drives: rows with `reference`, `speed_m_s`, and `scores` by plant and controller.
+
+def mean_costs(costs: FloatArray) -> FloatArray:
+    """Return the (C,) mean costs over the references that were kept; NaN for a controller that lost all."""
+    kept = np.isfinite(costs)
+    count = kept.sum(axis=0)
+    return np.where(count > 0, np.where(kept, costs, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+
+
+def places(costs: FloatArray) -> NDArray[np.intp]:
+    """Return the (C,) places of controllers, 0 for the best; equal ones share a place.
+
+    Who loses fewer references is placed before who loses more, whatever the cost; among equals the mean cost of the
+    references that were kept decides.
     """
+    keys = np.column_stack([np.isinf(costs).sum(axis=0), np.nan_to_num(mean_costs(costs))])
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def rank_correlation(costs: FloatArray, others: FloatArray) -> float:
+    """Return Kendall's tau-b between the places on two plants [-1 to 1]; NaN where one of them has all in one place."""
+    return float(kendalltau(places(costs), places(others)).statistic)
+
+
+def choice(costs: FloatArray, truth: FloatArray) -> int:
+    """Return the column of the controller in the first place; of several there, the one that is worst in truth."""
+    first = np.flatnonzero(places(costs) == 0)
+    return int(first[np.argmax(places(truth)[first])])
+
+
+def regret(costs: FloatArray, truth: FloatArray) -> float:
+    """Return how much more the choice by `costs` costs in `truth` than the best choice, as a share of that one's cost.
+
+    It is infinite where the choice loses more references than the best; of choices that lose as many, kept references count.
+    """
+    chosen, best = choice(costs, truth), choice(truth, truth)
+    if np.isinf(truth[:, chosen]).sum() > np.isinf(truth[:, best]).sum():
+        return math.inf
+    means = mean_costs(truth)
+    return float(means[chosen] / means[best] - 1.0) if means[best] > 0.0 else 0.0
+
+
+def agreement(costs: FloatArray, truth: FloatArray) -> dict[str, Any]:
+    """Return how a model's costs agree with the true ones.
+
+    That is `tau`, the rank correlation; `chosen`, the column of the choice; its `regret`; and `same_winner`, the number of
+    references on which both have the same best controller.
+    """
+    same = sum(choice(costs[[k]], truth[[k]]) == choice(truth[[k]], truth[[k]]) for k in range(len(truth)))
+    tau, chosen = rank_correlation(costs, truth), choice(costs, truth)
+    return {"tau": tau, "chosen": chosen, "regret": regret(costs, truth), "same_winner": same}
+
+
+def _findings(o: TransferStudy, profile: Profile, contenders: Contenders, drives: Sequence[Row]) -> dict[str, Any]:
+    """Return what was found with one profile, as study.json has it, from rows of `reference`, `speed_m_s` and `scores`."""
     names = list(contenders)
 
     def table_of(plant: str, measure: str = "cost") -> FloatArray:
@@ -243,7 +288,6 @@ def findings(o: TransferStudy, profile: Profile, contenders: Contenders, drives:
         plants[plant] = {
             "all": {**found, "chosen": names[found["chosen"]]},
             "tau_with": {other: rank_correlation(own, costs[other]) for other in costs},
-            "winners": [names[choice(own[[k]], truth[[k]])] for k in range(len(own))],
             "contenders": {name: {key: values[k] for key, values in each.items()} for k, name in enumerate(names)},
         }
     known = {
@@ -258,9 +302,9 @@ def findings(o: TransferStudy, profile: Profile, contenders: Contenders, drives:
     }
 
 
-def _ranked(found: Mapping[str, Any]) -> list[str]:
-    """Return the names of the controllers as the judge, which is the first plant, places them."""
-    judged = next(iter(found["plants"].values()))["contenders"]
+def _ranked(judge: str, found: Mapping[str, Any]) -> list[str]:
+    """Return the names of the controllers as the judge places them."""
+    judged = found["plants"][judge]["contenders"]
     return sorted(judged, key=lambda name: judged[name]["place"])
 
 
@@ -271,7 +315,7 @@ def _tables(label: str, judge: str, found: Mapping[str, Any]) -> list[Table]:
         agreed = own["all"]
         row = {"plant": plant, "tau": agreed["tau"], "same_winner": agreed["same_winner"]}
         choices.append({**row, "regret_share": agreed["regret"], "chooses": agreed["chosen"]})
-    for name in _ranked(found):
+    for name in _ranked(judge, found):
         means = {plant: own["contenders"][name]["cost"] for plant, own in plants.items()}
         beside = {m: plants[judge]["contenders"][name][m] for m in ("d_rms_m", "sync_rms_m")}
         lost = sum(own["contenders"][name]["lost"] for own in plants.values())
@@ -289,25 +333,6 @@ def _tables(label: str, judge: str, found: Mapping[str, Any]) -> list[Table]:
         Table(f"{label}: choosing a controller for {judge}", choices, caption),
         Table(f"{label}: mean cost", costs, below),
     ]
-
-
-def _sentences(judge: str, runs: int, found: Mapping[str, Any]) -> list[str]:
-    """Return a sentence on the choice of each plant but the judge, and one on lost runs."""
-    best, said = _ranked(found)[0], list[str]()
-    for plant, own in found["plants"].items():
-        chosen, more = own["all"]["chosen"], own["all"]["regret"]
-        gaps = [c["gap"] for c in own["contenders"].values() if not math.isnan(c["gap"])]
-        costs = f"costs {100.0 * more:.0f} % more on {judge} than the best, {best}"
-        if more <= 0.0:
-            costs = f"is the best on {judge}"
-        elif math.isinf(more):
-            costs = f"loses runs on {judge}; the best there is {best}"
-        apart = f"; its costs are {100.0 * float(np.median(gaps)):+.0f} % off" if gaps else ""
-        if plant != judge:
-            said.append(f"{plant} chooses {chosen}, which {costs}{apart}.")
-        if lost := ", ".join(f"{name} {c['lost']}" for name, c in own["contenders"].items() if c["lost"]):
-            said.append(f"on {plant}, of {runs} runs these were lost: {lost}.")
-    return said
 
 
 @cli.program(TransferStudy)
@@ -338,17 +363,15 @@ def study_transfer(o: TransferStudy) -> Report:
         return {"field": k, "reference": name, "speed_m_s": waypoints.speed, "scores": scores}
 
     swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)  # a drive is a population on all threads
-    found, tables, sentences = dict[str, dict[str, Any]](), list[Table](), list(swept.notes)
+    found, tables = dict[str, dict[str, Any]](), list[Table]()
     for k, profile in enumerate(profiles):
         if drives := [row for row in swept.rows if row.get("field") == k]:
             label = with_robot(profile.name, profile.robot.name)
-            found[profile.name] = findings(o, profile, contenders[k], drives)
+            found[profile.name] = _findings(o, profile, contenders[k], drives)
             tables += _tables(label, o.judge, found[profile.name])
-            some = _sentences(o.judge, len(drives) * o.seeds, found[profile.name])
-            sentences += [f"{label}: {sentence}" for sentence in some]
     return Report(
         program="study", title=f"Transfer, {', '.join(found)}: {len(swept.rows)} references", has_text=True,
-        tables=tables, sentences=sentences, status=swept.status, draw=partial(_draw, o.judge, found),
+        tables=tables, sentences=swept.notes, status=swept.status, draw=partial(_draw, o.judge, found),
         options={"judge": o.judge, "seed": o.seed, "seeds": o.seeds},
         document={
             "schema": "ssmr.study/1", "study": "transfer", "judge": o.judge, "robot": profiles[0].robot.name,
@@ -359,14 +382,14 @@ def study_transfer(o: TransferStudy) -> Report:
 
 def _draw(judge: str, fields: Mapping[str, Mapping[str, Any]], study: Report) -> Figure:
     """Return the picture: for every profile the costs of all controllers on every plant."""
-    height = 1.2 + 0.25 * max((len(_ranked(found)) for found in fields.values()), default=0)
+    height = 1.2 + 0.25 * max((len(found["contenders"]) for found in fields.values()), default=0)
     panels = [partial(_draw_costs, judge, *field) for field in fields.items()]
     return picture(study, [drawing.side_by_side(height, panels)] if panels else [])
 
 
 def _draw_costs(judge: str, profile: str, found: Mapping[str, Any], ax: Axes) -> None:
     drawing.inset(ax, left=1.15)
-    order = _ranked(found)
+    order = _ranked(judge, found)
     for plant, own in found["plants"].items():
         ink, marker = drawing.ink_of(plant), "D" if plant == judge else "o"
         for row, name in enumerate(order):
@@ -378,6 +401,5 @@ def _draw_costs(judge: str, profile: str, found: Mapping[str, Any], ax: Axes) ->
     ax.set_yticks(range(len(order)), order, fontsize=9.0)
     for label in ax.get_yticklabels():
         drawing.narrow(label, 1.65)
-    low, high = ax.get_xlim()
-    drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0) if high < 100.0 * low else (1.0,))
+    drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0))
     ax.legend(fontsize=8.0)

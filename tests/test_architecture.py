@@ -214,7 +214,7 @@ PRICES = {
     "validation/report": (2_880, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_500, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_170, "a robot's description becomes a MuJoCo model that moves"),
-    "validation/study": (2_600, "answers: contact and engines, transfer, robustness, drive train, noise"),
+    "validation/study": (2_430, "answers: contact and engines, transfer, robustness, drive train, noise"),
     "validation/thesis": (240, "the thesis' numbers"),
     "validation/bench": (
         1_690,

@@ -117,7 +117,7 @@ def test_only_programs_know_the_command_line() -> None:
     for name in modules():
         known = {"validation.cli", "tyro"} & imports(name)
         is_program = (
-            name.endswith((".__main__", ".replicate.run", ".identify.options"))
+            name.endswith((".__main__", ".replicate.run", ".identify.search"))
             or name.count(".") == 1
             or room_of(name) in ("validation.study", "validation.ros")
         )

@@ -19,7 +19,6 @@ from tests.conftest import Launch, exit_status
 from tests.test_objective import recorded
 from validation.files.csv_logs import write_csv
 from validation.fit import fit
-from validation.identify import scores
 from validation.identify.uncertainty import VAGUE
 from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress
@@ -27,11 +26,11 @@ from validation.progress import Progress
 QUICK = ("--population", "16", "--generations", "12")
 
 
-def document(folder: Path) -> dict:  # type: ignore[type-arg]
+def document(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "fit.json").read_text()))
 
 
-def fitted(folder: Path, *arguments: str) -> dict:  # type: ignore[type-arg]
+def fitted(folder: Path, *arguments: str) -> dict[str, Any]:
     """What the program writes in this process."""
     assert exit_status(fit, *arguments, "--out", str(folder)) == 0
     return document(folder)
@@ -141,7 +140,8 @@ def test_a_checkpoint_of_another_fit_is_refused(tmp_path: Path, capsys: pytest.C
 def test_a_fit_is_kept_whose_errors_or_scores_cannot_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
     options: dict[str, Any] = {"free": ("alpha_l",), "population": 8, "generations": 2}
     whole = fit("kinematic", "traj4@kinematic", **options)
-    real = scores.drive
+    program = sys.modules["validation.fit"]
+    real = program.drive
 
     def fail(*_: Any) -> None:
         raise np.linalg.LinAlgError("Singular matrix")
@@ -151,8 +151,8 @@ def test_a_fit_is_kept_whose_errors_or_scores_cannot_be_had(monkeypatch: pytest.
             raise DivergedError("it left the finite numbers")
         return real(plant, piece, *others)
 
-    monkeypatch.setattr(sys.modules["validation.fit"], "estimate", fail)
-    monkeypatch.setattr(scores, "drive", diverge)
+    monkeypatch.setattr(program, "estimate", fail)
+    monkeypatch.setattr(program, "drive", diverge)
     found = fit("kinematic", "traj4@kinematic", held_out=("traj1",), **options)
     assert (found.cost, found.parameters[0].standard_error, found.held_out) == (whole.cost, None, ())
     assert "Standard errors could not be estimated: Singular matrix." in found.notes()

@@ -49,7 +49,6 @@ MISTAKES = {
     f"{FIT} --held-out traj4": "cannot be held out",
     f"{FIT} --objective horizon --horizons 500": "no window",
     f"{FIT} --yaw-weight -1": "yaw_weight",
-    f"{FIT} --scheduler tcp://127.0.0.1:9": "no dask scheduler answers at tcp://127.0.0.1:9",
     "fit kinematic --to bare.csv --input wheels": "no column enc_left, enc_right",
     "fit kinematic --to traj4@kinematic --held-out ring.csv": "error: ring.csv: ",
     "fit mujoco --to traj4 --free yaw_inertia --bounds yaw_inertia=1:9": "no rigid body",
@@ -66,7 +65,6 @@ MISTAKES = {
     "tune pid --bounds k_p_y=2:1": "bounds of k_p_y are 2 and 1",
     "tune pid --reference circle@fast": "REFERENCE@SPEED",
     "tune pid --reference ''": "no reference is named",
-    "tune pid --noise-seeds 0": "noise_seeds must lie within 1 and",
     "tune pid --guard -1": "guard",
     "recordings info nowhere.bag": "nowhere.bag: there is no such file",
     "recordings info .": "no ROS 2 bag: there is no metadata.yaml",
@@ -154,9 +152,6 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(
     """In this process, for speed; the status of real ones is looked at in other files."""
     if "--namespace" in command and not find_spec("cyclonedds"):
         pytest.skip("the extra 'ros2' is not installed")
-    if "--scheduler" in command and not find_spec("distributed"):
-        pytest.skip("the extra 'cluster' is not installed")
-    monkeypatch.setattr("validation.identify.executors.CONNECT_TIMEOUT", 0.5)
     monkeypatch.chdir(place)
     program, *arguments = shlex.split(command)
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -17,25 +17,23 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.errors import SsmrError
+from ssmr.metrics.declared import Metrics, compare_pieces
+from ssmr.metrics.windows import HorizonErrors, WindowErrors
 from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
-from ssmr.types import FloatArray
+from ssmr.types import FloatArray, Plant, Trajectory
 from validation import cli, store
-from validation.bench.sources import standing_sentences
+from validation.bench.sources import drive, horizons_of, standing_sentences, window_errors_of
 from validation.files.limits import USUAL
-from validation.identify.executors import dask_executor
-from validation.identify.figure import search_figure
-from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, with_errors
+from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure, with_errors
 from validation.identify.objective import FitCost, FitTarget, Objective
-from validation.identify.options import Searching
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
-from validation.identify.scores import HORIZONS, Scored, built, score, scored
-from validation.identify.search import Search, search_for
+from validation.identify.search import Search, Searching, search_for
 from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
 from validation.identify.uncertainty import estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
-from validation.plants.profile import Profile, choose_profile
+from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.searchable import find, make_space, with_values
 from validation.plants.table import PLANTS, SIMULATED, plant_kind
 from validation.progress import Progress
@@ -63,6 +61,8 @@ _JAGGED = (50, 100)
 make it jagged, so least squares go to the right place but not to the least cost there."""
 PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
 """The profile that a fit begins with unless another is given."""
+HORIZONS = (2.0, 6.0, 30.0, 60.0)
+"""Horizons of the relative pose errors in results [s]."""
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
 
 
@@ -107,8 +107,6 @@ class Fit(Searching):
     best candidate and from others far from it. jde: differential evolution alone, as in the thesis; ask for it to repeat the
     thesis, or where different seeds of hybrid end at different places. lsq: least squares alone, from --start, which is the
     profile's numbers if it is not given."""
-    scheduler: Annotated[str | None, cli.option(metavar="ADDRESS", default="threads of this computer")] = None
-    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates of jDE."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range, or an unknown input."""
@@ -128,6 +126,50 @@ class Fit(Searching):
             return [str(self.to)]
         parts = self.to.split(",") if isinstance(self.to, str) else map(str, self.to)
         return [part.strip() for part in parts if part.strip()]
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """A fitted plant on one source, or on several together."""
+
+    label: str
+    """The source as the user named it, with its input where it is a recording driven by both."""
+    motion: tuple[Trajectory, ...]
+    """The fitted plant's motion, piece by piece."""
+    metrics: Metrics
+    """Distances of `motion` from the true one, over all pieces."""
+    horizons: Mapping[float, HorizonErrors]
+    """Errors of the relative pose, by horizon [s]; empty where the truth is a plant's motion."""
+    windows: Mapping[float, WindowErrors]
+    """Errors over windows that begin every second, by horizon [s]; empty where the truth is a plant's motion."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the scores as fit.json holds them."""
+        horizons = {
+            f"{h:g}": {**asdict(errors), "overlapping": asdict(self.windows[h].summary())}
+            for h, errors in self.horizons.items()
+        }
+        return {**self.metrics, **({"horizons": horizons} if horizons else {})}
+
+
+def _built(model: str, plant: PlantProfile) -> Plant:
+    """Return the plant of these numbers; a ValueError says why there is none."""
+    return make_plant(Profile("with these values", "", {model: plant}, {}), model)
+
+
+def _scored(problem: FitProblem, fitted: PlantProfile, target: FitTarget) -> Scored:
+    """Drive the fitted plant along one source; an SsmrError says that it diverged."""
+    plant, source = _built(problem.model, fitted), target.source
+    motion = tuple(drive(plant, piece, fitted.localiser, source.sample_dt) for piece in source.pieces)
+    return _score(target.label, [target], [motion])
+
+
+def _score(label: str, targets: Sequence[FitTarget], motions: Sequence[tuple[Trajectory, ...]]) -> Scored:
+    """Return the scores of motions along several sources together."""
+    driven = [(target.source, motion) for target, motion in zip(targets, motions, strict=True)]
+    truth, motion = tuple(chain(*(target.truth for target in targets))), tuple(chain(*motions))
+    errors = horizons_of(driven, HORIZONS), window_errors_of(driven, HORIZONS)
+    return Scored(label, motion, compare_pieces(motion, truth), *errors)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -185,12 +227,7 @@ def fit(o: Fit) -> Fitted:
     simulated = o.model in SIMULATED
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
     settings = o.settings(*(_JAGGED if jagged else _SIZES[o.search, simulated]))
-    with contextlib.ExitStack() as stack:
-        rated_by = o
-        if o.scheduler is not None:
-            executor, shares = stack.enter_context(dask_executor(o.scheduler))
-            rated_by = replace(o, executor=executor, workers=shares)
-        found = search_for(problem, settings, rated_by, start, _STARTS[o.search])
+    found = search_for(problem, settings, o, start, _STARTS[o.search])
     if found.starts and not found.interrupted:
         found.refine(problem, o.threads)
     total = settings.generations + 1 + found.starts
@@ -218,7 +255,7 @@ def _require_possible(problem: FitProblem, given: Container[str]) -> None:
     bodies = [p for p in problem.space.parameters if p.name in heavy and p.name in given]
     for end in ({}, *({p.name: end} for p in bodies for end in (p.lower, p.upper))):
         try:
-            built(problem.model, with_values(problem.model, problem.base, list(end), end.values()))
+            _built(problem.model, with_values(problem.model, problem.base, list(end), end.values()))
         except ValueError as error:
             raise ValueError(f"{''.join(f'bounds of {name}: ' for name in end)}{error}") from error
 
@@ -245,7 +282,7 @@ def _report(
     judged = []
     for target in held_out:
         try:
-            judged.append(scored(problem, fitted, target))
+            judged.append(_scored(problem, fitted, target))
         except SsmrError as error:
             notes.append(f"The fitted plant cannot be driven along {target.label}, which was held out: {error}.")
     source = ",".join(o.names)
@@ -265,10 +302,10 @@ def _report(
         model=o.model,
         profile=base,
         correlation=correlation,
-        train=tuple(scored(problem, fitted, target) for target in problem.targets),
+        train=tuple(_scored(problem, fitted, target) for target in problem.targets),
         held_out=tuple(judged),
     )
-    together = score("all fitted to", problem.targets, [each.motion for each in bare.train])
+    together = _score("all fitted to", problem.targets, [each.motion for each in bare.train])
     document = _document(bare, source, o.seed, method, together)
     return replace(bare, profile=_with_provenance(o, bare, fitted, document), tables=_tables(bare), document=document)
 

@@ -20,18 +20,9 @@ from validation.bench.loops import ClosedLoopRobot, demand_of, make_controller, 
 from validation.bench.mismatch import SCORING, TUNING, WORST, Mismatch, draw_mismatches, spread
 from validation.bench.tracked import lost_text
 from validation.bench.waypoint_files import open_reference, split_speed
-from validation.identify.figure import search_figure
-from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters
-from validation.identify.options import Searching
-from validation.identify.search import Search, search_for
-from validation.identify.tuning import (
-    RatedRun,
-    TuneCase,
-    TuneCost,
-    TuneMeasure,
-    TuneProblem,
-    make_tuning_space,
-)
+from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure
+from validation.identify.search import Search, Searching, search_for
+from validation.identify.tuning import RatedRun, TuneCase, TuneCost, TuneMeasure, TuneProblem, make_tuning_space
 from validation.plants.filters import odometry_of
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import SIMULATED
@@ -86,17 +77,14 @@ class Tune(Searching):
     paths (Sec. 5)."""
     guard: Annotated[float, cli.option(metavar="SECONDS")] = 0.1
     """Stability guard: candidates that lose the reference with this much more delay are refused; 0 turns it off."""
-    noise_seeds: Annotated[int, cli.option(metavar="N")] = 1
-    """Number of draws of noise and disturbance that the cost is the mean of."""
     seeds: Annotated[tuple[int, ...] | None, tyro.conf.Suppress, tyro.conf.Fixed] = None
-    """Seeds of these draws; None counts from the seed of the search."""
+    """Seeds of noise and disturbance; the cost is the mean over them. None takes the seed of the search."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range, an unknown kind of robots, or no plant or reference."""
         super().__post_init__()
         require_within(self, ("speed",), 1e-3, 100.0)
         require_within(self, ("draws",), 1, 1000, whole=True)
-        require_within(self, ("noise_seeds",), 1, 10_000, whole=True)
         if self.robots not in ("nominal", "robust"):
             raise ValueError(f"unknown robots '{self.robots}'; there are: nominal, robust")
         if not self.plants:
@@ -188,8 +176,7 @@ def tune(o: Tune) -> Tuned:
     held_out = o.cases(usual if o.held_out is None else map(split_speed, o.held_out), robots)
     count = 0 if o.robots == "nominal" else o.draws or (10 if simulated else 20)
     drawn, unseen = (draw_mismatches(count, o.seed, use, profile.robot) for use in (TUNING, SCORING))
-    seeds = range(o.seed, o.seed + o.noise_seeds) if o.seeds is None else o.seeds
-    cost = TuneCost(o.cost, o.guard, tuple(seeds), k_u=law.k_u)
+    cost = TuneCost(o.cost, o.guard, (o.seed,) if o.seeds is None else tuple(o.seeds), k_u=law.k_u)
     problem = TuneProblem(profile, base, space, cases, cost, drawn)
     start = None if begun is None else space.points([begun[name] for name in space.names])[None]
     found = search_for(problem, settings, o, start)

@@ -1,21 +1,29 @@
-"""What a search found, as fits and tunings report it: numbers within their bounds, and the course of the search."""
+"""What a search found, as fits and tunings report it: numbers within their bounds, the course of the search, its picture."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.identify.search import Search
+from validation.report import drawing
+from validation.report.drawing import ALARM, Ink, Row
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
+from validation.words import shortened
 
 _VAGUE_SHARE = 0.5  # a number with a wider interval, as a share of the space between its bounds, is marked as uncertain
+_LEAST_IN, _STRIP_IN, _STRIPS_IN = 2.7, 0.52, 0.8  # height of the first row; of a strip, and what their panel needs besides
 
 
 @dataclass(frozen=True)
@@ -122,7 +130,7 @@ class SearchReport(Report):
             "generations": c.jde.generation,
             "wall_s": c.wall_s,
             "parameters": parameters,
-            "best_cost_by_generation": [cost for cost in c.best_cost if math.isfinite(cost)],
+            "best_cost_by_generation": [cost for cost in c.jde.history.tolist() if math.isfinite(cost)],
         }
 
     def values(self, what: str, before: str, caption: str = "") -> Table:
@@ -150,3 +158,63 @@ def ending(search: Search) -> dict[str, Any]:
         return {"status": FINISHED}
     said = f"the search is kept in {search.checkpoint}; the same command with --resume goes on from there"
     return {"status": INTERRUPTED, "alarms": (said,) if search.checkpoint else ()}
+
+
+def search_figure(found: SearchReport, ink: Ink, before: str, rows: Sequence[Row] = ()) -> Figure:
+    """Draw a search, 1600 px wide: course, values within their bounds, further rows and notes.
+
+    Args:
+        found: the report.
+        ink: colour of what was found.
+        before: name of the values of before.
+        rows: further rows of panels.
+    """
+    height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(found.parameters))
+    first = ((0.36, partial(_draw_course, found, ink)), (0.64, partial(_draw_strips, found, ink, before)))
+    page = [
+        drawing.text_row(0.3, partial(drawing.draw_section, shortened(found.title, 110))),
+        drawing.text_row(0.25, partial(drawing.draw_footer, f"{found.effort} · seed {found.document['seed']}")),
+        Row(height, first),
+        *rows,
+        *drawing.note_rows(found.notes()),
+    ]
+    return drawing.put_together(page)
+
+
+def _draw_course(found: SearchReport, ink: Ink, ax: Axes) -> None:
+    """Draw the least cost, generation by generation."""
+    costs = found.course.jde.history
+    known = costs[np.isfinite(costs)]
+    ax.plot(np.arange(len(costs)), np.where(np.isfinite(costs), costs, np.nan), color=ink, marker="o", markersize=2.5)
+    if known.min() > 0.0 and known.max() > 10.0 * known.min():
+        ax.set_yscale("log")
+        drawing.plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    ax.set(title="Least cost by generation", xlabel="generation")
+
+
+def _draw_strips(found: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
+    """Draw the parameters within their bounds, a strip each: value, 95 % interval and value of before."""
+    drawing.inset(ax, left=1.3, right=1.0)
+    ax.set(xlim=(0.0, 1.0), ylim=(len(found.parameters) - 0.45, -0.6), xticks=[])
+    ax.set_title(f"Values within their bounds, 95 % intervals (bars) and {before} (ticks)")
+    ax.set_yticks(range(len(found.parameters)), [p.name for p in found.parameters])
+    ax.tick_params(length=0.0, pad=46.0)
+    ax.spines[:].set_visible(False)
+    ax.grid(visible=False)
+    for row, p in enumerate(found.parameters):
+        colour: Ink = ALARM if p.at_bound else ink
+        low, high, was, x = (
+            min(max(p.share(value), 0.0), 1.0) for value in (*(p.interval_95 or (p.value, p.value)), p.before, p.value)
+        )
+        ax.plot([0.0, 1.0], [row, row], color="0.75", linewidth=1.2, marker="|", markersize=10.0, clip_on=False)
+        ax.plot([low, high], [row, row], color=colour, linewidth=5.0, alpha=0.4, solid_capstyle="butt", clip_on=False)
+        ax.plot(was, row, "|", color="0.1", markersize=13.0, markeredgewidth=1.6, clip_on=False)
+        ax.plot(x, row, "o", color=colour, markersize=8.5, markeredgecolor="white", zorder=3.5, clip_on=False)
+        unit = "" if p.unit == "1" else f" {p.unit}"
+        for text, at, away, align in (
+            (f"{p.value:.4g}{unit}", x, (0.0, 7.0), "center"),
+            (f"{p.lower:.4g}", 0.0, (-7.0, -3.0), "right"),
+            (f"{p.upper:.4g}{unit}", 1.0, (7.0, -3.0), "left"),
+        ):
+            ax.annotate(text, (at, row), away, textcoords="offset points", ha=align, fontsize=8.5, annotation_clip=False)

@@ -1,36 +1,96 @@
-"""Run a search: generations, checkpoints, interruption and progress, for a fit and for a tuning alike."""
+"""Options of a search, and how it runs: generations, checkpoints and interruption, for a fit and for a tuning alike."""
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import logging
 import math
+import os
 import time
 import zipfile
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
+import tyro
 
 from ssmr.errors import SsmrError
+from ssmr.parameters import MOST_SEED, require_within
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
-from validation import store
+from validation import cli, store
 from validation.files import reading
-from validation.identify.executors import costs_by
-from validation.identify.options import Searching
 from validation.identify.problem import FitProblem, OnShare
 from validation.identify.refine import Remembered, arrivals
 from validation.identify.tuning import TuneProblem
 from validation.progress import Progress, Report, silent
 
-_MOST_BYTES = 1 << 28  # of a checkpoint; one of a thousand candidates and generations has less than a million
+CHECKPOINT = "checkpoint.npz"
+"""Name of the file in the folder of the results that a search's state is kept in."""
+_LEFT_OUT = {
+    *("model", "to", "controller", "references", "profile", "robot", "limits", "bounds", "seed"),
+    *("out", "workers", "progress", "executor", "resume", "name"),
+}  # options that a result file has at other places, or that decide no number
+MOST_WORKERS = 4096
+"""Greatest number of threads that a search can be told to use."""
 _log = logging.getLogger(__name__)
 Evaluate = Callable[[FloatArray, FloatArray, OnShare], FloatArray]
 """A function that rates a generation: points, limits and `on_share`, see `FitProblem.costs`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Searching(cli.Common):
+    """Options of a program that searches for numbers."""
+
+    free: Annotated[cli.Names | None, cli.option(metavar="NAME,...", default="the usual ones")] = None
+    """Numbers to search, separated by commas. A wrong name lists all."""
+    fix: Annotated[cli.Values, cli.option(default="none")] = field(default_factory=dict)
+    """Values to hold, such as friction=0.4,com_y=0; these numbers are not searched."""
+    bounds: Annotated[cli.Bounds, cli.option(default="the usual ones")] = field(default_factory=dict)
+    """Bounds of the search, such as friction=0.2:0.8,delay=0:0.5."""
+    population: Annotated[cli.Count, cli.option(default="what is usual for the plant or the controller")] = None
+    """Number of candidates in a generation of differential evolution (jDE)."""
+    generations: Annotated[cli.Count, cli.option(default="what is usual for the plant or the controller")] = None
+    """Greatest number of generations of jDE after its first population."""
+    patience: Annotated[int, cli.option(metavar="N")] = 30
+    """Number of generations over which the best cost must improve by a thousandth, or jDE stops."""
+    resume: cli.Flag = False
+    """Continue from the checkpoint in the folder of --out."""
+    name: Annotated[str | None, cli.option(metavar="NAME", default="that of what it began with, and what was done")] = None
+    """Name of the profile or the gain set that is written."""
+    executor: Annotated[Executor | None, tyro.conf.Suppress, tyro.conf.Fixed] = None
+    """What rates the candidates of jDE in the place of threads, in `workers` shares: a `ProcessPoolExecutor` that spawns its
+    processes, or dask's `client.get_executor(pure=False)`. The result does not depend on it."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for a number out of its range."""
+        require_within(self, ("seed",), 0, MOST_SEED, whole=True)
+        require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
+        self.settings(JdeSettings.population, JdeSettings.generations)
+
+    @property
+    def threads(self) -> int:
+        """Number of threads."""
+        return self.workers or os.cpu_count() or 1
+
+    @property
+    def checkpoint(self) -> Path | None:
+        """File in the folder `out` in which the search's state is kept; None where no folder is named."""
+        return None if self.out is None else self.out / CHECKPOINT
+
+    def settings(self, population: int, generations: int) -> JdeSettings:
+        """Return the optimiser's settings, with these sizes where none are given; a ValueError says what is out of range."""
+        size = population if self.population is None else self.population
+        return JdeSettings(size, generations if self.generations is None else self.generations, patience=self.patience)
+
+    def chosen(self, settings: JdeSettings) -> dict[str, Any]:
+        """Return the options that result files hold: those that decide numbers, with the sizes that the search had."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _LEFT_OUT}
+        return {**values, "population": settings.population, "generations": settings.generations}
 
 
 class CheckpointError(ValueError):
@@ -49,10 +109,6 @@ class Search:
     """File that the state is written to after every generation."""
     progress: Report = silent
     """Called as the search goes on."""
-    best_cost: list[float] = field(default_factory=list)
-    """(G,) least cost so far by generation; the first is that of the initial population."""
-    median_cost: list[float] = field(default_factory=list)
-    """(G,) median over the population's members of finite cost; NaN where there is none."""
     wall_s: float = 0.0
     """Time that the search took [s], over all its runs."""
     interrupted: bool = False
@@ -89,9 +145,7 @@ class Search:
     @property
     def stopped_by(self) -> str:
         """`generations`, `improvement`, `target`, `least squares` or `interrupt`."""
-        if self.interrupted:
-            return "interrupt"
-        return "least squares" if len(self.driven) else self.jde.finished
+        return "interrupt" if self.interrupted else "least squares" if self.driven else self.jde.finished
 
     def run(self, evaluate: Evaluate, most: int | None = None) -> None:
         """Search until a stop rule holds, `most` generations are done or Ctrl-C is pressed; what was found stays.
@@ -105,12 +159,11 @@ class Search:
             rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
             total = self.jde.settings.generations + 1 + self.starts
             text = f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s"
-            self.progress(Progress(len(self.best_cost) + share, total, text))
+            self.progress(Progress(len(self.jde.history) + share, total, text))
 
         try:
-            while not self.jde.finished and (most is None or len(self.best_cost) <= most):
+            while not self.jde.finished and (most is None or len(self.jde.history) <= most):
                 self.jde.tell(evaluate(self.jde.ask(), self.jde.costs, tell))
-                self.remember()
                 self._keep(zero)
                 tell(0.0)
         except KeyboardInterrupt:
@@ -139,12 +192,6 @@ class Search:
             self.interrupted = True
         self.wall_s = time.perf_counter() - zero
 
-    def remember(self) -> None:
-        """Note the costs of the generation that the optimiser was told last."""
-        finite = self.jde.costs[np.isfinite(self.jde.costs)]
-        self.best_cost.append(float(self.jde.best_cost))
-        self.median_cost.append(float(np.median(finite)) if len(finite) else np.nan)
-
     def _keep(self, zero: float) -> None:
         """Note the time since `zero` on the clock, and write the checkpoint if there is one."""
         self.wall_s = time.perf_counter() - zero
@@ -155,8 +202,6 @@ class Search:
         """Write a checkpoint, whole or not at all."""
         arrays = {
             "identity": np.array(json.dumps(dict(self.identity))),
-            "best_cost": np.array(self.best_cost),
-            "median_cost": np.array(self.median_cost),
             "wall_s": np.array(self.wall_s),
             **{f"jde_{name}": value for name, value in self.jde.state().items()},
         }
@@ -173,25 +218,21 @@ class Search:
             CheckpointError: there is none, it is damaged, or it is of another search; the message says what differs.
         """
         try:
-            content = io.BytesIO(reading.read_file(path, _MOST_BYTES))
-        except ValueError as error:
-            raise CheckpointError(str(error)) from error
-        try:
-            with np.load(content, allow_pickle=False) as file:
+            with np.load(path, allow_pickle=False) as file:
                 data = dict(file)
             was = dict(json.loads(str(data["identity"])))
             jde = Jde.restore({name.removeprefix("jde_"): v for name, v in data.items() if name.startswith("jde_")})
-            course = {name: data[name].tolist() for name in ("best_cost", "median_cost", "wall_s")}
+            wall_s = float(data["wall_s"])
             points = [point.tobytes() for point in data.get("lsq_points", ())]
             driven = Remembered(zip(points, data.get("lsq_errors", ()), strict=True))
-        except (zipfile.BadZipFile, LookupError, ValueError, TypeError, *reading.DAMAGE) as error:
+        except (zipfile.BadZipFile, *reading.DAMAGE) as error:
             raise CheckpointError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})") from error
         if differs := [name for name in identity if was.get(name) != identity[name]]:
             raise CheckpointError(
                 f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
                 "ask for the same search again, or begin anew without resume"
             )
-        return cls(jde, identity, driven=driven, **course)
+        return cls(jde, identity, driven=driven, wall_s=wall_s)
 
 
 def _begun(problem: FitProblem | TuneProblem, settings: JdeSettings, o: Searching, start: FloatArray | None) -> Search:
@@ -222,23 +263,25 @@ def search_for(
         KeyboardInterrupt: it was interrupted before it found anything.
         SsmrError: every candidate was impossible or failed, or the executor was lost; what was rated before is kept.
     """
-    search, kept = _begun(problem, settings, o, start), o.checkpoint
-    search.starts, search.checkpoint, search.progress = starts, kept, o.progress
-    if kept is not None:
-        store.make_folder(kept.parent)
+    search = _begun(problem, settings, o, start)
+    search.starts, search.checkpoint, search.progress = starts, o.checkpoint, o.progress
+    if o.checkpoint is not None:
+        store.make_folder(o.checkpoint.parent)
 
     def evaluate(points: FloatArray, limits: FloatArray, on_share: OnShare) -> FloatArray:
         if o.executor is None:
             return problem.costs(points, limits, o.threads, on_share)
-        return costs_by(o.executor, o.threads, problem.costs, points, limits)
+        parts = [slice(first, None, o.threads) for first in range(min(o.threads, len(points)))]
+        costs = np.empty(len(points))
+        try:
+            found = o.executor.map(problem.costs, [points[p] for p in parts], [limits[p] for p in parts])
+            for part, share in zip(parts, found, strict=True):
+                costs[part] = share
+        except Exception as error:  # executors have no common class of errors
+            raise SsmrError(f"the executor that rates candidates failed: {type(error).__name__}: {error}") from error
+        return costs
 
-    try:
-        search.run(evaluate, 0 if starts == 1 else None)
-    except SsmrError as error:
-        if kept is None or not search.best_cost:
-            raise
-        what = f"{len(search.best_cost)} generations are kept in {kept}, and resume goes on from there"
-        raise SsmrError(f"{error}; {what}", **error.evidence) from error
+    search.run(evaluate, 0 if starts == 1 else None)
     if not math.isfinite(search.jde.best_cost):
         if search.interrupted:
             raise KeyboardInterrupt

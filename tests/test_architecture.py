@@ -206,7 +206,7 @@ PRICES = {
     "ssmr": (8_530, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (810, "options, help, exit status, progress of every program"),
     "validation/engines": (1_000, "second opinions by ODE and Drake"),
-    "validation/identify": (1_840, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
+    "validation/identify": (1_610, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (770, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_250, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (850, "every plant declared once, and profiles"),

@@ -16,7 +16,7 @@ from tests.test_objective import scenario
 from validation.fit import fit
 from validation.identify.objective import FitCost, PathRater, path_offsets
 from validation.identify.problem import FitProblem
-from validation.identify.refine import APART, Remembered, arrivals, descend, next_start
+from validation.identify.refine import Remembered, arrivals, descend
 from validation.plants.profile import Profile
 from validation.plants.searchable import find, make_space
 from validation.plants.table import plant_kind
@@ -83,19 +83,6 @@ def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: P
 # ------------------------------------------------------------------------------------------------------- parts
 
 
-def test_starts_are_the_best_and_others_far_away() -> None:
-    rng = np.random.default_rng(0)
-    points, costs = rng.random((30, 3)), rng.random(30)
-    costs[4] = np.inf
-    visited: list[FloatArray] = []
-    while (start := next_start(points, costs, visited)) is not None:
-        assert np.isfinite(costs[np.flatnonzero((points == start).all(axis=1))[0]])
-        assert all(np.abs(start - other).max() >= APART for other in visited)
-        visited.append(start)
-    assert np.array_equal(visited[0], points[np.argmin(costs)])
-    assert len(visited) > 3
-
-
 class Plateau:
     """Errors that a second number changes only in the lower half of its bounds, where the optimum lies."""
 
@@ -125,11 +112,9 @@ class Line:
         self.x = np.linspace(-1.0, 1.0, 60)
         self.y = 0.3 + 0.4 * self.x + rng.normal(0.0, 0.01, 60)
         self.y[:outliers] += 1.0
-        self.asked = 0
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
         """Return errors of (S, 2) lines."""
-        self.asked += len(points)
         return points[:, :1] + points[:, 1:] * self.x - self.y
 
 

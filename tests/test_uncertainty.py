@@ -60,16 +60,3 @@ def test_intervals_hold_the_truth(seconds: float, least: float, robust: bool) ->
         held[seed] = (interval[:, 0] <= [0.4, 0.6]) & ([0.4, 0.6] <= interval[:, 1])
     assert np.all(held.mean(axis=0) >= least)
     assert np.all(held.mean(axis=0) <= 0.995)
-
-
-def test_errors_that_hang_together_count_as_few() -> None:
-    """The mean of errors that hang together for 2 s is known as well as that of 60 s / (2 * 2 s) errors."""
-    claims = {}
-    for seconds in (0.0, 2.0):
-        found = []
-        for seed in range(60):
-            problem = Wave(0.02 * hanging_together(np.random.default_rng(seed), seconds), False)
-            found.append(estimate(cast("FitProblem", problem), np.array([0.4, 0.6])).standard_error[0])
-        claims[seconds] = float(np.sqrt(np.mean(np.square(found))))
-    assert claims[0.0] == pytest.approx(0.02 / np.sqrt(len(T)), rel=0.25)
-    assert claims[2.0] == pytest.approx(0.02 / np.sqrt(SECONDS / 4.0), rel=0.25)

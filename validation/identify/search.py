@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import logging
 import math
@@ -214,7 +215,7 @@ class Search:
             CheckpointError: there is none, it is damaged, or it is of another search; the message says what differs.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
                 data = dict(file)
             was = dict(json.loads(str(data["identity"])))
             jde = Jde.restore({name.removeprefix("jde_"): v for name, v in data.items() if name.startswith("jde_")})

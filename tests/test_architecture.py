@@ -211,7 +211,7 @@ PRICES = {
     "validation/files": (2_250, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (850, "every plant declared once, and profiles"),
     "validation/replicate": (1_670, "the thesis beside us, row by row"),
-    "validation/report": (2_880, "tables, pictures, rerun recordings and videos of all programs"),
+    "validation/report": (2_780, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_500, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_170, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (2_430, "answers: contact and engines, transfer, robustness, drive train, noise"),

@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import math
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -28,8 +29,8 @@ from scipy.spatial.transform import Rotation
 from ssmr.types import Commands, FloatArray, Trajectory
 from tests.conftest import Launch, metrics_of
 from validation.report import scene, tracks
-from validation.report.motion_scene import write_comparison as write_recording
 from validation.report.motions import Comparison, PlantResult
+from validation.report.motions import write_comparison as write_recording
 from validation.report.tracks import POSE_PERIOD, looks_of
 from validation.report.viewer import open_viewer
 from validation.simulator.description import WHEELS, load_robot
@@ -38,6 +39,7 @@ SINGLE = 2.0**-22
 """Relative: what a number in double precision loses when rerun keeps it in single, with room for an operation or two."""
 PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")
 RADIUS = 0.165
+COLOUR = re.compile(r"\x1b\[[\d;]*m")  # rerun writes the parts of an address in different ones
 UNRATED = metrics_of(*[0.0] * 8)
 
 
@@ -240,15 +242,14 @@ def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -
 def test_a_repeated_run_compares_equal_and_another_has_another_id(
     shown: tuple[Comparison, Path, Read], tmp_path: Path
 ) -> None:
-    made, path, _ = shown
+    path = shown[1]
     for name, other in (("same", comparison([TWO_SECONDS])), ("moved", comparison([TWO_SECONDS], speed=0.51))):
         write_recording(other, tmp_path / f"{name}.rrd")
-    write_recording(replace(made, seed=4), tmp_path / "seed.rrd")
     assert run_rerun("rrd", "compare", "--unordered", path, tmp_path / "same.rrd").returncode == 0
-    files = (path, *(tmp_path / f"{name}.rrd" for name in ("same", "moved", "seed")))
+    files = (path, *(tmp_path / f"{name}.rrd" for name in ("same", "moved")))
     ids = [RrdReader(file).recordings()[0].recording_id for file in files]
     assert ids[0] == ids[1]
-    assert len(set(ids)) == 3
+    assert ids[2] != ids[0]
 
 
 def raiser(failure: BaseException) -> Callable[..., None]:
@@ -314,12 +315,14 @@ def test_the_viewer_listens_on_loopback_or_its_absence_is_logged(
 @pytest.mark.skipif(not Path("/proc/net/tcp").is_file(), reason="only Linux says who listens where in /proc")
 def test_a_browser_is_served_on_loopback_until_an_interrupt(tmp_path: Path, launch: Launch) -> None:
     """The program says where; what it says can be fetched; after Ctrl-C nobody listens there any more."""
+    if answers(9090) or answers(9876):
+        pytest.skip("another program listens on rerun's ports")
     words = "traj2 --plants linear --reference linear --view web"
     command = [sys.executable, "-m", "validation.compare", *words.split()]
     program = launch(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert program.stderr is not None
-    address = next(word for line in program.stderr for word in line.split() if word.startswith("http://127.0.0.1:"))
-    page, data = int(address.split(":")[2]), 9876
+    ports = (re.search(r"http://127\.0\.0\.1:(\d+)", COLOUR.sub("", line)) for line in program.stderr)
+    page, data = int(next(found for found in ports if found)[1]), 9876
     with urllib.request.urlopen(f"http://127.0.0.1:{page}/", timeout=60) as answer:
         assert b"rerun" in answer.read().lower()
     others = {line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:] if line.split()[3] == "0A"}
@@ -343,11 +346,16 @@ def answers(port: int) -> bool:
 # --- the robot's looks ---
 
 
-def test_a_robot_looks_as_large_as_it_is() -> None:
-    husky = load_robot()
-    looks = looks_of(husky)
-    radius, track = husky.geometry.wheel_radius, husky.geometry.track
-    assert looks.size[:2] == pytest.approx([husky.geometry.body_size[0], track + husky.geometry.wheel_width], rel=0.01)
+@pytest.mark.parametrize("name", ["husky", "jackal"])
+def test_a_robot_looks_as_large_as_it_is(name: str) -> None:
+    """Hull and wheels are those of the robot's numbers; a nose on the hull, which shows the front, is at most 0.2 of it."""
+    geometry = load_robot(name).geometry
+    looks = looks_of(load_robot(name))
+    radius, track, (long, _, high) = geometry.wheel_radius, geometry.track, geometry.body_size
+    length = max(long, geometry.wheelbase + 2.0 * radius)
+    hull_top = looks.places["base"][2] + geometry.body_centre[2] + 0.5 * high
+    assert looks.size[:2] == pytest.approx([length, track + geometry.wheel_width], rel=0.01)
+    assert max(2.0 * radius, hull_top) <= looks.size[2] <= max(2.03 * radius, hull_top + 0.2 * high)
     for wheel in WHEELS:
         x, y, z = looks.places[wheel]
         assert z == pytest.approx(radius)

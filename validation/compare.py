@@ -33,7 +33,6 @@ from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import ALL_PLANTS, PLANTS, USUAL_PLANTS
 from validation.progress import Progress
 from validation.report.motion_panels import comparison_figure
-from validation.report.motion_scene import write_comparison
 from validation.report.motions import (
     Comparison,
     PlantResult,
@@ -43,6 +42,7 @@ from validation.report.motions import (
     compared_tracks,
     comparison_tables,
     headline_horizon,
+    write_comparison,
 )
 from validation.simulator.description import with_robot
 from validation.simulator.health import Health, run_health

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ssmr.metrics.declared import METRICS, Metric, MetricUnit
+from ssmr.metrics.declared import METRICS, Metric
 
 NOTHING = "–"
 """Text for a number that is missing or not finite."""
@@ -43,7 +43,6 @@ class Unit:
 METRES = Unit("m", 1.0, 3)
 MILLIMETRES = Unit("mm", 1e3, 1)
 DEGREES = Unit("deg", 180.0 / math.pi, 2)
-NEWTONS = Unit("N", 1.0, 0)
 PERCENT = Unit("%", 100.0, 1)
 _ENDINGS: Mapping[str, Unit] = {
     "_m_s2": Unit("m/s²", 1.0, 2),
@@ -54,7 +53,7 @@ _ENDINGS: Mapping[str, Unit] = {
     "_m": METRES,
     "_rad": DEGREES,
     "_kg": Unit("kg", 1.0, 1),
-    "_N": NEWTONS,
+    "_N": Unit("N", 1.0, 0),
     "_A": Unit("A", 1.0, 2),
     "_V": Unit("V", 1.0, 2),
     "_W": Unit("W", 1.0, 1),
@@ -109,15 +108,13 @@ def unit_of(key: str, values: Sequence[float], lengths: Sequence[float] = ()) ->
         values: its numbers [SI].
         lengths: all lengths of the table [m]; they are written alike.
     """
-    if key in DECLARED:
-        return unit_by_kind(DECLARED[key].unit, values, lengths)
-    return length_unit(lengths) if is_length(key) else _ENDINGS.get(ending_of(key), _PLAIN)
-
-
-def unit_by_kind(kind: MetricUnit, values: Sequence[float], lengths: Sequence[float]) -> Unit:
-    """Return how to write the numbers of a declared column, see `unit_of`."""
-    if kind in ("m", "rad", "share"):
-        return {"m": length_unit(lengths), "rad": DEGREES, "share": PERCENT}[kind]
+    if is_length(key):
+        return length_unit(lengths)
+    if key not in DECLARED:
+        return _ENDINGS.get(ending_of(key), _PLAIN)
+    kind = DECLARED[key].unit
+    if kind in ("rad", "share"):
+        return DEGREES if kind == "rad" else PERCENT
     largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
     if kind == "1":
         return Unit("1", 1.0, 4 if largest < 100.0 else 2)

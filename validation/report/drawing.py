@@ -27,7 +27,9 @@ from PIL import Image
 from ssmr.metrics.windows import HorizonErrors, OverlappingErrors
 from ssmr.types import FloatArray
 from validation.report.palette import BLACK, Rgb, colour, controller_colour, mix
+from validation.simulator.terrain import FLAT, Terrain
 from validation.store import write_atomic
+from validation.words import shortened
 
 WIDTH_IN, DPI, EDGE_IN = 12.8, 125, 0.12  # 1600 px
 MARGINS_IN = (0.66, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels and title
@@ -103,18 +105,6 @@ def draw_ring(ax: Axes, x: float, y: float) -> None:
     ax.plot(x, y, "o", markersize=8.0, markerfacecolor="white", markeredgecolor="0.1", markeredgewidth=1.5, zorder=3.5)
 
 
-def draw_reference(ax: Axes, xy: FloatArray) -> None:
-    """Draw a reference to follow, from a ring at its start to a square at its end."""
-    ax.plot(*xy.T, color=REFERENCE_INK, linewidth=1.1, linestyle=REFERENCE_DASHES, zorder=2.8, gid="reference")
-    ax.plot(*xy[-1], "s", markersize=6.5, markerfacecolor="white", markeredgecolor=REFERENCE_INK, zorder=3.4)
-    draw_ring(ax, *map(float, xy[0]))
-
-
-def draw_loss(ax: Axes, x: float, y: float, gid: str) -> None:
-    """Draw a cross where a robot was lost."""
-    ax.plot(x, y, "x", color=ALARM, markersize=10.0, markeredgewidth=2.1, zorder=4.5, gid=gid)
-
-
 def equal_scales(ax: Axes, smallest: float) -> None:
     """Give a panel equal scales that fill it and show all data and at least `smallest` [m] each way."""
     ax.margins(0.09)
@@ -145,8 +135,10 @@ def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def line_legend(ax: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> None:
-    """Write a legend in one line along a panel's lower edge, as small as its width asks for."""
+def draw_header(ax: Axes, title: str, handles: Sequence[Artist], labels: Sequence[str], ink: str = "0.0") -> None:
+    """Write a picture's title, and below it the legend in one line, as small as its width asks for."""
+    ax.set_axis_off()
+    ax.text(0.0, 1.0, title, transform=ax.transAxes, fontsize=14.0, fontweight="bold", va="top", color=ink)
     for size in (9.5, 9.0, 8.5, 8.0, 7.5, 7.0):
         legend = ax.legend(
             handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=len(labels), frameon=False, fontsize=size,
@@ -270,6 +262,14 @@ def side_by_side(height: float, panels: Sequence[Panel]) -> Row:
 def text_row(height: float, panel: Panel) -> Row:
     """Return a row without axes."""
     return Row(height, ((1.0, panel),), bare=True)
+
+
+def footer_row(profile: str, terrain: Terrain, words: Iterable[str], versions: Mapping[str, str]) -> Row:
+    """Return a line that says how robots were driven: by which profile, on which ground, by which versions."""
+    ground = [] if terrain == FLAT else [f"terrain {terrain.spec}"]
+    used = [f"{name} {versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in versions]
+    parts = [f"profile {shortened(profile, 32)}", *words, *ground, *used]
+    return text_row(0.22, partial(draw_footer, shortened(" · ".join(parts), 170)))
 
 
 def note_rows(notes: Sequence[str]) -> list[Row]:

@@ -31,23 +31,22 @@ from validation.report.drawing import (
     at_least,
     corner_note,
     draw_dart,
-    draw_footer,
+    draw_header,
     draw_horizons,
     draw_ring,
     draw_section,
     equal_scales,
+    footer_row,
     ink_of,
     joined,
-    line_legend,
     note_rows,
     put_together,
     side_by_side,
     text_row,
 )
-from validation.report.motions import HEADLINE_HORIZON, Comparison, compared_tracks, headline_error
+from validation.report.motions import HEADLINE_HORIZON, Comparison, compared_tracks, given_commands, headline_error
 from validation.report.tracks import Track
 from validation.simulator.description import WHEELS
-from validation.simulator.terrain import FLAT
 from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.words import shortened
 
@@ -159,13 +158,13 @@ def _shown_span(comparison: Comparison) -> tuple[float, float]:
 
 
 def _draw_over_time(
-    comparison: Comparison, motions: Sequence[Track], values: Callable[[Trajectory], FloatArray], ax: Axes
+    comparison: Comparison, motions: Sequence[Track], values: Callable[[Trajectory], FloatArray], ax: Axes, **look: Any
 ) -> None:
-    """Draw a quantity of motions over the span of time that velocities are shown over."""
+    """Draw a quantity of motions over the span of time that velocities are shown over; `look` may differ from theirs."""
     span, whole = _shown_span(comparison), _span(comparison)
     for motion in motions:
         kept = [(piece, (piece.t >= span[0]) & (piece.t <= span[1])) for piece in motion.pieces]
-        ax.plot(*joined([(piece.t[k], values(piece)[k]) for piece, k in kept if k.any()]), **look_of(motion))
+        ax.plot(*joined([(piece.t[k], values(piece)[k]) for piece, k in kept if k.any()]), **look_of(motion) | look)
     ax.set_xlim(*span)
     ax.set_xlabel("time [s]" if span == whole else f"time [s], part of {whole[0]:.0f} to {whole[1]:.0f} s")
 
@@ -173,10 +172,7 @@ def _draw_over_time(
 def draw_velocity(comparison: Comparison, title: str, column: int, command: int, ax: Axes) -> None:
     """Draw one component of every robot's velocity, and of the command if it is a velocity."""
     if has_speed_commands(comparison):
-        parts = []
-        for commands, piece in zip(comparison.commands, comparison.reference, strict=True):
-            t = piece.t[0] + commands.dt * np.arange(commands.n + 1)
-            parts.append((t, np.append(commands.values[:, command], commands.values[-1, command])))
+        parts = [(t, values[:, command]) for t, values in given_commands(comparison)]
         ax.plot(*joined(parts), color=_COMMAND_INK, linewidth=1.0, drawstyle="steps-post", zorder=1.8, gid="command")
     _draw_over_time(comparison, compared_tracks(comparison), lambda piece: piece.twist[:, column], ax)
     ax.set_title(title)
@@ -203,20 +199,20 @@ def _mean_load(wheel: int, piece: Trajectory) -> FloatArray:
     return np.asarray(uniform_filter1d(piece.channels["wheel_load_N"][:, wheel], size, mode="nearest"))
 
 
-def _column(channel: str, column: int, piece: Trajectory) -> FloatArray:
-    return piece.channels[channel][:, column]
+def _quasi_static_load(wheel: int, piece: Trajectory) -> FloatArray:
+    return piece.channels[QUASI_STATIC][:, wheel]
 
 
 def draw_loads(comparison: Comparison, motion: Track, ax: Axes) -> None:
     """Draw the loads of the four wheels, averaged over a quarter of a second, and the verdict on the contact."""
     for k, wheel in enumerate(WHEELS):
-        ink, dashes = ink_of(motion.name) if wheel.startswith("front") else "0.25", (4.0, 1.5)
-        look = {"color": ink, "linestyle": (0.0, dashes) if wheel.endswith("right") else "solid"}
-        _draw_over_time(comparison, [motion], partial(_mean_load, k), ax)
-        ax.lines[-1].set(**look, label=wheel.replace("_", " "), gid=wheel)
-        if all(QUASI_STATIC in piece.channels for piece in motion.pieces):
-            _draw_over_time(comparison, [motion], partial(_column, QUASI_STATIC, k), ax)
-            ax.lines[-1].set(color=QUIET, linestyle=(0.0, (1.0, 1.0)), linewidth=1.0, gid=f"{wheel} quasi-static")
+        ink = ink_of(motion.name) if wheel.startswith("front") else "0.25"
+        dashes = (0.0, (4.0, 1.5)) if wheel.endswith("right") else "solid"
+        _draw_over_time(comparison, [motion], partial(_mean_load, k), ax, color=ink, linestyle=dashes, gid=wheel,
+                        label=wheel.replace("_", " "))  # fmt: skip
+        if motion.channel(QUASI_STATIC) is not None:
+            _draw_over_time(comparison, [motion], partial(_quasi_static_load, k), ax, color=QUIET, linewidth=1.0,
+                            linestyle=(0.0, (1.0, 1.0)), gid=f"{wheel} quasi-static")  # fmt: skip
     ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=4, frameon=False, fontsize=9.0, handlelength=1.8,
               columnspacing=1.2, borderaxespad=0.0)  # fmt: skip
     ax.set_title(f"Wheel loads [N]: means over {_MEAN_TIME:g} s; dotted: quasi-static")
@@ -253,17 +249,15 @@ def _panels(comparison: Comparison) -> list[Row]:
         partial(draw_velocity, comparison, f"Speed v_x [m/s]{command}", 0, 0),
         partial(draw_velocity, comparison, f"Yaw rate [rad/s]{command}", 2, 1),
     ]))  # fmt: skip
-    loaded = [m for m in motions if all("wheel_load_N" in piece.channels for piece in m.pieces)]
+    loaded = [m for m in motions if m.channel("wheel_load_N") is not None]
     return [*rows, *(side_by_side(2.3, [partial(draw_loads, comparison, motion)]) for motion in loaded[:1])]
 
 
 def _draw_header(comparison: Comparison, ax: Axes) -> None:
     """Draw the title, and the only legend of plants."""
-    ax.set_axis_off()
     kind = "commands" if has_speed_commands(comparison) else "measured wheel rates"
     n = len(comparison.plants)
     title = shortened(Path(comparison.source).name, 48) + f": {n} plant{'s' * (n > 1)} driven by the same {kind}" * (n > 0)
-    ax.text(0.0, 1.0, title, transform=ax.transAxes, fontsize=14.0, fontweight="bold", va="top")
     marked = any(result.horizons for result in comparison.plants.values())
     handles, labels = list[Line2D](), list[str]()
     for motion in compared_tracks(comparison):
@@ -274,16 +268,7 @@ def _draw_header(comparison: Comparison, ax: Axes) -> None:
     if has_speed_commands(comparison):
         handles.append(Line2D([], [], color=_COMMAND_INK, linewidth=1.0))
         labels.append("command\nas given")
-    line_legend(ax, handles, labels)
-
-
-def _footer(comparison: Comparison) -> str:
-    """Return in one line how the picture was made."""
-    profile = f"profile {shortened(comparison.profile_label, 32)} · reference {comparison.reference_name}"
-    ground = "" if comparison.terrain == FLAT else f" · terrain {comparison.terrain.spec}"
-    chosen = "".join(f" · {name}" for name, value in comparison.options.items() if value is True)
-    used = "".join(f" · {n} {comparison.versions[n]}" for n in ("ssmr-testbed", "mujoco") if n in comparison.versions)
-    return f"{profile} · seed {comparison.seed}{ground}{chosen}{used}"
+    draw_header(ax, title, handles, labels)
 
 
 def comparison_figure(comparison: Comparison) -> Figure:
@@ -301,5 +286,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     else:
         width, height = np.ptp(np.concatenate([piece.xy for piece in comparison.reference]), axis=0) + 0.5
         rows.append(side_by_side(float(np.clip(10.0 * height / width, 3.0, 5.5)), [partial(draw_paths, comparison)]))
-    rows += [*_panels(comparison), *note_rows(comparison.notes())]
-    return put_together([*rows, text_row(0.22, partial(draw_footer, _footer(comparison)))])
+    chosen = [name for name, value in comparison.options.items() if value is True]
+    made = [f"reference {comparison.reference_name}", f"seed {comparison.seed}", *chosen]
+    foot = footer_row(comparison.profile_label, comparison.terrain, made, comparison.versions)
+    return put_together([*rows, *_panels(comparison), *note_rows(comparison.notes()), foot])

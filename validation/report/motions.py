@@ -1,18 +1,22 @@
-"""Motions of plants against one reference: what a comparison holds, and the tables and sentences that are made of it."""
+"""Motions of plants against one reference: what a comparison holds, and its tables, sentences and recording."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, pairwise
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ssmr.metrics.declared import Metric, Metrics
 from ssmr.metrics.windows import HorizonErrors, OverlappingErrors, WindowErrors
 from ssmr.robot.localiser import Localiser
-from ssmr.types import Commands, IndexArray, Trajectory
+from ssmr.types import Commands, FloatArray, IndexArray, Trajectory
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
+from validation.report.palette import Rgb
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.report.tracks import Track
@@ -22,6 +26,7 @@ from validation.simulator.terrain import FLAT, Terrain
 from validation.simulator.wheel_loads import WheelLoads
 from validation.words import one_line
 
+_COMMANDED: Rgb = (86, 180, 233)
 HEADLINE_HORIZON = 6.0
 """The horizon whose errors stand for a plant where only one has room [s]; else the one closest to it."""
 _WINDOWS = (
@@ -121,17 +126,6 @@ class Comparison(Report):
         """Name of the profile, and of the robot where the first does not tell the second."""
         return with_robot(self.profile, self.robot.name)
 
-    @property
-    def facts(self) -> dict[str, str | int]:
-        """What was compared, by name."""
-        return {
-            "source": self.source,
-            "profile": self.profile,
-            "robot": self.robot.name,
-            "reference": self.reference_name,
-            "seed": self.seed,
-        }
-
 
 def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: str, caption: str) -> list[Table]:
     """Return the tables of motions, the most telling one first; those without rows are left out.
@@ -140,14 +134,14 @@ def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: 
     begin every second, with intervals. Then the metrics of paths, and for MuJoCo's robot loads and health.
     """
     horizons = sorted({h for result in plants.values() for h in result.horizons})
-    errors = [(h, n, r.horizons[h]) for h in horizons for n, r in plants.items() if h in r.horizons]
+    errors = [(h, n, asdict(r.horizons[h])) for h in horizons for n, r in plants.items() if h in r.horizons]
     overlapping = [(h, n, r.overlapping[h]) for h in horizons for n, r in plants.items() if h in r.overlapping]
     names = {n: f"{n} (ref)" if n == reference else n for n in plants}
     metrics = [{"plant": names[n], **r.metrics, REAL_TIME.name: r.real_time_factor} for n, r in plants.items()]
     tables = [
         Table(
             "Error of the relative pose after a horizon",
-            [{"horizon_s": h, "plant": n, "windows": e.n, **_without_n(e)} for h, n, e in errors],
+            [{"horizon_s": h, "plant": n, "windows": e.pop("n"), **e} for h, n, e in errors],
             f"compared with {reference} · emphasised: the best",
             "horizon_s",
             best=True,
@@ -167,10 +161,6 @@ _POSES = {
     "position_p95_m": METRES,
     "yaw_median_rad": DEGREES,
 }
-
-
-def _without_n(errors: HorizonErrors) -> dict[str, float]:
-    return {name: value for name, value in asdict(errors).items() if name != "n"}
 
 
 def interval_table(overlapping: Iterable[tuple[float, str, OverlappingErrors]], who: str = "plant") -> Table:
@@ -293,3 +283,41 @@ def compared_tracks(comparison: Comparison) -> list[Track]:
     reference = Track(comparison.reference_name, comparison.reference, None, known.localiser, ground, robot)
     others = [result for result in plants.values() if result.name != reference.name]
     return [reference, *(Track(r.name, r.pieces, reference, r.localiser, ground, robot) for r in others)]
+
+
+def given_commands(comparison: Comparison) -> list[tuple[FloatArray, FloatArray]]:
+    """Return (N + 1,) instants [s] and (N + 1, 2) commands of every piece: the last command once more at its end."""
+    return [
+        (piece.t[0] + c.dt * np.arange(c.n + 1), np.vstack([c.values, c.values[-1:]]))
+        for c, piece in zip(comparison.commands, comparison.reference, strict=True)
+    ]
+
+
+def write_comparison(comparison: Comparison, path: Path) -> None:
+    """Write the robots in motion, and the commands that drove them, as a rerun recording, whole or not at all.
+
+    Raises:
+        OSError: the file cannot be written.
+        RuntimeError: rerun is switched off by `RERUN=off`.
+    """
+    from validation.report.scene import Scene, Series, shades_of, write_scene  # here: rerun may be missing
+
+    c, plots = comparison, dict[str, Series]()
+    if c.commands:
+        t, values = (np.concatenate(parts) for parts in zip(*given_commands(c), strict=True))
+        if c.commands[0].kind == "wheels":
+            names = ["left commanded [rad/s]", "right commanded [rad/s]"]
+            plots["wheel_rate/commanded"] = Series(names, shades_of(_COMMANDED), t, values, held=True)
+        else:
+            for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
+                series = Series([f"commanded [{unit}]"], [_COMMANDED], t, values[:, column], held=True)
+                plots[f"{quantity}/commanded"] = series
+    scene = Scene(
+        program="compare",
+        title=f"{c.source}, profile {c.profile_label}",
+        tracks=compared_tracks(c),
+        plots=plots,
+        report=c.markdown(),
+        gaps=np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)]),
+    )
+    write_scene(scene, path)

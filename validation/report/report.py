@@ -15,7 +15,6 @@ from validation.report.table import Grid, Table, markdown_table, text_tables
 from validation.words import code_span, each_line, markdown, one_line
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.figure import Figure
 
     from validation.report.tracks import Track
@@ -70,20 +69,6 @@ class Report:
         """Return its tables and notes as text of at most `width` columns."""
         return text_tables(self.grids(), self.notes(), width)
 
-    def frame(self, title: str | None = None) -> pandas.DataFrame:
-        """Return the table of that title, by default the first one, as a data frame of pandas, in SI units.
-
-        Raises:
-            ImportError: pandas is not installed.
-            ValueError: there is no such table.
-        """
-        import pandas
-
-        for table in self.tables:
-            if title in (None, table.title):
-                return pandas.DataFrame(list(table.rows))
-        raise ValueError(f"there is no table '{title}'; there are: {', '.join(table.title for table in self.tables)}")
-
     def figure(self) -> Figure:
         """Return its picture, drawn anew.
 
@@ -110,13 +95,6 @@ class Report:
     def report(self) -> Sequence[str]:
         """Return the lines of its markdown file; none where it writes none."""
         return self.markdown().splitlines() if self.has_text else ()
-
-    def write_recording(self, path: Path) -> bool:
-        """Write its rerun recording to `path`; return False where it has none."""
-        if self.record is None:
-            return False
-        self.record(self, path)
-        return True
 
     def write_video(self, path: Path, progress: Progressing = silent) -> None:
         """Write its robots in motion as a video, see `validation.report.video.write_video`.
@@ -158,7 +136,8 @@ class Report:
             if report := each_line("\n".join(self.report())):
                 store.write_text(text, report)
                 written.append(text)
-            if recording and self.write_recording(film):
+            if recording and self.record is not None:
+                self.record(self, film)
                 written.append(film)
         finally:  # hours of work are not lost with a picture
             store.write_json(document, self.as_dict())

@@ -33,7 +33,7 @@ except ImportError as missing:
 from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, wrap_angle, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
 from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
-from validation.report.tracks import GROUND, Extent, Solid, Track, extent_of, looks_of, tinted
+from validation.report.tracks import GROUND, Extent, Solid, Track, bright, extent_of, looks_of, tinted
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.store import write_atomic
@@ -44,7 +44,6 @@ _GRID: Rgb = (186, 191, 198)
 _SKY: Rgb = (238, 240, 243)
 _TARGET: Rgb = (20, 20, 24)
 _BELOW = 0.004  # the ground is drawn so much too low, so that lines on it show [m]
-_MOST_POINTS = 200  # along a side of uneven ground
 _MOST_SAMPLES = 45_000  # of a line over time: twenty for each point of a screen's width
 _VIEWS = (
     {
@@ -93,19 +92,17 @@ class Scene:
     """Markdown."""
     plots: Mapping[str, Series] = field(default_factory=dict)
     """Lines over time by entity, `speed/mujoco`, besides those that follow from the motions."""
-    about: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
-    """How it was made: values by name, by group."""
     gaps: FloatArray = field(default_factory=lambda: np.empty(0))
     """(G,) instants at which lines are interrupted [s]."""
     target: Track | None = None
     """A moving target."""
 
     def identity(self) -> uuid.UUID:
-        """Return the recording's id: a digest of how it was made and of the motions that came out.
+        """Return the recording's id: a digest of its title and its motions.
 
         A run that is repeated compares equal, and two that differ can be open in one viewer.
         """
-        digest = hashlib.sha256(repr((self.title, {k: dict(v) for k, v in self.about.items()})).encode())
+        digest = hashlib.sha256(self.title.encode())
         for track in self.tracks:
             digest.update(track.name.encode() + track.t.tobytes() + track.pose.tobytes())
         return uuid.UUID(bytes=digest.digest()[:16], version=4)
@@ -139,12 +136,6 @@ def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
     extent = extent_of(scene.tracks)
     recording.send_blueprint(_layout(scene, plots, extent))
     recording.send_recording_name(one_line(scene.title))
-    for group, values in scene.about.items():
-        entries = rr.AnyValues()
-        for key, value in values.items():
-            entries.with_component_from_data(one_line(key), one_line(value))  # rerun remembers one type a key in a process
-        if values:
-            recording.send_property(group, entries)
     report = rr.TextDocument(each_line(scene.report), media_type=rr.MediaType.MARKDOWN)
     recording.log("report", report, static=True)
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -170,24 +161,33 @@ def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> No
             alike = [s for s in solids if s.kind == kind]
             recording.log(f"{entity}/{body}/{kind.lower()}", _shapes(kind, alike, track, solid), static=True)
     rows = track.rows
-    time, pose, turns = rr.TimeColumn(_TIMELINE, duration=track.t[rows]), track.body[rows], track.turns[rows]
-    height, quat_xyzw = np.zeros(len(pose)), quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
-    translation = np.column_stack([pose[:, :2], height])
-    recording.send_columns(entity, [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
+    t, turns, zero = track.t[rows], track.turns[rows], np.zeros(len(rows))
+    _send_poses(recording, entity, t, track.body[rows])
     recording.log(f"{entity}/base", rr.Transform3D(translation=looks.places["base"]), static=True)
-    zero = np.zeros(len(rows))
     for wheel in WHEELS:
         half = 0.5 * turns[:, 0 if wheel.endswith("left") else 1]  # about y, the axle: a positive turn rolls forward
         quat_xyzw = np.column_stack([zero, np.sin(half), zero, np.cos(half)])
         translation = np.tile(looks.places[wheel], (len(rows), 1))  # a static one would not combine with turns over time
-        columns = rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
-        recording.send_columns(f"{entity}/{wheel}", [time], columns)
+        _send_transforms(recording, f"{entity}/{wheel}", t, translation, quat_xyzw)
+
+
+def _send_poses(recording: rr.RecordingStream, entity: str, t: FloatArray, pose: FloatArray) -> None:
+    """Send (M, 3) poses [m, m, rad] on the ground."""
+    translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
+    _send_transforms(recording, entity, t, translation, quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2])))
+
+
+def _send_transforms(
+    recording: rr.RecordingStream, entity: str, t: FloatArray, translation: FloatArray, quat_xyzw: FloatArray
+) -> None:
+    columns = rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
+    recording.send_columns(entity, [rr.TimeColumn(_TIMELINE, duration=t)], columns)
 
 
 def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> Any:
     """Return solids of one kind as rerun has them."""
     own = track.name == "mujoco"
-    colours = [s.rgba if own else tinted(s.rgba, track.bright, 0.25 if opaque else 0.6) for s in solids]
+    colours = [s.rgba if own else tinted(s.rgba, bright(track.name), 0.25 if opaque else 0.6) for s in solids]
     look: dict[str, Any] = {
         "colors": np.round(255.0 * np.array(colours)).astype(np.uint8),
         "fill_mode": rr.components.FillMode.Solid if opaque else rr.components.FillMode.TransparentFillMajorWireframe,
@@ -220,13 +220,10 @@ def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
 
 def _write_target(recording: rr.RecordingStream, target: Track, scale: float) -> None:
     """Log an arrow along the target's heading above the ground, for robots of this scale."""
-    pose, top = target.pose[target.rows], [0.0, 0.0, 0.5 * scale]
+    top = [0.0, 0.0, 0.5 * scale]
     arrow = rr.Arrows3D(origins=[top], vectors=[[0.45 * scale, 0.0, 0.0]], colors=[_TARGET], radii=[0.025 * scale])
     recording.log("world/target", arrow, static=True)
-    time = rr.TimeColumn(_TIMELINE, duration=target.t[target.rows])
-    translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
-    quat_xyzw = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
-    recording.send_columns("world/target", [time], rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw))
+    _send_poses(recording, "world/target", target.t[target.rows], target.pose[target.rows])
 
 
 def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -> None:
@@ -259,6 +256,7 @@ def _write_series(recording: rr.RecordingStream, entity: str, series: Series, ga
 def plots_of(track: Track) -> dict[str, Series]:
     """Return the lines over time of one robot by entity: velocities, errors, torques and wheel loads that it has."""
     twist, plots = np.concatenate([p.twist for p in track.pieces]), dict[str, Series]()
+    ink = bright(track.name)
     single: dict[str, tuple[str, FloatArray | None]] = {
         "speed": ("m/s", twist[:, 0]),
         "yaw_rate": ("rad/s", twist[:, 2]),
@@ -269,10 +267,10 @@ def plots_of(track: Track) -> dict[str, Series]:
         single["yaw_error"] = "deg", np.degrees(wrap_angle(track.seen[:, 2]))
     for quantity, (unit, values) in single.items():
         if values is not None:
-            plots[f"{quantity}/{track.name}"] = Series([f"{track.name} [{unit}]"], [track.bright], track.t, values)
+            plots[f"{quantity}/{track.name}"] = Series([f"{track.name} [{unit}]"], [ink], track.t, values)
     if (torque := track.channel("torque_N_m")) is not None:
         names = [f"{track.name} {side} [N m]" for side in ("left", "right")]
-        plots[f"torque/{track.name}"] = Series(names, shades_of(track.bright), track.t, torque)
+        plots[f"torque/{track.name}"] = Series(names, shades_of(ink), track.t, torque)
     inks = [colour(name) for name in ("mujoco", "improved", "coulomb", "linear")]  # four that can be told apart
     for channel, words in (("wheel_load_N", ""), (QUASI_STATIC, " quasi-static")):
         if (loads := track.channel(channel)) is not None:
@@ -300,11 +298,10 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
     hull = looks_of(first.robot).solids["base"][0].kind.lower()
     names = [f"- /world/{track.name}/end/**" for track in scene.tracks]
     start = np.append(first.pose[0][:2], 0.2 * scale)
-    looks = [
-        _view("Scene (grid 1 m)", _eye(aside, np.append(extent.middle, 0.0))),
-        rrb.TextDocumentView(origin="/report", name="Report"),
-    ]
-    close = _view(f"Following {first.name}", _eye(behind, start, f"/world/{first.name}/robot/base/{hull}"), names)
+    whole = _view("Scene (grid 1 m)", [], position=aside, look_target=np.append(extent.middle, 0.0))
+    followed = f"/world/{first.name}/robot/base/{hull}"
+    close = _view(f"Following {first.name}", names, position=behind, look_target=start, tracking_entity=followed)
+    report = rrb.TextDocumentView(origin="/report", name="Report")
     there, corner = {entity.partition("/")[0] for entity in plots}, rrb.Corner2D.RightTop
     tabs = [
         [
@@ -314,7 +311,7 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
         ]
         for group in _VIEWS
     ]
-    left = rrb.Vertical(rrb.Tabs(*looks), close, row_shares=[6, 5])
+    left = rrb.Vertical(rrb.Tabs(whole, report), close, row_shares=[6, 5])
     right = rrb.Vertical(*(rrb.Tabs(*views) for views in tabs if views))
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[8, 5]),
@@ -324,17 +321,8 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
     )
 
 
-def _plot(quantity: str, title: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin=f"/plots/{quantity}", name=title, plot_legend=rrb.Corner2D.RightTop)
-
-
-def _view(name: str, looks: rrb.EyeControls3D, without: Sequence[str] = ()) -> rrb.Spatial3DView:
-    """Return a view of the world, seen by an eye."""
+def _view(name: str, without: Sequence[str], **eye: Any) -> rrb.Spatial3DView:
+    """Return a view of the world, seen by an eye that turns about what it looks at."""
     grid = rrb.LineGrid3D(visible=True, spacing=1.0, stroke_width=1.0, color=_GRID)
-    seen = ["/world/**", *without]
+    looks, seen = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye), ["/world/**", *without]
     return rrb.Spatial3DView(name=name, origin="/world", contents=seen, background=_SKY, line_grid=grid, eye_controls=looks)
-
-
-def _eye(position: FloatArray, target: FloatArray, follow: str | None = None) -> rrb.EyeControls3D:
-    """Return an eye that turns about `target`, which stays where it is unless an entity is to be followed."""
-    return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, tracking_entity=follow)

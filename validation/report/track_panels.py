@@ -21,18 +21,16 @@ from validation.report.drawing import (
     Row,
     at_least,
     draw_dart,
-    draw_footer,
-    draw_loss,
-    draw_reference,
+    draw_header,
+    draw_ring,
     equal_scales,
+    footer_row,
     ink_of,
-    line_legend,
     note_rows,
     put_together,
     side_by_side,
     text_row,
 )
-from validation.simulator.terrain import FLAT
 from validation.words import shortened
 
 _WIDE = 2.6  # a reference wider than so many times its height has a row of its own
@@ -45,13 +43,10 @@ _WANTED, _COMMAND, _SATURATED = "0.2", "0.65", "#d9534f"
 
 def _draw_header(robots: Sequence[TrackedRobot], ax: Axes) -> None:
     """Draw the title, and the legend of robots and lines."""
-    ax.set_axis_off()
     first, alone = robots[0], len(robots) == 1
     title = f"{headline(first)} · {f'plant {first.plant}' if alone else f'{len(robots)} plants'}"
     if lost := [r for r in robots if r.run.lost]:
         title += f" · LOST: {', '.join(r.plant for r in lost)}"
-    ax.text(0.0, 1.0, shortened(title, 100), transform=ax.transAxes, fontsize=14.0, fontweight="bold", va="top",
-            color=ALARM if lost else "0.0")  # fmt: skip
     handles = [Line2D([], [], color=ink_of(r.plant), linewidth=2.4) for r in robots]
     unit = length_unit([r.metrics["d_rms_m"] for r in robots])
     labels = [f"{r.plant}\nd_rms {unit.text(r.metrics['d_rms_m'])} {unit.symbol}" for r in robots]
@@ -61,7 +56,7 @@ def _draw_header(robots: Sequence[TrackedRobot], ax: Axes) -> None:
     if alone:
         handles += [Line2D([], [], color=_COMMAND), Line2D([], [], color=_SATURATED, linewidth=7.0, alpha=0.2)]
         labels += ["command to\nthe drive", "a torque or the\ncommand at its limit"]
-    line_legend(ax, handles, labels)
+    draw_header(ax, shortened(title, 100), handles, labels, ALARM if lost else "0.0")
 
 
 def _finish_time(robots: Sequence[TrackedRobot], ax: Axes) -> None:
@@ -117,24 +112,19 @@ def _draw_error(robots: Sequence[TrackedRobot], title: str, column: str, unit: U
 
 def _draw_paths(robots: Sequence[TrackedRobot], ax: Axes) -> None:
     """Draw the reference, from its ring to its square, and the paths of the robots, which end in darts."""
-    draw_reference(ax, max(robots, key=lambda r: len(r.target)).target.xy)
+    wanted = max(robots, key=lambda r: len(r.target)).target.xy
+    ax.plot(*wanted.T, color=REFERENCE_INK, linewidth=1.1, linestyle=REFERENCE_DASHES, zorder=2.8, gid="reference")
+    ax.plot(*wanted[-1], "s", markersize=6.5, markerfacecolor="white", markeredgecolor=REFERENCE_INK, zorder=3.4)
+    draw_ring(ax, *map(float, wanted[0]))
     for r in robots:
         x, y = r.run.columns("x", "y").T
         ax.plot(x, y, color=ink_of(r.plant), linewidth=2.0, zorder=2.5, gid=r.plant)
         if len(x):
             draw_dart(ax, r.run.columns("x", "y", "yaw")[-1], r.plant, 12.0)
         if len(x) and r.run.lost:
-            draw_loss(ax, x[-1], y[-1], f"{r.plant} lost")
+            ax.plot(x[-1], y[-1], "x", color=ALARM, markersize=10.0, markeredgewidth=2.1, zorder=4.5, gid=f"{r.plant} lost")
     equal_scales(ax, 0.6)
     ax.set(title="Paths [m] (ring: start; square: end)", xlabel="x [m]", ylabel="y [m]")
-
-
-def _footer(robot: TrackedRobot) -> str:
-    parts = [f"profile {shortened(robot.profile_label, 32)}", f"seed {robot.seed}"]
-    parts += [f"feedback {robot.options['feedback']}"] if "feedback" in robot.options else []
-    parts += [] if robot.terrain == FLAT else [f"terrain {robot.terrain.spec}"]
-    parts += [f"{k} {robot.versions[k]}" for k in ("ssmr-testbed", "mujoco") if k in robot.versions]
-    return shortened(" · ".join(parts), 170)
 
 
 def draw_track(robots: Sequence[TrackedRobot]) -> Figure:
@@ -159,7 +149,9 @@ def draw_track(robots: Sequence[TrackedRobot]) -> Figure:
     else:
         above = [Row(3.6, ((0.3, paths), (0.35, speeds[0]), (0.35, speeds[1])))]
     lost = [f"{r.plant} was {lost_text(r.run)}" for r in robots if r.run.lost]
-    gains = " · ".join(f"{name} {value:.4g}" for name, value in robots[0].gains.items())
-    gains = f"gains {shortened(robots[0].gains_name, 40)}: {gains}"
-    notes, foot = note_rows([*lost, gains]), text_row(0.22, partial(draw_footer, _footer(robots[0])))
+    first = robots[0]
+    gains = " · ".join(f"{name} {value:.4g}" for name, value in first.gains.items())
+    notes = note_rows([*lost, f"gains {shortened(first.gains_name, 40)}: {gains}"])
+    feedback = [f"feedback {first.options['feedback']}"] if "feedback" in first.options else []
+    foot = footer_row(first.profile_label, first.terrain, [f"seed {first.seed}", *feedback], first.versions)
     return put_together([text_row(0.85, partial(_draw_header, robots)), *above, errors, *notes, foot])

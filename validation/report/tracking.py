@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from validation.bench.tracked import (
 from validation.report.columns import REAL_TIME, declare
 from validation.report.palette import BLACK, GREY, WHITE, mix
 from validation.report.report import Report
-from validation.report.table import Table
+from validation.report.table import Row, Table
 from validation.report.track_panels import draw_track
 from validation.report.tracks import Track, bright
 from validation.simulator.terrain import FLAT
@@ -83,11 +83,11 @@ def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (),
     if first.filter is not None:
         caption += f" · filter {one_line(first.filter.name)}"
     labels = [f"{r.plant} (lost)" if r.run.lost else r.plant for r in robots]
-    path = [{"plant": n, **_some(r.metrics, OF_THE_PATH)} for n, r in zip(labels, robots, strict=True)]
-    loop = [
-        {"plant": n, **_some(r.metrics, OF_THE_LOOP), REAL_TIME.name: r.real_time_factor}
-        for n, r in zip(labels, robots, strict=True)
-    ]
+    path, loop = list[Row](), list[Row]()
+    for label, r in zip(labels, robots, strict=True):
+        path.append({"plant": label, **{name: r.metrics[name] for name in OF_THE_PATH}})
+        of_the_loop = {name: r.metrics[name] for name in OF_THE_LOOP}
+        loop.append({"plant": label, **of_the_loop, REAL_TIME.name: r.real_time_factor})
     lost = next((r for r in robots if r.run.lost), None)
     title = headline(first)
     about: dict[str, Any] = {
@@ -108,10 +108,6 @@ def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (),
         "robots": tuple(robots),
     }
     return Tracked(**{**about, **more})
-
-
-def _some(metrics: Mapping[str, float], names: Sequence[str]) -> dict[str, float]:
-    return {name: metrics[name] for name in names}
 
 
 def _document(robots: Sequence[TrackedRobot]) -> dict[str, Any]:
@@ -187,7 +183,6 @@ def write_track_recording(report: Tracked, path: Path) -> None:
     """
     from validation.report.scene import Scene, Series, write_scene
 
-    first = report.robots[0]
     *robots, target = followed_tracks(report.robots)
     (motion,), plots = target.pieces, dict[str, Series]()
     for quantity, unit, column in (("speed", "m/s", 0), ("yaw_rate", "rad/s", 2)):
@@ -204,15 +199,6 @@ def write_track_recording(report: Tracked, path: Path) -> None:
         for error, unit in (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad")):
             series = Series([f"{r.plant} [{unit}]"], [bright(r.plant)], r.run.t, r.run.column(error))
             plots[f"{error}/{r.plant}"] = series
-    asked = ("controller", "reference", "speed_m_s", "profile", "robot", "gains_name", "seed")
-    about = {
-        "tracking": {name: report.document[name] for name in asked},
-        "gains": dict(first.gains),
-        "options": {name: str(value) for name, value in first.options.items()},
-        "versions": first.versions,
-    }
-    title = f"{report.title}, profile {first.profile_label}"
-    scene = Scene(
-        program="track", title=title, tracks=robots, report=report.markdown(), plots=plots, about=about, target=target
-    )
+    title = f"{report.title}, profile {report.robots[0].profile_label}"
+    scene = Scene(program="track", title=title, tracks=robots, report=report.markdown(), plots=plots, target=target)
     write_scene(scene, path)

@@ -25,8 +25,8 @@ POSE_PERIOD = 0.02
 """Time between two poses of a robot [s]: 50 Hz is smooth to the eye."""
 MOST_POSES = 45_000
 """Most poses of a robot: 50 Hz for a quarter of an hour, 6 Hz for two hours."""
-_USUAL_SIZE = (0.984, 0.689, 0.363)
-"""Length, width and height of a Husky, for which distances in scenes are given [m]."""
+_USUAL_SIZE = (0.984, 0.689)
+"""Length and width of a Husky, for which distances in scenes are given [m]."""
 
 
 class Solid(NamedTuple):
@@ -57,7 +57,7 @@ class Looks(NamedTuple):
     @property
     def scale(self) -> float:
         """Length or width of the robot over a Husky's, the greater ratio, by which distances around it grow."""
-        return float((self.size / _USUAL_SIZE)[:2].max())
+        return float((self.size[:2] / _USUAL_SIZE).max())
 
 
 @lru_cache(maxsize=8)
@@ -69,8 +69,8 @@ def looks_of(robot: Robot) -> Looks:
     solids: dict[str, list[Solid]] = {name: [] for name in places}
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for g in np.flatnonzero(model.geom_group == VISUAL_GROUP):
-        body, shape = model.body(model.geom_bodyid[g]).name, mujoco.mjtGeom(int(model.geom_type[g])).name
-        kind = shape.removeprefix("mjGEOM_")
+        body = model.body(model.geom_bodyid[g]).name
+        kind = mujoco.mjtGeom(int(model.geom_type[g])).name.removeprefix("mjGEOM_")
         numbers = (model.geom_size[g], model.geom_pos[g], model.geom_quat[g], model.geom_rgba[g])
         solids[body].append(Solid(kind, *(np.array(v, dtype=np.float64) for v in numbers)))
         rotation = np.empty(9)
@@ -102,11 +102,6 @@ class Track:
     """Ground under the robot."""
     robot: Robot = field(default_factory=load_robot)
     """What the robot looks like, and where its wheels are."""
-
-    @property
-    def bright(self) -> Rgb:
-        """Colour of the plant on a dark background, as in the viewer's plots: near-black becomes grey."""
-        return bright(self.name)
 
     @cached_property
     def t(self) -> FloatArray:

@@ -1,24 +1,17 @@
-"""The state filter that a user chooses: by name, from a file, or commissioned; in closed loops and on the robot over ROS."""
+"""The state filter that a user chooses: by name, from a file, or commissioned."""
 
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
-from typing import cast
 
-import numpy as np
 import pytest
 
 from ssmr.control.references import circle
-from ssmr.estimation.settings import BIAS, EkfSettings
-from ssmr.robot.sensors import SensorModel
+from ssmr.estimation.settings import EkfSettings
 from tests.conftest import data_folder
-from validation.bench.loops import chosen_filter
-from validation.plants.profile import Profile, load_profile, make_plant
+from validation.plants.profile import Profile, load_profile
 from validation.recordings import commission, convert, info
-from validation.ros.robot import SimulatedRobot
-from validation.simulator.plant import MujocoPlant
 from validation.track import track
 
 STOCK = EkfSettings()
@@ -48,33 +41,6 @@ def test_a_commissioned_filter_finds_the_way_where_the_thesis_filter_does_not(ti
     assert "turning ratio" in runs["commissioned"].table()
     assert "filter thesis" in runs["thesis"].table()
     assert "turning ratio" not in runs["thesis"].table()
-
-
-def test_a_robot_over_ros_has_the_filter_that_is_asked_for(tile: Profile) -> None:
-    plant = cast(MujocoPlant, make_plant(tile, "mujoco"))
-    biased, off = SensorModel(gyro_bias=0.0156), {}
-    for name in ("thesis", "learning"):
-        used = chosen_filter(name, tile, "mujoco").settings
-        robot = SimulatedRobot(plant, sensors=biased, filter=used)
-        assert name == "thesis" or robot.filter.bias == pytest.approx(0.0156, abs=4.0 * robot.filter.bias_std) != used.bias
-        assert robot.filter.bias_std < 0.0005  # it has stood, or knows of no bias
-        for k in range(1000):
-            robot.advance(10, (0.3, 0.8 * math.sin(k / 150.0)))
-            robot.sense()
-        pose, twist, covariance, _ = robot.filtered_odometry()
-        off[name] = math.hypot(*(pose - robot.pose)[:2])
-        claimed = (pose - robot.pose) @ np.linalg.solve(covariance, pose - robot.pose)
-        assert (claimed < 15.0) == (name == "learning")  # chi-squared of 3: 15 is at 99.8 %
-        assert twist[0] == pytest.approx(robot.state.v_x, rel=0.1)
-        learned = robot.belief.mean[BIAS:].copy()
-        robot.place(np.array([5.0, 6.0, 0.7]))
-        again, still, told, _ = robot.filtered_odometry()
-        np.testing.assert_array_equal(again, [5.0, 6.0, 0.7])
-        np.testing.assert_array_equal(told, np.zeros((3, 3)))
-        assert still == (0.0, 0.0)
-        np.testing.assert_array_equal(robot.belief.mean[BIAS:], learned)
-    assert off["learning"] < 0.7 * off["thesis"]
-    assert len(learned) == 6
 
 
 @pytest.mark.skipif(not TILE.is_file(), reason=f"no recording {TILE}")

@@ -41,14 +41,6 @@ def test_a_covariance_stands_where_ros_reads_it() -> None:
     assert np.linalg.eigvalsh(full).min() > 0.0, "the plane's own certainty leaves it invertible"
 
 
-def test_a_transform_is_the_childs_pose_in_its_parent() -> None:
-    (moved,) = msg.transform_message(0.25, ("odom", "base_link"), np.array([1.0, 2.0, math.pi]), 0.5)["transforms"]
-    assert (moved["header"]["frame_id"], moved["child_frame_id"]) == ("odom", "base_link")
-    assert moved["header"]["stamp"] == {"sec": 0, "nanosec": 250_000_000}
-    assert moved["transform"]["translation"] == {"x": 1.0, "y": 2.0, "z": 0.5}
-    assert moved["transform"]["rotation"]["z"] == pytest.approx(1.0)
-
-
 def test_an_orientation_is_normalised_and_a_pose_has_no_speeds() -> None:
     came = message(msg.pose_message(1.5, "world", np.array([1.0, 2.0, 0.0])))
     came.pose.orientation.z = came.pose.orientation.w = 0.1  # a quarter turn to the left, unnormalised
@@ -62,8 +54,8 @@ def test_an_orientation_is_normalised_and_a_pose_has_no_speeds() -> None:
     ("field", "value", "why"),
     [
         ("pose.orientation.w", 0.0, "no quaternion"),
-        ("pose.orientation.w", math.nan, r"orientation\.w is nan, which is not finite"),
-        ("pose.position.x", math.inf, r"position\.x is inf, which is not finite"),
+        ("pose.orientation.w", math.nan, r"orientation\.w is nan; plausible"),
+        ("pose.position.x", math.inf, r"position\.x is inf; plausible"),
         ("pose.position.y", 1e7, r"position\.y is 1e\+07; plausible is -1e\+06 to 1e\+06"),
         ("pose.position.x", "far", r"position\.x is no number"),
         *[(f"header.stamp.{name}", n, r"header\.stamp") for name, n in (("sec", -1), ("nanosec", -1), ("sec", 10**12))],

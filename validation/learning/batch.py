@@ -19,7 +19,7 @@ from ssmr.control.tick import SPINNING
 from ssmr.control.waypoints import Target, position_errors
 from ssmr.robot.drive import DRIVE_TEMPLATE, DriveState, Sides, drive_numbers, follow, rolling
 from ssmr.types import FloatArray
-from validation.learning.episodes import AHEAD_TICKS, ERRORS, Episode, EpisodeSource, TrackTask
+from validation.learning.episodes import AHEAD_TICKS, ERRORS, EpisodeSource, TrackTask
 from validation.simulator.loops import MujocoBodies
 from validation.simulator.parts import mujoco_failures
 from validation.words import shortened
@@ -222,9 +222,8 @@ class TrackBatch:
         except (TypeError, ValueError, OverflowError):
             numbers = np.empty(0)
         if numbers.shape != (len(self), 2) or not np.all(np.isfinite(numbers)):
-            one = "action must be (2,) finite numbers, v [m/s] and omega [rad/s]"
-            many = f"actions must be ({len(self)}, 2) finite numbers, v [m/s] and omega [rad/s] of each robot"
-            raise ValueError(f"{one if len(self) == 1 else many}; got {shortened(actions, 60)}")
+            shape = "action must be (2,)" if len(self) == 1 else f"actions must be ({len(self)}, 2)"
+            raise ValueError(f"{shape} finite numbers, v [m/s] and omega [rad/s]; got {shortened(actions, 60)}")
         return np.clip(numbers, -self.source.top, self.source.top)
 
     @mujoco_failures()
@@ -232,19 +231,17 @@ class TrackBatch:
         """Draw an episode for each of these rows and put its robot on the ground."""
         if not len(which):
             return
-        drawn = [self.source.draw_episode(self._generators[i]) for i in which]
-        for i, episode in zip(which, drawn, strict=True):
+        rows, starts = self._rows, []
+        for i in which:
+            episode = self.source.draw_episode(self._generators[i])
             self._plants[i] = self.source.make_plant(episode.calibration, episode.drive)
-            self._enter(int(i), episode)
-        self._bodies.place(which.tolist(), [episode.start for episode in drawn], [self._plants[i] for i in which])
-
-    def _enter(self, i: int, episode: Episode) -> None:
-        """Write an episode into a row."""
-        rows, start, dt = self._rows, episode.start, self._plants[i].dt
-        numbers = drive_numbers(episode.drive, VELOCITY_PERIOD, dt)
-        rows.drives[i], rows.ticks[i] = numbers, 0
-        rows.asked[i] = rolling(Sides(start.wheel_left, start.wheel_right), numbers)
-        rows.before[i] = episode.before
-        rows.targets[i, : len(episode.targets)] = episode.targets
-        rows.noise[i, : len(episode.noise)] = episode.noise
-        self._pushes[i, : episode.ticks], self._lengths[i] = episode.pushes, episode.ticks
+            starts.append(episode.start)
+            numbers = drive_numbers(episode.drive, VELOCITY_PERIOD, self._plants[i].dt)
+            rows.drives[i], rows.ticks[i] = numbers, 0
+            rows.asked[i] = rolling(Sides(episode.start.wheel_left, episode.start.wheel_right), numbers)
+            rows.before[i] = episode.before
+            rows.targets[i, : len(episode.targets)] = episode.targets
+            rows.noise[i, : len(episode.noise)] = episode.noise
+            self._lengths[i] = len(episode.pushes)
+            self._pushes[i, : len(episode.pushes)] = episode.pushes
+        self._bodies.place(which.tolist(), starts, [self._plants[i] for i in which])

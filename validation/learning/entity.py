@@ -7,7 +7,7 @@ from typing import Any
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import add_integral_parts, compose_robot
-from validation.simulator.description import WHEELS, Robot
+from validation.simulator.description import Robot
 from validation.simulator.model import calibrate, set_motors
 
 try:
@@ -22,7 +22,7 @@ class RobotEntity(composer.Entity):
     """A robot without its free joint: `Arena.add_free_entity` gives it one."""
 
     def _build(self, robot: Robot, integral: bool = False) -> None:
-        self._robot, self._model = robot, _tree(robot, integral)
+        self._model = _tree(robot, integral)
         self._model.model = robot.name
         self._model.find("joint", "root").remove()
 
@@ -35,16 +35,6 @@ class RobotEntity(composer.Entity):
     def prefix(self) -> str:
         """Prefix of all names once the robot is attached."""
         return f"{self._model.model}/"
-
-    @property
-    def wheels(self) -> list[Any]:
-        """The four wheel joints, in the order of `WHEELS`."""
-        return [self._model.find("joint", f"{wheel}_wheel") for wheel in WHEELS]
-
-    @property
-    def motors(self) -> list[Any]:
-        """Velocity servos [rad/s]: of the left and the right side, or of every wheel."""
-        return [self._model.find("actuator", f"{motor}_motor") for motor in self._robot.motors]
 
     def calibrate(self, physics: Any, calibration: Calibration, drive: Drive) -> None:
         """Set a calibration and the motors of a drive on compiled physics.

@@ -39,11 +39,7 @@ class Tracking(dm_env.Environment):
         Raises:
             ValueError: the action is not two finite numbers; nothing has moved.
         """
-        try:
-            row = np.asarray(action, dtype=np.float64)[None]
-        except (TypeError, ValueError, OverflowError):
-            row = action  # refused by the batch, in words
-        now = self.batch.step(row)
+        now = self.batch.step([action])
         seen = self._named(now.observations[0])
         if now.began[0]:
             return dm_env.restart(seen)

@@ -22,7 +22,7 @@ from ssmr.robot.sensors import yaw_disturbance
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
 from validation.bench.waypoint_files import open_reference
-from validation.plants.profile import PlantProfile, Profile, choose_profile
+from validation.plants.profile import PlantProfile, choose_profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
@@ -101,11 +101,6 @@ class Episode:
     pushes: FloatArray
     """(T, n) yaw acceleration at each physics step [rad/s2]."""
 
-    @property
-    def ticks(self) -> int:
-        """T, the number of ticks after which the episode is over."""
-        return len(self.pushes)
-
 
 class EpisodeSource:
     """Everything of which the episodes of a task are made."""
@@ -120,10 +115,11 @@ class EpisodeSource:
         self.task = task
         names = [None] if task.profiles is None else [name.strip() for name in task.profiles.split(",") if name.strip()]
         profiles = [choose_profile(name, task.robot, "thesis-lab") for name in names]
-        self.sections = [_with_step(p, task.timestep) for p in profiles]
-        first = self.sections[0] if profiles else None
-        if first is None or len({p.robot for p in profiles}) != 1:
+        if len({p.robot for p in profiles}) != 1:
             raise ValueError(f"the profiles must be of one robot, they are of {', '.join(p.robot.name for p in profiles)}")
+        sections: list[PlantProfile] = [p.plants["mujoco"] for p in profiles]
+        self.sections = [replace(s, parameters=replace(s.parameters, timestep=task.timestep)) for s in sections]
+        first = self.sections[0]
         if len({(s.parameters.wheel_shape, s.drive.integral_gain > 0.0) for s in self.sections}) != 1:
             raise ValueError("all profiles must have one shape of tyre and the same kind of speed loop")
         self.waypoints = None if task.reference is None else open_reference(task.reference, task.speeds[1])[1]
@@ -175,7 +171,12 @@ class EpisodeSource:
         calibration, drive = self._draw_robot(section, rng)
         low, high = (min(s, max(SPEED_SHARE * drive.v_max, self.task.speeds[0])) for s in self.task.speeds)
         speed = float(rng.uniform(low, high))
-        waypoints = self._draw_path(speed, drive, rng) if self.waypoints is None else self._at(speed)
+        if self.waypoints is None:  # a winding path that is long enough
+            most, piece = min(CURVATURE / self.track, YAW_SHARE * drive.w_max / speed), 1.5 * self.track
+            count = 2 + math.ceil(speed * self.task.seconds / piece)
+            waypoints = winding(speed, rng.uniform(-most, most, count).tolist(), piece)
+        else:
+            waypoints = self._at(speed)
         n = min(self.most_ticks, math.ceil(waypoints.duration / VELOCITY_PERIOD - 1e-9))
         targets = targets_at(waypoints.course(), VELOCITY_PERIOD * np.arange(n + 1.0 + max(AHEAD_TICKS)))
         start, before = self._draw_start(waypoints.start, speed, drive, rng)
@@ -203,27 +204,13 @@ class EpisodeSource:
         factor = 1.0 + DELAY * delay
         return calibration, replace(d, delay_v=factor * d.delay_v, delay_w=factor * d.delay_w)
 
-    def _draw_path(self, speed: float, drive: Drive, rng: np.random.Generator) -> Waypoints:
-        """Return a winding path that is long enough for an episode."""
-        most = min(CURVATURE / self.track, YAW_SHARE * drive.w_max / speed)
-        piece = 1.5 * self.track
-        count = 2 + math.ceil(speed * self.task.seconds / piece)
-        return winding(speed, rng.uniform(-most, most, count).tolist(), piece)
-
     def _draw_start(
         self, first: State, speed: float, drive: Drive, rng: np.random.Generator
     ) -> tuple[State, tuple[float, float]]:
         """Return a state near the first waypoint, rolling straight ahead, and the command that it obeys."""
-        x, y, yaw = (
-            self.task.spread * rng.uniform(-1.0, 1.0, 3) * (START_PLACE * self.track, START_PLACE * self.track, START_YAW)
-        )
+        most = START_PLACE * self.track, START_PLACE * self.track, START_YAW
+        x, y, yaw = self.task.spread * rng.uniform(-1.0, 1.0, 3) * most
         v = self.task.spread * float(rng.uniform(0.0, speed))
         wheels = wheel_rates(v, 0.0, drive.command_half_track, drive.command_radius)
         state = State(first.x + x, first.y + y, first.yaw + yaw, v, 0.0, 0.0, float(wheels.left), float(wheels.right))
         return state, (v, 0.0)
-
-
-def _with_step(profile: Profile, timestep: float) -> PlantProfile:
-    """Return the numbers of a profile's MuJoCo robot with another physics step [s]."""
-    section: PlantProfile = profile.plants["mujoco"]
-    return replace(section, parameters=replace(section.parameters, timestep=timestep))

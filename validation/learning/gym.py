@@ -102,13 +102,12 @@ class TrackVectorEnv(VectorEnv):
         Raises:
             ValueError: several seeds, but not one a row.
         """
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
-        if seeds is not None:
-            if len(seeds) != self.num_envs:
-                raise ValueError(f"{self.num_envs} robots need as many seeds, got {len(seeds)}")
-            for row, one in enumerate(seeds):
-                if one is not None:
-                    self.batch.seed(row, one)
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"{self.num_envs} robots need as many seeds, got {len(seeds)}")
+        for row, one in enumerate(seeds):
+            if one is not None:
+                self.batch.seed(row, one)
         return _shares(self.batch, self.batch.reset()), {}
 
     def step(self, actions: Any) -> tuple[FloatRow, FloatArray, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:

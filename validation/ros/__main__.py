@@ -38,29 +38,23 @@ def _control(options: Control) -> None:
 
 @contextlib.contextmanager
 def _one_signal_ends() -> Iterator[Callable[[], None]]:
-    """Let one signal end a node, and none disturb it while its robot is being stopped and its drive saved.
+    """Let one signal end a node as Ctrl-C does, and none disturb it while its robot is being stopped and its drive saved.
 
     Yields:
         The function after whose call no signal disturbs any more.
     """
     before: dict[int, Any] = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    handlers = dict(before)
-    if not callable(handlers[signal.SIGINT]):  # a shell without job control has programs in the background ignore it
-        handlers[signal.SIGINT] = signal.default_int_handler
 
     def ignore() -> None:
-        for number in handlers:
+        for number in before:
             signal.signal(number, signal.SIG_IGN)
 
     def end(number: int, frame: FrameType | None) -> None:
-        try:
-            handlers[number](number, frame)
-        except KeyboardInterrupt:
-            ignore()
-            raise
+        ignore()
+        raise KeyboardInterrupt
 
-    for number, handler in handlers.items():
-        if callable(handler):
+    for number, handler in before.items():  # a shell without job control has programs in the background ignore Ctrl-C
+        if number == signal.SIGINT or handler is not signal.SIG_IGN:
             signal.signal(number, end)
     try:
         yield ignore

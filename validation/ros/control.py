@@ -60,8 +60,6 @@ class Control(Graph):
     """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens."""
     feedback: Annotated[Literal["odometry", "pose"], cli.option()] = "odometry"
     """Pose that the controller sees: the odometry's or the tracking system's."""
-    absolute: cli.Flag = False
-    """Take waypoints as places in the feedback's frame; else the reference begins at the robot's pose."""
     v_limit: Annotated[float, cli.option(metavar="M/S")] = 1.0
     """Greatest speed ever commanded; the robot's own limit if that is less."""
     w_limit: Annotated[float, cli.option(metavar="RAD/S")] = 1.0
@@ -200,8 +198,7 @@ def control(options: Control) -> Tracked:
     law, gains = chosen_controller(controller, profile, o.gains)
     reference, waypoints = open_reference(wanted, o.speed)
     law = law.on(profile.plants["mujoco"].drive)
-    limits = {"v_limit": o.v_limit, "w_limit": o.w_limit, "lookahead": o.lookahead}
-    follower = PathFollower(law, waypoints, **limits, absolute=o.absolute)
+    follower = PathFollower(law, waypoints, v_limit=o.v_limit, w_limit=o.w_limit, lookahead=o.lookahead)
     node, status, why, remarks = Node(f"{msg.ros_name(robot)}_control", o), "arrived", "", tuple[str, ...]()
     try:
         loop = ControlNode(node, follower, o)

@@ -49,8 +49,8 @@ _LONGEST = 300
 _UNREADABLE = (struct.error, ValueError, TypeError, IndexError, OverflowError, MemoryError)
 """What decoding raises of bytes that are no message of their type."""
 _CONFIGURATION = (
-    "<CycloneDDS><Domain Id='any'><General><Interfaces><NetworkInterface {interface}/></Interfaces>{multicast}</General>"
-    "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>{peers}"
+    "<CycloneDDS><Domain Id='any'><General><Interfaces><NetworkInterface {}/></Interfaces></General>"
+    "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>{}"
     "</Discovery></Domain></CycloneDDS>"
 )
 
@@ -104,12 +104,8 @@ def configuration(interface: str) -> str:
     """
     if interface:
         by = "address" if "." in interface or ":" in interface else "name"
-        return _CONFIGURATION.format(interface=f"{by}='{interface}'", multicast="", peers="")
-    return _CONFIGURATION.format(
-        interface="address='127.0.0.1' multicast='false'",
-        multicast="<AllowMulticast>false</AllowMulticast>",
-        peers="<Peers><Peer address='127.0.0.1'/></Peers>",
-    )
+        return _CONFIGURATION.format(f"{by}='{interface}'", "")
+    return _CONFIGURATION.format("address='127.0.0.1' multicast='false'", "<Peers><Peer address='127.0.0.1'/></Peers>")
 
 
 def load_dds() -> SimpleNamespace:
@@ -198,28 +194,26 @@ class Node:
         self._dds = dds = load_dds()
         self.graph, self._clock = graph, time.monotonic
         self._subscriptions: dict[str, _Subscription] = {}
-        self._said: dict[str, tuple[float, int]] = {}
+        self._said: dict[str, float] = {}
         if graph.interface:
             os.environ["CYCLONEDDS_URI"] = configuration(graph.interface)
-        where = os.environ.setdefault("CYCLONEDDS_URI", configuration(""))
+        os.environ.setdefault("CYCLONEDDS_URI", configuration(""))
         policy = dds.qos.Policy
         try:
             qos = dds.qos.Qos(policy.Userdata(b"enclave=/;"), policy.EntityName(name))
             self._participant = dds.domain.DomainParticipant(domain, qos=qos)
         except dds.core.DDSException as error:
-            tried = f"interface {graph.interface}" if graph.interface else f"CYCLONEDDS_URI {where}"
+            tried = f"interface {graph.interface}" if graph.interface else f"CYCLONEDDS_URI {os.environ['CYCLONEDDS_URI']}"
             raise NoGraphError(f"no ROS 2 graph in domain {domain} by {tried}: {error.msg}") from None
         self._waitset = dds.core.WaitSet(self._participant)
         self._writers: dict[str, list[tuple[Any, str]]] = {}
 
     def say(self, kind: str, text: str, level: int = logging.WARNING) -> None:
         """Log a line, at most once a second for each kind; kinds come from this program and never from a message."""
-        now, (before, left_out) = self._clock(), self._said.get(kind, (float("-inf"), 0))
-        if now - before < _LOG_PERIOD:
-            self._said[kind] = before, left_out + 1
-            return
-        self._said[kind] = now, 0
-        _logger.log(level, "%s%s", shortened(text, _LONGEST), f" ({left_out} more before)" if left_out else "")
+        now = self._clock()
+        if now - self._said.get(kind, float("-inf")) >= _LOG_PERIOD:
+            self._said[kind] = now
+            _logger.log(level, "%s", shortened(text, _LONGEST))
 
     def _qos(self, kind: str, depth: int, *, reliable: bool, latch: bool = False) -> Any:
         policy = self._dds.qos.Policy
@@ -267,8 +261,8 @@ class Node:
 
         `read` returns what the node needs of a message, and raises a ValueError if that cannot be.
         """
-        found = self._subscriptions[topic] = _Subscription(read, depth)
-        core = self._dds.core
+        found, core = _Subscription(read, depth), self._dds.core
+        self._subscriptions[topic] = found
         states = core.ViewState.Any | core.InstanceState.Any | core.SampleState.Any
         for form, place in self._topics(topic, kind):
             qos = self._qos(form, depth, reliable=form not in _SENSORS)
@@ -277,10 +271,9 @@ class Node:
             found.readers.append(reader)
 
     def receive(self, timeout: float = 0.0) -> list[tuple[str, Any]]:
-        """Return what came, topic and value; if nothing did, wait for it for at most `timeout` [s].
+        """Return what came, topic and value, by subscriptions; if nothing did, wait for at most `timeout` [s].
 
-        Topics come in the order of their subscriptions, the messages of each in that of their arrival. A message that cannot
-        be is logged, and changes nothing.
+        A message that cannot be is logged, and changes nothing.
         """
         found = []
         for topic, message in self._take(timeout):

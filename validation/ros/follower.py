@@ -28,8 +28,6 @@ _SETTLED = 5
 """Number of fresh messages in a row from a standing robot before it is driven."""
 _MOVING = 0.05
 """A robot faster than this is not taken over [m/s, rad/s]."""
-_AT_START = 0.5
-"""Greatest distance of the robot from the reference's start with `absolute` [m]."""
 _SAME_CLOCK = 5.0
 """Greatest difference between the stamps of a tracking system and of the feedback, if they are of one clock [s]."""
 
@@ -49,10 +47,10 @@ class PathFollower:
         v_limit: float = 1.0,
         w_limit: float = 1.0,
         lookahead: float = 0.0,
-        absolute: bool = False,
     ) -> None:
         """Design the law and compile the loops, so that nothing is slow once the robot moves.
 
+        The reference begins at the robot's pose.
         A controller that is a Python object is made twice: the first one computes one command and is thrown away.
 
         Args:
@@ -61,30 +59,26 @@ class PathFollower:
             v_limit: greatest speed ever commanded [m/s]; the robot's own limit if that is less.
             w_limit: greatest yaw rate ever commanded [rad/s], likewise.
             lookahead: distance that the robot keeps behind its target [m].
-            absolute: take waypoints as places in the feedback's frame; else the reference begins at the robot's pose.
 
         Raises:
             ControllerError: the object cannot be made, or gives no command.
             ValueError: a number out of its range, gains that the law refuses, or a reference faster than the limit.
         """
-        for name, number in (("v_limit", v_limit), ("w_limit", w_limit)):
-            if not 0.0 < number <= 10.0:
-                raise ValueError(f"{name} = {number:g} must be positive and at most 10")
+        if not (0.0 < v_limit <= 10.0 and 0.0 < w_limit <= 10.0):
+            raise ValueError(f"v_limit = {v_limit:g}, w_limit = {w_limit:g}: both must be positive and at most 10")
         drive, fastest = controller.drive, float(waypoints.segment_speeds.max())
         self.v_limit, self.w_limit, self.lookahead = min(drive.v_max, v_limit), min(drive.w_max, w_limit), lookahead
         if fastest > self.v_limit:
             raise ValueError(f"the reference asks for {fastest:.3g} m/s; the limit is {self.v_limit:g} m/s")
         self.controller, self.waypoints = controller.on(replace(drive, v_max=self.v_limit, w_max=self.w_limit)), waypoints
-        self._absolute = absolute
         self.phase = "waiting"
         """Phase of the drive: waiting, driving or arrived."""
         self.why_waiting = "no feedback yet"
         self._arrival = self._stamp = -math.inf
         self._fresh, self._repeated, self._begin = 0, 0, 0.0
         self._to_reference, self._yaw = np.zeros(3), 0.0
-        self._times: list[float] = []
-        self._rows: list[FloatArray] = []
-        self._poses: list[tuple[float, float, float, float]] = []
+        self._times, self._rows = list[float](), list[FloatArray]()
+        self._poses = list[tuple[float, float, float, float]]()
         self._pose_to_reference: FloatArray | None = None
         self._start_law()
         self._run_position_loop(INITIAL_STATE.seen, 0.0, 0.02)
@@ -158,24 +152,16 @@ class PathFollower:
 
     def _start_if_settled(self, seen: Observation, dt: float) -> None:
         """Drive a robot that stands and whose feedback comes steadily."""
-        start = self.waypoints.start
-        away = math.hypot(seen.x - start.x, seen.y - start.y)
         self._fresh += 1
         if not 0.0 < dt < FRESH:
             self.why_waiting, self._fresh = "the feedback does not come steadily", 0
         elif abs(seen.v) > _MOVING or abs(seen.w) > _MOVING:
             self.why_waiting, self._fresh = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)", 0
-        elif self._absolute and away > _AT_START:
-            self.why_waiting, self._fresh = f"the robot stands {away:.2f} m from the reference's start", 0
         if self._fresh < _SETTLED:
             return
-        here = np.array([seen.x, seen.y, seen.yaw])
+        start = self.waypoints.start
         origin = np.array([start.x, start.y, start.yaw])
-        if self._absolute:  # as it is, but for whole turns: yaw begins near the reference's
-            origin = np.array([seen.x, seen.y, start.yaw + float(wrap_angle(seen.yaw - start.yaw))])
-            self._to_reference = np.array([0.0, 0.0, origin[2] - seen.yaw])
-        else:
-            self._to_reference = compose(origin, invert(here))
+        self._to_reference = compose(origin, invert(np.array([seen.x, seen.y, seen.yaw])))
         self._yaw, self._begin, self.phase = seen.yaw, self._stamp, "driving"
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
             self._pose_to_reference = compose(origin, invert(self._poses[0][1:]))
@@ -193,15 +179,13 @@ class PathFollower:
             return STAND_STILL
         age = now - self._arrival
         if age > FRESH:
-            if fault:
-                raise StoppedError(f"no feedback that can be used for {age:.2f} s: {fault}")
-            again = f": {self._repeated} messages repeat the stamp {self._stamp:.3f} s" if self._repeated else ""
-            raise StoppedError(f"no {'new ' if again else ''}feedback for {age:.2f} s{again}")
-        v, w = self._run_velocity_loop(self._stamp - self._begin + max(age, 0.0))
+            again = f"{self._repeated} messages repeat the stamp {self._stamp:.3f} s" if self._repeated else ""
+            why = fault or again
+            raise StoppedError(f"no feedback {f'that can be used for {age:.2f} s: {why}' if why else f'for {age:.2f} s'}")
+        v, w = self._run_velocity_loop(self._stamp - self._begin + age)
         if not (math.isfinite(v) and math.isfinite(w)):
             raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
-        limits = self.v_limit, self.w_limit
-        sent = Command(*(float(np.clip(asked, -most, most)) for asked, most in zip((v, w), limits, strict=True)))
+        sent = Command(*np.clip((v, w), (-self.v_limit, -self.w_limit), (self.v_limit, self.w_limit)).tolist())
         self._side.state = self._side.state._replace(command=sent)
         if self._side.tracker.predicts:
             self._side.tracker.past[-1] = sent

@@ -28,8 +28,8 @@ MOST_RATE = 100.0
 """Greatest plausible speed [m/s] and yaw rate [rad/s] in a message; no robot of this kind comes near them."""
 _MOST_STAMP = 2.0**32
 """End of the times that a stamp of ROS can hold [s]."""
-_QUATERNION = (1e-6, 1e3)
-"""Least and greatest length of a quaternion that is normalised here."""
+_LEAST_LENGTH, _MOST_COMPONENT = 1e-6, 1e3
+"""Least length of a quaternion that is normalised here, and greatest size of its numbers."""
 _FLAT_VARIANCE = 1e-6
 """Variance of z, roll and pitch of a robot on a plane [m2, rad2 and per s2]; small, but it keeps a covariance invertible."""
 _PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
@@ -154,8 +154,6 @@ def plausible(name: str, value: Any, most: float, least: float = -math.inf) -> f
         number = float(value)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} is no number") from None
-    if not math.isfinite(number):
-        raise ValueError(f"{name} is {number}, which is not finite")
     low = max(-most, least)
     if not low <= number <= most:
         raise ValueError(f"{name} is {number:g}; plausible is {low:g} to {most:g}")
@@ -197,9 +195,9 @@ def _read_stamp(message: Any) -> float:
 
 def _read_pose(pose: Any) -> tuple[float, float, float]:
     x, y = (plausible(f"position.{axis}", getattr(pose.position, axis), MOST_DISTANCE) for axis in "xy")
-    least, most = _QUATERNION
-    quat = np.array([plausible(f"orientation.{axis}", getattr(pose.orientation, axis), most) for axis in "wxyz"])
+    orientation = [(f"orientation.{axis}", getattr(pose.orientation, axis)) for axis in "wxyz"]
+    quat = np.array([plausible(name, value, _MOST_COMPONENT) for name, value in orientation])
     length = float(np.linalg.norm(quat))
-    if not length > least:
+    if not length > _LEAST_LENGTH:
         raise ValueError(f"orientation has length {length:g}: it is no quaternion")
     return x, y, float(quat_wxyz_to_yaw(quat / length))

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ssmr.estimation.ekf import filter_step, forward_speed, initial_belief
-from ssmr.estimation.settings import BIAS, Belief, EkfSettings, V, W, zeroed
+from ssmr.estimation.ekf import filter_step, initial_belief
+from ssmr.estimation.settings import V, W, zeroed
 from ssmr.geometry import compose
 from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import PUSH_TIME, YAW_DISTURBANCE_VARIANCE, SensorErrors, SensorModel, gyro_at_rest, sense
@@ -51,10 +51,8 @@ class CommandMultiplexer:
         rivals = (other for other, p in self._priorities.items() if p > self._priorities[topic])
         if self._stopped or any(now - self._heard[other] <= SOURCE_TIMEOUT for other in rivals):
             return False
-        if not self._driving:
+        if not self._driving or topic != self._topic:
             self._report(f"{topic} commands")
-        elif topic != self._topic:
-            self._report(f"{topic} commands now, in place of {self._topic}")
         self._command, self._topic, self._since, self._driving = command, topic, now, True
         return True
 
@@ -68,8 +66,7 @@ class CommandMultiplexer:
     def command(self, now: float) -> Twist:
         """Return the robot's command at `now` [s]: the last one that was passed on, or to stand if that is too old."""
         if self._driving and now - self._since > BASE_TIMEOUT:
-            does = "stands" if self._command == STAND_STILL else "brakes"
-            self._report(f"nothing on {self._topic} for {BASE_TIMEOUT:g} s: the robot {does}")
+            self._report(f"nothing on {self._topic} for {BASE_TIMEOUT:g} s: the robot brakes")
             self._driving = False
         return self._command if self._driving else STAND_STILL
 
@@ -81,29 +78,24 @@ class SimulatedRobot:
         self,
         plant: MujocoPlant,
         start: State | None = None,
-        sensors: SensorModel | None = None,
         *,
         noise: bool = True,
         disturbance: bool = False,
         seed: int = 0,
-        filter: EkfSettings | None = None,
     ) -> None:
-        """Put the robot to rest at its start, with a filter that knows that pose, and stood there for `STANDS`.
+        """Put the robot to rest at its start, with the thesis' filter, which knows that pose.
 
         Args:
             plant: the robot; its own drive stands between command and wheels.
             start: pose in the world; the origin if not given. The filter's frame begins there.
-            sensors: noise of encoders and gyro, and the gyro's bias; the lab's if not given.
-            noise: False for encoders and gyro without noise; the bias stays.
+            noise: False for encoders and gyro without noise.
             disturbance: push the yaw at random (Sec. 3.4.5).
             seed: seed of noise and pushes.
-            filter: state filter on the robot; the thesis' with the driver's odometry if not given.
         """
-        model = sensors or SensorModel()
         self._plant, self._start, self._disturbance = plant, start or State(), disturbance
-        self._seed, self._errors = seed, model.packed() if noise else SensorErrors(0.0, 0.0, model.gyro_bias)
+        self._seed, self._errors = seed, SensorModel().packed() if noise else SensorErrors(0.0, 0.0, 0.0)
         at_rest = gyro_at_rest(self._errors, np.random.default_rng([seed, 2]))
-        self.filter = zeroed(filter or odometry_of(plant.drive), at_rest)
+        self.filter = zeroed(odometry_of(plant.drive), at_rest)
         self._numbers = self.filter.packed()
         self._reset()
         self.advance(1, STAND_STILL)  # so that all is compiled before it has to keep real time
@@ -116,11 +108,9 @@ class SimulatedRobot:
         self._pushing = 0.0
         self.state = self._plant.reset(self._start)
         self.steps = self._sensed_at = 0
-        self.belief = initial_belief(State(), settings=self.filter if self.filter.learns else None)
-        self._wheel_pose = np.zeros(3)
-        self._wheels = np.zeros((2, 2))
-        self._wheel_twist: Twist = STAND_STILL
-        self._gyro = np.zeros(3)
+        self.belief = initial_belief(State())
+        self._wheel_pose, self._wheel_twist = np.zeros(3), STAND_STILL
+        self._wheels, self._gyro = np.zeros((2, 2)), np.zeros(3)
 
     @property
     def description(self) -> Robot:
@@ -167,26 +157,20 @@ class SimulatedRobot:
     def place(self, pose: FloatArray) -> None:
         """Put the robot to rest at a (3,) pose in `odom` [m, m, rad], which filter and wheel odometry then have exactly.
 
-        A filter that learns keeps what it knows of its constants.
-
         Raises:
             ValueError: a number is not finite.
         """
         start = np.array([self._start.x, self._start.y, self._start.yaw])
         self.state = self._plant.reset(State(*map(float, compose(start, pose))))
-        belief, (known, p) = initial_belief(State(*map(float, pose))), self.belief
-        p[:], p[:BIAS, :BIAS], p[BIAS:, BIAS:] = 0.0, belief.covariance, p[BIAS:, BIAS:].copy()
-        self.belief = Belief(np.append(belief.mean, known[BIAS:]), p)
+        self.belief = initial_belief(State(*map(float, pose)))
         self._wheel_pose = pose.copy()
 
     def filtered_odometry(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
         """Return the filter's pose (3,), its twist, and the (3, 3) covariances of both."""
         mean, p = self.belief
-        rows = np.eye(len(mean))[V : W + 1]
-        v = forward_speed(mean, self.filter.half_track, rows[0]) if self.filter.learns else mean[V]
         twist_cov = np.diag([0.0, _SIDE_SLIP_VARIANCE, 0.0])
-        twist_cov[np.ix_((0, 2), (0, 2))] = rows @ p @ rows.T
-        return mean[:3].copy(), (float(v), float(mean[W])), p[:3, :3].copy(), twist_cov
+        twist_cov[np.ix_((0, 2), (0, 2))] = p[V : W + 1, V : W + 1]
+        return mean[:3].copy(), (float(mean[V]), float(mean[W])), p[:3, :3].copy(), twist_cov
 
     def wheel_odometry(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
         """Return pose, twist and covariances by the wheels alone, as `filtered_odometry` does."""
@@ -195,8 +179,7 @@ class SimulatedRobot:
 
     def joints(self) -> tuple[FloatArray, FloatArray]:
         """Return the (4,) angles [rad] and rates [rad/s] of the wheels by the encoders, one a side."""
-        angles, rates = np.tile(self._wheels, 2)
-        return angles, rates
+        return np.tile(self._wheels[0], 2), np.tile(self._wheels[1], 2)
 
     def imu(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
         """Return the (3,) rates sensed last [rad/s], the (3,) specific force [m/s2], and the variances reported for both."""

@@ -12,10 +12,8 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 
-from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from validation import cli
-from validation.bench.loops import chosen_filter
 from validation.bench.sources import Pacer
 from validation.plants.profile import choose_profile, make_plant
 from validation.ros import messages as msg
@@ -53,12 +51,6 @@ class Sim(Graph):
     """Simulate encoders and gyro without noise."""
     disturbance: cli.Flag = False
     """Push the robot's yaw at random (Sec. 3.4.5)."""
-    wall_time: cli.Flag = False
-    """Stamp with the wall's time; else time begins at 0."""
-    filter: Annotated[str, cli.option(metavar="thesis|commissioned|learning|FILE.toml")] = "thesis"
-    """State filter on the robot, as in validation.track."""
-    gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
-    """Reading of the gyro at rest, which no filter knows; one that learns has listened for 5 s before the start."""
     seed: cli.Seed = 0
 
 
@@ -78,16 +70,11 @@ class SimulationNode:
         self,
         node: Node,
         robot: SimulatedRobot,
-        *,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
-        stamp_offset: float = 0.0,
     ) -> None:
-        """Open the robot's topics and publish its description; `clock` returns monotonic time [s], and `sleep` waits [s].
-
-        Simulated time zero has the stamp `stamp_offset` [s], which is not zero if stamps are to be the wall's time.
-        """
-        self._node, self._robot, self._clock, self._sleep, self._offset = node, robot, clock, sleep, stamp_offset
+        """Open the robot's topics and publish its description; `clock` returns monotonic time [s], and `sleep` waits [s]."""
+        self._node, self._robot, self._clock, self._sleep = node, robot, clock, sleep
         topic, joints = node.graph.topic, {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS}
         self._topics: dict[str, tuple[float, Callable[[float], msg.Fields]]] = {}
         """Rate of each topic [Hz] (Tab. 3.5, Sec. 4.2), and the message of a stamp [s]."""
@@ -110,10 +97,12 @@ class SimulationNode:
         x, y, z = robot.description.geometry.imu
         mount = msg.transform_message(0.0, (msg.BASE, msg.IMU), np.array([x, y, 0.0]), z)
         description = {"data": urdf_text(robot.description, joints, msg.BASE, msg.IMU)}
-        node.advertise(topic("/tf_static"), "tf2_msgs/msg/TFMessage", latch=True)
-        node.publish(topic("/tf_static"), mount)
-        node.advertise(topic("/robot_description"), "std_msgs/msg/String", latch=True)
-        node.publish(topic("/robot_description"), description)
+        for name, kind, once in (
+            ("/tf_static", "tf2_msgs/msg/TFMessage", mount),
+            ("/robot_description", "std_msgs/msg/String", description),
+        ):
+            node.advertise(topic(name), kind, latch=True)
+            node.publish(topic(name), once)
         commands = {topic(name): priority for name, priority in COMMAND_TOPICS.items()}
         self._multiplexer = CommandMultiplexer(commands, self._say)
         for name in commands:
@@ -138,9 +127,8 @@ class SimulationNode:
                 robot.sense()
             if (late := pacer.wait(robot.time)) > _BEHIND:
                 self._say(f"{late:.2f} s behind real time: this machine is too slow, or busy", "late", logging.WARNING)
-            passed = pacer.dropped if self._offset else 0.0  # the wall's time goes on while the robot's is dropped
             for name in due:
-                node.publish(name, self._topics[name][1](robot.time + self._offset + passed))
+                node.publish(name, self._topics[name][1](robot.time))
 
     def _say(self, text: str, kind: str = "", level: int = logging.INFO) -> None:
         self._node.say(kind or text, f"{self._robot.time:.2f} s: {text}", level)
@@ -169,13 +157,11 @@ def sim(options: Sim) -> None:
     if not o.duration > 0.0 or not all(map(math.isfinite, o.start)):
         raise ValueError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
-    plant, used = cast(MujocoPlant, make_plant(profile, "mujoco")), chosen_filter(o.filter, profile, "mujoco")
-    sensors = SensorModel(gyro_bias=o.gyro_bias)
-    noise = {"noise": not o.no_noise, "disturbance": o.disturbance}
-    robot = SimulatedRobot(plant, State(*o.start), sensors, **noise, seed=o.seed, filter=used.settings)
+    plant = cast(MujocoPlant, make_plant(profile, "mujoco"))
+    robot = SimulatedRobot(plant, State(*o.start), noise=not o.no_noise, disturbance=o.disturbance, seed=o.seed)
     node = Node(f"{msg.ros_name(profile.robot.name)}_simulation", o)
     try:
-        simulation = SimulationNode(node, robot, stamp_offset=time.time() if o.wall_time else 0.0)
+        simulation = SimulationNode(node, robot)
         _logger.info("the robot %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends", profile.robot.name, *o.start)
         simulation.run(o.duration)
     finally:

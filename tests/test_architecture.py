@@ -205,7 +205,7 @@ def test_public_functions_say_what_they_do() -> None:
 PRICES = {
     "ssmr": (8_530, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (810, "options, help, exit status, progress of every program"),
-    "validation/engines": (1_000, "second opinions by ODE and Drake"),
+    "validation/engines": (990, "second opinions by ODE and Drake"),
     "validation/identify": (1_610, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (770, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_250, "any log is read as one form, its faults are found, and it is written in any format"),
@@ -213,7 +213,7 @@ PRICES = {
     "validation/replicate": (1_670, "the thesis beside us, row by row"),
     "validation/report": (2_780, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_500, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_170, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/simulator": (3_150, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (2_430, "answers: contact and engines, transfer, robustness, drive train, noise"),
     "validation/thesis": (240, "the thesis' numbers"),
     "validation/bench": (

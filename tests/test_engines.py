@@ -141,10 +141,6 @@ def test_what_an_engine_cannot_have_is_refused(lab: Profile) -> None:
     capsules = replace(section.parameters, wheel_shape="capsule", friction_ratio=1.2)
     with pytest.raises(ValueError, match=r"friction_ratio 1\.2"):
         RigidNumbers.of(capsules, section.drive, Terrain())
-    with pytest.raises(ValueError, match="unknown friction_law 'circle'"):
-        OdeSettings("circle")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"second_share 0\.5: the law 'cone' has one friction"):
-        OdeSettings(second_share=0.5)
     light = replace(section.parameters, armature=1e-6, gain=1e4)
     with pytest.raises(ValueError, match="too long for a gain of 10000"):
         EnginePlant("ode", lambda n: OdeBody(n, OdeSettings()), light, section.drive)

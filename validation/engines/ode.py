@@ -20,8 +20,9 @@ import threading
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
+import mujoco
 import numpy as np
 
 from ssmr.types import FloatArray
@@ -90,14 +91,6 @@ class OdeSettings:
     """Greatest speed at which contacts are pushed out [m/s]."""
     second_share: float = 1.0
     """mu2 over mu [1]; 1 for `cone`."""
-
-    def __post_init__(self) -> None:
-        """Check the names, and that the cone is round."""
-        if self.friction_law == "cone" and self.second_share != 1.0:
-            raise ValueError(f"second_share {self.second_share:g}: the law 'cone' has one friction")
-        for name, kind in (("friction_law", FrictionLaw), ("direction", FrictionDirection), ("solver", OdeSolver)):
-            if getattr(self, name) not in get_args(kind):
-                raise ValueError(f"unknown {name} '{getattr(self, name)}'; there are: {', '.join(get_args(kind))}")
 
 
 GAZEBO = OdeSettings(
@@ -339,14 +332,9 @@ def _untied(k: int) -> float:
 
 def _rotation(quat: FloatArray) -> FloatArray:
     """Return the (3, 3) matrix of a rotation, w first."""
-    w, x, y, z = quat.tolist()
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
+    turn = np.empty(9)
+    mujoco.mju_quat2Mat(turn, quat)
+    return turn.reshape(3, 3)
 
 
 def _destroy(lib: Any, world: Any, groups: list[Any], geoms: list[Any]) -> None:

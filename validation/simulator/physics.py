@@ -7,7 +7,6 @@ them once, after the calibration, so what a fit moves and what a study of settin
 from __future__ import annotations
 
 import ctypes
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -39,13 +38,6 @@ class PhysicsSettings:
     """Greatest number of solver iterations -> opt.iterations; None for those of `SOLVING`."""
     integrator: Integrator | None = None
     """Integrator -> opt.integrator."""
-
-    def __post_init__(self) -> None:
-        """Refuse numbers that MuJoCo has no meaning for."""
-        if self.impratio is not None and not (math.isfinite(self.impratio) and self.impratio > 0.0):
-            raise ValueError(f"impratio is {self.impratio}, must be positive")
-        if self.iterations is not None and self.iterations < 1:
-            raise ValueError(f"iterations is {self.iterations}, must be at least 1")
 
 
 MUJOCO_IMPEDANCE: Impedance = (0.9, 0.95, 0.001, 0.5, 2.0)

@@ -99,13 +99,6 @@ def spin(plant: Plant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> S
     return Spin(motion, float(motion.yaw[-1] - motion.yaw[start]) / (2.0 * math.pi))
 
 
-def contact_half_width(calibration: Calibration) -> float:
-    """Return half the distance between a wheel's outermost contact points [m]; 0 for tyres that touch in one point."""
-    return {"ellipsoid": 0.0, "capsule": calibration.capsule_half_width}.get(
-        calibration.wheel_shape, 0.5 * calibration.robot.geometry.wheel_width
-    )
-
-
 def closed_form(calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> SkidTurn:
     """Return the turn on the spot of a robot with this centre of mass and these wheels by mechanics.
 
@@ -113,6 +106,8 @@ def closed_form(calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 
         calibration: parameters of the robot.
         shift: four shares by which loads differ from those at rest, as `turn_on_the_spot` has them [1].
     """
+    outermost = {"ellipsoid": 0.0, "capsule": calibration.capsule_half_width}  # contact points, from the wheel's middle [m]
+    half_width = outermost.get(calibration.wheel_shape, 0.5 * calibration.robot.geometry.wheel_width)
     share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass
     return turn_on_the_spot(
         calibration.robot.geometry.wheelbase,
@@ -120,7 +115,7 @@ def closed_form(calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 
         share * calibration.com_x,
         share * calibration.com_y,
         calibration.friction_ratio,
-        contact_half_width(calibration),
+        half_width,
         (shift[0], shift[1], shift[2], shift[3]),
     )
 

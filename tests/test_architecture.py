@@ -146,7 +146,6 @@ PROTOCOL = {
     "advance": "each planar model's step, and the function that chooses among them",
     "drive": "the program, and how a plant is driven over a piece of a source",
     "declare": "the declaration of a plant, in the module of each family of plants, and of columns",
-    "commission": "the program that takes a filter's constants from a log, and the function that takes them from drives",
     "SCHEMA": "the kind and version of each document that is written",
     "T": "a type variable",
 }

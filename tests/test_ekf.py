@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ssmr.estimation.ekf import filter_log, filter_step, initial_belief, predict, run_ekf, update
-from ssmr.estimation.settings import Belief, EkfSettings, learning, zeroed
+from ssmr.estimation.settings import Belief, EkfSettings
 from ssmr.robot.drive import wheel_rates
-from ssmr.robot.sensors import SensorLog, SensorModel, SensorSample, gyro_at_rest, sense, simulate_sensors
+from ssmr.robot.sensors import SensorLog, SensorModel, SensorSample, sense, simulate_sensors
 from ssmr.types import FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
@@ -299,32 +299,3 @@ def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
     assert np.allclose(uneven.t, np.arange(len(uneven.t)) / 130.0, rtol=0.0, atol=0.002)
     with pytest.raises(ValueError, match="rate"):
         simulate_sensors(moving, np.random.default_rng(9), model, rate=0.0)
-
-
-# ------------------------------------------------------------------------------------------------ the gyro's bias
-
-
-@given(st.floats(-0.1, 0.1), st.floats(1e-4, 0.1), st.floats(1e-6, 1e-3), st.integers(1, 60))
-def test_a_bias_is_the_mean_at_rest_weighed_with_what_was_believed(bias: float, std: float, variance: float, n: int) -> None:
-    """Bayes' rule, reading by reading, against the rule for all readings at once."""
-    shown = 0.01 + math.sqrt(variance) * np.random.default_rng(n).standard_normal(n)
-    before = replace(STOCK, bias=bias, bias_std=std, variance_gyro=variance)
-    at_once, one_by_one = zeroed(before, shown), before
-    for reading in shown:
-        one_by_one = zeroed(one_by_one, np.array([reading]))
-    assert at_once.bias == pytest.approx(one_by_one.bias, rel=1e-9, abs=1e-12)  # a recursion of 60 steps against a sum
-    assert at_once.bias_std == pytest.approx(one_by_one.bias_std, rel=1e-9)
-    assert at_once.bias_std == pytest.approx(math.sqrt(variance / (n + variance / std**2)), rel=1e-9)
-    assert zeroed(before, shown[:0]).bias == bias  # it did not stand
-    assert zeroed(STOCK, shown) == STOCK  # it knows that there is none
-
-
-def test_a_bias_that_was_learned_at_rest_is_as_sure_as_it_says() -> None:
-    """Normalised errors of 1000 gyros have the variance 1 +- 0.045 (1 sigma)."""
-    rng, errors = np.random.default_rng(8), []
-    for _ in range(1000):
-        bias = 0.02 * rng.standard_normal()
-        found = zeroed(learning(STOCK), gyro_at_rest(SensorModel(gyro_bias=bias).packed(), rng))
-        errors.append((found.bias - bias) / found.bias_std)
-    assert found.bias_std < 0.001
-    assert np.mean(np.square(errors)) == pytest.approx(1.0, abs=0.2)

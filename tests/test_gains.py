@@ -28,8 +28,7 @@ from validation.bench.gains import (
 )
 from validation.bench.loops import make_controller, make_robot, run_robots
 from validation.identify.tuning import TuneCost, costs_of
-from validation.plants.filters import odometry_of
-from validation.plants.profile import load_profile, shipped
+from validation.plants.profile import load_profile, odometry_of, shipped
 from validation.thesis import published
 
 PRINTED = {

@@ -1,4 +1,4 @@
-"""Look into a log of a robot, clean it, convert it: `python -m validation.recordings info|convert|commission SOURCE`."""
+"""Look into a log of a robot, clean it, convert it: `python -m validation.recordings info|convert SOURCE`."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ import tyro
 from ssmr.estimation.settings import EkfSettings
 from ssmr.types import FloatArray
 from validation import cli
-from validation.bench.logs import Reckoning, commissioned_on, open_log, reckon
+from validation.bench.logs import Reckoning, open_log, reckon
 from validation.files.faults import REST_LEAST, STOCK, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, write_log
 from validation.files.limits import USUAL
 from validation.files.log import Log, ReadOptions
 from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.reading import FileError, exists, read_file
-from validation.plants.filters import LEARNING, StateFilter, load_filter, odometry_of
+from validation.plants.profile import odometry_of
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
@@ -74,9 +74,6 @@ class Info(LogOptions):
     out: Annotated[None, tyro.conf.Suppress, tyro.conf.Fixed] = None
     json: Annotated[Path | None, cli.option(metavar="FILE", default="none")] = None
     """JSON file to write the findings into as well."""
-    filter: Annotated[str | Path, cli.text_of("thesis|learning|FILE.toml"), cli.option()] = LEARNING
-    """State filter beside the thesis' in the table of dead reckoning: one that is learning on a robot that nobody has
-    commissioned, or that of a file, which commission writes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,14 +105,6 @@ class Convert(LogOptions):
             raise ValueError(f"smooth {self.smooth} must not be negative [s]")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Commission(LogOptions):
-    """Options of `commission`."""
-
-    out: Annotated[Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.toml")] = None
-    """TOML file to write the filter into."""
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LogReport(Report):
     """What was found in a log, or made of it."""
@@ -127,8 +116,6 @@ class LogReport(Report):
     """Delays between its groups, before anything was changed."""
     reckoning: Reckoning | None = None
     """Ways of dead reckoning; None where the log allows none."""
-    filter: StateFilter | None = None
-    """The state filter that was commissioned; None where none was asked for."""
     save_as: Callable[[Path], object] | None = None
     """Function that writes the file that it is for; None for its JSON."""
 
@@ -162,8 +149,7 @@ def info(o: Info) -> LogReport:
         SsmrError: the plant diverged.
     """
     log, odometry = o.opened(), o.odometry()
-    used = load_filter(o.filter, odometry)
-    reckoning = reckon(log, odometry, {f"filter '{used.name}'": used.settings} if used.settings != odometry else {})
+    reckoning = reckon(log, odometry)
     offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log)
     seconds = {offset.behind: 0.0 for offset in offsets} | {offset.late: offset.seconds for offset in offsets}
     jumps = faults.jumps
@@ -227,25 +213,6 @@ def convert(o: Convert) -> LogReport:
         title=log.path.name, document={}, log=changed, offsets=offsets,
         tables=[_offset_table(offsets)], sentences=sentences,
         save_as=lambda path: write_log(changed if format_of_target(path).own_stamps else merged, path),
-    )  # fmt: skip
-
-
-@cli.program(Commission)
-def commission(o: Commission) -> LogReport:
-    """Write a state filter that knows the robot of a log, from its wheels and the poses of a better sensor.
-
-    Offsets of time are taken out first. Use the file with --filter, on other drives.
-
-    Raises:
-        ValueError: the log cannot be opened, has no wheels or no poses, or the robot does not move and turn.
-        SsmrError: the plant diverged.
-    """
-    log = o.opened()
-    offsets = estimate_offsets(log)
-    made = StateFilter(log.path.stem, commissioned_on(synchronised(log, offsets), o.odometry()))
-    return LogReport(
-        title=log.path.name, document=made.as_dict(), log=log, offsets=offsets, filter=made, save_as=made.save,
-        tables=[_offset_table(offsets)], sentences=[f"{made.name}: {made.sentence()}"],
     )  # fmt: skip
 
 
@@ -335,7 +302,6 @@ def _command(program: cli.Program[Any, Any], option: str, ending: str = "") -> C
 PROGRAM = {
     "info": _command(info, "--json"),
     "convert": _command(convert, "--out", ".csv"),
-    "commission": _command(commission, "--out", ".toml"),
 }
 
 if __name__ == "__main__":

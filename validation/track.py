@@ -15,18 +15,15 @@ import tyro
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.settings import zeroed
 from ssmr.geometry import rotate_body_to_world
-from ssmr.robot.sensors import SensorModel, gyro_at_rest
+from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from validation import cli, store
 from validation.bench.gains import GainSet, origin_sentence
 from validation.bench.loops import (
-    COMMISSIONED,
     AnyController,
     ClosedLoopRobot,
     chosen_controller,
-    chosen_filter,
     demand_of,
     make_robot,
     rate,
@@ -35,8 +32,7 @@ from validation.bench.loops import (
 )
 from validation.bench.tracked import MOST_BESIDE, TrackedRobot, reference_of
 from validation.bench.waypoint_files import open_reference
-from validation.plants.filters import THESIS
-from validation.plants.profile import Profile, choose_profile
+from validation.plants.profile import Profile, choose_profile, odometry_of
 from validation.progress import Progress
 from validation.report.tracking import Tracked, tracking_report
 from validation.simulator.terrain import FLAT
@@ -96,10 +92,6 @@ class TrackOptions(cli.Filmed):
     feedback: Annotated[Feedback, cli.option()] = "noisy"
     """Signal that the controller sees: the truth; the truth with the lab's noise (Tab. 3.4); or the estimate of a state
     filter (EKF) on noisy encoders and gyro."""
-    filter: Annotated[str | Path, cli.text_of("thesis|commissioned|learning|FILE.toml"), cli.option()] = "thesis"
-    """State filter of --feedback ekf: the thesis'; one that is commissioned by simulated drives, knows the robot's constants
-    and learns how they change; one that is learning on a robot that nobody has commissioned; or that of a TOML file, such as
-    filter.toml beside the results of such a run."""
     lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
     """Distance at which the robot keeps behind its target (Sec. 4.5)."""
     start: Annotated[tuple[float, float, float], cli.parsed(_read_start, "X,Y,YAW"), cli.option(default="0,0,0")] = (
@@ -114,8 +106,7 @@ class TrackOptions(cli.Filmed):
     no_disturbance: cli.Flag = False
     """Do not push the robot's yaw at random (Sec. 3.4.5)."""
     gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
-    """Reading of the gyro at rest, of which no filter is told; one that learns listens for 5 s before the robot drives. It
-    needs --feedback ekf."""
+    """Reading of the gyro at rest, of which the filter is not told. It needs --feedback ekf."""
     missed_ticks: Annotated[
         tuple[float, float], cli.parsed(_read_shares, "LEFT,RIGHT"), cli.option(default="0,0, sound encoders")
     ] = (0.0, 0.0)
@@ -135,7 +126,7 @@ class TrackOptions(cli.Filmed):
         if not abs(yaw) <= math.pi:
             raise ValueError(f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)")
         LoopSettings(self.seen, sensors=self.sensors, lookahead=self.lookahead)
-        needs = {"missed_ticks": any(self.missed_ticks), "gyro_bias": self.gyro_bias, "filter": str(self.filter) != THESIS}
+        needs = {"missed_ticks": any(self.missed_ticks), "gyro_bias": self.gyro_bias}
         if self.seen != "ekf" and (named := [name for name, differs in needs.items() if differs]):
             raise ValueError(f"{named[0]} needs the feedback ekf; nobody reads the sensors under {self.seen}")
 
@@ -201,8 +192,6 @@ def track(o: TrackOptions) -> Tracked:
         raise ValueError(f"terrain {o.terrain.spec} needs the plant mujoco: the planar models know only level ground")
     robots = [make_robot(profile, name, o.terrain) for name in plants]
     for robot in robots:
-        if str(o.filter) != COMMISSIONED:  # that one has to be driven, the others are there or not
-            chosen_filter(o.filter, profile, robot.name)
         require_practicable(waypoints, robot.drive, label)
     sentences = [None if gains is None else origin_sentence(gains, profile.name)]
     sentences += [demand_of(waypoints, robot, profile.name, label) for robot in robots]
@@ -224,10 +213,8 @@ def _driven(
     profile: Profile,
 ) -> TrackedRobot:
     """Drive a robot along the reference; one that is lost on the way is part of the result, as far as it came."""
-    used = chosen_filter(o.filter, profile, robot.name)
-    at_rest = gyro_at_rest(o.sensors.packed(), np.random.default_rng([o.seed, 2]))  # 0 and 1 draw the loop's noise
-    settled, pushed = zeroed(used.settings, at_rest), not (o.no_noise or o.no_disturbance)
-    around = LoopSettings(o.seen, sensors=o.sensors, filter=settled, disturbance=pushed, lookahead=o.lookahead)
+    used, pushed = odometry_of(robot.drive), not (o.no_noise or o.no_disturbance)
+    around = LoopSettings(o.seen, sensors=o.sensors, filter=used, disturbance=pushed, lookahead=o.lookahead)
     at, (x, y, yaw) = waypoints.start, o.start
     dx, dy = map(float, rotate_body_to_world(np.array([x, y]), at.yaw))
     start = State(at.x + dx, at.y + dy, at.yaw + yaw)

@@ -23,8 +23,7 @@ from validation.bench.waypoint_files import open_reference, split_speed
 from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.tuning import RatedRun, TuneCase, TuneCost, TuneMeasure, TuneProblem, make_tuning_space
-from validation.plants.filters import odometry_of
-from validation.plants.profile import Profile, choose_profile
+from validation.plants.profile import Profile, choose_profile, odometry_of
 from validation.plants.table import SIMULATED
 from validation.progress import Progress
 from validation.report import drawing

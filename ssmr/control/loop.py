@@ -158,7 +158,7 @@ def make_trackers(
     Raises:
         ValueError: no regulator exists for a controller's weights.
     """
-    learns, period, course = any(s.filter.learns for s in settings), clock.velocity * clock.dt, waypoints.course()
+    period, course = clock.velocity * clock.dt, waypoints.course()
     models = [predictor_model(np.array(law.a), np.array(law.b), law.drive, period) for law in controllers]
     most = max(map(commands_under_way, models))
     return [
@@ -172,7 +172,7 @@ def make_trackers(
             course=course,
             lookahead=float(around.lookahead),
             by_filter=around.feedback == "ekf",
-            belief=initial_belief(state, settings=around.filter if learns else None),
+            belief=initial_belief(state),
             filter=around.filter.packed(),
             noise=around.deviations(),
             sensors=around.sensors.packed(),

@@ -18,8 +18,8 @@ from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
 from ssmr.control.predictor import PredictorModel, predict_ahead, remember
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
-from ssmr.estimation.ekf import filter_step, speed
-from ssmr.estimation.settings import YAW, Belief, W, X, Y
+from ssmr.estimation.ekf import filter_step
+from ssmr.estimation.settings import YAW, Belief, V, W, X, Y
 from ssmr.robot.drive import DriveNumbers, DriveState, follow
 from ssmr.robot.sensors import SensorErrors, sense
 from ssmr.types import FloatArray
@@ -116,7 +116,7 @@ def observed(tracker: Tracker, k: int, truth: Truth, draws: FloatArray) -> Obser
         sample = sense(truth.left, truth.right, truth.w, (drawn.left, drawn.right, drawn.gyro), tracker.sensors)
         filter_step(tracker.belief, sample, tracker.position_steps * tracker.dt if k else 0.0, tracker.filter)
         mean = tracker.belief.mean
-        return Observation(mean[X], mean[Y], mean[YAW], speed(mean, tracker.filter), mean[W])
+        return Observation(mean[X], mean[Y], mean[YAW], mean[V], mean[W])
     return Observation(
         truth.x + noise.x * drawn.x,
         truth.y + noise.y * drawn.y,

@@ -94,10 +94,6 @@ def yaw_disturbance(duration: float, dt: float, rng: np.random.Generator) -> Flo
     return np.asarray(draws[np.floor(step * dt / PUSH_TIME + 1e-9).astype(int)])
 
 
-STANDS = 5.0
-"""Time for which a simulated robot stands before it drives [s], while a filter that learns listens to its gyro."""
-
-
 class SensorSample(NamedTuple):
     """One reading of the sensors; NaN for a sensor that gave nothing."""
 
@@ -158,11 +154,6 @@ class SensorModel:
             1.0 - self.missed_left,
             1.0 - self.missed_right,
         )
-
-
-def gyro_at_rest(noise: SensorErrors, rng: np.random.Generator, seconds: float = STANDS) -> FloatArray:
-    """Return (N,) what the gyro shows while the robot stands for a time [rad/s], at the state filter's rate."""
-    return noise.gyro_bias + noise.gyro_std * rng.standard_normal(round(seconds * SAMPLE_RATES_HZ["ekf"]))
 
 
 @jit

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
 from ssmr._jit import source
 from ssmr.estimation.ekf import run_ekf
-from ssmr.estimation.settings import EkfSettings, commission, learning, zeroed
-from ssmr.geometry import align_rigidly, rotate_world_to_body
+from ssmr.estimation.settings import EkfSettings
+from ssmr.geometry import align_rigidly
 from ssmr.metrics.paths import path_length
 from ssmr.robot.drive import Sides, wheel_rates
 from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorModel, simulate_sensors
@@ -24,8 +22,6 @@ from validation.bench.sources import Piece, drive
 from validation.files.faults import STOCK, WheelTwist, standing, wheel_twist
 from validation.files.formats import read_log
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, POSES, Group, Log, ReadOptions
-from validation.files.reading import FileError
-from validation.files.signals import smoothed
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import ALL_PLANTS, STANDARD
 from validation.simulator.description import Robot
@@ -38,13 +34,8 @@ POSE_STD, YAW_STD = 0.002, 0.002
 POSE_LATE = 0.05
 """Delay of their poses' stamps behind the measurements [s]."""
 _REST = 5.0  # time at rest before and after a logged drive [s], in which the gyro's bias shows
-_UNKNOWN_SPEED = (0.0, 0.0, 0.0, 1.0, 1.0)
-"""Standard deviations of the start of a filter that learns [m, m, rad, m/s, rad/s]: a log may begin while the robot
-moves, and a yaw rate that is taken for none would be believed to be the gyro's bias."""
-_PIECES = 10  # number of pieces of a log whose means tell how sure a gyro's bias is
-_SMOOTHING, _LEAST_STRETCH = 0.15, 2.0
-"""Standard deviation of the Gaussian that smooths poses before they are differentiated, and the least stretch without a gap
-from which a robot is commissioned [s]."""
+_BIAS_STD = 0.02
+"""Standard deviation of a small gyro's bias at start-up [rad/s]: 1 degree/s, as data sheets say."""
 _TRUTHS = {"gps": ("gps_east", "gps_north"), "pose": ("x", "y")}
 """Groups and columns whose positions dead reckoning is compared with: the first that a log has."""
 
@@ -128,8 +119,8 @@ def filtered_motion(log: Log, settings: EkfSettings = STOCK, *, bias: bool = Tru
     Args:
         log: the log.
         settings: the filter's, with wheel radius and half-track of the robot's driver.
-        bias: True if what the gyro shows whenever the robot stands tells its bias, see `zeroed`, from the log's beginning.
-            The bias is subtracted, or a filter that learns begins with it.
+        bias: True if what the gyro shows whenever the robot stands tells its bias, from the log's beginning.
+            It is subtracted.
 
     Returns:
         The filter's motion; None without wheels.
@@ -139,13 +130,15 @@ def filtered_motion(log: Log, settings: EkfSettings = STOCK, *, bias: bool = Tru
         return None
     t, turning = _gyro_within(log, wheels[0]) or (wheels[0], None)
     left, right = _rates_at(t, wheels, settings)
-    still = standing(log, t)
-    if turning is not None and bias and settings.learns:
-        settings, turning = zeroed(settings, turning[still]), np.where(still, np.nan, turning)
-    elif turning is not None and bias:
-        turning = turning - zeroed(learning(settings), turning[still]).bias
-    std = _UNKNOWN_SPEED if settings.learns else (0.0,) * 5
-    return run_ekf(t, left, right, turning, settings, State(), std, still if settings.learns else None)
+    if turning is not None and bias:
+        turning = turning - _bias_at_rest(turning[standing(log, t)])
+    return run_ekf(t, left, right, turning, settings, State())
+
+
+def _bias_at_rest(shown: FloatArray) -> float:
+    """Return the bias of a gyro [rad/s] that showed these yaw rates while its robot stood; none where there are none."""
+    prior, noise = _BIAS_STD**2, SensorModel().variance_gyro
+    return prior / (len(shown) * prior + noise) * float(np.sum(shown))
 
 
 def _rates_at(t: FloatArray, wheels: WheelTwist, settings: EkfSettings) -> Sides:
@@ -161,43 +154,6 @@ def _gyro_within(log: Log, stamps: FloatArray) -> tuple[FloatArray, FloatArray] 
         return None
     within = (imu.t >= stamps[0]) & (imu.t <= stamps[-1])
     return (imu.t[within], imu.columns["gyro_z"][within]) if np.count_nonzero(within) > 1 else None
-
-
-def commissioned_on(log: Log, odometry: EkfSettings = STOCK) -> EkfSettings:
-    """Return a filter that knows the constants of the robot of a log, from its wheels and the poses of a better sensor.
-
-    Poses are smoothed, and gaps left out. Offsets of time have to be taken out before. Where there is a gyro, its bias is
-    the mean of what it shows beside the poses, with the standard error of such means over pieces of the log.
-
-    Args:
-        log: the log.
-        odometry: wheel radius and half-track of the robot's driver.
-
-    Raises:
-        ValueError: there are no wheels, or no poses at the same time, or the robot does not move, or does not turn.
-    """
-    wheels, pose = wheel_twist(log, odometry), log.groups.get("pose")
-    columns = None if pose is None else pose.table(POSE_COLUMNS)
-    drives, off = list[Trajectory](), list[FloatArray]()
-    if wheels is not None and pose is not None and columns is not None:
-        gyro, rims = _gyro_within(log, wheels[0]), np.column_stack(_rates_at(pose.t, wheels, odometry))
-        within = (pose.t >= wheels[0][0]) & (pose.t <= wheels[0][-1])
-        for part in np.split(np.arange(len(pose.t)), np.flatnonzero(np.diff(pose.t) > pose.longest_step()) + 1):
-            kept = part[within[part]]
-            t = pose.t[kept]
-            if len(t) and t[-1] - t[0] > _LEAST_STRETCH:
-                found = np.column_stack([smoothed(t, column, _SMOOTHING) for column in columns[kept].T])
-                rates = np.gradient(found, t, axis=0)
-                twist = np.column_stack([rotate_world_to_body(rates[:, :2], found[:, 2]), rates[:, 2]])
-                drives.append(Trajectory(t, found, twist, rims[kept]))
-                off += [] if gyro is None else [np.interp(t, *gyro) - twist[:, 2]]
-    if not drives:
-        raise FileError(log.path, "commissioning needs wheels or odometry, and poses x, y, yaw of a better sensor")
-    settings = commission(drives, odometry)
-    if not off:
-        return settings
-    means = [np.mean(part) for part in np.array_split(np.concatenate(off), _PIECES)]
-    return replace(settings, bias=float(np.mean(means)), bias_std=float(np.std(means) / np.sqrt(_PIECES - 1)))
 
 
 # ------------------------------------------------------------------------------------------ dead reckoning
@@ -225,12 +181,10 @@ class Reckoning:
     """At least one."""
 
 
-def reckon(
-    log: Log, settings: EkfSettings = STOCK, more: Mapping[str, EkfSettings] = MappingProxyType({})
-) -> Reckoning | None:
+def reckon(log: Log, settings: EkfSettings = STOCK) -> Reckoning | None:
     """Compare ways of dead reckoning with a log's positions by satellite or by a localiser.
 
-    `settings` of the filter have wheel radius and half-track of the robot's driver; `more` has further filters, by name.
+    `settings` of the filter have wheel radius and half-track of the robot's driver.
 
     Returns:
         None where the log has no such positions, or no wheels.
@@ -242,7 +196,6 @@ def reckon(
     ways = [("filter of wheels", settings, False)]
     if "imu" in log.groups:
         ways = [("filter of wheels and gyro", settings, False), ("filter, bias learned at rest", settings, True)]
-        ways += [(way, used, True) for way, used in more.items()]
     tracks = dict[str, tuple[FloatArray, FloatArray]]()  # stamps [s] and positions [m]; the odometry's own pose first
     for names in POSES:
         if "odom" in log.groups and (xy := log.groups["odom"].table(names[:2])) is not None:

@@ -11,12 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from ssmr.control.laws import AnyController, design
-from ssmr.control.loop import ClosedRun, Feedback, LoopSettings
+from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
 from ssmr.control.population import Loop, run_bodies, run_loops
-from ssmr.control.references import eight
 from ssmr.control.waypoints import Waypoints
-from ssmr.estimation.settings import EkfSettings, commission
 from ssmr.metrics.declared import Metrics
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
 from ssmr.models.law import PLANAR_MODELS
@@ -24,21 +22,14 @@ from ssmr.models.linear import matrices
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, Plant, State
-from validation.bench.gains import DEFAULT, GainSet, load_gains
+from validation.bench.gains import GainSet, load_gains
 from validation.bench.tracked import track_metrics
 from validation.bench.user_law import is_user_law, load_user_law
-from validation.plants.filters import StateFilter, load_filter, odometry_of
 from validation.plants.profile import Profile, ProfileError, make_plant
 from validation.simulator.loops import run_husky_loops
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
-COMMISSIONED = "commissioned"
-"""Name of a filter that gets the robot's constants from simulated drives."""
-TRACKER = "lqr-scheduled"
-"""Controller that keeps a robot on a reference, with the gains of its class; any good one would do."""
-_SPEED, _SEEDS = 0.25, (1000, 1001)
-"""Speed of the drives by which a filter is commissioned [m/s], and their seeds, which no other run has."""
 _SECONDS, _LAST, _SAMPLE_DT = 6.0, 1.0, 0.05
 """Time for which a command is driven, the last part of it over which the motion is averaged, and between samples [s]."""
 _EASY_TURN, _EASY_SPEED = 0.25, 0.8
@@ -173,35 +164,6 @@ def run_robots(
 def rate(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot) -> Metrics:
     """Return how well a run followed its reference; a run that was lost is compared with the whole reference."""
     return track_metrics(run, waypoints, robot.limits)
-
-
-def commissioned(profile: Profile, plant: str, feedback: Feedback = "noisy") -> EkfSettings:
-    """Return a filter that knows a robot's constants from two drives along an eight.
-
-    A scheduled LQR, which sees `feedback`, drives the plant on level ground, pushed as in Sec. 3.4.5.
-
-    Raises:
-        LostError: the robot left the eight.
-        ProfileError: there is no such plant, or it has no closed loops.
-    """
-    robot, law = make_robot(profile, plant), make_controller(profile, load_gains(TRACKER, DEFAULT))
-    odometry = odometry_of(robot.drive)
-    loop, n = LoopSettings(feedback, filter=odometry), len(_SEEDS)
-    runs = run_robots([robot] * n, [law] * n, [loop] * n, eight(_SPEED), _SEEDS)
-    drives = [run.require_kept(f"{plant} of {profile.name}, which was to be commissioned,").motion for run in runs]
-    return commission(drives, odometry)
-
-
-def chosen_filter(name_or_path: str | Path, profile: Profile, plant: str) -> StateFilter:
-    """Return the state filter of a robot: `thesis`, `learning`, `commissioned`, or that of a TOML file.
-
-    Raises:
-        ValueError: there is none of that name, or its file says something that cannot be.
-        LostError: the robot left the reference on which it was to be commissioned.
-    """
-    if str(name_or_path) == COMMISSIONED:
-        return StateFilter(COMMISSIONED, commissioned(profile, plant))
-    return load_filter(name_or_path, odometry_of(profile.section(plant).drive), (COMMISSIONED,))
 
 
 # ------------------------------------------------------------------------------------------ what a reference asks for

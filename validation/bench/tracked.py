@@ -16,9 +16,9 @@ from ssmr.control.lqr import V_LIMIT, W_LIMIT
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
 from ssmr.errors import SsmrError
+from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.declared import METRICS, Metric, Metrics, command_measures, compare_paths, cross_track_max
 from ssmr.types import Trajectory
-from validation.plants.filters import StateFilter
 from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line
@@ -110,7 +110,7 @@ class TrackedRobot:
     """Ground of a MuJoCo robot."""
     body: Robot = field(default_factory=load_robot)
     """The robot that the profile is of."""
-    filter: StateFilter | None = None
+    filter: EkfSettings | None = None
     """State filter whose estimate the controller saw, if it saw one."""
 
     @property

@@ -19,7 +19,9 @@ from typing import Any, TypeVar
 
 import tomli_w
 
+from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.localiser import Localiser
+from ssmr.robot.vehicle import Drive
 from ssmr.types import Plant
 from validation import store
 from validation.files import reading
@@ -225,6 +227,11 @@ def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
         return replace(default, **given)  # type: ignore[type-var]
     except ValueError as error:
         raise ValueError(f"[{where}] {error}") from error
+
+
+def odometry_of(drive: Drive) -> EkfSettings:
+    """Return the thesis' state filter, whose wheel odometry is the driver's own."""
+    return EkfSettings(radius=drive.command_radius, half_track=drive.command_half_track)
 
 
 def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> Plant:

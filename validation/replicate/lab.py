@@ -17,8 +17,7 @@ from ssmr.types import Commands, State, Trajectory
 from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller, make_robot, run_robots
 from validation.bench.waypoint_files import open_reference
-from validation.plants.filters import odometry_of
-from validation.plants.profile import load_profile, make_plant
+from validation.plants.profile import load_profile, make_plant, odometry_of
 from validation.replicate.chapters import Findings, Section, Task
 from validation.report.table import Table
 from validation.study.noise import HighPass, estimate_noise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from ssmr.control.waypoints import ALPHA_SWITCH
 from ssmr.metrics.declared import Metrics
-from validation import store
 from validation.bench.tracked import (
     OF_THE_LOOP,
     OF_THE_PATH,
@@ -57,16 +56,6 @@ class Tracked(Report):
         if self.failure is not None:
             raise self.failure
 
-    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
-        """Write its files as every report, and filter.toml if the first robot had a filter that learns; return their paths.
-
-        Raises:
-            OSError: the folder cannot be made or written.
-        """
-        used, place = self.robots[0].filter, store.make_folder(Path(folder))
-        own = [used.save(place / "filter.toml")] if used is not None and used.settings.learns else []
-        return [*own, *super().save(folder, recording=recording)]
-
 
 def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (), **more: Any) -> Tracked:
     """Return the report on robots that followed one reference.
@@ -81,7 +70,7 @@ def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (),
     if (feedback := first.options.get("feedback")) is not None:
         caption += f" · feedback {one_line(feedback)}"
     if first.filter is not None:
-        caption += f" · filter {one_line(first.filter.name)}"
+        caption += " · the thesis' filter"
     labels = [f"{r.plant} (lost)" if r.run.lost else r.plant for r in robots]
     path, loop = list[Row](), list[Row]()
     for label, r in zip(labels, robots, strict=True):
@@ -129,7 +118,7 @@ def _document(robots: Sequence[TrackedRobot]) -> dict[str, Any]:
         **own,
     }
     if first.filter is not None:
-        document["filter"] = first.filter.as_dict()
+        document["filter"] = {"name": "thesis", **asdict(first.filter)}
     if others:
         document["beside"] = {r.plant: r.as_dict() for r in others}
     return document
@@ -154,7 +143,6 @@ def track_notes(robots: Sequence[TrackedRobot]) -> list[str]:
                 f"{r.plant}: the target was farther than {ALPHA_SWITCH:g} m for {max(beyond, 0.001):.1%} of the time, "
                 "where errors of heading count as zero."
             )
-    notes += [f"{r.plant}: {r.filter.sentence()}" for r in robots if r.filter and r.filter.settings.learns]
     begin = robots[0].options.get("start")
     if isinstance(begin, list) and any(begin):
         x, y, yaw = begin

@@ -8,12 +8,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from ssmr.estimation.ekf import filter_step, initial_belief
-from ssmr.estimation.settings import V, W, zeroed
+from ssmr.estimation.settings import V, W
 from ssmr.geometry import compose
 from ssmr.robot.drive import body_rates, whole_steps
-from ssmr.robot.sensors import PUSH_TIME, YAW_DISTURBANCE_VARIANCE, SensorErrors, SensorModel, gyro_at_rest, sense
+from ssmr.robot.sensors import PUSH_TIME, YAW_DISTURBANCE_VARIANCE, SensorErrors, SensorModel, sense
 from ssmr.types import FloatArray, State
-from validation.plants.filters import odometry_of
+from validation.plants.profile import odometry_of
 from validation.ros.messages import STAND_STILL, Twist
 from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
@@ -94,8 +94,7 @@ class SimulatedRobot:
         """
         self._plant, self._start, self._disturbance = plant, start or State(), disturbance
         self._seed, self._errors = seed, SensorModel().packed() if noise else SensorErrors(0.0, 0.0, 0.0)
-        at_rest = gyro_at_rest(self._errors, np.random.default_rng([seed, 2]))
-        self.filter = zeroed(odometry_of(plant.drive), at_rest)
+        self.filter = odometry_of(plant.drive)
         self._numbers = self.filter.packed()
         self._reset()
         self.advance(1, STAND_STILL)  # so that all is compiled before it has to keep real time

@@ -29,7 +29,7 @@ from validation.bench.gains import DEFAULT, GainSet, load_gains, sets_of
 from validation.bench.loops import ClosedLoopRobot, make_controller, rate, require_practicable, run_robots
 from validation.bench.mismatch import STUDYING, Mismatch, draw_mismatches, mismatched, single_mismatches, spread
 from validation.bench.waypoint_files import open_reference
-from validation.plants.filters import odometry_of
+from validation.plants.profile import odometry_of
 from validation.report import drawing
 from validation.report.columns import MILLIMETRES
 from validation.report.report import Report

@@ -246,10 +246,13 @@ def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[Tun
 
 def _document(t: Tuned) -> dict[str, Any]:
     """Return what tune.json holds before its tables; null stands for every number that is not finite."""
-    driven = {
-        label: {name: {**r.metrics, "cost": r.cost, "lost": r.run.lost} for name, r in rated.items()}
-        for label, rated in (*t.train.items(), *t.held_out.items())
-    }
+
+    def runs(cases: Mapping[str, Mapping[str, RatedRun]]) -> dict[str, Any]:
+        return {
+            label: {name: {**r.metrics, "cost": r.cost, "lost": r.run.lost} for name, r in rated.items()}
+            for label, rated in cases.items()
+        }
+
     robots = {
         "worst_share": WORST,
         "tuned_on": [asdict(robot) for robot in t.problem.mismatches],
@@ -270,8 +273,8 @@ def _document(t: Tuned) -> dict[str, Any]:
         "shipped_cost": t.shipped_cost,
         "gains": dict(t.gains),
         **({"robots": robots} if t.scored_on else {}),
-        "train": {label: driven[label] for label in t.train},
-        "held_out": {label: driven[label] for label in t.held_out},
+        "train": runs(t.train),
+        "held_out": runs(t.held_out),
     }
 
 

@@ -21,6 +21,9 @@ from validation.plants.kind import PlantProfile, Population
 from validation.plants.searchable import with_values
 from validation.plants.table import plant_kind
 
+OnShare = Callable[[float], object] | None
+"""What is called, from any thread, with the share of a generation that is rated."""
+
 
 class FitProblem:
     """How well candidates of one plant make the targets' motions."""
@@ -81,15 +84,19 @@ class FitProblem:
         """(K,) number of the block of time that each residual belongs to."""
         return np.concatenate([rater.blocks for _, _, rater in self._pieces])
 
-    def costs(self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1) -> FloatArray:
+    def costs(
+        self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1, on_share: OnShare = None
+    ) -> FloatArray:
         """Return the (S,) costs of (S, n) points of the unit cube; infinite for one that is impossible or fails.
 
         Args:
             points: the candidates.
             limits: (S,) costs; a candidate whose partial sum exceeds its limit is abandoned, and that sum is returned.
             workers: number of threads; the result does not depend on it.
+            on_share: called with the share of the work that is done.
         """
         bounds = np.full(len(points), np.inf) if limits is None else limits
+        total, done = sum(piece.commands.duration for piece, _, _ in self._pieces) * len(points), [0.0]
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             costs = np.zeros(len(bounds[which]))
@@ -98,6 +105,9 @@ class FitProblem:
                 if len(live):
                     terms = rater.cost(population.poses(list(live), piece, dt), threads)
                     costs[live] += np.where(np.isfinite(terms), terms, np.inf)
+                done[0] += piece.commands.duration * len(costs) / total
+                if on_share is not None:
+                    on_share(done[0])
             return costs
 
         return self._side_by_side(rate, points, workers)

@@ -25,7 +25,7 @@ from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli, store
 from validation.files import reading
-from validation.identify.problem import FitProblem
+from validation.identify.problem import FitProblem, OnShare
 from validation.identify.refine import Remembered, arrivals
 from validation.identify.tuning import TuneProblem
 from validation.progress import Progress, Report, silent
@@ -39,8 +39,8 @@ _LEFT_OUT = {
 MOST_WORKERS = 4096
 """Greatest number of threads that a search can be told to use."""
 _log = logging.getLogger(__name__)
-Evaluate = Callable[[FloatArray, FloatArray], FloatArray]
-"""A function that rates a generation: points and limits, see `FitProblem.costs`."""
+Evaluate = Callable[[FloatArray, FloatArray, OnShare], FloatArray]
+"""A function that rates a generation: points, limits and `on_share`, see `FitProblem.costs`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,13 +156,17 @@ class Search:
         began, rated = time.perf_counter(), self.jde.evaluations
         zero = began - self.wall_s
 
+        def tell(share: float) -> None:
+            rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
+            total = self.jde.settings.generations + 1 + self.starts
+            text = f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s"
+            self.progress(Progress(len(self.jde.history) + share, total, text))
+
         try:
             while not self.jde.finished and (most is None or len(self.jde.history) <= most):
-                self.jde.tell(evaluate(self.jde.ask(), self.jde.costs))
+                self.jde.tell(evaluate(self.jde.ask(), self.jde.costs, tell))
                 self._keep(zero)
-                rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
-                text = f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s"
-                self.progress(Progress(len(self.jde.history), self.jde.settings.generations + 1 + self.starts, text))
+                tell(0.0)
         except KeyboardInterrupt:
             self.interrupted = True
         self.wall_s = time.perf_counter() - zero
@@ -182,7 +186,7 @@ class Search:
         try:
             for end in arrivals(problem, points, costs, self.starts, self.driven, threads, step):
                 self.ends += 1
-                cost = float(problem.costs(end[None], None, threads)[0])
+                cost = float(problem.costs(end[None], None, threads, None)[0])
                 if cost < self.cost:
                     self.refined = end, cost
         except KeyboardInterrupt:
@@ -265,9 +269,9 @@ def search_for(
     if o.checkpoint is not None:
         store.make_folder(o.checkpoint.parent)
 
-    def evaluate(points: FloatArray, limits: FloatArray) -> FloatArray:
+    def evaluate(points: FloatArray, limits: FloatArray, on_share: OnShare) -> FloatArray:
         if o.executor is None:
-            return problem.costs(points, limits, o.threads)
+            return problem.costs(points, limits, o.threads, on_share)
         parts = [slice(first, None, o.threads) for first in range(min(o.threads, len(points)))]
         costs = np.empty(len(points))
         try:

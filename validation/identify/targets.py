@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from os.path import realpath
 from typing import Literal
 
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import CommandKind
+from ssmr.types import CommandKind, Plant
 from validation.bench.sources import Source, drive, open_source
 from validation.files.limits import USUAL, LogLimits
 from validation.identify.objective import FitTarget
@@ -55,14 +55,7 @@ def open_targets(
     if all(map(is_scenario, names)) and span != (None, None):
         raise ValueError(f"start_at and until cut recordings; {', '.join(names)} are scenarios")
     kind: CommandKind = "wheels" if input == "wheels" else "twist"
-    plant = cache(partial(make_plant, profile))
-
-    def truth_of(source: Source, label: str) -> FitTarget:
-        if source.reference == "recording":
-            return FitTarget(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
-        made, localiser = plant(source.reference), profile.section(source.reference).localiser
-        return FitTarget(label, source, tuple(drive(made, piece, localiser, source.sample_dt) for piece in source.pieces))
-
+    truth_of = _truth(profile)
     train = []
     for name in names:
         source = open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], limits)
@@ -75,19 +68,14 @@ def open_targets(
             if full in names or name in names:
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
             judged.append(truth_of(open_source(full), name))
-        else:
-            judged.append(truth_of(_recorded(name, kind, _spans_left(name, names, span), limits), name))
+            continue
+        spans: list[Span] = [(None, None)]
+        if realpath(name) in map(realpath, names):  # unlike Path.resolve, it takes a link that leads to itself
+            spans = [part for part in ((None, span[0]), (span[1], None)) if part != (None, None)]
+            if not spans:
+                raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
+        judged.append(truth_of(_recorded(name, kind, spans, limits), name))
     return tuple(train), tuple(judged)
-
-
-def _spans_left(name: str, names: Sequence[str], span: Span) -> Sequence[Span]:
-    """Return the spans of a held-out recording: all of it, or what is not fitted to."""
-    if realpath(name) not in map(realpath, names):  # unlike Path.resolve, it takes a link that leads to itself
-        return [(None, None)]
-    spans = [part for part in ((None, span[0]), (span[1], None)) if part != (None, None)]
-    if not spans:
-        raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
-    return spans
 
 
 def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], limits: LogLimits) -> Source:
@@ -96,3 +84,19 @@ def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], limits: LogLi
     pieces = tuple(piece for part in parts for piece in part.pieces)
     warnings, title = tuple(w for part in parts for w in part.warnings), " and ".join(part.title for part in parts)
     return replace(parts[0], pieces=pieces, warnings=warnings, title=title)
+
+
+def _truth(profile: Profile) -> Callable[[Source, str], FitTarget]:
+    """Return a function that finds the true motion of a source: the recorded one, or that of the scenario's plant."""
+
+    @cache
+    def plant(name: str) -> Plant:
+        return make_plant(profile, name)
+
+    def resolve(source: Source, label: str) -> FitTarget:
+        if source.reference == "recording":
+            return FitTarget(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
+        made, localiser = plant(source.reference), profile.section(source.reference).localiser
+        return FitTarget(label, source, tuple(drive(made, piece, localiser, source.sample_dt) for piece in source.pieces))
+
+    return resolve

@@ -20,6 +20,7 @@ from ssmr.types import FloatArray, Trajectory
 from validation.bench.gains import GainSet
 from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, rate, run_robots
 from validation.bench.mismatch import Mismatch, mismatched, worst_mean
+from validation.identify.problem import OnShare
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
 
@@ -197,7 +198,9 @@ class TuneProblem:
         found = dict(zip(self.space.names, map(float, self.space.values(point)), strict=True))
         return GainSet(self.base.controller, "tuned", {**self.base.values, **found})
 
-    def costs(self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1) -> FloatArray:
+    def costs(
+        self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1, on_share: OnShare = None
+    ) -> FloatArray:
         """Rate candidates case by case, see `FitProblem.costs`.
 
         Returns:
@@ -210,11 +213,15 @@ class TuneProblem:
             laws = [_law(self.profile, self.gains(point)) for point in points]
         bounds = np.full(len(points), np.inf) if limits is None else limits * len(self.cases)
         sums = np.tile([np.inf if law is None else 0.0 for law in laws], (len(self._robots[0]), 1))  # by robot
-        for k in range(len(self.cases)):
+        total, done = sum(case.waypoints.duration for case in self.cases), 0.0
+        for k, case in enumerate(self.cases):
             worst = worst_mean(sums)
             live = [i for i in range(len(points)) if np.isfinite(worst[i]) and (k == 0 or worst[i] <= bounds[i])]
             if live:
                 sums[:, live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers)
+            done += case.waypoints.duration / total
+            if on_share is not None:
+                on_share(done)
         return worst_mean(sums) / len(self.cases)
 
     def _case_costs(self, k: int, laws: Sequence[AnyController], workers: int, searching: bool = True) -> FloatArray:
@@ -226,21 +233,24 @@ class TuneProblem:
         case, late = self.cases[k], self._late[k]
         found = np.full((len(self._robots[k]), len(laws)), np.inf)
         kept = list(range(len(laws)))
-
-        def driven(robot: ClosedLoopRobot, seed: int) -> list[ClosedRun]:
-            n = len(kept)
-            return run_robots([robot] * n, [laws[i] for i in kept], [case.settings] * n, case.waypoints, [seed], workers)
-
         for row, robot in zip(found, self._robots[k], strict=True):
             if kept:
-                runs = [driven(robot, seed) for seed in self.cost.seeds]
-                costs = [costs_of(r, self._targets[k], case.waypoints.rms_speed, self.cost, workers) for r in runs]
-                row[kept] = sum(each / len(runs) for each in costs)
+                row[kept] = self._robot_costs(k, robot, [laws[i] for i in kept], workers)
             kept = [i for i in kept if np.isfinite(row[i])] if searching else kept
         if late is not None and searching and kept:
-            for i, run in zip(kept, driven(late, self.cost.seeds[0]), strict=True):
+            some, around = [laws[i] for i in kept], [case.settings] * len(kept)
+            runs = run_robots([late] * len(kept), some, around, case.waypoints, self.cost.seeds[:1], workers)
+            for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
                     found[:, i] = np.inf
+        return found
+
+    def _robot_costs(self, k: int, robot: ClosedLoopRobot, laws: Sequence[AnyController], workers: int) -> FloatArray:
+        """Return the (S,) costs of candidates with one robot on one case, the means over the seeds."""
+        case, found, n = self.cases[k], np.zeros(len(laws)), len(laws)
+        for seed in self.cost.seeds:
+            runs = run_robots([robot] * n, laws, [case.settings] * n, case.waypoints, [seed], workers)
+            found += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers) / len(self.cost.seeds)
         return found
 
     def costs_by_robot(self, gains: GainSet, workers: int, guarded: bool = False) -> FloatArray:

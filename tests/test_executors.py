@@ -15,6 +15,7 @@ from tests.conftest import EXACT
 from tests.test_objective import log_target, problem, scenario
 from validation.fit import fit
 from validation.identify.objective import FitCost
+from validation.identify.search import dask_executor
 from validation.plants.profile import Profile
 
 OPTIONS: dict[str, Any] = {"population": 10, "generations": 5, "seed": 3, "workers": 2}
@@ -52,8 +53,13 @@ def test_a_fit_by_dask_is_the_same() -> None:
         distributed.LocalCluster(
             2, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0", silence_logs=50
         ) as team,
-        distributed.Client(team) as client,
     ):
-        executors = (None, client.get_executor(pure=False))
-        here, there = (fit("linear", "traj3@linear", executor=executor, **OPTIONS) for executor in executors)
+        here, there = (fit("linear", "traj3@linear", scheduler=s, **OPTIONS) for s in (None, team.scheduler_address))
     assert (here.cost, here.parameters) == (there.cost, there.parameters)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere"])
+def test_a_scheduler_that_is_not_there_is_one_line(address: str) -> None:
+    pytest.importorskip("distributed", reason="dask is not installed")
+    with pytest.raises(ValueError, match="no dask scheduler answers"), dask_executor(address):
+        pass

@@ -98,3 +98,5 @@ def test_a_report_is_the_same_rows_in_every_form() -> None:
     assert document["tables"]["Rows"][1] == {"name": "b", "way_m": None}
     assert "a [mm]" in made.table(80)
     assert "500.0" in made.markdown()
+    with pytest.raises(ValueError, match="there is no table 'other'; there are: Rows"):
+        made.frame("other")

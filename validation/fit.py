@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -29,7 +30,7 @@ from validation.identify.found import SearchReport, bound_sentences, ending, fou
 from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
-from validation.identify.search import Search, Searching, search_for
+from validation.identify.search import Search, Searching, dask_executor, search_for
 from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
 from validation.identify.uncertainty import estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
@@ -107,6 +108,8 @@ class Fit(Searching):
     best candidate and from others far from it. jde: differential evolution alone, as in the thesis; ask for it to repeat the
     thesis, or where different seeds of hybrid end at different places. lsq: least squares alone, from --start, which is the
     profile's numbers if it is not given."""
+    scheduler: Annotated[str | None, cli.option(metavar="ADDRESS", default="threads of this computer")] = None
+    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates of jDE."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range, or an unknown input."""
@@ -227,7 +230,12 @@ def fit(o: Fit) -> Fitted:
     simulated = o.model in SIMULATED
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
     settings = o.settings(*(_JAGGED if jagged else _SIZES[o.search, simulated]))
-    found = search_for(problem, settings, o, start, _STARTS[o.search])
+    with contextlib.ExitStack() as stack:
+        rated_by = o
+        if o.scheduler is not None:
+            executor, shares = stack.enter_context(dask_executor(o.scheduler))
+            rated_by = replace(o, executor=executor, workers=shares)
+        found = search_for(problem, settings, rated_by, start, _STARTS[o.search])
     if found.starts and not found.interrupted:
         found.refine(problem, o.threads)
     total = settings.generations + 1 + found.starts

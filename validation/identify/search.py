@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
 import logging
 import math
 import os
+import re
 import time
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -34,8 +36,10 @@ CHECKPOINT = "checkpoint.npz"
 """Name of the file in the folder of the results that a search's state is kept in."""
 _LEFT_OUT = {
     *("model", "to", "controller", "references", "profile", "robot", "limits", "bounds", "seed"),
-    *("out", "workers", "progress", "executor", "resume", "name"),
+    *("out", "workers", "progress", "executor", "scheduler", "resume", "name"),
 }  # options that a result file has at other places, or that decide no number
+CONNECT_TIMEOUT = 5.0  # time within which a scheduler must answer [s]
+_MUST_AGREE = ("ssmr-testbed", "mujoco", "numpy", "numba")  # packages whose versions decide the numbers
 MOST_WORKERS = 4096
 """Greatest number of threads that a search can be told to use."""
 _log = logging.getLogger(__name__)
@@ -288,3 +292,25 @@ def search_for(
             raise KeyboardInterrupt
         raise SsmrError("every candidate was impossible or failed; change the bounds, or the values that are held")
     return search
+
+
+@contextlib.contextmanager
+def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
+    """Yield the executor of a dask scheduler, and the number of its workers; a ValueError says why there is none."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError("a scheduler needs dask: pip install 'ssmr-testbed[cluster]', here '.[cluster]'") from error
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it logs what is reported here
+    try:
+        if not re.fullmatch(r"\w+://.+:\d+", address):
+            raise ValueError(address)
+        client: Any = Client(address, timeout=CONNECT_TIMEOUT)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"no dask scheduler answers at {address}; start one: dask scheduler --host 127.0.0.1") from error
+    with client:
+        found = client.get_versions(packages=_MUST_AGREE)
+        here, there = found["client"]["packages"], [worker["packages"] for worker in found["workers"].values()]
+        if not there or any(versions[name] != here[name] for versions in there for name in _MUST_AGREE):
+            raise ValueError(f"{address} has no worker, or one with other versions of {', '.join(_MUST_AGREE)}")
+        yield client.get_executor(pure=False), len(there)

@@ -15,6 +15,7 @@ from validation.report.table import Grid, Table, markdown_table, text_tables
 from validation.words import code_span, each_line, markdown, one_line
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.figure import Figure
 
     from validation.report.tracks import Track
@@ -68,6 +69,20 @@ class Report:
     def table(self, width: int = 110) -> str:
         """Return its tables and notes as text of at most `width` columns."""
         return text_tables(self.grids(), self.notes(), width)
+
+    def frame(self, title: str | None = None) -> pandas.DataFrame:
+        """Return the table of that title, by default the first one, as a data frame of pandas, in SI units.
+
+        Raises:
+            ImportError: pandas is not installed.
+            ValueError: there is no such table.
+        """
+        import pandas
+
+        for table in self.tables:
+            if title in (None, table.title):
+                return pandas.DataFrame(list(table.rows))
+        raise ValueError(f"there is no table '{title}'; there are: {', '.join(table.title for table in self.tables)}")
 
     def figure(self) -> Figure:
         """Return its picture, drawn anew.

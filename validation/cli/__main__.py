@@ -26,7 +26,6 @@ PROGRAMS: Mapping[str, str] = {
     "recordings": "Say what a log contains, clean it, convert it.",
     "robots": "List and check robots, write the file of a new one, import one from a URDF.",
     "ros": "Be a robot, or a controller, on a ROS graph.",
-    "drive": "Drive a robot by hand in a window, with the other simulations beside it, and log it.",
 }
 """What each program does; `ssmr PROGRAM --help` says more."""
 

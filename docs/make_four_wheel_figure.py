@@ -16,13 +16,13 @@ import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from validation.plants.four_wheel import tyred_defaults
 
 from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.ground import LoadModel
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import load_robot
+from validation.plants.planar import tyred_defaults
 from validation.simulator.calibration import Calibration
 from validation.simulator.model import controls
 from validation.simulator.physics import SHIPPED, PhysicsSettings

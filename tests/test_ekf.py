@@ -167,7 +167,7 @@ def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild:
         t = np.cumsum(rng.uniform(0.01 * dt, dt, n))
         left, right, gyro = wild * rng.standard_normal((3, n))
         gyro[rng.random(n) < 0.3] = np.nan
-        filter_log(SensorLog(t, left, right, gyro), np.zeros(len(t), dtype=bool), STOCK.packed(), belief, out)
+        filter_log(SensorLog(t, left, right, gyro), STOCK.packed(), belief, out)
         p = belief.covariance
         assert np.array_equal(p, p.T)
         assert np.all(np.isfinite(belief.mean))

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from ssmr.errors import DivergedError
-from ssmr.geometry import quat_wxyz_to_yaw, yaw_to_quat_wxyz
+from ssmr.geometry import yaw_to_quat_wxyz
 from ssmr.robot.drive import Driver, Sides, advance_integral, motor_numbers, side_torque, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
@@ -74,7 +74,7 @@ class EnginePlant:
         for _ in range(round(SETTLE_TIME / self.dt)):
             self._body.advance_turning(np.zeros(len(WHEELS)), 0.0)
         found, self._rest_loads = self._body.motion(), self._body.wheel_loads()
-        turned = yaw_to_quat_wxyz(-float(quat_wxyz_to_yaw(found.quat_wxyz)))
+        turned = yaw_to_quat_wxyz(-_yaw(found.quat_wxyz))
         return float(found.position[2]), _product(turned, found.quat_wxyz)
 
     def reset(self, state: State) -> State:
@@ -95,7 +95,7 @@ class EnginePlant:
     def _read(self) -> None:
         """Take over where the robot is now; yaw is unwrapped from the last step."""
         now = self._body.motion()
-        yaw = float(quat_wxyz_to_yaw(now.quat_wxyz))
+        yaw = _yaw(now.quat_wxyz)
         self._yaw = yaw + _TURN * round((self._yaw - yaw) / _TURN)
         x, y, c, s = *now.velocity[:2], math.cos(self._yaw), math.sin(self._yaw)
         self._rates = now.wheels
@@ -171,6 +171,12 @@ class EnginePlant:
     def _row(self) -> list[float]:
         torques = self._torques[_LEFT].sum(), self._torques[~_LEFT].sum()
         return [*astuple(self._state), *self._loads, *torques, self._spun]
+
+
+def _yaw(quat: FloatArray) -> float:
+    """Return the heading of a rotation [rad], which need not be of length 1."""
+    w, x, y, z = map(float, quat)
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -102,7 +102,7 @@ class Scene:
 
         A run that is repeated compares equal, and two that differ can be open in one viewer.
         """
-        digest = hashlib.sha256(self.title.encode())
+        digest = hashlib.sha256(self.title.encode(errors="surrogateescape"))
         for track in self.tracks:
             digest.update(track.name.encode() + track.t.tobytes() + track.pose.tobytes())
         return uuid.UUID(bytes=digest.digest()[:16], version=4)

@@ -26,9 +26,9 @@ from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import Profile
 from validation.replicate.control import TrackedTables
+from validation.replicate.high_pass import HighPass, estimate_noise
 from validation.replicate.lab import late
 from validation.replicate.theory import bounds_rows
-from validation.study.noise import HighPass, estimate_noise
 from validation.thesis.published import table, value
 
 AGREEMENT = 0.03

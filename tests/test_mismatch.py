@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +22,6 @@ from validation.bench.mismatch import (
     Mismatch,
     draw_mismatches,
     mismatched,
-    single_mismatches,
     spread,
     worst_mean,
 )
@@ -71,20 +70,23 @@ def test_draws_lie_in_their_ranges_once_in_every_strip(count: int, seed: int) ->
         assert np.all(np.abs(share * count - np.arange(count) - 0.5) <= 0.5 + 1e-9), name
 
 
-def test_every_end_alone(lab: Profile) -> None:
-    single = single_mismatches(lab.robot)
-    assert len(single) == 2 * len(described(Mismatch))
-    usual = asdict(Mismatch())
-    assert all(sum(value != usual[name] for name, value in asdict(m).items()) == 1 for m in single)
-    assert len({m.label for m in (*single, Mismatch())}) == len(single) + 1
+def ends_alone(lab: Profile) -> list[Mismatch]:
+    """Both ends of every range, each alone."""
+    ranges = {name: d.bounds(lab.robot.sizes) or () for name, d in described(Mismatch).items()}
+    return [Mismatch(**{name: end}) for name, ends in ranges.items() for end in ends]
+
+
+def test_every_mismatch_has_a_label_of_its_own(lab: Profile) -> None:
+    single = ends_alone(lab)
+    assert len({m.label for m in (*single, Mismatch())}) == 2 * len(described(Mismatch)) + 1
 
 
 def test_a_mismatch_becomes_the_simulated_robot(lab: Profile) -> None:
     section = lab.plants["mujoco"]
-    robot = mismatched(lab, "mujoco", Mismatch(1.2, 1.3, -0.05, 0.02, 0.1, 0.05, 0.04), timestep=0.005)
+    robot = mismatched(lab, "mujoco", Mismatch(1.2, 1.3, -0.05, 0.02, 0.1, 0.05, 0.04))
     assert isinstance(robot.body, MujocoPlant)
     c, p = robot.body.calibration, section.parameters
-    assert (c.mass, c.timestep) == (1.2 * p.mass, 0.005)
+    assert c.mass == 1.2 * p.mass
     wheels, kg = p.robot.yaw_inertia - p.robot.masses.inertia[2], p.robot.masses.total - p.robot.base_mass
     assert (c.yaw_inertia - wheels) / (p.yaw_inertia - wheels) == pytest.approx((c.mass - kg) / (p.mass - kg), rel=ROUNDOFF)
     assert (c.friction, c.com_x, c.com_y) == (1.3 * p.friction, p.com_x - 0.05, p.com_y + 0.02)
@@ -106,7 +108,7 @@ def test_sides_stay_within_what_a_simulated_robot_can_have() -> None:
 def test_every_plant_drives_with_every_mismatch(lab: Profile, plant: str) -> None:
     """No mismatch is the profile's own robot, to the bit; the others each change the motion, but for what a plant lacks."""
     law, (_, ways) = make_controller(lab, load_gains("lqr", "tuned")), open_reference("u-turn", 0.5)
-    single = single_mismatches(lab.robot)
+    single = ends_alone(lab)
     robots = [make_robot(lab, plant), *(mismatched(lab, plant, m) for m in (Mismatch(), *single))]
     around: Any = [SETTINGS] * len(robots)
     own, same, *others = (r.columns("x", "y", "yaw") for r in run_robots(robots, [law] * len(robots), around, ways, [0]))

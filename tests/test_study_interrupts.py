@@ -10,17 +10,14 @@ from typing import Any
 
 import pytest
 
+from tests.conftest import exit_status
 from tests.drive_train_logs import in_the_air, on_grass
-from tests.test_robustness import SMALL as ROBUSTNESS
-from tests.test_robustness import gains_of, hopeless, run_program
 from validation import cli
 from validation.progress import Progress
 from validation.study import transfer
-from validation.study.__main__ import STUDIES, study_named
+from validation.study.__main__ import PROGRAM, STUDIES, study_named
 from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainStudy
-from validation.study.noise import NoiseStudy
-from validation.study.robustness import RobustnessStudy
 from validation.study.transfer import TransferStudy
 
 
@@ -30,9 +27,6 @@ def rows_of(study: Any) -> int:
 
 
 SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
-    "robustness": (
-        RobustnessStudy(**ROBUSTNESS, gains={"pid": hopeless(), **gains_of(lqr="manual")}), rows_of, 1,
-    ),
     "contact": (ContactStudy(only=("cone",)), rows_of, 1),
     "transfer": (
         TransferStudy(
@@ -45,7 +39,6 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
         DriveTrainStudy(recording=in_the_air(), ground=on_grass(), resamples=2),
         lambda s: 1 + (s.document["current_is"] is not None), 1,
     ),
-    "noise": (NoiseStudy("traj1@kinematic"), rows_of, 1),
 }  # fmt: skip
 """Short options of each study, the function that counts its cases, and the progress at which the first is finished."""
 
@@ -86,6 +79,6 @@ def test_the_command_writes_and_leaves_with_130(
 
     monkeypatch.setattr(transfer, "run_robots", pressed)
     two = ["--judge", "linear", "--plants", "kinematic", "--controllers", "smc:tuned,lqr:tuned"]
-    assert run_program("transfer", *two, "--quick", "--out", str(tmp_path)) == cli.EXIT_INTERRUPTED
+    assert exit_status(PROGRAM, "transfer", *two, "--quick", "--out", str(tmp_path)) == cli.EXIT_INTERRUPTED
     assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"
     assert "written:" in capsys.readouterr().out

@@ -13,9 +13,8 @@ from hypothesis.extra.numpy import arrays
 
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
-from tests.test_robustness import hopeless
 from tests.test_user_law import GOOD
-from validation.bench.gains import dump_gains
+from validation.bench.gains import FIELDS, GainSet, dump_gains
 from validation.bench.loops import make_robot, within_reach
 from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
@@ -35,6 +34,11 @@ from validation.study.transfer import (
 
 WAY = "x,y,t\n0,0,0\n0.6,0,2\n1,0.2,3\n1.4,0.6,4.5\n1.4,0.6,5\n1.4,1.2,7\n"
 """A short way with times of its own, and a wait."""
+
+
+def hopeless() -> GainSet:
+    """A PID that stands still."""
+    return GainSet("pid", "hopeless", dict.fromkeys(FIELDS["pid"], 0.0))
 
 
 def costs_of_some(draw: st.DrawFn, rows: int, columns: int) -> FloatArray:

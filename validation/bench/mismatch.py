@@ -1,7 +1,7 @@
 """Robots that differ from their profile: by how much they do, drawn at random, and what the worst of them cost.
 
 This is the one place that says how uncertain a robot is. The ranges of `Mismatch` are those that the shipped profiles and
-the errors of their identification show; `tune --robots robust` draws from them, and so does `study robustness`.
+the errors of their identification show; `tune --robots robust` draws from them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from validation.simulator.description import Robot
 
 WORST = 0.2
 """Share of the robots that count as the worst: the conditional value at risk (CVaR) is the mean over them."""
-TUNING, SCORING, STUDYING = range(3)
+TUNING, SCORING = range(2)
 """Purposes of a draw. With one seed, every purpose has robots of its own, which the others have not seen."""
 _MOST_SIDES = 0.099
 """Greatest difference of the two sides' rolling radii, over the radius [1]; simulated robots allow a tenth."""
@@ -76,18 +76,13 @@ def _space(robot: Robot) -> ParameterSpace:
     return ParameterSpace(tuple(declared(d, d.bounds(robot.sizes)) for d in described(Mismatch).values()))
 
 
-def single_mismatches(robot: Robot) -> list[Mismatch]:
-    """Return both ends of every range, each alone."""
-    return [Mismatch(**{p.name: end}) for p in _space(robot).parameters for end in (p.lower, p.upper)]
-
-
 def draw_mismatches(count: int, seed: int, purpose: int, robot: Robot) -> tuple[Mismatch, ...]:
     """Return mismatches drawn at random: each range is cut into `count` strips, and every strip is drawn from once.
 
     Args:
         count: number of robots.
         seed: seed of the draw.
-        purpose: `TUNING`, `SCORING` or `STUDYING`.
+        purpose: `TUNING` or `SCORING`.
         robot: the robot, whose size matters for shifts of the centre of mass.
     """
     space, rng = _space(robot), np.random.default_rng((seed, purpose))
@@ -96,7 +91,7 @@ def draw_mismatches(count: int, seed: int, purpose: int, robot: Robot) -> tuple[
     return tuple(Mismatch(**dict(zip(space.names, map(float, space.values(p)), strict=True))) for p in points)
 
 
-def mismatched(profile: Profile, plant: str, mismatch: Mismatch, timestep: float | None = None) -> ClosedLoopRobot:
+def mismatched(profile: Profile, plant: str, mismatch: Mismatch) -> ClosedLoopRobot:
     """Return a robot that differs from its profile, and of whose difference no controller knows.
 
     Args:
@@ -104,7 +99,6 @@ def mismatched(profile: Profile, plant: str, mismatch: Mismatch, timestep: float
         plant: name of the plant.
         mismatch: the difference. What a plant lacks stays as it is: planar models have no lateral centre of mass, and the
             kinematic one has no mass and no friction.
-        timestep: physics step of a simulated robot [s]; None for the profile's.
 
     Raises:
         ProfileError: an unknown plant, or changed numbers that are out of range.
@@ -115,8 +109,6 @@ def mismatched(profile: Profile, plant: str, mismatch: Mismatch, timestep: float
     has_body = hasattr(section.parameters, "wheel_radius")
     changed = _changed_body(section, mismatch) if has_body else _changed_model(section, mismatch)
     changed = replace(changed, drive=replace(drive, **late))
-    if timestep is not None:
-        changed = replace(changed, parameters=replace(changed.parameters, timestep=timestep))
     robot = make_robot(replace(profile, plants={**profile.plants, plant: changed}), plant)
     return replace(robot, known=drive)
 

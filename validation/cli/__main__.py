@@ -21,7 +21,7 @@ PROGRAMS: Mapping[str, str] = {
     "fit": "Search for the parameters with which a simulation moves like a log, or like another simulation.",
     "track": "Let a controller follow a path.",
     "tune": "Search for the gains of a controller.",
-    "study": "Answer a question with a table and a picture: contact, transfer, robustness, noise and others.",
+    "study": "Answer a question with a table and a picture: contact, transfer or drive train.",
     "replicate": "Repeat everything that the thesis reports, with a verdict for each row.",
     "recordings": "Say what a log contains, clean it, convert it.",
     "robots": "List and check robots, write the file of a new one, import one from a URDF.",

@@ -19,8 +19,8 @@ from validation.bench.loops import make_controller, make_robot, run_robots
 from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import load_profile, make_plant, odometry_of
 from validation.replicate.chapters import Findings, Section, Task
+from validation.replicate.high_pass import HighPass, estimate_noise
 from validation.report.table import Table
-from validation.study.noise import HighPass, estimate_noise
 from validation.thesis import published
 from validation.thesis.verdicts import Pair
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from validation import cli
 
-STUDIES = ("robustness", "contact", "transfer", "drivetrain", "noise")
+STUDIES = ("contact", "transfer", "drivetrain")
 """Names of all studies, in the order of the help text."""
 
 

@@ -25,7 +25,7 @@ from ssmr.scenarios import SineScenario
 from tests.test_architecture import modules, room_of
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Geometry, Masses, Simulation
-from validation.simulator.drafting import unit_of_key
+from validation.simulator.importing import unit_of_key
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

@@ -15,8 +15,7 @@ from tests.urdf_factory import UrdfRobot, extra_wheel
 from validation import load_robot
 from validation.robots import check_robot
 from validation.simulator.description import RobotError
-from validation.simulator.drafting import RobotDraft
-from validation.simulator.importing import import_robot
+from validation.simulator.importing import RobotDraft, import_robot
 
 DIGITS = 1e-6
 """Files of robots keep nine digits; a turned frame costs a few."""

@@ -15,7 +15,7 @@ import pytest
 from validation import cli, load_robot
 from validation.robots import PROGRAM, check_robot
 from validation.simulator.calibration import Calibration
-from validation.simulator.checking import load_shares, spot_turn, tyre_hull_overlap
+from validation.simulator.checking import load_shares, spot_turn
 from validation.simulator.description import Robot, parse_robot
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import spin
@@ -77,12 +77,6 @@ def test_the_simulated_robot_needs_the_torque_that_mechanics_says(com: tuple[flo
 FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
     "front and rear tyres": ({"geometry": {"wheel_radius": 0.46}}, "front and rear tyres touch", "less than 0.4574 m"),
     "left and right tyres": ({"geometry": {"wheel_width": 1.2}}, "left and right tyres touch", "not 1.2 m"),
-    "tyres and hull": ({"geometry": {"body_size": [1.3, 0.95, 0.3]}}, "rear right) reach 32 mm into", "0.8864 m wide"),
-    "two tyres and hull": (
-        {"geometry": {"body_size": [1.3, 0.80, 0.3], "body_centre": [0.0, 0.1, 0.17]}},
-        "tyres (front left, rear left) reach 57 mm into the hull",
-        "0.6864 m wide",
-    ),
     "hull in the ground": ({"geometry": {"body_centre": [0.0, 0.0, -0.2]}}, "below the ground", "axle_height or"),
     "inertia of no body": ({"mass": {"inertia": [10.0, 10.0, 60.0]}}, "no body has the moments of inertia", "20 kg m2"),
     "centre of mass outside": ({"mass": {"com": [0.0, 0.0, 2.0]}}, "lies outside of the robot: z is 2 m", "from -0.288 to"),
@@ -132,28 +126,18 @@ def test_a_robot_that_jerks_or_does_not_turn_as_mechanics_says_is_told_of_it() -
     assert any("turns with a multiplier of" in each.text for each in found.advice)
 
 
-def test_overlaps_are_those_of_a_cylinder_and_a_box() -> None:
-    robot = changed(geometry={"body_size": [0.6, 0.95, 0.3], "body_centre": [0.0, 0.0, 0.012023]})
-    for across, along in tyre_hull_overlap(robot):
-        assert across == pytest.approx(0.5 * (0.25 + 0.95 - 1.13642))
-        assert along == pytest.approx(0.3 - (0.5 * 0.914734 - 0.3))
-    high = changed(geometry={"body_size": [0.6, 0.95, 0.3], "body_centre": [0.0, 0.0, 0.012023 + 0.15 + 0.301]})
-    assert tyre_hull_overlap(high).min(axis=1).max() < 0.0
-
-
 # ------------------------------------------------------------------------------------------- new, and the command line
 def test_a_new_robot_has_what_was_measured_and_says_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                                              capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     numbers = "--wheelbase 0.5 --track 0.6 --wheel-radius 0.15 --wheel-width 0.1 --mass 60"
-    run("new", "mine", *numbers.split(), "--friction", "0.5")
+    run("new", "mine", *numbers.split())
     said = capsys.readouterr().out
     assert "next: python -m validation.robots check mine.toml" in said
     assert "weigh each of the four wheels" in said
     text = Path("mine.toml").read_text()
     document = tomllib.loads(text)
     assert document["geometry"]["wheelbase"] == 0.5
-    assert document["simulation"] == {"friction": 0.5}
     assert "com" not in document["mass"]
     robot = load_robot("mine.toml")
     assert robot.source("mass.total") == ("measured", "given to `new`")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
@@ -27,14 +26,12 @@ from validation.simulator.checking import (
     measure_robot,
     robot_outline,
     spot_turn,
-    tyre_hull_overlap,
     whole_com,
 )
 from validation.simulator.composing import compose_robot
 from validation.simulator.description import GRAVITY, SCHEMA, SECTIONS, WHEELS, Robot, load_robot, shipped_robots
-from validation.simulator.drafting import RobotDraft, draft_robot, unit_of_key
 from validation.simulator.exporting import sdf_text, urdf_text
-from validation.simulator.importing import import_robot
+from validation.simulator.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.words import abridged, file_name, one_line, visible
 
 if TYPE_CHECKING:
@@ -82,8 +79,6 @@ class RobotCheck(Report):
 
     robot: Robot
     """The robot."""
-    spot: SpotTurn | None
-    """Its turn on the spot by mechanics; None where its wheels do not carry it."""
     measured: Measured | None
     """What its MuJoCo model shows; None where none can be built."""
     loads: Sequence[float]
@@ -126,13 +121,12 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     return RobotCheck(
         program="robot",
         title=one_line(robot.title or robot.name),
-        tables=[_findings(robot, spot, measured, still), _numbers(robot)],
+        tables=[_numbers(robot)],
         sentences=[verdict, *(f"{'FAULT' if each.fault else 'hint'}: {each.text}" for each in advice)],
         document=_document(robot, spot, measured, loads)
         | {"ok": not faults, "advice": [each.text for each in advice], "faults": faults},
         draw=_draw,
         robot=robot,
-        spot=spot,
         measured=measured,
         loads=loads,
         advice=advice,
@@ -166,28 +160,6 @@ def _document(robot: Robot, spot: SpotTurn | None, found: Measured | None, loads
     }
 
 
-def _findings(robot: Robot, spot: SpotTurn | None, found: Measured | None, still: Sequence[float]) -> Table:
-    """Return the table of what the simulated robot does, beside what mechanics says."""
-    mu, drive = robot.simulation.friction, robot.drive
-    turning = robot.simulation.armature + robot.masses.wheel_inertia[1]
-    apparent = robot.masses.total + len(WHEELS) * turning / robot.geometry.wheel_radius**2
-    limit, torque = 2.0 * drive.torque_limit, math.nan if spot is None else spot.side_torque
-    multiplier = None if spot is None else spot.turn.multiplier
-    lines: list[tuple[str, str, float | None, float | None]] = [
-        ("turning multiplier", "1", found.multiplier if found else None, multiplier),
-        ("ripple of the yaw rate", "1", found.ripple if found else None, 0.0),
-        *((f"load {w.replace('_', ' ')}", "N", found.loads[k] if found else None, still[k]) for k, w in enumerate(WHEELS)),
-        ("apparent mass", "kg", found.apparent_mass if found else None, apparent),
-        ("torque of a side to turn on the spot", "N m", None, mu * torque + drive.gear_loss),
-        ("torque that a side has", "N m", None, limit),
-        ("friction up to which it can turn", "1", None, (limit - drive.gear_loss) / torque),
-    ]
-    rows = [{"what": what, "unit": unit, "mujoco": simulated, "mechanics": said} for what, unit, simulated, said in lines]
-    caption = f"on level ground of friction {mu:g}; the multiplier is the wheels' yaw rate over the body's on the spot"
-    headings = {"what": "", "mujoco": "in MuJoCo", "mechanics": "by mechanics"}
-    return Table(f"{one_line(robot.title or robot.name)}: what it does", rows, caption, headings=headings)
-
-
 def _every_number(robot: Robot) -> list[tuple[str, Any, str, str]]:
     """Return key, value, grade and source of what there is to say of a robot: all but what concerns planar models only."""
     parts = {"geometry": robot.geometry, "mass": robot.masses, "drive": robot.drive}
@@ -204,70 +176,48 @@ def _every_number(robot: Robot) -> list[tuple[str, Any, str, str]]:
 
 
 def _numbers(robot: Robot) -> Table:
-    """Return the table of all numbers of a robot; many share a source, whose text stands in the caption."""
+    """Return the table of all numbers of a robot, with the source of each."""
     rows: list[Row] = []
-    sources: dict[str, int] = {}
     for key, value, grade, source in _every_number(robot):
-        number = sources.setdefault(source, len(sources) + 1)
-        several = isinstance(value, tuple)
         names = ("across", "spin") if key == "mass.wheel_inertia" else "xyz"
-        for name, each in zip(names, value, strict=True) if several else [("", value)]:
+        for name, each in zip(names, value, strict=True) if isinstance(value, tuple) else [("", value)]:
             row = {"section": key.partition(".")[0], "number": f"{key} {name}".strip(), "unit": unit_of_key(key) or None}
-            rows.append({**row, "value": each, "grade": f"{grade} [{number}]"})
-    caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
+            rows.append({**row, "value": each, "grade": grade, "source": abridged(one_line(source), 60)})
     title = f"{one_line(robot.title or robot.name)}: its numbers"
-    return Table(title, rows, caption, group="section", hidden=frozenset({"section"}))
+    return Table(title, rows, group="section", hidden=frozenset({"section"}))
 
 
 # ------------------------------------------------------------------------------------------- the picture
 def _draw(check: RobotCheck) -> Figure:
-    """Draw a robot from above, its loads and the advice; 1600 px wide."""
-    from validation.report.drawing import draw_footer, draw_section, note_rows, put_together, side_by_side, text_row
+    """Draw a robot from above: hull, tyres with their loads at rest, and the centre of mass; 1600 px wide."""
+    from validation.report.drawing import draw_section, put_together, side_by_side, text_row
 
     length, width, _ = robot_outline(check.robot)[1] - robot_outline(check.robot)[0]
-    height = min(10.0 * width / length + 1.4, 7.0)  # [in]
-    advice = [("fault: " if each.fault else "hint: ") + each.text for each in check.advice]
-    footer = f"loads at rest on level ground · dashed: hull · cross: centre of mass · {check.made_by}"
-    return put_together(
-        [
-            text_row(
-                0.3, partial(draw_section, f"{abridged(check.title, 60)}: {'nothing' if check.ok else 'something'} is wrong")
-            ),
-            side_by_side(height, [partial(_draw_from_above, check)]),
-            *note_rows(advice),
-            text_row(0.28, partial(draw_footer, footer)),
-        ]
-    )
+    title = f"{abridged(check.title, 60)}: {'nothing' if check.ok else 'something'} is wrong"
+    panel = side_by_side(min(10.0 * width / length + 1.4, 7.0), [partial(_draw_from_above, check)])
+    return put_together([text_row(0.3, partial(draw_section, title)), panel])
 
 
 def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
-    """Draw hull, tyres with their loads, and the centre of mass; tyres that touch what they must not have a red edge."""
     from matplotlib.patches import Rectangle
 
-    from validation.report.drawing import ALARM, equal_scales
+    from validation.report.drawing import equal_scales
 
     g, com, (long, wide, _) = check.robot.geometry, whole_com(check.robot), check.robot.geometry.body_size
     corner = g.body_centre[0] - 0.5 * long, g.body_centre[1] - 0.5 * wide
-    hull: dict[str, Any] = {
-        "facecolor": "#f6e3a1a0",
-        "edgecolor": "#0072b2",
-        "linestyle": "--",
-        "zorder": 1.8,
-        "gid": "hull",
-    }
-    ax.add_patch(Rectangle(corner, long, wide, **hull))
-    overlaps = tyre_hull_overlap(check.robot).min(axis=1)
-    for wheel, front, left, load, overlap in zip(WHEELS, FRONT, LEFT, check.loads, overlaps, strict=True):
-        x, y = 0.5 * front * g.wheelbase, 0.5 * left * g.track
-        wrong = overlap > 1e-6 or 2.0 * g.wheel_radius >= g.wheelbase
-        look: dict[str, Any] = {"facecolor": "0.8", "edgecolor": ALARM if wrong else "0.1", "zorder": 1.6, "gid": wheel}
-        size = 2.0 * g.wheel_radius, g.wheel_width
-        ax.add_patch(Rectangle((x - 0.5 * size[0], y - 0.5 * size[1]), *size, **look))
-        ax.text(x, y, f"{load:.0f} N", ha="center", va="center", color=ALARM if load <= 0.0 else "0.05", zorder=6.0)
-    ax.plot(com[0], com[1], "P", markersize=9.0, color="black", markeredgecolor="white", zorder=5.0, gid="com")
+    ax.add_patch(Rectangle(corner, long, wide, facecolor="#f6e3a1", edgecolor="0.1", zorder=1.6))
+    for front, left, load in zip(FRONT, LEFT, check.loads, strict=True):
+        x, y, size = 0.5 * front * g.wheelbase, 0.5 * left * g.track, (2.0 * g.wheel_radius, g.wheel_width)
+        tyre = Rectangle((x - 0.5 * size[0], y - 0.5 * size[1]), *size, facecolor="0.8", edgecolor="0.1", zorder=1.8)
+        ax.add_patch(tyre)
+        ax.text(x, y, f"{load:.0f} N", ha="center", va="center", zorder=6.0)
+    ax.plot(com[0], com[1], "P", markersize=9.0, color="black", zorder=5.0)
     equal_scales(ax, 0.0)
-    sizes = f"wheelbase {g.wheelbase:.4g} m, track {g.track:.4g} m, wheel radius {g.wheel_radius:.4g} m"
-    ax.set(xlabel="x, forward [m]", ylabel="y, to the left [m]", title=f"From above: {sizes}")
+    ax.set(
+        xlabel="x, forward [m]",
+        ylabel="y, to the left [m]",
+        title="From above, with the loads at rest and the centre of mass",
+    )
 
 
 # ------------------------------------------------------------------------------------------- new, import, export
@@ -287,10 +237,6 @@ class NewOptions:
     """Width of the tyres."""
     mass: Annotated[float, cli.option(metavar="KG")]
     """Mass of the whole robot, with battery."""
-    friction: Annotated[cli.Number, cli.option(metavar="MU", default="0.3")] = None
-    """Sliding friction of its tyres on the ground."""
-    torque_limit: Annotated[cli.Number, cli.option(metavar="NM", default="enough on ground of friction 1")] = None
-    """Greatest torque of one wheel [N m]."""
     out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.toml")] = None
     """File to write; there must be none of that name."""
 
@@ -300,14 +246,10 @@ def _new(options: NewOptions) -> None:
 
     The file says which of its numbers are measured and which are estimates, and this program says what to measure next.
     """
-    lengths = {f"geometry.{name}": getattr(options, name) for name in ("wheelbase", "track", "wheel_radius", "wheel_width")}
-    others = {
-        "mass.total": options.mass,
-        "drive.torque_limit": options.torque_limit,
-        "simulation.friction": options.friction,
-    }
+    lengths = ("wheelbase", "track", "wheel_radius", "wheel_width")
+    known = {f"geometry.{name}": getattr(options, name) for name in lengths} | {"mass.total": options.mass}
     with cli.mistakes_are_users():
-        draft = draft_robot(options.name, {key: x for key, x in {**lengths, **others}.items() if x is not None})
+        draft = draft_robot(options.name, known)
     _write(draft, options.out)
 
 

@@ -37,42 +37,24 @@ class Rigid(NamedTuple):
 class RigidNumbers:
     """Masses, lengths and friction of a robot, as every engine takes them; the base frame is that of its file."""
 
-    dt: float
-    """Physics step [s]."""
-    gravity: FloatArray
-    """(3,) gravity along the axes of the ground [m/s2]."""
-    base_mass: float
-    """Mass of the base without wheels [kg]."""
-    base_inertia: FloatArray
-    """(3,) its moments of inertia about its centre of mass [kg m2]."""
-    com: FloatArray
-    """(3,) its centre of mass [m]."""
-    yaw_inertia: float
-    """Moment of inertia of the whole robot about the vertical through the middle [kg m2]."""
-    height: float
-    """Height of the base frame's origin where tyres just touch the ground [m]."""
-    places: FloatArray
-    """(4, 3) middles of the wheels [m]."""
-    radii: FloatArray
-    """(4,) rolling radii [m]."""
-    width: float
-    """Width of the tyres [m]."""
-    cylinders: bool
-    """Whether tyres are cylinders; otherwise each touches the ground in one point."""
-    wheel_mass: float
-    """Mass of a wheel [kg]."""
-    wheel_inertia: tuple[float, float]
-    """Moments of inertia of a wheel about a diameter and about its axle [kg m2]."""
-    armature: float
-    """Rotor inertia of a wheel through its gear [kg m2]."""
-    friction: float
-    """Sliding friction of tyre on ground [1]."""
-    loads: FloatArray
-    """(4,) wheel loads at rest on level ground [N]."""
-    dry: float
-    """Dry friction torque of a wheel: rolling resistance and its share of the gear's loss [N m]."""
-    groups: tuple[tuple[int, ...], ...]
-    """Indices of the wheels that each motor turns; a belt makes those of one motor turn together."""
+    dt: float  # physics step [s]
+    gravity: FloatArray  # (3,) gravity along the axes of the ground [m/s2]
+    base_mass: float  # mass of the base without wheels [kg]
+    base_inertia: FloatArray  # (3,) its moments of inertia about its centre of mass [kg m2]
+    com: FloatArray  # (3,) its centre of mass [m]
+    yaw_inertia: float  # moment of inertia of the whole robot about the vertical through the middle [kg m2]
+    height: float  # height of the base frame's origin where tyres just touch the ground [m]
+    places: FloatArray  # (4, 3) middles of the wheels [m]
+    radii: FloatArray  # (4,) rolling radii [m]
+    width: float  # width of the tyres [m]
+    cylinders: bool  # whether tyres are cylinders; otherwise each touches the ground in one point
+    wheel_mass: float  # mass of a wheel [kg]
+    wheel_inertia: tuple[float, float]  # moments of inertia of a wheel about a diameter and about its axle [kg m2]
+    armature: float  # rotor inertia of a wheel through its gear [kg m2]
+    friction: float  # sliding friction of tyre on ground [1]
+    loads: FloatArray  # (4,) wheel loads at rest on level ground [N]
+    dry: float  # dry friction torque of a wheel: rolling resistance and its share of the gear's loss [N m]
+    groups: tuple[tuple[int, ...], ...]  # indices of the wheels that each motor turns; a belt ties those of one motor
 
     @classmethod
     def of(cls, calibration: Calibration, drive: Drive, terrain: Terrain) -> RigidNumbers:

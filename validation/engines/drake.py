@@ -1,12 +1,13 @@
 """The robot in Drake: discrete multibody dynamics with compliant point contacts and a convex friction solver.
 
-The wheels' actuators hold given rates, or rate 0 with the torque of dry friction; motor torques are generalised forces.
+Of its approximations of contact it is the one that Drake calls lagged: TAMSI ignores the wheels' servos silently, and stiff
+contacts chatter with the others. The wheels' actuators hold given rates, or rate 0 with the torque of dry friction; motor
+torques are generalised forces.
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -22,39 +23,29 @@ _STRONG = 1e6
 """Torque that given wheel rates may take [N m]."""
 _DISSIPATION = 5.0
 """Hunt and Crossley's dissipation of a contact [s/m]."""
+_STICTION = 1e-4
+"""Slip below which a contact is taken to stick [m/s]; the best that was found (docs/engines.md)."""
 _HOLD = 1e5
 """Gain with which an actuator holds a wheel's rate [N m s/rad]."""
-
-
-@dataclass(frozen=True)
-class DrakeSettings:
-    """How Drake computes physics; the defaults are the best that were found (docs/engines.md).
-
-    Of its approximations of contact it is the one that Drake calls lagged: TAMSI ignores the wheels' servos silently, and
-    stiff contacts chatter with the two others.
-    """
-
-    stiction: float = 1e-4
-    """Slip below which a contact is taken to stick [m/s]."""
 
 
 class DrakeBody:
     """The robot in a Drake diagram, see `EngineBody`; tyres are spheres, or pairs of spheres in the place of cylinders."""
 
-    def __init__(self, numbers: RigidNumbers, settings: DrakeSettings) -> None:
+    def __init__(self, numbers: RigidNumbers) -> None:
         """Build the diagram.
 
         Raises:
             EngineMissingError: Drake is not installed.
         """
-        self._n, self._settings = numbers, settings
-        self._free = _Diagram(numbers, settings, max(numbers.dry, 1e-9))
+        self._n = numbers
+        self._free = _Diagram(numbers, max(numbers.dry, 1e-9))
         self._now = self._free
 
     @cached_property
     def _turning(self) -> _Diagram:
         """The same robot with wheels that turn as they are told."""
-        return _Diagram(self._n, self._settings, _STRONG)
+        return _Diagram(self._n, _STRONG)
 
     def place(self, motion: Rigid) -> None:
         """Put the robot into a motion, see `EngineBody.place`."""
@@ -91,9 +82,9 @@ class DrakeBody:
 class _Diagram:
     """A plant and its scene, with actuators of one strength [N m]."""
 
-    def __init__(self, numbers: RigidNumbers, settings: DrakeSettings, strength: float) -> None:
+    def __init__(self, numbers: RigidNumbers, strength: float) -> None:
         try:
-            from pydrake.geometry import HalfSpace, Sphere
+            from pydrake.geometry import AddContactMaterial, HalfSpace, ProximityProperties, Sphere
             from pydrake.math import RigidTransform
             from pydrake.multibody import plant as multibody
             from pydrake.systems.framework import DiagramBuilder
@@ -106,12 +97,14 @@ class _Diagram:
         self._plant, _ = multibody.AddMultibodyPlantSceneGraph(builder, multibody.MultibodyPlant(numbers.dt))
         self._plant.set_discrete_contact_approximation(multibody.DiscreteContactApproximation.kLagged)
         self._plant.set_contact_model(multibody.ContactModel.kPoint)
-        self._plant.set_stiction_tolerance(settings.stiction)
+        self._plant.set_stiction_tolerance(_STICTION)
         self._plant.mutable_gravity_field().set_gravity_vector(numbers.gravity)
-        rubber = _rubber(numbers)
+        stiffness = float(numbers.loads.mean()) / (SINK_SHARE * float(numbers.radii.mean()))
+        rubber, sliding = ProximityProperties(), multibody.CoulombFriction(numbers.friction, numbers.friction)
+        AddContactMaterial(_DISSIPATION, 2.0 * stiffness, sliding, rubber)  # two that touch are in series
         world = self._plant.world_body()
         self._plant.RegisterCollisionGeometry(world, RigidTransform(), HalfSpace(), "ground", rubber)
-        self._wheels, sink = self._add_robot(numbers, strength), numbers.loads / _stiffness(numbers)
+        self._wheels, sink = self._add_robot(numbers, strength), numbers.loads / stiffness
         sides = (-0.5, 0.5) if numbers.cylinders else (0.0,)
         for wheel, radius in zip(self._wheels, (numbers.radii + sink / len(sides)).tolist(), strict=True):
             for side in sides:
@@ -190,18 +183,3 @@ class _Diagram:
             if k is not None:
                 found[k] += abs(pair.contact_force()[2])
         return found
-
-
-def _stiffness(numbers: RigidNumbers) -> float:
-    """Return the stiffness of a contact [N/m] with which tyres sink by `SINK_SHARE` of their radius."""
-    return float(numbers.loads.mean()) / (SINK_SHARE * float(numbers.radii.mean()))
-
-
-def _rubber(numbers: RigidNumbers) -> Any:
-    """Return the contact's properties; two that touch are in series, so each has twice the stiffness."""
-    from pydrake.geometry import AddContactMaterial, ProximityProperties
-    from pydrake.multibody.plant import CoulombFriction
-
-    properties, friction = ProximityProperties(), CoulombFriction(numbers.friction, numbers.friction)
-    AddContactMaterial(_DISSIPATION, 2.0 * _stiffness(numbers), friction, properties)
-    return properties

@@ -46,7 +46,7 @@ from validation.engines.ode_library import (
 from validation.simulator.description import WHEELS
 
 FrictionLaw = Literal["cone", "pyramid", "gazebo_cone", "gazebo_box"]
-FrictionDirection = Literal["world", "body", "wheel"]
+FrictionDirection = Literal["world", "wheel"]
 OdeSolver = Literal["exact", "quick"]
 _NO_SLIP = 1e-6
 """Slip below which its direction is noise, and the chassis' is taken [m/s]."""
@@ -55,6 +55,8 @@ _LEAST_LOAD = 0.01
 _STRONG = 1e6
 """Torque that belts and given wheel rates may take [N m]."""
 _MOST_CONTACTS = 8
+_ERP, _SOR = 0.2, 1.3
+"""Share of an error that hinges and belts correct in a step [1], and the quick solver's over-relaxation [1]: ODE's own."""
 _TIE = 1e-10
 """Difference of the limits of two wheels [1]."""
 _quick = threading.Lock()  # the quick solver's random numbers belong to the process
@@ -67,24 +69,20 @@ class OdeSettings:
     friction_law: FrictionLaw = "cone"
     """Law of friction, see above."""
     direction: FrictionDirection = "world"
-    """First direction of all laws but `cone`: the world's -y, which ODE takes itself, the chassis' forward direction, or one
-    that is fixed in the wheel and rolls with it, as Gazebo hands on `fdir1`."""
+    """First direction of all laws but `cone`: the world's -y, which ODE takes itself, or one that is fixed in the wheel and
+    rolls with it, as Gazebo hands on `fdir1`."""
     solver: OdeSolver = "exact"
     """`exact` is dWorldStep, `quick` is dWorldQuickStep, successive over-relaxation in random order."""
     iterations: int = 50
     """Sweeps of the quick solver."""
-    sor: float = 1.3
-    """Its over-relaxation [1]."""
     soft: bool = True
     """Whether contacts are springs with dampers; otherwise they have the world's `erp` and `cfm`."""
     kp: float = 0.0
     """Stiffness of a contact [N/m]; 0: such that tyres sink by `SINK_SHARE` of their radius."""
     kd: float = 0.0
     """Damping of a contact [N s/m]; 0: critical for a quarter of the mass."""
-    erp: float = 0.2
-    """Share of an error that all other constraints correct in a step [1]."""
     cfm: float = 1e-9
-    """Softness of all other constraints [1/(N s)]; the exact solver fails below 1e-9."""
+    """Softness of hinges and belts [1/(N s)]; the exact solver fails below 1e-9."""
     surface_layer: float = 0.0
     """Depth that contacts are not pushed out of [m]."""
     max_correcting_velocity: float = math.inf
@@ -109,11 +107,6 @@ MAKERS_HUSKY: Mapping[str, Any] = {**HUSKY, "com_x": -0.00065, "com_y": -0.085}
 """All of them: the centre of mass is that of the maker's description (urdf/husky.urdf.xacro)."""
 
 
-def spring_erp_cfm(kp: float, kd: float, dt: float) -> tuple[float, float]:
-    """Return ODE's ERP [1] and CFM [1/(N s)] of a spring [N/m] with a damper [N s/m]; Gazebo takes these formulas too."""
-    return dt * kp / (dt * kp + kd), 1.0 / (dt * kp + kd)
-
-
 class OdeBody:
     """The robot in a world of its own, see `EngineBody`."""
 
@@ -135,12 +128,12 @@ class OdeBody:
         lib, s = self._ode, self._settings
         self._world, self._joints, self._contacts = lib.dWorldCreate(), lib.dJointGroupCreate(0), lib.dJointGroupCreate(0)
         lib.dWorldSetGravity(self._world, *self._n.gravity.tolist())
-        lib.dWorldSetERP(self._world, s.erp)
+        lib.dWorldSetERP(self._world, _ERP)
         lib.dWorldSetCFM(self._world, s.cfm)
         lib.dWorldSetContactMaxCorrectingVel(self._world, s.max_correcting_velocity)
         lib.dWorldSetContactSurfaceLayer(self._world, s.surface_layer)
         lib.dWorldSetQuickStepNumIterations(self._world, s.iterations)
-        lib.dWorldSetQuickStepW(self._world, s.sor)
+        lib.dWorldSetQuickStepW(self._world, _SOR)
         self._floor = lib.dCreatePlane(None, 0.0, 0.0, 1.0, 0.0)
 
     def _build_robot(self) -> None:
@@ -200,7 +193,8 @@ class OdeBody:
         self._contact, self._found = Contact(mode=bounds | MU2 | FDIR1), (ContactGeom * _MOST_CONTACTS)()
         if s.soft:
             self._contact.mode |= SOFT_ERP | SOFT_CFM
-            self._contact.soft_erp, self._contact.soft_cfm = spring_erp_cfm(kp, kd, n.dt)
+            damped = n.dt * kp + kd  # of a spring with a damper; Gazebo takes these formulas too
+            self._contact.soft_erp, self._contact.soft_cfm = n.dt * kp / damped, 1.0 / damped
         if s.friction_law == "cone":
             self._contact.mode |= SLIP2
             if s.solver == "exact":
@@ -292,9 +286,6 @@ class OdeBody:
         s, contact = self._settings, self._contact
         if s.direction == "world":
             x, y, z = 0.0, -1.0, 0.0
-        elif s.direction == "body":
-            x, y, z = self._turned[0][0], self._turned[0][4], 0.0
-            x, y = x / math.hypot(x, y), y / math.hypot(x, y)
         else:
             x, y, z = self._turned[1 + k][0], self._turned[1 + k][4], self._turned[1 + k][8]
         contact.fdir1[0], contact.fdir1[1], contact.fdir1[2] = x, y, z

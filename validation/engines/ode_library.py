@@ -93,15 +93,11 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "dJointSetAMotorAxis": (None, [_P, _I, _I, _D, _D, _D]),
 }
 """Types of what functions return and take, by the functions' names."""
-failures = 0
-"""Steps of all worlds in which a solver gave up and said so."""
 
 
 @c.CFUNCTYPE(None, _I, c.c_char_p, _P)
-def _count(number: int, text: bytes, arguments: int) -> None:
-    """Count a message of the library, which would write it to standard error otherwise."""
-    global failures
-    failures += 1
+def _ignore(number: int, text: bytes, arguments: int) -> None:
+    """Ignore a message of the library, which would write it to standard error otherwise."""
 
 
 @cache
@@ -127,6 +123,6 @@ def ode() -> c.PyDLL:
     for names, (result, arguments) in _SIGNATURES.items():
         for function in names.split():
             getattr(library, function).restype, getattr(library, function).argtypes = result, arguments
-    library.dSetMessageHandler(_count)
+    library.dSetMessageHandler(_ignore)
     library.dInitODE2(0)
     return library

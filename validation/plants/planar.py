@@ -37,8 +37,6 @@ _KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
     ),
 }
 """The kinematic model has no dynamics that could lag behind its wheels, and its constants hold the half-track."""
-
-
 _TYRED_FREE: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": ("stiffness_x", "stiffness_y", "wheel_radius", "command_half_track", "delay", "acceleration_v"),
     "recording": (
@@ -120,7 +118,6 @@ def _tyred(section: PlantProfile) -> FourWheelModel:
 
 
 def _build_tyred(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -> FourWheelPlant:
-    """Return the plant, which knows as little of the ground as planar models."""
     return FourWheelPlant(_tyred(section))
 
 
@@ -138,23 +135,19 @@ class PlanarPopulation:
 
         `make` returns the model with a candidate's numbers, and `run` drives models as `run_population` does.
         """
-        self._candidates, self._workers, self._run = candidates, workers, run
-        self._models = [None if c is None else make(c) for c in candidates]
+        self._workers, self._run = workers, run
+        self._built = [None if c is None else (make(c), c.localiser) for c in candidates]
 
     def poses(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.poses`."""
-        built = [(row, self._models[i], self._candidates[i]) for row, i in enumerate(which)]
-        known = [(row, model, candidate) for row, model, candidate in built if model is not None and candidate is not None]
-        if not known:
-            samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
-            return np.full((len(which), samples, 3), np.nan)
-        localisers = [candidate.localiser for _, _, candidate in known]
-        starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
-        models, begins = [m for _, m, _ in known], [starts[one] for one in localisers]
-        poses = self._run(models, piece.commands, begins, sample_dt, workers=self._workers)
-        told = seen_poses(poses, localisers, sample_dt, piece.t, self._workers)
-        if len(known) == len(which):
-            return told
-        out = np.full((len(which), told.shape[1], 3), np.nan)
-        out[[row for row, _, _ in known]] = told
+        samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
+        out = np.full((len(which), samples, 3), np.nan)
+        rows = [row for row, i in enumerate(which) if self._built[i] is not None]
+        known = [built for built in (self._built[i] for i in which) if built is not None]
+        if known:
+            models, localisers = [model for model, _ in known], [localiser for _, localiser in known]
+            starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
+            begins = [starts[localiser] for localiser in localisers]
+            poses = self._run(models, piece.commands, begins, sample_dt, workers=self._workers)
+            out[rows] = seen_poses(poses, localisers, sample_dt, piece.t, self._workers)
         return out

@@ -95,11 +95,8 @@ class Profile:
 
 def shipped() -> list[str]:
     """Return the names of the profiles that come with the package."""
-    return sorted(
-        p.name.removesuffix(".toml")
-        for p in resources.files("validation.plants").joinpath("profiles").iterdir()
-        if p.name.endswith(".toml")
-    )
+    files = resources.files("validation.plants").joinpath("profiles").iterdir()
+    return sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
 
 
 def _usual(name: str, robot: Robot) -> PlantProfile:
@@ -176,7 +173,13 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     reading.require_known(
         document, {"schema", "name", "description", "robot", "vehicle", "drive", "plants", "provenance"}, "the top level"
     )
-    robot = _robot(document.get("robot", USUAL_ROBOT))
+    said = document.get("robot", USUAL_ROBOT)
+    if not isinstance(said, str | dict):
+        raise ValueError(f"robot is {reprlib.repr(said)}, wanted a name or a table")
+    try:
+        robot = load_robot(said) if isinstance(said, str) else parse_robot(said)
+    except ValueError as error:
+        raise ValueError(f"[robot] {error}") from error
     vehicle = _fill(robot.vehicle, document.get("vehicle", {}), "vehicle")
     drive = _fill(robot.drive, document.get("drive", {}), "drive")
     sections = document.get("plants", {})
@@ -199,18 +202,6 @@ def _parse(document: Mapping[str, Any]) -> Profile:
         if not isinstance(value, kind):
             raise ValueError(f"{key} is {reprlib.repr(value)}, wanted {'text' if kind is str else 'a table'}")
     return Profile(name, description, MappingProxyType(plants), MappingProxyType(provenance))
-
-
-def _robot(said: Any) -> Robot:
-    """Return the robot that a profile names, or has inside."""
-    if isinstance(said, dict):
-        try:
-            return parse_robot(said)
-        except ValueError as error:
-            raise ValueError(f"[robot] {error}") from error
-    if not isinstance(said, str):
-        raise ValueError(f"robot is {reprlib.repr(said)}, wanted a name or a table")
-    return load_robot(said)
 
 
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:

@@ -11,7 +11,7 @@ import numpy as np
 from ssmr.errors import SsmrError
 from ssmr.types import FloatArray, Plant
 from validation.engines.body import EngineBody, RigidNumbers
-from validation.engines.drake import DrakeBody, DrakeSettings
+from validation.engines.drake import DrakeBody
 from validation.engines.ode import OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
 from validation.plants.kind import Occasion, PlantKind, PlantProfile, Stretch
@@ -29,7 +29,7 @@ _FREE: Mapping[Occasion, tuple[str, ...]] = {
 }
 _ENGINES: dict[str, Callable[[RigidNumbers], EngineBody]] = {
     "ode": lambda numbers: OdeBody(numbers, OdeSettings()),
-    "drake": lambda numbers: DrakeBody(numbers, DrakeSettings()),
+    "drake": DrakeBody,
 }
 """For each other engine, what builds the robot in it with the best settings that were found."""
 _COLOURS = {"mujoco": "#e69f00", "ode": "#8c510a", "drake": "#35978f"}  # amber: the Husky is yellow
@@ -41,13 +41,7 @@ class OneByOne:
     def __init__(
         self, build: Callable[[PlantProfile], Plant], candidates: Sequence[PlantProfile | None], workers: int
     ) -> None:
-        """Build the candidates.
-
-        Args:
-            build: function that builds the plant from its numbers.
-            candidates: numbers of each candidate; None stands for one that cannot be built.
-            workers: no effect.
-        """
+        """Build the candidates; None stands for one that cannot be built, and `workers` has no effect."""
         self._candidates = candidates
         self._plants: list[Plant | None] = []
         for candidate in candidates:

@@ -80,18 +80,6 @@ def spot_turn(robot: Robot) -> SpotTurn | None:
     return SpotTurn(turn, 0.5 * g.wheel_radius * float(loads @ np.hypot(along, across)))
 
 
-def tyre_hull_overlap(robot: Robot) -> FloatArray:
-    """Return (4, 2) how deep the tyres reach into the hull, across, and along or up [m]; positive both where they overlap.
-
-    A tyre is a cylinder, the hull a box. Where they are apart, the gap is the greater one of both numbers' negatives.
-    """
-    g = robot.geometry
-    middles = np.column_stack([0.5 * FRONT * g.wheelbase, 0.5 * LEFT * g.track, np.full(len(WHEELS), g.axle_height)])
-    away = np.abs(middles - g.body_centre) - 0.5 * np.array(g.body_size)
-    from_side = np.hypot(np.maximum(away[:, 0], 0.0), np.maximum(away[:, 2], 0.0))
-    return np.column_stack([0.5 * g.wheel_width - away[:, 1], g.wheel_radius - from_side])
-
-
 def robot_outline(robot: Robot) -> FloatArray:
     """Return the (2, 3) lowest and highest coordinates of hull and tyres in the base frame [m]."""
     g = robot.geometry
@@ -190,15 +178,6 @@ def _geometry(robot: Robot) -> Iterator[Advice]:
         yield Advice(
             f"left and right tyres touch each other: with a track of {g.track:g} m, wheel_width must be less, not "
             f"{width:g} m"
-        )
-    overlaps = tyre_hull_overlap(robot)
-    touching = overlaps.min(axis=1) > 1e-6
-    if touching.any():
-        names = ", ".join(wheel.replace("_", " ") for wheel, touches in zip(WHEELS, touching, strict=True) if touches)
-        widest = max(g.track - width - 2.0 * abs(g.body_centre[1]), 0.0)
-        yield Advice(
-            f"tyres ({names}) reach {1e3 * overlaps[:, 0].max():.0f} mm into the hull: between the tyres body_size may be "
-            f"{widest:.4g} m wide"
         )
     bottom = g.body_centre[2] - 0.5 * g.body_size[2] + g.base_height
     if bottom < -1e-6:

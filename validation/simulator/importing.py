@@ -1,4 +1,4 @@
-"""A URDF -> a robot's file, by MuJoCo's own reader: what the URDF says, and what had to be guessed.
+"""A new robot's file, of a few numbers, or of a URDF by MuJoCo's own reader: what is known, and what had to be guessed.
 
 MuJoCo gets links and joints without meshes, which are never looked for; tyres and hull are read off the shapes of collision.
 """
@@ -6,18 +6,24 @@ MuJoCo gets links and joints without meshes, which are never looked for; tyres a
 from __future__ import annotations
 
 import re
+import textwrap
 import xml.etree.ElementTree as ElementTree  # nosec B405 # of texts that declare no entities
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+import tomli_w
 from mujoco import mjtGeom
 
+from ssmr.parameters import described
 from ssmr.types import FloatArray
+from validation import store
 from validation.files import reading
-from validation.simulator.description import WHEELS, RobotError
-from validation.simulator.drafting import Entry, RobotDraft, drafted
+from validation.simulator.checking import spot_turn
+from validation.simulator.description import SCHEMA, SECTIONS, WHEELS, Robot, RobotError, parse_robot, shipped_robots
 from validation.words import one_line
 
 MOST_BYTES = 1 << 22
@@ -30,9 +36,112 @@ _PARALLEL, _UPRIGHT = 0.985, 0.9
 """Least share of y in the axis of a wheel (ten degrees), and of z in that of a joint that steers [1]."""
 _ASKEW = 0.05
 """Greatest distance of a wheel from the corner of a rectangle, over its shorter side [1]."""
-_CLEARANCE = 0.98
-"""Width of a hull over the room between the tyres where its shapes reach beyond them [1]."""
 _SIDEWAYS_WORDS = re.compile(r"mecanum|omni_?wheel|swedish")
+SURE_FRICTION = 1.0
+"""Friction of ground on which motors whose torque nobody knows are taken to turn the robot on the spot [1]."""
+_UNITS_OF_LISTS = dict.fromkeys(("body_size", "body_centre", "imu", "com"), "m")
+_UNITS_OF_LISTS |= dict.fromkeys(("wheel_inertia", "inertia"), "kg m2")
+_NEXT = (
+    "next: weigh each of the four wheels (com), measure the hull between the tyres (body_size, body_centre), count the "
+    "wheels' turns over a metre (wheel_radius), and drag the robot sideways with a spring scale (friction)"
+)
+_HEADING = (
+    "What this file does not say is estimated; `python -m validation.robots check` shows it. Measure a number, write it "
+    "into its section, and say in [sources] where it is from."
+)
+
+
+class Entry(NamedTuple):
+    """A number or word of a new robot's file."""
+
+    key: str  # section and name, such as `geometry.track`
+    value: float | str | Sequence[float]  # in SI units
+    source: str  # `GRADE: where it is from`
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDraft:
+    """A new robot's file, before it is written."""
+
+    robot: Robot
+    """The robot that the file describes."""
+    text: str
+    """What the file says."""
+    remarks: Sequence[str]
+    """What was estimated or guessed, and what to do next."""
+
+    def save(self, path: str | Path) -> Path:
+        """Write the file, whole or not at all; return its path.
+
+        Raises:
+            ValueError: there is something of that name already.
+            OSError: the file cannot be written.
+        """
+        target = Path(path)
+        if target.exists() or target.is_symlink():
+            raise ValueError(f"{path}: there is such a file already, and it is not overwritten; name another")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        store.write_text(target, self.text)
+        return target
+
+
+def unit_of_key(key: str) -> str:
+    """Return the unit of a number of a robot's file, `section.key`; empty for a word."""
+    section, _, name = key.partition(".")
+    declared = described(SECTIONS[section])
+    return declared[name].unit if name in declared else _UNITS_OF_LISTS.get(name, "")
+
+
+def draft_robot(name: str, known: Mapping[str, float]) -> RobotDraft:
+    """Return the file of a robot of which a tape measure and a scale know a few numbers.
+
+    Args:
+        name: its name.
+        known: numbers by `section.key` [SI]: at least wheelbase, track, radius and width of the wheels, and the mass.
+
+    Raises:
+        ValueError: the name is taken or cannot be one, or a number cannot be.
+    """
+    entries = [Entry(key, float(value), "measured: given to `new`") for key, value in known.items()]
+    entries.append(Entry("geometry.link", "belt", "assumed: as most such robots"))
+    remarks = ("estimated from the size: com, inertia and wheels of [mass], the hull, gain and armature", _NEXT)
+    return _drafted(name, "", entries, remarks)
+
+
+def _drafted(name: str, description: str, entries: Sequence[Entry], remarks: Sequence[str]) -> RobotDraft:
+    """Return the file of a new robot; where no entry says a torque limit, one is added that surely turns it on the spot.
+
+    Raises:
+        ValueError: the name is taken, or the entries say something that cannot be; the message names section and key.
+    """
+    if name in shipped_robots():
+        raise ValueError(f"name '{one_line(name)}' belongs to a robot that comes with the package; take another")
+    document = _document(name, description, entries)
+    robot = parse_robot(document)
+    spot = spot_turn(robot)
+    if "drive.torque_limit" not in robot.said and spot is not None:
+        torque = float(f"{0.5 * SURE_FRICTION * spot.side_torque:.3g}")
+        source = f"assumed: enough to turn on the spot on ground of friction {SURE_FRICTION:g}"
+        document = _document(name, description, [*entries, Entry("drive.torque_limit", torque, source)])
+        robot = parse_robot(document)
+    heading = "".join(f"# {line}\n" for line in textwrap.wrap(_HEADING, 120))
+    return RobotDraft(robot, heading + tomli_w.dumps(store.encodable(document)), remarks)
+
+
+def _document(name: str, description: str, entries: Sequence[Entry]) -> dict[str, Any]:
+    """Return what the file says, as TOML has it; numbers have nine digits."""
+    sections: dict[str, dict[str, Any]] = {}
+    for entry in entries:
+        section, _, key = entry.key.partition(".")
+        sections.setdefault(section, {})[key] = _rounded(entry.value)
+    texts = {"name": name, "description": one_line(description)} if description else {"name": name}
+    return {"schema": SCHEMA, **texts, **sections, "sources": {entry.key: one_line(entry.source) for entry in entries}}
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, str):
+        return value
+    return float(f"{value:.9g}") if isinstance(value, float | int) else [_rounded(v) for v in value]
 
 
 def import_robot(
@@ -202,22 +311,22 @@ class _Import:
             raise ValueError(f"the four wheels do not stand at the corners of a rectangle: {self._names(joints)}")
         order = [named[wheel] for wheel in WHEELS]
         x, y = np.abs(ahead).mean(), np.abs(aside).mean()
-        self.wheelbase, self.track = 2.0 * float(x), 2.0 * float(y)
+        wheelbase, track = 2.0 * float(x), 2.0 * float(y)
         askew = float(np.abs([np.abs(ahead) - x, np.abs(aside) - y]).max())
-        if askew > _ASKEW * min(self.wheelbase, self.track):
+        if askew > _ASKEW * min(wheelbase, track):
             raise ValueError(
                 f"the four wheels do not stand at the corners of a rectangle: one is {1e3 * askew:.0f} mm away from that of "
-                f"{self.wheelbase:.3f} by {self.track:.3f} m"
+                f"{wheelbase:.3f} by {track:.3f} m"
             )
         where = f"joints {self._names(joints[k] for k in order)}"
-        self.read("geometry.wheelbase", self.wheelbase, where)
-        self.read("geometry.track", self.track, where)
+        self.read("geometry.wheelbase", wheelbase, where)
+        self.read("geometry.track", track, where)
         level = next(
             (body.xpos[2] for body in map(self.data.body, range(self.model.nbody)) if body.name == "base_link"), 0.0
         )
         middle = places.mean(axis=0)
-        self.origin, self.axle = np.array([*middle[:2], level]), float(middle[2] - level)
-        self.read("geometry.axle_height", self.axle, "the same joints above base_link")
+        self.origin = np.array([*middle[:2], level])
+        self.read("geometry.axle_height", float(middle[2] - level), "the same joints above base_link")
         self.entries.append(Entry("geometry.link", "belt", "assumed: a URDF does not say it"))
         return [int(self.model.jnt_bodyid[joints[k]]) for k in order]
 
@@ -245,7 +354,6 @@ class _Import:
                 self.read(f"geometry.{key}", twice * float(np.mean(found, axis=0)[column]), "cylinders of the tyres")
             else:
                 raise ValueError("its tyres are no cylinders: measure them, and give --wheel-radius and --wheel-width")
-        self.radius, self.width = (float(entry.value) for entry in self.entries[-2:])  # type: ignore[arg-type]  # numbers
 
     def _lumped(self, bodies: Sequence[int]) -> tuple[float, FloatArray, FloatArray]:
         """Return mass, centre of mass in the base frame, and inertia about it, of several bodies together."""
@@ -288,7 +396,7 @@ class _Import:
             self.guesses.append(f"products of inertia up to {products:.2g} kg m2 are left out")
 
     def say_hull(self) -> None:
-        """Say the box around the plain shapes of the body, no wider than the room between the tyres."""
+        """Say the box around the plain shapes of the body."""
         model, signs = self.model, np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
         corners = [
             self.data.geom_xpos[g] + self.data.geom_xmat[g].reshape(3, 3) @ (aabb[:3] + sign * aabb[3:]) - self.origin
@@ -298,10 +406,6 @@ class _Import:
             self.guesses.append("the hull is estimated: the body has no plain shapes; say body_size and body_centre")
             return
         low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-        room = 0.5 * _CLEARANCE * (self.track - self.width)
-        if max(high[1], -low[1]) > room and low[2] < self.axle + self.radius and high[2] > self.axle - self.radius:
-            low[1], high[1] = max(low[1], -room), min(high[1], room)
-            self.guesses.append("the hull was cut to what lies between the tyres")
         if np.all(high - low > 1e-3):
             self.read("geometry.body_size", high - low, "box around the body's plain shapes")
             self.read("geometry.body_centre", 0.5 * (high + low), "box around the body's plain shapes")
@@ -313,4 +417,4 @@ class _Import:
             "guessed drive.torque_limit: enough to turn on the spot on ground of friction 1",
             "no URDF says friction, gain, rotor inertia, or how the driver makes wheel rates of commands",
         ]
-        return drafted(name, f"Imported from {self.file}.", self.entries, self.guesses)
+        return _drafted(name, f"Imported from {self.file}.", self.entries, self.guesses)

@@ -23,7 +23,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation import cli
 from validation.bench.sources import Piece, drive, open_source
-from validation.engines.drake import DrakeBody, DrakeSettings
+from validation.engines.drake import DrakeBody
 from validation.engines.ode import GAZEBO, HUSKY, MAKERS_HUSKY, OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
 from validation.plants.profile import PlantProfile, Profile, make_plant
@@ -73,7 +73,7 @@ CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
 class Setting(NamedTuple):
     """A setting to be tried."""
 
-    physics: PhysicsSettings | OdeSettings | DrakeSettings  # settings of an engine; their type says which it is
+    physics: PhysicsSettings | OdeSettings | None  # settings of MuJoCo or ODE; None for Drake, which has none
     robot: Mapping[str, Any]  # fields of `Calibration` that change too
 
     def plant(
@@ -88,8 +88,8 @@ class Setting(NamedTuple):
         c = replace(c, wheel_radius=c.wheel_radius + wheels, timestep=c.timestep / steps)
         if isinstance(s, OdeSettings):
             return EnginePlant("ode", lambda numbers: OdeBody(numbers, s), c, section.drive, terrain)
-        if isinstance(s, DrakeSettings):
-            return EnginePlant("drake", lambda numbers: DrakeBody(numbers, s), c, section.drive, terrain)
+        if s is None:
+            return EnginePlant("drake", DrakeBody, c, section.drive, terrain)
         return MujocoPlant(c, section.drive, terrain=terrain, settings=s)
 
 
@@ -130,7 +130,7 @@ def tried_settings(robot: Robot | None = None) -> dict[str, Setting]:
         "ode: Gazebo's Husky, emulated cone": Setting(replace(GAZEBO, friction_law="cone"), MAKERS_HUSKY),
         "ode: Gazebo's Husky, emulated cone, centred": Setting(replace(GAZEBO, friction_law="cone"), HUSKY),
         "ode: best, emulated cone, exact solver": Setting(OdeSettings(), {}),
-        "drake: best, stiction 0.1 mm/s": Setting(DrakeSettings(), {}),
+        "drake: best, stiction 0.1 mm/s": Setting(None, {}),
     }
 
 
@@ -267,7 +267,8 @@ def study_contact(o: ContactStudy) -> Report:
     bench, chosen = make_bench(lab), chosen_settings(o.only, lab.robot)
     trials = {name: Trial(bench, setting) for name, setting in chosen.items()}
     swept = sweep(trials, CONTACT_DRIVES, workers=o.workers, progress=o.progress)
-    changed = {name: {k: v for k, v in asdict(s.physics).items() if v is not None} for name, s in chosen.items()}
+    numbers = {name: asdict(s.physics) if s.physics else {} for name, s in chosen.items()}
+    changed = {name: {k: v for k, v in given.items() if v is not None} for name, given in numbers.items()}
     return Report(
         program="study", title=f"Physics settings, profile {with_robot(lab.name, lab.robot.name)}", draw=_draw,
         tables=meaning_tables(swept.rows, CONTACT_MEASURES, _UNITS), sentences=swept.notes, status=swept.status,

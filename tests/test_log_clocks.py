@@ -1,4 +1,4 @@
-"""Logs on one clock: what resampling, smoothing, cutting and aligning keep; rests, and what dead reckoning makes of them."""
+"""Logs on one clock: what resampling, smoothing, cutting and aligning keep, and rests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from ssmr.geometry import compose
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
-from validation.bench.logs import reckon
 from validation.files.faults import find_rest, unbiased
 from validation.files.log import POSE_COLUMNS, Group, Log
 from validation.files.reading import FileError
@@ -106,18 +105,3 @@ def test_aligned_poses_do_not_depend_on_the_frame(moved: tuple[float, float, flo
         np.testing.assert_allclose(one.columns[name], other.columns[name], atol=1e-12 * 100.0)  # of 50 m
         assert one.columns[name][0] == EXACT
         np.testing.assert_array_equal(one.aligned().columns[name], one.columns[name])
-
-
-# ------------------------------------------------------------------------------------------- dead reckoning
-def test_the_filter_with_the_bias_learned_is_nearest() -> None:
-    found = reckon(made(bias=0.02))
-    assert found is not None
-    rms = {row.name: row.rms for row in found.rows}
-    assert found.truth == "/pose (pose)"
-    assert rms["filter, bias learned at rest"] < 0.05 < rms["filter of wheels and gyro"]
-    assert found.rows[0].length == pytest.approx(17.5, rel=0.01)
-
-
-def test_nothing_is_reckoned_without_wheels() -> None:
-    log = made()
-    assert reckon(replace(log, groups={name: log.groups[name] for name in ("imu", "pose")})) is None

@@ -12,21 +12,19 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 
-from ssmr.estimation.settings import EkfSettings
 from ssmr.types import FloatArray
 from validation import cli
-from validation.bench.logs import Reckoning, open_log, reckon
-from validation.files.faults import REST_LEAST, STOCK, Rest, find_faults, find_rest, unbiased
+from validation.bench.logs import open_log
+from validation.files.faults import REST_LEAST, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, write_log
 from validation.files.limits import USUAL
 from validation.files.log import Log, ReadOptions
 from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.reading import FileError, exists, read_file
-from validation.plants.profile import odometry_of
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
-from validation.simulator.description import Robot, load_robot
+from validation.simulator.description import Robot
 from validation.store import write_json
 from validation.words import file_name
 
@@ -49,7 +47,7 @@ class LogOptions(cli.Common):
     robot: Annotated[
         Robot | str | Path | None,
         cli.text_of("ROBOT"),
-        cli.option(default="the profile's; for dead reckoning on a log a stock Husky"),
+        cli.option(default="the profile's"),
     ] = None
     """Name of a shipped robot, or path of a robot's file (.toml)."""
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
@@ -59,12 +57,6 @@ class LogOptions(cli.Common):
     def opened(self) -> Log:
         """Return the log."""
         return open_log(self.source, ReadOptions(self.topics, self.limits), self.profile, self.seed, robot=self.robot)
-
-    def odometry(self) -> EkfSettings:
-        """Return the state filter with the numbers of the robot's driver, a stock Husky's if no robot is named."""
-        if self.robot is None:
-            return STOCK
-        return odometry_of((self.robot if isinstance(self.robot, Robot) else load_robot(self.robot)).drive)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,8 +106,6 @@ class LogReport(Report):
     """The log; of a conversion the new one, with its own stamps unless another rate was asked for."""
     offsets: Sequence[Offset]
     """Delays between its groups, before anything was changed."""
-    reckoning: Reckoning | None = None
-    """Ways of dead reckoning; None where the log allows none."""
     save_as: Callable[[Path], object] | None = None
     """Function that writes the file that it is for; None for its JSON."""
 
@@ -142,14 +132,11 @@ def info(o: Info) -> LogReport:
 
     Prints topics or columns, rates, gaps, faults, time offsets and the gyro's bias.
 
-    Compares dead reckoning on the log with the positions in it.
-
     Raises:
         ValueError: the log cannot be opened.
         SsmrError: the plant diverged.
     """
-    log, odometry = o.opened(), o.odometry()
-    reckoning = reckon(log, odometry)
+    log = o.opened()
     offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log)
     seconds = {offset.behind: 0.0 for offset in offsets} | {offset.late: offset.seconds for offset in offsets}
     jumps = faults.jumps
@@ -172,11 +159,10 @@ def info(o: Info) -> LogReport:
         "dead_columns": list(faults.dead_columns),
         "implausible": list(faults.implausible),
         "gyro_at_rest": None if rest is None else asdict(rest),
-        "dead_reckoning": None if reckoning is None else asdict(reckoning),
     }  # fmt: skip
     return LogReport(
-        title=log.path.name, document=document, log=log, offsets=offsets, reckoning=reckoning,
-        tables=[_contents(log), _offset_table(offsets), _reckoning_table(reckoning)],
+        title=log.path.name, document=document, log=log, offsets=offsets,
+        tables=[_contents(log), _offset_table(offsets)],
         sentences=[*log.remarks, *_sentences(log, rest), *faults.sentences()],
     )  # fmt: skip
 
@@ -244,15 +230,6 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
     units = {"late_s": Unit("s", 1.0, 4), "standard_error_s": Unit("s", 1.0, 4), "correlation": Unit("1", 1.0, 3)}
     caption = "From yaw rates, for the position from speeds. Negative: early, as commands are."
     return Table("Offsets of time", rows, caption, units=units)
-
-
-def _reckoning_table(reckoning: Reckoning | None) -> Table:
-    """Return ways of dead reckoning beside each other; no rows where the log allows none."""
-    if reckoning is None:
-        return Table("Dead reckoning", ())
-    rows = [{"dead reckoning by": row.name, "rms_m": row.rms, "path_m": row.length} for row in reckoning.rows]
-    caption = f"Distance from {reckoning.samples} positions of {reckoning.truth} after rigid alignment."
-    return Table("Dead reckoning", rows, caption)
 
 
 def _sentences(log: Log, rest: Rest | None) -> list[str]:

@@ -176,15 +176,18 @@ def _every_number(robot: Robot) -> list[tuple[str, Any, str, str]]:
 
 
 def _numbers(robot: Robot) -> Table:
-    """Return the table of all numbers of a robot, with the source of each."""
+    """Return the table of all numbers of a robot; many share a source, whose text stands in the caption."""
     rows: list[Row] = []
+    sources: dict[str, int] = {}
     for key, value, grade, source in _every_number(robot):
+        number = sources.setdefault(source, len(sources) + 1)
         names = ("across", "spin") if key == "mass.wheel_inertia" else "xyz"
         for name, each in zip(names, value, strict=True) if isinstance(value, tuple) else [("", value)]:
             row = {"section": key.partition(".")[0], "number": f"{key} {name}".strip(), "unit": unit_of_key(key) or None}
-            rows.append({**row, "value": each, "grade": grade, "source": abridged(one_line(source), 60)})
+            rows.append({**row, "value": each, "grade": f"{grade} [{number}]"})
+    caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
     title = f"{one_line(robot.title or robot.name)}: its numbers"
-    return Table(title, rows, group="section", hidden=frozenset({"section"}))
+    return Table(title, rows, caption, group="section", hidden=frozenset({"section"}))
 
 
 # ------------------------------------------------------------------------------------------- the picture

@@ -64,18 +64,6 @@ def shift_state(state: State, offset: tuple[float, float]) -> State:
     return replace(state, x=float(x), y=float(y), yaw=float(yaw), v_x=v_x, v_y=v_y)
 
 
-def align_rigidly(points: ArrayLike, onto: ArrayLike) -> FloatArray:
-    """Return (N, 2) points, turned and shifted as a whole so that each lies as near as possible to its point of `onto`.
-
-    Least squares: centroids coincide, and the sum of p . R q is greatest at the angle of (sum p . q, sum p x q). The points
-    are neither mirrored nor scaled.
-    """
-    p, q = np.asarray(points, dtype=np.float64), np.asarray(onto, dtype=np.float64)
-    p_0, q_0 = p - p.mean(axis=0), q - q.mean(axis=0)
-    cross = np.sum(p_0[:, 0] * q_0[:, 1] - p_0[:, 1] * q_0[:, 0])
-    return np.asarray(q.mean(axis=0) + rotate_body_to_world(p_0, np.arctan2(cross, np.sum(p_0 * q_0))))
-
-
 def integral(t: ArrayLike, rate: ArrayLike) -> FloatArray:
     """Return the (M, ...) integral of (M, ...) rates from the first of (M,) instants [s] on, by trapezoids."""
     r = np.asarray(rate, dtype=np.float64)
@@ -94,16 +82,6 @@ def quat_wxyz_to_yaw(quat: ArrayLike) -> FloatArray:
     """Return the (...) heading in (-pi, pi] of (..., 4) quaternions, w first: the direction of the rotated x axis."""
     w, x, y, z = np.moveaxis(np.asarray(quat, dtype=np.float64), -1, 0)
     return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-
-
-def quat_wxyz_to_roll_pitch(quat: ArrayLike) -> FloatArray:
-    """Return (..., 2) roll and pitch [rad] of (..., 4) quaternions, w first.
-
-    A body is turned first by yaw about z, then by pitch about its y, nose down, then by roll about its x, right side down.
-    """
-    w, x, y, z = np.moveaxis(np.asarray(quat, dtype=np.float64), -1, 0)
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return np.stack([roll, np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))], axis=-1)
 
 
 def quat_wxyz_to_xyzw(quat: ArrayLike) -> FloatArray:

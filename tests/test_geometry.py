@@ -11,7 +11,6 @@ from ssmr.geometry import (
     compose,
     integral,
     invert,
-    quat_wxyz_to_roll_pitch,
     quat_wxyz_to_xyzw,
     quat_wxyz_to_yaw,
     relative,
@@ -68,18 +67,6 @@ def test_yaw_and_quaternion_agree_with_mujoco(yaw: float) -> None:
     mujoco.mju_quat2Mat(matrix, quat)
     assert np.allclose(matrix.reshape(3, 3)[:2, 0], [np.cos(yaw), np.sin(yaw)], atol=1e-12)
     assert abs(float(quat_wxyz_to_yaw(quat)) - yaw) < 1e-12
-
-
-@given(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
-def test_roll_pitch_and_yaw_are_turned_in_that_order_and_come_back(roll: float, pitch: float, yaw: float) -> None:
-    quat = np.zeros(4)
-    about = [
-        np.array([np.cos(a / 2), *(np.sin(a / 2) * axis)]) for a, axis in zip((roll, pitch, yaw), np.eye(3), strict=True)
-    ]
-    mujoco.mju_mulQuat(quat, about[2], about[1])  # yaw, then pitch about the new y, then roll about the new x
-    mujoco.mju_mulQuat(quat, quat.copy(), about[0])
-    np.testing.assert_allclose(quat_wxyz_to_roll_pitch(quat), [roll, pitch], atol=1e-7)
-    assert abs(float(quat_wxyz_to_yaw(quat)) - yaw) < 1e-9
 
 
 def test_the_order_of_a_quaternion_is_in_its_name() -> None:

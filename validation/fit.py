@@ -168,7 +168,6 @@ def _scored(problem: FitProblem, fitted: PlantProfile, target: FitTarget) -> Sco
 
 
 def _score(label: str, targets: Sequence[FitTarget], motions: Sequence[tuple[Trajectory, ...]]) -> Scored:
-    """Return the scores of motions along several sources together."""
     driven = [(target.source, motion) for target, motion in zip(targets, motions, strict=True)]
     truth, motion = tuple(chain(*(target.truth for target in targets))), tuple(chain(*motions))
     errors = horizons_of(driven, HORIZONS), window_errors_of(driven, HORIZONS)
@@ -371,7 +370,6 @@ def _summary(scores: Sequence[Scored]) -> dict[str, Any]:
 
 
 def _named(f: Fitted) -> list[tuple[str, Scored]]:
-    """Return the scores on each source, with its name in tables and pictures."""
     every = [*(("", s) for s in f.train), *(("held out: ", s) for s in f.held_out)]
     return [(f"{lead}{shortened(Path(s.label).name, 32)}", s) for lead, s in every]
 

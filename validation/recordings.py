@@ -24,11 +24,10 @@ from validation.files.reading import FileError, exists, read_file
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
-from validation.simulator.description import Robot
 from validation.store import write_json
 from validation.words import file_name
 
-_OURS, _MOST_OURS = (b'"ssmr.info/1"', b'"ssmr.filter/1"'), 1 << 26
+_OURS, _MOST_OURS = (b'"ssmr.info/1"',), 1 << 26
 """Texts in files that are replaced unasked, for this program wrote them; and the greatest size of one [bytes]."""
 
 
@@ -44,12 +43,7 @@ class LogOptions(cli.Common):
     topics: Annotated[cli.Topics, cli.option(default="guessed from the message types")] = field(default_factory=dict)
     """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
     limits: cli.Limits = USUAL
-    robot: Annotated[
-        Robot | str | Path | None,
-        cli.text_of("ROBOT"),
-        cli.option(default="the profile's"),
-    ] = None
-    """Name of a shipped robot, or path of a robot's file (.toml)."""
+    robot: cli.AnyRobot = None
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
     overwrite: cli.Flag = False
     """Replace a file that is there already."""

@@ -285,7 +285,6 @@ def _import(options: ImportOptions) -> None:
 
 
 def _write(draft: RobotDraft, out: Path | None) -> None:
-    """Write a new robot's file, and say how to go on."""
     target = out or Path(f"{draft.robot.name}.toml")
     with cli.mistakes_are_users(), cli.writes("--out", target):
         draft.save(target)
@@ -294,7 +293,6 @@ def _write(draft: RobotDraft, out: Path | None) -> None:
 
 
 def _print(tables: Sequence[Table], sentences: Sequence[str] = ()) -> None:
-    """Print tables and sentences on standard output."""
     said: Any = SimpleNamespace(grids=lambda: [table.grid() for table in tables], notes=lambda: sentences)
     cli.report_result(said)
 

@@ -87,8 +87,6 @@ class Law:
     """Kernel `(gains, memory, errors, target, seen, dt)` of the position loop; returns the next memory."""
     searched: tuple[str, ...] = ()
     """Gains that a tuning searches by default, in the order of its search space."""
-    colour: str = "#808080"
-    """Colour in pictures and recordings, as #rrggbb."""
     make: Callable[..., Any] | None = None
     """Function of gains and a `ssmr.control.mission.Mission` that makes the object, for a law that is a Python object."""
     velocity_step: Callable[..., tuple[Memory, Command]] = hold

@@ -32,9 +32,8 @@ PREDICTOR = "+predictor"
 
 
 def _behind_a_predictor(law: Law) -> Law:
-    """Return the declaration of a law behind a predictor, in a darker colour."""
-    dark = "".join(f"{int(law.colour[k : k + 2], 16) * 3 // 5:02x}" for k in (1, 3, 5))
-    return replace(law, name=law.name + PREDICTOR, colour=f"#{dark}")
+    """Return the declaration of a law behind a predictor."""
+    return replace(law, name=law.name + PREDICTOR)
 
 
 PLAIN_CONTROLLERS = tuple(_PLAIN)

@@ -128,7 +128,6 @@ LAW = Law(
     reader(LqrNumbers(*(0.0,) * 11)),
     regulate,
     searched=("q_x", "q_v", "q_yaw", "q_w", "r_v", "r_w"),
-    colour="#0072b2",
     generations=300,
     k_u=50.0,
 )
@@ -212,5 +211,4 @@ SCHEDULED_LAW = Law(
     unpack,
     regulate_at_speed,
     searched=("q_x", "q_y", "q_alpha", "q_v", "q_w", "r_w"),
-    colour="#009e73",
 )

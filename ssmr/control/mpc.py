@@ -254,7 +254,6 @@ LAW = Law(
     "mpc",
     MpcGains,
     searched=("q_along", "q_across", "q_heading", "r_v", "r_w", "d_v", "d_w"),
-    colour="#111111",
     population=24,
     generations=20,
     make=Mpc,

@@ -93,7 +93,6 @@ LAW = Law(
     reader(packed(PidGains())),
     position_loop,
     searched=(*("k_p_rho", "k_p_y", "k_p_alpha", "k_i_rho", "k_i_y", "k_i_alpha"), *("k_p_u", "k_i_u", "k_p_w", "k_i_w")),
-    colour="#d55e00",
     velocity_step=velocity_loop,
     population=100,
 )

@@ -71,7 +71,6 @@ LAW = Law(
     reader(packed(SmcGains())),
     slide,
     searched=("k_x", "eta_x", "phi_x", "slope", "k_a", "eta_a", "phi_a"),
-    colour="#cc79a7",
     velocity_step=velocity_loop,
     population=100,
 )

@@ -65,7 +65,6 @@ def _mean_square(values: Sequence[float], samples: Sequence[int]) -> float:
 
 
 def _greatest(values: Sequence[float], samples: Sequence[int]) -> float:
-    """Pool largest distances: the greatest of all."""
     return max(values)
 
 

@@ -64,23 +64,23 @@ WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
 
 
 # ------------------------------------------------------------------------------------------ what the wheels say
-def twist_of(group: Group | None, settings: EkfSettings = STOCK) -> WheelTwist | None:
+def twist_of(group: Group | None) -> WheelTwist | None:
     """Return the motion by a group's encoders, odometry or commands; None without any.
 
-    Encoders are converted with the radius and half-track of a state filter's settings.
+    Encoders are converted with the radius and half-track of a stock Husky's driver.
     """
     if group is None:
         return None
     if (rates := group.table(COMMAND_COLUMNS["wheels"])) is not None:
         left, right = rates.T
-        return group.t, *source(body_rates)(left, right, settings.half_track, settings.radius)
+        return group.t, *source(body_rates)(left, right, STOCK.half_track, STOCK.radius)
     tables = [group.table(names) for names in (("odom_v", "odom_w"), COMMAND_COLUMNS["twist"])]
     return next(((group.t, *table.T) for table in tables if table is not None), None)
 
 
-def wheel_twist(log: Log, settings: EkfSettings = STOCK) -> WheelTwist | None:
+def wheel_twist(log: Log) -> WheelTwist | None:
     """Return the motion by a log's encoders or else its odometry; None without either."""
-    return twist_of(log.groups.get("wheels"), settings) or twist_of(log.groups.get("odom"), settings)
+    return twist_of(log.groups.get("wheels")) or twist_of(log.groups.get("odom"))
 
 
 def standing(log: Log, t: FloatArray) -> NDArray[np.bool_]:

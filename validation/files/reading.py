@@ -98,7 +98,6 @@ def opened(path: str | Path, most_bytes: int = sys.maxsize, limit: str = "") -> 
 
 
 def _size(count: int) -> str:
-    """Return a number of bytes in words."""
     return f"{count / 1e6:.3g} MB" if count >= 100_000 else f"{count} bytes"
 
 

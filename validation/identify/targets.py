@@ -79,7 +79,6 @@ def open_targets(
 
 
 def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], limits: LogLimits) -> Source:
-    """Return several spans of a recording as one source."""
     parts = [open_source(name, kind, *span, limits) for span in spans]
     pieces = tuple(piece for part in parts for piece in part.pieces)
     warnings, title = tuple(w for part in parts for w in part.warnings), " and ".join(part.title for part in parts)

@@ -47,7 +47,6 @@ class RobotEntity(composer.Entity):
 
 
 def _tree(robot: Robot, integral: bool = False) -> Any:
-    """Return a robot as an MJCF tree of dm_control."""
     spec = compose_robot(robot)
     if integral:
         add_integral_parts(spec, robot)

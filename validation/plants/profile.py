@@ -100,7 +100,6 @@ def shipped() -> list[str]:
 
 
 def _usual(name: str, robot: Robot) -> PlantProfile:
-    """Return the numbers of a plant of a robot that nothing was fitted to."""
     return PlantProfile(plant_kind(name).defaults(robot), robot.vehicle, robot.drive, robot)
 
 

@@ -198,7 +198,6 @@ def _interval(value: float | None, spread: float | None) -> float | tuple[float,
 
 
 def _tall(pair: Pair) -> Row:
-    """Return the columns of one number."""
     supposed = None if pair.supposed is None else pair.supposed.value
     numbers = {"printed": pair.published, "ours": pair.ours, "spread": pair.spread, "supposed": supposed, **pair.beside}
     return {name.replace("_", " "): value for name, value in numbers.items()}

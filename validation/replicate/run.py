@@ -177,7 +177,6 @@ def _lead(quick: bool, found: Container[str], unexplained: Sequence[str]) -> str
 
 
 def _as_dict(rows: Rows, verdicts: Mapping[str, tuple[Mapping[str, Verdict], Verdict]]) -> dict[str, Any]:
-    """Return a table as replicate.json has it."""
     return {
         "rows": {row: {m: _entry(p, verdicts[row][0][m]) for m, p in pairs.items()} for row, pairs in rows.items()},
         "verdicts": {row: _words(whole) for row, (_, whole) in verdicts.items()},

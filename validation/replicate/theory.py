@@ -100,7 +100,6 @@ def _drawn_laws(steepness: float) -> list[Row]:
 
 
 def _loop(row: str, dead_time: float) -> CascadeLoop:
-    """Return the loop that a gain belongs to, around the linear model with the published parameters."""
     a, b = matrices(Vehicle(), LinearParameters(), Drive())
     if row in _ALONG:
         return CascadeLoop("along", -a[1, 1], b[1, 0], _SPEED, dead_time=dead_time)

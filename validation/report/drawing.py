@@ -26,7 +26,7 @@ from PIL import Image
 
 from ssmr.metrics.windows import HorizonErrors, OverlappingErrors
 from ssmr.types import FloatArray
-from validation.report.palette import BLACK, Rgb, colour, controller_colour, mix
+from validation.report.palette import BLACK, colour, mix
 from validation.simulator.terrain import FLAT, Terrain
 from validation.store import write_atomic
 from validation.words import shortened
@@ -71,16 +71,7 @@ _SECTION_IN, _LINE_IN, _WRAP = 0.3, 0.185, 160  # height of a heading and of a l
 
 def ink_of(name: str) -> tuple[float, float, float]:
     """Return a plant's colour for lines on white: a little darker than for surfaces."""
-    return _on_white(colour(name))
-
-
-def controller_ink(name: str) -> tuple[float, float, float]:
-    """Return a controller's colour for lines on white."""
-    return _on_white(controller_colour(name))
-
-
-def _on_white(rgb: Rgb) -> tuple[float, float, float]:
-    red, green, blue = mix(rgb, BLACK, 0.1)
+    red, green, blue = mix(colour(name), BLACK, 0.1)
     return red / 255.0, green / 255.0, blue / 255.0
 
 

@@ -27,15 +27,7 @@ def colour(name: str) -> Rgb:
     return _rgb(plant_kind(name).colour) if name in ALL_PLANTS else _REFERENCES.get(name, GREY)
 
 
-def controller_colour(name: str) -> Rgb:
-    """Return the colour of a controller, as its law declares it; grey for any other name."""
-    from ssmr.control.laws import LAWS
-
-    return _rgb(LAWS[name].colour) if name in LAWS else GREY
-
-
 def _rgb(code: str) -> Rgb:
-    """Return #rrggbb as three numbers."""
     red, green, blue = bytes.fromhex(code.removeprefix("#"))
     return red, green, blue
 

@@ -219,7 +219,6 @@ def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
 
 
 def _write_target(recording: rr.RecordingStream, target: Track, scale: float) -> None:
-    """Log an arrow along the target's heading above the ground, for robots of this scale."""
     top = [0.0, 0.0, 0.5 * scale]
     arrow = rr.Arrows3D(origins=[top], vectors=[[0.45 * scale, 0.0, 0.0]], colors=[_TARGET], radii=[0.025 * scale])
     recording.log("world/target", arrow, static=True)

@@ -118,7 +118,6 @@ class Table:
 
 
 def _numbers(values: Iterable[Any]) -> list[float]:
-    """Return the numbers among the values of a column, those of intervals too."""
     flat = [part for value in values for part in (value if isinstance(value, tuple) else (value,))]
     return [float(n) for n in flat if isinstance(n, int | float) and not isinstance(n, bool)]
 

@@ -228,7 +228,6 @@ class Node:
         )
 
     def _topics(self, topic: str, kind: str) -> list[tuple[str, Any]]:
-        """Return the types of a topic and DDS' topics."""
         forms = [kind, _ALSO_AS[kind]] if kind in _ALSO_AS else [kind]
         return [(form, self._dds.topic.Topic(self._participant, f"rt{topic}", idl_class(form))) for form in forms]
 

@@ -284,7 +284,6 @@ class MujocoPlant:
         return np.column_stack(columns)
 
     def _trajectory(self, t: FloatArray, table: FloatArray) -> Trajectory:
-        """Return the trajectory of the rows of `_rows`."""
         channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
         return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)
 

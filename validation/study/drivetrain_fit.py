@@ -309,7 +309,6 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, 
 
 
 def _joined(parts: Sequence[CurrentSamples]) -> CurrentSamples:
-    """Return the samples of several logs together."""
     columns: list[Any] = [np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)]
     return CurrentSamples(*columns)
 

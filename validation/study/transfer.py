@@ -303,7 +303,6 @@ def _findings(o: TransferStudy, profile: Profile, contenders: Contenders, drives
 
 
 def _ranked(judge: str, found: Mapping[str, Any]) -> list[str]:
-    """Return the names of the controllers as the judge places them."""
     judged = found["plants"][judge]["contenders"]
     return sorted(judged, key=lambda name: judged[name]["place"])
 
@@ -381,7 +380,6 @@ def study_transfer(o: TransferStudy) -> Report:
 
 
 def _draw(judge: str, fields: Mapping[str, Mapping[str, Any]], study: Report) -> Figure:
-    """Return the picture: for every profile the costs of all controllers on every plant."""
     height = 1.2 + 0.25 * max((len(found["contenders"]) for found in fields.values()), default=0)
     panels = [partial(_draw_costs, judge, *field) for field in fields.items()]
     return picture(study, [drawing.side_by_side(height, panels)] if panels else [])

@@ -207,7 +207,7 @@ PRICES = {
     "validation/identify": (1_660, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (740, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_250, "any log is read as one form, its faults are found, and it is written in any format"),
-    "validation/plants": (730, "every plant declared once, and profiles"),
+    "validation/plants": (740, "every plant declared once, and profiles"),
     "validation/replicate": (1_770, "the thesis beside us, row by row"),
     "validation/report": (2_760, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_420, "the robot and its controller on a ROS 2 graph"),

@@ -53,7 +53,7 @@ def test_ctrl_c_leaves_a_result(lab: Profile) -> None:
             raise KeyboardInterrupt
 
     found = fit("kinematic", "traj4@kinematic", lab, free=("alpha_l",), population=8, generations=9, progress=stop)
-    assert (found.status, found.document["stopped_by"], found.document["generations"]) == ("interrupted", "interrupt", 1)
+    assert (found.status, found.document["stopped_by"], found.document["generations"]) == ("interrupted", "interrupt", 0)
     assert found.correlation is None
 
 

@@ -209,7 +209,6 @@ def _contents(log: Log) -> Table:
 
 
 def _sampling(t: FloatArray) -> Mapping[str, Any]:
-    """Return the number of samples, their rate, and the first and the last stamp."""
     if len(t) < 2 or t[-1] <= t[0]:
         return {"samples": len(t), "rate_Hz": math.nan, "from_s": math.nan, "to_s": math.nan}
     period = float(np.median(np.diff(t)))

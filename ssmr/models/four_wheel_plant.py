@@ -114,7 +114,6 @@ class FourWheelPlant:
 
 
 def _placed(state: State, robot: FourWheels) -> FloatArray:
-    """Return the row of numbers of a robot that is put into a state."""
     row = np.zeros(STATE_NUMBERS)
     place(np.array(astuple(state), dtype=np.float64), robot, body_of(row))
     return row

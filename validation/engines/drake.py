@@ -44,7 +44,6 @@ class DrakeBody:
 
     @cached_property
     def _turning(self) -> _Diagram:
-        """The same robot with wheels that turn as they are told."""
         return _Diagram(self._n, _STRONG)
 
     def place(self, motion: Rigid) -> None:

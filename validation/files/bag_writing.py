@@ -72,7 +72,6 @@ def _imu(header: _Fields, w: float) -> _Fields:
 
 
 def _frame(header: _Fields, *row: float) -> _Fields:
-    """Return the message that puts the robot's body into a frame, at the pose that ends a row."""
     x, y, yaw = row[-3:]
     transform = {"translation": {"x": x, "y": y}, "rotation": _turned(yaw)}
     return {"transforms": [{"header": header, "child_frame_id": _BASE, "transform": transform}]}

@@ -293,7 +293,6 @@ class TuneProblem:
 
 
 def _law(profile: Profile, gains: GainSet) -> AnyController | None:
-    """Return the law of these gains; None where there is none."""
     try:
         return make_controller(profile, gains)
     except ValueError:

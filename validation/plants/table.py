@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -11,7 +12,12 @@ from ssmr.models.law import PLANAR_MODELS
 if TYPE_CHECKING:
     from validation.plants.kind import PlantKind
 
-SIMULATED = ("mujoco",)
+_SIMULATED: Mapping[str, str] = {
+    "mujoco": "validation.plants.simulated",
+}
+"""Module of each simulated plant, whose function `declare` declares it; imported when the plant is first used."""
+
+SIMULATED = tuple(_SIMULATED)
 """Plants that are simulated in space: they stand on terrain and obey physics settings."""
 STANDARD = SIMULATED[0]
 """The plant that stands for the robot where the user names none."""
@@ -34,6 +40,6 @@ def plant_kind(name: str) -> PlantKind:
     """
     if name not in ALL_PLANTS:
         raise ValueError(f"unknown plant '{name}'; there are: {', '.join(ALL_PLANTS)}")
-    module = "simulated" if name in (*SIMULATED, *SECOND_OPINIONS) else "planar"
-    kind: PlantKind = import_module(f"validation.plants.{module}").declare(name)
+    others = dict.fromkeys(SECOND_OPINIONS, "validation.plants.simulated")
+    kind: PlantKind = import_module({**_SIMULATED, **others}.get(name, "validation.plants.planar")).declare(name)
     return kind

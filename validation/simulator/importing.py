@@ -286,7 +286,6 @@ class _Import:
         return four
 
     def _above(self, body: int) -> list[int]:
-        """Return the joints that a body hangs on, its own left out."""
         model, found = self.model, list[int]()
         while body := int(model.body_parentid[body]):
             found += range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])

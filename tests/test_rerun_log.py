@@ -321,8 +321,11 @@ def test_a_browser_is_served_on_loopback_until_an_interrupt(tmp_path: Path, laun
     command = [sys.executable, "-m", "validation.compare", *words.split()]
     program = launch(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert program.stderr is not None
-    ports = (re.search(r"http://127\.0\.0\.1:(\d+)", COLOUR.sub("", line)) for line in program.stderr)
-    page, data = int(next(found for found in ports if found)[1]), 9876
+    page, data = 9090, 9876
+    assert any(f"http://127.0.0.1:{page}" in COLOUR.sub("", line) for line in program.stderr), "rerun says where the page is"
+    until = time.monotonic() + 60.0
+    while not answers(page) and time.monotonic() < until:
+        time.sleep(0.1)
     with urllib.request.urlopen(f"http://127.0.0.1:{page}/", timeout=60) as answer:
         assert b"rerun" in answer.read().lower()
     others = {line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:] if line.split()[3] == "0A"}

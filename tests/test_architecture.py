@@ -201,28 +201,28 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_150, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (8_149, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (800, "options, help, exit status, progress of every program"),
-    "validation/engines": (940, "second opinions by ODE and Drake"),
-    "validation/identify": (1_660, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
-    "validation/learning": (740, "reinforcement learning on the robot: Gymnasium and dm_control"),
-    "validation/files": (2_250, "any log is read as one form, its faults are found, and it is written in any format"),
-    "validation/plants": (740, "every plant declared once, and profiles"),
-    "validation/replicate": (1_770, "the thesis beside us, row by row"),
-    "validation/report": (2_760, "tables, pictures, rerun recordings and videos of all programs"),
-    "validation/ros": (1_420, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_100, "a robot's description becomes a MuJoCo model that moves"),
-    "validation/study": (1_860, "answers: contact and engines, transfer, drive train"),
-    "validation/thesis": (240, "the thesis' numbers"),
+    "validation/engines": (933, "second opinions by ODE and Drake"),
+    "validation/identify": (1_657, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
+    "validation/learning": (738, "reinforcement learning on the robot: Gymnasium and dm_control"),
+    "validation/files": (2_243, "any log is read as one form, its faults are found, and it is written in any format"),
+    "validation/plants": (735, "every plant declared once, and profiles"),
+    "validation/replicate": (1_764, "the thesis beside us, row by row"),
+    "validation/report": (2_754, "tables, pictures, rerun recordings and videos of all programs"),
+    "validation/ros": (1_413, "the robot and its controller on a ROS 2 graph"),
+    "validation/simulator": (3_091, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/study": (1_854, "answers: contact and engines, transfer, drive train"),
+    "validation/thesis": (234, "the thesis' numbers"),
     "validation/bench": (
-        1_690,
+        1_473,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_650,
+        2_165,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
-    "benchmarks": (500, "speed beside other libraries"),
+    "benchmarks": (495, "speed beside other libraries"),
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""

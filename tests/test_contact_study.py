@@ -59,7 +59,7 @@ def of(small: Report, name: str) -> dict[str, Any]:
 
 
 def measured(bench: Bench, name: str) -> dict[str, Any]:
-    """What every drive finds of a setting."""
+    """Return the measures that every drive finds of a setting."""
     trial = Trial(bench, EVERY[name])
     return {"variant": name} | {k: v for take in CONTACT_DRIVES.values() for k, v in take(trial).items()}
 

@@ -31,7 +31,7 @@ def document(folder: Path) -> dict[str, Any]:
 
 
 def fitted(folder: Path, *arguments: str) -> dict[str, Any]:
-    """What the program writes in this process."""
+    """Return what the program writes in this process."""
     assert exit_status(fit, *arguments, "--out", str(folder)) == 0
     return document(folder)
 

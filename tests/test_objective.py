@@ -77,7 +77,7 @@ def test_the_true_parameters_cost_nothing(lab: Profile) -> None:
 
 @pytest.mark.parametrize("objective", ["path", "sync"])
 def test_the_cost_is_made_of_what_comparisons_print(lab: Profile, objective: Any) -> None:
-    """Of paths it is Eq. 3.1, 20 d_rms + 8 d_haus + 5 |1 - d_ratio|."""
+    """The cost of paths is Eq. 3.1, 20 d_rms + 8 d_haus + 5 |1 - d_ratio|."""
     target = scenario(lab)
     p = problem(lab, target, FitCost(objective, yaw_weight=0.5), "coulomb")
     x = points(3, 2)

@@ -288,7 +288,7 @@ class Drive:
         return 0
 
     def document(self) -> dict[str, Any]:
-        """What track.json holds."""
+        """Return what track.json holds."""
         found: dict[str, Any] = json.loads((self.out / "track.json").read_text(encoding="utf-8"))
         return found
 

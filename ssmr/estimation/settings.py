@@ -1,4 +1,4 @@
-"""What an extended Kalman filter assumes about the robot and its sensors."""
+"""Settings of the extended Kalman filter: they say what it assumes about the robot and its sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a real robot's drive train makes of commands: set points, motor currents, and the slip of tyres that give way.
+"""A drive train turns commands into set points, motor currents and the slip of tyres that give way.
 
 A Coulomb contact pushes with all of its friction as soon as it slides at all. A tyre on grass deforms and shears the ground:
 its force grows with slip, which is sliding speed over rolling speed,

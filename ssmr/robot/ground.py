@@ -1,4 +1,4 @@
-"""What the ground does to a robot, without any simulation: a turn on the spot, and wheel loads.
+"""Closed forms say how a robot turns on the spot and how its wheels are loaded, without any simulation.
 
 In the closed form of a turn (docs/physics.md and docs/contact.md derive it) rigid tyres slide on the ground, left and right
 ones turning alike and against each other; nothing accelerates. The robot then moves so that the forces and the moments of

@@ -49,7 +49,7 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
         "_models/husky.toml",
         "_models/husky.xml",
         "thesis/published.toml",
-        "files/sample.csv",
+        *(f"files/shipped/{name}" for name in ("sample.csv", "husky.csv", "warthog.csv", "LICENSE", "README.md")),
         "thesis/verdicts.toml",
         "replicate/templates/lead.md",
     }

@@ -13,9 +13,10 @@ import pytest
 from tests.bag_factory import circle, write
 from tests.conftest import data_folder
 from validation.bench.logs import GYRO_BIAS, POSE_LATE, open_log
+from validation.bench.sources import open_source
 from validation.files.csv_logs import read_csv
 from validation.files.faults import find_rest
-from validation.files.formats import log_path, read_log
+from validation.files.formats import SHIPPED_LOGS, log_path, read_log
 from validation.files.offsets import estimate_offsets
 from validation.plants.profile import load_profile
 
@@ -78,8 +79,26 @@ def test_the_sample_is_what_the_robot_drives(tmp_path: Path) -> None:
         assert ours.columns[name] == pytest.approx(values, abs=1e-3, nan_ok=True), name
 
 
-def test_a_file_of_that_name_comes_before_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("name", "of", "begin"), [("husky", "husky_tile", 530.0), ("warthog", "warthog_grass", 200.0)])
+def test_the_real_logs_are_excerpts_of_what_their_readme_says(name: str, of: str, begin: float) -> None:
+    excerpt, whole = read_log(name), data_folder() / of / f"{of}_train.csv"
+    assert excerpt.t[0] == 0.0
+    assert excerpt.t[-1] <= 60.0
+    assert open_source(name, "wheels").reference == "recording"
+    if not whole.is_file():
+        pytest.skip(f"no recording {of} in {data_folder()}")
+    source = read_log(whole)
+    rows = np.searchsorted(source.t, excerpt.t + begin - 1e-3)
+    assert source.t[rows] - begin == pytest.approx(excerpt.t, abs=1e-3)
+    for column, values in excerpt.columns.items():
+        assert np.array_equal(values, source.columns[column][rows]), column
+
+
+@pytest.mark.parametrize("name", SHIPPED_LOGS)
+def test_a_file_of_that_name_comes_before_the_shipped_log(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    assert log_path("sample").is_file()
-    (tmp_path / "sample").mkdir()
-    assert log_path("sample") == Path("sample")
+    assert log_path(name).is_file()
+    (tmp_path / name).mkdir()
+    assert log_path(name) == Path(name)

@@ -28,6 +28,7 @@ from validation.bench.sources import (
     standing_sentences,
     window_errors_of,
 )
+from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import ALL_PLANTS, PLANTS, USUAL_PLANTS
@@ -60,10 +61,10 @@ class Compare(cli.Filmed):
     """Options of `compare`."""
 
     source: Annotated[str | Path | Source, cli.text_of("SOURCE"), tyro.conf.Positional]
-    """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, or the path of a recording."""
+    """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, the path of a recording, or one that
+    is shipped: sample (simulated), husky or warthog (real)."""
     profile: Annotated[
-        cli.AnyProfile,
-        cli.profile_option("thesis-lab for scenarios, husky-tile for recordings"),
+        cli.AnyProfile, cli.profile_option("thesis-lab for scenarios, its own for a shipped log, else husky-tile")
     ] = None
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="mujoco and the planar models")] = USUAL_PLANTS
     """Plants to drive, separated by commas, such as mujoco,improved; `all` adds four_wheel. A wrong name lists all names."""
@@ -253,7 +254,8 @@ def prepare(o: Compare) -> PreparedComparison:
     elif o.start is not None or o.until is not None:
         raise ValueError("start and until cut a recording that is given by its path; cut yours before")
     reference = o.reference or source.reference
-    profile = choose_profile(o.profile, o.robot, "husky-tile" if source.reference == RECORDING else "thesis-lab")
+    usual = profile_of_log(source.name) if source.reference == RECORDING else "thesis-lab"
+    profile = choose_profile(o.profile, o.robot, usual)
     plants = PLANTS if tuple(o.plants) == ("all",) else o.plants or USUAL_PLANTS
     wanted = {*plants, reference} - ({RECORDING} if source.reference == RECORDING else set())
     if unknown := sorted(wanted - set(ALL_PLANTS)):

@@ -25,6 +25,7 @@ from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation import cli, store
 from validation.bench.sources import drive, horizons_of, standing_sentences, window_errors_of
+from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure, with_errors
 from validation.identify.objective import FitCost, FitTarget, Objective
@@ -60,8 +61,6 @@ _STARTS: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
 _JAGGED = (50, 100)
 """Usual population and generations of a hybrid search of planar models for the path objective: distances between samples
 make it jagged, so least squares go to the right place but not to the least cost there."""
-PROFILES: Mapping[Occasion, str] = {"scenario": "thesis-lab", "recording": "husky-tile"}
-"""The profile that a fit begins with unless another is given."""
 HORIZONS = (2.0, 6.0, 30.0, 60.0)
 """Horizons of the relative pose errors in results [s]."""
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
@@ -79,7 +78,9 @@ class Fit(Searching):
     """Plant to fit."""
     to: Annotated[str | Path | Sequence[str | Path], cli.text_of("SOURCE,...")]
     """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that plant drives traj4."""
-    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab for scenarios, husky-tile for recordings")] = None
+    profile: Annotated[
+        cli.AnyProfile, cli.profile_option("thesis-lab for scenarios, its own for a shipped log, else husky-tile")
+    ] = None
     robot: cli.AnyRobot = None
     input: Annotated[Input, cli.option()] = "commands"
     """Input of a recording that drives the plant: its commands, or its measured wheel rates."""
@@ -216,7 +217,8 @@ def fit(o: Fit) -> Fitted:
     """
     occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else "recording"
     usual = plant_kind(o.model).free[occasion]
-    base = choose_profile(o.profile, o.robot, PROFILES[occasion])
+    standard = "thesis-lab" if occasion == "scenario" else profile_of_log(o.names[0])
+    base = choose_profile(o.profile, o.robot, standard)
     begun = with_values(o.model, base.plants[o.model], list(o.fix), o.fix.values())
     free = [name for name in (usual if o.free is None else o.free) if name not in o.fix]
     space = make_space(o.model, free, o.bounds, begun.robot)

@@ -25,7 +25,7 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, Plant, State, Trajectory
 from validation.files.faults import ASKS_FOR_MOTION, WHEELS_MEAN_S, WHEELS_TURN, find_faults
-from validation.files.formats import is_log, log_path, read_log, readable
+from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
 from validation.files.reading import exists
@@ -95,7 +95,7 @@ class Source:
 def open_source(
     name: str, kind: CommandKind = "twist", start: float | None = None, stop: float | None = None, limits: LogLimits = USUAL
 ) -> Source:
-    """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log (its path, or `sample`) by its name.
+    """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log (its path, or a shipped one) by its name.
 
     `kind` says which of a log's inputs drives the plants; what was logged before `start` or after `stop` [s] is left out.
 
@@ -114,7 +114,7 @@ def open_source(
         return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
     path = log_path(name)
     if not exists(path) and not is_log(path):
-        others = f"sample, and paths of recordings ({readable()})"
+        others = f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
         raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, {others}")
     log = read_log(path, ReadOptions(limits=limits)).on_one_clock().cut(start, stop)
     periods = (float(log.t[-1]) - float(log.t[0])) / RECORDING_GRID

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,14 +62,19 @@ FORMATS = (
 """Every format of logs. A new one is a module with a function that reads or writes it, and its line here."""
 
 
-def log_path(name: str | Path) -> Path:
-    """Return the path of a log: `sample` is the one that travels with the package, unless there is a file of that name.
+SHIPPED_LOGS: Mapping[str, str] = {"sample": "husky-tile", "husky": "husky-tile", "warthog": "warthog-grass"}
+"""Logs that travel with the package, each with the profile of its robot. README.md beside them says where they come from."""
 
-    It holds 70 s of the MuJoCo Husky of profile husky-tile at 20 Hz, as `recordings convert varied@mujoco --profile
-    husky-tile --rate 20` writes it, rounded.
-    """
+
+def log_path(name: str | Path) -> Path:
+    """Return the path of a log: a name in `SHIPPED_LOGS` means a log of the package, unless there is a file of that name."""
     path = Path(name)
-    return Path(__file__).with_name("sample.csv") if str(name) == "sample" and not exists(path) else path
+    return Path(__file__).parent / "shipped" / f"{name}.csv" if str(name) in SHIPPED_LOGS and not exists(path) else path
+
+
+def profile_of_log(name: str | Path) -> str:
+    """Return the name of the profile that is meant where a user names none: that of a shipped log, else `husky-tile`."""
+    return SHIPPED_LOGS.get(str(name), "husky-tile")
 
 
 def readable() -> str:
@@ -88,7 +93,7 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     """Read a log of any format in `FORMATS`; `Log.on_one_clock` brings it onto one clock.
 
     Args:
-        path: a file or folder, whose ending says which format it has, or `sample`.
+        path: a file or folder, whose ending says which format it has, or a name in `SHIPPED_LOGS`.
         options: choices for formats with topics, and limits; all guessed or usual if not given.
 
     Raises:

@@ -15,7 +15,7 @@ from ssmr.models.linear import LinearParameters
 from ssmr.parameters import packed
 from ssmr.robot.drive import Sides, Wanted, advance_integral, motor_numbers, motor_torques, side_rates, thrusts
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
-from ssmr.simulation import PlanarModel, PlanarPlant
+from ssmr.simulation import PlanarModel, PlanarMotion, PlanarPlant, move
 from ssmr.types import Commands, FloatArray, State
 from tests.robots import husky
 from validation.simulator.calibration import Calibration
@@ -82,6 +82,30 @@ def test_thrust_and_rates_have_one_power(difference: float) -> None:
     thrust = thrusts(torque, rates, vehicle, motor_numbers(Drive(), 0.001))
     speeds = 0.4 - vehicle.effective_half_track * 0.3, 0.4 + vehicle.effective_half_track * 0.3
     assert np.multiply(torque, rates) == pytest.approx(np.multiply(thrust, speeds))
+
+
+@pytest.mark.parametrize("limit", [3.0, math.inf])
+@pytest.mark.parametrize("parameters", SMOOTH)
+def test_the_torque_that_is_reported_is_the_one_that_moves_the_robot(parameters: object, limit: float) -> None:
+    """Sides of unlike radii thrust with their torque over their own radius, at the limit and below it."""
+    vehicle, dt = Vehicle(radius_difference=0.009), 1e-6
+    robot = PlanarModel(parameters, vehicle, Drive(torque_limit=limit)).packed(dt)
+    now = move(PlanarMotion(0.0, 0.0, 0.0, 0.4, 0.3), Sides(2.5, 3.5), 0.0, dt, robot)
+    left, right = now.torque_left / robot.vehicle.radius_left, now.torque_right / robot.vehicle.radius_right
+    assert (limit == 3.0) == (abs(now.torque_right) == 6.0)
+    assert (now.v - 0.4) / dt == pytest.approx((left + right) / vehicle.mass, rel=1e-3)
+    assert (now.w - 0.3) / dt == pytest.approx(0.275 * (right - left) / vehicle.yaw_inertia, rel=1e-3)
+
+
+def test_the_linear_model_is_stepped_exactly_with_unlike_radii_too() -> None:
+    model = PlanarModel(LinearParameters(), Vehicle(radius_difference=0.009), Drive(torque_limit=math.inf))
+    ends = []
+    for dt in (0.05, 0.0005):
+        now, robot = PlanarMotion(0.0, 0.0, 0.0, 0.4, 0.3), model.packed(dt)
+        for _ in range(round(0.1 / dt)):
+            now = move(now, Sides(2.5, 3.5), 0.2, dt, robot)
+        ends.append((now.v, now.w))
+    assert ends[0] == pytest.approx(ends[1], rel=1e-10)
 
 
 @pytest.mark.parametrize("parameters", SMOOTH)

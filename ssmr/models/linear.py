@@ -3,12 +3,13 @@
 Printed against used (docs/errata.md): A_22 is printed as -2 K_P/(r m) - m g K_u. The unit asks for g K_u; the published
 parameters ask for 4 g K_u, the load mg under each of four wheels as Eq. 2.18 has it: with it the three published models
 agree on trajectory 4, with g K_u they do not. K_P belongs to wheel speeds in m/s (N m s/m), because Eq. 2.44 leaves out
-1/r. The yaw resistance keeps its printed lever c, to which the published K_y belongs. The torque limit (Tab. 3.14) lies
-in front of the linear system.
+1/r; with wheels of unlike radii a side's torque is K_P r times the rate error of its wheels. The yaw resistance keeps its
+printed lever c, to which the published K_y belongs. The torque limit (Tab. 3.14) lies in front of the linear system.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ import numpy as np
 from ssmr._jit import jit
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, packed, parameter
-from ssmr.robot.drive import Sides, Wanted, exact_step, gear_loss, motor_torques, side_rates
+from ssmr.robot.drive import Wanted, exact_step, motor_torques, side_rates, thrusts
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.types import FloatArray
 
@@ -66,44 +67,51 @@ def coefficients(body: Any, parameters: Any) -> Rates:
 
 
 class LinearConstants(NamedTuple):
-    """Numbers that the law derives from its parameters: those of `exact_step`, and what turns wheels into accelerations.
+    """Numbers that the law derives from its parameters.
 
-    Free is a robot whose torques are within their limits, held one with a torque at its limit.
+    Free is a robot whose torques are within their limits, held one with a torque at its limit. The matrices of `exact_step`
+    say how the velocities change in a step, over their accelerations at its start [s].
     """
 
-    free_decay_v: float
-    free_push_v: float
-    free_decay_w: float
-    free_push_w: float
-    held_decay_v: float
-    held_push_v: float
-    held_decay_w: float
-    held_push_w: float
-    loop: float  # acceleration over the sum of the wheel speeds [1/s]
-    loop_yaw: float  # yaw acceleration over the difference of the wheel speeds [1/(m s)]
-    force: float  # acceleration over the sum of the torques [1/(kg m)]
-    moment: float  # yaw acceleration over the difference of the torques [1/(kg m2)]
+    free_v: float  # of v, over dv/dt [s]
+    free_v_by_w: float  # of v, over d(omega)/dt [m s]: unlike radii couple driving and turning
+    free_w_by_v: float  # of omega, over dv/dt [s/m]
+    free_w: float  # of omega, over d(omega)/dt [s]
+    held_v: float
+    held_w: float
+    friction: float  # rate at which friction slows the speed [1/s]
+    friction_yaw: float  # rate at which friction slows the yaw rate [1/s]
     gain: float  # gain of the loop on wheel rates that this gain means [N m s/rad]
-    per_gain: float  # [m/(N m s)]
 
 
 def _constants(body: Any, parameters: Any, dt: float) -> LinearConstants:
-    rates, r, gain = coefficients(body, parameters), body.wheel_radius, parameters.gain
-    return LinearConstants(
-        *exact_step(rates.loop + rates.friction, dt),
-        *exact_step(rates.loop_yaw * body.effective_half_track + rates.friction_yaw, dt),
-        *exact_step(rates.friction, dt),
-        *exact_step(rates.friction_yaw, dt),
-        *(0.5 * rates.loop, 0.5 * rates.loop_yaw),
-        *(1.0 / (r * body.moved), body.half_track / (r * body.turned)),
-        *(gain * r, 1.0 / gain),
-    )
+    rates, left, right = coefficients(body, parameters), body.per_radius_left**2, body.per_radius_right**2
+    both, uneven = 0.5 * body.wheel_radius**2 * (left + right), 0.5 * body.wheel_radius**2 * (right - left)
+    reach, friction, friction_yaw = body.effective_half_track, rates.friction, rates.friction_yaw
+    matrix = [
+        [-(rates.loop * both + friction), -rates.loop * uneven * reach],
+        [-rates.loop_yaw * uneven, -(rates.loop_yaw * both * reach + friction_yaw)],
+    ]
+    free, held = exact_push(matrix, dt), exact_push([[-friction, 0.0], [0.0, -friction_yaw]], dt)
+    numbers = *free.ravel(), *held.diagonal(), friction, friction_yaw, parameters.gain * body.wheel_radius
+    return LinearConstants(*map(float, numbers))
+
+
+def exact_push(matrix: Sequence[Sequence[float]], dt: float) -> FloatArray:
+    """Return the (2, 2) matrix P with which a step `dt` [s] of dx/dt = A x + u is exactly x + P (A x + u) for a constant u.
+
+    P is the integral of exp(A s) over the step; A must have real eigenvalues.
+    """
+    rates, modes = np.linalg.eig(np.array(matrix))
+    pushes = [exact_step(-rate, dt)[1] for rate in rates.tolist()]
+    return np.asarray((modes * pushes) @ np.linalg.inv(modes))
 
 
 def matrices(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) -> tuple[FloatArray, FloatArray]:
     """Return A (4, 4) and B (4, 2) of Eq. 2.46.
 
-    The drive's half-track and radius turn the input into wheel speeds; in the thesis both are the vehicle's.
+    The drive's half-track and radius turn the input into wheel speeds; in the thesis both are the vehicle's. Controllers are
+    designed on a robot whose wheels have the mean radius on both sides.
     """
     rates = coefficients(vehicle_body(packed(vehicle)), packed(parameters))
     stretch = vehicle.wheel_radius / drive.command_radius
@@ -119,25 +127,20 @@ def matrices(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) -> tu
 def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
     """Advance the velocities exactly, for references that are constant over the step (matrix exponential, Eq. 2.44).
 
-    Where the torque of a side is at its limit, both torques are held over the step and friction alone is stepped exactly.
+    A side has the torque K_P r e, with the rate error e of its wheels, and thrusts with it over its own radius. Where a
+    torque is at its limit, both are held over the step and friction alone is stepped exactly.
     """
     body, motor, k = robot.vehicle, robot.motor, robot.constants
     actual = side_rates(v, w, body)
     torque = motor_torques(wheels, actual, k.gain, motor)
-    lost = Sides(gear_loss(actual.left, motor), gear_loss(actual.right, motor))
+    thrust = thrusts(torque, actual, body, motor)
+    dv = (thrust.left + thrust.right) * body.per_moved - k.friction * v
+    dw = body.half_track * (thrust.right - thrust.left) * body.per_turned - k.friction_yaw * w + disturbance
     free_left = abs(torque.left + motor.braking * actual.left) < motor.limit
-    free = free_left and abs(torque.right + motor.braking * actual.right) < motor.limit
-    # wheel speeds [m/s] that are asked for, with the part of the torques that is no feedback within the step
-    left = body.radius_left * wheels.left + (wheels.integral_left - lost.left) * k.per_gain
-    right = body.radius_right * wheels.right + (wheels.integral_right - lost.right) * k.per_gain
-    thrust, turn = (
-        torque.left - lost.left + (torque.right - lost.right),
-        torque.right - lost.right - (torque.left - lost.left),
-    )
-    dv = k.loop * (left + right) if free else k.force * thrust
-    dw = (k.loop_yaw * (right - left) if free else k.moment * turn) + disturbance
-    v_step = (k.free_decay_v * v + k.free_push_v * dv) if free else (k.held_decay_v * v + k.held_push_v * dv)
-    w_step = (k.free_decay_w * w + k.free_push_w * dw) if free else (k.held_decay_w * w + k.held_push_w * dw)
+    if free_left and abs(torque.right + motor.braking * actual.right) < motor.limit:
+        v_step, w_step = k.free_v * dv + k.free_v_by_w * dw, k.free_w_by_v * dv + k.free_w * dw
+    else:
+        v_step, w_step = k.held_v * dv, k.held_w * dw
     return Advanced(v + v_step, w + w_step, torque.left, torque.right)
 
 

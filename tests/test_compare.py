@@ -118,6 +118,9 @@ def test_the_document_is_the_contracts(lab: Profile) -> None:
         "d_haus_symmetric_m",
         "sync_rms_m",
         "yaw_rms_rad",
+        "yaw_rate_rms_rad_s",
+        "yaw_acceleration_rms_rad_s2",
+        "torque_rms_N_m",
     }
     for plant in document["plants"].values():
         assert wanted | {"wall_s", "real_time_factor"} <= set(plant)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import directed_hausdorff
 
 from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
-from ssmr.metrics.declared import METRICS, compare_paths, compare_pieces, equal_times_rms
+from ssmr.metrics.declared import METRICS, SIGNALS, compare_paths, compare_pieces, compare_signals, equal_times_rms
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     LENGTH_FLOOR,
@@ -421,3 +422,34 @@ def test_pieces_are_pooled_as_declared():
     assert both["d_ratio"] == both["e_bend_ratio"] == 1.0
     with pytest.raises(ValueError, match="nothing to compare"):
         compare_pieces([], [])
+
+
+def turning(rate: FloatArray, torque: float, dt: float = 0.01) -> Trajectory:
+    """A motion of a given yaw rate, with both torques equal and the yaw acceleration of its own slope."""
+    t = dt * np.arange(len(rate))
+    still = np.zeros((len(t), 2))
+    channels = {"torque_N_m": still + torque, "yaw_acceleration_rad_s2": np.gradient(rate, t)}
+    return Trajectory(t, np.zeros((len(t), 3)), np.column_stack([still, rate]), still, channels)
+
+
+def test_signals_at_equal_times_see_a_late_robot_that_paths_do_not() -> None:
+    """A sine of frequency w that comes s later differs by a cosine of amplitude 2 sin(w s / 2)."""
+    t, w, late = 0.01 * np.arange(2000), math.pi, 0.04
+    on_time, delayed = turning(np.sin(w * t), 3.0), turning(np.sin(w * (t - late)), 5.0)
+    found = compare_signals([delayed], [on_time])
+    wanted = math.sqrt(2.0) * math.sin(0.5 * w * late)
+    assert found["yaw_rate_rms_rad_s"] == pytest.approx(wanted, rel=1e-3)
+    assert found["yaw_acceleration_rms_rad_s2"] == pytest.approx(w * wanted, rel=1e-2)
+    assert found["torque_rms_N_m"] == pytest.approx(2.0)
+    assert set(compare_signals([on_time], [on_time]).values()) == {0.0}
+    assert compare_paths(delayed, on_time)["d_rms_m"] == 0.0
+
+
+def test_a_signal_that_a_motion_does_not_know_is_not_compared() -> None:
+    known = turning(np.ones(50), 3.0)
+    bare, without_motors = replace(known, channels={}), turning(np.zeros(50), 0.0)
+    assert set(compare_signals([known], [bare])) == {"yaw_rate_rms_rad_s"}
+    assert set(compare_signals([without_motors], [known])) == set(SIGNALS) - {"torque_rms_N_m"}
+    both = compare_signals([known, without_motors], [known, known])
+    assert both["yaw_rate_rms_rad_s"] == pytest.approx(math.sqrt(0.5))
+    assert "torque_rms_N_m" not in both

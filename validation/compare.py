@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import tyro
 
-from ssmr.metrics.declared import compare_pieces
+from ssmr.metrics.declared import Metrics, compare_pieces, compare_signals
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.types import Commands, Plant, State, Trajectory
 from validation import cli
@@ -141,7 +141,7 @@ class PreparedComparison:
             results[name] = PlantResult(
                 name,
                 tuple(pieces),
-                compare_pieces(pieces, truth),
+                Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)}),
                 horizons_of([(source, pieces)], horizons),
                 wall,
                 simulated / wall,

@@ -1,7 +1,7 @@
 """Every metric, declared once: its name, unit, meaning, what is wanted of it, and how it is computed and pooled.
 
-A metric of paths is one row of `METRICS`. Tables, pictures, reports and JSON files read that table, so a new metric is one
-new row.
+A metric of paths is one row of `METRICS`, one of a signal at equal times one row of `SIGNALS`. Tables, pictures, reports and
+JSON files read these tables, so a new metric is one new row.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ssmr._jit import jit_alone
 from ssmr.geometry import wrap_angle
@@ -20,7 +21,7 @@ from ssmr.metrics.paths import BENDING_FLOOR, LARGEST, LENGTH_FLOOR, PathMeasure
 from ssmr.metrics.windows import TIME_TOLERANCE
 from ssmr.types import FloatArray, Trajectory
 
-MetricUnit = Literal["m", "rad", "1", "1/s²", "share", "×"]
+MetricUnit = Literal["m", "rad", "rad/s", "rad/s²", "N m", "1", "1/s²", "share", "×"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Metric:
     label: str
     """Heading of its column: `d_rms`."""
     unit: MetricUnit
-    """Unit of the value: metres, radians, a plain ratio (by time squared), a share of time, or a multiple of real time."""
+    """Unit of the value in SI; `share` is one of time, `×` a multiple of real time."""
     wanted: Literal["low", "one", "high"]
     """Direction in which it is better: towards zero, towards one, or upwards."""
     meaning: str
@@ -47,6 +48,14 @@ class PathMetric(Metric):
     """Part of the measures of one piece's path, or of its errors at equal times, that it is made of."""
     pool: Callable[[Sequence[Any], Sequence[int]], float]
     """Value over all pieces, from those parts and the numbers of samples of the reference."""
+
+
+@dataclass(frozen=True)
+class SignalMetric(Metric):
+    """A root mean square difference of a signal at equal times."""
+
+    of: Callable[[Trajectory], FloatArray | None]
+    """The (M,) or (M, k) signal of a motion; None where the motion does not know it."""
 
 
 class Metrics(dict[str, float]):
@@ -125,6 +134,75 @@ METRICS: Mapping[str, PathMetric] = MappingProxyType({metric.name: metric for me
 """Metrics of a candidate's path, by name, in the order of all tables. Ratios are candidate over reference."""
 
 
+def _torques(motion: Trajectory) -> FloatArray | None:
+    """Return the sides' torques; a motion whose torques are all zero comes from a model without motors."""
+    torques = motion.channels.get("torque_N_m")
+    return torques if torques is not None and np.any(torques) else None
+
+
+SIGNALS: Mapping[str, SignalMetric] = MappingProxyType({metric.name: metric for metric in (
+    SignalMetric(
+        "yaw_rate_rms_rad_s", "yaw rate rms", "rad/s", "low",
+        "root mean square of the difference between the yaw rates at the same instant; it sees delays, and inertia in quick "
+        "turns",
+        lambda motion: motion.twist[:, 2],
+    ),
+    SignalMetric(
+        "yaw_acceleration_rms_rad_s2", "yaw acc rms", "rad/s²", "low",
+        "the same of the yaw accelerations; it sees models that tremble",
+        lambda motion: motion.channels.get("yaw_acceleration_rad_s2"),
+    ),
+    SignalMetric(
+        "torque_rms_N_m", "torque rms", "N m", "low",
+        "the same of the motors' torques, over both sides; it sees friction and inertia",
+        _torques,
+    ),
+)})  # fmt: skip
+"""Metrics of signals at equal times, by name. They see the dynamics, which paths hardly show."""
+
+
+def compare_signals(candidates: Sequence[Trajectory], references: Sequence[Trajectory]) -> Metrics:
+    """Return those of `SIGNALS` that all of the motions know, over several stretches that nothing joins.
+
+    Candidates are interpolated linearly; a reference's stamps beyond a candidate's span are left out.
+
+    Raises:
+        ValueError: not as many candidates as references, or a span without a stamp of the reference.
+    """
+    pairs = list(zip(candidates, references, strict=True))
+    samples, found = [len(r) for r in references], Metrics()
+    for name, metric in SIGNALS.items():
+        signals = [(metric.of(c), metric.of(r)) for c, r in pairs]
+        known = [(a, b) for a, b in signals if a is not None and b is not None]
+        if known and len(known) == len(pairs):
+            parts = [_signal_rms(c.t, a, r.t, b) for (c, r), (a, b) in zip(pairs, known, strict=True)]
+            found[name] = _mean_square(parts, samples)
+    return found
+
+
+def _signal_rms(t: FloatArray, candidate: FloatArray, stamps: FloatArray, reference: FloatArray) -> float:
+    """Return the root mean square difference of two signals at the stamps of the second."""
+    inside = common_stamps(t, stamps)
+    columns = candidate.reshape(len(t), -1).T, reference[inside].reshape(np.count_nonzero(inside), -1).T
+    off = [np.interp(stamps[inside], t, mine) - wanted for mine, wanted in zip(*columns, strict=True)]
+    return math.sqrt(np.mean(np.square(off)))
+
+
+def common_stamps(t: FloatArray, stamps: FloatArray) -> NDArray[np.bool_]:
+    """Return which of a reference's `stamps` [s] lie within the span of a candidate's stamps `t` [s].
+
+    Raises:
+        ValueError: none does.
+    """
+    inside: NDArray[np.bool_] = (stamps >= t[0] - TIME_TOLERANCE) & (stamps <= t[-1] + TIME_TOLERANCE)
+    if not inside.any():
+        raise ValueError(
+            f"no stamp of the reference, {stamps[0]} to {stamps[-1]} s, "
+            f"lies within the candidate's span, {t[0]} to {t[-1]} s"
+        )
+    return inside
+
+
 def compare_paths(candidate: Trajectory, reference: Trajectory) -> Metrics:
     """Return all of `METRICS` of a candidate against a reference.
 
@@ -161,12 +239,7 @@ def equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float
         ValueError: no stamp of the reference lies within the candidate's span.
     """
     t, last = candidate.t, len(candidate.t) - 1
-    inside = (reference.t >= t[0] - TIME_TOLERANCE) & (reference.t <= t[-1] + TIME_TOLERANCE)
-    if not inside.any():
-        raise ValueError(
-            f"no stamp of the reference, {reference.t[0]} to {reference.t[-1]} s, "
-            f"lies within the candidate's span, {t[0]} to {t[-1]} s"
-        )
+    inside = common_stamps(t, reference.t)
     at, wanted = reference.t[inside], reference.pose[inside]
     before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, last)
     after = np.minimum(before + 1, last)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from ssmr.metrics.declared import METRICS, Metric
+from ssmr.metrics.declared import METRICS, SIGNALS, Metric
 
 NOTHING = "–"
 """Text for a number that is missing or not finite."""
@@ -71,7 +71,7 @@ REAL_TIME = Metric(
     "real_time_factor", "real time", "×", "high",
     "simulated time over the time that simulating took; above 1 the simulation is faster than the clock",
 )  # fmt: skip
-DECLARED: dict[str, Metric] = {**METRICS, REAL_TIME.name: REAL_TIME}
+DECLARED: dict[str, Metric] = {**METRICS, **SIGNALS, REAL_TIME.name: REAL_TIME}
 """Columns with a declaration, by key."""
 
 
@@ -110,11 +110,9 @@ def unit_of(key: str, values: Sequence[float], lengths: Sequence[float] = ()) ->
     """
     if is_length(key):
         return length_unit(lengths)
-    if key not in DECLARED:
+    kind = DECLARED[key].unit if key in DECLARED else None
+    if kind not in ("1", "1/s²", "×"):
         return _ENDINGS.get(ending_of(key), _PLAIN)
-    kind = DECLARED[key].unit
-    if kind in ("rad", "share"):
-        return DEGREES if kind == "rad" else PERCENT
     largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
     if kind == "1":
         return Unit("1", 1.0, 4 if largest < 100.0 else 2)

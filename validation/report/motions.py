@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.metrics.declared import Metric, Metrics
+from ssmr.metrics.declared import METRICS, SIGNALS, Metric, Metrics
 from ssmr.metrics.windows import HorizonErrors, OverlappingErrors, WindowErrors
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, FloatArray, IndexArray, Trajectory
@@ -137,7 +137,10 @@ def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: 
     errors = [(h, n, asdict(r.horizons[h])) for h in horizons for n, r in plants.items() if h in r.horizons]
     overlapping = [(h, n, r.overlapping[h]) for h in horizons for n, r in plants.items() if h in r.overlapping]
     names = {n: f"{n} (ref)" if n == reference else n for n in plants}
-    metrics = [{"plant": names[n], **r.metrics, REAL_TIME.name: r.real_time_factor} for n, r in plants.items()]
+    metrics = [
+        {"plant": names[n], **{key: r.metrics.get(key) for key in _COLUMNS}, REAL_TIME.name: r.real_time_factor}
+        for n, r in plants.items()
+    ]
     tables = [
         Table(
             "Error of the relative pose after a horizon",
@@ -148,13 +151,16 @@ def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: 
             units=_POSES,
         ),
         interval_table(overlapping),
-        Table(title, metrics, caption, best=True, reference=f"{reference} (ref)"),
+        Table(title, metrics, caption, best=True, reference=f"{reference} (ref)", hidden=_BOTH_WAYS),
         _load_table(plants),
         _health_table(plants),
     ]
     return [table for table in tables if table.rows]
 
 
+_FIRST = ("d_rms_m", "sync_rms_m", "yaw_rms_rad", *SIGNALS)
+_COLUMNS = tuple(dict.fromkeys((*_FIRST, *METRICS)))
+_BOTH_WAYS = frozenset({"d_rms_symmetric_m", "d_haus_symmetric_m"})  # compare.json has them
 _POSES = {
     "horizon_s": Unit("s", 1.0, 0, significant=3),
     "position_median_m": METRES,

@@ -1,4 +1,4 @@
-"""Robots that leave the house: a URDF read back by MuJoCo, and an SDF model read by Drake, are the robot."""
+"""Robots that leave the house: a URDF or MJCF read by MuJoCo, an SDF model read by Drake, and numbers of ros2_control."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import mujoco
 import numpy as np
 import pytest
 
+from ssmr.robot.drive import wheel_references
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.types import Commands, State
 from validation import load_robot
+from validation.plants.profile import bare_profile, load_profile, make_plant, shipped
 from validation.robots import export_robot
-from validation.simulator.calibration import Calibration
-from validation.simulator.composing import contact_settings
+from validation.simulator.checking import spot_turn
 from validation.simulator.description import WHEELS, Robot, shipped_robots
-from validation.simulator.model import robot_model
+
+SIDE_SIGNS = ((-1.0, "left"), (1.0, "right"))
 
 
 def places(robot: Robot) -> np.ndarray[Any, Any]:
@@ -45,13 +49,64 @@ def test_a_urdf_read_back_in_mujoco_is_the_robot(name: str) -> None:
     np.testing.assert_allclose(chassis.ipos, robot.masses.com, atol=1e-6)
 
 
-def test_an_mjcf_read_back_is_the_robot_that_is_simulated() -> None:
-    robot = load_robot("jackal")
-    model, own = mujoco.MjModel.from_xml_string(export_robot(robot, "mjcf")), robot_model(Calibration.of(robot))
-    np.testing.assert_allclose(model.body_inertia[:6], own.body_inertia[:6], rtol=1e-5)
-    tire, opt = model.geom("front_left_tire"), model.opt
-    np.testing.assert_allclose(tire.solimp, contact_settings(robot)[1], rtol=1e-5)
-    assert (opt.impratio, opt.timestep, opt.cone) == (100.0, own.opt.timestep, own.opt.cone)
+def in_plain_mujoco(text: str, references: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """(N + 1, 3) x, y, yaw of an MJCF's robot, which stands for a second and then has (N, 2) wheel rates, from there."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data, names = mujoco.MjData(model), [model.actuator(k).name for k in range(model.nu)]
+    sides = [None if name.endswith("_spring") else int("right" in name) for name in names]
+    mujoco.mj_step(model, data, nstep=round(1.0 / model.opt.timestep))
+    poses = []
+    for pair in [*references, references[-1]]:
+        w, x, y, z = data.qpos[3:7]
+        poses.append([*data.qpos[:2], np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))])
+        data.ctrl[:] = [0.0 if side is None else pair[side] for side in sides]
+        mujoco.mj_step(model, data)
+    return np.array(poses) - poses[0]
+
+
+@pytest.mark.parametrize("name", ["thesis-lab", "husky-tile", "warthog-grass", "jackal"])
+def test_a_calibrated_mjcf_drives_the_same_path_in_plain_mujoco(name: str) -> None:
+    """Also with tyres that grip better along than across, and with limited motors; a bare robot has its file's numbers."""
+    given = name in shipped()
+    profile = load_profile(name) if given else bare_profile(load_robot(name))
+    plant = make_plant(profile, "mujoco")
+    drive, commands = profile.section("mujoco").drive, TRAJECTORIES["traj4"].commands()
+    text = export_robot(profile.robot, "mjcf", profile if given else None)
+    found = in_plain_mujoco(text, wheel_references(commands, drive, plant.dt, State()))
+    wanted = plant.run(commands, State(), plant.dt)
+    np.testing.assert_allclose(found[:, :2], wanted.xy, atol=1e-3)
+    np.testing.assert_allclose(np.unwrap(found[:, 2]), wanted.yaw, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_ros2_control_turns_a_robot_as_it_is_told(name: str) -> None:
+    """The rates that diff_drive_controller makes of a turn on the spot turn the robot at that rate, by its own mechanics."""
+    robot = load_robot(name)
+    rows = dict(line.strip().split(": ") for line in export_robot(robot, "diff-drive").splitlines()[2:])
+    numbers = {key: float(value) for key, value in rows.items() if not value.startswith("[")}
+    assert all("." in rows[key] for key in numbers), "ROS refuses whole numbers where it wants others"
+    assert "front_right" in rows["right_wheel_names"]
+    rate = 0.2
+    rim = 0.5 * rate * numbers["wheel_separation"] * numbers["wheel_separation_multiplier"]
+    wheels = rim / (numbers["wheel_radius"] * numbers["left_wheel_radius_multiplier"])
+    spot = spot_turn(robot)
+    assert spot is not None
+    assert spot.turn.yaw_rate * wheels * robot.geometry.wheel_radius == pytest.approx(rate, rel=1e-5)
+
+
+def test_ros2_control_has_a_profiles_radii_and_separation() -> None:
+    """Straight and turning by the profile's kinematic plant, for rates that diff_drive_controller asks the wheels for."""
+    profile = load_profile("husky-tile")
+    section = profile.section("kinematic")
+    rows = dict(line.strip().split(": ") for line in export_robot("husky", "diff-drive", profile).splitlines()[4:9])
+    n = {key: float(value) for key, value in rows.items()}
+    v, w = 0.4, 0.3
+    half = 0.5 * n["wheel_separation"] * n["wheel_separation_multiplier"] * w
+    rates = [(v + sign * half) / (n["wheel_radius"] * n[f"{side}_wheel_radius_multiplier"]) for sign, side in SIDE_SIGNS]
+    end = make_plant(profile, "kinematic").run(Commands(0.1, np.tile(rates, (40, 1)), kind="wheels"), State(), 0.1).twist[-1]
+    off_middle = 0.5 * (section.parameters.y_l + section.parameters.y_r) * w
+    assert end[2] == pytest.approx(w, rel=1e-6)
+    assert end[0] == pytest.approx(v + off_middle, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", shipped_robots())

@@ -14,7 +14,7 @@ import tyro
 from ssmr.errors import DivergedError
 from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, store
-from validation.plants.profile import load_profile, shipped
+from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.checking import (
@@ -28,9 +28,8 @@ from validation.simulator.checking import (
     spot_turn,
     whole_com,
 )
-from validation.simulator.composing import compose_robot
 from validation.simulator.description import GRAVITY, SCHEMA, SECTIONS, WHEELS, Robot, load_robot, shipped_robots
-from validation.simulator.exporting import sdf_text, urdf_text
+from validation.simulator.exporting import diff_drive_yaml, mjcf_text, sdf_text, urdf_text
 from validation.simulator.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.words import abridged, file_name, one_line, visible
 
@@ -38,6 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+ExportFormat = Literal["urdf", "sdf", "mjcf", "diff-drive"]
+"""Formats of `export`."""
 _ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_half_track"}
 """Numbers of the drive that are shown even where the file does not say them."""
 
@@ -303,42 +304,60 @@ class ExportOptions:
 
     robot: Annotated[str, tyro.conf.Positional, cli.option(metavar="ROBOT")]
     """Name of a robot that comes with the package, or path of a robot's file."""
-    to: Annotated[Literal["urdf", "sdf", "mjcf"], cli.option()] = "urdf"
-    """Format: urdf for ROS, sdf for Gazebo, mjcf for MuJoCo."""
-    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.urdf, .sdf or .mjcf")] = None
+    to: Annotated[ExportFormat, cli.option()] = "urdf"
+    """ExportFormat: urdf for ROS, sdf for Gazebo, mjcf for MuJoCo, diff-drive for ros2_control's diff_drive_controller."""
+    profile: Annotated[str | None, cli.option(metavar="PROFILE", default="the numbers of the robot's file")] = None
+    """Profile of this robot, whose numbers mjcf and diff-drive then have: name of a shipped one, or path (.toml)."""
+    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.urdf, .sdf, .mjcf or .yaml")] = None
     """File to write; there must be none of that name."""
 
 
-def export_robot(robot: str | Path | Robot, to: Literal["urdf", "sdf", "mjcf"] = "urdf") -> str:
-    """Return a robot as the text of a URDF, of an SDF model for Gazebo, or of an MJCF with its motors and sensors.
+def export_robot(robot: str | Path | Robot, to: ExportFormat = "urdf", profile: str | Path | Profile | None = None) -> str:
+    """Return a robot as a URDF, an SDF model for Gazebo, an MJCF with motors and sensors, or ros2_control's numbers.
 
     Args:
         robot: name of a shipped robot, path of a robot's file, or the robot itself.
         to: the format.
+        profile: profile of the robot, for an MJCF and for ros2_control; the numbers of its file if not given.
 
     Raises:
         RobotError: there is no such robot, or its file cannot be read.
+        ValueError: the profile cannot be read, is another robot's or has no place in the format, or the robot cannot turn.
     """
     chosen = _loaded(robot)
+    if profile is not None and to in ("urdf", "sdf"):
+        raise ValueError(f"profile: a {to.upper()} has no place for its numbers; mjcf and diff-drive have")
+    numbers = bare_profile(chosen) if profile is None else choose_profile(profile, chosen, "")
     if to == "mjcf":
-        spec = compose_robot(chosen)
-        spec.compile()  # only then can it be written
-        return str(spec.to_xml())
+        section = numbers.section("mujoco")
+        return mjcf_text(section.parameters, section.drive)
+    if to == "diff-drive" and profile is not None:
+        found, g = numbers.section("kinematic"), chosen.geometry
+        p, share = found.parameters, found.vehicle.wheel_radius / g.wheel_radius
+        return diff_drive_yaml(chosen, (p.y_l - p.y_r) / g.track, share * p.alpha_l, share * p.alpha_r)
+    if to == "diff-drive":
+        spot = spot_turn(chosen)
+        if spot is None:
+            raise ValueError(f"robot {chosen.name} does not stand on its four wheels; `check` says why")
+        return diff_drive_yaml(chosen, spot.turn.multiplier)
     return sdf_text(chosen) if to == "sdf" else urdf_text(chosen, {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS})
 
 
 def _export(options: ExportOptions) -> None:
-    """Write a robot as a URDF, an SDF or an MJCF model: shapes, masses, inertia and joints.
+    """Write a robot as a URDF, an SDF or an MJCF model, or its wheel separation and radii for ros2_control.
 
-    SDF and MJCF have friction and torque, too. How a robot's driver acts no format can say.
+    An SDF has friction and torque, too. An MJCF drives in plain MuJoCo like the robot here, on level ground. How a robot's
+    driver delays and limits commands no format can say.
     """
     with cli.mistakes_are_users():
         robot = load_robot(options.robot)
-        target = options.out or Path(f"{file_name(robot.name)}.{options.to}")
+        ending = "yaml" if options.to == "diff-drive" else options.to
+        target = options.out or Path(f"{file_name(robot.name)}.{ending}")
         if target.exists():
             raise cli.UserError(f"--out {target}: there is such a file already; name another")
+        text = export_robot(robot, options.to, options.profile)
         with cli.writes("--out", target):
-            store.write_text(target, export_robot(robot, options.to))
+            store.write_text(target, text)
     _print([], [f"written: {visible(target)}"])
 
 

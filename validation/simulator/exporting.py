@@ -1,15 +1,19 @@
-"""A robot's description -> a URDF, as `robot_description` has it, or an SDF model for Gazebo.
+"""A robot's description -> what other programs read: a URDF, an SDF model, a calibrated MJCF, numbers of ros2_control.
 
-Both have plain shapes, four wheels and the IMU's frame. Products of inertia are 0, as in a robot's file.
+URDF and SDF have plain shapes, four wheels and the IMU's frame. Products of inertia are 0, as in a robot's file.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable, Mapping
 from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads nothing
 
-from validation.simulator.description import WHEELS, Robot
+from ssmr.robot.vehicle import Drive
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import SIDES, WHEELS, Robot
+from validation.simulator.model import adjust, on_ground, pair_with_ground
 
 _ENDLESS = 1e16
 """Limit of a joint that turns without end, as SDFormat has it [rad]."""
@@ -115,6 +119,60 @@ def sdf_text(robot: Robot) -> str:
     <frame name="imu_link" attached_to="base_link"><pose>{_row(g.imu)} 0 0 0</pose></frame>{wheels}
   </model>
 </sdf>"""
+
+
+def mjcf_text(calibration: Calibration, drive: Drive) -> str:
+    """Return a calibrated robot on level ground as an MJCF that needs nothing but MuJoCo.
+
+    It has the looks, motors and sensors of the simulated robot, and drives its path to a tenth of a millimetre: numbers have
+    six digits. Delay, ramps and limits of commands act before the wheels' rates, and are not in it.
+
+    Args:
+        calibration: the robot's numbers.
+        drive: its motors.
+
+    Raises:
+        ValueError: numbers that do not go together.
+    """
+    spec = on_ground(calibration.robot, calibration.wheel_shape, drive.integral_gain > 0.0)
+    if calibration.friction_ratio != 1.0:
+        pair_with_ground(spec)
+    model = spec.compile()
+    adjust(model, calibration, drive)
+    spec.copy_back(model)  # all numbers, but not whether a limit counts
+    for actuator in spec.actuators:
+        actuator.forcelimited = bool(model.actuator(actuator.name).forcelimited[0])
+    for joint in spec.joints:
+        number = model.joint(joint.name).id
+        joint.actfrclimited, joint.actfrcrange = bool(model.jnt_actfrclimited[number]), model.jnt_actfrcrange[number]
+    spec.comment = "Inputs of actuators are wheel rates [rad/s]; those of springs stay 0."
+    return str(spec.to_xml())
+
+
+def diff_drive_yaml(
+    robot: Robot, multiplier: float, left: float = 1.0, right: float = 1.0, joints: Mapping[str, str] | None = None
+) -> str:
+    """Return the parameters of ros2_control's `diff_drive_controller`, with which a robot turns as it is told.
+
+    The controller asks the sides for the rates (v -+ multiplier separation / 2 omega) / (left or right radius).
+
+    Args:
+        robot: the robot.
+        multiplier: distance of the sides' centres of rotation over the track [1].
+        left: way of the left wheels over their turn and radius [1].
+        right: the same of the right wheels [1].
+        joints: names of the wheels' joints, by wheel; those of `urdf_text` for the shipped robots if not given.
+    """
+    g, drive = robot.geometry, robot.drive
+    named = joints or {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS}
+    lines = [f"{s}_wheel_names: [{', '.join(json.dumps(named[w]) for w in WHEELS if w.endswith(s))}]" for s in SIDES]
+    numbers = {"wheel_separation": g.track, "wheel_separation_multiplier": multiplier, "wheel_radius": g.wheel_radius}
+    numbers |= {"left_wheel_radius_multiplier": left, "right_wheel_radius_multiplier": right}
+    for axis, most in (("linear.x", drive.v_max), ("angular.z", drive.w_max)):
+        if math.isfinite(most):
+            numbers |= {f"{axis}.max_velocity": most, f"{axis}.min_velocity": -most}
+    lines += [f"{name}: {float(f'{number:.7g}')!r}" for name, number in numbers.items()]  # 1.0: ROS takes 1 for no float
+    return "diff_drive_controller:\n  ros__parameters:\n" + "".join(f"    {line}\n" for line in lines)
 
 
 def wheel_places(robot: Robot) -> dict[str, tuple[float, float, float]]:

@@ -40,26 +40,42 @@ nowhere."""
 def _compose(robot: Robot, shape: WheelShape, integral: bool) -> mujoco.MjSpec:
     """Return robot and ground, without looks and without the sensors that nobody reads here: they cost time.
 
-    Tyres and ground are contact pairs: their two tangential frictions may differ, and MuJoCo need not look for what else
-    might touch. `integral` adds the motors' integral parts.
+    Tyres and ground are contact pairs, so MuJoCo need not look for what else might touch.
+    """
+    spec = on_ground(robot, shape, integral)
+    for part in [geom for geom in spec.geoms if not geom.name.endswith(("_tire", "ground"))]:
+        spec.delete(part)
+    for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
+        spec.delete(part)
+    pair_with_ground(spec)
+    return spec
+
+
+def on_ground(robot: Robot, shape: WheelShape, integral: bool) -> mujoco.MjSpec:
+    """Return a robot with tyres of a shape on level ground; `integral` adds the motors' integral parts.
+
+    Raises:
+        ValueError: what `compose_robot` raises.
     """
     spec = compose_robot(robot)
     if integral:
         add_integral_parts(spec, robot)
-    for part in [geom for geom in spec.geoms if not geom.name.endswith("_tire")]:
-        spec.delete(part)
-    for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
-        spec.delete(part)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
     for wheel in WHEELS:
         tire = spec.geom(f"{wheel}_tire")
-        tire.contype, tire.conaffinity = 0, 0  # it touches the ground of its pair, and no tyre: capsules reach far
         tire.type, tire.size = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}"), [radius, half, radius]
         if shape != "ellipsoid":
             tire.alt.type, tire.alt.zaxis = mujoco.mjtOrientation.mjORIENTATION_ZAXIS, [0, 1, 0]
-        spec.add_pair(geomname1="ground", geomname2=tire.name, condim=3)
     return spec
+
+
+def pair_with_ground(spec: mujoco.MjSpec) -> None:
+    """Make contact pairs of ground and tyres, which touch nothing else then; a pair can have two tangential frictions."""
+    for wheel in WHEELS:
+        tire = spec.geom(f"{wheel}_tire")
+        tire.contype, tire.conaffinity = 0, 0
+        spec.add_pair(geomname1="ground", geomname2=tire.name, condim=3)
 
 
 def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
@@ -102,10 +118,19 @@ def robot_model(
         _models[key] = _compose(*key).compile()
     model = mujoco.MjModel.__copy__(_models[key])
     model.opt.gravity = terrain.gravity(GRAVITY)
+    adjust(model, calibration, drive, settings)
+    return model
+
+
+def adjust(model: mujoco.MjModel, calibration: Calibration, drive: Drive, settings: PhysicsSettings = SHIPPED) -> None:
+    """Set all numbers on a compiled model of a robot and its ground, in place: motors, calibration and solver.
+
+    Raises:
+        ValueError: what `set_motors` and `calibrate` raise.
+    """
     set_motors(model, calibration, drive)  # first: what `calibrate` lets MuJoCo derive depends on the shafts' inertia
     calibrate(model, calibration)
     apply_settings(model, settings, wheel_geoms(model), calibration.friction_ratio)
-    return model
 
 
 def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from ssmr.geometry import rotate_body_to_world
 from ssmr.metrics.windows import horizon_windows, overlapping_windows
 from ssmr.types import FloatArray
 from tests.test_log_faults import drive, with_jumps
-from validation.bench.sources import WindowCut, commands_on_grid, source_of, standing_sentences
+from validation.bench.sources import WindowCut, commands_on_grid, horizons_of, source_of, standing_sentences
 from validation.files.log import Log
 from validation.identify.objective import windows
 
@@ -133,3 +134,8 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
     share = float(re.search(r"throughout (\d+) % of the windows of 6 s", said)[1])
     assert share == pytest.approx(2400.0 / 54.0, abs=5.0)
     assert standing_sentences(source, 100.0) == standing_sentences(sound, 6.0) == []
+    piece, reference = source.pieces[0], source.pieces[0].reference
+    away = replace(reference, pose=reference.pose + np.where(piece.t > 32.0, 0.1 * piece.t, 0.0)[:, None])
+    errors, cut = horizons_of([(source, [away])], (6.0,))[6.0], horizon_windows(piece.t, 6.0, piece.fresh)
+    assert errors.n in (5, 6)
+    assert (errors.n_standing, errors.position_median_m) == (len(cut[0]) - errors.n, 0.0)

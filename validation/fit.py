@@ -63,6 +63,7 @@ _JAGGED = (50, 100)
 make it jagged, so least squares go to the right place but not to the least cost there."""
 HORIZONS = (2.0, 6.0, 30.0, 60.0)
 """Horizons of the relative pose errors in results [s]."""
+_WINDOWS = {"n": "windows", "n_standing": "standing"}
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
 
 
@@ -384,7 +385,7 @@ def _tables(f: Fitted) -> list[Table]:
     return [
         f.values("parameter", "before"),
         Table("Scores of the fitted plant", scores),
-        Table("Error of the relative pose after a horizon", errors, group="horizon_s", headings={"n": "windows"}),
+        Table("Error of the relative pose after a horizon", errors, group="horizon_s", headings=_WINDOWS),
         interval_table([(h, name, s.windows[h].summary()) for h, name, s in pairs], "source"),
     ]
 

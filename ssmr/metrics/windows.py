@@ -123,16 +123,21 @@ class HorizonErrors:
     """Median of the yaw errors [rad]."""
     yaw_p95_rad: float
     """95th percentile of the yaw errors, linear between ranks [rad]."""
+    n_standing: int = 0
+    """Number of further windows in which the robot stood throughout; they count in none of the numbers above."""
 
 
-def horizon_errors(position: ArrayLike, yaw: ArrayLike) -> HorizonErrors:
+def horizon_errors(position: ArrayLike, yaw: ArrayLike, n_standing: int = 0) -> HorizonErrors:
     """Sum up the (n,) position [m] and yaw errors [rad] of all windows of one horizon: medians and 95th percentiles.
+
+    `n_standing` is the number of windows that were left out because the robot stood.
 
     Raises:
         ValueError: there is no window, lengths differ, or a number is not finite.
     """
     p, r = _errors(position, yaw)
-    return HorizonErrors(len(p), *map(float, np.percentile(p, (50.0, 95.0))), *map(float, np.percentile(r, (50.0, 95.0))))
+    at = [[float(x) for x in np.percentile(values, (50.0, 95.0))] for values in (p, r)]
+    return HorizonErrors(len(p), at[0][0], at[0][1], at[1][0], at[1][1], n_standing)
 
 
 def _errors(position: ArrayLike, yaw: ArrayLike) -> tuple[FloatArray, FloatArray]:

@@ -144,7 +144,10 @@ def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: 
     tables = [
         Table(
             "Error of the relative pose after a horizon",
-            [{"horizon_s": h, "plant": n, "windows": e.pop("n"), **e} for h, n, e in errors],
+            [
+                {"horizon_s": h, "plant": n, "windows": e.pop("n"), "standing": e.pop("n_standing"), **e}
+                for h, n, e in errors
+            ],
             f"compared with {reference} · emphasised: the best",
             "horizon_s",
             best=True,

@@ -1,4 +1,4 @@
-"""Draw the figure of docs/contact.md on the sideways drift, and print its numbers.
+"""Draw the figure of docs/why_drift.md on the sideways drift, and print its numbers.
 
 Run from the project's root: `python docs/make_contact_figures.py`. The page's other figure is that of
 `python -m validation.study contact`.

@@ -1,4 +1,4 @@
-"""A turn on the spot where a polygon that does not turn with the robot limits friction (docs/contact.md)."""
+"""A turn on the spot where a polygon that does not turn with the robot limits friction (docs/why_drift.md)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def polygonal_turn(limit: Limit, heading: float, wheelbase: float, track: float,
         y: distance of the centre of mass to the left of that middle [m].
 
     Returns:
-        One of the motions of least dissipation: a polygon may leave the motion across free (docs/contact.md).
+        One of the motions of least dissipation: a polygon may leave the motion across free (docs/why_drift.md).
     """
     place_x, place_y, n = 0.5 * wheelbase * FRONT, 0.5 * track * LEFT, 4
     load = 0.25 * (1.0 + x * FRONT / (0.5 * wheelbase) + y * LEFT / (0.5 * track))  # equal springs

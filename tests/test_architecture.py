@@ -212,7 +212,7 @@ PRICES = {
     "validation/report": (2_761, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_413, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_174, "a robot's description becomes a MuJoCo model that moves"),
-    "validation/study": (1_854, "answers: contact and engines, transfer, drive train"),
+    "validation/study": (1_860, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (234, "the thesis' numbers"),
     "validation/bench": (
         1_487,

@@ -58,7 +58,7 @@ def test_a_turn_on_the_spot_is_that_of_the_closed_form(name: str, shape: str, la
 
 
 def test_a_friction_square_along_the_world_s_axes_turns_unevenly(lab: Profile) -> None:
-    """Between M = 1 at heading 0 and 1 + L/B = 1.897 where a diagonal of the square points ahead (docs/contact.md)."""
+    """Between M = 1 at heading 0 and 1 + L/B = 1.897 where a diagonal of the square points ahead (docs/why_drift.md)."""
     found, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, OdeSettings("pyramid", "world"))))
     assert 1.2 < found < 1.6
     assert ripple > 0.3

@@ -226,7 +226,7 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytes
 
 @pytest.mark.slow
 def test_gazebo_s_pyramid_drives_straight_as_the_thesis_saw_it(lab: Profile) -> None:
-    """With friction along the world's axes and the weight to the right: see Sec. 3.7 and docs/engines.md."""
+    """With friction along the world's axes and the weight to the right: see Sec. 3.7 and docs/why_drift.md."""
     installed_plant(lab, "ode")
     improved = drive(make_plant(lab, "improved"), open_source("traj3").pieces[0], Localiser(), 0.01)
     found = gazebo.driven_on_trajectory_3("pyramid", "world", improved)

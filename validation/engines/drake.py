@@ -24,7 +24,7 @@ _STRONG = 1e6
 _DISSIPATION = 5.0
 """Hunt and Crossley's dissipation of a contact [s/m]."""
 _STICTION = 1e-4
-"""Slip below which a contact is taken to stick [m/s]; the best that was found (docs/engines.md)."""
+"""Slip below which a contact is taken to stick [m/s]; the best that was found (docs/why_drift.md)."""
 _HOLD = 1e5
 """Gain with which an actuator holds a wheel's rate [N m s/rad]."""
 

@@ -64,7 +64,7 @@ _quick = threading.Lock()  # the quick solver's random numbers belong to the pro
 
 @dataclass(frozen=True)
 class OdeSettings:
-    """How ODE computes physics; the defaults are the best that were found (docs/engines.md)."""
+    """How ODE computes physics; the defaults are the best that were found (docs/why_drift.md)."""
 
     friction_law: FrictionLaw = "cone"
     """Law of friction, see above."""

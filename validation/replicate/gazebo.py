@@ -95,7 +95,7 @@ def _rows(found: Mapping[tuple[str, FrictionDirection], GazeboRun]) -> dict[str,
     faster = published.table("text")["rows"]["gazebo_speed_excess_percent"]["lower"]
 
     def pair(ours: float, under: float, least: float, unit: str = "1") -> Pair:
-        supposed = Supposed(under, None, _LOST, "engines.md")
+        supposed = Supposed(under, None, _LOST, "why_drift.md")
         return Pair(None, ours, "at_least", unit, beside={"at_least": least}, supposed=supposed)
 
     rows: dict[str, dict[str, Pair]] = {}

@@ -1,4 +1,4 @@
-"""What physics settings and engines do to the simulated robot (docs/contact.md, docs/engines.md).
+"""What physics settings and engines do to the simulated robot (docs/why_drift.md).
 
 The thesis tried friction models, iterations, steps and contact layers of ODE in Gazebo (Sec. 3.7) without success. These are
 the settings of MuJoCo that correspond to them, and ODE and Drake themselves. How deep tyres are pressed into the ground
@@ -284,14 +284,20 @@ def _draw(study: Report) -> Figure:
     """Return the picture: what tells settings apart, a bar for each."""
     rows = {row["variant"]: {**row, **more} for row, more in zip(*(table.rows for table in study.tables), strict=True)}
 
-    def draw(column: str, first: bool, ax: Axes) -> None:
+    def draw(column: str, title: str, first: bool, ax: Axes) -> None:
         values = [row.get(column) or 0.0 for row in rows.values()]
-        ax.barh(range(len(rows)), [max(abs(value), 1e-5) for value in values], gid=column)
-        ax.set(xscale="log", title=column, ylim=(len(rows) - 0.4, -0.6))
+        ax.barh(range(len(rows)), [max(abs(value), 1e-4) for value in values], gid=column)
+        ax.set(xscale="log", title=title, ylim=(len(rows) - 0.4, -0.6))
+        drawing.plain_ticks(ax.xaxis)
         ax.set_yticks(range(len(rows)), list(rows) if first else [""] * len(rows), fontsize=8.0)
         if first:
             drawing.inset(ax, left=1.6)
 
-    panels = ((0.4, "ripple_share"), (0.2, "wander_m"), (0.2, "ground_turned_m"), (0.2, "to_improved_m"))
-    bars = tuple((share, partial(draw, column, k == 0)) for k, (share, column) in enumerate(panels))
+    panels = (
+        (0.4, "ripple_share", "ripple of the yaw rate [1]"),
+        (0.2, "wander_m", "wander [m]"),
+        (0.2, "ground_turned_m", "ground turned [m]"),
+        (0.2, "to_improved_m", "to improved [m]"),
+    )
+    bars = tuple((share, partial(draw, column, title, k == 0)) for k, (share, column, title) in enumerate(panels))
     return picture(study, [drawing.Row(1.2 + 0.22 * len(rows), bars)])

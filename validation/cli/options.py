@@ -234,6 +234,6 @@ AnyProfile = Annotated[Profile | str | Path | None, text_of("PROFILE")]
 Ground = Annotated[
     Terrain,
     parsed(parse_terrain, "GROUND", lambda terrain: terrain.spec),
-    option(help="Ground under the MuJoCo robot: flat, or ramp:DEG; docs/terrain.md has more keys."),
+    option(help="Ground under the MuJoCo robot: flat, or ramp:DEG; docs/physics.md has more keys."),
 ]
 """Ground of the MuJoCo robot."""

@@ -113,6 +113,40 @@ def test_an_arm_and_a_lidar_are_lumped_into_the_body(tmp_path: Path) -> None:
     assert found.masses.com[0] == pytest.approx(x)
 
 
+def box(size: str, z: float) -> str:
+    """Return a shape of collision on a link of the body."""
+    geometry = f'<collision><origin xyz="0 0 {z}"/><geometry><box size="{size}"/></geometry></collision>'
+    hinge = '<joint name="b" type="fixed"><parent link="base_link"/><child link="shape"/></joint>'
+    return f'<link name="shape">{geometry}</link>{hinge}'
+
+
+def test_an_antenna_is_no_hull(tmp_path: Path) -> None:
+    """As of a Leo, whose hull is a mesh and whose antenna is a cylinder."""
+    hull = imported(UrdfRobot(more=box("0.7 0.5 0.2", 0.1)), tmp_path).robot.geometry
+    assert hull.body_size == pytest.approx((0.7, 0.5, 0.2))
+    drafted = imported(UrdfRobot(more=box("0.02 0.02 0.4", 0.3)), tmp_path)
+    assert drafted.robot.geometry.body_size[0] == pytest.approx(0.65)
+    assert any("hull is estimated" in remark for remark in drafted.remarks)
+
+
+ROS2 = '<ros2_control name="r"><joint name="{{0}}_joint"><{}_interface name="velocity"/></joint></ros2_control>'
+MOTOR = {
+    "transmission": '<transmission name="t{0}"><joint name="{0}_joint"/></transmission>',
+    "ros2_control": ROS2.format("command"),
+    "state only": ROS2.format("state"),
+}
+
+
+@pytest.mark.parametrize(("kind", "count", "link"), [("transmission", 4, "none"), ("ros2_control", 4, "none"),
+                                                      ("transmission", 2, "belt"), ("state only", 4, "belt")])  # fmt: skip
+def test_four_motorised_wheels_are_four_motors(tmp_path: Path, kind: str, count: int, link: str) -> None:
+    """As of a Scout; a robot of which two wheels have motors has belts."""
+    more = "".join(MOTOR[kind].format(name) for name in UrdfRobot().names[:count])
+    found = imported(UrdfRobot(more=more), tmp_path).robot
+    assert found.geometry.link == link
+    assert found.source("geometry.link")[0] == ("published" if link == "none" else "assumed")
+
+
 WHEELS = UrdfRobot().text()
 ON_BASE = '<parent link="base_link"/><child link="'
 LOOP, END = '<joint name="l" type="fixed"><parent link="part0"/><child link="', '"/></joint></robot>'

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from validation import cli, load_robot
 from validation.robots import PROGRAM, check_robot
@@ -110,6 +111,10 @@ def test_a_fault_is_told_with_what_would_be_right(name: str) -> None:
 HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
     "no limit of torque": ({"drive": {"torque_limit": math.inf}}, "no torque_limit is given"),
     "driver": ({"drive": {"command_half_track": 0.3}}, "of the yaw rate that is commanded"),
+    "endless torque": ({"drive": {"torque_limit": 1e308}}, "is it that of a wheel, behind the gear, in N m?"),
+    "an antenna": ({"geometry": {"body_size": [0.02, 0.02, 0.4]}}, "smaller than a wheel: is it an antenna"),
+    "a guessed radius": ({"sources": {"geometry.wheel_radius": "assumed: by eye"}}, "wheel_radius is a guess: count"),
+    "a guessed mass": ({"sources": {"mass.total": "assumed: by eye"}}, "mass.total is a guess: weigh"),
 }  # fmt: skip
 
 
@@ -118,6 +123,31 @@ def test_a_hint_is_no_fault(name: str) -> None:
     sections, words = HINTS[name]
     found = check_robot(changed(**sections))
     assert any(words in each.text and not each.fault for each in found.advice), [each.text for each in found.advice]
+    assert found.ok
+    assert not any("nothing is wrong" in sentence for sentence in found.sentences)
+
+
+def test_nothing_is_wrong_only_where_nothing_was_guessed() -> None:
+    """A wheel mass of 0 stands for an estimate, and is one."""
+    document = load_robot("warthog").as_document()
+    document["sources"] = {section: "measured: on a bench" for section in ("geometry", "mass", "drive", "simulation")}
+    document |= {"name": "known", "geometry": {**document["geometry"], "body_size": [1.4, 0.8, 0.3]}}
+    document["simulation"] |= {"gain": 200.0, "armature": 1.0}
+    assert check_robot(parse_robot(document)).sentences[0] == "known: nothing is wrong with it"
+    guessed = check_robot(parse_robot({**document, "mass": {**document["mass"], "wheel": 0.0}}))
+    assert guessed.ok
+    assert guessed.sentences[0].endswith("nobody has measured or published mass.wheel")
+    assert guessed.as_dict()["guessed"] == ["mass.wheel"]
+
+
+def test_a_fault_is_a_failed_run_whose_files_are_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    robot = changed(geometry={"wheel_width": 1.2})
+    (tmp_path / "wide.toml").write_text(tomli_w.dumps(robot.as_document()))
+    with pytest.raises(SystemExit) as left:
+        run("check", str(tmp_path / "wide.toml"), "--out", str(tmp_path))
+    assert left.value.code == 1
+    assert json.loads((tmp_path / "robot.json").read_text())["ok"] is False
+    assert "tyres touch" in capsys.readouterr().out
 
 
 def test_a_robot_that_jerks_or_does_not_turn_as_mechanics_says_is_told_of_it() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from ssmr.errors import DivergedError
+from ssmr.errors import DivergedError, SsmrError
 from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, store
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
@@ -22,6 +22,7 @@ from validation.simulator.checking import (
     Measured,
     SpotTurn,
     advise,
+    guessed,
     load_shares,
     measure_robot,
     robot_outline,
@@ -85,7 +86,7 @@ class RobotCheck(Report):
     loads: Sequence[float]
     """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is none."""
     advice: Sequence[Advice]
-    """What is wrong; faults first."""
+    """What is wrong or questionable; faults first."""
 
     @property
     def ok(self) -> bool:
@@ -99,7 +100,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
 
     Builds it in MuJoCo, turns it on the spot and weighs its wheels.
 
-    Prints every number with its source, and writes robot.json and robot.png.
+    Prints every number with its source, and writes robot.json and robot.png. The exit status is 1 where something is wrong.
 
     Raises:
         RobotError: there is no such robot, or its file cannot be read. What can be read and cannot be is advice.
@@ -118,20 +119,30 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     still = [float(share) * robot.masses.total * GRAVITY for share in load_shares(robot)]
     loads = still if measured is None else list(measured.loads)
     faults = sum(each.fault for each in advice)
-    verdict = f"{robot.name}: {'something' if faults else 'nothing'} is wrong with it{':' if advice else ''}"
     return RobotCheck(
         program="robot",
         title=one_line(robot.title or robot.name),
         tables=[_numbers(robot)],
-        sentences=[verdict, *(f"{'FAULT' if each.fault else 'hint'}: {each.text}" for each in advice)],
+        sentences=[_verdict(robot, advice), *(f"{'FAULT' if each.fault else 'question'}: {each.text}" for each in advice)],
         document=_document(robot, spot, measured, loads)
-        | {"ok": not faults, "advice": [each.text for each in advice], "faults": faults},
+        | {"ok": not faults, "advice": [each.text for each in advice], "faults": faults, "guessed": guessed(robot)},
         draw=_draw,
+        failure=SsmrError(_verdict(robot, advice)) if faults else None,
         robot=robot,
         measured=measured,
         loads=loads,
         advice=advice,
     )
+
+
+def _verdict(robot: Robot, advice: Sequence[Advice]) -> str:
+    """Return in a sentence what a check found; a robot of which something is guessed may still be wrong."""
+    faults, guesses = sum(each.fault for each in advice), guessed(robot)
+    if faults:
+        return f"{robot.name}: {faults} fault{'s' if faults > 1 else ''} found"
+    if guesses:
+        return f"{robot.name}: no fault found, but nobody has measured or published {', '.join(guesses)}"
+    return f"{robot.name}: no fault found" if advice else f"{robot.name}: nothing is wrong with it"
 
 
 def _loaded(robot: str | Path | Robot) -> Robot:
@@ -197,7 +208,7 @@ def _draw(check: RobotCheck) -> Figure:
     from validation.report.drawing import draw_section, put_together, side_by_side, text_row
 
     length, width, _ = robot_outline(check.robot)[1] - robot_outline(check.robot)[0]
-    title = f"{abridged(check.title, 60)}: {'nothing' if check.ok else 'something'} is wrong"
+    title = f"{abridged(check.title, 60)}: {'no fault found' if check.ok else 'something is wrong'}"
     panel = side_by_side(min(10.0 * width / length + 1.4, 7.0), [partial(_draw_from_above, check)])
     return put_together([text_row(0.3, partial(draw_section, title)), panel])
 

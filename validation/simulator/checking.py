@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,8 @@ MULTIPLIER_LIMIT = 0.02
 """Deviation of the multiplier from its closed form that a robot may have [1]."""
 DRIVER_LIMIT = 0.25
 """Deviation of the body's yaw rate from the commanded one that is not worth a word [1]."""
+MOST_SPARE = 100.0
+"""Torque of motors over what turns the robot on the spot on ground of friction 1, beyond which it is asked about [1]."""
 _RIM_SPEED = 0.13
 """Speed of the rims in the measured turn over sqrt(g r) [1]: slow enough for mechanics without inertia, and alike for robots
 of every size (Froude's similarity)."""
@@ -158,7 +160,7 @@ def advise(robot: Robot, spot: SpotTurn | None, found: Measured | None) -> list[
         spot: its turn on the spot by mechanics.
         found: what its model shows; None where there is none.
     """
-    advice = [*_geometry(robot), *_inertia(robot), *_loads(robot)]
+    advice = [*_geometry(robot), *_inertia(robot), *_loads(robot), *_guesses(robot)]
     if spot is not None:
         advice += _motors(robot, spot)
     if found is not None:
@@ -191,6 +193,40 @@ def _geometry(robot: Robot) -> Iterator[Advice]:
                 f"the centre of mass lies outside of the robot: {axis} is {com:g} m, hull and tyres reach from {least:.3g} "
                 f"to {most:.3g} m"
             )
+
+
+def is_smaller_than_a_wheel(size: Sequence[float], wheel_radius: float, wheel_width: float) -> bool:
+    """Return whether a box of this length, width and height [m] is too small for the hull of a robot: an antenna, say."""
+    return size[0] < 2.0 * wheel_radius or size[1] < wheel_width or size[2] < 0.2 * wheel_radius
+
+
+def guessed(robot: Robot) -> list[str]:
+    """Return the numbers of body, wheels and motors that nobody has measured or published, as `section.key`."""
+    keys = [f"geometry.{name}" for name in ("wheelbase", "track", "wheel_radius", "wheel_width", "body_size")]
+    keys += [f"mass.{name}" for name in ("total", "wheel", "wheel_inertia", "com", "inertia")]
+    keys += ["simulation.friction", "simulation.gain", "simulation.armature", "drive.torque_limit"]
+    return [key for key in keys if robot.source(key)[0] == "assumed"]
+
+
+_HOW_TO_MEASURE = {
+    "geometry.wheel_radius": "count the wheels' turns over a straight metre, for every speed scales with it",
+    "mass.total": "weigh the robot, for every force scales with it",
+}
+"""What to do about guesses that weigh most."""
+
+
+def _guesses(robot: Robot) -> Iterator[Advice]:
+    g = robot.geometry
+    for key in guessed(robot):
+        if key in _HOW_TO_MEASURE:
+            yield Advice(f"{key} is a guess: {_HOW_TO_MEASURE[key]}", fault=False)
+    if is_smaller_than_a_wheel(g.body_size, g.wheel_radius, g.wheel_width):
+        box = " x ".join(f"{length:.3g}" for length in g.body_size)
+        yield Advice(
+            f"the hull of {box} m is smaller than a wheel: is it an antenna or a sensor? Measure the body, and say "
+            "body_size and body_centre",
+            fault=False,
+        )
 
 
 def _inertia(robot: Robot) -> Iterator[Advice]:
@@ -228,8 +264,14 @@ def _loads(robot: Robot) -> Iterator[Advice]:
 def _motors(robot: Robot, spot: SpotTurn) -> Iterator[Advice]:
     drive, mu = robot.drive, robot.simulation.friction
     needed, has = mu * spot.side_torque + drive.gear_loss, 2.0 * drive.torque_limit
-    if not math.isfinite(has):
+    if not math.isfinite(drive.torque_limit):
         yield Advice("no torque_limit is given, so it can turn on any ground: say that of one wheel [N m]", fault=False)
+    elif has > MOST_SPARE * spot.side_torque:
+        yield Advice(
+            f"torque_limit is {drive.torque_limit:.3g} N m a wheel, and {0.5 * spot.side_torque:.3g} N m turn the robot on "
+            "the spot on ground of friction 1: is it that of a wheel, behind the gear, in N m?",
+            fault=False,
+        )
     if needed > has:
         yield Advice(
             f"it cannot turn on the spot on ground of friction {mu:g}: a side needs {needed:.4g} N m and its motors give "

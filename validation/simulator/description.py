@@ -330,7 +330,15 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     sources = _sources(document.get("sources", {}))
     if texts["mjcf"] and (own := (folder / texts["mjcf"]).resolve()).is_file():
         texts["mjcf"] = own.name if own.parent == models_folder() else str(own)
-    said = tuple(f"{section}.{key}" for section, numbers in given.items() for key in numbers)
+    parts = {"geometry": geometry, "mass": masses, "simulation": simulation, "drive": drive}
+    said = tuple(
+        f"{section}.{key}"
+        for section, numbers in given.items()
+        for key, number in numbers.items()
+        if number != 0.0
+        or section not in parts
+        or getattr(parts[section], key) == 0.0  # a 0 that was estimated says nothing
+    )
     robot = Robot(
         geometry=geometry, masses=masses, simulation=simulation, drive=drive, vehicle=Vehicle(),
         sources=sources, said=said, **texts,

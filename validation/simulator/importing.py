@@ -22,7 +22,7 @@ from ssmr.parameters import described
 from ssmr.types import FloatArray
 from validation import store
 from validation.files import reading
-from validation.simulator.checking import spot_turn
+from validation.simulator.checking import is_smaller_than_a_wheel, spot_turn
 from validation.simulator.description import SCHEMA, SECTIONS, WHEELS, Robot, RobotError, parse_robot, shipped_robots
 from validation.words import one_line
 
@@ -36,6 +36,8 @@ _PARALLEL, _UPRIGHT = 0.985, 0.9
 """Least share of y in the axis of a wheel (ten degrees), and of z in that of a joint that steers [1]."""
 _ASKEW = 0.05
 """Greatest distance of a wheel from the corner of a rectangle, over its shorter side [1]."""
+_MOTORS = ("transmission", "ros2_control")
+"""Elements of a URDF that say which joints have motors."""
 _SIDEWAYS_WORDS = re.compile(r"mecanum|omni_?wheel|swedish")
 SURE_FRICTION = 1.0
 """Friction of ground on which motors whose torque nobody knows are taken to turn the robot on the spot [1]."""
@@ -167,7 +169,7 @@ def import_robot(
         raise RobotError(str(error)) from error
     try:
         root = _parsed(text)
-        work = _Import(one_line(Path(path).name), *_compiled(root))
+        work = _Import(one_line(Path(path).name), *_compiled(root), _motorised(root))
         work.say_wheels(wheel_radius, wheel_width)
         work.say_masses()
         work.say_hull()
@@ -216,6 +218,16 @@ def _plain(root: ElementTree.Element) -> tuple[list[ElementTree.Element], list[E
     return links, joints
 
 
+def _motorised(root: ElementTree.Element) -> frozenset[str]:
+    """Return the names of the joints that have a transmission or a command interface of ros2_control."""
+    joints = [(owner.tag, joint) for owner in root for joint in owner.iter("joint") if owner.tag in _MOTORS]
+    return frozenset(
+        joint.get("name", "")
+        for tag, joint in joints
+        if tag == "transmission" or joint.find("command_interface") is not None
+    )
+
+
 def _compiled(root: ElementTree.Element) -> tuple[mujoco.MjModel, Mapping[str, str]]:
     """Return what MuJoCo makes of the links and joints of a URDF, and the types of the joints by name.
 
@@ -248,14 +260,14 @@ def _compiled(root: ElementTree.Element) -> tuple[mujoco.MjModel, Mapping[str, s
 class _Import:
     """An import under way. Places are in the frame of the first link [m]."""
 
-    def __init__(self, file: str, model: mujoco.MjModel, kinds: Mapping[str, str]) -> None:
+    def __init__(self, file: str, model: mujoco.MjModel, kinds: Mapping[str, str], motorised: frozenset[str]) -> None:
         """Compute where everything is, and find the four wheels.
 
         Raises:
             ValueError: there are not four, they do not stand at the corners of a rectangle, or one can be steered.
         """
         self.file, self.model, self.kinds = file, model, kinds
-        self.guesses, self.entries = list[str](), list[Entry]()
+        self.guesses, self.entries, self.motorised = list[str](), list[Entry](), motorised
         self.data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self.data)
         wheels = self._corners(self._four_joints())
@@ -300,7 +312,7 @@ class _Import:
 
         The base frame lies midway between the axles, at the height of base_link.
         """
-        places = self.data.xanchor[list(joints)]
+        model, places = self.model, self.data.xanchor[list(joints)]
         ahead, aside, _ = (places - places.mean(axis=0)).T
         named = {
             f"{'front' if x > 0.0 else 'rear'}_{'left' if y > 0.0 else 'right'}": k
@@ -320,14 +332,16 @@ class _Import:
         where = f"joints {self._names(joints[k] for k in order)}"
         self.read("geometry.wheelbase", wheelbase, where)
         self.read("geometry.track", track, where)
-        level = next(
-            (body.xpos[2] for body in map(self.data.body, range(self.model.nbody)) if body.name == "base_link"), 0.0
-        )
+        level = next((body.xpos[2] for body in map(self.data.body, range(model.nbody)) if body.name == "base_link"), 0.0)
         middle = places.mean(axis=0)
         self.origin = np.array([*middle[:2], level])
         self.read("geometry.axle_height", float(middle[2] - level), "the same joints above base_link")
-        self.entries.append(Entry("geometry.link", "belt", "assumed: a URDF does not say it"))
-        return [int(self.model.jnt_bodyid[joints[k]]) for k in order]
+        if all(model.joint(j).name in self.motorised for j in joints):
+            self.entries.append(Entry("geometry.link", "none", f"published: {self.file}, a motor for each of the {where}"))
+        else:
+            self.entries.append(Entry("geometry.link", "belt", "assumed: a URDF does not say it"))
+            self.guesses.append("guessed geometry.link: belt, the wheels of a side turn together")
+        return [int(model.jnt_bodyid[joints[k]]) for k in order]
 
     def read(self, key: str, value: float | FloatArray, where: str) -> None:
         """Say a number that the file says."""
@@ -405,14 +419,17 @@ class _Import:
             self.guesses.append("the hull is estimated: the body has no plain shapes; say body_size and body_centre")
             return
         low, high = np.min(corners, axis=0), np.max(corners, axis=0)
-        if np.all(high - low > 1e-3):
+        known: dict[str, Any] = {entry.key: entry.value for entry in self.entries}
+        if is_smaller_than_a_wheel(high - low, known["geometry.wheel_radius"], known["geometry.wheel_width"]):
+            box = " x ".join(f"{length:.3g}" for length in high - low)
+            self.guesses.append(f"the hull is estimated: the body's plain shapes fill {box} m, less than a wheel")
+        else:
             self.read("geometry.body_size", high - low, "box around the body's plain shapes")
             self.read("geometry.body_centre", 0.5 * (high + low), "box around the body's plain shapes")
 
     def finished(self, name: str) -> RobotDraft:
         """Return the file."""
         self.guesses += [
-            "guessed geometry.link: belt, the wheels of a side turn together",
             "guessed drive.torque_limit: enough to turn on the spot on ground of friction 1",
             "no URDF says friction, gain, rotor inertia, or how the driver makes wheel rates of commands",
         ]

@@ -120,7 +120,7 @@ def table_turning() -> None:
                 *(f"{t.multiplier:.4f}" for t in soft),
                 f"{soft[1].by_contact_radius:.4f}",
                 f"{turn_on_the_spot(WHEELBASE, TRACK, half_width=half_width).multiplier:.4f}",
-                *(f"{t.multiplier:.2f}" for t in default),
+                *(f"{t.multiplier:.1f}" for t in default),
                 f"{max(t.ripple for t in soft):.0e}",
                 f"{max(t.lowest_load for t in default):.2f}",
             )

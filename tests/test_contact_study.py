@@ -12,6 +12,7 @@ import pytest
 from ssmr.robot.ground import turn_on_the_spot
 from tests.conftest import installed_plant
 from tests.robots import SAME_PATH, TRACK, WHEELBASE
+from validation.bench.sources import drive, open_source
 from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.calibration import Calibration
@@ -207,3 +208,15 @@ def test_gazebo_s_husky_does_not_come_round_and_a_cone_with_the_centre_in_the_mi
     for right in (cured, best):
         assert right["wander_m"] < 1e-3
         assert abs(right["off_closed_form_share"]) < FORM_ERROR
+
+
+@pytest.mark.slow
+def test_hard_contact_and_the_quick_solver_do_not_converge_where_the_turn_is_right(lab: Profile) -> None:
+    """Half the step moves the end of trajectory 4; a soft contact and the exact solver hold it."""
+    installed_plant(lab, "ode")
+    piece, section, moved = open_source("traj4").pieces[0], lab.section("mujoco"), []
+    for name in ("ode: Gazebo's Husky, emulated cone, centred", "ode: best, emulated cone, exact solver"):
+        plants = [EVERY[name].plant(section, steps=steps) for steps in (1.0, 2.0)]
+        ends = [drive(plant, piece, section.localiser, 0.01).xy[-1] for plant in plants]
+        moved.append(float(np.hypot(*(ends[1] - ends[0]))))
+    assert moved[0] > 0.005 > 0.001 > moved[1]

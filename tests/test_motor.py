@@ -115,6 +115,7 @@ def test_spinning_inertia_is_accelerated_too(parameters: object) -> None:
     body = vehicle_body(packed(vehicle))
     mass, inertia = body.moved, body.turned
     assert mass == pytest.approx(73.30 + 2 * 0.5 / 0.1651**2)
+    assert inertia == pytest.approx(2.16 + 2 * 0.5 * 0.275 * 0.4 / 0.1651**2)
     plant = PlanarPlant(PlanarModel(parameters, vehicle, drive))
     straight = plant.run(Commands(0.05, np.tile([1.0, 0.0], (4, 1))), State(), 0.01)
     assert straight.twist[-1, 0] / straight.t[-1] == pytest.approx(4 * 7.0 / 0.1651 / mass, rel=1e-9)

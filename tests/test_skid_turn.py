@@ -58,3 +58,10 @@ def test_a_polygon_is_the_same_after_a_quarter_turn_and_a_square_is_a_turned_dia
 def test_a_polygons_yaw_rate_swings_between_two_closed_forms() -> None:
     assert polygonal_turn("diamond", 0.0, WHEELBASE, TRACK).multiplier == pytest.approx(1.0 + WHEELBASE / TRACK, rel=1e-9)
     assert polygonal_turn("diamond", 0.25 * math.pi, WHEELBASE, TRACK).multiplier == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_square_along_the_worlds_axes_turns_by_1_00_to_1_90_over_heading_and_1_396_in_the_mean() -> None:
+    headings = np.radians(np.arange(0.25, 90.0, 0.5))
+    found = np.array([polygonal_turn("square", h, WHEELBASE, TRACK).multiplier for h in headings])
+    assert (found.min(), found.max()) == pytest.approx((1.00, 1.90), abs=0.015)
+    assert found.mean() == pytest.approx(1.396, abs=1e-3)

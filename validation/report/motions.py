@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from ssmr.metrics.declared import METRICS, SIGNALS, Metric, Metrics
-from ssmr.metrics.windows import HorizonErrors, OverlappingErrors, WindowErrors
+from ssmr.metrics.paired import TOLD_APART, chance_of_difference, corrected
+from ssmr.metrics.windows import EVERY_S, SHORTEST_BLOCK_S, HorizonErrors, OverlappingErrors, WindowErrors
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, FloatArray, IndexArray, Trajectory
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
@@ -227,31 +228,39 @@ def headline_horizon(horizons: Iterable[float]) -> float | None:
 
 
 def alike_plants(plants: Mapping[str, PlantResult]) -> dict[str, Any] | None:
-    """Return the pairs of plants that a recording cannot tell apart, as compare.json has them; None without windows.
+    """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
-    Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`: `{"horizon_s",
-    "position": [[name, name], ...], "yaw": [...]}`.
+    Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`, by a paired test that is
+    corrected for the number of pairs: `{"horizon_s", "position": [[name, name], ...], "yaw": [...], "better": {"position":
+    [[better, worse], ...], "yaw": [...]}}`, where the first two lists hold the pairs that cannot be told apart.
     """
     horizon = headline_horizon({h for result in plants.values() for h in result.windows})
     if horizon is None:
         return None
     able = {name: r.windows[horizon] for name, r in plants.items() if horizon in r.windows}
-    alike: dict[str, list[list[str]]] = {"position": [], "yaw": []}
-    for a, b in combinations(able, 2):
-        for what, differs in zip(alike, able[a].differs_from(able[b]), strict=True):
-            if not differs:
-                alike[what].append([a, b])
+    alike: dict[str, Any] = {"position": [], "yaw": [], "better": {"position": [], "yaw": []}}
+    pairs, block = list(combinations(able, 2)), max(horizon, SHORTEST_BLOCK_S)
+    for what, better in alike["better"].items():
+        errors = {name: getattr(windows, what) for name, windows in able.items()}
+        times = {name: EVERY_S * np.arange(len(values)) for name, values in errors.items()}
+        chances = corrected([chance_of_difference(errors[a], errors[b], times[a], block) for a, b in pairs])
+        for pair, chance in zip(pairs, chances.tolist(), strict=True):
+            told = sorted(pair, key=lambda name: float(np.median(errors[name])))
+            (better if chance < TOLD_APART else alike[what]).append(told if chance < TOLD_APART else list(pair))
     return {"horizon_s": horizon, **alike}
 
 
 def alike_sentences(plants: Mapping[str, PlantResult], alike: Mapping[str, Any] | None) -> list[str]:
-    """Return sentences on the plants that a recording cannot tell apart, see `alike_plants`."""
+    """Return sentences on the plants that a recording tells apart and on those that it does not, see `alike_plants`."""
     if alike is None:
         return []
     sentences, horizon = [], alike["horizon_s"]
     n = sum(horizon in result.windows for result in plants.values())
-    for what in ("position", "yaw"):
+    for what, better in alike["better"].items():
         pairs = [" and ".join(pair) for pair in alike[what]]
+        if better:
+            listed = ", ".join(" than ".join(pair) for pair in better)
+            sentences.append(f"After {horizon:g} s these are better in {what}, by more than chance: {listed}.")
         if len(pairs) == n * (n - 1) // 2 > 1:
             sentences.append(f"After {horizon:g} s the recording cannot tell any two of these plants apart in {what}.")
         elif pairs:

@@ -1,0 +1,56 @@
+"""Whether one of several candidates is better than another, or chance made it look so.
+
+Errors of all candidates belong to the same windows of one recording, so what is hard for both counts for neither.
+Neighbouring windows share data, so whole blocks of them are resampled. Of many pairs some differ by chance, so probabilities
+are corrected for their number (Holm, Scand. J. Statist. 6 (1979) 65).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ssmr.types import FloatArray, frozen_array, increasing_times
+
+TOLD_APART = 0.05
+"""Corrected probability below which two candidates are told apart [1]."""
+_DRAWS, _FEWEST_BLOCKS = 2000, 4
+
+
+def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, block: float) -> float:
+    """Return the probability that medians as far apart as these come from candidates that are equally good [1].
+
+    Args:
+        one: (W,) errors of a candidate.
+        other: (W,) errors of another one in the same windows.
+        times: (W,) beginnings of the windows, increasing [s].
+        block: least duration of a resampled block, such as the length of the windows [s].
+
+    Returns:
+        Two-sided probability; 1 where there are fewer than four blocks.
+
+    Raises:
+        ValueError: lengths differ, times do not increase, or a number is not finite.
+    """
+    t = increasing_times(times)
+    pair = np.stack([frozen_array(values, "errors", (len(t),)) for values in (one, other)])
+    together = int(np.max(np.searchsorted(t, t + block) - np.arange(len(t)), initial=1))
+    if len(t) < _FEWEST_BLOCKS * together:
+        return 1.0
+    starts = np.random.default_rng(0).integers(0, len(t), (_DRAWS, math.ceil(len(t) / together)))
+    drawn = ((starts[:, :, None] + np.arange(together)) % len(t)).reshape(_DRAWS, -1)[:, : len(t)]
+    apart = np.subtract(*(np.median(values[drawn], axis=1) for values in pair))
+    return min(1.0, 2.0 * (1 + min(int(np.sum(apart <= 0.0)), int(np.sum(apart >= 0.0)))) / (_DRAWS + 1))
+
+
+def corrected(chances: Sequence[float]) -> FloatArray:
+    """Return probabilities corrected for their number by Holm's rule, each in its place [1]."""
+    p = np.asarray(chances, dtype=np.float64)
+    order = np.argsort(p)
+    raised = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    found = np.empty(len(p))
+    found[order] = np.minimum(raised, 1.0)
+    return found

@@ -193,6 +193,7 @@ def test_every_setting_can_be_made(lab: Profile) -> None:
         assert setting.robot or setting.physics != SHIPPED or name == BASELINE
 
 
+@pytest.mark.slow  # four simulations of 8 s
 def test_gazebo_s_husky_does_not_come_round_and_a_cone_with_the_centre_in_the_middle_does(
     lab: Profile, bench: Bench
 ) -> None:

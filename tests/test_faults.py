@@ -192,7 +192,8 @@ LONG = {
 """Commands of some seconds."""
 
 
-@pytest.mark.parametrize("name", ["fit", *(pytest.param(name, marks=pytest.mark.slow) for name in LONG if name != "fit")])
+@pytest.mark.slow  # six processes each
+@pytest.mark.parametrize("name", LONG)
 def test_an_end_in_mid_run(name: str, good: Path, tmp_path: Path) -> None:
     """Whatever ends a program, each file is whole or not there; then the same command comes to its end."""
     program, *words = LONG[name].split()

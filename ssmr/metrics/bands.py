@@ -1,0 +1,190 @@
+"""Bands: where a prediction says that the robot will be, with a probability of nine tenths.
+
+Errors of a prediction have few causes, and each grows in its own manner with the way driven and the angle turned.
+A wrong heading at one place moves all later positions sideways by the distance from there: to first order, an error d of the
+heading at the position p(s) moves the end p by J (p - p(s)) d, with J a quarter turn to the left. So the covariance of the
+pose after any motion is a sum over causes, each a known function of the predicted path times one variance, and these few
+variances can be estimated from the errors over windows of several lengths, all at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, fields
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ssmr.metrics.windows import SHARE
+from ssmr.parameters import check_parameters, parameter
+from ssmr.types import FloatArray, IndexArray, frozen_array
+
+_ROUNDS = 30
+"""Number of times that squares are weighted anew by the variances found so far."""
+_MOST_SQUARES = 9.0
+"""Squares of errors beyond so many variances count as these: a few odd windows must not widen the band everywhere."""
+_PARTS = 4
+"""Number of parts of a log each of which is judged by the variances of the others."""
+FEWEST_WINDOWS = 40
+"""Fewest windows that a band is estimated from."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """Standard deviations of the causes of a prediction's error, and how many of them hold nine tenths of the errors."""
+
+    position_noise: float = parameter(unit="m", low=0.0)
+    """Error of the difference of two logged positions, whatever the way between them [m]."""
+    yaw_noise: float = parameter(unit="rad", low=0.0)
+    """Error of the difference of two logged headings [rad]."""
+    way_walk: float = parameter(unit="m/m^0.5", low=0.0)
+    """Random walk of the position with the way driven: its deviation after a metre [m]."""
+    way_scale: float = parameter(unit="1", low=0.0)
+    """Lasting relative error of lengths [1]."""
+    turn_walk: float = parameter(unit="rad/rad^0.5", low=0.0)
+    """Random walk of the heading with the angle turned: its deviation after a radian [rad]."""
+    turn_scale: float = parameter(unit="1", low=0.0)
+    """Lasting relative error of angles [1]."""
+    bend_walk: float = parameter(unit="rad/m^0.5", low=0.0)
+    """Random walk of the heading with the way driven: its deviation after a metre [rad]."""
+    bend_scale: float = parameter(unit="rad/m", low=0.0)
+    """Lasting bend of a path that is meant to be straight [rad/m]."""
+    reach_position: float = parameter(unit="1", low=0.0)
+    """Size of the ellipse of positions that holds nine tenths of the errors, in standard deviations [1]."""
+    reach_yaw: float = parameter(unit="1", low=0.0)
+    """Half width of the headings' interval that holds nine tenths, in standard deviations [1]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_parameters(self)
+
+    def covariance(self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return how uncertain the predicted motion over windows is.
+
+        Args:
+            pose: (M, 3) predicted path: x [m], y [m], yaw [rad, unwrapped].
+            starts: (W,) indices at which windows begin, where the pose is known.
+            ends: (W,) indices at which they end.
+
+        Returns:
+            (W, 2, 2) covariance of the position at the end, in the frame of the start [m²], and (W,) variance of its
+            heading [rad²].
+        """
+        xx, yy, turned, xy = _growth(pose, starts, ends) @ np.square(astuple(self)[:_CAUSES])
+        return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -1), turned
+
+    def holds(self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike, error: ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Return how far errors lie out, 1 being the edge of the band: (W,) of positions and (W,) of headings.
+
+        `error` has (W, 3) errors x, y [m] in the frame of the start, and yaw [rad]; the others are those of `covariance`.
+        """
+        position, yaw = _sizes(_growth(pose, starts, ends), np.square(astuple(self)[:_CAUSES]), np.asarray(error))
+        return position / self.reach_position, yaw / self.reach_yaw
+
+
+_CAUSES = len(fields(Band)) - 2
+
+
+def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
+    """Return (4, W, causes): what a unit variance of each cause adds to the variances xx, yy, of the heading, and to xy.
+
+    Integrals over a window of levers p - p(s) and of their products, p its end, come from running sums over the whole path.
+    """
+    path = frozen_array(pose, "pose", (None, 3))
+    i, j = np.asarray(starts, dtype=np.intp), np.asarray(ends, dtype=np.intp)
+    step, turn = np.diff(path[:, :2], axis=0), np.diff(path[:, 2])
+    place, heading = path[:-1, :2] + 0.5 * step, path[:-1, 2] + 0.5 * turn
+    way = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
+    end, c, s = path[j, :2], np.cos(path[i, 2]), np.sin(path[i, 2])
+    ahead = np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)  # from the world to the frame of the start
+    aside = ahead @ np.array([[0.0, -1.0], [1.0, 0.0]])  # and a quarter turn
+
+    def over(rate: FloatArray) -> FloatArray:
+        """Return the sum of a rate over each window."""
+        sums = np.concatenate([np.zeros((1, *rate.shape[1:])), np.cumsum(rate, axis=0)])
+        return np.asarray(sums[j] - sums[i])
+
+    def squared(vector: FloatArray) -> FloatArray:
+        return vector[:, :, None] * vector[:, None, :]
+
+    def lasting(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of an error of the heading in proportion to a signed rate: the square of the sum of its levers."""
+        lever = end * over(rate)[:, None] - over(place * rate[:, None])
+        return squared((aside @ lever[:, :, None])[:, :, 0]), over(rate) ** 2
+
+    def walking(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of a random walk of the heading whose variance grows by a rate: the sum of the squares of its levers."""
+        first, second = over(place * rate[:, None]), over(squared(place) * rate[:, None, None])
+        mixed = end[:, :, None] * first[:, None, :]
+        levers = squared(end) * over(rate)[:, None, None] - mixed - mixed.transpose(0, 2, 1) + second
+        return aside @ levers @ aside.transpose(0, 2, 1), over(rate)
+
+    chord, zero, one = (end - path[i, :2])[:, :, None], np.zeros(len(i)), np.ones(len(i))
+    unit = np.broadcast_to(np.eye(2), (len(i), 2, 2))
+    causes = [
+        (unit, zero),
+        (0.5 * squared((aside @ chord)[:, :, 0]), one),  # half of the noise is that of the heading at the start
+        (unit * over(np.abs(way))[:, None, None], zero),
+        (squared((ahead @ chord)[:, :, 0]), zero),
+        walking(np.abs(turn)),
+        lasting(turn),
+        walking(np.abs(way)),
+        lasting(way),
+    ]
+    rows = [(position[:, 0, 0], position[:, 1, 1], yaw, position[:, 0, 1]) for position, yaw in causes]
+    return np.moveaxis(np.array(rows), 0, -1)
+
+
+def _sizes(growth: FloatArray, variances: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the (W,) sizes of errors of position and of heading, in standard deviations."""
+    xx, yy, turned, xy = growth @ variances
+    x, y, yaw = error.T
+    squares = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    return np.sqrt(squares), np.abs(yaw) / np.sqrt(turned)
+
+
+_LEAST = np.square([1e-4, 1e-4])
+"""Least variances of the noise of positions [m²] and headings [rad²]: a simulation without any has a band too."""
+
+
+def _variances(growth: FloatArray, error: FloatArray) -> FloatArray:
+    """Return the (causes,) variances that explain squares of errors best, each square weighted by its own expectation."""
+    from scipy.optimize import nnls  # here: it takes long to import, and few programs need it
+
+    design = growth[:3].reshape(-1, _CAUSES)
+    squares = np.square(error.T).ravel()
+    expected = np.repeat(np.square(error).mean(axis=0) + 1e-12, len(error))
+    found = np.zeros(_CAUSES)
+    scale = np.maximum(np.abs(design).max(axis=0), 1e-12)
+    for _ in range(_ROUNDS):
+        clipped = np.minimum(squares, _MOST_SQUARES * expected)
+        found = nnls(design / scale / expected[:, None], clipped / expected)[0] / scale
+        found[:2] = np.maximum(found[:2], _LEAST)
+        expected = design @ found
+    return found
+
+
+def estimated_band(windows: Sequence[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]) -> Band:
+    """Return the band of a plant from its errors over windows of a log, of several lengths, in the order of time.
+
+    Each part of the log is judged by the variances of the other parts, and the part that is predicted worst sets the reach:
+    what comes next is another part still, and the ground changes from part to part.
+
+    Args:
+        windows: for each gap-free piece its (M, 3) predicted path, (W,) starts and ends, and (W, 3) errors x, y [m] in the
+            frame of the start and yaw [rad], predicted less true.
+
+    Raises:
+        ValueError: there are fewer than `FEWEST_WINDOWS` windows.
+    """
+    growth = np.concatenate([_growth(pose, i, j) for pose, i, j, _ in windows], axis=1)
+    error = np.concatenate([e for *_, e in windows])
+    if len(error) < FEWEST_WINDOWS:
+        raise ValueError(f"there are {len(error)} windows, and a band wants {FEWEST_WINDOWS}")
+    begins = np.concatenate([1e9 * k + np.asarray(i) for k, (_, i, _, _) in enumerate(windows)])
+    part = np.searchsorted(np.quantile(begins, np.arange(1, _PARTS) / _PARTS), begins, side="right")
+    reach = np.zeros(2)
+    for own in (part == k for k in range(_PARTS)):
+        sizes = _sizes(growth[:, own], _variances(growth[:, ~own], error[~own]), error[own])
+        reach = np.maximum(reach, np.quantile(sizes, SHARE, axis=1))
+    return Band(*np.sqrt(_variances(growth, error)).tolist(), *reach.tolist())

@@ -1,0 +1,106 @@
+"""Bands of predictions: errors grow along a path as their causes say, and nine tenths of fresh ones lie inside."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, replace
+
+import numpy as np
+import pytest
+
+from ssmr.geometry import relative, wrap_angle
+from ssmr.metrics.bands import Band, estimated_band
+from ssmr.types import FloatArray, IndexArray
+
+NOTHING = Band(*[0.0] * 8, 2.146, 1.645)  # reaches of normal errors in two dimensions and in one
+DT = 0.1
+
+
+def path(n: int, seed: int) -> FloatArray:
+    """Return (n, 2) ways [m] and turns [rad] of steps: straight on, bends to both sides, turns on the spot, backwards."""
+    rng = np.random.default_rng(seed)
+    v = np.repeat(rng.choice([0.8, 0.5, 0.0, -0.4], -(-n // 40)), 40)[:n]
+    w = np.repeat(rng.choice([0.0, 0.6, -0.5, 0.3], -(-n // 25)), 25)[:n]
+    return np.column_stack([v, w]) * DT
+
+
+def driven(steps: FloatArray) -> FloatArray:
+    """Return the (..., n + 1, 3) poses of (..., n, 2) steps."""
+    start = np.zeros((*steps.shape[:-2], 1))
+    yaw = np.concatenate([start, np.cumsum(steps[..., 1], axis=-1)], axis=-1)
+    middle = yaw[..., :-1] + 0.5 * steps[..., 1]
+    x, y = (np.cumsum(steps[..., 0] * f(middle), axis=-1) for f in (np.cos, np.sin))
+    return np.stack([np.concatenate([start, x], axis=-1), np.concatenate([start, y], axis=-1), yaw], axis=-1)
+
+
+def disturbed(steps: FloatArray, band: Band, rng: np.random.Generator, n: int = 1) -> FloatArray:
+    """Return (n, ..., 3) poses of robots whose true motion differs from the prediction as a band says."""
+    way, turn = steps.T
+    lasting, walks = rng.standard_normal((3, n, 1)), rng.standard_normal((4, n, len(steps)))
+    turned = turn * (1.0 + band.turn_scale * lasting[0]) + band.bend_scale * lasting[1] * way
+    turned = turned + band.turn_walk * np.sqrt(np.abs(turn)) * walks[0] + band.bend_walk * np.sqrt(np.abs(way)) * walks[1]
+    pose = driven(np.stack([way * (1.0 + band.way_scale * lasting[2]), turned], axis=-1))
+    pose[:, 1:, :2] += np.cumsum(band.way_walk * np.sqrt(np.abs(way)) * walks[2:], axis=-1).transpose(1, 2, 0)
+    noise = np.sqrt(0.5) * np.array([band.position_noise, band.position_noise, band.yaw_noise])
+    return np.asarray(pose + noise * rng.standard_normal(pose.shape))
+
+
+def errors(predicted: FloatArray, true: FloatArray, i: IndexArray, j: IndexArray) -> FloatArray:
+    error = relative(predicted[i], predicted[j]) - relative(true[i], true[j])
+    return np.column_stack([error[:, :2], wrap_angle(error[:, 2])])
+
+
+@pytest.mark.parametrize(
+    "cause",
+    [
+        {"position_noise": 0.02}, {"yaw_noise": 0.01}, {"way_walk": 0.03}, {"way_scale": 0.02}, {"turn_walk": 0.02},
+        {"turn_scale": 0.02}, {"bend_walk": 0.01}, {"bend_scale": 0.01},
+    ],
+    ids=lambda cause: next(iter(cause)),
+)  # fmt: skip
+def test_errors_of_each_cause_grow_as_it_says(cause: dict[str, float]) -> None:
+    band, steps = replace(NOTHING, **cause), path(200, 3)
+    predicted, rng, ends = driven(steps), np.random.default_rng(1), np.array([20, 90, 200])
+    starts = np.array([0, 30, 60])
+    drawn = np.stack([errors(predicted, true, starts, ends) for true in disturbed(steps, band, rng, 4000)])
+    covariance, turned = band.covariance(predicted, starts, ends)
+    for k in range(len(ends)):
+        scale = np.trace(covariance[k]) + 1e-12
+        assert np.abs(np.cov(drawn[:, k, :2].T) - covariance[k]).max() < 0.06 * scale
+        assert drawn[:, k, 2].var() == pytest.approx(turned[k], rel=0.08, abs=1e-12)
+
+
+def test_what_is_mirrored_is_as_sure() -> None:
+    band, steps = Band(0.01, 0.01, 0.02, 0.01, 0.02, 0.01, 0.01, 0.002, 2.1, 1.6), path(200, 4)
+    here = band.covariance(driven(steps), [0, 50], [120, 200])
+    there = band.covariance(driven(steps * [1.0, -1.0]), [0, 50], [120, 200])
+    flip = np.diag([1.0, -1.0])
+    assert np.allclose(flip @ there[0] @ flip, here[0], rtol=1e-9)
+    assert np.allclose(there[1], here[1], rtol=1e-9)
+
+
+def logs(band: Band, n: int, seed: int) -> list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]:
+    """Return windows of 2, 6 and 30 s of a log with errors of a band whose lasting causes change twice a minute."""
+    rng, pieces = np.random.default_rng(seed), []
+    for k in range(n):
+        steps = path(310, 100 * seed + k)
+        predicted, true = driven(steps), disturbed(steps, band, rng)[0]
+        for size in (20, 60, 300):
+            i = np.arange(0, len(predicted) - size, 10)
+            pieces.append((predicted, i, i + size, errors(predicted, true, i, i + size)))
+    return pieces
+
+
+def test_a_band_is_found_again_and_holds_nine_tenths_of_what_comes() -> None:
+    true = replace(NOTHING, position_noise=0.01, yaw_noise=0.008, way_walk=0.03, turn_walk=0.02, turn_scale=0.02)
+    found = estimated_band(logs(true, 60, 1))
+    for name in ("position_noise", "yaw_noise", "way_walk", "turn_walk", "turn_scale"):
+        assert getattr(found, name) == pytest.approx(getattr(true, name), rel=0.3), name
+    sizes = [found.holds(*window) for window in logs(true, 60, 2)]
+    for inside in (np.concatenate(part) <= 1.0 for part in zip(*sizes, strict=True)):
+        assert 0.88 < inside.mean() < 0.97
+    assert astuple(found)[8:] == pytest.approx(astuple(NOTHING)[8:], rel=0.25)
+
+
+def test_too_few_windows_are_refused() -> None:
+    with pytest.raises(ValueError, match="a band wants 40"):
+        estimated_band([(np.zeros((9, 3)), np.arange(3), np.arange(3) + 5, np.zeros((3, 3)))])

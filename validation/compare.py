@@ -21,6 +21,7 @@ from validation import cli
 from validation.bench.sources import (
     RECORDING,
     Source,
+    coverage_of,
     drive,
     horizons_of,
     open_source,
@@ -82,6 +83,8 @@ class Compare(cli.Filmed):
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     """Leave out what was recorded after this time [s]."""
     limits: cli.Limits = USUAL
+    bands: cli.Flag = False
+    """Draw where each plant says that the robot will be with 90 %, and count how often it is there."""
     noise: cli.Flag = False
     """See the plants through the lab's state filter: at 50 Hz, with its noise."""
     disturbance: cli.Flag = False
@@ -150,9 +153,12 @@ class PreparedComparison:
                 summarise(tuple(pieces), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None,
                 numbers[name],
                 window_errors_of([(source, pieces)], horizons),
+                band := profile.section(name).bands.get(o.input) if o.bands else None,
+                {} if band is None else coverage_of([(source, pieces)], horizons, band),
             )
         scoring = {horizon: scoring_windows(source, horizon) for horizon in o.horizons} if recorded else {}
         headline = headline_horizon(scoring)
+        unsure = _without_band([name for name, r in results.items() if o.bands and r.band is None], profile.name, o.input)
         standing = standing_sentences(source, headline) if headline else []
         alike, unwell, robot = alike_plants(results), ailing(results), profile.robot
         label = one_line(with_robot(profile.name, robot.name))
@@ -165,7 +171,7 @@ class PreparedComparison:
             program="compare",
             title=f"{one_line(source.name)}, {label}",
             tables=comparison_tables(results, self.reference, title, caption),
-            sentences=(*source.warnings, *standing, *alike_sentences(results, alike)),
+            sentences=(*source.warnings, *standing, *alike_sentences(results, alike), *unsure),
             alarms=unwell,
             options=o.as_dict(),
             document={
@@ -226,6 +232,14 @@ class PreparedComparison:
             except BaseException:
                 stop.set()  # an interrupt or a failed plant ends the others at their next piece
                 raise
+
+
+def _without_band(plants: list[str], profile: str, kind: str) -> list[str]:
+    """Return a sentence on the plants whose predictions nobody has judged yet."""
+    if not plants:
+        return []
+    how = "calibrate and fit write one from a log"
+    return [f"The profile {one_line(profile)} holds no band of {', '.join(plants)} driven by {kind}: {how}."]
 
 
 @cli.program(Compare)

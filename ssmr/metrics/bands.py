@@ -73,7 +73,7 @@ class Band:
         xx, yy, turned, xy = _growth(pose, starts, ends) @ np.square(astuple(self)[:_CAUSES])
         return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -1), turned
 
-    def holds(self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike, error: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def sizes(self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike, error: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return how far errors lie out, 1 being the edge of the band: (W,) of positions and (W,) of headings.
 
         `error` has (W, 3) errors x, y [m] in the frame of the start, and yaw [rad]; the others are those of `covariance`.
@@ -82,6 +82,8 @@ class Band:
         return position / self.reach_position, yaw / self.reach_yaw
 
 
+NO_BAND = Band(*[0.0] * len(fields(Band)))
+"""The band of a prediction that errs in nothing."""
 _CAUSES = len(fields(Band)) - 2
 
 

@@ -11,7 +11,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr.geometry import rotate_body_to_world, rotate_world_to_body
+from ssmr.geometry import relative, rotate_body_to_world, rotate_world_to_body, wrap_angle
+from ssmr.metrics.bands import FEWEST_WINDOWS, Band, estimated_band
 from ssmr.metrics.windows import (
     HorizonErrors,
     WindowErrors,
@@ -39,6 +40,8 @@ RECORDING_GRID = 0.01
 ours."""
 RECORDING = "recording"
 """The name of the reference where plants are compared with a log."""
+BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
+"""Lengths of the windows whose errors say how uncertainty grows [s]."""
 _STANDING_SHARE = 0.1  # share of windows without any motion from which they are worth a sentence
 _BEGIN = 0.5
 """Length of the beginning whose poses say how a robot moves at first, and of the spans of which slopes are taken [s]."""
@@ -300,6 +303,42 @@ def _errors_of(driven: DrivenSources, horizon: float, windows: WindowCut) -> tup
     if not sum(len(position) for position, _ in found):
         return None
     return np.concatenate([position for position, _ in found]), np.concatenate([yaw for _, yaw in found])
+
+
+def signed_windows(driven: DrivenSources, horizon: float) -> list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]:
+    """Return predictions over windows that begin every second and their errors, as bands take them, piece by piece.
+
+    Each has the (M, 3) path of the plant, (W,) starts and ends, and (W, 3) errors: the plant's motion less the recorded one,
+    x, y [m] in the frame of the start, and yaw [rad].
+    """
+    found = []
+    for source, motions in driven:
+        for motion, piece in zip(motions, source.pieces, strict=True):
+            if piece.reference is None or piece.t is None:
+                continue
+            i, j = piece.windows(overlapping_windows, piece.t, horizon)
+            p, q = motion.pose, piece.reference.pose
+            error = relative(p[i], p[j]) - relative(q[i], q[j])
+            error[:, 2] = wrap_angle(error[:, 2])
+            found.append((p, i, j, error))
+    return found
+
+
+def coverage_of(driven: DrivenSources, horizons: Sequence[float], band: Band) -> dict[float, dict[str, float]]:
+    """Return the shares of windows that end inside a band, `position` and `yaw`, by horizon [s]; none without windows."""
+    shares = {}
+    for horizon in horizons:
+        sizes = [band.sizes(*window) for window in signed_windows(driven, horizon) if len(window[1])]
+        if sizes:
+            inside = [float(np.mean(np.concatenate(part) <= 1.0)) for part in zip(*sizes, strict=True)]
+            shares[horizon] = dict(zip(("position", "yaw"), inside, strict=True))
+    return shares
+
+
+def band_of(driven: DrivenSources) -> Band | None:
+    """Return the band of a plant from how it predicts logs, see `estimated_band`; None where there are too few windows."""
+    windows = [w for h in BAND_HORIZONS for w in signed_windows(driven, h) if len(w[1])]
+    return estimated_band(windows) if sum(len(i) for _, i, _, _ in windows) >= FEWEST_WINDOWS else None
 
 
 def scoring_windows(source: Source, horizon: float) -> tuple[tuple[IndexArray, IndexArray], ...]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, Protocol
 
+from ssmr.metrics.bands import Band
 from ssmr.parameters import described
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -35,6 +36,8 @@ class PlantProfile:
     """The robot that these numbers are of."""
     localiser: Localiser = Localiser()
     """Frame on the body whose motion is compared, and how late a log tells it."""
+    bands: Mapping[str, Band] = field(default_factory=dict)
+    """How sure a prediction is, by the input that drives the plant: `commands` or `wheels`."""
 
     def numbers(self) -> dict[str, dict[str, Any]]:
         """Return the numbers of each part by name; the robot, which has a file of its own, is left out."""

@@ -2,7 +2,8 @@
 
 A profile names its robot (`robot = "husky"`, which is also meant where none is named) or has its whole file as `[robot]`. It
 has a common `[vehicle]` and `[drive]`, and for each plant `[plants.NAME]` with `parameters`, and where they differ from the
-common ones its own `vehicle` and `drive`, and `localiser`: the frame in the plant's body that is compared, and its delays.
+common ones its own `vehicle` and `drive`, `localiser`, the frame in the plant's body that is compared, and its delays, and
+`bands`, which say for each input how sure the plant's predictions are.
 What a profile does not say is as in the robot's file; planar models have the thesis' published values, scaled to the robot.
 """
 
@@ -11,7 +12,7 @@ from __future__ import annotations
 import os
 import reprlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -20,6 +21,7 @@ from typing import Any, TypeVar
 import tomli_w
 
 from ssmr.estimation.settings import EkfSettings
+from ssmr.metrics.bands import NO_BAND
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Plant
@@ -78,11 +80,12 @@ class Profile:
         """
         plants: dict[str, Any] = {}
         for name, plant in self.plants.items():
+            bands = {kind: {k: float(f"{v:.4g}") for k, v in asdict(band).items()} for kind, band in plant.bands.items()}
             usual = _usual(name, plant.robot).numbers()
             changed = {
                 part: {k: v for k, v in numbers.items() if v != usual[part][k]} for part, numbers in plant.numbers().items()
             }
-            if section := {part: values for part, values in changed.items() if values}:
+            if section := {part: values for part, values in {**changed, "bands": bands}.items() if values}:
                 plants[name] = section
         robot = self.robot.name if self.robot.shipped else self.robot.as_document()
         document = {"schema": SCHEMA, "name": self.name, "description": self.description, "robot": robot, "plants": plants}
@@ -187,13 +190,16 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     for name in PLANTS:
         section = sections.get(name, {})
         where = f"plants.{name}"
-        reading.require_known(section, {"parameters", "vehicle", "drive", "localiser"}, where)
+        reading.require_known(section, {"parameters", "vehicle", "drive", "localiser", "bands"}, where)
+        bands = section.get("bands", {})
+        reading.require_known(bands, {"commands", "wheels"}, f"{where}.bands")
         plants[name] = PlantProfile(
             _fill(plant_kind(name).defaults(robot), section.get("parameters", {}), f"{where}.parameters"),
             _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
             robot,
             _fill(Localiser(), section.get("localiser", {}), f"{where}.localiser"),
+            {kind: _fill(NO_BAND, values, f"{where}.bands.{kind}") for kind, values in bands.items()},
         )
     name, description = document.get("name", "unnamed"), document.get("description", "")
     provenance = document.get("provenance", {})

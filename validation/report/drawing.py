@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from PIL import Image
@@ -94,6 +95,18 @@ def draw_dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
 def draw_ring(ax: Axes, x: float, y: float) -> None:
     """Draw a ring where motions start."""
     ax.plot(x, y, "o", markersize=8.0, markerfacecolor="white", markeredgecolor="0.1", markeredgewidth=1.5, zorder=3.5)
+
+
+def draw_ellipse(
+    ax: Axes, middle: FloatArray, covariance: FloatArray, reach: float, ink: tuple[float, float, float]
+) -> None:
+    """Draw the ellipse of (2,) positions [m] that lie within `reach` standard deviations of a (2, 2) covariance [m²]."""
+    variances, axes = np.linalg.eigh(covariance)
+    width, height = 2.0 * reach * np.sqrt(np.maximum(variances, 0.0))
+    angle = math.degrees(math.atan2(axes[1, 0], axes[0, 0]))
+    ax.add_patch(
+        Ellipse((float(middle[0]), float(middle[1])), width, height, angle=angle, facecolor=ink, edgecolor=ink, alpha=0.13)
+    )
 
 
 def equal_scales(ax: Axes, smallest: float) -> None:

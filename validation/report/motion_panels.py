@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.ndimage import uniform_filter1d
 
-from ssmr.geometry import relative, wrap_angle
+from ssmr.geometry import compose, relative, rotate_body_to_world, wrap_angle
 from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.report.columns import length_unit
@@ -31,6 +31,7 @@ from validation.report.drawing import (
     at_least,
     corner_note,
     draw_dart,
+    draw_ellipse,
     draw_header,
     draw_horizons,
     draw_ring,
@@ -84,11 +85,27 @@ def look_of(track: Track) -> dict[str, Any]:
 # --- paths ---
 
 
+def _draw_band(comparison: Comparison, motion: Track, window: tuple[int, int, int], at: FloatArray, ax: Axes) -> None:
+    """Draw where a plant says that the robot will be with 90 %, every second of a window that starts `at` a pose."""
+    result = comparison.plants.get(motion.name)
+    if result is None or result.band is None or motion.reference is None:
+        return
+    i, a, b = window
+    t, pose = motion.pieces[i].t, motion.pieces[i].pose
+    ends = np.searchsorted(t, np.arange(t[b], t[a], -1.0))
+    covariance, _ = result.band.covariance(pose, np.full(len(ends), a), ends)
+    middles = compose(at, relative(pose[a], pose[ends]))[:, :2]
+    axes = rotate_body_to_world(np.eye(2), at[2]).T
+    for middle, one in zip(middles, covariance, strict=True):
+        draw_ellipse(ax, middle, axes @ one @ axes.T, result.band.reach_position, ink_of(motion.name))
+
+
 def draw_paths(comparison: Comparison, ax: Axes) -> None:
     """Draw the paths as they were driven."""
     for motion in compared_tracks(comparison):
         ax.plot(*joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]), **look_of(motion))
         draw_dart(ax, motion.pieces[-1].pose[-1], motion.name, 12.0)
+        _draw_band(comparison, motion, (0, 0, len(motion.pieces[0]) - 1), motion.pieces[0].pose[0], ax)
     draw_ring(ax, *map(float, comparison.reference[0].xy[0]))
     equal_scales(ax, 1.0)
     ax.set(title="Paths [m] (ring: start)", xlabel="x [m]", ylabel="y [m]")
@@ -127,6 +144,7 @@ def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes)
     for motion in compared_tracks(comparison):
         seen = relative(motion.pieces[i].pose[a], motion.pieces[i].pose[a : b + 1])
         ax.plot(seen[:, 0], seen[:, 1], **look_of(motion))
+        _draw_band(comparison, motion, window, np.zeros(3), ax)
         draw_dart(ax, seen[-1], motion.name, 12.0)
     draw_ring(ax, 0.0, 0.0)
     equal_scales(ax, 0.6)
@@ -280,7 +298,8 @@ def comparison_figure(comparison: Comparison) -> Figure:
     rows, (start, stop) = [text_row(0.78, partial(_draw_header, comparison))], _span(comparison)
     if stop - start > _LONGEST_PATH or len(comparison.reference) > 1:
         words, windows = _windows(comparison)
-        heading = f"Paths over {words} [m]: all start at the same pose; from small to large errors"
+        shaded = "; shaded: 90 % band" if any(result.band for result in comparison.plants.values()) else ""
+        heading = f"Paths over {words} [m]: all start at the same pose; from small to large errors{shaded}"
         rows.append(text_row(0.28, partial(draw_section, heading)))
         rows.append(side_by_side(3.2, [partial(_draw_window, comparison, window) for window in windows]))
     else:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ssmr.metrics.bands import Band
 from ssmr.metrics.declared import METRICS, SIGNALS, Metric, Metrics
 from ssmr.metrics.paired import TOLD_APART, chance_of_difference, corrected
 from ssmr.metrics.windows import EVERY_S, SHORTEST_BLOCK_S, HorizonErrors, OverlappingErrors, WindowErrors
@@ -76,6 +77,10 @@ class PlantResult:
     """All numbers that define the plant, as plain values."""
     windows: Mapping[float, WindowErrors] = field(default_factory=dict)
     """Errors over windows that begin every second, by horizon [s]; empty where the reference is a plant."""
+    band: Band | None = None
+    """How sure the plant's predictions are; None where nobody asked, or the profile does not say."""
+    coverage: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
+    """Shares of windows that end inside the band, `position` and `yaw`, by horizon [s]."""
 
     @cached_property
     def overlapping(self) -> Mapping[float, OverlappingErrors]:
@@ -89,6 +94,8 @@ class PlantResult:
             entry["horizons"] = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
             for horizon, overlapping in self.overlapping.items():
                 entry["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(overlapping)
+            for horizon, shares in self.coverage.items():
+                entry["horizons"].setdefault(f"{horizon:g}", {})["coverage_90"] = dict(shares)
         if self.health is not None:
             entry["health"] = self.health.as_dict()
         if self.loads is not None:
@@ -155,6 +162,7 @@ def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: 
             units=_POSES,
         ),
         interval_table(overlapping),
+        _band_table(plants),
         Table(title, metrics, caption, best=True, reference=f"{reference} (ref)", hidden=_BOTH_WAYS),
         _load_table(plants),
         _health_table(plants),
@@ -187,6 +195,17 @@ def interval_table(overlapping: Iterable[tuple[float, str, OverlappingErrors]], 
     ]
     title = "The same over windows that begin every second, and how sure that is"
     return Table(title, rows, _INTERVALS, "horizon_s", units=_POSES)
+
+
+def _band_table(plants: Mapping[str, PlantResult]) -> Table:
+    """Return how often the robot was where the plants said."""
+    rows: list[Row] = [
+        {"horizon_s": h, "plant": name, **{f"{part}_inside_share": share for part, share in shares.items()}}
+        for h in sorted({h for r in plants.values() for h in r.coverage})
+        for name, r in plants.items()
+        if (shares := r.coverage.get(h))
+    ]
+    return Table("Windows that end inside the band, which promises 90 %", rows, group="horizon_s", units=_POSES)
 
 
 def _load_table(plants: Mapping[str, PlantResult]) -> Table:

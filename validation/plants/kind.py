@@ -36,7 +36,7 @@ class PlantProfile:
     """The robot that these numbers are of."""
     localiser: Localiser = Localiser()
     """Frame on the body whose motion is compared, and how late a log tells it."""
-    bands: Mapping[str, Band] = field(default_factory=dict)
+    bands: Mapping[str, Band] = field(default_factory=dict, hash=False)
     """How sure a prediction is, by the input that drives the plant: `commands` or `wheels`."""
 
     def numbers(self) -> dict[str, dict[str, Any]]:

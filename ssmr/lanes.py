@@ -127,9 +127,9 @@ def _robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRob
     at += len(kind.motor)
     if plain is not None:
         motor = Motor(motor.limit, 0.0, 0.0, 0.0, 0.0, 0.0)
-    obeys = rows[i + (at + 1) * LANES] != 0.0
-    vehicle, constants = _lane(kind.vehicle, rows, _ROBOT, i), _lane(kind.constants, rows, at + 2, i)
-    return PlanarRobot(vehicle, parameters, motor, rows[i + at * LANES], obeys, constants)
+    x_icr, drift, obeys = rows[i + at * LANES], rows[i + (at + 1) * LANES], rows[i + (at + 2) * LANES] != 0.0
+    vehicle, constants = _lane(kind.vehicle, rows, _ROBOT, i), _lane(kind.constants, rows, at + 3, i)
+    return PlanarRobot(vehicle, parameters, motor, x_icr, drift, obeys, constants)
 
 
 @jit
@@ -267,7 +267,7 @@ def _row(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list[float]:
     """Return the numbers of one lane: its state, two that are held, its driver and its robot, as `_robot` reads it."""
     asked = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
     state = _State(start.x, start.y, start.yaw, start.v_x, start.yaw_rate, 0.0, 0.0, *asked)
-    numbers = *robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, float(robot.obeys), *robot.constants
+    numbers = *robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, robot.drift, float(robot.obeys), *robot.constants
     return [*state, 0.0, 0.0, *drive[:_DRIVEN], *numbers]
 
 

@@ -1,7 +1,7 @@
 """Time stepping of the planar models: a whole run in one compiled loop, which equals its single steps.
 
 A planar model is three states, x, y and yaw, and two velocities, v and omega. Its velocities advance by the model's own law;
-its pose follows by the midpoint rule with v_y = -x_ICR omega (Eq. 2.2, 2.10, 2.13).
+its pose follows by the midpoint rule with v_y = -(x_ICR + k v) omega (Eq. 2.2, 2.10, 2.13); k is 0 but for `kinematic`.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot:
     )
     half, v_twice, w_twice = 0.5 * dt, now.v + v, now.w + w  # twice the velocities in the middle of the step
     s, c = sine_cosine(fused(0.5 * half, w_twice, now.yaw))
-    aside = robot.x_icr * w_twice
+    aside = fused(0.5 * robot.drift, v_twice, robot.x_icr) * w_twice
     x = fused(half, fused(v_twice, c, aside * s), now.x)  # Eq. 2.13
     y = fused(half, fused(v_twice, s, -aside * c), now.y)
     if robot.motor.integral_gain > 0.0 and not robot.obeys:
@@ -70,6 +70,13 @@ def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot:
         left = advance_integral(left, wheels.left - mean.left, robot.motor)
         right = advance_integral(right, wheels.right - mean.right, robot.motor)
     return PlanarMotion(x, y, fused(half, w_twice, now.yaw), v, w, torque_left, torque_right, left, right)
+
+
+@jit
+def sideways(v: float, w: float, robot: PlanarRobot) -> float:
+    """Return the body's speed to the left [m/s] at a forward speed [m/s] and a yaw rate [rad/s] (Eq. 2.10)."""
+    ahead: float = fused(robot.drift, v, robot.x_icr)
+    return -ahead * w
 
 
 @jit
@@ -112,7 +119,7 @@ def run_planar(
             rates = turning_wheels(now, wheels, robot)
             row = out[sample]
             row[0], row[1], row[2] = now.x, now.y, now.yaw
-            row[3], row[4], row[5] = now.v, -robot.x_icr * now.w, now.w
+            row[3], row[4], row[5] = now.v, sideways(now.v, now.w, robot), now.w
             row[6], row[7], row[8], row[9] = rates.left, rates.right, now.torque_left, now.torque_right
             row[10] = turn
             sample, due = sample + 1, due + stride
@@ -152,8 +159,9 @@ class PlanarModel:
     def packed(self, dt: float) -> PlanarRobot:
         """Return the numbers for compiled functions and physics steps `dt` [s]."""
         law, body, parameters = law_of(self.parameters), _body(self.vehicle), packed(self.parameters)
-        x_icr, constants = float(law.rotation_centre(self.vehicle, self.parameters)), law.constants(body, parameters, dt)
-        return PlanarRobot(body, parameters, motor_numbers(self.drive, dt), x_icr, law.obeys, constants)
+        x_icr, drift = float(law.rotation_centre(self.vehicle, self.parameters)), float(law.drift(self.parameters))
+        motor, constants = motor_numbers(self.drive, dt), law.constants(body, parameters, dt)
+        return PlanarRobot(body, parameters, motor, x_icr, drift, law.obeys, constants)
 
     def prescribed(self) -> PlanarModel:
         """Return the model for given wheel rates, which the wheels keep whatever torque that takes.

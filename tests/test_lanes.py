@@ -54,7 +54,7 @@ def candidates(kind: type, count: int, special: dict[str, float]) -> list[Planar
     rng = np.random.default_rng(3)
     found = []
     for _ in range(count):
-        own = {n: getattr(kind(), n) * rng.uniform(0.9, 1.1) for n in described(kind)}
+        own = {n: (getattr(kind(), n) or 0.05) * rng.uniform(0.9, 1.1) for n in described(kind)}
         vehicle = Vehicle(mass=rng.uniform(60, 90), effective_half_track=rng.uniform(0.3, 0.5), x_icr=rng.uniform(-0.1, 0.1))
         drive = Drive(
             delay_v=rng.uniform(0.0, 0.3), delay_w=rng.uniform(0.0, 0.3), acceleration_v=rng.uniform(0.5, 5.0),

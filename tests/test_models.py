@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.errors import DivergedError
+from ssmr.geometry import rotate_body_to_world
 from ssmr.lanes import run_population
 from ssmr.models import coulomb, kinematic, linear
 from ssmr.models.coulomb import CoulombParameters
@@ -181,6 +182,19 @@ def test_each_side_has_its_centre_of_rotation(left: float, right: float, x_icr: 
     assert robot.x_icr == x_icr
     assert v_x - w * y_l == pytest.approx(0.9 * VEHICLE.wheel_radius * left, abs=1e-9)
     assert v_x - w * y_r == pytest.approx(0.8 * VEHICLE.wheel_radius * right, abs=1e-9)
+
+
+@pytest.mark.parametrize(("left", "right"), [(3.0, 6.0), (6.0, 3.0), (-3.0, -6.0), (-4.0, 4.0)])
+def test_a_bend_is_driven_with_a_drift_to_its_outside(left: float, right: float) -> None:
+    """On a circle the body has the speed (v, -k v omega): away from the centre, forward and backward."""
+    model, n = PlanarModel(KinematicParameters(drift=0.2), VEHICLE, LOOSE), 400
+    motion = PlanarPlant(model).run(Commands(0.01, np.tile([left, right], (n, 1)), "wheels"), State(), 0.01)
+    v, v_y, w = motion.twist[-1]
+    assert v_y == pytest.approx(-0.2 * v * w, abs=1e-12)
+    assert v_y * (v * w) <= 0.0  # the centripetal acceleration v omega points to the centre, the drift away from it
+    pose = motion.pose[2:]  # the first step begins at rest
+    to_centre = rotate_body_to_world(np.array([-v_y, v]) / w, pose[:, 2])
+    np.testing.assert_allclose(np.ptp(pose[:, :2] + to_centre, axis=0), 0.0, atol=1e-5)
 
 
 # ------------------------------------------------------------------------------- numbers

@@ -49,7 +49,16 @@ from ssmr.robot.drive import (
     rolling,
 )
 from ssmr.robot.vehicle import Drive
-from ssmr.simulation import PLANAR_COLUMNS, PLANAR_DT, PlanarModel, PlanarMotion, move, run_planar, turning_wheels
+from ssmr.simulation import (
+    PLANAR_COLUMNS,
+    PLANAR_DT,
+    PlanarModel,
+    PlanarMotion,
+    move,
+    run_planar,
+    sideways,
+    turning_wheels,
+)
 from ssmr.types import FloatArray, State
 
 _TRUTH = Truth(*(0.0,) * 10)
@@ -86,9 +95,8 @@ def run_planar_loop(
     driver, state = rolling(Sides(start.left, start.right), drive), INITIAL_STATE
     for i in range(last + 1):
         left, right = turning_wheels(now, Sides(driver.left, driver.right), robot)
-        truth = Truth(
-            now.x, now.y, now.yaw, now.v, -robot.x_icr * now.w, now.w, left, right, now.torque_left, now.torque_right
-        )
+        aside = sideways(now.v, now.w, robot)
+        truth = Truth(now.x, now.y, now.yaw, now.v, aside, now.w, left, right, now.torque_left, now.torque_right)
         steps = n if i < last else 0
         state, driver, lost = plan_period(tracker, state, driver, i * n, steps, truth, data)
         if lost:

@@ -1,8 +1,11 @@
-"""The field's baseline: wheel rates and five constants give the body's velocity, through instantaneous centres of rotation.
+"""The field's baseline: wheel rates and six constants give the body's velocity, through instantaneous centres of rotation.
 
 J. L. Martinez, A. Mandow, J. Morales, S. Pedraza, A. Garcia-Cerezo, "Approximating kinematics for tracked mobile robots",
 Int. J. Robotics Research 24(10), 2005; A. Mandow et al., "Experimental kinematics for wheeled skid-steer mobile robots",
 IROS 2007. No masses and no friction: the body has the velocity at once.
+
+Tyres give way to the centripetal force m v omega of a bend, so the body slips outwards: v_y = -k v omega. In a left bend
+(omega > 0, v > 0) that is to the right. The centres of rotation thus move ahead by k v.
 """
 
 from __future__ import annotations
@@ -18,14 +21,14 @@ from ssmr.robot.drive import Wanted
 
 @dataclass(frozen=True)
 class KinematicParameters:
-    """Five constants of a robot on one ground. The defaults say: no slip, the thesis' half-track, centre at the origin."""
+    """Six constants of a robot on one ground. The defaults say: no slip, the thesis' half-track, centre at the origin."""
 
     alpha_l: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.8, 1.1))
     """Share of the left wheels' speed that moves the robot [1]: rolling radius over nominal radius, less slip."""
     alpha_r: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.8, 1.1))
     """Share of the right wheels' speed that moves the robot [1]."""
     x_icr: float = parameter(0.0, unit="m", low=-5.0, high=5.0, search=(-0.98, 0.98), of="half_wheelbase")
-    """Longitudinal coordinate of the centres of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)."""
+    """Longitudinal coordinate of the centres of rotation in slow turns [m]: v_y = -(x_ICR + k v) omega (Eq. 2.10)."""
     y_l: float = parameter(
         0.275, unit="m", low=0.0, high=50.0, open_low=True, search=(0.7, 1.7456), of=("half_track", "turning_half_track")
     )
@@ -34,6 +37,8 @@ class KinematicParameters:
         -0.275, unit="m", low=-50.0, high=0.0, search=(-1.7456, -0.7), of=("turning_half_track", "half_track")
     )
     """Lateral coordinate of the right side's centre of rotation [m], negative."""
+    drift: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-0.1, 0.5))
+    """Outward drift k in bends [s]: speed to the outside over forward speed times yaw rate."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -81,4 +86,5 @@ LAW = PlanarLaw(
     vehicle=("wheel_radius",),
     colour="#cc79a7",
     obeys=True,
+    drift=lambda parameters: parameters.drift,
 )

@@ -26,7 +26,8 @@ class PlanarRobot(NamedTuple):
     vehicle: Any  # the `VehicleBody`
     parameters: Any  # numbers of the model's own parameter set; their type decides which law is compiled in
     motor: Motor  # the motor of a side
-    x_icr: float  # longitudinal coordinate of the centre of rotation [m]: v_y = -x_ICR omega (Eq. 2.10)
+    x_icr: float  # longitudinal coordinate of the centre of rotation at rest [m]: v_y = -(x_ICR + k v) omega (Eq. 2.10)
+    drift: float  # its shift with speed, k [s]
     obeys: bool  # whether the wheels turn exactly as they are told, see `PlanarLaw.obeys`
     constants: Any  # what `PlanarLaw.constants` returned
 
@@ -72,6 +73,8 @@ class PlanarLaw:
     """Colour in pictures and recordings, as #rrggbb."""
     obeys: bool = False
     """Whether the wheels turn exactly as they are told. Otherwise their rates follow from the body's motion (Eq. 2.9)."""
+    drift: Callable[[Any], float] = lambda parameters: 0.0
+    """Function of the parameters that returns the outward drift k [s] of v_y = -(x_ICR + k v) omega; the thesis has none."""
 
     def __post_init__(self) -> None:
         """Let robots find the law by the type of their parameters, and compiled functions by the type of their numbers."""

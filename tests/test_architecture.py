@@ -211,7 +211,7 @@ PRICES = {
     "validation/replicate": (1_764, "the thesis beside us, row by row"),
     "validation/report": (2_821, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_413, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_241, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/simulator": (3_348, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_860, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (234, "the thesis' numbers"),
     "validation/bench": (

@@ -10,6 +10,8 @@ from typing import Any
 import mujoco
 from mujoco import mjtGeom, mjtObj, mjtSensor
 
+from validation.files import reading
+from validation.simulator import guarded
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, models_folder
 
 VISUAL_GROUP = 2
@@ -91,7 +93,11 @@ def _hand_made(robot: Robot) -> mujoco.MjSpec:
     """Return the robot's own MJCF, which has all the names that the programs look for."""
     path = models_folder() / robot.mjcf
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
+        text, files = reading.read_text(path, guarded.MOST_BYTES), dict[str, bytes]()
+        if path.parent != models_folder():
+            files = guarded.own_files(text, path.parent)
+            guarded.require_readable(text, files)
+        spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
     except ValueError as error:
         raise ValueError(f"{path}: this is no MJCF that can be read ({' '.join(str(error).split())})") from error
     parts = [("body", "base"), ("joint", "root"), ("site", "reference"), ("site", "imu")]

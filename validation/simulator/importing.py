@@ -22,12 +22,11 @@ from ssmr.parameters import described
 from ssmr.types import FloatArray
 from validation import store
 from validation.files import reading
+from validation.simulator import guarded
 from validation.simulator.checking import is_smaller_than_a_wheel, spot_turn
 from validation.simulator.description import SCHEMA, SECTIONS, WHEELS, Robot, RobotError, parse_robot, shipped_robots
 from validation.words import one_line
 
-MOST_BYTES = 1 << 22
-"""Greatest size of a URDF [bytes]; large ones of manipulators have a few hundred thousand."""
 _ROOT = "ssmr_world"
 """Name of a link that the robot stands on: MuJoCo merges the first link of all with the world."""
 _LEAST_MASS = 1e-9
@@ -164,7 +163,7 @@ def import_robot(
             taken.
     """
     try:
-        text = reading.read_text(path, MOST_BYTES)
+        text = reading.read_text(path, guarded.MOST_BYTES)
     except ValueError as error:
         raise RobotError(str(error)) from error
     try:
@@ -185,12 +184,7 @@ def _parsed(text: str) -> ElementTree.Element:
     Raises:
         ValueError: it is no URDF, or its wheels are no plain ones.
     """
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ValueError("the file declares a document type or entities, which a URDF has no use for; take them out")
-    try:
-        root = ElementTree.fromstring(text)  # nosec B314 # without declarations there are no entities to grow
-    except (ElementTree.ParseError, ValueError) as error:
-        raise ValueError(f"this is no XML ({one_line(error)})") from error
+    root = guarded.xml_tree(text)
     if root.tag != "robot" or root.find("link") is None:
         raise ValueError("this is no URDF: there is no <robot> with a <link>")
     if any("xacro" in element.tag for element in root.iter()):
@@ -251,10 +245,11 @@ def _compiled(root: ElementTree.Element) -> tuple[mujoco.MjModel, Mapping[str, s
     )  # fmt: skip
     plain.extend([ElementTree.Element("link", name=_ROOT), *links, *joints, standing])
     try:
-        model = mujoco.MjModel.from_xml_string(ElementTree.tostring(plain, encoding="unicode"))
+        text = ElementTree.tostring(plain, encoding="unicode")
+        guarded.require_readable(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"MuJoCo cannot read this URDF: {one_line(error)}") from error
-    return model, {joint.get("name", ""): joint.get("type", "") for joint in joints}
+    return mujoco.MjModel.from_xml_string(text), {joint.get("name", ""): joint.get("type", "") for joint in joints}
 
 
 class _Import:

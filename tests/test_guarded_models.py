@@ -1,0 +1,73 @@
+"""MJCF and URDF from others: what has no end, is too large or lies elsewhere is refused in one line, and soon."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.urdf_factory import UrdfRobot
+from validation import load_robot
+from validation.simulator import guarded
+from validation.simulator.composing import compose_robot
+from validation.simulator.description import Robot, RobotError, models_folder, parse_robot
+from validation.simulator.importing import import_robot
+
+MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+
+
+def with_mjcf(folder: Path, more: str) -> Robot:
+    """A Husky whose own MJCF has more in it."""
+    text = (models_folder() / "husky.xml").read_text(encoding="utf-8")
+    (folder / "mine.xml").write_text(text.replace("<worldbody>", f"{more}<worldbody>", 1), encoding="utf-8")
+    return parse_robot({**load_robot("husky").as_document(), "name": "mine", "mjcf": "mine.xml"}, folder)
+
+
+def test_an_mjcf_has_the_files_of_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "arm.obj").write_text(MESH)
+    (tmp_path / "more.xml").write_text('<mujoco><asset><mesh name="arm" file="parts/arm.obj"/></asset></mujoco>')
+    model = compose_robot(with_mjcf(tmp_path, '<include file="more.xml"/>')).compile()
+    assert model.nmesh == 1
+    assert model.nbody == compose_robot(load_robot("husky")).compile().nbody
+
+
+BODIES = '<worldbody><replicate count="100000000" offset="1 0 0"><body><geom size="1"/></body></replicate></worldbody>'
+HOSTILE = {
+    "bodies without end": BODIES,
+    "keys without end": '<size nkey="2000000000"/>',
+    "more memory than there is": '<size memory="9000G"/>',
+    "a pipe": '<include file="pipe"/>',
+    "a file elsewhere": '<include file="/etc/hostname"/>',
+    "the folder above": '<asset><mesh name="m" file="../m.obj"/></asset>',
+    "a link out": '<asset><mesh name="m" file="link.obj"/></asset>',
+    "a model in a model": '<asset><model name="m" file="outer.xml"/></asset>',
+    "entities": '<!DOCTYPE b [<!ENTITY a "aaaa">]>',
+    "no XML": "<<",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_what_would_hang_or_reach_out_is_refused(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "robot"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe")
+    (tmp_path / "m.obj").write_text(MESH)
+    (folder / "link.obj").symlink_to(tmp_path / "m.obj")
+    (folder / "outer.xml").write_text('<mujoco><include file="../inner.xml"/></mujoco>')
+    (tmp_path / "inner.xml").write_text("<mujoco/>")
+    monkeypatch.setattr(guarded, "MOST_SECONDS", 3)
+    robot, began = with_mjcf(folder, HOSTILE[name]), time.monotonic()
+    with pytest.raises(ValueError, match=r"mine\.xml: this is no MJCF that can be read") as refused:
+        compose_robot(robot)
+    assert "\n" not in str(refused.value)
+    assert time.monotonic() - began < 8.0
+
+
+def test_a_urdf_is_tried_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "r.urdf").write_text(UrdfRobot().text())
+    monkeypatch.setattr(guarded, "MOST_SECONDS", 0.01)
+    with pytest.raises(RobotError, match="does not come to an end with it in 0"):
+        import_robot(tmp_path / "r.urdf")

@@ -204,7 +204,7 @@ PRICES = {
     "ssmr": (8_503, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (800, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
-    "validation/identify": (1_657, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
+    "validation/identify": (1_624, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (738, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_248, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (744, "every plant declared once, and profiles"),
@@ -215,11 +215,11 @@ PRICES = {
     "validation/study": (1_860, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (234, "the thesis' numbers"),
     "validation/bench": (
-        1_526,
+        1_344,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_214,
+        2_185,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

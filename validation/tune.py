@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import tyro
 
@@ -17,7 +17,6 @@ from ssmr.parameters import require_within
 from validation import cli, store
 from validation.bench.gains import DEFAULT, GainSet, dump_gains, load_gains, names, origin_sentence, shipped_gains
 from validation.bench.loops import ClosedLoopRobot, demand_of, make_controller, make_robot, require_practicable
-from validation.bench.mismatch import SCORING, TUNING, WORST, Mismatch, draw_mismatches, spread
 from validation.bench.tracked import lost_text
 from validation.bench.waypoint_files import open_reference, split_speed
 from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure
@@ -60,11 +59,6 @@ class Tune(Searching):
     """Pose and speed that the controller sees: truth, noisy or ekf."""
     noise: Annotated[bool, tyro.conf.FlagCreatePairsOff, cli.option(default="off")] = True
     """Turn off noise and disturbances."""
-    robots: Annotated[Literal["nominal", "robust"], cli.option()] = "nominal"
-    """nominal: the robot of the profile. robust: robots drawn at random that differ from it in mass, friction, centre of
-    mass, delay, strength of the sides and slip; the cost is the mean over the worst fifth of them."""
-    draws: Annotated[cli.Count, cli.option(default="20, or 10 with mujoco")] = None
-    """Number of robots that are drawn for --robots robust, and number of others that the gains are scored on."""
     gains: Annotated[str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any")] = None
     """Gain set to begin with, to hold what is not searched, and to compare the outcome with."""
     all: cli.Flag = False
@@ -80,12 +74,9 @@ class Tune(Searching):
     """Seeds of noise and disturbance; the cost is the mean over them. None takes the seed of the search."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a number out of its range, an unknown kind of robots, or no plant or reference."""
+        """Raise a ValueError for a number out of its range, or no plant or reference."""
         super().__post_init__()
         require_within(self, ("speed",), 1e-3, 100.0)
-        require_within(self, ("draws",), 1, 1000, whole=True)
-        if self.robots not in ("nominal", "robust"):
-            raise ValueError(f"unknown robots '{self.robots}'; there are: nominal, robust")
         if not self.plants:
             raise ValueError("plants is empty; name at least one")
         if not self.references:
@@ -126,10 +117,6 @@ class Tuned(SearchReport):
     these are others, `shipped`."""
     held_out: Mapping[str, Mapping[str, RatedRun]]
     """The same along references that the tuning has not seen."""
-    scored_on: tuple[Mismatch, ...]
-    """Differences of drawn robots that the tuning has not seen; none if it was tuned on the profile's own robot."""
-    scores: Mapping[str, tuple[float, ...]]
-    """Costs with each of those, means over the references, by gains; infinite where a reference was lost."""
 
     @property
     def gains(self) -> Mapping[str, float]:
@@ -173,14 +160,12 @@ def tune(o: Tune) -> Tuned:
     fastest, tuned_on = max(case.waypoints.speed for case in cases), [name for name, _ in wanted]
     usual = [(name, fastest) for name in HELD_OUT if name not in tuned_on]
     held_out = o.cases(usual if o.held_out is None else map(split_speed, o.held_out), robots)
-    count = 0 if o.robots == "nominal" else o.draws or (10 if simulated else 20)
-    drawn, unseen = (draw_mismatches(count, o.seed, use, profile.robot) for use in (TUNING, SCORING))
     cost = TuneCost(o.cost, o.guard, (o.seed,) if o.seeds is None else tuple(o.seeds), k_u=law.k_u)
-    problem = TuneProblem(profile, base, space, cases, cost, drawn)
+    problem = TuneProblem(profile, base, space, cases, cost)
     start = None if begun is None else space.points([begun[name] for name in space.names])[None]
     found = search_for(problem, settings, o, start)
     o.progress(Progress(settings.generations + 1, settings.generations + 1, "tuned and earlier gains on every reference"))
-    return _report(o, problem, found, held_out, unseen)
+    return _report(o, problem, found, held_out)
 
 
 def _base_gains(o: Tune, profile: Profile) -> GainSet:
@@ -196,7 +181,7 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
     return base
 
 
-def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[TuneCase], unseen: Sequence[Mismatch]) -> Tuned:
+def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[TuneCase]) -> Tuned:
     """Keep the better of what was found and what it began with, drive it beside other gains, and return the report."""
     base, space, profile, threads = problem.base, problem.space, problem.profile, o.threads
     known = [origin_sentence(base, profile.name)]
@@ -216,7 +201,6 @@ def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[Tun
     sets = {"tuned": kept, "baseline": base}
     if shipped is not None and shipped.values != base.values:
         sets["shipped"] = shipped
-    judge = TuneProblem(profile, base, space, problem.cases, problem.cost, unseen)
     source = ",".join(dict.fromkeys(case.reference for case in problem.cases))
     bare = Tuned(
         program="tune",
@@ -237,8 +221,6 @@ def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[Tun
         shipped_cost=math.nan if shipped is None else problem.cost_of(shipped, threads),
         train={case.label: problem.rated(case, sets, threads) for case in problem.cases},
         held_out={case.label: problem.rated(case, sets, threads) for case in held_out},
-        scored_on=tuple(unseen),
-        scores={name: tuple(judge.costs_by_robot(gains, threads).tolist()) for name, gains in sets.items() if unseen},
     )
     whole = replace(bare, document=_document(bare), gain_set=_with_provenance(bare, o.name or f"{base.controller}-tuned"))
     return replace(whole, tables=_tables(whole), sentences=[*_sentences(whole), *map(one_line, notes)])
@@ -253,12 +235,6 @@ def _document(t: Tuned) -> dict[str, Any]:
             for label, rated in cases.items()
         }
 
-    robots = {
-        "worst_share": WORST,
-        "tuned_on": [asdict(robot) for robot in t.problem.mismatches],
-        "scored_on": [asdict(robot) for robot in t.scored_on],
-        "costs": {name: list(costs) for name, costs in t.scores.items()},
-    }
     return {
         "schema": "ssmr.tune/1",
         "controller": t.gain_set.controller,
@@ -272,7 +248,6 @@ def _document(t: Tuned) -> dict[str, Any]:
         "shipped": "" if t.shipped is None else t.shipped.name,
         "shipped_cost": t.shipped_cost,
         "gains": dict(t.gains),
-        **({"robots": robots} if t.scored_on else {}),
         "train": runs(t.train),
         "held_out": runs(t.held_out),
     }
@@ -288,7 +263,6 @@ def _with_provenance(t: Tuned, name: str) -> GainSet:
         "searched": searched,
         "by_hand": [name for name in t.gains if name not in searched],
         **{key: document[key] for key in kept if key != "baseline_cost" or math.isfinite(t.baseline_cost)},
-        **({"robots": [robot.label for robot in t.problem.mismatches]} if t.scored_on else {}),
         "status": t.status,
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "options": {key: value for key, value in t.options.items() if value is not None},
@@ -299,7 +273,7 @@ def _with_provenance(t: Tuned, name: str) -> GainSet:
 
 
 def _tables(t: Tuned) -> list[Table]:
-    """Return the gains within their bounds, the runs along each reference, and the costs with drawn robots."""
+    """Return the gains within their bounds, and the runs along each reference."""
     base, searched = one_line(t.problem.base.name), [p.name for p in t.parameters]
     held = " · ".join(f"{name} {value:.4g}" for name, value in t.gains.items() if name not in searched)
     rows: list[Row] = []
@@ -309,12 +283,9 @@ def _tables(t: Tuned) -> list[Table]:
                 measures = {"cost": rated.cost, **{key: rated.metrics[key] for key in _SHOWN}}
                 shown = {key: None if rated.run.lost else value for key, value in measures.items()}
                 rows.append({"reference": f"{lead}{label}", "gains": name, **shown})
-    robots = [{"gains": name, **spread(costs), "lost": sum(map(math.isinf, costs))} for name, costs in t.scores.items()]
-    others = f"Tuned on {len(t.problem.mismatches)} others of the same kind: the cost was the mean of the worst fifth."
     return [
         t.values("gain", "baseline", f"{base} costs {t.baseline_cost:.4g}\nheld: {held or 'none'}"),
         Table(f"Tuned gains compared with {base}", rows, group="reference", best=True),
-        Table(f"Costs with {len(t.scored_on)} robots that the tuning has not seen", robots, others),
     ]
 
 

@@ -19,7 +19,6 @@ from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
 from validation.bench.gains import GainSet
 from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, rate, run_robots
-from validation.bench.mismatch import Mismatch, mismatched, worst_mean
 from validation.identify.problem import OnShare
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
@@ -176,22 +175,14 @@ class TuneProblem:
         space: ParameterSpace,
         cases: Sequence[TuneCase],
         cost: TuneCost,
-        mismatches: Sequence[Mismatch] = (),
     ) -> None:
-        """Sample the references, and delay each robot for the stability guard, or make the robots with `mismatches`.
+        """Sample the references, and delay each robot for the stability guard.
 
-        The profile gives model-based laws their model, and `base` the gains that are not searched. With mismatches, costs
-        are means over the worst fifth of those robots, which have delays of their own and no guard.
+        The profile gives model-based laws their model, and `base` the gains that are not searched.
         """
         self.profile, self.base, self.space, self.cases, self.cost = profile, base, space, tuple(cases), cost
-        self.mismatches = tuple(mismatches)
         self._targets = [case.target for case in self.cases]
-        guarded = cost.guard > 0.0 and not self.mismatches
-        self._late = [delayed(case.robot, cost.guard) if guarded else None for case in self.cases]
-        drawn = {
-            name: [mismatched(profile, name, m) for m in self.mismatches] for name in {c.robot.name for c in self.cases}
-        }
-        self._robots = [drawn[case.robot.name] or [case.robot] for case in self.cases]
+        self._late = [delayed(case.robot, cost.guard) if cost.guard > 0.0 else None for case in self.cases]
 
     def gains(self, point: FloatArray) -> GainSet:
         """Return all gains that an (n,) point of the unit cube stands for."""
@@ -204,67 +195,44 @@ class TuneProblem:
         """Rate candidates case by case, see `FitProblem.costs`.
 
         Returns:
-            (S,) means over the cases, and over the worst fifth of drawn robots; infinite for a candidate that loses a
-            reference, or fails the guard.
+            (S,) means over the cases; infinite for a candidate that loses a reference, or fails the guard.
         """
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1, user_api="blas"):
             laws = [_law(self.profile, self.gains(point)) for point in points]
         bounds = np.full(len(points), np.inf) if limits is None else limits * len(self.cases)
-        sums = np.tile([np.inf if law is None else 0.0 for law in laws], (len(self._robots[0]), 1))  # by robot
+        sums = np.array([np.inf if law is None else 0.0 for law in laws])
         total, done = sum(case.waypoints.duration for case in self.cases), 0.0
         for k, case in enumerate(self.cases):
-            worst = worst_mean(sums)
-            live = [i for i in range(len(points)) if np.isfinite(worst[i]) and (k == 0 or worst[i] <= bounds[i])]
+            live = [i for i in range(len(points)) if np.isfinite(sums[i]) and (k == 0 or sums[i] <= bounds[i])]
             if live:
-                sums[:, live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers)
+                sums[live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers)
             done += case.waypoints.duration / total
             if on_share is not None:
                 on_share(done)
-        return worst_mean(sums) / len(self.cases)
+        return sums / len(self.cases)
 
     def _case_costs(self, k: int, laws: Sequence[AnyController], workers: int, searching: bool = True) -> FloatArray:
-        """Return the (R, S) costs of candidates with each robot on one case, means over the seeds.
-
-        In a search the guard counts, and a candidate that lost one robot is not driven on: its costs with the next are
-        infinite.
-        """
-        case, late = self.cases[k], self._late[k]
-        found = np.full((len(self._robots[k]), len(laws)), np.inf)
-        kept = list(range(len(laws)))
-        for row, robot in zip(found, self._robots[k], strict=True):
-            if kept:
-                row[kept] = self._robot_costs(k, robot, [laws[i] for i in kept], workers)
-            kept = [i for i in kept if np.isfinite(row[i])] if searching else kept
+        """Return the (S,) costs of candidates on one case, means over the seeds; in a search the guard counts."""
+        case, late, n = self.cases[k], self._late[k], len(laws)
+        found = np.zeros(n)
+        for seed in self.cost.seeds:
+            runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, [seed], workers)
+            found += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers) / len(self.cost.seeds)
+        kept = [i for i in range(n) if np.isfinite(found[i])]
         if late is not None and searching and kept:
             some, around = [laws[i] for i in kept], [case.settings] * len(kept)
             runs = run_robots([late] * len(kept), some, around, case.waypoints, self.cost.seeds[:1], workers)
             for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
-                    found[:, i] = np.inf
+                    found[i] = np.inf
         return found
-
-    def _robot_costs(self, k: int, robot: ClosedLoopRobot, laws: Sequence[AnyController], workers: int) -> FloatArray:
-        """Return the (S,) costs of candidates with one robot on one case, the means over the seeds."""
-        case, found, n = self.cases[k], np.zeros(len(laws)), len(laws)
-        for seed in self.cost.seeds:
-            runs = run_robots([robot] * n, laws, [case.settings] * n, case.waypoints, [seed], workers)
-            found += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers) / len(self.cost.seeds)
-        return found
-
-    def costs_by_robot(self, gains: GainSet, workers: int, guarded: bool = False) -> FloatArray:
-        """Return the (R,) costs of gains with each robot, means over the cases; infinite where they lose a reference.
-
-        With the guard, all are infinite where they lose one robot, or fail it.
-        """
-        law = make_controller(self.profile, gains)
-        costs = [self._case_costs(k, [law], workers, guarded)[:, 0] for k in range(len(self.cases))]
-        return np.asarray(np.mean(costs, axis=0))
 
     def cost_of(self, gains: GainSet, workers: int, guarded: bool = False) -> float:
         """Return the cost of gains, by default without the guard; infinite where they lose a reference or fail the guard."""
-        return float(worst_mean(self.costs_by_robot(gains, workers, guarded)))
+        law = make_controller(self.profile, gains)
+        return float(np.mean([self._case_costs(k, [law], workers, guarded)[0] for k in range(len(self.cases))]))
 
     def rated(self, case: TuneCase, sets: Mapping[str, GainSet], workers: int) -> dict[str, RatedRun]:
         """Drive one case with several sets of gains, with the first seed's noise; return their runs by the same names."""
@@ -287,7 +255,6 @@ class TuneProblem:
                 for c in self.cases
             ],
             "feedback, noise or disturbance": [repr(case.settings) for case in self.cases],
-            "robots": [asdict(m) for m in self.mismatches],
             "cost": asdict(self.cost),
         }
 

@@ -202,14 +202,14 @@ def test_public_functions_say_what_they_do() -> None:
 
 PRICES = {
     "ssmr": (8_503, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
-    "validation/cli": (800, "options, help, exit status, progress of every program"),
+    "validation/cli": (815, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_624, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (738, "reinforcement learning on the robot: Gymnasium and dm_control"),
-    "validation/files": (2_248, "any log is read as one form, its faults are found, and it is written in any format"),
+    "validation/files": (2_249, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (744, "every plant declared once, and profiles"),
     "validation/replicate": (1_764, "the thesis beside us, row by row"),
-    "validation/report": (2_821, "tables, pictures, rerun recordings and videos of all programs"),
+    "validation/report": (2_823, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_413, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_348, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_860, "answers: contact and engines, transfer, drive train"),
@@ -219,7 +219,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_185,
+        2_188,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

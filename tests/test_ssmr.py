@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import validation
+from tests.conftest import exit_status
 from validation.cli import __main__ as ssmr
+from validation.robots import PROGRAM as ROBOTS
+from validation.tune import tune
 
 ROOT = Path(validation.__file__).parent
 
@@ -35,6 +41,21 @@ def test_help_lists_the_programs_with_a_line_each(arguments: tuple[str, ...]) ->
     text = " ".join(done.stdout.replace("│", " ").split())
     for name, says in ssmr.PROGRAMS.items():
         assert f"{name} {says}" in text
+
+
+@pytest.mark.parametrize(("program", "arguments"), [(tune, []), (ROBOTS, ["export"])], ids=["tune", "robots export"])
+def test_help_fits_a_narrow_terminal_and_breaks_lines_between_words(
+    program: Any, arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A line ends where the first word of the next has no room: tyro leaves descriptions long, and docstrings broken."""
+    monkeypatch.setenv("COLUMNS", "80")
+    assert exit_status(program, *arguments, "--help") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    ends = [(a, b) for a, b in pairwise(lines) if re.match(r" {16,}\S", b) and re.search(r"\w$", a) and "--" not in a[:6]]
+    assert ends or program is ROBOTS
+    for line, after in ends:
+        assert len(line) + 1 + len(re.split(r"[ ,]", after.split()[0])[0]) > 78, (line, after)
 
 
 def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:

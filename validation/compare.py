@@ -165,7 +165,7 @@ class PreparedComparison:
         title = f"{one_line(source.name)} · profile {label}"
         if o.terrain != FLAT:
             title += f" · mujoco on {o.terrain.words}"
-        caption = "\n".join([f"compared with {self.reference} · seed {o.seed} · emphasised: the best", *unwell])
+        caption = "\n".join([f"compared with {self.reference} · seed {o.seed} · best value in bold", *unwell])
         facts = {"profile": profile.name, "robot": robot.name, "reference": self.reference, "seed": o.seed}
         return Comparison(
             program="compare",

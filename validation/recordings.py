@@ -221,7 +221,10 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
     keys = {"late": "signal", "behind": "behind", "seconds": "late_s", "standard_error": "standard_error_s"}
     rows = [{keys.get(name, name): value for name, value in asdict(offset).items()} for offset in offsets]
     units = {"late_s": Unit("s", 1.0, 4), "standard_error_s": Unit("s", 1.0, 4), "correlation": Unit("1", 1.0, 3)}
-    caption = "From yaw rates, for the position from speeds. Negative: early, as commands are."
+    caption = (
+        "Delays come from comparing yaw rates; for position, speeds.\n"
+        "A negative delay means that the signal leads. Commands normally do."
+    )
     return Table("Offsets of time", rows, caption, units=units)
 
 

@@ -42,8 +42,8 @@ the greatest speed that it is tuned on."""
 class Tune(Searching):
     """Options of `tune`."""
 
-    controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS)]
-    """Controller to tune."""
+    controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS, "CONTROLLER")]
+    """Controller to tune: pid, lqr, lqr-scheduled or smc, each also with +predictor behind its name, or mpc."""
     references: Annotated[cli.Names, cli.option("reference", metavar="REF,...")] = ("generic",)
     """Paths to follow, separated by commas: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go,
     long-line, circle@0.5 with its speed, or waypoint files."""

@@ -25,7 +25,7 @@ PROGRAMS: Mapping[str, str] = {
     "replicate": "Repeat everything that the thesis reports, with a verdict for each row.",
     "recordings": "Say what a log contains, clean it, convert it.",
     "robots": "List and check robots, write the file of a new one, import one from a URDF.",
-    "ros": "Be a robot, or a controller, on a ROS graph.",
+    "ros": "Run a simulated robot or a path controller as a ROS 2 node.",
 }
 """What each program does; `ssmr PROGRAM --help` says more."""
 

@@ -44,9 +44,12 @@ def option(
     return tyro.conf.arg(name=name, metavar=metavar, help=help, help_behavior_hint=hint, prefix_name=False)
 
 
-def one_of(names: Iterable[str]) -> Any:
-    """Return what to annotate an argument with that is one of these names: the help lists them, others are refused."""
-    return tyro.conf.arg(constructor=tyro.extras.literal_type_from_choices(names), prefix_name=False)
+def one_of(names: Iterable[str], metavar: str | None = None) -> Any:
+    """Return what to annotate an argument with that is one of these names: others are refused with a list of them.
+
+    The help lists them too, unless it has a word in their place.
+    """
+    return tyro.conf.arg(constructor=tyro.extras.literal_type_from_choices(names), prefix_name=False, metavar=metavar)
 
 
 def parsed(parse: Callable[[str], T], metavar: str, write: Callable[[T], str] = str) -> object:

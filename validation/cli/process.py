@@ -12,8 +12,10 @@ import itertools
 import logging
 import os
 import re
+import shutil
 import signal
 import sys
+import textwrap
 import threading
 import traceback
 import typing
@@ -23,6 +25,7 @@ from dataclasses import is_dataclass
 from typing import Annotated, Any
 
 import tyro
+from tyro import _docstrings
 
 from ssmr.errors import SsmrError
 from validation import store
@@ -38,6 +41,13 @@ EXIT_INTERRUPTED = 130
 _COLOUR = re.compile(r"\x1b\[[\d;]*m")
 _LONGEST_LINE = 700
 """Length of a line on standard error: a list of names fits, and whoever gave a longer text knows it."""
+_read_docstring = _docstrings.get_field_docstring
+
+
+def field_text(kind: type, name: str, markers: Any = ()) -> str | None:
+    """Return the docstring below a field in one line; tyro itself leaves the line breaks of the source in it."""
+    text = _read_docstring(kind, name, markers)
+    return None if text is None else " ".join(text.split())
 
 
 def run(
@@ -134,6 +144,7 @@ def _prepare() -> None:
         for number in (getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)):
             if signal.getsignal(number) is signal.SIG_DFL:  # under nohup one stays ignored
                 signal.signal(number, signal.default_int_handler)
+    _docstrings.get_field_docstring = field_text  # type: ignore[assignment] # it has the same arguments
     warnings.filterwarnings("ignore", "Glyph .* missing from font")  # matplotlib draws a box
 
 
@@ -149,10 +160,10 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
         words[at : at + 2] = ["--view-web"]
     if isinstance(main, Mapping) and words and not words[0].startswith("-") and words[0] not in main:
         raise UserError(f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}")
-    said = io.StringIO()
+    said, shown = io.StringIO(), io.StringIO()
     read = functools.partial(tyro.cli, prog=program, args=words, config=(tyro.conf.DisallowNone,), registry=NUMBERS)
     try:
-        with contextlib.redirect_stderr(said):
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(shown):
             if isinstance(main, Mapping):
                 options = read(options_type(main))
                 return next(function for function in main.values() if _options_of(function) is type(options)), options
@@ -163,7 +174,15 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
     except SystemExit as left:
         if left.code:
             raise UserError(_mistake_in(said.getvalue())) from None
+        print("\n".join(map(_folded, shown.getvalue().splitlines())))
         raise
+
+
+def _folded(line: str) -> str:
+    """Return a line of the help text in lines that fit the terminal, as tyro makes of options but not of descriptions."""
+    indent = "    " if line.startswith("usage: ") else ""
+    width = shutil.get_terminal_size().columns
+    return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def _mistake_in(box: str) -> str:

@@ -18,7 +18,7 @@ from rich.text import Text
 
 from validation import progress, store
 from validation.cli.options import Flag, Seed, UserError, Workers, option
-from validation.cli.process import mistakes_are_users, run, say
+from validation.cli.process import field_text, mistakes_are_users, run, say
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import rich_table
 from validation.words import each_line, one_line, visible
@@ -86,7 +86,7 @@ class Program(Generic[P, R]):
         self.function = function
         self.__name__, self.__module__ = function.__name__, function.__module__
         self.__signature__ = inspect.signature(options)
-        documents = [f"    {f.name}: {_field_text(self.options, f.name)}" for f in fields(self.options)]
+        documents = [f"    {f.name}: {field_text(self.options, f.name) or ''}" for f in fields(self.options)]
         self.__doc__ = "\n".join([inspect.getdoc(function) or "", "", "Options:", *documents])
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
@@ -118,13 +118,6 @@ class Program(Generic[P, R]):
 def program(options: Callable[P, Options]) -> Callable[[Callable[[Options], R]], Program[P, R]]:
     """Return the decorator that makes a function of a dataclass of options a program with these options as arguments."""
     return lambda function: Program(options, function)
-
-
-def _field_text(options: Any, name: str) -> str:
-    """Return the help text of an option: the docstring below its field."""
-    from tyro._docstrings import get_field_docstring
-
-    return " ".join((get_field_docstring(options, name, ()) or "").split())
 
 
 def finish(report: Report, options: Common, folder: Path) -> None:

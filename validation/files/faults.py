@@ -165,7 +165,8 @@ class Faults:
             what = "once" if n == 1 else f"{n} times"
             found.append(f"the localiser jumps {what}, {worst}, first at {self.jumps.t[0]:.2f} s: no window spans a jump")
         if (share := self.uncommanded_share) is not None and share >= 0.01:
-            found.append(f"the wheels turn without a command for {100.0 * share:.0f} % of the time, as by joystick")
+            percent = f"{100.0 * share:.0f} %"
+            found.append(f"the wheels turn with no command for {percent} of the log (joystick?); use --input wheels")
         if self.dead_columns:
             found.append(f"the same number all the time, although the robot moves: {', '.join(self.dead_columns)}")
         return [*found, *self.implausible]

@@ -163,7 +163,7 @@ class Search:
         def tell(share: float) -> None:
             rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
             total = self.jde.settings.generations + 1 + self.starts
-            text = f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s"
+            text = f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s" if rate else "rates the first candidates"
             self.progress(Progress(len(self.jde.history) + share, total, text))
 
         try:

@@ -121,7 +121,7 @@ def sentences(model: str, names: Sequence[str], uncertainty: Uncertainty) -> lis
     touched = {name for name, s in zip(names, share, strict=True) if s > VAGUE}
     for name, s in zip(names, share, strict=True):
         if s > VAGUE:
-            out.append(f"The data hardly determine {name}: its standard error is {s:.0%} of the width of its bounds.")
+            out.append(f"The data hardly determine {name}: its standard error is {s:.0%} of its bounds' width. Use --fix.")
     for i, j in combinations(range(len(names)), 2):
         r = float(uncertainty.correlation[i, j])
         if abs(r) > _ENTANGLED and max(share[i], share[j]) > _WORTH_TELLING:

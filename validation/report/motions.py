@@ -41,13 +41,11 @@ declare(
     Metric("yaw_median_rad", "yaw median", "rad", "low", "median error of the heading over the same windows"),
     Metric("yaw_p95_rad", "yaw p95", "rad", "low", "95th percentile of these errors"),
 )
-_INTERVALS = (
-    "in brackets: an interval that holds the median with 90 %; in logs of less than four horizons, the range of the errors"
-)
+_INTERVALS = "Brackets: 90 % confidence interval of the median; for a log of less than four horizons, the range of errors."
 _HEALTH = (
     "apparent mass: push force divided by acceleration",
-    "peak torque: the greatest of a side",
-    "load sum rms: deviation of the four loads' sum from the weight",
+    "peak torque: largest motor torque on one side",
+    "load sum rms: rms difference between the total wheel load and the weight",
 )
 
 
@@ -156,7 +154,7 @@ def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: 
                 {"horizon_s": h, "plant": n, "windows": e.pop("n"), "standing": e.pop("n_standing"), **e}
                 for h, n, e in errors
             ],
-            f"compared with {reference} · emphasised: the best",
+            f"compared with {reference} · best value in bold",
             "horizon_s",
             best=True,
             units=_POSES,
@@ -281,9 +279,13 @@ def alike_sentences(plants: Mapping[str, PlantResult], alike: Mapping[str, Any] 
             listed = ", ".join(" than ".join(pair) for pair in better)
             sentences.append(f"After {horizon:g} s these are better in {what}, by more than chance: {listed}.")
         if len(pairs) == n * (n - 1) // 2 > 1:
-            sentences.append(f"After {horizon:g} s the recording cannot tell any two of these plants apart in {what}.")
+            sentences.append(
+                f"After {horizon:g} s the recording shows no clear difference between any two of these plants in {what}."
+            )
         elif pairs:
-            sentences.append(f"After {horizon:g} s the recording cannot tell apart in {what}: {', '.join(pairs)}.")
+            sentences.append(
+                f"After {horizon:g} s the recording shows no clear difference in {what} between {', '.join(pairs)}."
+            )
     return sentences
 
 

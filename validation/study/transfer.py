@@ -326,7 +326,7 @@ def _tables(label: str, judge: str, found: Mapping[str, Any]) -> list[Table]:
     )
     below = (
         "Cost: that of Sec. 4.3.3, which tune minimises, without the LQR's additional term; mean over the references.\n"
-        f"d_rms and sync: on {judge}. A controller that loses a run is placed behind all that lose fewer."
+        f"d_rms and sync: on {judge}. Controllers are ranked by lost runs first, then by cost."
     )
     return [
         Table(f"{label}: choosing a controller for {judge}", choices, caption),

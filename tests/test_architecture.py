@@ -204,7 +204,7 @@ PRICES = {
     "ssmr": (8_503, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (815, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
-    "validation/identify": (1_624, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
+    "validation/identify": (1_625, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (738, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_249, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (744, "every plant declared once, and profiles"),

@@ -170,7 +170,8 @@ def search_figure(found: SearchReport, ink: Ink, before: str, rows: Sequence[Row
         rows: further rows of panels.
     """
     height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(found.parameters))
-    first = ((0.36, partial(_draw_course, found, ink)), (0.64, partial(_draw_strips, found, ink, before)))
+    course, strips = partial(_draw_course, found, ink), partial(_draw_strips, found, ink, before)
+    first = ((0.36, course), (0.64, strips)) if len(found.course.jde.history) > 1 else ((1.0, strips),)
     page = [
         drawing.text_row(0.3, partial(drawing.draw_section, shortened(found.title, 110))),
         drawing.text_row(0.25, partial(drawing.draw_footer, f"{found.effort} · seed {found.document['seed']}")),

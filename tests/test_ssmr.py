@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -91,7 +92,9 @@ def test_bash_completes_programs_studies_and_options(tmp_path: Path) -> None:
         ask = f"source complete.sh; COMP_WORDS=({' '.join(words)} ''); COMP_CWORD={len(words)}"
         find = "complete -p ssmr | sed 's/.*-F \\([^ ]*\\).*/\\1/'"
         ask += f"; $({find}); printf '%s\\n' \"${{COMPREPLY[@]}}\""
-        done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, cwd=tmp_path, timeout=60)
+        path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"  # the script asks for a python3, as an environment has
+        env = {**os.environ, "PATH": path}
+        done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, cwd=tmp_path, timeout=60, env=env)
         return {word.split("\t")[0].strip() for word in done.stdout.splitlines()}
 
     assert set(ssmr.PROGRAMS) <= completed("ssmr")

@@ -210,7 +210,7 @@ PRICES = {
     "validation/plants": (744, "every plant declared once, and profiles"),
     "validation/replicate": (1_764, "the thesis beside us, row by row"),
     "validation/report": (2_823, "tables, pictures, rerun recordings and videos of all programs"),
-    "validation/ros": (1_413, "the robot and its controller on a ROS 2 graph"),
+    "validation/ros": (1_553, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_348, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_860, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (234, "the thesis' numbers"),

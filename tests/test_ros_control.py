@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import logging
@@ -21,7 +22,7 @@ from ssmr.control.laws import Controller
 from ssmr.control.loop import VELOCITY_PERIOD, LoopSettings, run_loop
 from ssmr.control.waypoints import Waypoints
 from ssmr.types import State
-from tests.ros_fakes import FakeNode, message, odometry
+from tests.ros_fakes import FakeNode, RobotNode, message, odometry
 from validation import cli
 from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller
@@ -112,21 +113,40 @@ def test_it_stops_on_stale_feedback_and_says_what_came_instead(lab: Profile) -> 
 
 
 @pytest.mark.parametrize(
-    ("jump", "x", "why"), [(-0.1, 0.0, "jumped"), (FRESH + 0.01, 0.0, "jumped"), (0.02, 5.0, "from its target")]
+    ("jump", "x", "why"),
+    [
+        (-0.1, 0.0, "stamps of the feedback jumped"),
+        (FRESH + 0.01, 0.0, "stamps of the feedback jumped"),
+        (0.02, 0.5, r"pose jumped by 0\.50 m"),
+        (0.02, -2.0, r"pose jumped by 2\.00 m"),
+        (0.4, 0.49, ""),
+    ],
 )
-def test_it_stops_when_clock_or_robot_are_somewhere_else(lab: Profile, jump: float, x: float, why: str) -> None:
+def test_it_stops_when_clock_or_pose_jump(lab: Profile, jump: float, x: float, why: str) -> None:
     follower = follower_of(lab)
     now = started(follower)
-    with pytest.raises(StoppedError, match=why):
+    with pytest.raises(StoppedError, match=why) if why else contextlib.nullcontext():
         follower.update(now + jump, REST._replace(x=x), now + 0.02)
+
+
+def test_it_stops_a_robot_that_goes_astray(lab: Profile) -> None:
+    follower = follower_of(lab)
+    now = started(follower)
+
+    def go_backwards() -> None:
+        for k in range(1, 400):
+            follower.update(now + 0.02 * k, REST._replace(x=-0.02 * k, v=-1.0), now + 0.02 * k)
+
+    with pytest.raises(StoppedError, match="from its target"):
+        go_backwards()
 
 
 def test_commands_keep_their_limits_and_those_that_cannot_be_are_refused(lab: Profile) -> None:
     follower = follower_of(lab, v_limit=0.26, w_limit=0.1)
     now = started(follower)
     sent = []
-    for k in range(1, 100):  # a robot that does not move, while its target does
-        follower.update(now + 0.05 * k, REST, now + 0.05 * k)
+    for k in range(1, 100):  # a robot that turns the wrong way and lags behind its target
+        follower.update(now + 0.05 * k, REST._replace(x=0.004 * k, v=0.08, yaw=-0.01 * k), now + 0.05 * k)
         sent.append(follower.command(now + 0.05 * k))
     assert np.abs(sent).max(axis=0).tolist() == [0.26, 0.1]
     with pytest.raises(ValueError, match=r"0\.24 m/s"):
@@ -227,13 +247,13 @@ def test_the_law_may_see_the_tracking_systems_pose(lab: Profile) -> None:
     loop, node, follower = node_of(lab, feedback="pose")
     speak(node, 3.0, x=99.0)
     for k in range(150):
-        seen = msg.pose_message(0.02 * k + 1.0, "world", np.array([5.0 + 0.002 * k, 0.0, 0.0]))
+        seen = msg.pose_message(0.02 * k + 1.0, "world", np.array([5.0 + 0.004 * k, 0.0, 0.0]))
         node.plan(POSE, 0.02 * k + 0.005, message(seen))
     with pytest.raises(StoppedError, match="no feedback"):
         loop.run()
     run = follower.run()
     way = run.columns("seen_x", "seen_y")[-1] - (BEND.start.x, BEND.start.y)
-    assert math.hypot(*way) == pytest.approx(0.1 * run.t[-1], rel=1e-6)
+    assert math.hypot(*way) == pytest.approx(0.2 * run.t[-1], rel=1e-6)
     assert follower.tracked
 
 
@@ -247,6 +267,82 @@ def test_a_flood_of_odometry_delays_no_command(lab: Profile, caplog: pytest.LogC
     assert np.diff(commands(node)[0]).max() <= 0.051
     assert len(caplog.records) <= 10
     assert stood(node)
+
+
+# --- a robot that does not obey ---
+
+AT_MOST = 1.2 * 0.2402, 1.2 * 0.2402
+"""Speed [m/s] and yaw rate [rad/s] after a hold: 1.2 times those of the path, or of a bend of 1 m."""
+
+
+def with_robot(lab: Profile, name: str = "pid", **robot: float) -> tuple[ControlNode, RobotNode, PathFollower]:
+    node, follower = RobotNode(COMMAND, **robot), PathFollower(law(lab, name), BEND)
+    topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
+    return ControlNode(node, follower, Control("pid", **topics), node.clock), node, follower
+
+
+@pytest.mark.parametrize("said", [True, False])
+@pytest.mark.parametrize("name", ["pid", "lqr-scheduled+predictor", "mpc"])
+def test_after_an_emergency_stop_the_robot_goes_on_gently(
+    lab: Profile, name: str, said: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Whether the stop has a topic or not: the target waits where the robot stopped, and nothing has to be caught up."""
+    loop, node, follower = with_robot(lab, name)
+    node.blocked = lambda t: 3.0 <= t < 9.0
+    for at, on in ((3.0, True), (9.0, False)) if said else ():
+        node.plan(msg.STOP_TOPIC, at, message({"data": on}))
+    with caplog.at_level(logging.WARNING, "validation"):
+        loop.run()
+    assert ("the emergency stop is on" in caplog.text, "the robot obeys again" in caplog.text) == (said, True)
+    assert follower.phase == "arrived"
+    assert follower.held_time == pytest.approx(6.0, abs=0.6)
+    t, sent = commands(node)
+    if said:
+        assert np.all(sent[(t > 3.1) & (t < 9.0)] == 0.0)
+    assert np.all(np.abs(sent[(t > 3.8) & (t < 11.5)]).max(axis=0) <= np.array(AT_MOST) + 1e-3)
+    run = follower.run()
+    assert run.t[-1] == pytest.approx(BEND.duration, abs=0.05)
+    assert np.hypot(*(run.columns("x", "y") - run.columns("target_x", "target_y")).T).max() < 0.15
+
+
+def test_it_gives_up_on_a_robot_that_never_obeys(lab: Profile) -> None:
+    loop, node, _ = with_robot(lab)
+    node.blocked = lambda t: t > 2.0
+    with pytest.raises(StoppedError, match=r"has not obeyed for 30 s \(it does not do what it is told\)"):
+        loop.run()
+    assert stood(node)
+    t, sent = commands(node)
+    assert np.all(np.abs(sent[t > 2.8]).max(axis=0) <= np.array(AT_MOST) + 1e-3)
+
+
+def test_it_does_not_start_under_an_emergency_stop(lab: Profile) -> None:
+    loop, node, _ = with_robot(lab)
+    node.plan(msg.STOP_TOPIC, 0.0, message({"data": True}))
+    with pytest.raises(StoppedError, match=r"no robot to drive after 30 s: the emergency stop is on"):
+        loop.run()
+    assert not node.sent
+
+
+@pytest.mark.parametrize(("late", "dead_time", "warned"), [(0.0, 0.2, False), (0.2, 0.2, True), (0.0, 0.45, True)])
+@pytest.mark.parametrize("name", ["pid", "mpc"])
+def test_late_odometry_is_said(
+    lab: Profile, name: str, late: float, dead_time: float, warned: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    loop, _, follower = with_robot(lab, name, late=late, dead_time=dead_time)
+    with caplog.at_level(logging.WARNING, "validation"):
+        loop.run()
+    assert ("later than its profile says" in caplog.text) == warned
+    assert follower.late == pytest.approx(late + dead_time - 0.2, abs=0.1)
+
+
+def test_a_pose_that_jumps_stops_the_robot(lab: Profile) -> None:
+    loop, node, _ = with_robot(lab)
+    node.jumped = lambda t: 2.0 if t > 3.0 else 0.0
+    with pytest.raises(StoppedError, match=r"the pose jumped by 2\.\d\d m"):
+        loop.run()
+    assert stood(node)
+    t, sent = commands(node)
+    assert t[np.flatnonzero(np.any(sent != 0.0, axis=1))[-1]] < 3.1
 
 
 # --- the command line ---

@@ -16,8 +16,9 @@ from tests.ros_fakes import FakeClock, FakeNode, message, pose_in, twist
 from validation.bench.sources import Pacer
 from validation.plants.profile import Profile, make_plant
 from validation.ros import messages as msg
+from validation.ros.messages import STOP_TOPIC
 from validation.ros.robot import BASE_TIMEOUT, SimulatedRobot
-from validation.ros.simulation import PLACE_TOPIC, STOP_TOPIC, SimulationNode, is_due
+from validation.ros.simulation import PLACE_TOPIC, SimulationNode, is_due
 from validation.simulator.plant import MujocoPlant
 
 COMMAND, POSE = "/cmd_vel", msg.tracking_topic("husky")

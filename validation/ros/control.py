@@ -23,7 +23,7 @@ from validation.report.report import INTERRUPTED
 from validation.report.tracking import Tracked, tracking_report
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
-from validation.ros.follower import FRESH, PathFollower, StoppedError
+from validation.ros.follower import FRESH, LATE, PathFollower, StoppedError
 
 _logger = logging.getLogger(__name__)
 
@@ -58,6 +58,8 @@ class Control(Graph):
     """Topic of a tracking system's geometry_msgs/PoseStamped, by which the drive is judged if it is there."""
     command: Annotated[str, cli.option(metavar="TOPIC", default="cmd_vel")] = ""
     """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens."""
+    stop: Annotated[str, cli.option(metavar="TOPIC", default=msg.STOP_TOPIC)] = ""
+    """Topic of std_msgs/Bool that says whether the emergency stop is on: the target waits while it is."""
     feedback: Annotated[Literal["odometry", "pose"], cli.option()] = "odometry"
     """Pose that the controller sees: the odometry's or the tracking system's."""
     v_limit: Annotated[float, cli.option(metavar="M/S")] = 1.0
@@ -67,7 +69,7 @@ class Control(Graph):
     lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
     """Distance that the robot keeps behind its target (Sec. 4.5)."""
     patience: Annotated[float, cli.option(metavar="SECONDS")] = 30.0
-    """Time for which a robot is waited for."""
+    """Time for which a robot is waited for, before the drive and where it does not obey."""
     out: Annotated[
         Path | None, cli.option(metavar="DIR", default="runs/ros/CONTROLLER-REFERENCE", help="Folder for the files.")
     ] = None
@@ -82,10 +84,13 @@ class ControlNode:
         """Open the topics, which the options name; nothing is sent yet. `clock` returns monotonic time [s]."""
         self._node, self._follower, self._options, self._clock = node, follower, options, clock
         self._speeds, self._speeds_at = msg.STAND_STILL, -math.inf
+        self._said, self._said_late = "", False
         self.drove = 0.0
         """Time for which the robot was driven [s]."""
         node.advertise(options.command, "geometry_msgs/msg/Twist")
         node.subscribe(options.odometry, "nav_msgs/msg/Odometry", msg.read_odometry, _FEEDBACK_KEPT)
+        self._stop = options.stop or options.topic(msg.STOP_TOPIC)
+        node.subscribe(self._stop, "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
         node.subscribe(options.pose, "geometry_msgs/msg/PoseStamped", msg.read_pose, _POSES_KEPT)
 
     def run(self) -> None:
@@ -146,14 +151,29 @@ class ControlNode:
                 self._take(self._node.receive(left))
                 continue
             command = self._follower.command(self._clock(), self._refusals())
+            self._say_what_is_odd()
             self._node.publish(self._options.command, msg.twist_message(*command))
             passed = math.floor((self._clock() - start) / VELOCITY_PERIOD)
             k = max(k + 1, passed)  # no deadline that was slept through is made up for
 
+    def _say_what_is_odd(self) -> None:
+        """Warn of a robot that does not obey, and of feedback that comes late."""
+        follower = self._follower
+        if follower.held != self._said:
+            self._said = follower.held
+            _logger.warning("%s", f"the target waits: {self._said}" if self._said else "the robot obeys again: it goes on")
+        if follower.late > LATE and not self._said_late:
+            self._said_late = True
+            _logger.warning("%s", late_sentence(follower.late))
+
     def _take(self, came: Sequence[tuple[str, Any]]) -> None:
         o, now = self._options, self._clock()
         by_pose = o.feedback == "pose"
-        for topic, (stamp, seen) in came:
+        for topic, value in came:
+            if topic == self._stop:
+                self._follower.emergency_stop = value
+                continue
+            stamp, seen = value
             if topic == o.odometry:
                 self._speeds, self._speeds_at = (seen.v, seen.w), now
                 if not by_pose:
@@ -166,6 +186,14 @@ class ControlNode:
                 self._follower.update(stamp, seen._replace(v=v, w=w), now)
 
 
+def late_sentence(late: float) -> str:
+    """Return what it means that feedback is late by some time [s]."""
+    return (
+        f"the robot answers {late:.2f} s later than its profile says: its odometry is late, or its dead time is longer; "
+        "a law that plans by the profile overshoots then"
+    )
+
+
 def control(options: Control) -> Tracked:
     """Drive a robot along a reference: the simulated one or a real one.
 
@@ -173,8 +201,11 @@ def control(options: Control) -> Tracked:
 
     The robot is stopped
     - at the reference's end, on Ctrl-C, and on any error;
-    - when feedback is older than 0.5 s;
+    - when feedback is older than 0.5 s, or its pose jumps by 0.5 m;
     - when it is 3 m from its target.
+
+    The target waits while the emergency stop is on or the robot does not do what it is told. Then the robot goes on with at
+    most 1.2 times the path's speed.
 
     Writes track.json and track.png, also of a drive that was stopped.
 
@@ -198,7 +229,7 @@ def control(options: Control) -> Tracked:
     law, gains = chosen_controller(controller, profile, o.gains)
     reference, waypoints = open_reference(wanted, o.speed)
     law = law.on(profile.plants["mujoco"].drive)
-    follower = PathFollower(law, waypoints, v_limit=o.v_limit, w_limit=o.w_limit, lookahead=o.lookahead)
+    follower = PathFollower(law, waypoints, v_limit=o.v_limit, w_limit=o.w_limit, lookahead=o.lookahead, patience=o.patience)
     node, status, why, remarks = Node(f"{msg.ros_name(robot)}_control", o), "arrived", "", tuple[str, ...]()
     try:
         loop = ControlNode(node, follower, o)
@@ -213,6 +244,12 @@ def control(options: Control) -> Tracked:
         )
     finally:
         node.close()
+    if follower.held_time:
+        remarks += (
+            f"The target waited for {follower.held_time:.1f} s for a robot that did not obey; that time is left out.",
+        )
+    if follower.late > LATE:
+        remarks += (f"Warning: {late_sentence(follower.late)}.",)
     run = follower.run()
     made = {
         "feedback": f"{o.feedback} by ROS",
@@ -221,6 +258,8 @@ def control(options: Control) -> Tracked:
         "v_max_m_s": follower.v_limit,
         "w_max_rad_s": follower.w_limit,
         "velocity_period_s": VELOCITY_PERIOD,
+        "held_s": follower.held_time,
+        "late_s": follower.late,
     }
     name, values = (gains.name, dict(gains.values)) if gains else ("none", {})
     tracked = TrackedRobot(

@@ -3,18 +3,22 @@
 The position loop runs with each message that has the robot's pose, the velocity loop at the instants of a clock
 (Sec. 4.3.2). Mission time is counted by the messages' stamps, so target and observation belong to one instant, however long
 the message took. The receiver's own clock watches that messages still come. There is no ROS and no clock in this module.
+
+Mission time stands still while the emergency stop is on, and while the robot does not do what it is told: then it is that of
+the last message by which the robot obeyed, and so is the law's memory. So no error grows that the robot would chase later.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ssmr.control.law import Command, Observation
 from ssmr.control.loop import VELOCITY_PERIOD, Clock, ClosedRun, LoopSettings, make_trackers, robot_sides
-from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, Truth, is_lost, record
+from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, LoopState, Truth, is_lost, record
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
@@ -30,10 +34,35 @@ _MOVING = 0.05
 """A robot faster than this is not taken over [m/s, rad/s]."""
 _SAME_CLOCK = 5.0
 """Greatest difference between the stamps of a tracking system and of the feedback, if they are of one clock [s]."""
+_OBEYS = 0.25
+"""Least share of the commanded motion by which a robot counts as one that obeys [1]."""
+_ANSWER = 0.5
+"""Time after its dead time within which a robot begins to do what it is told [s]."""
+JUMP = 0.5
+"""Least distance between two poses beyond what the speed explains that is a jump [m]."""
+LATE = 0.15
+"""Lateness of the feedback that is worth a warning [s]: half of it is what robots take to speed up."""
+GENTLE, _GENTLE_TIME = 1.2, 3.0
+"""Greatest share of the path's greatest speed and yaw rate [1] that is commanded until some time [s] after the robot obeys
+again, from when half the time for its answer is over."""
+_GENTLE_BEND = 1.0
+"""Radius of the bend that is always allowed then at the path's greatest speed [m], so that a straight path can be found."""
 
 
 class StoppedError(SsmrError):
     """The robot was stopped before the reference's end; the message says why."""
+
+
+class _Obeyed(NamedTuple):
+    """The follower at the last message by which the robot did what it was told."""
+
+    stamp: float  # of the message [s]
+    t: float  # mission time [s]
+    seen: Observation
+    state: LoopState
+    memory: tuple[FloatArray, FloatArray]  # past commands and the rest of the predictor's memory
+    rows: int  # number of rows that were recorded until then
+    poses: int  # the same of poses
 
 
 class PathFollower:
@@ -47,6 +76,7 @@ class PathFollower:
         v_limit: float = 1.0,
         w_limit: float = 1.0,
         lookahead: float = 0.0,
+        patience: float = 30.0,
     ) -> None:
         """Design the law and compile the loops, so that nothing is slow once the robot moves.
 
@@ -59,6 +89,7 @@ class PathFollower:
             v_limit: greatest speed ever commanded [m/s]; the robot's own limit if that is less.
             w_limit: greatest yaw rate ever commanded [rad/s], likewise.
             lookahead: distance that the robot keeps behind its target [m].
+            patience: time for which the target waits for a robot that does not obey [s].
 
         Raises:
             ControllerError: the object cannot be made, or gives no command.
@@ -74,8 +105,19 @@ class PathFollower:
         self.phase = "waiting"
         """Phase of the drive: waiting, driving or arrived."""
         self.why_waiting = "no feedback yet"
+        self.emergency_stop = False
+        """Whether the robot's emergency stop is on."""
+        self.held = ""
+        """Why the target waits; empty while it does not."""
+        self.held_time = self.late = 0.0
+        """Time for which the target has waited, and greatest lateness of the feedback so far [s]."""
+        course, self._patience = waypoints.course(), patience
+        turn = max(float(np.abs(course["w"]).max()), fastest / _GENTLE_BEND)
+        self._gentle, self._gentle_until = (GENTLE * fastest, GENTLE * turn), -math.inf
+        self._sent, self._asked, self._first, self._least_age = Command(*STAND_STILL), math.inf, 0.0, math.inf
         self._arrival = self._stamp = -math.inf
-        self._fresh, self._repeated, self._begin = 0, 0, 0.0
+        self._fresh, self._repeated, self._begin, self._at = 0, 0, 0.0, INITIAL_STATE.seen
+        self._obeyed: _Obeyed
         self._to_reference, self._yaw = np.zeros(3), 0.0
         self._times, self._rows = list[float](), list[FloatArray]()
         self._poses = list[tuple[float, float, float, float]]()
@@ -111,11 +153,11 @@ class PathFollower:
         """
         if self.phase == "waiting":
             self._poses.clear()  # the last one before the start counts
-        elif self._pose_to_reference is None:
-            return True  # it came too late to judge
-        elif abs(stamp - self._stamp) > _SAME_CLOCK or stamp <= self._poses[-1][0]:
+        elif self._pose_to_reference is None or self.held:
+            return True  # it came too late to judge, or the time does not count
+        elif abs(stamp - self._stamp) > _SAME_CLOCK or stamp - self.held_time <= self._poses[-1][0]:
             return False
-        self._poses.append((stamp, seen.x, seen.y, seen.yaw))
+        self._poses.append((stamp - self.held_time, seen.x, seen.y, seen.yaw))
         return True
 
     def update(self, stamp: float, seen: Observation, now: float) -> None:
@@ -124,7 +166,8 @@ class PathFollower:
         A message with the stamp of the last one is the same message again.
 
         Raises:
-            StoppedError: the sender's clock jumped, or the robot is farther from its target than it may be.
+            StoppedError: the sender's clock or the pose jumped, the robot has not obeyed for too long, or it is farther from
+                its target than it may be.
             ControllerError: the controller failed.
         """
         dt, self._stamp = stamp - self._stamp, stamp
@@ -138,7 +181,14 @@ class PathFollower:
             return
         if not 0.0 < dt < FRESH:
             raise StoppedError(f"the stamps of the feedback jumped by {dt:.3f} s")
-        t = stamp - self._begin
+        jump = math.hypot(seen.x - self._at.x, seen.y - self._at.y) - abs(seen.v) * dt
+        if jump >= JUMP:
+            raise StoppedError(f"the pose jumped by {jump:.2f} m (at most {JUMP:g} m)")
+        self._at = seen
+        self._watch_lateness(stamp, seen, now)
+        if self._is_held(stamp, seen):
+            return
+        t = stamp - self._begin - self.held_time
         self._yaw += float(wrap_angle(seen.yaw - self._yaw))  # unwrapped from the last one (Sec. 4.2)
         x, y, yaw = map(float, compose(self._to_reference, np.array([seen.x, seen.y, self._yaw])))
         self._rows.append(self._run_position_loop(Observation(x, y, yaw, seen.v, seen.w), t, dt))
@@ -150,11 +200,50 @@ class PathFollower:
         if t >= self.waypoints.duration - 1e-9:
             self.phase = "arrived"
 
+    def _is_held(self, stamp: float, seen: Observation) -> bool:
+        """Return whether the target waits, and take back what came since the robot did not obey."""
+        half, told = self.controller.drive.command_half_track, self._sent
+        asked, moved = math.hypot(told.v, half * told.w), math.hypot(seen.v, half * seen.w)
+        last, within = self._obeyed, max(self.controller.drive.delay_v, self.controller.drive.delay_w) + _ANSWER
+        way = math.hypot(seen.x - last.seen.x, seen.y - last.seen.y) + half * abs(wrap_angle(seen.yaw - last.seen.yaw))
+        if not self.emergency_stop and (asked < _MOVING or moved > _OBEYS * asked or way > _OBEYS * asked * within):
+            tracker, self.held = self._side.tracker, ""
+            memory = tracker.past.copy(), tracker.predictor_state.copy()
+            t = stamp - self._begin - self.held_time
+            self._obeyed = _Obeyed(stamp, t, seen, self._side.state, memory, len(self._rows), len(self._poses))
+            return False
+        waited = stamp - last.stamp
+        if self.emergency_stop or waited > 0.5 * within:
+            self._gentle_until = stamp + _GENTLE_TIME
+        if not self.emergency_stop and waited <= within and not self.held:
+            return False
+        if waited > self._patience:
+            raise StoppedError(f"the robot has not obeyed for {waited:.0f} s ({self.held})")
+        if not self.held:
+            self._side.state = last.state
+            self._side.tracker.past[:], self._side.tracker.predictor_state[:] = last.memory
+            del self._rows[last.rows :], self._times[last.rows :], self._poses[last.poses :]
+        self.held = "the emergency stop is on" if self.emergency_stop else "it does not do what it is told"
+        self.held_time = stamp - self._begin - last.t
+        return True
+
+    def _watch_lateness(self, stamp: float, seen: Observation, now: float) -> None:
+        """Measure how late feedback comes: behind the quickest, and behind what the drive makes of the first command."""
+        self._least_age = min(self._least_age, now - stamp)
+        self.late = max(self.late, now - stamp - self._least_age)
+        drive = self.controller.drive
+        if not math.isfinite(self._asked) or abs(seen.v) <= _OBEYS * self._first:
+            return
+        expected = drive.delay_v + _OBEYS * self._first / drive.acceleration_v
+        self.late, self._asked = max(self.late, now - self._asked - expected), math.nan
+
     def _start_if_settled(self, seen: Observation, dt: float) -> None:
         """Drive a robot that stands and whose feedback comes steadily."""
         self._fresh += 1
         if not 0.0 < dt < FRESH:
             self.why_waiting, self._fresh = "the feedback does not come steadily", 0
+        elif self.emergency_stop:
+            self.why_waiting, self._fresh = "the emergency stop is on", 0
         elif abs(seen.v) > _MOVING or abs(seen.w) > _MOVING:
             self.why_waiting, self._fresh = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)", 0
         if self._fresh < _SETTLED:
@@ -162,7 +251,9 @@ class PathFollower:
         start = self.waypoints.start
         origin = np.array([start.x, start.y, start.yaw])
         self._to_reference = compose(origin, invert(np.array([seen.x, seen.y, seen.yaw])))
-        self._yaw, self._begin, self.phase = seen.yaw, self._stamp, "driving"
+        self._yaw, self._begin, self.phase, self._at = seen.yaw, self._stamp, "driving", seen
+        memory = self._side.tracker.past.copy(), self._side.tracker.predictor_state.copy()
+        self._obeyed = _Obeyed(self._stamp, 0.0, seen, self._side.state, memory, 0, len(self._poses))
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
             self._pose_to_reference = compose(origin, invert(self._poses[0][1:]))
 
@@ -182,11 +273,20 @@ class PathFollower:
             again = f"{self._repeated} messages repeat the stamp {self._stamp:.3f} s" if self._repeated else ""
             why = fault or again
             raise StoppedError(f"no feedback {f'that can be used for {age:.2f} s: {why}' if why else f'for {age:.2f} s'}")
-        v, w = self._run_velocity_loop(self._stamp - self._begin + age)
+        if self.held:
+            aim = self._side.state.target
+            v, w = STAND_STILL if self.emergency_stop else (aim.v, aim.w)  # to see when it obeys again
+        else:
+            v, w = self._run_velocity_loop(self._stamp - self._begin - self.held_time + age)
         if not (math.isfinite(v) and math.isfinite(w)):
             raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
+        if self._stamp < self._gentle_until:  # both less, so that the bend stays
+            share = min(1.0, *(most / max(abs(u), 1e-9) for u, most in zip((v, w), self._gentle, strict=True)))
+            v, w = share * v, share * w
         sent = Command(*np.clip((v, w), (-self.v_limit, -self.w_limit), (self.v_limit, self.w_limit)).tolist())
-        self._side.state = self._side.state._replace(command=sent)
+        if math.isinf(self._asked) and abs(sent.v) > _MOVING:
+            self._asked, self._first = now, abs(sent.v)
+        self._sent, self._side.state = sent, self._side.state._replace(command=sent)
         if self._side.tracker.predicts:
             self._side.tracker.past[-1] = sent
         return sent

@@ -20,6 +20,10 @@ from validation.words import shortened
 
 FILTERED_TOPIC = "/platform/odom/filtered"
 """Topic of the robot's state filter."""
+STOP_TOPIC = "/platform/emergency_stop"
+"""Topic of std_msgs/Bool that says whether the emergency stop is on."""
+STOPS_KEPT = 32
+"""Messages of the emergency stop that wait for a loop: none that stops may be lost. Of others the last one counts."""
 ODOM, BASE, IMU, WORLD = "odom", "base_link", "imu_link", "world"
 """Frames of dead reckoning, of the robot, of its IMU and of the tracking system."""
 MOST_DISTANCE = 1e6

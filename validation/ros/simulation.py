@@ -25,11 +25,8 @@ from validation.simulator.plant import MujocoPlant
 
 _logger = logging.getLogger(__name__)
 
-STOP_TOPIC = "/platform/emergency_stop"
 PLACE_TOPIC = "/initialpose"
 """Topic of RViz' 2D Pose Estimate."""
-_STOPS_KEPT = 32
-"""Messages of the emergency stop that wait for the loop: none that stops may be lost. Of others the last one counts."""
 _BEHIND = 0.1
 """Lateness from which the simulation reports that it is not at real time [s]."""
 _MOST_BEHIND = 2.0
@@ -107,8 +104,8 @@ class SimulationNode:
         self._multiplexer = CommandMultiplexer(commands, self._say)
         for name in commands:
             node.subscribe(name, "geometry_msgs/msg/Twist", msg.read_twist)
-        self._stop, self._place = topic(STOP_TOPIC), topic(PLACE_TOPIC)
-        node.subscribe(self._stop, "std_msgs/msg/Bool", lambda m: bool(m.data), _STOPS_KEPT)
+        self._stop, self._place = topic(msg.STOP_TOPIC), topic(PLACE_TOPIC)
+        node.subscribe(self._stop, "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
         node.subscribe(self._place, "geometry_msgs/msg/PoseWithCovarianceStamped", msg.read_pose_in_odom)
 
     def run(self, duration: float = math.inf) -> None:

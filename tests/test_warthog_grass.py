@@ -48,7 +48,6 @@ def test_the_held_out_part_is_predicted_as_the_page_says(plant: str, position: f
 
 def test_mujoco_predicts_positions_better_because_it_drifts() -> None:
     mujoco, kinematic = errors("mujoco", held_out=False), errors("kinematic", held_out=False)
-    assert mujoco.differs_from(kinematic)[0]
     assert mujoco.position.mean() < 0.85 * kinematic.position.mean()
     section = PROFILE.plants["mujoco"]
     gripping = replace(section, parameters=replace(section.parameters, friction=2.0))

@@ -52,8 +52,18 @@ def test_intervals_hold_the_true_median_about_as_often_as_they_say() -> None:
         draws = np.median(errors[rng.integers(0, n, (200, n))], axis=1)
         low, high = np.percentile(draws, (5.0, 95.0))
         alone += low <= truth <= high
-    assert 0.75 <= held / trials <= 0.97
+    assert 0.85 <= held / trials <= 0.97
     assert alone < held
+
+
+def test_intervals_hold_the_median_of_what_comes_next_though_a_log_is_short() -> None:
+    """From a quarter of a series to its rest: 85 % where 90 % of true medians are held, as differences of both scatter."""
+    rng, held = np.random.default_rng(5), list[bool]()
+    for _ in range(200):
+        errors = moving_sums(rng, 240, 6)
+        found = WindowErrors(6.0, errors[:60], errors[:60]).summary()
+        held.append(found.position_low_m <= np.median(errors[60:]) <= found.position_high_m)
+    assert 0.78 <= np.mean(held) <= 0.95
 
 
 def test_an_interval_holds_its_median_and_repeats() -> None:
@@ -69,15 +79,3 @@ def test_a_short_recording_gets_the_range_of_its_errors() -> None:
     errors = np.linspace(0.0, 1.0, 101)
     found = WindowErrors(60.0, errors, errors).summary()
     assert (found.position_low_m, found.position_high_m) == pytest.approx((0.05, 0.95))
-
-
-def test_a_small_but_steady_difference_is_seen_through_what_both_share() -> None:
-    rng = np.random.default_rng(1)
-    hard = moving_sums(rng, 300, 6)
-    one, steady, other = hard, 1.2 * hard, moving_sums(rng, 300, 6)
-    better = WindowErrors(6.0, one, one)
-    assert better.differs_from(WindowErrors(6.0, steady, other))[0]
-    assert better.differs_from(better) == (False, False)
-    assert WindowErrors(200.0, one, one).differs_from(WindowErrors(200.0, steady, steady)) == (False, False)
-    with pytest.raises(ValueError, match="300 windows here and 10 there"):
-        better.differs_from(WindowErrors(6.0, one[:10], one[:10]))

@@ -184,38 +184,23 @@ class WindowErrors:
             object.__setattr__(self, name, values)
 
     def summary(self) -> OverlappingErrors:
-        """Return medians with their intervals; an interval is that of all errors where nothing can be resampled."""
-        draws, found = self._draws(), list[float]()
-        for values in (self.position, self.yaw):
-            median = float(np.median(values))
-            low, high = np.percentile(values if draws is None else np.median(values[draws], axis=1), _TAILS)
-            found += [median, min(float(low), median), max(float(high), median)]
-        return OverlappingErrors(len(self.position), *found)
+        """Return medians with their intervals; an interval is that of all errors where nothing can be resampled.
 
-    def differs_from(self, other: WindowErrors) -> tuple[bool, bool]:
-        """Return whether the medians of position and of yaw differ from those of another plant by more than chance.
-
-        Both are resampled alike, so that what is hard for both does not count. Windows must be the same.
-
-        Raises:
-            ValueError: the numbers of windows differ.
+        The few blocks of a log scatter less among themselves than new ones will, so intervals are widened as Student's
+        distribution for their number is wider than the normal one.
         """
-        if len(other.position) != len(self.position):
-            raise ValueError(f"there are {len(self.position)} windows here and {len(other.position)} there")
-        draws = self._draws()
-        if draws is None:
-            return False, False
-        differs = []
-        for a, b in ((self.position, other.position), (self.yaw, other.yaw)):
-            low, high = np.percentile(np.median(a[draws], axis=1) - np.median(b[draws], axis=1), _TAILS)
-            differs.append(bool(low > 0.0 or high < 0.0))
-        return differs[0], differs[1]
+        from scipy.special import ndtri, stdtrit  # here: they take long to import
 
-    def _draws(self) -> IndexArray | None:
-        """Return (draws, W) indices of resampled series; None where the recording is too short for that."""
         n, block = len(self.position), math.ceil(max(self.horizon, SHORTEST_BLOCK_S) / EVERY_S)
-        if n < FEWEST_BLOCKS * block:
-            return None
-        starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(n / block)))
-        series = (starts[:, :, None] + np.arange(block)) % n  # in a circle, so that every window counts alike
-        return series.reshape(_DRAWS, -1)[:, :n]
+        blocks, tail, found = n / block, 0.5 * (1.0 + SHARE), list[float]()
+        for values in (self.position, self.yaw):
+            median, spread = float(np.median(values)), values
+            if blocks >= FEWEST_BLOCKS:
+                starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(blocks)))
+                series = (starts[:, :, None] + np.arange(block)) % n  # in a circle, so that every window counts alike
+                drawn = np.median(values[series.reshape(_DRAWS, -1)[:, :n]], axis=1)
+                wider = stdtrit(blocks - 1.0, tail) / ndtri(tail) * math.sqrt(blocks / (blocks - 1.0))
+                spread = median + wider * (drawn - median)
+            low, high = np.percentile(spread, _TAILS)
+            found += [median, min(max(float(low), 0.0), median), max(float(high), median)]
+        return OverlappingErrors(n, *found)

@@ -149,7 +149,7 @@ def test_a_profile_of_another_robot_is_refused(robot: str) -> None:
 def test_a_robots_own_numbers_lie_within_its_bounds(name: str, plant: str) -> None:
     """So that a fit can begin with them; a limit that is off counts as the upper bound."""
     profile = bare_profile(load_robot(name)).plants[plant]
-    for free in ("scenario", "recording"):
+    for free in ("scenario", "commands", "wheels"):
         for number in plant_kind(plant).free[free]:
             s = find(plant, number, profile.robot)
             assert s.lower <= min(s.read(profile), s.upper if math.isinf(s.read(profile)) else math.inf) <= s.upper, number

@@ -18,6 +18,7 @@ from ssmr.scenarios import TRAJECTORIES
 from tests.conftest import Launch, exit_status
 from tests.test_objective import recorded
 from validation.files.csv_logs import write_csv
+from validation.files.log import Log
 from validation.fit import fit
 from validation.identify.uncertainty import VAGUE
 from validation.plants.profile import Profile, load_profile
@@ -76,10 +77,43 @@ def test_a_log_is_fitted_by_its_wheels_and_judged_on_what_was_cut_off(tmp_path: 
     assert set(provenance["standard_errors"]) == {"y_l", "y_r", "alpha_l"}
 
 
+def test_what_a_log_hardly_excites_stays_where_it_was(tmp_path: Path) -> None:
+    """A noisy straight line says how far the wheels roll, and nothing of turns: they must not follow the noise."""
+    t, noise = 0.05 * np.arange(1600), np.random.default_rng(2).normal(0.0, 1.0, (1600, 3)) * (0.02, 0.02, 0.01)
+    x, y, yaw = (np.outer((0.45, 0.0, 0.0), t).T + noise).T
+    wheels = np.full(1600, 0.5 / 0.1651)
+    columns = {"t": t, "x": x, "y": y, "yaw": yaw, "enc_left": wheels, "enc_right": wheels}
+    write_csv(Log.of_columns("a.csv", columns), tmp_path / "a.csv")
+    args = ["kinematic", "--to", str(tmp_path / "a.csv"), "--robot", "husky", "--input", "wheels", "--search", "lsq"]
+    found = fitted(tmp_path / "out", *args)["parameters"]
+    for name in ("y_l", "y_r", "drift", "position_late", "yaw_late"):
+        p = found[name]
+        assert abs(p["value"] - p["before"]) < 0.05 * (p["upper"] - p["lower"]), name
+        assert p["standard_error"] > VAGUE * (p["upper"] - p["lower"]), name
+    assert 0.5 * (found["alpha_l"]["value"] + found["alpha_r"]["value"]) == pytest.approx(0.9, abs=0.01)
+
+
+def test_a_fit_that_is_worse_on_held_out_data_keeps_the_old_numbers(tmp_path: Path) -> None:
+    log, lab = tmp_path / "lab.csv", load_profile("thesis-lab")
+    good = recorded(lab, "kinematic", 20.0)
+    write_csv(good, log)
+    bad = good.changed("wheels", {"enc_left": 1.2 * good.columns["enc_left"]})
+    write_csv(bad, tmp_path / "bad.csv")
+    args = ["kinematic", "--to", str(tmp_path / "bad.csv"), "--held-out", str(log), "--input", "wheels", "--search", "lsq"]
+    options = [*args, "--profile", "thesis-lab", "--free", "alpha_l,alpha_r", "--horizons", "2"]
+    found = fitted(tmp_path / "kept", *options)
+    assert found["better"] is False
+    assert "larger than before" in found["notes"][0]
+    assert load_profile(tmp_path / "kept" / "profile.toml").plants["kinematic"] == lab.plants["kinematic"]
+    fitted(tmp_path / "forced", *options, "--even-if-worse")
+    forced = load_profile(tmp_path / "forced" / "profile.toml").plants["kinematic"].parameters
+    assert forced.alpha_l == found["parameters"]["alpha_l"]["value"] != lab.plants["kinematic"].parameters.alpha_l
+
+
 def test_what_the_data_cannot_tell_is_said(tmp_path: Path) -> None:
     """Two numbers of which only the quotient matters, and one that does nothing here."""
     args = ["kinematic", "--to", "traj4@kinematic", "--free", "wheel_radius,alpha_l,alpha_r,acceleration_w", *QUICK]
-    found = fitted(tmp_path, *args, "--bounds", "acceleration_w=5:20")
+    found = fitted(tmp_path, *args, "--bounds", "acceleration_w=5:20,alpha_l=0.8:1.1,alpha_r=0.8:1.1")
     told = " ".join(found["notes"])
     assert "cannot tell" in told
     assert "wheel_radius" in told

@@ -121,7 +121,7 @@ def test_abandoning_changes_nothing(lab: Profile, kind: str) -> None:
     """A cost within its limit is exact; one beyond is a lower bound that exceeds the limit."""
     target = log_target(lab, kind)
     p = FitProblem(
-        "linear", lab.plants["linear"], make_space("linear", plant_kind("linear").free["recording"], {}, HUSKY), [target],
+        "linear", lab.plants["linear"], make_space("linear", plant_kind("linear").free["commands"], {}, HUSKY), [target],
         FitCost("horizon"),
     )  # fmt: skip
     x = points(len(p.space), 24)
@@ -179,7 +179,7 @@ def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
             if number.name == "mu_d":
                 names, values = ["mu_s", "mu_d"], [2.0 * value, value]
             assert number.read(with_values(model, lab.plants[model], names, values)) == value
-        for occasion in ("scenario", "recording"):
+        for occasion in ("scenario", "commands", "wheels"):
             names = plant_kind(model).free[occasion]
             assert len(make_space(model, names, {}, HUSKY)) == len(names)
 

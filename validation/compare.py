@@ -27,6 +27,7 @@ from validation.bench.sources import (
     open_source,
     scoring_windows,
     standing_sentences,
+    stranger_sentences,
     window_errors_of,
 )
 from validation.files.formats import profile_of_log
@@ -160,6 +161,8 @@ class PreparedComparison:
         headline = headline_horizon(scoring)
         unsure = _without_band([name for name, r in results.items() if o.bands and r.band is None], profile.name, o.input)
         standing = standing_sentences(source, headline) if headline else []
+        if o.profile is None and o.robot is None:
+            standing = [*stranger_sentences(source, profile.robot), *standing]
         alike, unwell, robot = alike_plants(results), ailing(results), profile.robot
         label = one_line(with_robot(profile.name, robot.name))
         title = f"{one_line(source.name)} · profile {label}"
@@ -171,7 +174,7 @@ class PreparedComparison:
             program="compare",
             title=f"{one_line(source.name)}, {label}",
             tables=comparison_tables(results, self.reference, title, caption),
-            sentences=(*source.warnings, *standing, *alike_sentences(results, alike), *unsure),
+            sentences=(*standing, *source.warnings, *alike_sentences(results, alike), *unsure),
             alarms=unwell,
             options=o.as_dict(),
             document={

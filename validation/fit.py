@@ -24,7 +24,7 @@ from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation import cli, store
-from validation.bench.sources import drive, horizons_of, standing_sentences, window_errors_of
+from validation.bench.sources import drive, horizons_of, standing_sentences, stranger_sentences, window_errors_of
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure, with_errors
@@ -91,9 +91,13 @@ class Fit(Searching):
     """Leave out what was recorded after this time [s]."""
     held_out: Annotated[cli.Names, cli.option(metavar="SOURCE,...", default="none")] = ()
     """Sources to test on, separated by commas. A fitted recording stands for its parts outside --from and --until."""
+    even_if_worse: cli.Flag = False
+    """Write the fitted numbers to profile.toml even where their error on held-out sources is larger than before the fit."""
     limits: cli.Limits = USUAL
     start: Annotated[
-        Mapping[str, float] | None, cli.parsed(_start, "profile|NAME=X,..."), cli.option(default="all are drawn at random")
+        Mapping[str, float] | None,
+        cli.parsed(_start, "profile|NAME=X,..."),
+        cli.option(default="profile for recordings; for scenarios all are drawn at random"),
     ] = None
     """A candidate of the first population: the profile's numbers, or some that replace them, such as friction=0.4."""
     objective: Annotated[Objective | None, cli.option(default="path for scenarios, horizon for recordings")] = None
@@ -190,6 +194,10 @@ class Fitted(SearchReport):
     """Scores on each source that it was fitted to."""
     held_out: tuple[Scored, ...]
     """Scores on each source that the fit has not seen."""
+    unfitted: tuple[Scored, ...]
+    """Scores of the plant before the fit on the same sources."""
+    better: bool | None
+    """Whether the fitted plant errs less there than before; None where nothing was held out."""
 
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
         """Write profile.toml, fit.png and, last, fit.json; return their paths.
@@ -216,7 +224,7 @@ def fit(o: Fit) -> Fitted:
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
-    occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else "recording"
+    occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else o.input
     usual = plant_kind(o.model).free[occasion]
     standard = "thesis-lab" if occasion == "scenario" else profile_of_log(o.names[0])
     base = choose_profile(o.profile, o.robot, standard)
@@ -224,7 +232,7 @@ def fit(o: Fit) -> Fitted:
     free = [name for name in (usual if o.free is None else o.free) if name not in o.fix]
     space = make_space(o.model, free, o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
-    start = _first_points(o, space, before)
+    start = _first_points(o, space, before, occasion)
     targets, held_out = open_targets(o.names, base, o.held_out, o.input, (o.start_at, o.until), o.limits)
     cost = FitCost(o.objective, tuple(o.horizons), o.yaw_weight, o.position_weight)
     problem = FitProblem(o.model, begun, space, targets, cost)
@@ -245,15 +253,16 @@ def fit(o: Fit) -> Fitted:
     return _report(o, problem, base, found, before, held_out)
 
 
-def _first_points(o: Fit, space: ParameterSpace, before: FloatArray) -> FloatArray | None:
+def _first_points(o: Fit, space: ParameterSpace, before: FloatArray, occasion: Occasion) -> FloatArray | None:
     """Return the (1, n) candidate to begin with, in the unit cube; None for none."""
-    if o.start is None and o.search != "lsq":
+    if o.start is None and o.search != "lsq" and occasion == "scenario":
         return None
+    before = np.clip(before, space.lower, space.upper)
     named = o.start or {}
     if unknown := [name for name in named if name not in space.names]:
         raise ValueError(f"start names {unknown[0]}, which is not free")
     values = np.array([named.get(name, was) for name, was in zip(space.names, before, strict=True)])
-    return space.points(np.where(np.isposinf(values), space.upper, values)[None])  # a limit that is off has no value
+    return space.points(values[None])
 
 
 def _require_possible(problem: FitProblem, given: Container[str]) -> None:
@@ -278,6 +287,8 @@ def _report(
     fitted = problem.candidate(point)
     assert fitted is not None
     parameters, correlation, method = found_parameters(space, point, before), None, ""
+    if o.profile is None and o.robot is None:
+        notes += [said for target in problem.targets for said in stranger_sentences(target.source, base.robot)]
     for target in (*problem.targets, *held_out):
         notes += [*target.source.warnings, *standing_sentences(target.source, HEADLINE_HORIZON)]
     notes += bound_sentences(space, point)
@@ -285,16 +296,18 @@ def _report(
         try:
             sure = estimate(problem, point, o.threads, found.driven)
             parameters, correlation = with_errors(parameters, sure.standard_error, sure.interval), sure.correlation
-            notes, method = [*notes, *sentences(o.model, space.names, sure)], sure.method
+            notes, method = [*notes, *sentences(problem, sure)], sure.method
             notes.append(f"Standard errors come from: {method}.")
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"Standard errors could not be estimated: {error}.")
-    judged = []
+    judged, unfitted = [], []
     for target in held_out:
         try:
             judged.append(_scored(problem, fitted, target))
+            unfitted.append(_scored(problem, problem.base, target))
         except SsmrError as error:
-            notes.append(f"The fitted plant cannot be driven along {target.label}, which was held out: {error}.")
+            notes.append(f"The plant cannot be driven along {target.label}, which was held out: {error}.")
+    worse = _worse(o, unfitted, judged)
     source = ",".join(o.names)
     bare = Fitted(
         program="fit",
@@ -302,9 +315,9 @@ def _report(
         tables=(),
         document={},
         draw=_draw,
-        sentences=[one_line(note) for note in dict.fromkeys(notes)],
+        sentences=[one_line(note) for note in dict.fromkeys([*worse, *notes])],
         options={**o.chosen(found.jde.settings), "objective": problem.cost.objective},
-        **ending(found),
+        **ending(found, worse),
         course=found,
         cost=found.cost,
         cost_name=str(problem.cost.objective),
@@ -314,10 +327,31 @@ def _report(
         correlation=correlation,
         train=tuple(_scored(problem, fitted, target) for target in problem.targets),
         held_out=tuple(judged),
+        unfitted=tuple(unfitted),
+        better=not worse if judged else None,
     )
     together = _score("all fitted to", problem.targets, [each.motion for each in bare.train])
     document = _document(bare, source, o.seed, method, together)
-    return replace(bare, profile=_with_provenance(o, bare, fitted, document), tables=_tables(bare), document=document)
+    kept = base if worse and not o.even_if_worse else _with_provenance(o, bare, fitted, document)
+    return replace(bare, profile=kept, tables=_tables(bare), document=document)
+
+
+def _worse(o: Fit, before: Sequence[Scored], after: Sequence[Scored]) -> list[str]:
+    """Return a sentence where the error on held-out sources is larger than before the fit; nothing else."""
+
+    def size(scores: Sequence[Scored]) -> float:
+        """Position and yaw errors after the headline's horizon, weighed as in the cost; of scenarios, paths."""
+        if not all(s.windows for s in scores):
+            return float(np.mean([s.metrics["d_rms_m"] for s in scores]))
+        errors = [s.windows[min(s.windows, key=lambda h: abs(h - HEADLINE_HORIZON))].summary() for s in scores]
+        return float(np.mean([o.position_weight * e.position_median_m + o.yaw_weight * e.yaw_median_rad for e in errors]))
+
+    if not after or size(after) <= size(before):
+        return []
+    kept = "profile.toml has the fitted numbers all the same" if o.even_if_worse else "profile.toml keeps those of before"
+    advice = "" if o.even_if_worse else "; --even-if-worse writes the fitted ones"
+    larger = f"{size(after):.3g} m instead of {size(before):.3g} m"
+    return [f"With the fitted numbers the error on held-out data is larger than before, {larger}: {kept}{advice}."]
 
 
 def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) -> dict[str, Any]:
@@ -337,6 +371,8 @@ def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) 
         "train": together.as_dict(),
         "train_by_source": {s.label: s.as_dict() for s in f.train},
         "held_out": {s.label: s.as_dict() for s in f.held_out},
+        "held_out_before": {s.label: s.as_dict() for s in f.unfitted},
+        "better": f.better,
     }
 
 
@@ -373,7 +409,8 @@ def _summary(scores: Sequence[Scored]) -> dict[str, Any]:
 
 
 def _named(f: Fitted) -> list[tuple[str, Scored]]:
-    every = [*(("", s) for s in f.train), *(("held out: ", s) for s in f.held_out)]
+    leads = zip(("", "held out: ", "before, held out: "), (f.train, f.held_out, f.unfitted), strict=True)
+    every = [(lead, s) for lead, scores in leads for s in scores]
     return [(f"{lead}{shortened(Path(s.label).name, 32)}", s) for lead, s in every]
 
 
@@ -394,7 +431,7 @@ def _draw(f: Fitted) -> Figure:
     """Return the picture: the search, the parameters, and the errors by horizon where there are recordings."""
     ink = drawing.ink_of(f.model)
     marks = [
-        drawing.HorizonMarks(name, drawing.BESIDE_INK if s in f.held_out else ink, "osvDP"[k % 5], s.horizons)
+        drawing.HorizonMarks(name, drawing.BESIDE_INK if s not in f.train else ink, "osvDP"[k % 5], s.horizons)
         for k, (name, s) in enumerate(_named(f))
         if s.horizons
     ]

@@ -71,7 +71,7 @@ class FourWheelParameters:
     """Moment of inertia of a wheel about its axle [kg m2]; it loads the axles when it spins up, a rotor does not."""
     link: _Link = "belt"
     """Link between the wheels of a side: `belt`, they turn together; `none`, each has its own motor of half the strength."""
-    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.1, 1.2))
+    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.02, 1.2))
     """Friction of tyre on ground, mu [1]."""
     stiffness_x: float = parameter(7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log")
     """Slip stiffness along the wheel, C_x: force over load and slip at little slip [1]."""

@@ -23,9 +23,9 @@ from ssmr.robot.drive import Wanted
 class KinematicParameters:
     """Six constants of a robot on one ground. The defaults say: no slip, the thesis' half-track, centre at the origin."""
 
-    alpha_l: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.8, 1.1))
+    alpha_l: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.3, 1.2))
     """Share of the left wheels' speed that moves the robot [1]: rolling radius over nominal radius, less slip."""
-    alpha_r: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.8, 1.1))
+    alpha_r: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.3, 1.2))
     """Share of the right wheels' speed that moves the robot [1]."""
     x_icr: float = parameter(0.0, unit="m", low=-5.0, high=5.0, search=(-0.98, 0.98), of="half_wheelbase")
     """Longitudinal coordinate of the centres of rotation in slow turns [m]: v_y = -(x_ICR + k v) omega (Eq. 2.10)."""

@@ -25,12 +25,12 @@ class Localiser:
     """Place of the tracked point ahead of the body's reference point [m]."""
     tracked_y: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-0.7, 0.7), of="half_track")
     """Place of the tracked point to the left of the body's reference point [m]."""
-    tracked_yaw: float = parameter(0.0, unit="rad", low=-3.2, high=3.2, search=(-0.1, 0.1))
+    tracked_yaw: float = parameter(0.0, unit="rad", low=-3.2, high=3.2, search=(-0.3, 0.3))
     """Heading of the tracked frame in the body [rad]; a lidar that looks a little to the left has a positive one."""
-    position_late: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-0.3, 0.3))
+    position_late: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-1.0, 1.0))
     """Delay of the positions behind the motion that the plant is driven with [s]: the log's wheels, or its commands with the
     plant's own delay. Negative where positions are early, because the wheels are logged late."""
-    yaw_late: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-0.3, 0.3))
+    yaw_late: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-1.0, 1.0))
     """Delay of the headings behind the same motion [s]."""
 
     def __post_init__(self) -> None:

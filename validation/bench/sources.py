@@ -32,6 +32,7 @@ from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
 from validation.files.reading import exists
 from validation.files.signals import TIME_ROUNDOFF, fresh_poses, moving_mean, refreshed
 from validation.plants.table import ALL_PLANTS, STANDARD
+from validation.simulator.description import Robot
 
 _logger = logging.getLogger(__name__)
 
@@ -42,6 +43,8 @@ RECORDING = "recording"
 """The name of the reference where plants are compared with a log."""
 BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
 """Lengths of the windows whose errors say how uncertainty grows [s]."""
+_ODD_RADIUS = 1.3  # ratio of wheel radii beyond which it is another robot's, or the units are others
+_NARROWEST, _WIDEST = 0.9, 3.0  # effective track over track of a skid-steered robot [1]; theirs are 1.2 to 2.2
 _STANDING_SHARE = 0.1  # share of windows without any motion from which they are worth a sentence
 _BEGIN = 0.5
 """Length of the beginning whose poses say how a robot moves at first, and of the spans of which slopes are taken [s]."""
@@ -345,6 +348,34 @@ def scoring_windows(source: Source, horizon: float) -> tuple[tuple[IndexArray, I
     """Return starts and ends of the windows of `horizons_of`, piece by piece; none for a piece without stamps."""
     nothing = np.empty(0, dtype=np.intp)
     return tuple((nothing, nothing) if p.t is None else p.windows(horizon_windows, p.t, horizon) for p in source.pieces)
+
+
+def stranger_sentences(source: Source, robot: Robot) -> list[str]:
+    """Return the sentences on a log of a robot that nobody named; it is taken for `robot`.
+
+    Wheel rates against speed and yaw rate say how large wheels and track are. Where these are odd for `robot`, the sentence
+    is logged as a warning, too.
+    """
+    if source.reference != RECORDING or source.name in SHIPPED_LOGS:
+        return []
+    told = [p.reference for p in source.pieces if p.reference is not None and np.any(p.reference.wheels)]
+    said = f"{source.title}: taken for a {robot.title or robot.name}, because neither --robot nor --profile names another"
+    if not told:
+        return [said]
+    wheels, twist = (np.concatenate([getattr(m, name) for m in told]) for name in ("wheels", "twist"))
+    mean, difference = wheels.mean(axis=1), wheels[:, 1] - wheels[:, 0]
+    radius = float(twist[:, 0] @ mean / (mean @ mean)) if np.any(mean) else robot.geometry.wheel_radius
+    turning = float(twist[:, 2] @ difference / (difference @ difference)) if np.any(difference) else math.inf
+    odd = []
+    if not 1.0 / _ODD_RADIUS < radius / robot.geometry.wheel_radius < _ODD_RADIUS:
+        odd.append(f"wheels of {radius:.2f} m radius for its {robot.geometry.wheel_radius:.2f} m")
+    width = abs(radius / turning) if turning else math.inf  # the sign is the gyro's, and no matter of size
+    if turning < math.inf and not _NARROWEST < width / robot.geometry.track < _WIDEST:
+        odd.append(f"an effective track of {width:.2f} m for its {robot.geometry.track:.2f} m")
+    if odd:
+        said += f"; but the log shows {' and '.join(odd)}. Name the robot"
+        _logger.warning("%s", said)
+    return [said]
 
 
 def standing_sentences(source: Source, horizon: float) -> list[str]:

@@ -152,12 +152,12 @@ class SearchReport(Report):
         return Table(self.title, rows, f"{self.effort}\n{caption}")
 
 
-def ending(search: Search) -> dict[str, Any]:
-    """Return the fields of a report that say whether its search was interrupted, and how to go on."""
+def ending(search: Search, alarms: Sequence[str] = ()) -> dict[str, Any]:
+    """Return the fields of a report that say whether its search was interrupted, and how to go on; others' alarms first."""
     if not search.interrupted:
-        return {"status": FINISHED}
+        return {"status": FINISHED, "alarms": tuple(alarms)}
     said = f"the search is kept in {search.checkpoint}; the same command with --resume goes on from there"
-    return {"status": INTERRUPTED, "alarms": (said,) if search.checkpoint else ()}
+    return {"status": INTERRUPTED, "alarms": (*alarms, said) if search.checkpoint else tuple(alarms)}
 
 
 def search_figure(found: SearchReport, ink: Ink, before: str, rows: Sequence[Row] = ()) -> Figure:

@@ -2,6 +2,9 @@
 
 A cost is a sum over the pieces of all targets, and no term is negative. So a candidate whose sum over the first pieces
 exceeds its parent's whole cost can never be selected, and the rest of it need not be driven: the outcome is the same.
+
+A log may hardly excite some number, which then runs away with its noise. So the horizon objective has a weak prior: the
+profile's values, as far off as the bounds allow on average, count as one block of time with a usual error.
 """
 
 from __future__ import annotations
@@ -18,11 +21,17 @@ from ssmr.types import FloatArray
 from validation.bench.sources import RECORDING
 from validation.identify.objective import FitCost, FitTarget, Objective, make_raters
 from validation.plants.kind import PlantProfile, Population
-from validation.plants.searchable import with_values
+from validation.plants.searchable import find, with_values
 from validation.plants.table import plant_kind
 
 OnShare = Callable[[float], object] | None
 """What is called, from any thread, with the share of a generation that is rated."""
+
+
+IGNORANCE = 12.0**-0.5
+"""Standard deviation of a number of which only the bounds are known, in the unit cube [1]."""
+PRIOR_S, PRIOR_M = 6.0, 0.05
+"""Time [s] and error of the relative pose [m] that a deviation of `IGNORANCE` from the profile's value counts as."""
 
 
 class FitProblem:
@@ -44,6 +53,16 @@ class FitProblem:
         self._pieces = [
             (piece, dt, rater) for (piece, dt), rater in zip(pieces, make_raters(self.cost, targets), strict=True)
         ]
+
+        seconds = sum(piece.commands.duration for piece, _, _ in self._pieces)
+        self._priors = max(1, round(seconds / PRIOR_S)) if self.robust else 0  # copies, each as small as other errors
+        self._prior = PRIOR_M / max(self._priors, 1) * self.robust
+        values = np.array([find(model, name, base.robot).read(base) for name in space.names])
+        self._usual = space.points(np.clip(values, space.lower, space.upper)[None])[0]
+
+    def _away(self, points: FloatArray) -> FloatArray:
+        """Return (S, n) distances of points of the unit cube from the profile's values, in standard deviations."""
+        return (points - self._usual) / IGNORANCE
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
@@ -95,11 +114,11 @@ class FitProblem:
             workers: number of threads; the result does not depend on it.
             on_share: called with the share of the work that is done.
         """
-        bounds = np.full(len(points), np.inf) if limits is None else limits
+        bounds, away = np.full(len(points), np.inf) if limits is None else limits, self._away(points)
         total, done = sum(piece.commands.duration for piece, _, _ in self._pieces) * len(points), [0.0]
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
-            costs = np.zeros(len(bounds[which]))
+            costs = 0.5 * self._prior * (away[which] ** 2).sum(axis=1)
             for piece, dt, rater in self._pieces:
                 live = np.flatnonzero((costs == 0.0) | (np.isfinite(costs) & (costs <= bounds[which])))
                 if len(live):
@@ -113,12 +132,16 @@ class FitProblem:
         return self._side_by_side(rate, points, workers)
 
     def residuals(self, points: FloatArray, workers: int = 1) -> FloatArray:
-        """Return (S, K) errors whose squares add up to what least squares make small; NaN for one that is impossible."""
+        """Return (S, K) errors whose squares add up to what least squares make small; NaN for one that is impossible.
+
+        The `blocks` number the errors of motions; those of the prior follow.
+        """
+        pulls = self._prior * self._away(points)
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             every = range(which.stop - which.start)
             found = [rater.residuals(population.poses(every, piece, dt), threads) for piece, dt, rater in self._pieces]
-            return np.concatenate(found, axis=1)
+            return np.concatenate([*found, np.tile(pulls[which], self._priors)], axis=1)
 
         return self._side_by_side(rate, points, workers)
 

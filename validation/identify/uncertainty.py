@@ -9,7 +9,6 @@ bounds say.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -17,12 +16,11 @@ import numpy as np
 from scipy.special import stdtrit
 
 from ssmr.types import FloatArray
-from validation.identify.problem import FitProblem
+from validation.identify.problem import IGNORANCE, PRIOR_M, PRIOR_S, FitProblem
 from validation.identify.refine import Remembered, error_slopes, median_size
 from validation.plants.table import SIMULATED
 
 _FEWEST_BLOCKS = 8  # fewer say too little about their own scatter
-_IGNORANCE = 12.0**-0.5  # standard deviation of a number of which only the bounds are known, in the unit cube
 VAGUE = 0.2
 """A standard error of more than this share of the bounds' width says that the data hardly determine the parameter; of the
 bounds alone it is 0.29."""
@@ -57,8 +55,9 @@ def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: R
     def errors_at(points: FloatArray) -> FloatArray:
         return remembered.look_up(points, lambda new: problem.residuals(new, workers))
 
-    errors, one_sided = error_slopes(errors_at, point)
-    slopes = error_slopes(errors_at, point, central=True)[1]
+    k = len(problem.blocks)  # the prior is no observation; what nobody observed gets the bounds' own uncertainty below
+    errors, one_sided = (found[:k] for found in error_slopes(errors_at, point))
+    slopes = error_slopes(errors_at, point, central=True)[1][:k]
     known = np.array(np.isfinite(slopes).all(axis=0) & np.isfinite(errors).all())
     covariance, blocks = np.full((n, n), np.nan), 0
     if known.any():
@@ -99,8 +98,8 @@ def _widest(errors: FloatArray, slopes: FloatArray, one_sided: FloatArray, probl
 def _sandwich(curvature: FloatArray, doubt: FloatArray, sums: FloatArray) -> FloatArray:
     """Return the (n, n) covariance in the unit cube of the curvature and the (B, n) sums of gradients in each block.
 
-    The curvature of the ignorance, R = (noise / _IGNORANCE^2) 1, is added to H, and the ignorance itself to the scatter: a
-    direction that no error sees gets _IGNORANCE, one that all see is not touched, and none gets more: where the scatter
+    The curvature of the ignorance, R = (noise / IGNORANCE^2) 1, is added to H, and the ignorance itself to the scatter: a
+    direction that no error sees gets IGNORANCE, one that all see is not touched, and none gets more: where the scatter
     of a few blocks claims more than the bounds allow, the bounds say more than it. The (n,) `doubt` in the curvature, from
     finite differences of the second order whose relative error is about the square of that of the first, counts alike:
     otherwise numbers that the data cannot tell apart would be told apart by errors of the derivatives.
@@ -109,25 +108,31 @@ def _sandwich(curvature: FloatArray, doubt: FloatArray, sums: FloatArray) -> Flo
     centred = sums - sums.mean(axis=0)  # at an optimum of least squares the mean is nothing
     scatter = centred.T @ centred * (blocks / max(blocks - 1, 1))
     noise = float(np.trace(scatter)) / max(float(np.trace(curvature)), 1e-300)
-    ridge = np.diag(np.maximum(max(noise, 1e-300) / _IGNORANCE**2, doubt))
+    ridge = np.diag(np.maximum(max(noise, 1e-300) / IGNORANCE**2, doubt))
     inverse = np.linalg.inv(curvature + ridge)
-    spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * _IGNORANCE) ** 2) @ inverse)
-    return np.asarray((axes * np.clip(spread, 0.0, _IGNORANCE**2)) @ axes.T)
+    spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * IGNORANCE) ** 2) @ inverse)
+    return np.asarray((axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T)
 
 
-def sentences(model: str, names: Sequence[str], uncertainty: Uncertainty) -> list[str]:
-    """Return sentences on the parameters, by their names, that the data of a fit cannot tell, or cannot tell apart."""
-    out, share = [], uncertainty.share
+def sentences(problem: FitProblem, uncertainty: Uncertainty) -> list[str]:
+    """Return sentences on the parameters that the data of a fit cannot tell, or cannot tell apart, and on its prior."""
+    out, names, share = [], problem.space.names, uncertainty.share
     touched = {name for name, s in zip(names, share, strict=True) if s > VAGUE}
     for name, s in zip(names, share, strict=True):
         if s > VAGUE:
-            out.append(f"The data hardly determine {name}: its standard error is {s:.0%} of its bounds' width. Use --fix.")
+            advice = "the weak prior holds it near its value of before" if problem.robust else "use --fix"
+            out.append(f"The data hardly determine {name}: its standard error is {s:.0%} of its bounds' width; {advice}.")
     for i, j in combinations(range(len(names)), 2):
         r = float(uncertainty.correlation[i, j])
         if abs(r) > _ENTANGLED and max(share[i], share[j]) > _WORTH_TELLING:
             touched |= {names[i], names[j]}
             out.append(f"The data cannot tell {names[i]} and {names[j]} apart (correlation {r:+.2f}).")
-    if model in SIMULATED and "friction" in touched:
+    if problem.robust:
+        out.append(
+            "The value of each number before the fit is a weak prior: "
+            f"to leave it by {IGNORANCE:.0%} of the bounds' width costs as much as {PRIOR_M:g} m for {PRIOR_S:g} s."
+        )
+    if problem.model in SIMULATED and "friction" in touched:
         out.append(
             "The way a robot turns determines the ratio of lateral to longitudinal friction, not the friction itself. "
             "Friction shows only where torque saturates, the wheels lag or the robot slides outwards: measure it otherwise."

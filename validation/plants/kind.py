@@ -15,8 +15,11 @@ from validation.simulator.description import Robot
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.terrain import Terrain
 
-Occasion = Literal["scenario", "recording"]
-"""Occasion of a fit: to a plant's motion in a scenario, or to a recording of a real robot."""
+Occasion = Literal["scenario", "commands", "wheels"]
+"""Occasion of a fit: to a plant's motion in a scenario, or to a log whose commands or wheel rates drive the plant."""
+
+SEEN = ("tracked_x", "tracked_yaw", "position_late", "yaw_late")
+"""Numbers of the localiser that a fit to a log has to find, whatever drives the plant."""
 
 PARTS = ("parameters", "vehicle", "drive", "localiser")
 """The parts of a plant's profile that hold numbers."""

@@ -17,32 +17,29 @@ from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray
-from validation.plants.kind import Occasion, PlantKind, PlantProfile, Stretch
+from validation.plants.kind import SEEN, Occasion, PlantKind, PlantProfile, Stretch
 from validation.simulator.description import Robot
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.terrain import Terrain
 
 _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
 """Numbers that the thesis read off response curves or took for given, and a fit to a scenario has to find."""
-_RECORDED = (
-    *("wheel_radius", "effective_half_track", "delay", "acceleration_v", "acceleration_w"),
-    *("tracked_x", "tracked_y"),
-)
-"""Numbers beside the model's own that a fit to a recording has to find."""
+_DRIVEN = ("delay", "acceleration_v", "acceleration_w")
+"""Numbers of the driver, of which wheel rates say nothing."""
+_ROLLING = ("wheel_radius", "radius_difference", "effective_half_track")
+"""What is left of a dynamic model whose wheel rates are given."""
+_CENTRES = ("alpha_l", "alpha_r", "y_l", "y_r")
 _KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
-    "scenario": ("alpha_l", "alpha_r", "y_l", "y_r", "x_icr"),
-    "recording": (
-        *("alpha_l", "alpha_r", "y_l", "y_r"),  # x_icr and tracked_x are one number to a recording
-        *("delay", "acceleration_v", "acceleration_w", "wheel_lag", "tracked_x"),
-    ),
+    "scenario": (*_CENTRES, "x_icr"),
+    "commands": (*_CENTRES, "drift", *_DRIVEN, "wheel_lag", *SEEN),  # x_icr and tracked_x are one number to a recording
+    "wheels": (*_CENTRES, "drift", *SEEN),
 }
 """The kinematic model has no dynamics that could lag behind its wheels, and its constants hold the half-track."""
+_TYRES = ("friction", "stiffness_x", "stiffness_y", "wheel_radius", "radius_difference", "com_x", "com_y")
 _TYRED_FREE: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": ("stiffness_x", "stiffness_y", "wheel_radius", "command_half_track", "delay", "acceleration_v"),
-    "recording": (
-        *("friction", "stiffness_x", "stiffness_y", "wheel_radius", "radius_difference", "com_x", "com_y"),
-        *("delay", "acceleration_v", "acceleration_w", "wheel_lag", "tracked_x", "tracked_y"),
-    ),
+    "commands": (*_TYRES, *_DRIVEN, "wheel_lag", *SEEN),
+    "wheels": (*_TYRES, *SEEN),
 }
 
 
@@ -101,7 +98,11 @@ def declare(name: str) -> PlantKind:
         return PlantKind(name, parameters, tyred_defaults, _build_tyred, population, _TYRED_FREE, "#56b4e9")
     law = planar_law(name)
     own = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
-    free: Mapping[Occasion, tuple[str, ...]] = {"scenario": (*own, *_READ_OFF), "recording": (*own, *_RECORDED)}
+    free: Mapping[Occasion, tuple[str, ...]] = {
+        "scenario": (*own, *_READ_OFF),
+        "commands": (*own, "wheel_radius", "effective_half_track", *_DRIVEN, "tracked_y", *SEEN),
+        "wheels": (*_ROLLING, "tracked_y", *SEEN),
+    }
     drive = tuple(n for n in described(Drive) if n != "torque_limit" or not law.obeys)
     chosen = _KINEMATIC if law.obeys else free
     usual = partial(defaults, law.parameters)

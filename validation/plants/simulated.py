@@ -14,18 +14,17 @@ from validation.engines.body import EngineBody, RigidNumbers
 from validation.engines.drake import DrakeBody
 from validation.engines.ode import OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
-from validation.plants.kind import Occasion, PlantKind, PlantProfile, Stretch
+from validation.plants.kind import SEEN, Occasion, PlantKind, PlantProfile, Stretch
 from validation.simulator.calibration import Calibration
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
+_BODY = ("friction", "wheel_radius", "radius_difference", "com_x", "com_y")
 _FREE: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": ("command_half_track", "wheel_radius", "delay", "acceleration_v", "tracked_x"),
-    "recording": (
-        *("friction", "wheel_radius", "radius_difference", "com_x", "com_y"),
-        *("delay", "acceleration_v", "acceleration_w", "wheel_lag", "tracked_x", "tracked_y"),
-    ),
+    "commands": (*_BODY, "delay", "acceleration_v", "acceleration_w", "wheel_lag", *SEEN),
+    "wheels": (*_BODY, *SEEN),
 }
 _ENGINES: dict[str, Callable[[RigidNumbers], EngineBody]] = {
     "ode": lambda numbers: OdeBody(numbers, OdeSettings()),

@@ -47,7 +47,7 @@ class Calibration:
     """Physics step [s] -> opt.timestep; halving a Husky's moves the end of trajectories 1-4 by less than 2 mm."""
     wheel_shape: WheelShape = "ellipsoid"
     """Contact shape of the tyres: `ellipsoid` (one point), `cylinder` (a line) or `capsule` (two points)."""
-    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.1, 1.2))
+    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.02, 1.2))
     """Sliding friction of tyre on ground [1] -> geom_friction[0]; with anisotropic wheels the longitudinal one."""
     friction_ratio: float = parameter(1.0, unit="1", low=0.0, high=10.0, open_low=True)
     """Lateral over longitudinal friction [1] -> pair_friction; other than 1 only with capsule wheels, whose contact frame

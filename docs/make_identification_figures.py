@@ -1,4 +1,4 @@
-"""Draw the figure of README.md on the recording on tile; with `--tables RECORDING`, measure for docs/identification.md.
+"""Draw the figure of docs/tile.md; with `--tables RECORDING`, measure what the gyro explains.
 
 Run from the project's root: `python docs/make_identification_figures.py [--tables husky_tile_train.csv]`. The figure needs
 no recording: it shows what profile `husky-tile` says of itself.

@@ -1,4 +1,4 @@
-"""Whether an analytic model chooses the right controller for the MuJoCo robot (docs/tracking.md).
+"""Whether an analytic model chooses the right controller for the MuJoCo robot (docs/controllers.md).
 
 Every controller follows every reference on every plant, under the same noise. One plant is the judge: it stands for the
 robot.

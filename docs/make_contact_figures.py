@@ -83,10 +83,10 @@ def draw_theory(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> N
         xlabel="heading relative to the friction axes [deg]",
         ylabel="yaw rate over rim speed [rad/m]",
         xlim=(0, 90),
-        ylim=(0, 4.7),
+        ylim=(0, 5.6),
     )
     ax.set_xticks([0, 15, 30, 45, 60, 75, 90])
-    ax.legend(fontsize=7.5, frameon=False, loc="upper left", ncols=2)
+    ax.legend(fontsize=7.5, frameon=False, loc="upper left", ncols=1)
     ax.set_title("Turning slowly on the spot (dots: MuJoCo)", fontsize=10)
     straight = polygonal_turn("diamond", 0.25 * math.pi, WHEELBASE, TRACK, 0.0, y)
     print(f"polygon at 45 degrees, maker's centre: {straight.forward:.3f} ahead, {straight.yaw_rate:.3f} rad/m of rim speed")

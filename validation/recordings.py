@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field
 from pathlib import Path
@@ -15,15 +16,17 @@ import tyro
 from ssmr.types import FloatArray
 from validation import cli
 from validation.bench.logs import open_log
-from validation.files.faults import REST_LEAST, Rest, find_faults, find_rest, unbiased
+from validation.files.agreement import channels
+from validation.files.faults import REST_LEAST, Faults, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, write_log
 from validation.files.limits import USUAL
-from validation.files.log import Log, ReadOptions
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
 from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.reading import FileError, exists, read_file
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
+from validation.simulator.description import Robot, load_robot
 from validation.store import write_json
 from validation.words import file_name
 
@@ -131,7 +134,9 @@ def info(o: Info) -> LogReport:
         SsmrError: the plant diverged.
     """
     log = o.opened()
-    offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log)
+    robot = o.robot if o.robot is None or isinstance(o.robot, Robot) else load_robot(o.robot)
+    radius = None if robot is None else robot.geometry.wheel_radius
+    offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log, radius)
     seconds = {offset.behind: 0.0 for offset in offsets} | {offset.late: offset.seconds for offset in offsets}
     jumps = faults.jumps
     document = {
@@ -151,13 +156,13 @@ def info(o: Info) -> LogReport:
         "pose_jumps_rad": None if jumps is None else jumps.radians.tolist(),
         "uncommanded_share": faults.uncommanded_share,
         "dead_columns": list(faults.dead_columns),
-        "implausible": list(faults.implausible),
+        "faults": [asdict(fault) for fault in faults.named],
         "gyro_at_rest": None if rest is None else asdict(rest),
     }  # fmt: skip
     return LogReport(
         title=log.path.name, document=document, log=log, offsets=offsets,
-        tables=[_contents(log), _offset_table(offsets)],
-        sentences=[*log.remarks, *_sentences(log, rest), *faults.sentences()],
+        tables=[_fault_table(faults), _contents(log), _offset_table(offsets)],
+        sentences=[*log.remarks, *_sentences(log, rest), *faults.sentences(named=False), _next_step(o, log, faults)],
     )  # fmt: skip
 
 
@@ -197,6 +202,34 @@ def convert(o: Convert) -> LogReport:
 
 
 # ------------------------------------------------------------------------------------------ tables and sentences
+def _fault_table(faults: Faults) -> Table:
+    """Return the columns that are not what their names say; no rows for a sound log."""
+    rows = [{"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in faults.named]
+    return Table("Faults", rows, "Correct these first: every comparison and fit believes the columns.")
+
+
+def _next_step(o: Info, log: Log, faults: Faults) -> str:
+    """Return what to do with a log after a look into it."""
+    path, name = shlex.quote(str(o.source)), getattr(o.robot, "name", o.robot) or "ROBOT"
+    if faults.named:
+        return "next: correct the faults in the log, or name its columns and units by --columns"
+    if not log.has(POSE_COLUMNS):
+        return f"there is no pose, so no prediction of one can be judged; {_without_pose(log)}"
+    kind = "wheels" if log.has(COMMAND_COLUMNS["wheels"]) else "commands"
+    return f"next: python -m validation.compare {path} --robot {name} --input {kind}"
+
+
+def _without_pose(log: Log) -> str:
+    """Return what wheels and gyro say of a robot without a pose."""
+    told = channels(log) or {}
+    if not {"gyro_z", *COMMAND_COLUMNS["wheels"]} <= set(told):
+        return "with a gyro and wheel rates, how the robot turns could be said"
+    left, right = (told[name] for name in COMMAND_COLUMNS["wheels"])
+    ratio = float((right - left) @ told["gyro_z"] / (told["gyro_z"] @ told["gyro_z"]))
+    track = f"an effective track of {ratio:.2f} wheel radii, such as for wheel_separation of a driver"
+    return f"gyro and wheels say that right less left is {ratio:.2f} times the yaw rate: {track}"
+
+
 def _contents(log: Log) -> Table:
     """Return the topics of a log, or its groups of columns where its format has no topics."""
     topics = [

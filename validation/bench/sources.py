@@ -168,7 +168,7 @@ def source_of(log: Log, name: str, kind: CommandKind = "twist", title: str | Non
         start = initial_state(t, pose[s], fresh, wheels[s][0])
         pieces.append(Piece(commands, start, t, motion, fresh, tuple(inside.tolist()), moves[s]))
     title = title or log.name
-    warnings = tuple(f"{title}: {sentence}" for sentence in [*sentences, *faults.sentences()])
+    warnings = tuple(f"{title}: {sentence}" for sentence in [*faults.sentences(), *sentences])
     for warning in warnings:
         _logger.warning("%s", warning)
     return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title)

@@ -18,7 +18,8 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import integral
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
-from validation.files.log import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
+from validation.files.agreement import Fault, channels, contradictions, frozen
+from validation.files.log import ANY_COLUMN, COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
 from validation.files.reading import FileError
 from validation.files.signals import fresh_poses, moving_mean, nearest
 
@@ -49,16 +50,10 @@ AFTER_COMMAND_S, _BEFORE_COMMAND_S = 2.0, 0.5
 """Time after a command in which wheels may still turn because of it [s]: a dead time of 0.4 s, and a ramp of 1 m/s² from the
 speed of a fast robot. And before it, where clocks of a log differ."""
 _TURNED = 0.3  # change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it
+_MEASURED = ("pose", "wheels", "odom", "imu")
 _SLOW_RATE, _FAST_RATE = 2.0, 2000.0
 """Sampling rates of measured groups between which they are of use [Hz]: a skid-steered robot starts and stops within half a
 second, and no controller of one runs faster."""
-_TOO_FAR = 8.0
-"""Ratio of two measures of the same motion from which one of them may be in another unit [1]: wheels of half or twice the
-size, and wheels that slip by three quarters, stay below it; millimetres (1000) and degrees (57) do not."""
-_RATIO_S, _RATIO_LEAST, _RATIO_COUNT = 1.0, 0.1, 10
-"""Length of the intervals over which motions are compared [s], long enough that the localiser's noise does not count; least
-motion of the wheels in one [m, rad], and least number of such intervals."""
-
 WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
 """(M,) stamps [s], speed [m/s] and yaw rate [rad/s]."""
 
@@ -148,18 +143,20 @@ class Jumps:
 class Faults:
     """Faults of a log."""
 
+    named: tuple[Fault, ...]
+    """Columns that are not what their names say."""
     jumps: Jumps | None
     """Jumps of the pose; None where there is no pose, or nothing says how fast the robot was."""
     uncommanded_share: float | None
     """Share of the time in which wheels turn without a command [1]; None without commands or wheels."""
     dead_columns: tuple[str, ...]
     """Columns that stay the same although the robot moves."""
-    implausible: tuple[str, ...]
-    """Sentences about rates and magnitudes that no robot of this kind has."""
+    slow: tuple[str, ...]
+    """Sentences about groups with few samples."""
 
-    def sentences(self) -> list[str]:
-        """Return what is wrong with the log, a sentence each; none for a sound one."""
-        found = []
+    def sentences(self, *, named: bool = True) -> list[str]:
+        """Return what is wrong with the log, a sentence each, with or without the `named` faults; none for a sound one."""
+        found = [fault.sentence for fault in self.named if named]
         if self.jumps is not None and (n := len(self.jumps.t)):
             worst = f"up to {self.jumps.metres.max():.2f} m and {self.jumps.radians.max():.2f} rad"
             what = "once" if n == 1 else f"{n} times"
@@ -167,15 +164,20 @@ class Faults:
         if (share := self.uncommanded_share) is not None and share >= 0.01:
             percent = f"{100.0 * share:.0f} %"
             found.append(f"the wheels turn with no command for {percent} of the log (joystick?); use --input wheels")
-        if self.dead_columns:
-            found.append(f"the same number all the time, although the robot moves: {', '.join(self.dead_columns)}")
-        return [*found, *self.implausible]
+        if unsaid := [name for name in self.dead_columns if not any(name in fault.columns for fault in self.named)]:
+            found.append(f"the same number all the time, although the robot moves: {', '.join(unsaid)}")
+        return [*found, *self.slow]
 
 
-def find_faults(log: Log) -> Faults:
-    """Return what is wrong with a log."""
-    implausible = tuple(_implausible(log)) or tuple(_mismatches(log))
-    return Faults(find_jumps(log), _uncommanded_share(log), _dead_columns(log), implausible)
+def find_faults(log: Log, radius: float | None = None) -> Faults:
+    """Return what is wrong with a log; `radius` is that of the robot's wheels [m], None where nobody knows it."""
+    named, dead = tuple(_named(log, radius)), _dead_columns(log)
+    return Faults(named, find_jumps(log), _uncommanded_share(log), dead, tuple(_slow(log)))
+
+
+def faults_of(log: Log, radius: float | None = None) -> tuple[Fault, ...]:
+    """Return the columns of a log that are not what their names say; none for a sound one. See `find_faults`."""
+    return find_faults(log, radius).named
 
 
 def find_jumps(log: Log) -> Jumps | None:
@@ -268,46 +270,29 @@ def _dead_columns(log: Log) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _implausible(log: Log) -> Iterator[str]:
-    """Yield sentences about rates and magnitudes that no robot of this kind has."""
-    for name, group in log.groups.items():
-        rate = 1.0 / group.period
-        if name in ("pose", "wheels", "odom", "imu") and not _SLOW_RATE <= rate <= _FAST_RATE:
-            yield f"{name} has {rate:.4g} samples a second, where {_SLOW_RATE:g} to {_FAST_RATE:g} are of use"
-        for column, known in COLUMNS.items():
-            if column in group.columns and (greatest := float(np.abs(group.columns[column]).max())) > known.usual:
-                more = f"more than {known.usual:g}: it may be in {known.others}"
-                yield f"{column} reaches {greatest:.4g} {known.unit}, {more}"
-
-
-def _mismatches(log: Log) -> Iterator[str]:
-    """Yield sentences about measures of the same motion that no slip and no size of wheels can tell so differently."""
-    wheels = wheel_twist(log)
-    if wheels is None:
+def _named(log: Log, radius: float | None) -> Iterator[Fault]:
+    """Yield faults of columns: what the sampling rates say, what contradicts itself, what is dead and what is too large."""
+    fast = [name for name in _MEASURED if name in log.groups and log.groups[name].period * _FAST_RATE < 1.0]
+    if fast:
+        often = f"{1.0 / log.groups[fast[0]].period:.4g} samples a second"
+        yield Fault("clock", ("t",), f"{fast[0]} has {often}, as no robot has: t may not be in seconds")
         return
-    t, v, w = wheels
-    grid = np.arange(t[0], t[-1], _RATIO_S)
-
-    def steps(stamps: FloatArray, values: FloatArray) -> FloatArray:
-        return np.abs(np.diff(np.interp(grid, stamps, values)))
-
-    rolled, turned = steps(t, integral(t, np.abs(v))), steps(t, integral(t, w))
-    for group in log.groups.values():
-        there = {name: steps(group.t, values) for name, values in group.columns.items() if name in POSE_COLUMNS}
-        if "gyro_z" in group.columns:
-            there["gyro_z"] = steps(group.t, integral(group.t, group.columns["gyro_z"]))
-        if "x" in there and "y" in there:
-            if (far := _ratio(np.hypot(there["x"], there["y"]), rolled)) > _TOO_FAR:
-                yield f"x and y move {far:.3g} times as far as the wheels roll: they may be in mm or cm"
-            elif far < 1.0 / _TOO_FAR:
-                yield f"the wheels roll {1.0 / far:.3g} times as far as x and y move: rates may be in rpm or degrees"
-        for name, unit in (("yaw", "degrees"), ("gyro_z", "degrees per second")):
-            if name in there and (far := _ratio(there[name], turned)) > _TOO_FAR:
-                yield f"{name} turns {far:.3g} times as far as the wheels say: it may be in {unit}"
+    told, found = channels(log), list[Fault]()
+    if told is not None:
+        found = [*contradictions(told, radius), *frozen(told)]
+    dead = tuple(name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"])  # joysticks command nothing
+    if unsaid := tuple(name for name in dead if not any(name in fault.columns for fault in found)):
+        found.append(Fault("frozen", unsaid, f"the same number all the time, although the robot moves: {', '.join(unsaid)}"))
+    yield from found
+    for name, values in log.columns.items():
+        known, greatest = COLUMNS.get(name, ANY_COLUMN), float(np.abs(values).max())
+        if greatest > known.usual and not any(name in fault.columns for fault in found):
+            more = f"more than {known.usual:g}: it may be in {known.others}"
+            yield Fault("scale", (name,), f"{name} reaches {greatest:.4g} {known.unit}, {more}")
 
 
-def _ratio(moved: FloatArray, by_wheels: FloatArray) -> float:
-    """Return the median ratio over the intervals in which the wheels move [1]; 1 where there are few."""
-    driven = by_wheels > _RATIO_LEAST
-    few = np.count_nonzero(driven) < _RATIO_COUNT
-    return 1.0 if few else max(float(np.median(moved[driven] / by_wheels[driven])), 1e-9)
+def _slow(log: Log) -> Iterator[str]:
+    """Yield a sentence for each measured group that has too few samples to be of use."""
+    for name in _MEASURED:
+        if name in log.groups and (rate := 1.0 / log.groups[name].period) < _SLOW_RATE:
+            yield f"{name} has {rate:.4g} samples a second, where {_SLOW_RATE:g} or more are of use"

@@ -86,6 +86,18 @@ COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
 )
 """The two columns that drive a plant, by kind of command."""
 
+UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(
+    {
+        **{"ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9), "min": ("s", 60.0)},
+        **{"deg": ("rad", math.pi / 180.0), "turns": ("rad", 2.0 * math.pi)},
+        **{"deg/s": ("rad/s", math.pi / 180.0), "rpm": ("rad/s", math.pi / 30.0), "rad/min": ("rad/s", 1.0 / 60.0)},
+        **{"mm": ("m", 1e-3), "cm": ("m", 1e-2), "km": ("m", 1e3), "ft": ("m", 0.3048), "in": ("m", 0.0254)},
+        **{"km/h": ("m/s", 1.0 / 3.6), "mm/s": ("m/s", 1e-3), "cm/s": ("m/s", 1e-2), "m/min": ("m/s", 1.0 / 60.0)},
+        **{"ft/s": ("m/s", 0.3048), "mph": ("m/s", 0.44704)},
+    }
+)
+"""Units that loggers write: the one that is meant by `COLUMNS`, and the factor to it."""
+
 _GAP_FACTOR = 2.5  # A step longer than this many periods is a gap: one dropped sample is tolerated, two are not
 
 

@@ -1,0 +1,344 @@
+"""Signals of a log that contradict one another: wrong signs, swapped columns, left-handed frames and wrong units.
+
+A log tells the yaw rate up to five times, by the difference of the wheels, gyro, heading, odometry and commands, and the
+forward speed up to four times, by the mean of the wheels, the way along the heading, odometry and commands. Where two of
+them contradict each other, corrections are tried: each undoes one mistake that loggers make. The correction after which the
+signals agree best names the fault; where several do as well, all their columns are named.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssmr.geometry import integral
+from ssmr.types import FloatArray
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, UNITS, Group, Log
+from validation.files.signals import fresh_poses, refreshed
+
+_WINDOW_S, _STEP_S = 1.0, 0.5
+"""Length of the windows over which signals are averaged, and time between the middles of two [s]."""
+_LAGS = np.arange(-1.5, 1.51, 0.1)
+"""Delays of a sensor or a command that are tried [s]."""
+_SHORT_S = 60.0  # length of a log from which the times above hold [s]; of a shorter one they are parts
+_FEWEST, _MOST = 20, 4000
+"""Number of windows that say anything of signals, and number of them that suffices."""
+_ALIKE = 0.65
+"""Size of a correlation from which two signals tell of the same motion."""
+_SURE, _UNLIKE = 0.8, 0.3
+"""Correlations of signals that surely tell of one motion, and of a signal that tells of none."""
+_MEDIAN, _LEAST_SLIP = 60.0, 85.0
+"""Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip make smaller, as on ice."""
+_GAIN = 0.8
+"""Gain of agreement from which a correction names a fault: one of two signals that were unlike resembles the other."""
+_TIE = 0.1
+"""Difference of two gains below which both corrections are as good."""
+_MOST_FAULTS = 4
+_MOVES = 0.1
+"""Rate from which a robot moves [m/s, rad/s]."""
+_FROZEN = 0.2
+"""Share of the windows with motion from which a column that keeps its value is frozen [1]; localisers stall for less."""
+_RADIUS = 0.165  # radius of a wheel where nobody says it [m], a Husky's
+_RATES = (*COMMAND_COLUMNS["wheels"], "odom_v", "odom_w", "gyro_z", *COMMAND_COLUMNS["twist"])
+
+Channels = Mapping[str, FloatArray]
+"""(N,) means over windows by column: rates; of x, y and yaw their rates of change, and `heading`, the yaw itself [rad]."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something in a log that is not what the names of its columns say."""
+
+    kind: str
+    """`sign`, `swapped`, `scale`, `handedness`, `frozen` or `clock`."""
+    columns: tuple[str, ...]
+    """Columns that it is in, or may be in."""
+    sentence: str
+    """What is wrong."""
+
+
+# ------------------------------------------------------------------------------------------ mistakes that loggers make
+class _Correction(NamedTuple):
+    """Change of the columns that undoes one mistake."""
+
+    kind: str
+    columns: tuple[str, ...]
+    what: str
+    """What the columns seem to do or be."""
+    sources: Mapping[str, tuple[str, float]]
+    """Channels that change: the channel that each is made of, and the factor [1]."""
+    turned: float = 0.0
+    """Angle that is added to the heading after that [rad]."""
+
+    def applied(self, told: Channels) -> dict[str, FloatArray]:
+        """Return the channels without the mistake."""
+        changed = {name: factor * told[source] for name, (source, factor) in self.sources.items()}
+        if self.turned:
+            changed["heading"] = changed["heading"] + self.turned
+        return {**told, **changed}
+
+
+def _times(factor: float, *names: str) -> dict[str, tuple[str, float]]:
+    """Return the columns times a factor, and with yaw the heading."""
+    return {name: (name, factor) for name in (*names, *(("heading",) if "yaw" in names else ()))}
+
+
+def _corrections(radius: float) -> Iterator[_Correction]:
+    """Yield every correction that is tried, for wheels of this radius [m]."""
+    left, right = wheels = COMMAND_COLUMNS["wheels"]
+    for signed in (wheels, *((name,) for name in (*_RATES, "yaw"))):
+        yield _Correction("sign", signed, "have the wrong sign", _times(-1.0, *signed))
+    yield _Correction("sign", POSE_COLUMNS, "be half a turn apart: the robot drives backwards", _times(-1.0, "x", "y"))
+    for a, b in (wheels, ("x", "y"), COMMAND_COLUMNS["twist"], ("odom_v", "odom_w")):
+        yield _Correction("swapped", (a, b), "be swapped", {a: (b, 1.0), b: (a, 1.0)})
+    yield _Correction("swapped", wheels, "be swapped and negative", {left: (right, -1.0), right: (left, -1.0)})
+    for mirrored in (("y",), ("x",), ("y", "yaw")):
+        what = "have the wrong sign: the frame is left-handed"
+        yield _Correction("handedness", mirrored, what, _times(-1.0, *mirrored))
+    quarter = 0.5 * math.pi
+    yield _Correction("handedness", ("yaw",), "turn clockwise from north, as a compass", _times(-1.0, "yaw"), quarter)
+    for turned in (-quarter, quarter):
+        yield _Correction("handedness", ("yaw",), "be a quarter turn off", _times(1.0, "yaw"), turned)
+    rates, speeds, ways, angles = (
+        {unit: factor for unit, (base, factor) in UNITS.items() if base == wanted} for wanted in ("rad/s", "m/s", "m", "rad")
+    )
+    rims = {**{unit: factor / radius for unit, factor in {"m/s": 1.0, **speeds}.items()}, **rates}
+    units: dict[tuple[str, ...], dict[str, float]] = {
+        **dict.fromkeys((wheels, (left,), (right,)), rims),
+        **dict.fromkeys((("gyro_z",), ("cmd_w",), ("odom_w",)), rates),
+        **dict.fromkeys((("cmd_v",), ("odom_v",)), speeds),
+        ("x", "y"): ways,
+        ("yaw",): angles,
+    }
+    for names, there in units.items():
+        for unit, factor in there.items():
+            yield _Correction("scale", names, f"be in {unit}", _times(factor, *names))
+    for unit in ("min", "ms"):
+        moved = {name: (name, 1.0 / UNITS[unit][1]) for name in POSE_COLUMNS}
+        yield _Correction("clock", ("t",), f"be in {unit}", moved)
+
+
+# ------------------------------------------------------------------------------------------ what the columns tell
+def channels(log: Log) -> Channels | None:
+    """Return the channels of a log, each brought to the time of the first; None where there is too little to compare."""
+    groups = [g for name in ("wheels", "odom", "imu", "cmd", "pose") if (g := log.groups.get(name)) is not None]
+    start, stop = max((g.t[0] for g in groups), default=0.0), min((g.t[-1] for g in groups), default=0.0)
+    unit = float(min(1.0, max(0.0, stop - start) / _SHORT_S))
+    margin = unit * (_WINDOW_S + float(_LAGS[-1]))
+    step = unit * _STEP_S
+    if len(groups) < 2 or (stop - start - 2.0 * margin) < _FEWEST * step or min(g.period for g in groups) > 0.5 * step:
+        return None
+    middles = start + margin + step * np.arange(min(_MOST, math.floor((stop - start - 2.0 * margin) / step)))
+    found, known, explaining = dict[str, FloatArray](), np.ones(len(middles), dtype=bool), list[FloatArray]()
+    for group in groups:
+        sums = _sums(group)
+        lag = unit * _lag(sums, middles, explaining, unit) if found else 0.0
+        found |= _means(sums, middles + lag, unit)
+        for edge in (-0.5, 0.0, 0.5):
+            known &= ~group.in_gaps(middles + lag + edge * unit)
+        if found and not explaining:
+            rates = np.column_stack(list(found.values()))
+            products = np.einsum("ni,nj->nij", rates, rates).reshape(len(rates), -1)
+            explaining = [np.linalg.qr(basis)[0] for basis in (rates, products)]
+    return {name: values[known] for name, values in found.items()} if np.count_nonzero(known) >= _FEWEST else None
+
+
+def _sums(group: Group) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Return stamps [s] of a group's new samples by column, and the way since the first: integrals of rates; x, y, yaw."""
+    found, pose = dict[str, tuple[FloatArray, FloatArray]](), group.table(POSE_COLUMNS)
+    for name in (n for n in group.columns if n in (*POSE_COLUMNS, *_RATES)):
+        values = group.columns[name][:, None]
+        new = fresh_poses(group.t, values if pose is None else pose) if name in POSE_COLUMNS else refreshed(group.t, values)
+        t, way = group.t[new], values[new, 0]
+        found[name] = t, way if name in POSE_COLUMNS else integral(t, way)
+    return found
+
+
+def _means(sums: Mapping[str, tuple[FloatArray, FloatArray]], middles: FloatArray, window: float) -> dict[str, FloatArray]:
+    """Return the channels over a `window` [s] around the (N,) middles [s]."""
+    low, high = middles - 0.5 * window, middles + 0.5 * window
+    found = {name: (np.interp(high, t, way) - np.interp(low, t, way)) / window for name, (t, way) in sums.items()}
+    return found | ({"heading": np.interp(middles, *sums["yaw"])} if "yaw" in sums else {})
+
+
+def _lag(
+    sums: Mapping[str, tuple[FloatArray, FloatArray]], middles: FloatArray, explaining: Sequence[FloatArray], unit: float
+) -> float:
+    """Return the delay of a group's columns [`unit`], whatever signs and units: where others explain most of what they tell.
+
+    Rates are explained by the rates of another group, the square of a speed of positions by their products; `explaining` has
+    an orthonormal basis of each.
+    """
+
+    def share(values: FloatArray, basis: FloatArray) -> float:
+        return float(np.sum((values @ basis) ** 2)) / max(float(values @ values), 1e-12)
+
+    best, most = 0.0, 0.0
+    for lag in _LAGS:
+        told = _means(sums, middles + unit * lag, unit)
+        explained = sum(share(a, explaining[0]) for name, a in told.items() if name not in ("x", "y", "heading"))
+        if "x" in told and "y" in told:
+            explained += share(told["x"] ** 2 + told["y"] ** 2, explaining[1])
+        if explained > most:
+            best, most = float(lag), explained
+    return best
+
+
+# ------------------------------------------------------------------------------------------ do they agree
+class _Measure(NamedTuple):
+    """One signal of a rate, with how many times the true rate it is: at least, usually and at most."""
+
+    columns: tuple[str, ...]
+    values: FloatArray
+    """(N,) numbers of the log; NaN where it tells nothing."""
+    least: float
+    usual: float
+    most: float
+
+
+def _measures(told: Channels, radius: float | None) -> tuple[list[_Measure], list[_Measure]]:
+    """Return what tells the yaw rate and the forward speed, the surest first.
+
+    The difference of the wheels' rates is 2 alpha b / r times the yaw rate, with alpha from 1.3 on where wheels skid: 6 to 9
+    where it was measured, whatever the size of the robot. Where nobody knows the radius, that shows the wheels' unit.
+    Commands of turning are not what the body does, nor is the odometry of wheels that skid.
+    """
+    left, right = wheels = COMMAND_COLUMNS["wheels"]
+    turning, forward = list[_Measure](), list[_Measure]()
+    if "gyro_z" in told:
+        turning.append(_Measure(("gyro_z",), told["gyro_z"], 0.93, 1.0, 1.07))
+    if "yaw" in told:
+        turning.append(_Measure(("yaw",), told["yaw"], 0.93, 1.0, 1.07))
+    if all(name in told for name in POSE_COLUMNS):
+        along = told["x"] * np.cos(told["heading"]) + told["y"] * np.sin(told["heading"])
+        forward.append(_Measure(("x", "y"), along, 0.85, 1.0, 1.18))
+    if "odom_w" in told:
+        turning.append(_Measure(("odom_w",), told["odom_w"], 0.6, 1.0, 4.0))
+    if "odom_v" in told:
+        forward.append(_Measure(("odom_v",), told["odom_v"], 0.6, 1.0, 1.7))
+    if left in told and right in told:
+        least = 4.3 if radius is None else 2.0
+        turning.append(_Measure(wheels, told[right] - told[left], least, 6.3, 25.0))
+        around = (1.7, 1.0 / _RADIUS, 33.0) if radius is None else (0.75 / radius, 1.0 / radius, 1.25 / radius)
+        forward.append(_Measure(wheels, 0.5 * (told[left] + told[right]), *around))
+    asked = np.any([told[name] != 0.0 for name in COMMAND_COLUMNS["twist"] if name in told], axis=0)  # else by joystick
+    if "cmd_w" in told:
+        turning.append(_Measure(("cmd_w",), np.where(asked, told["cmd_w"], math.nan), 0.6, 2.3, 15.0))
+    if "cmd_v" in told:
+        forward.append(_Measure(("cmd_v",), np.where(asked, told["cmd_v"], math.nan), 0.6, 1.05, 2.7))
+    return turning, forward
+
+
+def _agreement(told: Channels, radius: float | None) -> float:
+    """Return how well the signals agree: a sum over pairs, 1 where they agree and -1 where they contradict each other."""
+    shares = _MEDIAN, _LEAST_SLIP
+    total = sum(
+        _agree(a, b, share)
+        for measures, share in zip(_measures(told, radius), shares, strict=True)
+        for a, b in combinations(measures, 2)
+    )
+    if all(name in told for name in POSE_COLUMNS):
+        total += _alignment(told["x"] + 1j * told["y"], told["heading"])
+    return total
+
+
+def _alignment(way: NDArray[np.complex128], heading: FloatArray) -> float:
+    """Return how well displacements, x + iy, keep their angle to headings: 1 if they do, 0 if they turn against them."""
+    size = max(float(np.sum(np.abs(way))), 1e-12)
+    doubled = way**2 / np.maximum(np.abs(way), 1e-12)  # alike for both ways of driving
+    along, mirrored = (complex(np.sum(doubled * np.exp(sign * 2j * heading))) / size for sign in (-1.0, 1.0))
+    return abs(along) if max(abs(along), abs(mirrored)) > _ALIKE else 0.0
+
+
+def _likeness(x: FloatArray, y: FloatArray) -> float:
+    """Return the correlation of two rates about zero [1]; 0 where one of them is zero throughout."""
+    size = float(np.sqrt((x @ x) * (y @ y)))
+    return float(x @ y) / size if size > 1e-9 else 0.0
+
+
+def _agree(a: _Measure, b: _Measure, share: float) -> float:
+    """Return how well two measures of one rate agree: their likeness, less 1 if this percentile of their ratio cannot be."""
+    both = np.isfinite(a.values) & np.isfinite(b.values)
+    x, y = a.values[both], b.values[both]
+    alike = _likeness(x, y)
+    if abs(alike) < _ALIKE or len(x) < _FEWEST:
+        return 0.0
+    moving = (np.abs(y) >= np.percentile(np.abs(y), 60.0)) & (y != 0.0)
+    ratio = math.log(max(float(np.percentile(np.abs(x[moving] / y[moving]), share)), 1e-9))
+    beyond = max(0.0, math.log(a.least / b.most) - ratio, ratio - math.log(a.most / b.least))
+    unusual = abs(ratio - math.log(a.usual / b.usual))  # so that of several units the most usual one is taken
+    impossible = min(1.0, 20.0 * beyond) if abs(alike) > _SURE else 0.0  # another unit changes no likeness
+    return alike - impossible - 0.02 * min(5.0, unusual)
+
+
+def contradictions(told: Channels, radius: float | None = None) -> list[Fault]:
+    """Return the faults of signs, places, frames and units that the channels of a log show.
+
+    `radius` is that of the wheels [m]; None where nobody knows it, as then their unit shows in how they turn alone.
+    """
+    found, now = list[Fault](), _agreement(told, radius)
+    for _ in range(_MOST_FAULTS):
+        tried = [
+            (_agreement(correction.applied(told), radius) - now, correction)
+            for correction in _corrections(radius or _RADIUS)
+            if all(name in told for name in correction.sources)
+        ]
+        tried.sort(key=lambda pair: -pair[0])
+        if not tried or tried[0][0] < _GAIN:
+            break
+        good = {c.columns: c for gain, c in reversed(tried) if gain > tried[0][0] - _TIE}  # the best of each columns
+        best, *others = reversed(good.values())
+        told = best.applied(told)
+        now = _agreement(told, radius)
+        columns = tuple(dict.fromkeys(name for names in (best, *others) for name in names.columns))
+        said = ", or ".join(f"{_seem(c.columns)} to {c.what}" for c in (best, *others))
+        found.append(Fault(best.kind, columns, f"{said}; as it stands, the log contradicts itself"))
+    return found + list(_strangers(told, radius))
+
+
+def _strangers(told: Channels, radius: float | None) -> Iterator[Fault]:
+    """Yield a fault for each signal that resembles none of the others, although they resemble one another."""
+    for measures in _measures(told, radius):
+        measured = [m for m in measures if not set(m.columns) <= set(COMMAND_COLUMNS["twist"])]
+        for m in measured:
+            others = [o.values for o in measured if o is not m]
+            sure = len(others) > 1 and all(_likeness(a, b) > _SURE for a, b in combinations(others, 2))
+            if sure and all(abs(_likeness(m.values, o)) < _UNLIKE for o in others) and np.any(m.values):
+                what = "be another axis or quantity: the other columns resemble one another, and not this"
+                yield Fault("swapped", m.columns, f"{_seem(m.columns)} to {what}")
+
+
+def _seem(columns: Sequence[str]) -> str:
+    return f"{' and '.join(columns)} seem{'s' * (len(columns) == 1)}"
+
+
+def frozen(told: Channels) -> Iterator[Fault]:
+    """Yield a fault if columns keep their value for long while others say that the robot moves."""
+    turning, forward = _measures(told, None)
+    found, wheels = dict[str, float](), COMMAND_COLUMNS["wheels"]
+    for name in (n for n in told if n in (*POSE_COLUMNS, "gyro_z", *wheels)):
+        kinds = [turning] if name in ("yaw", "gyro_z") else [forward] if name in ("x", "y") else [turning, forward]
+        others = [np.nan_to_num(m.values) / m.usual for measures in kinds for m in measures if name not in m.columns]
+        if not others:
+            continue
+        rate = told[name]
+        change = np.abs(np.diff(rate, prepend=math.nan))
+        moves = np.median(np.abs(others), axis=0) > _MOVES
+        if name not in POSE_COLUMNS:  # a rate may stay the same where the others do
+            varies = np.median(np.abs(np.diff(others, prepend=math.nan)), axis=0) > 0.5 * _MOVES
+            moves &= varies | (rate == 0.0)
+        kept = moves & (rate == 0.0 if name in POSE_COLUMNS else change < 1e-12)
+        if name in wheels:  # where both are kept, they may be set points, or the robot stands and its localiser does not
+            other = told.get(wheels[name == wheels[0]], rate)
+            kept &= np.abs(np.diff(other, prepend=math.nan)) > 1e-12
+        if np.count_nonzero(kept) > max(_FEWEST // 2, _FROZEN * np.count_nonzero(moves)):
+            found[name] = 100.0 * np.count_nonzero(kept) / np.count_nonzero(moves)
+    if found:
+        said = ", ".join(f"{name} for {share:.0f} %" for name, share in found.items())
+        yield Fault("frozen", tuple(found), f"the same value in much of the time in which the robot moves: {said}")

@@ -35,8 +35,8 @@ _SURE, _UNLIKE = 0.8, 0.3
 """Correlations of signals that surely tell of one motion, and of a signal that tells of none."""
 _MEDIAN, _LEAST_SLIP = 60.0, 85.0
 """Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip make smaller, as on ice."""
-_GAIN = 0.8
-"""Gain of agreement from which a correction names a fault: one of two signals that were unlike resembles the other."""
+_GAIN, _GAIN_OF_UNITS = 0.5, 0.8
+"""Gains of agreement from which a correction names a fault: signals that were unlike are alike, or have a ratio that can be."""
 _TIE = 0.1
 """Difference of two gains below which both corrections are as good."""
 _MOST_FAULTS = 4
@@ -289,8 +289,10 @@ def contradictions(told: Channels, radius: float | None = None) -> list[Fault]:
             for correction in _corrections(radius or _RADIUS)
             if all(name in told for name in correction.sources)
         ]
+        least = {"scale": _GAIN_OF_UNITS, "clock": _GAIN_OF_UNITS}
+        tried = [pair for pair in tried if pair[0] > least.get(pair[1].kind, _GAIN)]
         tried.sort(key=lambda pair: -pair[0])
-        if not tried or tried[0][0] < _GAIN:
+        if not tried:
             break
         good = {c.columns: c for gain, c in reversed(tried) if gain > tried[0][0] - _TIE}  # the best of each columns
         best, *others = reversed(good.values())
@@ -331,13 +333,13 @@ def frozen(told: Channels) -> Iterator[Fault]:
         change = np.abs(np.diff(rate, prepend=math.nan))
         moves = np.median(np.abs(others), axis=0) > _MOVES
         if name not in POSE_COLUMNS:  # a rate may stay the same where the others do
-            varies = np.median(np.abs(np.diff(others, prepend=math.nan)), axis=0) > 0.5 * _MOVES
+            varies = np.median(np.abs(np.diff(others, prepend=math.nan)), axis=0) > 0.3 * _MOVES
             moves &= varies | (rate == 0.0)
         kept = moves & (rate == 0.0 if name in POSE_COLUMNS else change < 1e-12)
         if name in wheels:  # where both are kept, they may be set points, or the robot stands and its localiser does not
             other = told.get(wheels[name == wheels[0]], rate)
             kept &= np.abs(np.diff(other, prepend=math.nan)) > 1e-12
-        if np.count_nonzero(kept) > max(_FEWEST // 2, _FROZEN * np.count_nonzero(moves)):
+        if np.count_nonzero(kept) > max(_FEWEST // 4, _FROZEN * np.count_nonzero(moves)):
             found[name] = 100.0 * np.count_nonzero(kept) / np.count_nonzero(moves)
     if found:
         said = ", ".join(f"{name} for {share:.0f} %" for name, share in found.items())

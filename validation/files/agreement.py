@@ -36,7 +36,7 @@ _SURE, _UNLIKE = 0.8, 0.3
 _MEDIAN, _LEAST_SLIP = 60.0, 85.0
 """Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip make smaller, as on ice."""
 _GAIN, _GAIN_OF_UNITS = 0.5, 0.8
-"""Gains of agreement from which a correction names a fault: signals that were unlike are alike, or have a ratio that can be."""
+"""Gains of agreement from which a correction names a fault: of signals that were unlike, and of one in another unit."""
 _TIE = 0.1
 """Difference of two gains below which both corrections are as good."""
 _MOST_FAULTS = 4

@@ -1,8 +1,7 @@
-"""Logs on one clock: what resampling, smoothing, cutting and aligning keep, and rests."""
+"""Logs on one clock: what resampling and cutting keep, and rests."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.geometry import compose
 from ssmr.types import FloatArray
-from tests.conftest import EXACT, ROUNDOFF
+from tests.conftest import ROUNDOFF
 from validation.files.faults import find_rest, unbiased
-from validation.files.log import POSE_COLUMNS, Group, Log
+from validation.files.log import Group, Log
 from validation.files.reading import FileError
-from validation.files.signals import smoothed
 
 
 def weaving(t: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -57,21 +54,6 @@ def test_the_bias_at_rest_is_found_and_taken_out(bias: float) -> None:
         unbiased(log.cut(6.0))
 
 
-# ------------------------------------------------------------------------------------------- smoothing
-@given(st.floats(-5.0, 5.0), st.floats(0.01, 0.5), st.lists(st.floats(0.01, 0.3), min_size=2, max_size=60))
-def test_smoothing_keeps_constants_and_never_overshoots(level: float, sigma: float, steps: list[float]) -> None:
-    t = np.cumsum(steps)
-    np.testing.assert_allclose(smoothed(t, np.full(len(t), level), sigma), level, rtol=ROUNDOFF, atol=ROUNDOFF)
-    jagged = np.where(np.arange(len(t)) % 2, 1.0, -1.0)
-    assert np.all(np.abs(smoothed(t, jagged, sigma)) <= 1.0 + ROUNDOFF)
-
-
-def test_smoothing_does_not_reach_over_a_gap() -> None:
-    t = np.concatenate([np.arange(10) * 0.1, 1.5 + np.arange(10) * 0.1])
-    values = np.where(t < 1.2, 0.0, 1.0)
-    np.testing.assert_array_equal(smoothed(t, values, 1.0, 0.25), values)
-
-
 # ------------------------------------------------------------------------------------------- one clock
 def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> None:
     a, b = np.arange(0.0, 10.0, 0.13), np.arange(1.0, 12.0, 0.07)
@@ -91,17 +73,3 @@ def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> Non
 def test_rates_that_make_no_log_are_refused(rate: float, message: str) -> None:
     with pytest.raises(FileError, match=message):
         made().on_one_clock(rate)
-
-
-# ------------------------------------------------------------------------------------------- frames
-@settings(max_examples=20)
-@given(st.tuples(st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-3.0, 3.0)))
-def test_aligned_poses_do_not_depend_on_the_frame(moved: tuple[float, float, float]) -> None:
-    log = made()
-    pose = log.groups["pose"]
-    there = dict(zip(POSE_COLUMNS, compose(np.array(moved), pose.table(POSE_COLUMNS)).T, strict=True))
-    one, other = log.aligned(), made(pose=replace(pose, columns=there)).aligned()
-    for name in POSE_COLUMNS:
-        np.testing.assert_allclose(one.columns[name], other.columns[name], atol=1e-12 * 100.0)  # of 50 m
-        assert one.columns[name][0] == EXACT
-        np.testing.assert_array_equal(one.aligned().columns[name], one.columns[name])

@@ -73,10 +73,6 @@ class Convert(LogOptions):
     """File to write; its ending says in which format."""
     rate: Annotated[cli.Number, cli.option(metavar="HZ", default="the log's own")] = None
     """Samples a second, where it is another rate than the log's own."""
-    smooth: Annotated[float, cli.option(metavar="SECONDS")] = 0.0
-    """Standard deviation of the Gaussian that smooths measurements."""
-    align: cli.Flag = False
-    """Place the origin of the world at the first pose."""
     unbias: cli.Flag = False
     """Take out the gyro's mean at rest."""
     sync: cli.Flag = False
@@ -87,11 +83,9 @@ class Convert(LogOptions):
     """Leave out what was logged after this time."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a rate that is not positive, or a negative width of smoothing."""
+        """Raise a ValueError for a rate that is not positive."""
         if self.rate is not None and not 0.0 < self.rate < math.inf:
             raise ValueError(f"rate {self.rate} must be positive [Hz]")
-        if not 0.0 <= self.smooth < math.inf:
-            raise ValueError(f"smooth {self.smooth} must not be negative [s]")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -173,7 +167,7 @@ def convert(o: Convert) -> LogReport:
     A .tum file is a trajectory for evo, .mcap a ROS 2 bag, which keeps the stamps of every group of columns unless --rate is
     given.
 
-    Offsets of time, bias, smoothing, cutting, one clock, alignment: that is the order of changes.
+    Offsets of time, bias, cutting, one clock: that is the order of changes.
 
     Raises:
         ValueError: the log cannot be opened, does not hold what a change needs, or does not fit into the file.
@@ -185,10 +179,8 @@ def convert(o: Convert) -> LogReport:
     offsets = estimate_offsets(log)
     changed = synchronised(log, offsets) if o.sync else log
     changed = unbiased(changed) if o.unbias else changed
-    changed = changed.smoothed(o.smooth).cut(o.start, o.until)
+    changed = changed.cut(o.start, o.until)
     merged = changed.on_one_clock(o.rate)
-    if o.align:
-        changed, merged = changed.aligned(), merged.aligned()
     t, period = merged.t, next(iter(merged.groups.values())).period
     sentences = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {1.0 / period:.2f} Hz: {', '.join(merged.columns)}"]
     if o.sync and offsets:

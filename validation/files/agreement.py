@@ -52,7 +52,7 @@ Channels = Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True)
-class Fault:
+class LogFault:
     """Something in a log that is not what the names of its columns say."""
 
     kind: str
@@ -277,12 +277,12 @@ def _agree(a: _Measure, b: _Measure, share: float) -> float:
     return alike - impossible - 0.02 * min(5.0, unusual)
 
 
-def contradictions(told: Channels, radius: float | None = None) -> list[Fault]:
+def contradictions(told: Channels, radius: float | None = None) -> list[LogFault]:
     """Return the faults of signs, places, frames and units that the channels of a log show.
 
     `radius` is that of the wheels [m]; None where nobody knows it, as then their unit shows in how they turn alone.
     """
-    found, now = list[Fault](), _agreement(told, radius)
+    found, now = list[LogFault](), _agreement(told, radius)
     for _ in range(_MOST_FAULTS):
         tried = [
             (_agreement(correction.applied(told), radius) - now, correction)
@@ -300,11 +300,11 @@ def contradictions(told: Channels, radius: float | None = None) -> list[Fault]:
         now = _agreement(told, radius)
         columns = tuple(dict.fromkeys(name for names in (best, *others) for name in names.columns))
         said = ", or ".join(f"{_seem(c.columns)} to {c.what}" for c in (best, *others))
-        found.append(Fault(best.kind, columns, f"{said}; as it stands, the log contradicts itself"))
+        found.append(LogFault(best.kind, columns, f"{said}; as it stands, the log contradicts itself"))
     return found + list(_strangers(told, radius))
 
 
-def _strangers(told: Channels, radius: float | None) -> Iterator[Fault]:
+def _strangers(told: Channels, radius: float | None) -> Iterator[LogFault]:
     """Yield a fault for each signal that resembles none of the others, although they resemble one another."""
     for measures in _measures(told, radius):
         measured = [m for m in measures if not set(m.columns) <= set(COMMAND_COLUMNS["twist"])]
@@ -313,14 +313,14 @@ def _strangers(told: Channels, radius: float | None) -> Iterator[Fault]:
             sure = len(others) > 1 and all(_likeness(a, b) > _SURE for a, b in combinations(others, 2))
             if sure and all(abs(_likeness(m.values, o)) < _UNLIKE for o in others) and np.any(m.values):
                 what = "be another axis or quantity: the other columns resemble one another, and not this"
-                yield Fault("swapped", m.columns, f"{_seem(m.columns)} to {what}")
+                yield LogFault("swapped", m.columns, f"{_seem(m.columns)} to {what}")
 
 
 def _seem(columns: Sequence[str]) -> str:
     return f"{' and '.join(columns)} seem{'s' * (len(columns) == 1)}"
 
 
-def frozen(told: Channels) -> Iterator[Fault]:
+def frozen(told: Channels) -> Iterator[LogFault]:
     """Yield a fault if columns keep their value for long while others say that the robot moves."""
     turning, forward = _measures(told, None)
     found, wheels = dict[str, float](), COMMAND_COLUMNS["wheels"]
@@ -343,4 +343,4 @@ def frozen(told: Channels) -> Iterator[Fault]:
             found[name] = 100.0 * np.count_nonzero(kept) / np.count_nonzero(moves)
     if found:
         said = ", ".join(f"{name} for {share:.0f} %" for name, share in found.items())
-        yield Fault("frozen", tuple(found), f"the same value in much of the time in which the robot moves: {said}")
+        yield LogFault("frozen", tuple(found), f"the same value in much of the time in which the robot moves: {said}")

@@ -18,7 +18,7 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import integral
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
-from validation.files.agreement import Fault, channels, contradictions, frozen
+from validation.files.agreement import LogFault, channels, contradictions, frozen
 from validation.files.log import ANY_COLUMN, COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
 from validation.files.reading import FileError
 from validation.files.signals import fresh_poses, moving_mean, nearest
@@ -51,9 +51,7 @@ AFTER_COMMAND_S, _BEFORE_COMMAND_S = 2.0, 0.5
 speed of a fast robot. And before it, where clocks of a log differ."""
 _TURNED = 0.3  # change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it
 _MEASURED = ("pose", "wheels", "odom", "imu")
-_SLOW_RATE, _FAST_RATE = 2.0, 2000.0
-"""Sampling rates of measured groups between which they are of use [Hz]: a skid-steered robot starts and stops within half a
-second, and no controller of one runs faster."""
+_FAST_RATE = 2000.0  # sampling rate of a measured group that no robot has [Hz]
 WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
 """(M,) stamps [s], speed [m/s] and yaw rate [rad/s]."""
 
@@ -143,7 +141,7 @@ class Jumps:
 class Faults:
     """Faults of a log."""
 
-    named: tuple[Fault, ...]
+    named: tuple[LogFault, ...]
     """Columns that are not what their names say."""
     jumps: Jumps | None
     """Jumps of the pose; None where there is no pose, or nothing says how fast the robot was."""
@@ -151,8 +149,6 @@ class Faults:
     """Share of the time in which wheels turn without a command [1]; None without commands or wheels."""
     dead_columns: tuple[str, ...]
     """Columns that stay the same although the robot moves."""
-    slow: tuple[str, ...]
-    """Sentences about groups with few samples."""
 
     def sentences(self, *, named: bool = True) -> list[str]:
         """Return what is wrong with the log, a sentence each, with or without the `named` faults; none for a sound one."""
@@ -166,16 +162,16 @@ class Faults:
             found.append(f"the wheels turn with no command for {percent} of the log (joystick?); use --input wheels")
         if unsaid := [name for name in self.dead_columns if not any(name in fault.columns for fault in self.named)]:
             found.append(f"the same number all the time, although the robot moves: {', '.join(unsaid)}")
-        return [*found, *self.slow]
+        return found
 
 
 def find_faults(log: Log, radius: float | None = None) -> Faults:
     """Return what is wrong with a log; `radius` is that of the robot's wheels [m], None where nobody knows it."""
     named, dead = tuple(_named(log, radius)), _dead_columns(log)
-    return Faults(named, find_jumps(log), _uncommanded_share(log), dead, tuple(_slow(log)))
+    return Faults(named, find_jumps(log), _uncommanded_share(log), dead)
 
 
-def faults_of(log: Log, radius: float | None = None) -> tuple[Fault, ...]:
+def faults_of(log: Log, radius: float | None = None) -> tuple[LogFault, ...]:
     """Return the columns of a log that are not what their names say; none for a sound one. See `find_faults`."""
     return find_faults(log, radius).named
 
@@ -270,29 +266,24 @@ def _dead_columns(log: Log) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _named(log: Log, radius: float | None) -> Iterator[Fault]:
+def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
     """Yield faults of columns: what the sampling rates say, what contradicts itself, what is dead and what is too large."""
     fast = [name for name in _MEASURED if name in log.groups and log.groups[name].period * _FAST_RATE < 1.0]
     if fast:
         often = f"{1.0 / log.groups[fast[0]].period:.4g} samples a second"
-        yield Fault("clock", ("t",), f"{fast[0]} has {often}, as no robot has: t may not be in seconds")
+        yield LogFault("clock", ("t",), f"{fast[0]} has {often}, as no robot has: t may not be in seconds")
         return
-    told, found = channels(log), list[Fault]()
+    told, found = channels(log), list[LogFault]()
     if told is not None:
         found = [*contradictions(told, radius), *frozen(told)]
     dead = tuple(name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"])  # joysticks command nothing
     if unsaid := tuple(name for name in dead if not any(name in fault.columns for fault in found)):
-        found.append(Fault("frozen", unsaid, f"the same number all the time, although the robot moves: {', '.join(unsaid)}"))
+        found.append(
+            LogFault("frozen", unsaid, f"the same number all the time, although the robot moves: {', '.join(unsaid)}")
+        )
     yield from found
     for name, values in log.columns.items():
         known, greatest = COLUMNS.get(name, ANY_COLUMN), float(np.abs(values).max())
         if greatest > known.usual and not any(name in fault.columns for fault in found):
             more = f"more than {known.usual:g}: it may be in {known.others}"
-            yield Fault("scale", (name,), f"{name} reaches {greatest:.4g} {known.unit}, {more}")
-
-
-def _slow(log: Log) -> Iterator[str]:
-    """Yield a sentence for each measured group that has too few samples to be of use."""
-    for name in _MEASURED:
-        if name in log.groups and (rate := 1.0 / log.groups[name].period) < _SLOW_RATE:
-            yield f"{name} has {rate:.4g} samples a second, where {_SLOW_RATE:g} or more are of use"
+            yield LogFault("scale", (name,), f"{name} reaches {greatest:.4g} {known.unit}, {more}")

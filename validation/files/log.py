@@ -19,11 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr.geometry import relative
 from ssmr.types import CommandKind, FloatArray, frozen_array
 from validation.files.limits import USUAL, LogLimits, find_time_fault
 from validation.files.reading import FileError
-from validation.files.signals import TIME_ROUNDOFF, fresh_poses, held, refreshed, smoothed
+from validation.files.signals import TIME_ROUNDOFF, fresh_poses, held, refreshed
 
 
 class Column(NamedTuple):
@@ -79,8 +78,6 @@ RECORDED = ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw"
 """Columns of a robot's motion: a log on one clock has at least one of them."""
 _NOTHING = f"there is none of the columns {', '.join(RECORDED)}"
 POSE_COLUMNS = ("x", "y", "yaw")
-POSES = (POSE_COLUMNS, ("odom_x", "odom_y", "odom_yaw"))
-"""Triples of columns that are x [m], y [m] and yaw [rad] of one motion."""
 COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
     {"twist": ("cmd_v", "cmd_w"), "wheels": ("enc_left", "enc_right")}
 )
@@ -354,23 +351,6 @@ class Log:
             what = f"nothing was logged in {low:g} to {high:g} s; there is {_spans(self.groups.values())}"
             raise FileError(self.path, what)
         return replace(self, groups=found)
-
-    def smoothed(self, sigma: float) -> Log:
-        """Return the log with measurements smoothed over `sigma` [s] by `smoothed`; commands stay as they were given."""
-        log = self
-        for name, g in self.groups.items():
-            if name != "cmd":
-                log = log.changed(name, {n: smoothed(g.t, a, sigma, g.longest_step()) for n, a in g.columns.items()})
-        return log
-
-    def aligned(self) -> Log:
-        """Return the log with every pose in it relative to its own first one (Sec. 4.2)."""
-        log = self
-        for name, g in self.groups.items():
-            for names in POSES:
-                if (pose := g.table(names)) is not None:
-                    log = log.changed(name, dict(zip(names, relative(pose[0], pose).T, strict=True)))
-        return log
 
 
 def check_group(path: Path, group: Group, limits: LogLimits) -> None:

@@ -58,32 +58,6 @@ def _last_change(t: FloatArray, values: FloatArray) -> tuple[NDArray[np.bool_], 
     return changed, t[np.maximum.accumulate(np.where(changed, np.arange(len(t)), 0))]
 
 
-def smoothed(t: FloatArray, values: FloatArray, sigma: float, longest_step: float = math.inf) -> FloatArray:
-    """Return a Gaussian-weighted moving average over time (Sec. 3.5.2), cut off at three sigma, at the ends and at gaps.
-
-    Args:
-        t: (M,) stamps [s].
-        values: (M,) values to smooth.
-        sigma: standard deviation [s]; 0 changes nothing.
-        longest_step: a longer step is a gap [s].
-    """
-    if sigma == 0.0:
-        return values
-    piece = np.cumulative_sum(np.diff(t) > longest_step, include_initial=True)
-    total, weights = values.copy(), np.ones_like(values)
-    for lag in range(1, len(t)):
-        step = t[lag:] - t[:-lag]
-        near = (step <= 3.0 * sigma) & (piece[lag:] == piece[:-lag])
-        if not np.any(near):
-            break
-        weight = np.where(near, np.exp(-0.5 * np.minimum(step / sigma, 4.0) ** 2), 0.0)
-        total[lag:] += weight * values[:-lag]
-        total[:-lag] += weight * values[lag:]
-        weights[lag:] += weight
-        weights[:-lag] += weight
-    return total / weights
-
-
 def moving_mean(t: FloatArray, values: FloatArray, half: float) -> FloatArray:
     """Return the (M,) means of the values whose stamps lie within `half` [s] of each of the (M,) stamps."""
     low, high = np.searchsorted(t, t - half - TIME_ROUNDOFF), np.searchsorted(t, t + half + TIME_ROUNDOFF)

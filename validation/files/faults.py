@@ -50,6 +50,7 @@ AFTER_COMMAND_S, _BEFORE_COMMAND_S = 2.0, 0.5
 """Time after a command in which wheels may still turn because of it [s]: a dead time of 0.4 s, and a ramp of 1 m/s² from the
 speed of a fast robot. And before it, where clocks of a log differ."""
 _TURNED = 0.3  # change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it
+_DEAD = "the same number all the time, although the robot moves"
 _MEASURED = ("pose", "wheels", "odom", "imu")
 _FAST_RATE = 2000.0  # sampling rate of a measured group that no robot has [Hz]
 WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
@@ -161,7 +162,7 @@ class Faults:
             percent = f"{100.0 * share:.0f} %"
             found.append(f"the wheels turn with no command for {percent} of the log (joystick?); use --input wheels")
         if unsaid := [name for name in self.dead_columns if not any(name in fault.columns for fault in self.named)]:
-            found.append(f"the same number all the time, although the robot moves: {', '.join(unsaid)}")
+            found.append(f"{_DEAD}: {', '.join(unsaid)}")
         return found
 
 
@@ -278,9 +279,7 @@ def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
         found = [*contradictions(told, radius), *frozen(told)]
     dead = tuple(name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"])  # joysticks command nothing
     if unsaid := tuple(name for name in dead if not any(name in fault.columns for fault in found)):
-        found.append(
-            LogFault("frozen", unsaid, f"the same number all the time, although the robot moves: {', '.join(unsaid)}")
-        )
+        found.append(LogFault("frozen", unsaid, f"{_DEAD}: {', '.join(unsaid)}"))
     yield from found
     for name, values in log.columns.items():
         known, greatest = COLUMNS.get(name, ANY_COLUMN), float(np.abs(values).max())

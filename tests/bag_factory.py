@@ -13,8 +13,6 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from validation.files.bag_writing import message_of
-
 START = 1_700_000_000
 """Unix time of bags [s]."""
 KINDS = ("ros1", "sqlite", "mcap folder", "mcap")
@@ -120,3 +118,21 @@ def poses_at(n: int = 20, jump: float = 0.0, value: float | None = None) -> list
     """Poses at 10 Hz; the clock of their stamps jumps [s] after the tenth."""
     ticks = [(0.1 * k, 0.1 * k + (jump if k >= 10 else 0.0)) for k in range(n)]
     return [("/pose", written, pose_stamped(t, written if value is None else value)) for written, t in ticks]
+
+
+def message_of(types: Any, kind: str, fields: Any) -> Any:
+    """Return a message of a type of a rosbags type store; fields that are not given are zero or empty."""
+    from rosbags.interfaces import Nodetype
+
+    found = {}
+    for name, (node, detail) in types.fielddefs[kind][1]:
+        given = fields.get(name)
+        if node is Nodetype.NAME:
+            found[name] = message_of(types, detail, given or {})
+        elif node is Nodetype.BASE:
+            found[name] = given or ("" if detail[0] == "string" else 0)
+        elif detail[0][0] is Nodetype.NAME:
+            found[name] = [message_of(types, detail[0][1], each) for each in given or ()]
+        else:
+            found[name] = np.zeros(detail[1]) if given is None else given
+    return types.types[kind](**found)

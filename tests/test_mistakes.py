@@ -69,7 +69,7 @@ MISTAKES = {
     "recordings info nowhere.bag": "nowhere.bag: there is no such file",
     "recordings info .": "no ROS 2 bag: there is no metadata.yaml",
     "recordings info drive.csv --limits perid=20": "unknown limit 'perid'; there are: table_size, ",
-    "recordings convert drive.csv --out x.xls": "no format has the ending '.xls'; there are: .csv, .tum, .mcap",
+    "recordings convert drive.csv --out x.xls": "no format has the ending '.xls'; there are: .csv, .tum",
     "recordings convert drive.csv --out drive.csv": "is the log itself, or a part of it",
     "recordings convert drive.csv --rate -3": "rate -3.0 must be positive [Hz]",
     "recordings convert drive.csv --from 99": "nothing was logged in 99 to inf s",

@@ -67,7 +67,6 @@ RUNS: dict[str, tuple[Main, tuple[str, ...]]] = {
     "compare": (compare, (FILE, "--profile", PROFILE, "--plants", "linear", "--horizons", "2")),
     "info": (LOG_COMMANDS, ("info", FILE)),
     "convert": (LOG_COMMANDS, ("convert", FILE)),
-    "convert to a bag": (LOG_COMMANDS, ("convert", FILE, "--out", f"b{NAME}.mcap")),
     "check a robot": (ROBOT_COMMANDS, ("check", f"r{NAME}.toml")),
     "import a robot": (ROBOT_COMMANDS, ("import", f"u{NAME}.urdf", "--out", f"i{NAME}.toml")),
     "fit": (fit, ("linear", "--to", FILE, *SEARCH, "--name", NAME)),

@@ -162,10 +162,7 @@ def info(o: Info) -> LogReport:
 
 @cli.program(Convert)
 def convert(o: Convert) -> LogReport:
-    """Write a log in another format: .csv, .tum or .mcap.
-
-    A .tum file is a trajectory for evo, .mcap a ROS 2 bag, which keeps the stamps of every group of columns unless --rate is
-    given.
+    """Write a log as .csv, or its poses as .tum, a trajectory for evo.
 
     Offsets of time, bias, cutting, one clock: that is the order of changes.
 
@@ -189,7 +186,7 @@ def convert(o: Convert) -> LogReport:
     return LogReport(
         title=log.path.name, document={}, log=changed, offsets=offsets,
         tables=[_offset_table(offsets)], sentences=sentences,
-        save_as=lambda path: write_log(changed if format_of_target(path).own_stamps else merged, path),
+        save_as=lambda path: write_log(merged, path),
     )  # fmt: skip
 
 

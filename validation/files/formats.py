@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
-from validation.files.bag_writing import write_bag
 from validation.files.bags import read_bag
 from validation.files.csv_logs import read_csv, write_csv
 from validation.files.log import POSE_COLUMNS, Log, ReadOptions, check_group
@@ -26,7 +25,7 @@ def write_tum(log: Log, path: Path) -> None:
     """
     made = log.on_one_clock()
     if not made.has(POSE_COLUMNS):
-        raise FileError(log.path, f"there is no pose for {path.name}; ekf makes one from wheels and gyro")
+        raise FileError(log.path, f"there is no pose for {path.name}")
     x, y, yaw = made.table(POSE_COLUMNS).T
     table = np.column_stack([made.t, x, y, np.zeros(len(x)), quat_wxyz_to_xyzw(yaw_to_quat_wxyz(yaw))])
     write_atomic(path, lambda beside: np.savetxt(beside, table, fmt="%.9f"))
@@ -45,8 +44,6 @@ class LogFormat:
     """Function that writes a log whole or not at all; None for a format that is only read."""
     folder: str = ""
     """Name of the folders that are read as well, such as `the folder of a ROS 2 bag`; empty where only files are."""
-    own_stamps: bool = False
-    """Whether its files hold the own stamps of each group."""
 
     def recognises(self, path: Path) -> bool:
         """Return whether a path looks like this format: by its ending, or as a folder."""
@@ -57,7 +54,7 @@ FORMATS = (
     LogFormat((".csv",), read_csv, write_csv),
     LogFormat((".tum",), None, write_tum),
     LogFormat((".bag",), read_bag),
-    LogFormat((".mcap",), read_bag, write_bag, "the folder of a ROS 2 bag", own_stamps=True),
+    LogFormat((".mcap",), read_bag, None, "the folder of a ROS 2 bag"),
 )
 """Every format of logs. A new one is a module with a function that reads or writes it, and its line here."""
 

@@ -78,8 +78,6 @@ RECORDED = ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw"
 """Columns of a robot's motion: a log on one clock has at least one of them."""
 _NOTHING = f"there is none of the columns {', '.join(RECORDED)}"
 POSE_COLUMNS = ("x", "y", "yaw")
-POSES = (POSE_COLUMNS, ("odom_x", "odom_y", "odom_yaw"))
-"""Triples of columns that are x [m], y [m] and yaw [rad] of one motion."""
 COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
     {"twist": ("cmd_v", "cmd_w"), "wheels": ("enc_left", "enc_right")}
 )

@@ -1,0 +1,68 @@
+"""The commands of README and of the pages can be read; those of README and of the Start pages run, with what ships."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import exit_status
+from validation.cli.__main__ import PROGRAMS, program_named
+from validation.cli.process import _parse
+from validation.files.formats import log_path
+
+ROOT = Path(__file__).resolve().parents[1]
+README = ROOT / "README.md"
+DOCS = ROOT / "docs"
+NOT_HERE = ("ros", "replicate")
+"""Programs that have tests of their own: nodes run until Ctrl-C, and the replication takes its time."""
+
+
+def commands(page: Path) -> list[list[str]]:
+    """The words behind `python -m validation.` of each command of a page that a reader can copy, in their order."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    found = re.findall(r"^(?: {4}|\S*&& )*python -m validation\.(.*)$", text, re.MULTILINE)
+    return [shlex.split(line, comments=True) for line in found if not re.search(r"[$…&]|\bMODEL\b", line)]
+
+
+@pytest.mark.parametrize(
+    "page", [README, *sorted(set(DOCS.glob("*.md")) - {DOCS / "extend.md"})], ids=lambda page: page.stem
+)
+def test_every_command_of_a_page_can_be_read(page: Path) -> None:
+    """Those of extend.md, which adds programs and plants, run in a test of their own."""
+    for name, *words in commands(page):
+        assert name in PROGRAMS, name
+        _parse(program_named(name), name, words)
+
+
+def shortened(words: list[str]) -> list[str]:
+    """The command with a short search and without fits of MuJoCo: what is tried is the command, not what it finds."""
+    text = re.sub(r"(--population) \d+ (--generations) \d+", r"\1 4 \2 1", shlex.join(words))
+    for begins, more in (("calibrate", "--plants kinematic"), ("fit mujoco", "--search lsq"), ("study transfer", "--quick")):
+        text += f" {more}" if text.startswith(begins) and more.split()[0] not in text else ""
+    return shlex.split(text)
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        DOCS / "your_robot.md",
+        *(
+            pytest.param(page, marks=pytest.mark.slow)
+            for page in (README, DOCS / "first_comparison.md", DOCS / "controllers.md")
+        ),
+    ],
+    ids=lambda page: page.stem,
+)
+def test_a_start_page_runs_from_top_to_bottom(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    if page == README:  # which says robot.urdf and drive.csv for what its reader has
+        assert exit_status(program_named("robots"), "export", "husky", "--to", "urdf", "--out", "robot.urdf") == 0
+        shutil.copy(log_path("husky"), "drive.csv")
+    found = [shortened(words) for words in commands(page) if words[0] not in NOT_HERE]
+    assert len(found) > 4
+    for name, *words in found:
+        assert exit_status(program_named(name), *words) == 0, (name, words)

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ssmr.robot.ground import turn_on_the_spot
 from tests.conftest import installed_plant
-from tests.robots import SAME_PATH, TRACK, WHEELBASE
+from tests.robots import SAME_PATH, TRACK
 from validation.bench.sources import drive, open_source
 from validation.plants.profile import Profile
 from validation.report.report import Report
-from validation.simulator.calibration import Calibration
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.turning import SPIN_LEAD, creep, measure_spin, rolling_radius, spin
+from validation.simulator.turning import creep, measure_spin, rolling_radius, spin
 from validation.study import contact as study
 from validation.study.contact import (
     BASELINE,
@@ -118,18 +116,6 @@ def test_each_robot_has_its_own_closed_form(
     assert found["multiplier"] == pytest.approx(found["multiplier_expected"], rel=error)
     assert abs(found["multiplier_expected"] - 1.0 - (0.512 / TRACK) ** 2) > 0.02
     assert found["ripple"] < 1e-3
-
-
-def test_a_robot_heavier_on_the_right_circles_about_its_closed_forms_centre(lab: Profile) -> None:
-    plant = EVERY["centre of mass: maker's"].plant(lab.plants["mujoco"])
-    made = spin(plant, 24.0)
-    calibration: Calibration = plant.calibration
-    share = (calibration.mass - 4 * 2.637) / calibration.mass
-    x, y = turn_on_the_spot(WHEELBASE, TRACK, share * calibration.com_x, share * calibration.com_y).centre
-    found = measure_spin(made, calibration)
-    assert found["wander_m"] == pytest.approx(2.0 * np.hypot(x, y), rel=0.05)
-    assert found["drift_m"] < 0.002  # it is back after a turn
-    assert made.motion.twist[made.motion.t > SPIN_LEAD, 0].min() > 0.0
 
 
 def test_the_sideways_drift_is_shown_and_cured(lab: Profile) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -10,17 +9,15 @@ import numpy as np
 import pytest
 
 from ssmr.robot.ground import turn_on_the_spot
-from ssmr.types import Commands, Plant, State
+from ssmr.types import Commands, State
 from tests.conftest import installed_plant
 from validation.engines import ode_library
 from validation.engines.body import EngineBody, EngineMissingError, RigidNumbers
-from validation.engines.drake import DrakeBody
 from validation.engines.ode import OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
 from validation.plants.profile import Profile, ProfileError, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.simulator.description import GRAVITY
-from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import Terrain
 
 SPIN = Commands(0.05, np.tile([-4.0, 4.0], (80, 1)), "wheels")
@@ -39,29 +36,6 @@ def multiplier(plant: EnginePlant) -> tuple[float, float]:
     motion, c = plant.run(SPIN, State(), 0.01), plant.calibration
     rate = motion.twist[motion.t > 1.0, 2]
     return c.wheel_radius * 8.0 / (2.0 * c.half_track) / float(rate.mean()), float(np.ptp(rate) / rate.mean())
-
-
-@pytest.mark.parametrize("shape", ["ellipsoid", "cylinder"])
-@pytest.mark.parametrize("name", SECOND_OPINIONS)
-def test_a_turn_on_the_spot_is_that_of_the_closed_form(name: str, shape: str, lab: Profile) -> None:
-    """The closed form has dry friction with a circle, near-rigid contact and slow motion: 0.5 % for step and speed."""
-    bodies: dict[str, Callable[[RigidNumbers], EngineBody]] = {
-        "ode": lambda n: OdeBody(n, OdeSettings()),
-        "drake": DrakeBody,
-    }
-    found, ripple = multiplier(made(lab, name, bodies[name], wheel_shape=shape))
-    geometry = lab.robot.geometry
-    half_width = 0.5 * geometry.wheel_width if shape == "cylinder" else 0.0
-    expected = turn_on_the_spot(geometry.wheelbase, geometry.track, half_width=half_width).multiplier
-    assert found == pytest.approx(expected, rel=5e-3)
-    assert ripple < 1e-3
-
-
-def test_a_friction_square_along_the_world_s_axes_turns_unevenly(lab: Profile) -> None:
-    """Between M = 1 at heading 0 and 1 + L/B = 1.897 where a diagonal of the square points ahead (docs/why_drift.md)."""
-    found, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, OdeSettings("pyramid", "world"))))
-    assert 1.2 < found < 1.6
-    assert ripple > 0.3
 
 
 def test_gazebo_s_cone_turns_as_a_cone_does(lab: Profile) -> None:
@@ -106,19 +80,6 @@ def test_loads_at_rest_are_the_weight(name: str, lab: Profile) -> None:
     assert loads[-1] == pytest.approx(np.full(4, 0.25 * weight), rel=1e-4)
 
 
-@pytest.mark.parametrize("name", SECOND_OPINIONS)
-def test_a_slope_of_8_degrees_holds_the_robot_and_one_beyond_friction_does_not(name: str, lab: Profile) -> None:
-    installed_plant(lab, name)
-    rest = Commands(0.05, np.zeros((40, 2)))
-    held = make_plant(lab, name, Terrain("ramp", slope=math.radians(8.0))).run(rest, State(yaw=0.5), 0.05)
-    friction = lab.section(name).parameters.friction
-    steep = math.atan(friction) + 0.1
-    slid = make_plant(lab, name, Terrain("ramp", slope=steep)).run(rest, State(yaw=0.5 * math.pi), 0.05)
-    assert np.hypot(*(held.xy[-1] - held.xy[0])) < 1e-3
-    down = GRAVITY * (math.sin(steep) - friction * math.cos(steep))  # sideways, so no wheel can roll
-    assert np.hypot(*slid.twist[-1, :2]) == pytest.approx(down * 2.0, rel=0.05)
-
-
 def test_a_missing_engine_is_one_line_that_says_how_to_get_it(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
     ode_library.ode.cache_clear()
     monkeypatch.setattr(ode_library, "NAMES", ("libode_that_is_not.so.8",))
@@ -141,15 +102,3 @@ def test_what_an_engine_cannot_have_is_refused(lab: Profile) -> None:
     light = replace(section.parameters, armature=1e-6, gain=1e4)
     with pytest.raises(ValueError, match="too long for a gain of 10000"):
         EnginePlant("ode", lambda n: OdeBody(n, OdeSettings()), light, section.drive)
-
-
-def test_motion_is_that_of_the_standard_plant_where_nothing_slips(lab: Profile) -> None:
-    """Straight ahead, engines differ only by contact: 2 s of starting and driving end within 3 mm of MuJoCo."""
-    ahead, ends = Commands(0.05, np.tile([0.5, 0.0], (40, 1))), {}
-    for name in ("mujoco", *SECOND_OPINIONS):
-        plant: Plant = installed_plant(lab, name)
-        ends[name] = plant.run(ahead, State(), 0.05).pose[-1]
-        assert name != "mujoco" or isinstance(plant, MujocoPlant)
-    for name in SECOND_OPINIONS:
-        assert ends[name][0] == pytest.approx(ends["mujoco"][0], abs=3e-3)
-        assert np.abs(ends[name][1:]).max() < 1e-6

@@ -19,7 +19,7 @@ from ssmr.geometry import wrap_angle
 from ssmr.models.four_wheel import STATE_NUMBERS, body_of, four_wheels, spread_load
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant, run_four_wheels
 from ssmr.models.friction import AlongAcross, Tyre, bend, bent_share, felt_slip, steady_bend, tyre_force
-from ssmr.robot.ground import LoadModel, turn_on_the_spot
+from ssmr.robot.ground import LoadModel
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, State, Trajectory
@@ -123,17 +123,6 @@ def test_loads_are_those_of_quasi_static_load_transfer() -> None:
 
 
 # ------------------------------------------------------------------------------- motion
-
-
-@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (0.06, 0.0), (-0.03, 0.05)])
-def test_a_slow_turn_on_the_spot_is_that_of_rigid_tyres(x: float, y: float) -> None:
-    """Tyres slide almost wholly there, so that a finite stiffness is the stiff limit."""
-    expected = turn_on_the_spot(P.wheelbase, 2.0 * P.half_track, x, y)
-    motion = plant(com_x=x, com_y=y).run(held(0.0, 0.3, 10.0), State(), 0.05)
-    v_x, v_y, w = motion.twist[-1]
-    rims = P.wheel_radius * (motion.wheels[-1, 1] - motion.wheels[-1, 0])
-    assert rims / (2.0 * P.half_track * w) == pytest.approx(expected.multiplier, rel=1e-3)  # centrifugal forces
-    assert (-v_y / w, v_x / w) == pytest.approx(expected.centre, abs=2e-3)
 
 
 def test_wild_commands_never_leave_the_friction_circle() -> None:

@@ -10,24 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ssmr.robot.ground import turn_on_the_spot
-
 page = SimpleNamespace(**runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "make_four_wheel_figure.py")))
 """The script that prints the page's numbers."""
 SOFT, CAR, STIFF, RIGID = page.STIFFNESSES
-
-
-def test_both_turn_on_the_spot_as_the_closed_form_says() -> None:
-    expected = turn_on_the_spot(page.NUMBERS.wheelbase, 2.0 * page.NUMBERS.half_track).multiplier
-    assert expected == pytest.approx(1.8046, abs=1e-4)
-    for stiffness in (SOFT, RIGID):
-        assert page.multiplier(stiffness, 0.0, 0.6) == pytest.approx(expected, rel=1e-4)
-    for rate, apart in ((0.3, 7e-4), (2.4, 5e-3)):
-        found = page.multiplier("mujoco", 0.0, rate)
-        assert found == pytest.approx(expected, rel=apart)
-        assert found < expected
-        lifted = found * (1.0 + 0.5 * page.rise(rate) / page.NUMBERS.wheel_radius)
-        assert lifted == pytest.approx(expected, rel=1e-4)
 
 
 @pytest.mark.parametrize(("v", "w"), page.CURVES)
@@ -55,14 +40,6 @@ def test_starts_agree_but_for_the_slip_of_tyres(share: float) -> None:
         less, slipping, _ = page.thrust(stiffness, share)
         assert slipping == pytest.approx(page.brush_slip(less, stiffness), rel=0.02)  # while the tyres roll on
         assert less < reached
-
-
-@pytest.mark.parametrize("speed", [1.0, 2.0])
-def test_both_stop_in_the_distance_that_friction_needs(speed: float) -> None:
-    needed = speed**2 / (2.0 * page.MU * page.G)
-    assert page.stop("mujoco", speed) == pytest.approx(needed, rel=0.01)
-    assert needed < page.stop(RIGID, speed) < 1.03 * needed
-    assert page.stop(RIGID, speed) < page.stop(SOFT, speed) < 1.05 * needed
 
 
 def test_an_arc_of_twenty_seconds_ends_near_the_others_end() -> None:

@@ -97,13 +97,6 @@ def test_undriven_energy_only_falls(parameters: CoulombParameters | ImprovedPara
     assert energy[-1] <= 2.0 * floor
 
 
-def test_undriven_improved_stops_exactly_and_where_friction_says() -> None:
-    p = ImprovedParameters(0.05, 0.12, 0.1, 0.0)
-    motion = PlanarPlant(PlanarModel(p, VEHICLE, LOOSE)).run(hold(0.0, 0.0, 4.0), State(v_x=0.8), 0.001)
-    assert motion.twist[-1, 0] == EXACT
-    assert motion.pose[-1, 0] == pytest.approx(0.8**2 / (2 * 0.05 * 9.81), rel=1e-3)
-
-
 def test_ccw_curve_of_a_shifted_icr_slides_outward() -> None:
     """Eq. 2.10: v_y = -x_ICR omega."""
     motion = PlanarPlant(PlanarModel(CoulombParameters(), SKEWED, LOOSE)).run(hold(0.3, 0.5), State(), 0.01)
@@ -165,12 +158,6 @@ def test_linear_equals_python_control() -> None:
     assert np.allclose(response.outputs[1], motion.twist[:, 0], rtol=1e-9, atol=1e-12)
     assert np.allclose(response.outputs[3], motion.twist[:, 2], rtol=1e-9, atol=1e-12)
     assert np.allclose(response.outputs[2], motion.pose[:, 2], atol=2e-3)  # theta by the trapezoidal rule on a 1 ms grid
-
-
-def test_linear_saturated_start_takes_as_long_as_the_torque_allows() -> None:
-    limited = replace(LOOSE, torque_limit=7.0)
-    motion = PlanarPlant(PlanarModel(LinearParameters(k_u=0.0), VEHICLE, limited)).run(hold(5.0, 0.0, 1.0), State(), 0.01)
-    assert motion.twist[50, 0] == pytest.approx(4 * 7.0 / (VEHICLE.wheel_radius * VEHICLE.mass) * 0.5, rel=1e-9)
 
 
 # ------------------------------------------------------------------------------- kinematic

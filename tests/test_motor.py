@@ -109,21 +109,6 @@ def test_the_linear_model_is_stepped_exactly_with_unlike_radii_too() -> None:
 
 
 @pytest.mark.parametrize("parameters", SMOOTH)
-def test_spinning_inertia_is_accelerated_too(parameters: object) -> None:
-    """At the torque limit a straight start has thrust over m + 2 J / r^2, a turn moment over I + 2 J c c_eff / r^2."""
-    vehicle, drive = Vehicle(spin_inertia=0.5, effective_half_track=0.4), Drive(delay_v=0.0, delay_w=0.0)
-    body = vehicle_body(packed(vehicle))
-    mass, inertia = body.moved, body.turned
-    assert mass == pytest.approx(73.30 + 2 * 0.5 / 0.1651**2)
-    assert inertia == pytest.approx(2.16 + 2 * 0.5 * 0.275 * 0.4 / 0.1651**2)
-    plant = PlanarPlant(PlanarModel(parameters, vehicle, drive))
-    straight = plant.run(Commands(0.05, np.tile([1.0, 0.0], (4, 1))), State(), 0.01)
-    assert straight.twist[-1, 0] / straight.t[-1] == pytest.approx(4 * 7.0 / 0.1651 / mass, rel=1e-9)
-    turn = plant.run(Commands(0.05, np.tile([0.0, 2.0], (2, 1))), State(), 0.01)
-    assert turn.twist[-1, 2] / turn.t[-1] == pytest.approx(0.275 * 4 * 7.0 / 0.1651 / inertia, rel=1e-9)
-
-
-@pytest.mark.parametrize("parameters", SMOOTH)
 def test_the_integral_part_takes_the_droop_out_of_every_planar_model(parameters: object) -> None:
     """A lasting gear loss T costs T / (K_P + K_dc) of wheel rate."""
     drive = replace(LEAKY, gear_loss=4.0)

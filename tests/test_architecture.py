@@ -227,7 +227,7 @@ PRICES = {
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""
 MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 31_600, 190, 17_900
-MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 53_000, 1_100
+MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 52_000, 1_100
 
 
 def lines_in(folder: Path, pattern: str = "**/*.py") -> int:

@@ -26,8 +26,7 @@ from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import Profile
 from validation.replicate.control import TrackedTables
-from validation.replicate.high_pass import HighPass, estimate_noise
-from validation.replicate.lab import late
+from validation.replicate.lab import late, variance_above
 from validation.replicate.theory import bounds_rows
 from validation.thesis.published import table, value
 
@@ -248,7 +247,7 @@ def test_44_the_high_pass_filter_takes_noise_away_too() -> None:
     printed = value("3.4", "dx")
     for rate, share in ((50.0, 0.623), (120.0, 0.843)):
         noise = np.random.default_rng(44).normal(0.0, math.sqrt(printed), 100_000)
-        assert estimate_noise([noise], HighPass(rate, exact=False)).variance == pytest.approx(share * printed, rel=0.02)
+        assert variance_above(noise, rate) == pytest.approx(share * printed, rel=0.02)
 
 
 def test_45_wrong_stamps_make_x_noisy_and_nothing_else() -> None:
@@ -259,10 +258,8 @@ def test_45_wrong_stamps_make_x_noisy_and_nothing_else() -> None:
     log = simulate_sensors(motion, np.random.default_rng(1), rate=50.0)
     seen = run_ekf(log.t, log.left, log.right, log.gyro, EkfSettings(), State(v_x=0.5))
     off = late(motion, seen, 0.010, np.random.default_rng(2))
-    filter = HighPass(50.0)
     (x, y, dx), (x_off, y_off, dx_off) = (
-        [estimate_noise([values], filter).variance for values in (m.pose[:, 0], m.pose[:, 1], m.twist[:, 0])]
-        for m in (seen, off)
+        [variance_above(values, 50.0) for values in (m.pose[:, 0], m.pose[:, 1], m.twist[:, 0])] for m in (seen, off)
     )
     assert x < value("3.4", "X") / 1e3
     assert y < value("3.4", "Y")

@@ -10,9 +10,8 @@ import pytest
 
 from ssmr.control.loop import LoopSettings
 from ssmr.control.references import circle
-from ssmr.robot.sensors import SensorModel, simulate_sensors, tracker_swing
+from ssmr.robot.sensors import SensorModel, simulate_sensors
 from ssmr.types import Trajectory
-from tests.conftest import ROUNDOFF
 from validation.track import track
 
 T = np.arange(0.0, 20.0, 0.008)
@@ -31,21 +30,6 @@ def test_damaged_encoders_show_their_share_of_the_rate_and_the_noise_stays() -> 
     assert np.array_equal(sound.gyro, damaged.gyro)
     with pytest.raises(ValueError, match="missed_left"):
         SensorModel(missed_left=1.1)
-
-
-def test_a_swinging_tracker_adds_one_sine_along_one_direction() -> None:
-    off = tracker_swing(T, 0.004, 1.5, np.random.default_rng(3))
-    size, directions = np.linalg.svd(off, full_matrices=False)[1:]
-    assert size[1] < ROUNDOFF * size[0]
-    along = off @ directions[0]
-    basis = np.column_stack([np.sin(2.0 * np.pi * 1.5 * T), np.cos(2.0 * np.pi * 1.5 * T)])
-    found = np.linalg.lstsq(basis, along, rcond=None)[0]
-    assert np.hypot(*found) == pytest.approx(0.004, rel=1e-9)
-    assert along == pytest.approx(basis @ found, abs=1e-12)
-    assert not np.allclose(off, tracker_swing(T, 0.004, 1.5, np.random.default_rng(4)))
-    assert np.array_equal(off, tracker_swing(T, 0.004, 1.5, np.random.default_rng(3)))
-    with pytest.raises(ValueError, match="amplitude"):
-        tracker_swing(T, -1.0, 1.0, np.random.default_rng(3))
 
 
 def test_a_robot_with_damaged_encoders_drives_farther_than_it_believes(tmp_path: Path) -> None:

@@ -9,18 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.robot.localiser import Localiser
 from ssmr.search.jde import JdeSettings
 from ssmr.types import Trajectory
-from tests.conftest import ROUNDOFF, exit_status, installed_plant
+from tests.conftest import exit_status, installed_plant
 from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller
-from validation.bench.sources import drive, open_source
 from validation.engines.body import EngineMissingError
-from validation.plants.profile import Profile, make_plant
+from validation.plants.profile import Profile
 from validation.progress import Progress, silent
 from validation.replicate import gazebo, replicate
-from validation.replicate.chapters import QUICK, Findings, Section, Task, chosen_sections, template
+from validation.replicate.chapters import QUICK, Findings, Section, Task, chapter_of, chosen_sections, template
 from validation.replicate.control import (
     CONTROL_TABLES,
     GAIN_NAMES,
@@ -29,18 +27,18 @@ from validation.replicate.control import (
     PATH_RATE_HZ,
     TUNED_TABLES,
     TrackedTables,
-    change_percent,
     supposed_gains,
     supposed_path,
 )
-from validation.replicate.models import alternations, delay_and_rise
+from validation.replicate.lab import high_pass
+from validation.replicate.models import alternations
 from validation.replicate.others import drive_all, every_cause, fitted_and_judged, standing_out
 from validation.replicate.run import ALL_SECTIONS
 from validation.thesis import published
-from validation.thesis.verdicts import STATUSES, Pair
+from validation.thesis.verdicts import EVIDENCE, STATUSES
 
 PLACES = {f"Sec. {n}" for n in ("3.5", "3.5.4", "3.6", "3.7", "4.3.3", "4.5", "4.5, motors")} | {"Fig. 2.9", "Fig. 3.33"}
-WANTED = PLACES | {*"3.4 3.8 3.9 3.11 3.12 3.14 3.15 4.4 4.21 4.37 4.38".split(), *CONTROL_TABLES}
+WANTED = PLACES | {*"3.4 3.8 3.9 3.11 3.12 3.14 3.15 4.4 4.21 4.37".split(), *CONTROL_TABLES}
 SMALL = Task(QUICK._replace(fit=(8, 3), draws=1, repeats=1), 1, 2, silent)
 
 
@@ -81,6 +79,7 @@ def test_files_hold_every_number_beside_ours_with_a_verdict(tmp_path: Path, monk
     for number, table in document["tables"].items():
         for row, metrics in table["rows"].items():
             assert table["verdicts"][row]["verdict"] in STATUSES
+            assert table["verdicts"][row]["evidence"] in EVIDENCE
             for metric, pair in metrics.items():
                 assert {"published", "ours"} <= set(pair)
                 assert pair["verdict"] == "agrees" or pair["reason"], (number, row, metric)
@@ -88,6 +87,7 @@ def test_files_hold_every_number_beside_ours_with_a_verdict(tmp_path: Path, monk
         assert {m: document["tables"]["3.9"]["rows"][row][m]["published"] for m in printed} == printed
     assert document["tables"]["3.8"]["rows"]["tau_max_wheel_N_m"]["value"]["verdict"] == "not compared"
     assert sum(document["verdicts"].values()) == 6 + 4 + 3
+    assert document["verdicts"] == {s: sum(some[s] for some in document["evidence"].values()) for s in STATUSES}
     text = (tmp_path / "replicate.md").read_text(encoding="utf-8")
     assert all(f"| {row} |" in text for row in published.table("3.8")["rows"])
     assert "{" not in text
@@ -117,21 +117,14 @@ def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis(
         assert pair.ours is not None
         assert pair.beside["of what is simulated"] == pytest.approx(0.623 * (pair.published or 0.0), rel=0.15), name
         assert (pair.beside["with jitter"] > 100.0 * pair.ours) == (name == "X")
-    assert len(found.more[0].rows) == 2 * len(published.table("3.3")["rows"])
+    assert np.square(high_pass(50.0)).sum() == pytest.approx(0.623, abs=0.001)
 
 
 def test_missed_ticks_shorten_the_way_that_the_filter_believes_in() -> None:
-    rows = section("faults").run(SMALL).more[0].rows
-    share, along = np.array([[row["missed_share"], row["along_m"]] for row in rows]).T
-    assert -np.diff(along) / np.diff(share) == pytest.approx(0.5 * 10.8, rel=0.1)
-
-
-def test_delay_and_rise_of_known_answers() -> None:
-    t = np.linspace(0.0, 5.0, 5001)
-    lag = np.where(t > 0.3, 1.0 - np.exp(-(t - 0.3) / 0.1), 0.0)
-    expected = 0.3 + 0.1 * math.log(1.0 / 0.9), 0.1 * math.log(9.0)
-    assert delay_and_rise(t, -2.0 * lag) == pytest.approx(expected, abs=1e-4)
-    assert delay_and_rise(t, 0.0 * t) == (None, None)
+    drivers, sound, *missed = (row["along_m"] for row in section("faults").run(SMALL).more[0].rows)
+    assert drivers == pytest.approx(10.8 * (0.1651 / 0.16154 - 1.0), rel=0.1), "a radius that is off, not a damaged encoder"
+    assert abs(sound) < 0.02
+    assert (sound - missed[0], sound - missed[1]) == pytest.approx((0.5 * 0.02 * 10.8, 0.5 * 0.05 * 10.8), rel=0.1)
 
 
 def test_alternations_are_samples_of_another_sign_than_both_neighbours() -> None:
@@ -143,8 +136,8 @@ def test_only_the_limit_of_the_motors_makes_trajectory_1_stand_out() -> None:
     """Printed: 142 mm, where the others have 22, 25 and 15."""
     found = {}
     for name in ("none: stiff tyres, ample motors", "left motors 5 % stronger", "motors end at 9 N m a wheel"):
-        judged = fitted_and_judged(drive_all(every_cause()[name], 1), JdeSettings(20, 12, patience=13), 1, 2)
-        found[name] = standing_out({t: metrics for t, (metrics, _) in judged.items()})
+        settings = JdeSettings(20, 12, patience=13)
+        found[name] = standing_out(fitted_and_judged(drive_all(every_cause()[name], 1), settings, 1, 2))
     assert found.pop("motors end at 9 N m a wheel") > 2.5 > 1.5 > max(found.values())
 
 
@@ -155,16 +148,6 @@ def test_causes_add_up_and_noise_depends_on_the_seed_alone() -> None:
     noisy = [drive_all(causes["noise of the tracker"], seed)["traj1"][1].pose for seed in (1, 1, 2)]
     assert np.array_equal(noisy[0], noisy[1])
     assert not np.array_equal(noisy[0], noisy[2])
-
-
-def test_a_change_in_percent_carries_both_spreads() -> None:
-    def pair(ours: float | None, spread: float | None) -> Pair:
-        return Pair(None, ours, "none", spread=spread)
-
-    expected = 50.0, 150.0 * math.hypot(0.1, 0.2)
-    assert change_percent(pair(0.002, 0.0002), pair(0.003, 0.0006)) == pytest.approx(expected, rel=ROUNDOFF)
-    assert change_percent(pair(0.002, None), pair(0.003, None))[1] is None
-    assert change_percent(pair(None, None), pair(0.003, 0.0)) == (None, None)
 
 
 def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
@@ -212,7 +195,16 @@ def test_a_robot_that_turns_as_its_wheels_ask_never_drives_straight() -> None:
     for share, kept in ((0.0, np.ones(6)), (0.5, np.array([1.0, 0.0, 1.0, 0.0, 0.0, 0.0]))):
         twist = np.column_stack([np.ones(6), np.zeros(6), 0.4 * asked * kept])
         motion = Trajectory(0.1 * np.arange(6), np.zeros((6, 3)), twist, wheels)
-        assert gazebo.straight_share(motion, 0.16, 0.28) == pytest.approx(share)
+        assert gazebo.straight_share(motion, 0.57 * asked) == pytest.approx(share)
+
+
+def test_sixteen_starts_differ_a_little_and_one_is_the_thesis_own() -> None:
+    assert gazebo.starts(1) == [(0.0, 0.001)]
+    yaw, step = np.array(gazebo.starts(16)).T
+    assert len({*yaw}) == len({*step}) == 16
+    assert (yaw.min(), yaw.max(), abs(yaw.sum())) == pytest.approx((-0.035, 0.035, 0.0), abs=1e-12)
+    assert np.abs(step - 0.001).max() < 0.0002
+    assert 0.05 / step == pytest.approx(np.round(0.05 / step))
 
 
 def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,13 +214,14 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytes
     monkeypatch.setattr(gazebo, "ode", missing)
     found: Findings = section("gazebo").run(SMALL)
     assert {row["straight_share"].obstacle for row in found.tables["Sec. 3.7"].values()} == {"install it"}
+    assert "install it" in "\n".join(chapter_of(section("gazebo"), found).markdown())
 
 
 @pytest.mark.slow
-def test_gazebo_s_pyramid_drives_straight_as_the_thesis_saw_it(lab: Profile) -> None:
-    """With friction along the world's axes and the weight to the right: see Sec. 3.7 and docs/why_drift.md."""
+def test_gazebo_s_pyramid_along_the_worlds_axes_is_as_fast_as_the_thesis_saw_and_never_turns(lab: Profile) -> None:
+    """What Sec. 3.7 says of its run needs turns too: the lost direction is a conjecture, see docs/why_drift.md."""
     installed_plant(lab, "ode")
-    improved = drive(make_plant(lab, "improved"), open_source("traj3").pieces[0], Localiser(), 0.01)
-    found = gazebo.driven_on_trajectory_3("pyramid", "world", improved)
-    assert found.straight > 0.9
+    found = gazebo.driven_on_trajectory_3("pyramid", "world", gazebo.starts(1)[0])
     assert 0.4 < found.excess < 0.5
+    assert found.turning_share < 0.01
+    assert found.opposite_share < 0.02

@@ -62,22 +62,6 @@ def _ticks(t: FloatArray, rate: float) -> IndexArray:
     return np.asarray(np.floor((t - t[0]) * rate + 1e-9), dtype=np.intp)
 
 
-def tracker_swing(t: FloatArray, amplitude: float, frequency: float, rng: np.random.Generator) -> FloatArray:
-    """Return an oscillation of a motion capture that is no motion of the robot, as Sec. 4.5 reports one.
-
-    It is (M, 2) what is added to x and y [m] at instants `t` [s]: A sin(2 pi f t + phase) along one direction in the world,
-    which `rng` draws like the phase.
-
-    Raises:
-        ValueError: a negative amplitude [m] or frequency [Hz].
-    """
-    if amplitude < 0.0 or frequency < 0.0:
-        raise ValueError(f"amplitude {amplitude} m and frequency {frequency} Hz must not be negative")
-    direction, phase = rng.uniform(0.0, 2.0 * math.pi, 2)
-    swing = amplitude * np.sin(2.0 * math.pi * frequency * t + phase)
-    return np.column_stack([swing * math.cos(direction), swing * math.sin(direction)])
-
-
 YAW_DISTURBANCE_VARIANCE = 25.0
 """Variance of the disturbing yaw acceleration [rad2/s4]; Sec. 3.4.5."""
 PUSH_TIME = 0.1

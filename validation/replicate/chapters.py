@@ -15,7 +15,7 @@ from validation.progress import Report as Progressing
 from validation.report.columns import Unit, ending_of
 from validation.report.drawing import Row as PanelRow
 from validation.report.table import Row, Table, markdown_table
-from validation.thesis.verdicts import Pair, Rows, Verdict, judge, judge_row
+from validation.thesis.verdicts import Pair, Rows, Verdict, criterion_of, judge, judge_row
 from validation.words import markdown
 
 
@@ -34,9 +34,11 @@ class Budget(NamedTuple):
     """Draws of noise and disturbance for each row."""
     repeats: int = 25
     """Runs of a simulation that is timed."""
+    starts: int = 16
+    """Starts of each run in ODE."""
 
 
-QUICK = Budget((20, 25), (20, 12), 1, (20, 12), 2, 7)
+QUICK = Budget((20, 25), (20, 12), 1, (20, 12), 2, 7, 1)
 """Reduced budgets, which take under three minutes."""
 
 
@@ -148,6 +150,11 @@ def judged(number: str, rows: Rows) -> dict[str, tuple[dict[str, Verdict], Verdi
     return {row: (verdicts, judge_row(rows[row], verdicts)) for row, verdicts in found.items()}
 
 
+def is_printed(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> bool:
+    """Return whether the thesis has a row, though its numbers may be lost; the others are shown for the record."""
+    return any(pair.is_given or verdicts[metric].see for metric, pair in pairs.items())
+
+
 def _side_by_side(title: str, tables: Mapping[str, Rows]) -> Table:
     """Return tables of the thesis as one, with printed and own numbers side by side and the reasons of the verdicts below.
 
@@ -159,32 +166,36 @@ def _side_by_side(title: str, tables: Mapping[str, Rows]) -> Table:
     lines, why = list[Row](), dict[tuple[str, str], list[str]]()
     for number, rows in tables.items():
         for row, (verdicts, whole) in judged(number, rows).items():
-            head = {"Tab.": number} if len(tables) > 1 else {}
-            why.setdefault((whole.reason, whole.see), []).append(head.get("Tab.", row))
+            head, criterion = {"Tab.": number} if len(tables) > 1 else {}, criterion_of(number, row)
+            kind = criterion.evidence if is_printed(rows[row], verdicts) else None
+            if kind is not None:
+                why.setdefault((whole.reason, whole.see), []).append(head.get("Tab.", row))
             if wide:
-                numbers = {key: value for m, pair in rows[row].items() for key, value in _wide(m, pair).items()}
-                lines.append({**head, "row": row.replace("_", " "), "verdict": whole.status, **numbers})
+                numbers = {k: v for m, p in rows[row].items() for k, v in _wide(m, p, criterion.within.get(m)).items()}
+                lines.append({**head, "row": row.replace("_", " "), "verdict": whole.status, "evidence": kind, **numbers})
             else:
                 for metric, pair in rows[row].items():
                     head |= {"row": row} | ({"what": metric.replace("_", " ")} if len(units) > 1 else {})
                     status = whole.status if len(rows[row]) == 1 else verdicts[metric].status
-                    lines.append({**head, "unit": pair.unit, "verdict": status, **_tall(pair)})
+                    shown = _tall(pair, criterion.within.get(metric))
+                    lines.append({**head, "unit": pair.unit, "verdict": status, "evidence": kind, **shown})
     captions = [
         f"{', '.join(names)}: {reason}{f' (docs/{see})' if see else ''}." for (reason, see), names in why.items() if reason
     ]
     used = {key for line in lines for key, value in line.items() if value is not None}
     headings = {key: key.removesuffix(ending_of(key)) for key in used} if wide else {}
     ratios = {key: Unit("", 1.0, 4, significant=5) for key in used if "_ratio" in key}
-    shown = [{k: v for k, v in line.items() if k in used} for line in lines]
-    return Table(title, shown, "\n".join(captions), units=ratios, headings=headings)
+    kept = [{k: v for k, v in line.items() if k in used} for line in lines]
+    return Table(title, kept, "\n".join(captions), units=ratios, headings=headings)
 
 
-def _wide(metric: str, pair: Pair) -> Row:
+def _wide(metric: str, pair: Pair, within: Sequence[float] | None) -> Row:
     """Return columns named after the metric; a number with a spread has an interval of one such to either side."""
     ending = ending_of(metric)
     supposed = pair.supposed
     found = {
         "printed": pair.published,
+        **_words(within),
         "ours": _interval(pair.ours, pair.spread),
         **pair.beside,
         "supposed": None if supposed is None else _interval(supposed.value, supposed.spread),
@@ -197,7 +208,13 @@ def _interval(value: float | None, spread: float | None) -> float | tuple[float,
     return value if value is None or spread is None else (value, value - spread, value + spread)
 
 
-def _tall(pair: Pair) -> Row:
+def _tall(pair: Pair, within: Sequence[float] | None) -> Row:
     supposed = None if pair.supposed is None else pair.supposed.value
-    numbers = {"printed": pair.published, "ours": pair.ours, "spread": pair.spread, "supposed": supposed, **pair.beside}
-    return {name.replace("_", " "): value for name, value in numbers.items()}
+    numbers = {"ours": pair.ours, "spread": pair.spread, "supposed": supposed, **pair.beside}
+    return {
+        name.replace("_", " "): value for name, value in {"printed": pair.published, **_words(within), **numbers}.items()
+    }
+
+
+def _words(within: Sequence[float] | None) -> Row:
+    return {} if within is None else {"least": within[0], "most": within[1]}

@@ -23,7 +23,7 @@ from ssmr.metrics.declared import compare_paths
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
 from ssmr.types import FloatArray, Trajectory
 from validation.bench.gains import GainSet, load_gains
-from validation.bench.loops import make_controller, make_robot, rate, run_robots
+from validation.bench.loops import make_controller, make_robot, run_robots
 from validation.bench.tracked import reference_of, saturated
 from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
@@ -37,7 +37,7 @@ from validation.tune import tune
 
 _PROFILE = "thesis-lab"
 CONTROL_TABLES = tuple(f"4.{i}" for i in (*range(5, 20), *range(22, 37)))
-"""Numbers of the tables of single references; 4.37 and 4.38 repeat them."""
+"""Numbers of the tables of single references; 4.37 repeats them, and 4.38 follows from it."""
 TUNED_TABLES: Mapping[str, str] = {"pid": "4.4", "lqr": "4.21"}
 """Tables of gains by controller."""
 GAIN_NAMES: Mapping[str, Mapping[str, str]] = {
@@ -52,15 +52,15 @@ GAIN_NAMES: Mapping[str, Mapping[str, str]] = {
     },
 }  # fmt: skip
 """Names of the thesis' gains in our gain sets, by controller."""
-_OFTEN, _FAST = 20.0, 0.5
-"""Share of time [%] that Sec. 4.5 is taken to mean by "often", and the speed that it says so of [m/s]."""
+_FAST = 0.5
+"""Speed at which, says Sec. 4.5, motors were often at their limit [m/s]."""
 _KNOWN_GEOMETRY = ("line", "circle")
 """References whose geometry the thesis gives, so that a supposition about anything else can be tested."""
 PATH_RATE_HZ = SAMPLE_RATES_HZ["command"]
 """Supposed rate at which the simulated path was logged before it was compared with a reference [Hz]: that of commands."""
 K_11, K_33 = 4.0, 2.75
 """Supposed gains of the LQR from the error along the path to speed, and from that of heading to yaw rate [1/s]."""
-_LOGGED = f"the simulated path was logged at {PATH_RATE_HZ:g} Hz, so that its samples lie {{spacing:g}} mm apart"
+_LOGGED = f"the simulated path was logged at {PATH_RATE_HZ:g} Hz"
 _DRIVEN = (
     f"the LQR drove with K_11 = {K_11:g} and K_33 = {K_33:g} 1/s and no weight on the rates, instead of the manual column "
     "of Tab. 4.21"
@@ -94,7 +94,6 @@ def _tuned(controller: str, task: Task) -> Findings:
         "costs": ", ".join(f"{found['cost']:.3f}" for found in searches),
         "baseline": math.nan if best["baseline_cost"] is None else best["baseline_cost"],
         "generations": best["generations"],
-        "notes": "\n".join(f"- {note}" for note in best["notes"]),
     }
     return Findings({TUNED_TABLES[controller]: gain_rows(controller, searches)}, words)
 
@@ -109,9 +108,11 @@ def gain_rows(controller: str, searches: Sequence[Mapping[str, Any]]) -> Rows:
         obstacle = "" if spread is not None else "a single search has no spread"
         if name not in best["parameters"]:
             obstacle = "set by hand in the thesis; taken over"
+        searched = printed.get("search", ())
         theirs = float(printed.get("optimised", printed.get("value", math.nan)))
         beside = {"set_by_hand_in_the_thesis": float(printed["manual"])} if "manual" in printed else {}
-        rows[row] = {"optimised": Pair(theirs, best["gains"][name], "spread", unit, spread, beside, obstacle)}
+        ours = best["gains"][name]
+        rows[row] = {"optimised": Pair(theirs, ours, "spread", unit, spread, beside, obstacle, None, searched, searched)}
     spread, baseline = _deviation([found["cost"] for found in searches]), best["baseline_cost"]
     beside = {} if baseline is None else {"with_the_published_gains": baseline}
     return rows | {"cost": {"optimised": Pair(None, best["cost"], "none", "1", spread, beside)}}
@@ -165,14 +166,6 @@ class TrackedTables:
             found = [compare_paths(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
         return np.array([[m[name] for name in RULE_OF] for m in found]).reshape(-1, len(RULE_OF))
 
-    def _beside(self, number: str) -> Mapping[str, float]:
-        """Return mean metrics of the MuJoCo robot, without disturbance, against the reference of a table."""
-        theirs = published.table(number)
-        where = theirs["trajectory"], float(theirs["speed_m_s"])
-        runs = self._drive(load_gains(theirs["controller"], theirs.get("gains", "published")), *where, "mujoco")
-        driven = [rate(r, open_reference(*where)[1], self._robots["mujoco"]) for r in runs if not r.lost]
-        return {m: float(np.mean([each[m] for each in driven])) for m in RULE_OF} if driven else {}
-
     def _mean(self, values: FloatArray) -> tuple[float | None, float | None]:
         """Return mean and standard deviation; None where every seed lost the reference, or there is one seed."""
         if not len(values):
@@ -184,15 +177,14 @@ class TrackedTables:
         theirs, found, text = published.table(number), self.compared(number), supposition(number)
         printed: Mapping[str, float] = next(iter(theirs["rows"].values()), {})
         under = self.compared(number, supposed=True) if text else found[:0]
-        beside = self._beside(number) if theirs["comparison"] == "reference_vs_simulated" else {}
         pairs = {}
         for k, (metric, rule) in enumerate(RULE_OF.items()):
             ours, spread = self._mean(found[:, k])
             supposed, by = self._mean(under[:, k])
             pairs[metric] = Pair(
                 printed.get(metric), ours, rule, "m" if metric.endswith("_m") else "1", spread,
-                {"ours_mujoco": beside[metric]} if beside else {}, _LOST if ours is None else "",
-                None if supposed is None else Supposed(supposed, by, text, "tracking.md"),
+                obstacle=_LOST if ours is None else "",
+                supposed=None if supposed is None else Supposed(supposed, by, text, "tracking.md"),
             )  # fmt: skip
         return {f"{theirs['trajectory']}_{theirs['speed_m_s']:.2f}": pairs}
 
@@ -214,15 +206,14 @@ def supposed_path(motion: Trajectory) -> Trajectory:
 def supposition(number: str) -> str:
     """Return the supposition for one of the thesis' tables in words, without a full stop; empty if there is none."""
     theirs = published.table(number)
-    if theirs["trajectory"] not in _KNOWN_GEOMETRY or theirs.get("suspect"):
+    known = theirs["trajectory"] in _KNOWN_GEOMETRY and not theirs.get("suspect")
+    if not known or theirs["comparison"] != "reference_vs_simulated":
         return ""
-    logged = _LOGGED.format(spacing=1e3 * float(theirs["speed_m_s"]) / PATH_RATE_HZ)
-    driven = [_DRIVEN] * (theirs["controller"] == "lqr")
-    return ", and ".join(driven + [logged] * (theirs["comparison"] == "reference_vs_simulated"))
+    return ", and ".join([*[_DRIVEN] * (theirs["controller"] == "lqr"), _LOGGED])
 
 
 def _tracked(task: Task) -> Findings:
-    """Make Tab. 4.5-4.19 and 4.22-4.38."""
+    """Make Tab. 4.5-4.19 and 4.22-4.37."""
     made, found = TrackedTables(load_profile(_PROFILE), task.budget.draws, task.workers), dict[str, Rows]()
     for number in CONTROL_TABLES:
         found[number] = made.rows(number)
@@ -235,25 +226,8 @@ def _tracked(task: Task) -> Findings:
         row: {m: replace(pair, published=float(printed[m])) for m, pair in both[tuple(row.split("_", 1))].items()}
         for row, printed in published.table("4.37")["rows"].items()
     }
-    changes: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.table("4.38")["rows"].items():
-        changes[row] = {}
-        for metric in RULE_OF:
-            name = f"{metric.removesuffix('_m')}_change_percent"
-            change, spread = change_percent(both["pid", row][metric], both["lqr", row][metric])
-            obstacle = "" if change is not None else _LOST
-            changes[row][name] = Pair(float(printed[name]), change, "spread", "%", spread, {}, obstacle)
     panels = _drawn({n: found[n] for n in CONTROL_TABLES})
-    return Findings({**found, "4.37": repeated, "4.38": changes}, {"seeds": task.budget.draws}, panels=panels)
-
-
-def change_percent(before: Pair, after: Pair) -> tuple[float | None, float | None]:
-    """Return the change of a mean [%], and the standard deviation that follows from those of single runs [%]."""
-    if before.ours is None or after.ours is None or not before.ours > 0.0:
-        return None, None
-    ratio = after.ours / before.ours
-    share = [p.spread / p.ours for p in (before, after) if p.spread is not None and p.ours]
-    return 100.0 * (ratio - 1.0), 100.0 * ratio * math.hypot(*share) if len(share) == 2 else None
+    return Findings({**found, "4.37": repeated}, {"seeds": task.budget.draws}, panels=panels)
 
 
 def _drawn(tables: Mapping[str, Rows]) -> list[Row]:
@@ -298,16 +272,15 @@ def _saturation(task: Task) -> Findings:
                 waypoints = open_reference("generic", speed)[1]
                 runs = run_robots([robot] * n, [control] * n, loops, waypoints, range(n), task.workers)
                 shares = [100.0 * float(np.mean(saturated(run, limit))) for run in runs]
-                rule: Rule = "at_least" if speed == _FAST else "none"
-                beside = {"at_least": _OFTEN} if speed == _FAST else {}
-                pair = Pair(None, float(np.mean(shares)), rule, "%", _deviation(shares), beside)
+                rule: Rule = "words" if speed == _FAST else "none"
+                pair = Pair(None, float(np.mean(shares)), rule, "%", _deviation(shares))
                 rows[f"{plant}, {law}, {speed:g} m/s"] = {"time_at_limit_percent": pair}
-    return Findings({"Sec. 4.5, motors": rows}, {"often": _OFTEN, "seeds": n})
+    return Findings({"Sec. 4.5, motors": rows}, {"seeds": n})
 
 
 CONTROL_SECTIONS = (
     *(Section(f"tune-{law}", (number,), partial(_tuned, law)) for law, number in TUNED_TABLES.items()),
     Section("saturation", ("Sec. 4.5, motors",), _saturation),
-    Section("tables", (*CONTROL_TABLES, "4.37", "4.38"), _tracked),
+    Section("tables", (*CONTROL_TABLES, "4.37"), _tracked),
 )
 """The sections on chapter 4."""

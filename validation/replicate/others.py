@@ -10,11 +10,9 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from ssmr.metrics.declared import Metrics, compare_paths
 from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
@@ -34,7 +32,6 @@ from validation.plants.table import plant_kind
 from validation.progress import Progress
 from validation.replicate.chapters import Findings, Section, Task
 from validation.report.columns import Unit
-from validation.report.drawing import QUIET, Row, draw_section, inset, plain_ticks, side_by_side, text_row
 from validation.report.table import Table
 from validation.simulator.description import load_robot
 from validation.thesis import published
@@ -114,8 +111,8 @@ def drive_all(cause: Cause, seed: int) -> dict[str, tuple[Source, Trajectory]]:
 
 def fitted_and_judged(
     driven: Mapping[str, tuple[Source, Trajectory]], settings: JdeSettings, seed: int, workers: int
-) -> dict[str, tuple[Metrics, Trajectory]]:
-    """Fit the improved model to trajectory 4 by Eq. 3.1; return its metrics and its motion on every trajectory."""
+) -> dict[str, Metrics]:
+    """Fit the improved model to trajectory 4 by Eq. 3.1; return its metrics on every trajectory."""
     base = load_profile("thesis-printed").plants[_MODEL]
     source, motion = driven[_FITTED_TO]
     space = make_space(_MODEL, plant_kind(_MODEL).free["scenario"], {}, base.robot)
@@ -129,7 +126,7 @@ def fitted_and_judged(
     for name, (source, motion) in driven.items():
         pose = population.poses([0], source.pieces[0], source.sample_dt)[0]
         model = Trajectory(motion.t, pose, motion.twist, motion.wheels)
-        found[name] = compare_paths(model, motion), model
+        found[name] = compare_paths(model, motion)
     return found
 
 
@@ -142,14 +139,11 @@ def _others(task: Task) -> Findings:
     """Run every cause."""
     population, generations = task.budget.causes
     settings = JdeSettings(population, generations, patience=generations + 1)
-    causes, found, paths = every_cause(), dict[str, dict[str, Metrics]](), tuple[Trajectory, ...]()
+    causes, found = every_cause(), dict[str, dict[str, Metrics]]()
     for k, (name, cause) in enumerate(causes.items()):
         task.progress(Progress(k, len(causes), name))
         driven = drive_all(cause, task.seed)
-        judged = fitted_and_judged(driven, settings, task.seed, task.workers or os.cpu_count() or 1)
-        found[name] = {t: metrics for t, (metrics, _) in judged.items()}
-        if name == _CULPRIT:
-            paths = driven["traj1"][1], judged["traj1"][1]
+        found[name] = fitted_and_judged(driven, settings, task.seed, task.workers or os.cpu_count() or 1)
     printed = published.table(_PRINTED)["rows"]
     rows = {
         t: {m: Pair(row[m], found[_ALL][t][m], rule, "m" if m.endswith("_m") else "1") for m, rule in RULE_OF.items()}
@@ -157,10 +151,8 @@ def _others(task: Task) -> Findings:
     }
     out, wanted = {name: standing_out(by) for name, by in found.items()}, standing_out(printed)
     shown = {name: {"times_the_others": Pair(wanted, out[name], "distance")} for name in (_ALL, _CULPRIT)}
-    columns = {f"{metric} {t}": (metric, t) for metric in ("d_rms_m", "d_ratio") for t in TRAJECTORIES}
-    by_cause = [{"switched on": n, **{c: by[t][m] for c, (m, t) in columns.items()}} for n, by in found.items()]
-    units = {column: Unit("mm", 1e3, 0) for column, (metric, _) in columns.items() if metric == "d_rms_m"}
-    headings = {column: column.replace("_m ", " ") for column in columns}
+    by_cause = [{"switched on": n, **{f"{t}_m": by[t]["d_rms_m"] for t in TRAJECTORIES}} for n, by in found.items()]
+    units = {f"{t}_m": Unit("mm", 1e3, 0) for t in TRAJECTORIES}
     words = {
         "population": population, "generations": generations, "seed": task.seed, "wanted": wanted,
         "others": max(out[name] for name, cause in causes.items() if "torque_limit" not in cause.drive),
@@ -168,33 +160,8 @@ def _others(task: Task) -> Findings:
         "longest": max(abs(m["d_ratio"] - 1.0) for by in found.values() for m in by.values()),
         "printed_longest": max(abs(row["d_ratio"] - 1.0) for row in printed.values()),
     }  # fmt: skip
-    title = "What makes trajectory 1 stand out, and what changes the length"
-    more = [Table(title, by_cause, units=units, headings=headings)]
-    panels = _drawn({"printed (Tab. 3.12)": printed, **found}, paths)
-    return Findings({"Sec. 3.5": rows, "Sec. 3.5.4": shown}, words, more, panels)
-
-
-def _drawn(found: Mapping[str, Mapping[str, Mapping[str, float]]], paths: tuple[Trajectory, ...]) -> list[Row]:
-    """Return d_rms by cause and trajectory, and both paths of trajectory 1 with the cause that makes it stand out."""
-
-    def errors(ax: Axes) -> None:
-        for name, ink in zip(TRAJECTORIES, ("#d55e00", "#56b4e9", "#009e73", "0.3"), strict=True):
-            ax.plot([1e3 * by[name]["d_rms_m"] for by in found.values()], range(len(found)), "o", color=ink, label=name)
-        ax.set_yticks(range(len(found)), list(found))
-        ax.set(xscale="log", ylim=(len(found) - 0.5, -0.5), xlabel="d_rms [mm]")
-        ax.axhline(0.5, color=QUIET, linewidth=1.0)
-        inset(ax, left=2.6)
-        plain_ticks(ax.xaxis)
-        ax.legend(fontsize=8.0)
-
-    def driven(ax: Axes) -> None:
-        for motion, label in zip(paths, ("robot on four tyres", "improved, fitted"), strict=True):
-            ax.plot(*motion.xy.T, label=label)
-        ax.set(title=f"Trajectory 1: {_CULPRIT}", xlabel="x [m]", ylabel="y [m]", aspect="equal")
-        ax.legend(fontsize=8.0)
-
-    heading = "Distance of the fitted improved model from a robot on four tyres, by what is added to that robot"
-    return [text_row(0.3, partial(draw_section, heading)), side_by_side(4.6, [errors, driven])]
+    more = [Table("What makes trajectory 1 stand out: d_rms by trajectory", by_cause, units=units)]
+    return Findings({"Sec. 3.5": rows, "Sec. 3.5.4": shown}, words, more)
 
 
 OTHER_SECTION = Section("other-robots", ("Sec. 3.5", "Sec. 3.5.4"), _others)

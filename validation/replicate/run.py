@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,6 +22,7 @@ from validation.replicate.chapters import (
     Task,
     chapter_of,
     chosen_sections,
+    is_printed,
     judged,
     order_of,
     template,
@@ -35,7 +37,23 @@ from validation.report.drawing import draw_section, inset, put_together, side_by
 from validation.report.palette import VERDICT_INKS
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table, markdown_table
-from validation.thesis.verdicts import FACTOR, RATIO_REACH, SPREADS, STATUSES, UNEXPLAINED, Pair, Rows, Verdict
+from validation.thesis.verdicts import (
+    AT_BOUND,
+    EVIDENCE,
+    FACTOR,
+    RATIO_REACH,
+    SPREADS,
+    STATUSES,
+    TOO_WIDE,
+    UNEXPLAINED,
+    Criterion,
+    Evidence,
+    Pair,
+    Rows,
+    Status,
+    Verdict,
+    criterion_of,
+)
 
 FRICTION_SECTION, STABILITY_SECTION = THEORY_SECTIONS
 ALL_SECTIONS: tuple[Section, ...] = (
@@ -77,7 +95,7 @@ class Replication(Report):
         """Return the page: what the verdicts mean, how many rows have which, and every chapter."""
         lines = [self.lead, "", *markdown_table(self.tables[0].grid())]
         lines += [line for chapter in self.chapters for line in chapter.markdown()]
-        return "\n".join([*lines, "", "![Verdicts, and the pictures of the chapters](replicate.png)", "", self.made_by, ""])
+        return "\n".join([*lines, "", "![Verdicts by section, and tracked references](replicate.png)", "", self.made_by, ""])
 
 
 @cli.program(Replicate)
@@ -103,14 +121,21 @@ def replicate(o: Replicate) -> Replication:
     tables = {number: rows for each in found.values() for number, rows in each.tables.items()}
     verdicts = {number: judged(number, rows) for number, rows in tables.items()}
     counts = [_tally(each.tables, verdicts) for each in found.values()]
-    summary = [{"section": c.title, **count} for c, count in zip(chapters, counts, strict=True) if any(count.values())]
-    total: dict[str, int] = {s: sum(count[s] for count in counts) for s in STATUSES}
+    summary = [
+        {"section": c.title, **{s: sum(n for (_, status), n in count.items() if status == s) for s in STATUSES}}
+        for c, count in zip(chapters, counts, strict=True)
+        if count
+    ]
+    every = sum(counts, Counter[tuple[Evidence, Status]]())
+    by_evidence: list[dict[str, Any]] = [{"evidence": e, **{s: every[e, s] for s in STATUSES}} for e in EVIDENCE]
+    total: dict[str, int] = {s: sum(every[e, s] for e in EVIDENCE) for s in STATUSES}
     unexplained = _unexplained(tables, verdicts)
     return Replication(
         program="replicate",
         title="The thesis' results beside this project's",
         tables=[
-            Table("Number of rows that the thesis prints, by verdict", [*summary, {"section": "all", **total}]),
+            Table("Rows that the thesis has, by what their agreement says", [*by_evidence, {"evidence": "all", **total}]),
+            Table("The same by section", summary),
             *(table for chapter in chapters for table in chapter.tables),
         ],
         sentences=[f"Unexplained: {', '.join(unexplained)}."] if unexplained else [],
@@ -118,8 +143,9 @@ def replicate(o: Replicate) -> Replication:
             "schema": "ssmr.replicate/1",
             "quick": o.quick,
             "seed": o.seed,
-            "tables": {n: _as_dict(tables[n], verdicts[n]) for n in sorted(tables, key=order_of)},
+            "tables": {n: _as_dict(n, tables[n], verdicts[n]) for n in sorted(tables, key=order_of)},
             "verdicts": total,
+            "evidence": {row["evidence"]: {s: row[s] for s in STATUSES} for row in by_evidence},
         },
         options={"quick": o.quick, "only": o.only, "seed": o.seed},
         draw=_draw,
@@ -127,7 +153,7 @@ def replicate(o: Replicate) -> Replication:
         status=status,
         found=found,
         chapters=chapters,
-        lead=_lead(o.quick, found, unexplained),
+        lead=_lead(o.quick, found, unexplained, every),
     )
 
 
@@ -144,15 +170,14 @@ def _task(o: Replicate, key: str, done: int, total: int) -> Task:
     return Task(QUICK if o.quick else Budget(), o.seed, o.workers, tell)
 
 
-def _tally(tables: Mapping[str, Rows], verdicts: _Verdicts) -> dict[str, int]:
-    """Return how many of the rows that the thesis has, though their numbers may be lost, have which verdict."""
-    found = [
-        whole.status
+def _tally(tables: Mapping[str, Rows], verdicts: _Verdicts) -> Counter[tuple[Evidence, Status]]:
+    """Return how many of the rows that the thesis has are evidence of what, with which verdict."""
+    return Counter(
+        (criterion_of(number, row).evidence, whole.status)
         for number, rows in tables.items()
         for row, (each, whole) in verdicts[number].items()
-        if any(pair.is_given or each[metric].see for metric, pair in rows[row].items())
-    ]
-    return {status: found.count(status) for status in STATUSES}
+        if is_printed(rows[row], each)
+    )
 
 
 def _unexplained(tables: Mapping[str, Rows], verdicts: _Verdicts) -> list[str]:
@@ -165,21 +190,31 @@ def _unexplained(tables: Mapping[str, Rows], verdicts: _Verdicts) -> list[str]:
     ]
 
 
-def _lead(quick: bool, found: Container[str], unexplained: Sequence[str]) -> str:
+def _lead(quick: bool, found: Container[str], unexplained: Sequence[str], every: Counter[tuple[Evidence, Status]]) -> str:
     """Return what stands before the chapters."""
     missing = [s.key for s in ALL_SECTIONS if s.key not in found]
-    words = {
+    status = {s: sum(every[e, s] for e in EVIDENCE) for s in STATUSES}
+    agreeing = {e: every[e, "agrees"] + every[e, "agrees if"] for e in EVIDENCE}
+    words: dict[str, Any] = {
         "quick": " It was made with `--quick`: fewer generations and seeds, so less can be concluded." if quick else "",
         "unexplained": f"Unexplained: {', '.join(unexplained)}." if unexplained else "Every difference has a known reason.",
         "missing": f"Left out: {', '.join(missing)}." if missing else "",
-    }
-    return template("lead").format(factor=FACTOR, reach=RATIO_REACH, spreads=SPREADS, **words).strip()
+        "rows": every.total(), "agree": sum(agreeing.values()), "under": status["agrees if"],
+        "differ": status["differs"] + status["nearer"], "vague": status["not told apart"], "lost": status["not compared"],
+        **{str(e): n for e, n in agreeing.items()},
+        "factor": FACTOR, "reach": RATIO_REACH, "spreads": SPREADS, "wide": TOO_WIDE, "end": AT_BOUND,
+    }  # fmt: skip
+    return template("lead").format_map(words).strip()
 
 
-def _as_dict(rows: Rows, verdicts: Mapping[str, tuple[Mapping[str, Verdict], Verdict]]) -> dict[str, Any]:
+def _as_dict(number: str, rows: Rows, verdicts: Mapping[str, tuple[Mapping[str, Verdict], Verdict]]) -> dict[str, Any]:
+    declared = {row: criterion_of(number, row) for row in rows}
     return {
-        "rows": {row: {m: _entry(p, verdicts[row][0][m]) for m, p in pairs.items()} for row, pairs in rows.items()},
-        "verdicts": {row: _words(whole) for row, (_, whole) in verdicts.items()},
+        "rows": {
+            row: {m: _entry(p, verdicts[row][0][m]) | _within(declared[row], m) for m, p in pairs.items()}
+            for row, pairs in rows.items()
+        },
+        "verdicts": {row: _words(whole) | {"evidence": declared[row].evidence} for row, (_, whole) in verdicts.items()},
     }
 
 
@@ -187,8 +222,20 @@ def _words(verdict: Verdict) -> dict[str, str]:
     return {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
 
 
+def _within(criterion: Criterion, metric: str) -> dict[str, Any]:
+    return {"within": list(criterion.within[metric])} if metric in criterion.within else {}
+
+
 def _entry(pair: Pair, verdict: Verdict) -> dict[str, Any]:
-    entry = {"published": pair.published, "ours": pair.ours, "unit": pair.unit, "spread": pair.spread, **pair.beside}
+    entry: dict[str, Any] = {
+        "published": pair.published,
+        "ours": pair.ours,
+        "unit": pair.unit,
+        "spread": pair.spread,
+        **pair.beside,
+    }
+    if pair.bounds:
+        entry["bounds"] = list(pair.bounds)
     if (under := pair.supposed) is not None:
         entry |= {"supposed": under.value, "supposed_spread": under.spread, "if": under.text}
     return entry | _words(verdict)
@@ -196,7 +243,7 @@ def _entry(pair: Pair, verdict: Verdict) -> dict[str, Any]:
 
 def _draw(result: Replication) -> Figure:
     """Return the number of rows by section and verdict, and below it the pictures of the sections."""
-    rows = list(result.tables[0].rows)
+    rows = list(result.tables[1].rows)
 
     def bars(ax: Axes) -> None:
         left = [0.0] * len(rows)

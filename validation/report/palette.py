@@ -41,6 +41,7 @@ def mix(a: Rgb, b: Rgb, share: float) -> Rgb:
 VERDICT_INKS = {
     "agrees": "#5fb894",
     "agrees if": "#b5d98f",
+    "not told apart": "#d9cf8a",
     "nearer": "#7fb0e6",
     "differs": "#e8935c",
     "not compared": "#c8c8ce",

@@ -1,7 +1,8 @@
-"""Verdicts: whether a number of ours agrees with the printed one, and the known reasons where it does not.
+"""Verdicts: whether a number of ours agrees with the printed one, how much that says, and known reasons where it does not.
 
-The rules are here, each stated once. The known reasons are in `verdicts.toml` beside this module, each with the page of
-docs/ that shows it. A difference without a known reason is called unexplained.
+The rules are here, each stated once. `verdicts.toml` beside this module declares what each row is evidence of, what words of
+the thesis are taken to mean, and the known reasons, each with the page of docs/ that shows it. A difference without a known
+reason is called unexplained.
 """
 
 from __future__ import annotations
@@ -11,28 +12,39 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import resources
-from typing import Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 FACTOR = 1.5
 """Greatest ratio of two distances that agree."""
 RATIO_REACH = 0.01
 """Greatest difference of two ratios of lengths that agree [1]."""
 SPREADS = 2.0
-"""Numbers agree within this many standard deviations, or standard errors, of ours."""
+"""Numbers of a search agree within this many standard deviations, or standard errors, of ours."""
+TOO_WIDE = 0.5
+"""Share of a search's range [1]: a number whose interval of `SPREADS` to either side covers more tells nothing."""
+AT_BOUND = 0.05
+"""Share of a search's range [1]: a number, ours or the printed one, that is so near to an end tells where the end is."""
 _ROUNDING = 1.0 + 1e-9
 """Factor of all limits, for rounding."""
 
-Rule = Literal["distance", "ratio", "spread", "at_least", "none"]
+Rule = Literal["distance", "ratio", "spread", "limit", "words", "none"]
 """Rule by which two numbers are compared. `distance` compares by their ratio, `ratio` by their difference because one is
-perfect, `spread` by the uncertainty of ours. `at_least` is for numbers that the thesis calls large in words: ours must reach
-`beside["at_least"]`. `none` compares nothing and shows the number for the record."""
+perfect, `spread` by the uncertainty of ours. `limit` is for printed bounds that ours must not fall below. `words` is for
+what the thesis says in words: ours must lie within what they are taken to mean. `none` compares nothing and shows the number
+for the record."""
 RULE_OF: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
 """Rules of the metrics of a path, whatever table they stand in."""
-Status = Literal["agrees", "agrees if", "nearer", "differs", "not compared"]
-"""`nearer`: it differs, but a distance of ours is smaller than the printed one. `agrees if`: a row that does not agree as
-printed, but agrees in every number under one supposition about what the thesis does not print."""
+Status = Literal["agrees", "agrees if", "not told apart", "nearer", "differs", "not compared"]
+"""`not told apart`: ours is so uncertain, or the print so one-sided, that agreement would say nothing. `nearer`: it
+differs, but a distance of ours is smaller than the printed one. `agrees if`: a row that does not agree as printed, but in
+every number under one supposition about what the thesis does not print."""
 STATUSES: tuple[Status, ...] = get_args(Status)
-_WORSE: tuple[Status, ...] = ("not compared", "agrees", "nearer", "differs")
+_WORSE: tuple[Status, ...] = ("not compared", "agrees", "not told apart", "nearer", "differs")
+Evidence = Literal["independent", "fitted", "recovered", "duplicate", "impossible"]
+"""What the agreement of a row would be evidence of. `independent`: nothing of ours was fitted to it. `fitted`: it rests on
+an assumption, or on numbers chosen with it in view. `recovered`: what was put in comes out. `duplicate`: it repeats another
+row. `impossible`: the thesis or this project has no number, or the path is unknown."""
+EVIDENCE: tuple[Evidence, ...] = get_args(Evidence)
 UNEXPLAINED = "unexplained"
 """Reason of a difference for which no reason is known."""
 
@@ -70,40 +82,60 @@ class Pair:
     """Reason found by the run why they cannot be compared; empty if they can."""
     supposed: Supposed | None = None
     """Our number under a supposition, the same for all numbers of a row; None if there is none."""
+    bounds: Sequence[float] = ()
+    """Ends of the range in which ours was searched; empty for a number that was not."""
+    printed_bounds: Sequence[float] = ()
+    """Ends of the range in which the thesis searched."""
 
     @property
     def is_given(self) -> bool:
         """Return whether the thesis gives it, in numbers or in words."""
-        return self.published is not None or self.rule == "at_least"
+        return self.published is not None or self.rule == "words"
 
 
 Rows = Mapping[str, Mapping[str, Pair]]
 """A table of the thesis beside ours: by row and metric, which are named as in `published.toml`."""
 
 
-@dataclass(frozen=True)
-class Reason:
-    """A known reason why numbers differ or cannot be compared, see `verdicts.toml`."""
+@dataclass(frozen=True, kw_only=True)
+class _About:
+    """The numbers that an entry of `verdicts.toml` is about."""
 
     tables: Sequence[str]
-    """Numbers of the tables that it is about."""
+    """Numbers of the tables."""
+    rows: Sequence[str] = ()
+    """Names of the rows, empty for all; one that ends in `*` means all that begin so."""
+    metrics: Sequence[str] = ()
+    """Names of the metrics, empty for all."""
+
+    def concerns(self, table: str, row: str, metric: str = "") -> bool:
+        """Return whether it is about this number, or about this row."""
+        named = any(row == r or (r.endswith("*") and row.startswith(r[:-1])) for r in self.rows)
+        return table in self.tables and (named or not self.rows) and (metric in self.metrics or not self.metrics)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Criterion(_About):
+    """What rows are evidence of, and what words of the thesis on them are taken to mean."""
+
+    evidence: Evidence
+    """What their agreement would be evidence of."""
+    within: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    """Least and greatest value by metric that the words are taken to mean."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reason(_About):
+    """A known reason why numbers differ or cannot be compared."""
+
     text: str
     """Reason in words, without a full stop."""
     see: str
     """Page of docs/ that shows it, perhaps with the number of an erratum: `errata.md, 30`."""
-    rows: Sequence[str] = ()
-    """Names of the rows that it is about, empty for all; one that ends in `*` means all that begin so."""
-    metrics: Sequence[str] = ()
-    """Names of the metrics that it is about, empty for all."""
     when: Sequence[Status] = ()
     """Verdicts that it explains, empty for all."""
     comparable: bool = True
     """Whether the numbers can still be compared."""
-
-    def concerns(self, table: str, row: str, metric: str) -> bool:
-        """Return whether it is about this number."""
-        named = any(row == r or (r.endswith("*") and row.startswith(r[:-1])) for r in self.rows)
-        return table in self.tables and (named or not self.rows) and (metric in self.metrics or not self.metrics)
 
 
 class Verdict(NamedTuple):
@@ -118,27 +150,52 @@ class Verdict(NamedTuple):
 
 
 @cache
+def _declared() -> Mapping[str, Any]:
+    return tomllib.loads(resources.files("validation.thesis").joinpath("verdicts.toml").read_text(encoding="utf-8"))
+
+
+@cache
 def reasons() -> tuple[Reason, ...]:
     """Return all known reasons; the first that fits is the one that counts."""
-    text = resources.files("validation.thesis").joinpath("verdicts.toml").read_text(encoding="utf-8")
-    return tuple(Reason(**entry) for entry in tomllib.loads(text)["reason"])
+    return tuple(Reason(**entry) for entry in _declared()["reason"])
 
 
-def agrees(pair: Pair) -> bool:
-    """Return whether two numbers that can be compared agree by their rule."""
-    assert pair.ours is not None
-    if pair.rule == "at_least":
-        return pair.ours >= pair.beside["at_least"]
-    assert pair.published is not None
-    apart = abs(pair.ours - pair.published)
-    if pair.spread is not None and apart <= SPREADS * pair.spread * _ROUNDING:
-        return True
-    if pair.rule == "ratio":
-        return apart <= RATIO_REACH * _ROUNDING
-    if pair.rule == "distance":
-        low, high = sorted((abs(pair.ours), abs(pair.published)))
-        return high <= FACTOR * low * _ROUNDING
-    return apart == 0.0
+@cache
+def criteria() -> tuple[Criterion, ...]:
+    """Return what rows are evidence of; the first that fits is the one that counts."""
+    return tuple(Criterion(**entry) for entry in _declared()["criterion"])
+
+
+def criterion_of(table: str, row: str) -> Criterion:
+    """Return what is declared of a row; what nothing is declared of is the record of a number that the thesis lacks."""
+    found = (c for c in criteria() if c.concerns(table, row))
+    return next(found, Criterion(tables=(table,), rows=(row,), evidence="impossible"))
+
+
+def at_bound(value: float, bounds: Sequence[float]) -> bool:
+    """Return whether a number lies at an end of the range in which it was searched, or beyond; never without a range."""
+    return len(bounds) == 2 and min(value - bounds[0], bounds[1] - value) <= AT_BOUND * (bounds[1] - bounds[0])
+
+
+def compared(pair: Pair, within: Sequence[float] = ()) -> Status:
+    """Return the verdict of a pair's rule on two numbers that can be compared; `within` is what words are taken to mean."""
+    ours, printed, reach = pair.ours, pair.published, SPREADS * (pair.spread or 0.0) * _ROUNDING
+    assert ours is not None
+    if pair.rule == "words":
+        apart = max(within[0] - ours, ours - within[1], 0.0)
+        return "agrees" if apart == 0.0 else "not told apart" if apart <= reach else "differs"
+    assert printed is not None
+    apart, (low, high) = abs(ours - printed), sorted((abs(ours), abs(printed)))
+    if pair.rule == "limit":
+        return "differs" if ours < printed else "agrees" if high <= FACTOR * low else "not told apart"
+    if pair.rule == "spread":
+        vague = len(pair.bounds) == 2 and 2.0 * reach > TOO_WIDE * (pair.bounds[1] - pair.bounds[0])
+        return "not told apart" if vague else "agrees" if apart <= reach else "differs"
+    if apart <= RATIO_REACH * _ROUNDING if pair.rule == "ratio" else high <= FACTOR * low * _ROUNDING:
+        return "agrees"
+    if apart <= reach:
+        return "not told apart"
+    return "nearer" if pair.rule == "distance" and ours < printed else "differs"
 
 
 def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason] | None = None) -> Verdict:
@@ -153,10 +210,15 @@ def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason]
         return Verdict("not compared", "the thesis prints no number")
     if pair.rule == "none" or pair.ours is None:
         return Verdict("not compared", "shown for the record")
-    if agrees(pair):
-        return Verdict("agrees")
-    nearer = pair.rule == "distance" and pair.published is not None and pair.ours < pair.published
-    status: Status = "nearer" if nearer else "differs"
+    ends = {"ours": (pair.ours, pair.bounds), "the printed number": (pair.published, pair.printed_bounds)}
+    for whose, (value, bounds) in ends.items():
+        if value is not None and at_bound(value, bounds):
+            return Verdict("not compared", f"{whose} lies at a bound of its search")
+    status = compared(pair, criterion_of(table, row).within.get(metric, ()))
+    if status == "agrees":
+        return Verdict(status)
+    if status == "not told apart":
+        return Verdict(status, "the print is one-sided" if pair.rule == "limit" else "ours is too uncertain")
     found = next((r for r in about if not r.when or status in r.when), None)
     return Verdict(status, found.text, found.see) if found else Verdict(status, UNEXPLAINED)
 
@@ -171,10 +233,10 @@ def judge_row(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> Ver
     counted = given or {m: v for m, v in verdicts.items() if v.see} or verdicts
     judged = {m: v for m, v in counted.items() if v.status != "not compared"} or counted
     worst = max((v.status for v in judged.values()), key=_WORSE.index)
-    compared = [pairs[m] for m in given if m in judged and verdicts[m].status != "not compared"]
-    under = [replace(p, ours=p.supposed.value, spread=p.supposed.spread) for p in compared if p.supposed is not None]
-    if worst in ("nearer", "differs") and len(under) == len(compared) and all(map(agrees, under)):
-        supposed = compared[0].supposed
+    able = [pairs[m] for m in given if m in judged and verdicts[m].status != "not compared"]
+    under = [replace(p, ours=p.supposed.value, spread=p.supposed.spread) for p in able if p.supposed is not None]
+    if worst in _WORSE[2:] and under and len(under) == len(able) and all(compared(p) == "agrees" for p in under):
+        supposed = able[0].supposed
         assert supposed is not None
         return Verdict("agrees if", f"it agrees if {supposed.text}", supposed.see)
     texts, pages = (dict.fromkeys(filter(None, column)) for column in zip(*(v[1:] for v in judged.values()), strict=True))

@@ -206,7 +206,7 @@ PRICES = {
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_653, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (738, "reinforcement learning on the robot: Gymnasium and dm_control"),
-    "validation/files": (2_352, "any log is read as one form, its faults are found, and it is written in any format"),
+    "validation/files": (2_374, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (747, "every plant declared once, and profiles"),
     "validation/replicate": (1_495, "the thesis beside us, row by row"),
     "validation/report": (2_824, "tables, pictures, rerun recordings and videos of all programs"),
@@ -219,7 +219,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_250,
+        2_251,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

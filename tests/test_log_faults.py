@@ -83,6 +83,15 @@ def test_jumps_are_found_where_they_are(name: str, size: float) -> None:
     np.testing.assert_allclose(steps, abs(size), atol=0.13)  # the robot itself drives up to 0.06 m; noise of both poses
 
 
+def test_a_localiser_that_stalls_and_catches_up_does_not_jump() -> None:
+    columns, creep = drive(), 1e-6 * np.arange(1200)  # while it stalls, its poses are new ones
+    since = np.where(columns["t"] % 6.0 < 1.0, np.round((columns["t"] % 6.0) / DT), 0.0).astype(int)
+    found = faults_of({**columns, **{name: columns[name][np.arange(1200) - since] + creep for name in POSE_COLUMNS}}).jumps
+    assert found is not None
+    assert len(found.t) == 0
+    assert found.caught_up >= 5
+
+
 def test_motion_through_a_gap_is_no_jump() -> None:
     columns = drive()
     keep = (columns["t"] < 20.0) | (columns["t"] > 24.0)

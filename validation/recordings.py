@@ -145,6 +145,7 @@ def info(o: Info) -> LogReport:
         "offsets_s": {name: seconds.get(name) for name in ("wheels", "pose_yaw", "position")},
         "offsets": [asdict(offset) for offset in offsets],
         "pose_jumps": None if jumps is None else len(jumps.t),
+        "pose_catches_up": None if jumps is None else jumps.caught_up,
         "pose_jumps_at_s": None if jumps is None else jumps.t.tolist(),
         "pose_jumps_m": None if jumps is None else jumps.metres.tolist(),
         "pose_jumps_rad": None if jumps is None else jumps.radians.tolist(),

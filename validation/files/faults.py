@@ -45,6 +45,9 @@ JUMP_RAD = 0.2
 _CLOCKS_S, _BIN_S = 1.0, 0.1
 """Time around a step in which the wheels' fastest motion counts [s], for clocks of a log may be that far apart; and the
 width of the bins in which it is looked for [s]."""
+_STALL_S = 2.5  # time in which a localiser may stall and then catch up [s]
+_STAMPS_S, _SLOW = 0.2, 0.8
+"""Error of a localiser's stamps [s], and rate above which it matters beside the steps of jumps [m/s, rad/s]."""
 _FASTER = 1.25  # speeds may be this many times those of the wheels: their radius is known roughly, and a robot slides on
 AFTER_COMMAND_S, _BEFORE_COMMAND_S = 2.0, 0.5
 """Time after a command in which wheels may still turn because of it [s]: a dead time of 0.4 s, and a ramp of 1 m/s² from the
@@ -136,6 +139,8 @@ class Jumps:
     """(K,) lengths of the steps [m]."""
     radians: FloatArray
     """(K,) sizes of the turns [rad]."""
+    caught_up: int
+    """Number of steps with which the localiser caught up after it had stalled; they are no jumps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +159,8 @@ class Faults:
     def sentences(self, *, named: bool = True) -> list[str]:
         """Return what is wrong with the log, a sentence each, with or without the `named` faults; none for a sound one."""
         found = [fault.sentence for fault in self.named if named]
+        if self.jumps is not None and (n := self.jumps.caught_up):
+            found.append(f"the localiser stalls and catches up {n} times: its poses are late there, and no jumps")
         if self.jumps is not None and (n := len(self.jumps.t)):
             worst = f"up to {self.jumps.metres.max():.2f} m and {self.jumps.radians.max():.2f} rad"
             what = "once" if n == 1 else f"{n} times"
@@ -181,9 +188,10 @@ def find_jumps(log: Log) -> Jumps | None:
     """Return the jumps of the pose.
 
     A step from one new pose to the next is a jump if it is longer than the fastest wheel's path in that time by `JUMP_M`, or
-    turns further than the wheels by `JUMP_RAD`; slipping wheels only make a robot slower. Gaps are no steps. Without wheels
-    the commands say how fast the robot was. Wheels of another robot than a stock Husky are larger: the median ratio of
-    the driven steps to the wheels' paths says by how much, jumps or not.
+    turns further than the wheels by `JUMP_RAD`; slipping wheels only make a robot slower. What a localiser missed of the way
+    in `_STALL_S` before, while it stalled, it may catch up, and stamps of a fast robot may be early. Gaps are no steps.
+    Without wheels the commands say how fast the robot was. Wheels of another robot than a stock Husky are larger: the median
+    ratio of the driven steps to the wheels' paths says by how much, jumps or not.
     """
     group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
     pose = None if group is None else group.table(POSE_COLUMNS)
@@ -196,15 +204,29 @@ def find_jumps(log: Log) -> Jumps | None:
     new = np.flatnonzero(fresh_poses(group.t, pose))
     t, steps = group.t[new], np.diff(pose[new], axis=0)
     metres, radians, dt = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2]), np.diff(t)
-    middle = np.interp(0.5 * (t[1:] + t[:-1]), stamps, rim)
+    middle, about = np.interp(0.5 * (t[1:] + t[:-1]), stamps, rim), np.interp(0.5 * (t[1:] + t[:-1]), stamps, turning)
     driven = (middle > 0.5 * np.percentile(rim, 90.0)) & (middle > 0.0)
     larger = max(1.0, float(np.median(metres[driven] / dt[driven] / middle[driven]))) if np.any(driven) else 1.0
-    path = _FASTER * larger * _greatest_around(t, stamps, rim) * dt
-    turn = _FASTER * _greatest_around(t, stamps, turning) * dt
-    beyond = (metres - path > JUMP_M) | (radians - turn > JUMP_RAD)
+    skids = min(1.0, float(radians.sum() / max((about * dt).sum(), 1e-9)))  # it turns by less than the wheels say
+    sizes = (
+        (metres, larger * _greatest_around(t, stamps, rim), larger * middle, JUMP_M),
+        (radians, _greatest_around(t, stamps, turning), skids * about, JUMP_RAD),
+    )
     piece = np.cumulative_sum(np.diff(group.t) > group.longest_step(), include_initial=True)[new]
-    at = np.flatnonzero(beyond & (np.diff(piece) == 0))
-    return Jumps(new[at + 1], t[at + 1], metres[at], radians[at])
+    beyond, jumped = np.zeros((2, len(dt)), dtype=bool)
+    for told, most, expected, least in sizes:
+        excess = told - _FASTER * most * dt - least
+        beyond |= excess > 0.0
+        jumped |= excess - _STAMPS_S * np.maximum(most - _SLOW, 0.0) > _missed(t, expected * dt, told)
+    inside = np.diff(piece) == 0
+    at = np.flatnonzero(jumped & inside)
+    return Jumps(new[at + 1], t[at + 1], metres[at], radians[at], int(np.count_nonzero(beyond & ~jumped & inside)))
+
+
+def _missed(t: FloatArray, wanted: FloatArray, told: FloatArray) -> FloatArray:
+    """Return (K - 1,) how much of the wanted a stall left out in `_STALL_S` before each step between (K,) instants [s]."""
+    so_far = np.cumulative_sum(np.where(told < 0.5 * wanted, wanted - told, 0.0), include_initial=True)
+    return so_far[:-1] - so_far[np.searchsorted(t[:-1], t[:-1] - _STALL_S)]
 
 
 def _greatest_around(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:

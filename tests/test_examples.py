@@ -15,6 +15,7 @@ SAYS = {
     "fit_a_log.py": ("husky-tile: ", "fitted: "),
     "other_robots.py": ("warthog", "mm apart"),
     "own_controller.py": ("Chase follows slalom", "mpc follows slalom"),
+    "sensitivity.py": ("mujoco: armature x5", "improved: mass"),
     "first_steps.ipynb": ("compared with recording", "track.rrd"),
 }
 """Each example prints these words, among others."""

@@ -27,7 +27,7 @@ myst_heading_anchors = 4  # links to headings as GitHub makes them
 
 html_theme = "furo"
 html_show_copyright = html_show_sphinx = False
-html_title = "Skid-steering models and a MuJoCo Husky"
+html_title = "Skid-steering robots, simulated and real"
 html_math_renderer = "mathml"
 html_static_path = ["site.css"]
 html_css_files = ["site.css"]

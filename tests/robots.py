@@ -12,7 +12,7 @@ from validation import load_robot
 from validation.plants.kind import PlantProfile
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import add_integral_parts, compose_robot
-from validation.simulator.model import calibrate, set_motors
+from validation.simulator.model import set_calibration, set_motors
 
 HUSKY = load_robot("husky")
 WHEELBASE, TRACK = HUSKY.geometry.wheelbase, HUSKY.geometry.track
@@ -95,6 +95,6 @@ def former_model(section: PlantProfile) -> mujoco.MjModel:
         add_integral_parts(spec, robot)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], condim=3)
     model = spec.compile()
-    calibrate(model, section.parameters)
+    set_calibration(model, section.parameters)
     set_motors(model, section.parameters, section.drive)
     return model

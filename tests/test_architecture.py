@@ -28,7 +28,7 @@ ROOMS = (
     {"validation.cli"},
     {"validation.compare", "validation.recordings", "validation.robots", "validation.identify"},
     {"validation.fit", "validation.track"},
-    {"validation.tune", "validation.ros", "validation.learning"},
+    {"validation.tune", "validation.calibrate", "validation.ros", "validation.learning"},
     {"validation.study"},
     {"validation.replicate"},
 )
@@ -202,9 +202,9 @@ def test_public_functions_say_what_they_do() -> None:
 
 PRICES = {
     "ssmr": (8_472, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
-    "validation/cli": (815, "options, help, exit status, progress of every program"),
+    "validation/cli": (816, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
-    "validation/identify": (1_653, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
+    "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (738, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_374, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (747, "every plant declared once, and profiles"),
@@ -215,11 +215,11 @@ PRICES = {
     "validation/study": (1_860, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (296, "the thesis' numbers"),
     "validation/bench": (
-        1_375,
+        1_369,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_251,
+        2_496,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

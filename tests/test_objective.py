@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from ssmr.metrics.declared import compare_paths
+from ssmr.metrics.windows import overlapping_windows
 from ssmr.robot.localiser import Localiser
 from ssmr.types import State
 from tests.conftest import EXACT, ROUNDOFF
 from tests.robots import HUSKY
 from validation.bench.sources import drive, horizons_of, open_source, source_of
 from validation.files.log import Log
-from validation.identify.objective import FitCost, FitTarget, make_raters, windows
+from validation.identify.objective import FitCost, FitTarget, make_raters
 from validation.identify.problem import FitProblem
 from validation.plants.profile import PLANTS, Profile, make_plant
 from validation.plants.searchable import find, make_space, searchable, with_values
@@ -98,7 +99,7 @@ def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> N
     target = log_target(lab)
     for piece in target.source.pieces:
         assert piece.t is not None
-        starts, ends = windows(piece.t, 2.0, piece.fresh)
+        starts, ends = overlapping_windows(piece.t, 2.0, piece.fresh)
         assert np.all(piece.t[ends] - piece.t[starts] >= 2.0 - 1e-9)
         assert np.all(piece.t[ends] - piece.t[starts] < 2.2)
         assert len(starts) > len(horizons_of([], (2.0,)))
@@ -108,7 +109,7 @@ def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> N
     moved = []
     for piece, truth in zip(target.source.pieces, target.truth, strict=True):
         assert piece.t is not None
-        a, b = windows(piece.t, 2.0, piece.fresh)
+        a, b = overlapping_windows(piece.t, 2.0, piece.fresh)
         moved.append(np.hypot(*(truth.pose[b, :2] - truth.pose[a, :2]).T))
     got = sum(float(r.cost(s)[0]) for r, s in zip(raters, still, strict=True))
     assert got == pytest.approx(np.concatenate(moved).mean(), rel=ROUNDOFF)

@@ -16,7 +16,6 @@ from ssmr.types import FloatArray
 from tests.test_log_faults import drive, with_jumps
 from validation.bench.sources import WindowCut, commands_on_grid, horizons_of, source_of, standing_sentences
 from validation.files.log import Log
-from validation.identify.objective import windows
 
 EXACT_FIT = 1e-9
 """A least-squares fit of noise-free poses: rounding of 1e-16 over a span of half a second, with room to spare."""
@@ -104,7 +103,7 @@ def test_the_odometrys_speeds_stand_for_commands_that_were_not_recorded() -> Non
 
 
 # --------------------------------------------------------------------------------------------------- windows
-@pytest.mark.parametrize("cut", [horizon_windows, overlapping_windows, windows])
+@pytest.mark.parametrize("cut", [horizon_windows, overlapping_windows])
 def test_windows_span_no_jump(cut: WindowCut) -> None:
     columns, at = drive(), [7.3, 20.0, 20.1, 41.5]
     sound, jumped = (

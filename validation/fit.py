@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -24,14 +23,22 @@ from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
 from validation import cli, store
-from validation.bench.sources import drive, horizons_of, standing_sentences, stranger_sentences, window_errors_of
+from validation.bench.sources import (
+    RECORDING,
+    band_of,
+    drive,
+    horizons_of,
+    standing_sentences,
+    stranger_sentences,
+    window_errors_of,
+)
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure, with_errors
 from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
-from validation.identify.search import Search, Searching, dask_executor, search_for
+from validation.identify.search import Search, Searching, search_for
 from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
 from validation.identify.uncertainty import estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
@@ -114,8 +121,6 @@ class Fit(Searching):
     best candidate and from others far from it. jde: differential evolution alone, as in the thesis; ask for it to repeat the
     thesis, or where different seeds of hybrid end at different places. lsq: least squares alone, from --start, which is the
     profile's numbers if it is not given."""
-    scheduler: Annotated[str | None, cli.option(metavar="ADDRESS", default="threads of this computer")] = None
-    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers rate the candidates of jDE."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range, or an unknown input."""
@@ -240,12 +245,7 @@ def fit(o: Fit) -> Fitted:
     simulated = o.model in SIMULATED
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
     settings = o.settings(*(_JAGGED if jagged else _SIZES[o.search, simulated]))
-    with contextlib.ExitStack() as stack:
-        rated_by = o
-        if o.scheduler is not None:
-            executor, shares = stack.enter_context(dask_executor(o.scheduler))
-            rated_by = replace(o, executor=executor, workers=shares)
-        found = search_for(problem, settings, rated_by, start, _STARTS[o.search])
+    found = search_for(problem, settings, o, start, _STARTS[o.search])
     if found.starts and not found.interrupted:
         found.refine(problem, o.threads)
     total = settings.generations + 1 + found.starts
@@ -308,6 +308,10 @@ def _report(
         except SsmrError as error:
             notes.append(f"The plant cannot be driven along {target.label}, which was held out: {error}.")
     worse = _worse(o, unfitted, judged)
+    train = tuple(_scored(problem, fitted, target) for target in problem.targets)
+    driven = [(t.source, s.motion) for t, s in zip(problem.targets, train, strict=True) if t.source.reference == RECORDING]
+    if driven and (band := band_of(driven)) is not None:
+        fitted = replace(fitted, bands={**fitted.bands, o.input: band})
     source = ",".join(o.names)
     bare = Fitted(
         program="fit",
@@ -325,7 +329,7 @@ def _report(
         model=o.model,
         profile=base,
         correlation=correlation,
-        train=tuple(_scored(problem, fitted, target) for target in problem.targets),
+        train=train,
         held_out=tuple(judged),
         unfitted=tuple(unfitted),
         better=not worse if judged else None,
@@ -339,19 +343,20 @@ def _report(
 def _worse(o: Fit, before: Sequence[Scored], after: Sequence[Scored]) -> list[str]:
     """Return a sentence where the error on held-out sources is larger than before the fit; nothing else."""
 
-    def size(scores: Sequence[Scored]) -> float:
+    def size(s: Scored) -> float:
         """Position and yaw errors after the headline's horizon, weighed as in the cost; of scenarios, paths."""
-        if not all(s.windows for s in scores):
-            return float(np.mean([s.metrics["d_rms_m"] for s in scores]))
-        errors = [s.windows[min(s.windows, key=lambda h: abs(h - HEADLINE_HORIZON))].summary() for s in scores]
-        return float(np.mean([o.position_weight * e.position_median_m + o.yaw_weight * e.yaw_median_rad for e in errors]))
+        if not s.windows:
+            return s.metrics["d_rms_m"]
+        e = s.windows[min(s.windows, key=lambda h: abs(h - HEADLINE_HORIZON))].summary()
+        return o.position_weight * e.position_median_m + o.yaw_weight * e.yaw_median_rad
 
-    if not after or size(after) <= size(before):
+    was, now = (float(np.mean([*map(size, scores)])) if scores else 0.0 for scores in (before, after))
+    if now <= was:
         return []
-    kept = "profile.toml has the fitted numbers all the same" if o.even_if_worse else "profile.toml keeps those of before"
-    advice = "" if o.even_if_worse else "; --even-if-worse writes the fitted ones"
-    larger = f"{size(after):.3g} m instead of {size(before):.3g} m"
-    return [f"With the fitted numbers the error on held-out data is larger than before, {larger}: {kept}{advice}."]
+    kept = "has the fitted numbers all the same" if o.even_if_worse else "keeps the old ones (--even-if-worse)"
+    return [
+        f"The fit's error on held-out data is larger than before, {now:.3g} m instead of {was:.3g} m: profile.toml {kept}."
+    ]
 
 
 def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) -> dict[str, Any]:
@@ -386,8 +391,6 @@ def _with_provenance(o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[s
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "versions": dict(f.versions),
         "standard_errors": {p.name: p.standard_error for p in f.parameters if p.standard_error is not None},
-        "train": _summary(f.train),
-        "held_out": _summary(f.held_out),
     }
     return replace(
         f.profile,
@@ -395,17 +398,6 @@ def _with_provenance(o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[s
         plants={**f.profile.plants, f.model: plant},
         provenance={**f.profile.provenance, f.model: provenance},
     )
-
-
-def _summary(scores: Sequence[Scored]) -> dict[str, Any]:
-    """Return the headline of each source's scores, by its file's name."""
-    out: dict[str, Any] = {}
-    for s in scores:
-        errors, label = s.horizons.get(HEADLINE_HORIZON), s.label.rpartition("/")[2]
-        out[label] = {name: s.metrics[name] for name in ("d_rms_m", "sync_rms_m")}
-        if errors is not None:
-            out[label] = {"position_median_6s_m": errors.position_median_m, "yaw_median_6s_rad": errors.yaw_median_rad}
-    return out
 
 
 def _named(f: Fitted) -> list[tuple[str, Scored]]:

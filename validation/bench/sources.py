@@ -43,8 +43,7 @@ RECORDING = "recording"
 """The name of the reference where plants are compared with a log."""
 BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
 """Lengths of the windows whose errors say how uncertainty grows [s]."""
-_ODD_RADIUS = 1.3  # ratio of wheel radii beyond which it is another robot's, or the units are others
-_NARROWEST, _WIDEST = 0.9, 3.0  # effective track over track of a skid-steered robot [1]; theirs are 1.2 to 2.2
+_ODD = 1.3  # ratio of wheel radii beyond which it is another robot's, or the units are others
 _STANDING_SHARE = 0.1  # share of windows without any motion from which they are worth a sentence
 _BEGIN = 0.5
 """Length of the beginning whose poses say how a robot moves at first, and of the spans of which slopes are taken [s]."""
@@ -156,7 +155,9 @@ def source_of(log: Log, name: str, kind: CommandKind = "twist", title: str | Non
     inputs, pose, gyro = log.table(names), log.table(POSE_COLUMNS), log.columns.get("gyro_z")
     sides = COMMAND_COLUMNS["wheels"]
     wheels = log.table(sides) if log.has(sides) else np.zeros((len(pose), 2))
-    every, moves = fresh_poses(log.t, pose), _moves(log.t, wheels) if log.has(sides) else _asks(inputs)
+    every, moves = fresh_poses(log.t, pose), np.abs(inputs).max(axis=1) > ASKS_FOR_MOTION
+    if log.has(sides):
+        moves = np.abs([moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0) > WHEELS_TURN
     jumps = np.empty(0, dtype=np.intp) if faults.jumps is None else faults.jumps.index
     pieces = []
     for s in log.stretches():
@@ -172,16 +173,6 @@ def source_of(log: Log, name: str, kind: CommandKind = "twist", title: str | Non
     for warning in warnings:
         _logger.warning("%s", warning)
     return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title)
-
-
-def _moves(t: FloatArray, wheels: FloatArray) -> NDArray[np.bool_]:
-    """Return (M,) where (M, 2) wheel rates, averaged against the noise of encoders, say that the robot moves."""
-    return np.abs([moving_mean(t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0) > WHEELS_TURN
-
-
-def _asks(commands: FloatArray) -> NDArray[np.bool_]:
-    """Return (M,) where (M, 2) commands ask for motion."""
-    return np.abs(commands).max(axis=1) > ASKS_FOR_MOTION
 
 
 def commands_on_grid(t: FloatArray, inputs: FloatArray, kind: CommandKind, dt: float) -> Commands:
@@ -353,25 +344,28 @@ def scoring_windows(source: Source, horizon: float) -> tuple[tuple[IndexArray, I
 def stranger_sentences(source: Source, robot: Robot) -> list[str]:
     """Return the sentences on a log of a robot that nobody named; it is taken for `robot`.
 
-    Wheel rates against speed and yaw rate say how large wheels and track are. Where these are odd for `robot`, the sentence
-    is logged as a warning, too.
+    Wheel rates against speed and yaw rate say how large wheels and effective track are, which is usually 1.2 to 2.2 times
+    the track. Where these are odd for `robot`, the sentence is logged as a warning, too.
     """
     if source.reference != RECORDING or source.name in SHIPPED_LOGS:
         return []
-    told = [p.reference for p in source.pieces if p.reference is not None and np.any(p.reference.wheels)]
     said = f"{source.title}: taken for a {robot.title or robot.name}, because neither --robot nor --profile names another"
+    told = [p.reference for p in source.pieces if p.reference is not None and np.any(p.reference.wheels)]
     if not told:
         return [said]
     wheels, twist = (np.concatenate([getattr(m, name) for m in told]) for name in ("wheels", "twist"))
-    mean, difference = wheels.mean(axis=1), wheels[:, 1] - wheels[:, 0]
-    radius = float(twist[:, 0] @ mean / (mean @ mean)) if np.any(mean) else robot.geometry.wheel_radius
-    turning = float(twist[:, 2] @ difference / (difference @ difference)) if np.any(difference) else math.inf
-    odd = []
-    if not 1.0 / _ODD_RADIUS < radius / robot.geometry.wheel_radius < _ODD_RADIUS:
-        odd.append(f"wheels of {radius:.2f} m radius for its {robot.geometry.wheel_radius:.2f} m")
-    width = abs(radius / turning) if turning else math.inf  # the sign is the gyro's, and no matter of size
-    if turning < math.inf and not _NARROWEST < width / robot.geometry.track < _WIDEST:
-        odd.append(f"an effective track of {width:.2f} m for its {robot.geometry.track:.2f} m")
+    mean, difference, g = wheels.mean(axis=1), np.diff(wheels)[:, 0], robot.geometry
+    radius = float(twist[:, 0] @ mean / max(mean @ mean, 1e-9))
+    width = radius * float(difference @ difference / max(abs(twist[:, 2] @ difference), 1e-9))  # the sign is the gyro's
+    sizes = (
+        ("wheel radius", radius, g.wheel_radius, 1.0 / _ODD, _ODD, mean),
+        ("track", width, g.track, 0.9, 3.0, difference),
+    )
+    odd = [
+        f"a {what} of {size:.2f} m for its {own:.2f} m"
+        for what, size, own, low, high, rates in sizes
+        if np.abs(rates).max() > WHEELS_TURN and not low < size / own < high
+    ]
     if odd:
         said += f"; but the log shows {' and '.join(odd)}. Name the robot"
         _logger.warning("%s", said)

@@ -19,6 +19,7 @@ from validation.words import shortened
 PROGRAMS: Mapping[str, str] = {
     "compare": "Drive every simulation with the same commands and compare them, with each other or with a log.",
     "fit": "Search for the parameters with which a simulation moves like a log, or like another simulation.",
+    "calibrate": "Calibrate a robot from a log, and judge it on what the fits have not seen.",
     "track": "Let a controller follow a path.",
     "tune": "Search for the gains of a controller.",
     "study": "Answer a question with a table and a picture: contact, transfer or drive train.",

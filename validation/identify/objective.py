@@ -9,19 +9,17 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ssmr._jit import jit_alone, share_among_threads
 from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.paths import one_sided_kernel, path_length
-from ssmr.metrics.windows import horizon_windows
+from ssmr.metrics.windows import overlapping_windows
 from ssmr.parameters import require_within
-from ssmr.types import FloatArray, IndexArray, Trajectory
+from ssmr.types import FloatArray, Trajectory
 from validation.bench.sources import Piece, Source
 
 Objective = Literal["path", "sync", "horizon"]
 
-_WINDOW_STRIDE = 1.0  # windows of the horizon cost begin this far apart [s]: noise of single poses averages out
 _BLOCK_S = 6.0  # errors that begin within one block of time count as one observation [s]: they share poses and ground
 _SCENARIO_BLOCK_S = 1.0  # length of a block on the twenty seconds of a scenario [s]
 _FAINT = 0.02  # weight of errors at equal times beside distances between paths
@@ -194,7 +192,7 @@ class HorizonRater(Rater):
 
     def __init__(self, truth: Trajectory, piece: Piece, cost: FitCost, counts: Sequence[int], block: int) -> None:
         """Cut the windows; `counts` are the windows of all pieces by horizon, `block` the piece's first block of time."""
-        found = [piece.windows(windows, truth.t, horizon) for horizon in cost.horizons]
+        found = [piece.windows(overlapping_windows, truth.t, horizon) for horizon in cost.horizons]
         self._starts, self._ends = (np.concatenate([f[end] for f in found]) for end in (0, 1))
         self._wanted = relative(truth.pose[self._starts], truth.pose[self._ends])
         weight = np.concatenate([np.full(len(f[0]), 1.0 / (n * len(found))) for f, n in zip(found, counts, strict=True)])
@@ -214,19 +212,6 @@ class HorizonRater(Rater):
         return (size * self._weight).sum(axis=1)  # no matrix product: its rounding depends on how many candidates there are
 
 
-def windows(t: FloatArray, horizon: float, fresh: NDArray[np.bool_] | None) -> tuple[IndexArray, IndexArray]:
-    """Return (W,) starts and ends of the windows of `horizon_windows`, begun every second, each once, in order of start."""
-    found: set[tuple[int, int]] = set()
-    for offset in np.arange(0.0, horizon, _WINDOW_STRIDE):
-        first = int(np.searchsorted(t, t[0] + offset - 1e-9))
-        if first >= len(t) - 1:
-            break
-        starts, ends = horizon_windows(t[first:], horizon, None if fresh is None else fresh[first:])
-        found |= {(first + int(a), first + int(b)) for a, b in zip(starts, ends, strict=True)}
-    pairs = np.array(sorted(found), dtype=np.intp).reshape(-1, 2)
-    return pairs[:, 0], pairs[:, 1]
-
-
 def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
     """Return a rater for every piece of every target, in their order.
 
@@ -240,7 +225,7 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
     if cost.objective != "horizon":
         make = PathRater if cost.objective == "path" else SyncRater
         return [make(r, cost, s / sum(seconds), b) for (_, r), s, b in zip(pieces, seconds, blocks, strict=True)]
-    counts = np.sum([[len(p.windows(windows, r.t, h)[0]) for h in cost.horizons] for p, r in pieces], axis=0)
+    counts = np.sum([[len(p.windows(overlapping_windows, r.t, h)[0]) for h in cost.horizons] for p, r in pieces], axis=0)
     if not counts.all():
         raise ValueError(
             f"no window of {cost.horizons[int(np.argmin(counts))]:g} s fits between gaps and jumps of the sources, whose "

@@ -60,10 +60,6 @@ class FitProblem:
         values = np.array([find(model, name, base.robot).read(base) for name in space.names])
         self._usual = space.points(np.clip(values, space.lower, space.upper)[None])[0]
 
-    def _away(self, points: FloatArray) -> FloatArray:
-        """Return (S, n) distances of points of the unit cube from the profile's values, in standard deviations."""
-        return (points - self._usual) / IGNORANCE
-
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
         data = hashlib.sha256()
@@ -114,7 +110,7 @@ class FitProblem:
             workers: number of threads; the result does not depend on it.
             on_share: called with the share of the work that is done.
         """
-        bounds, away = np.full(len(points), np.inf) if limits is None else limits, self._away(points)
+        bounds, away = np.full(len(points), np.inf) if limits is None else limits, (points - self._usual) / IGNORANCE
         total, done = sum(piece.commands.duration for piece, _, _ in self._pieces) * len(points), [0.0]
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
@@ -136,7 +132,7 @@ class FitProblem:
 
         The `blocks` number the errors of motions; those of the prior follow.
         """
-        pulls = self._prior * self._away(points)
+        pulls = self._prior * (points - self._usual) / IGNORANCE
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             every = range(which.stop - which.start)

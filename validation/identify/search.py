@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import io
 import json
 import logging
 import math
 import os
-import re
 import time
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Executor
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import tyro
 
 from ssmr.errors import SsmrError
 from ssmr.parameters import MOST_SEED, require_within
@@ -36,10 +32,8 @@ CHECKPOINT = "checkpoint.npz"
 """Name of the file in the folder of the results that a search's state is kept in."""
 _LEFT_OUT = {
     *("model", "to", "controller", "references", "profile", "robot", "limits", "bounds", "seed"),
-    *("out", "workers", "progress", "executor", "scheduler", "resume", "name"),
+    *("out", "workers", "progress", "resume", "name"),
 }  # options that a result file has at other places, or that decide no number
-CONNECT_TIMEOUT = 5.0  # time within which a scheduler must answer [s]
-_MUST_AGREE = ("ssmr-testbed", "mujoco", "numpy", "numba")  # packages whose versions decide the numbers
 MOST_WORKERS = 4096
 """Greatest number of threads that a search can be told to use."""
 _log = logging.getLogger(__name__)
@@ -67,9 +61,6 @@ class Searching(cli.Common):
     """Continue from the checkpoint in the folder of --out."""
     name: Annotated[str | None, cli.option(metavar="NAME", default="that of what it began with, and what was done")] = None
     """Name of the profile or the gain set that is written."""
-    executor: Annotated[Executor | None, tyro.conf.Suppress, tyro.conf.Fixed] = None
-    """What rates the candidates of jDE in the place of threads, in `workers` shares: a `ProcessPoolExecutor` that spawns its
-    processes, or dask's `client.get_executor(pure=False)`. The result does not depend on it."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range."""
@@ -266,7 +257,7 @@ def search_for(
         ValueError: settings that make no sense, or the checkpoint of another search.
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: it was interrupted before it found anything.
-        SsmrError: every candidate was impossible or failed, or the executor was lost; what was rated before is kept.
+        SsmrError: every candidate was impossible or failed.
     """
     search = _begun(problem, settings, o, start)
     search.starts, search.checkpoint, search.progress = starts, o.checkpoint, o.progress
@@ -274,17 +265,7 @@ def search_for(
         store.make_folder(o.checkpoint.parent)
 
     def evaluate(points: FloatArray, limits: FloatArray, on_share: OnShare) -> FloatArray:
-        if o.executor is None:
-            return problem.costs(points, limits, o.threads, on_share)
-        parts = [slice(first, None, o.threads) for first in range(min(o.threads, len(points)))]
-        costs = np.empty(len(points))
-        try:
-            found = o.executor.map(problem.costs, [points[p] for p in parts], [limits[p] for p in parts])
-            for part, share in zip(parts, found, strict=True):
-                costs[part] = share
-        except Exception as error:  # executors have no common class of errors
-            raise SsmrError(f"the executor that rates candidates failed: {type(error).__name__}: {error}") from error
-        return costs
+        return problem.costs(points, limits, o.threads, on_share)
 
     search.run(evaluate, 0 if starts == 1 else None)
     if not math.isfinite(search.jde.best_cost):
@@ -292,25 +273,3 @@ def search_for(
             raise KeyboardInterrupt
         raise SsmrError("every candidate was impossible or failed; change the bounds, or the values that are held")
     return search
-
-
-@contextlib.contextmanager
-def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
-    """Yield the executor of a dask scheduler, and the number of its workers; a ValueError says why there is none."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise ValueError("a scheduler needs dask: pip install 'ssmr-testbed[cluster]', here '.[cluster]'") from error
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it logs what is reported here
-    try:
-        if not re.fullmatch(r"\w+://.+:\d+", address):
-            raise ValueError(address)
-        client: Any = Client(address, timeout=CONNECT_TIMEOUT)
-    except (OSError, ValueError) as error:
-        raise ValueError(f"no dask scheduler answers at {address}; start one: dask scheduler --host 127.0.0.1") from error
-    with client:
-        found = client.get_versions(packages=_MUST_AGREE)
-        here, there = found["client"]["packages"], [worker["packages"] for worker in found["workers"].values()]
-        if not there or any(versions[name] != here[name] for versions in there for name in _MUST_AGREE):
-            raise ValueError(f"{address} has no worker, or one with other versions of {', '.join(_MUST_AGREE)}")
-        yield client.get_executor(pure=False), len(there)

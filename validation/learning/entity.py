@@ -8,7 +8,7 @@ from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import add_integral_parts, compose_robot
 from validation.simulator.description import Robot
-from validation.simulator.model import calibrate, set_motors
+from validation.simulator.model import set_calibration, set_motors
 
 try:
     from dm_control import composer, mjcf
@@ -42,7 +42,7 @@ class RobotEntity(composer.Entity):
         Raises:
             ValueError: the drive has an integral part and the robot was built without, or the other way round.
         """
-        calibrate(physics.model.ptr, calibration, self.prefix)
+        set_calibration(physics.model.ptr, calibration, self.prefix)
         set_motors(physics.model.ptr, calibration, drive, self.prefix)
 
 

@@ -43,7 +43,7 @@ def contact_settings(robot: Robot) -> tuple[tuple[float, float], tuple[float, fl
 def compose_robot(robot: Robot) -> mujoco.MjSpec:
     """Return the parts of a robot, without ground; they can be changed, and `compile()` makes a model of them.
 
-    `calibrate` and `set_motors` set what a profile may change.
+    `set_calibration` and `set_motors` set what a profile may change.
 
     Raises:
         ValueError: no rigid body has the moments of inertia, or a hand-made MJCF cannot be read or lacks a part that the

@@ -1,8 +1,8 @@
 """A robot, its ground and a calibration -> MjModel.
 
-`_compose` builds what has structure (robot, ground, wheel shape); `calibrate` and `set_motors` set the numbers on a compiled
-model and are the only places that do, so a fit that edits one model in place and a profile that is loaded from disk mean the
-same robot.
+`_compose` builds what has structure (robot, ground, wheel shape); `set_calibration` and `set_motors` set the numbers on a
+compiled model and are the only places that do, so a fit that edits one model in place and a profile that is loaded from disk
+mean the same robot.
 """
 
 from __future__ import annotations
@@ -126,15 +126,15 @@ def adjust(model: mujoco.MjModel, calibration: Calibration, drive: Drive, settin
     """Set all numbers on a compiled model of a robot and its ground, in place: motors, calibration and solver.
 
     Raises:
-        ValueError: what `set_motors` and `calibrate` raise.
+        ValueError: what `set_motors` and `set_calibration` raise.
     """
-    set_motors(model, calibration, drive)  # first: what `calibrate` lets MuJoCo derive depends on the shafts' inertia
-    calibrate(model, calibration)
+    set_motors(model, calibration, drive)  # first: what `set_calibration` lets MuJoCo derive depends on the shafts' inertia
+    set_calibration(model, calibration)
     apply_settings(model, settings, wheel_geoms(model), calibration.friction_ratio)
 
 
 def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:
-    """Return the ids of the four contact geoms, in the order of `WHEELS`; `prefix` as in `calibrate`."""
+    """Return the ids of the four contact geoms, in the order of `WHEELS`; `prefix` as in `set_calibration`."""
     return list(robot_parts(model, prefix).tires)
 
 
@@ -223,7 +223,7 @@ def resting_depth(give: float, solref: tuple[float, float], solimp: tuple[float,
         depth = depth - step if low < depth - step < high else min(0.5 * (low + high), 2.0 * depth)
 
 
-def calibrate(model: mujoco.MjModel, calibration: Calibration, prefix: str = "") -> None:
+def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str = "") -> None:
     """Set every number of `calibration` on a compiled model, in place, but for those of the motors (`set_motors`).
 
     `prefix` stands in front of the robot's names in a larger model.

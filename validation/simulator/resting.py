@@ -63,7 +63,7 @@ def solved_exactly(model: mujoco.MjModel) -> Iterator[None]:
 def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
     """Return a first configuration, and (3,) heights [m] and angles [rad] that press the tyres in to half their depth."""
     rolling = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
-    depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)  # as `calibrate` estimated them
+    depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)  # as `set_calibration` estimated them
     heights = rolling - 0.5 * depths
     half_base, half_track = 0.5 * calibration.robot.geometry.wheelbase, calibration.half_track
     pitch, roll = -float(FRONT @ heights) / (4.0 * half_base), float(LEFT @ heights) / (4.0 * half_track)

@@ -1,0 +1,92 @@
+"""Calibration: known numbers come back in every file, what is no better is not kept, and faulty logs are refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.conftest import exit_status
+from tests.test_objective import recorded
+from validation.calibrate import calibrate
+from validation.files.csv_logs import write_csv
+from validation.plants.profile import Profile, load_profile
+from validation.plants.searchable import with_values
+from validation.simulator.description import load_robot
+
+TRUTH = {"alpha_l": 0.95, "alpha_r": 0.91, "y_l": 0.45, "y_r": -0.52, "drift": 0.12}
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of a Husky whose numbers are known."""
+    lab = load_profile("thesis-lab")
+    true = with_values("kinematic", lab.plants["kinematic"], list(TRUTH), TRUTH.values())
+    path = tmp_path_factory.mktemp("log") / "drive.csv"
+    write_csv(recorded(Profile("true", "", {**lab.plants, "kinematic": true}, {}), "kinematic", 60.0), path)
+    return path
+
+
+def calibrated(log: Path, out: Path, *arguments: str) -> dict[str, Any]:
+    assert exit_status(calibrate, str(log), "--plants", "kinematic", "--out", str(out), *arguments) == 0
+    return dict(json.loads((out / "calibrate.json").read_text()))
+
+
+def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> None:
+    found = calibrated(log, tmp_path, "--robot", "husky", "--profile", "thesis-lab")["plants"]["kinematic"]
+    assert found["better"]
+    for name, value in TRUTH.items():
+        assert found["parameters"][name]["value"] == pytest.approx(value, abs=0.02), name
+    before, after = found["before"]["6"], found["after"]["6"]
+    assert after["position_median_m"] < 0.2 * before["position_median_m"]
+    assert after["position_low_m"] <= after["position_median_m"] <= after["position_high_m"]
+    profile = load_profile(tmp_path / "profile.toml").plants["kinematic"]
+    assert profile.parameters.drift == found["parameters"]["drift"]["value"]
+    assert profile.drive.delay_v == pytest.approx(load_profile("thesis-lab").plants["kinematic"].drive.delay_v, abs=0.02)
+    lines = (tmp_path / "diff_drive.yaml").read_text().splitlines()
+    told = {name.strip(): value for name, _, value in (line.partition(": ") for line in lines)}
+    track = float(told["wheel_separation"]) * float(told["wheel_separation_multiplier"])
+    assert (float(told["wheel_separation"]), track) == pytest.approx((load_robot("husky").geometry.track, 0.97), abs=0.02)
+    for side in ("l", "r"):
+        told_ratio = float(told[f"{'left' if side == 'l' else 'right'}_wheel_radius_multiplier"])
+        assert told_ratio == pytest.approx(TRUTH[f"alpha_{side}"], abs=0.02)
+    assert (tmp_path / "calibrate.md").is_file()
+
+
+def test_what_is_no_better_is_not_kept(log: Path, tmp_path: Path) -> None:
+    """The first two thirds have a left wheel that slips, and what is judged on has none."""
+    sound = np.genfromtxt(log, delimiter=",", names=True)
+    rows = np.array([sound[name] for name in sound.dtype.names])
+    rows[sound.dtype.names.index("enc_left"), sound["t"] < 2.0 / 3.0 * sound["t"][-1]] *= 1.1
+    bad = tmp_path / "bad.csv"
+    np.savetxt(bad, rows.T, delimiter=",", header=",".join(sound.dtype.names), comments="")
+    true = tmp_path / "true"
+    calibrated(log, true, "--profile", "thesis-lab")
+    found = calibrated(bad, tmp_path / "out", "--profile", str(true / "profile.toml"))
+    assert found["plants"]["kinematic"]["better"] is False
+    assert any("keeps the old numbers" in note for note in found["notes"])
+    kept, was = (load_profile(folder / "profile.toml").plants["kinematic"] for folder in (tmp_path / "out", true))
+    assert kept.parameters == was.parameters
+
+
+def test_a_log_that_contradicts_itself_is_refused_unless_it_is_trusted(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sound = np.genfromtxt(log, delimiter=",", names=True)
+    names = [{"enc_left": "enc_right", "enc_right": "enc_left"}.get(name, name) for name in sound.dtype.names]
+    swapped = tmp_path / "swapped.csv"
+    np.savetxt(
+        swapped, np.array([sound[n] for n in sound.dtype.names]).T, delimiter=",", header=",".join(names), comments=""
+    )
+    arguments = [str(swapped), "--robot", "husky", "--plants", "kinematic", "--out", str(tmp_path / "out")]
+    assert exit_status(calibrate, *arguments) == 2
+    said = capsys.readouterr().err
+    assert "enc_left" in said
+    assert not (tmp_path / "out" / "calibrate.json").exists()
+    trusted = calibrated(swapped, tmp_path / "out", "--robot", "husky", "--trust")
+    assert [fault["kind"] for fault in trusted["faults"]] == ["swapped"]
+    assert math.isfinite(trusted["plants"]["kinematic"]["after"]["6"]["position_median_m"])

@@ -109,15 +109,28 @@ def jit(function: F) -> F:
     return compiled
 
 
+_keeps = bool(_FOLDER)
+
+
+def keep_no_more() -> None:
+    """Keep nothing on disk that this process compiles from now on: it may call code whose file is no source of ours."""
+    global _keeps
+    _keeps = False
+
+
 def jit_alone(function: F) -> F:
     """Compile like `jit` a function that Python calls, or a long loop: it is not inlined, and is kept on disk."""
     before = config.CACHE_DIR
     try:
         config.CACHE_DIR = _FOLDER
         compiled: F = _njit(cache=bool(_FOLDER), nogil=True, error_model="numpy")(function)
-        return compiled
     finally:
         config.CACHE_DIR = before
+    if _FOLDER:
+        cache: Any = compiled._cache  # type: ignore[attr-defined]  # numba's
+        save = cache.save_overload
+        cache.save_overload = lambda signature, data: save(signature, data) if _keeps else None
+    return compiled
 
 
 def share_among_threads(work: Callable[[int, int], object], count: int, workers: int) -> None:

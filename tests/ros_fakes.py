@@ -30,12 +30,6 @@ def twist(v: float, w: float = 0.0) -> Any:
     return message(msg.twist_message(v, w))
 
 
-def pose_in(frame: str, x: float, y: float = 0.0, yaw: float = 0.0) -> Any:
-    """A geometry_msgs/PoseWithCovarianceStamped."""
-    posed = msg.pose_message(0.0, frame, np.array([x, y, yaw]))
-    return message({**posed, "pose": {"pose": posed["pose"], "covariance": [0.0] * 36}})
-
-
 class FakeClock:
     """Time that passes when somebody sleeps, and a little more than asked for; it begins at 100 s."""
 

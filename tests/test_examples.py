@@ -14,6 +14,7 @@ SAYS = {
     "compare_plants.py": ("improved", "compare.rrd"),
     "fit_a_log.py": ("husky-tile: ", "fitted: "),
     "other_robots.py": ("warthog", "mm apart"),
+    "sweep.py": ("friction 0.3: ", "mm from the improved model"),
     "own_controller.py": ("Chase follows slalom", "mpc follows slalom"),
     "sensitivity.py": ("mujoco: armature x5", "improved: mass"),
     "first_steps.ipynb": ("compared with recording", "track.rrd"),

@@ -66,23 +66,6 @@ def test_filter_and_wheels_begin_at_their_own_origin_and_the_gyro_keeps_the_head
     assert robot.filtered_odometry()[0][2] == pytest.approx(robot.state.yaw - 1.0, rel=0.01)
 
 
-def test_a_robot_is_put_where_odom_says_and_rests_there(plant: MujocoPlant) -> None:
-    robot = driven(SimulatedRobot(plant, State(1.0, 2.0, math.pi / 2.0), noise=False), 1.0, (0.5, 0.3))
-    time, wanted = robot.time, np.array([3.0, 0.5, -0.2])
-    robot.place(wanted)
-    assert robot.time == time
-    np.testing.assert_allclose(robot.pose, [0.5, 5.0, math.pi / 2.0 - 0.2], atol=1e-6)
-    for pose in (robot.filtered_odometry()[0], robot.wheel_odometry()[0]):
-        np.testing.assert_array_equal(pose, wanted)
-    driven(robot, 0.5, (0.0, 0.0))  # nothing is left of the drive before
-    np.testing.assert_allclose(robot.pose, [0.5, 5.0, math.pi / 2.0 - 0.2], atol=1e-3)
-    for pose, twist, *_ in (robot.filtered_odometry(), robot.wheel_odometry()):
-        np.testing.assert_allclose(pose, wanted, atol=1e-3)
-        np.testing.assert_allclose(twist, 0.0, atol=1e-3)
-    with pytest.raises(ValueError, match="finite"):
-        robot.place(np.array([math.nan, 0.0, 0.0]))
-
-
 def test_the_imu_feels_gravity_and_the_turn_with_the_noise_of_its_variance(plant: MujocoPlant) -> None:
     robot = driven(SimulatedRobot(plant, noise=False), 1.0, (0.0, 0.0))
     rates, forces, _ = robot.imu()

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.ros_fakes import FakeClock, FakeNode, message, pose_in, twist
+from tests.ros_fakes import FakeClock, FakeNode, message, twist
 from validation.bench.sources import Pacer
 from validation.plants.profile import Profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.messages import STOP_TOPIC
 from validation.ros.robot import BASE_TIMEOUT, SimulatedRobot
-from validation.ros.simulation import PLACE_TOPIC, SimulationNode, is_due
+from validation.ros.simulation import SimulationNode, is_due
 from validation.simulator.plant import MujocoPlant
 
 COMMAND, POSE = "/cmd_vel", msg.tracking_topic("husky")
@@ -108,33 +108,11 @@ def test_an_emergency_stop_holds_until_it_is_released(plant: MujocoPlant) -> Non
     assert np.all(v[((t > 0.8) & (t < 1.0)) | (t > 4.0)] > 0.2)
 
 
-def test_the_pose_estimate_of_rviz_puts_the_robot_there(plant: MujocoPlant, caplog: pytest.LogCaptureFixture) -> None:
-    loop, node = simulation(plant)
-    node.plan(PLACE_TOPIC, 0.5, pose_in("odom", 2.0, 1.0, 0.3))
-    node.plan(PLACE_TOPIC, 0.6, pose_in("map", 9.0, 1.0, 0.3))
-    for k in range(10):
-        node.plan(COMMAND, 0.05 * k, twist(0.5))
-    with caplog.at_level(logging.INFO, "validation"):
-        loop.run(1.0)
-    for topic, read in (
-        (msg.FILTERED_TOPIC, msg.read_odometry),
-        ("/platform/odom", msg.read_odometry),
-        (POSE, msg.read_pose),
-    ):
-        sent = [read(m) for _, m in node.of(topic)]
-        assert np.all(np.diff([stamp for stamp, _ in sent]) > 0.0)
-        assert sent[-1][1][:3] == pytest.approx((2.0, 1.0, 0.3), abs=0.15)
-    assert "the robot was put to x 2.000 m" in caplog.text
-    assert "a pose in the frame 'map'" in caplog.text
-
-
 FLOODS: dict[str, tuple[str, Any]] = {
     "commands": (COMMAND, twist(0.25)),
     "commands of NaN": (COMMAND, twist(math.nan)),
     "huge commands": (COMMAND, twist(1e300, -1e300)),
     "a joystick": ("/joy_teleop/cmd_vel", twist(0.25)),
-    "poses of another frame": (PLACE_TOPIC, pose_in("m\x1b[31map\x07\n" + 200 * "x", 0.0)),
-    "poses far away": (PLACE_TOPIC, pose_in("odom", 1e300)),
 }
 
 

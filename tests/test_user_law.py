@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import patch
 
+import numpy as np
 import pytest
 
+from ssmr import _jit
 from ssmr.control.law import Observation
+from ssmr.control.mission import ControllerInput
 from ssmr.control.references import line
-from ssmr.errors import ControllerError
+from ssmr.errors import ControllerError, SsmrError
+from ssmr.models.law import OWN_MODELS
 from validation.bench.loops import chosen_controller
-from validation.bench.user_law import load_user_law
+from validation.bench.user_law import add_user_model, load_user_law, load_user_metric
+from validation.compare import compare
+from validation.fit import fit
 from validation.plants.profile import load_profile
+from validation.plants.table import plant_kind
 from validation.ros.follower import PathFollower
 from validation.track import track
 
@@ -57,12 +66,13 @@ def test_a_users_class_drives_like_the_law_that_it_is(tmp_path: Path, name: str,
 @pytest.mark.parametrize(
     ("text", "name", "said"),
     [
-        (GOOD, "Yours", r"mine\.py has no class 'Yours'; it has: Mine"),
+        (GOOD, "Yours", r"mine\.py has no 'Yours'; it has: Mine, make"),
+        (GOOD, "number", r"mine\.py:number is 3, wanted a class"),
         ("class Mine:\n    pass\n", "Mine", r"mine\.py:1: class Mine has no method command"),
         ("\n\nclass Mine\n", "Mine", r"mine\.py:3: SyntaxError"),
         ("import nothing_of_the_kind\n", "Mine", r"mine\.py:1: ModuleNotFoundError: No module named"),
         ("x = 1\ny = x / 0\n", "Mine", r"mine\.py:2: ZeroDivisionError: division by zero"),
-        (GOOD, "not a name", r"names no class; wanted FILE\.py:NAME"),
+        (GOOD, "not a name", r"names nothing in a file; wanted FILE\.py:NAME"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, text: str, name: str, said: str) -> None:
@@ -97,6 +107,117 @@ def test_a_fault_inside_is_said_with_its_line(tmp_path: Path, body: str, said: s
     with pytest.raises(ControllerError, match=said) as caught:
         track(f"{path}:Mine", line(0.5, 1.0))
     assert "\n" not in str(caught.value)
+
+
+class Follow:
+    """A class that a notebook might have."""
+
+    def __init__(self, mission: object) -> None:
+        """Keep nothing."""
+
+    def command(self, now: ControllerInput) -> tuple[float, float]:
+        """Return the target's speeds and what the errors ask for besides."""
+        return now.target.v + now.errors.rho, 2.0 * now.errors.y + now.errors.alpha
+
+
+def test_a_class_itself_is_a_controller(tmp_path: Path) -> None:
+    """It drives as its text does from a file."""
+    path = written(tmp_path, GOOD)
+    own = track(Follow, line(0.5, 2.0), no_noise=True)
+    assert own.as_dict()["controller"] == "Follow"
+    assert own.metrics == track(f"{path}:Mine", line(0.5, 2.0), no_noise=True).metrics
+
+
+MODEL = '''"""A kinematic robot whose wheels slip."""
+
+from dataclasses import dataclass
+
+from ssmr._jit import jit
+from ssmr.models.law import Advanced, PlanarLaw
+from ssmr.parameters import check_parameters, parameter
+
+
+@dataclass(frozen=True)
+class SlipParameters:
+    """Its one number."""
+
+    slip: float = parameter(0.0, unit="1", low=0.0, high=1.0, search=(0.0, 0.5))
+
+    def __post_init__(self):
+        check_parameters(self)
+
+
+@jit
+def advance(v, w, wheels, disturbance, dt, robot):
+    moved = 0.5 * robot.vehicle.wheel_radius * (1.0 - robot.parameters.slip)
+    return Advanced(moved * (wheels.left + wheels.right), 0.0 * w, 0.0, 0.0)
+
+
+def gap_m(motion, reference):
+    return float(abs(motion.xy[-1, 0] - reference.xy[-1, 0]))
+
+
+LAW = PlanarLaw("slip", SlipParameters, advance, obeys=True)
+
+@dataclass(frozen=True)
+class OtherParameters(SlipParameters):
+    """A law's parameters are its own."""
+
+
+BAD = PlanarLaw("bad", OtherParameters, jit(lambda v, w, wheels, disturbance, dt, robot: robot.parameters.nothing))
+TAKEN = PlanarLaw("linear", SlipParameters, advance)
+'''
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The file of a model, whose plants are known to this test alone; what is compiled later is kept as before."""
+    monkeypatch.setattr(_jit, "_keeps", _jit._keeps)
+    with patch.dict(OWN_MODELS):
+        yield written(tmp_path, MODEL)
+    plant_kind.cache_clear()
+
+
+def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: Path) -> None:
+    """One whose wheels slip by a tenth drives nine tenths of the way."""
+    file, ways = own.with_name("p.toml"), list[float]()
+    for slip in (0.0, 0.1):
+        file.write_text(f'schema = "ssmr.profile/1"\n[plants.slip.parameters]\nslip = {slip}\n')
+        found = compare(
+            "traj4", file, ("kinematic",), "kinematic", own_model=f"{own}:LAW", own_metric=f"{own}:gap_m"
+        )  # fmt: skip
+        assert list(found.plants) == ["kinematic", "slip"]
+        assert found.as_dict()["plants"]["kinematic"]["gap_m"] == 0.0
+        assert found.tables[0].rows[1]["gap_m"] == found.plants["slip"].metrics["gap_m"] > 0.0
+        ways.append(float(np.hypot(*np.diff(found.plants["slip"].pieces[0].xy, axis=0).T).sum()))
+    assert ways[1] == pytest.approx(0.9 * ways[0], rel=1e-9)
+    assert not _jit._keeps, "what calls a user's code is not kept on disk, where it would outlive an edit"
+
+
+@pytest.mark.slow
+def test_a_model_from_a_file_is_fitted(own: Path) -> None:
+    fitted = fit("slip", "traj4@kinematic", own_model=f"{own}:LAW", free=("slip",), population=8, generations=2)
+    fitted.profile.save(own.with_name("fitted.toml"))
+    assert load_profile(own.with_name("fitted.toml")).plants["slip"] == fitted.profile.plants["slip"]
+
+
+REFUSED = {"BAD": r"mine\.py:\d+: .*nothing.* \(model bad\)", "TAKEN": "cannot be named 'linear'", "gap_m": "a PlanarLaw"}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_model_that_cannot_be_is_refused(own: Path, name: str) -> None:
+    with pytest.raises(ValueError, match=REFUSED[name]) as caught:
+        add_user_model(f"{own}:{name}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("body", "said"), [("1 / 0", r"mine\.py:2: ZeroDivisionError"), ("float('nan')", "returned nan")])
+def test_a_metric_that_fails_is_said_with_its_line(tmp_path: Path, body: str, said: str) -> None:
+    path = written(tmp_path, f"def mine_m(motion, reference):\n    return {body}\n")
+    with pytest.raises(SsmrError, match=said):
+        track("pid", line(0.5, 1.0), own_metric=f"{path}:mine_m")
+    with pytest.raises(ValueError, match="there is a metric d_rms_m already"):
+        load_user_metric(f"{written(tmp_path, 'def d_rms_m(m, r): return 0.0')}:d_rms_m")
 
 
 def driven(follower: PathFollower) -> None:

@@ -1,5 +1,6 @@
 from .bench.sources import open_source as open_source
 from .plants.profile import load_profile as load_profile
 from .simulator.description import load_robot as load_robot
+from .study.sweep import sweep as sweep
 
-__all__ = ["load_profile", "load_robot", "open_source"]
+__all__ = ["load_profile", "load_robot", "open_source", "sweep"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,10 +30,11 @@ from validation.bench.sources import (
     stranger_sentences,
     window_errors_of,
 )
+from validation.bench.user_law import UserMetric, add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.plants.profile import Profile, choose_profile, make_plant
-from validation.plants.table import ALL_PLANTS, PLANTS, USUAL_PLANTS
+from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants
 from validation.progress import Progress
 from validation.report.motion_panels import comparison_figure
 from validation.report.motions import (
@@ -91,6 +92,8 @@ class Compare(cli.Filmed):
     disturbance: cli.Flag = False
     """Push all plants with the same random yaw acceleration."""
     terrain: cli.Ground = FLAT
+    own_model: cli.OwnModel = None
+    own_metric: cli.OwnMetric = None
 
     def __post_init__(self) -> None:
         """Check the horizons and the seed.
@@ -125,6 +128,7 @@ class PreparedComparison:
     reference: str
     plants: Mapping[str, Plant]
     options: Compare
+    metric: UserMetric | None = None
 
     def run(self) -> Comparison:
         """Drive the plants and compare them.
@@ -145,7 +149,7 @@ class PreparedComparison:
             results[name] = PlantResult(
                 name,
                 tuple(pieces),
-                Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)}),
+                self._metrics(pieces, truth),
                 horizons_of([(source, pieces)], horizons),
                 wall,
                 simulated / wall,
@@ -199,6 +203,10 @@ class PreparedComparison:
             scoring=scoring,
             robot=robot,
         )
+
+    def _metrics(self, pieces: Sequence[Trajectory], truth: Sequence[Trajectory]) -> Metrics:
+        found = Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)})
+        return found if self.metric is None else self.metric.added(found, pieces, truth)
 
     def _drive_all(self) -> dict[str, tuple[list[Trajectory], float, Health | None]]:
         """Return each plant's motions, wall time and health; plants run side by side, the pieces of one after another."""
@@ -270,17 +278,19 @@ def prepare(o: Compare) -> PreparedComparison:
         source = open_source(str(source), kind, o.start, o.until, o.limits)
     elif o.start is not None or o.until is not None:
         raise ValueError("start and until cut a recording that is given by its path; cut yours before")
+    own = add_user_model(o.own_model)
     reference = o.reference or source.reference
     usual = profile_of_log(source.name) if source.reference == RECORDING else "thesis-lab"
     profile = choose_profile(o.profile, o.robot, usual)
     plants = PLANTS if tuple(o.plants) == ("all",) else o.plants or USUAL_PLANTS
-    wanted = {*plants, reference} - ({RECORDING} if source.reference == RECORDING else set())
-    if unknown := sorted(wanted - set(ALL_PLANTS)):
-        raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(ALL_PLANTS)}")
+    wanted = {*plants, *own, reference} - ({RECORDING} if source.reference == RECORDING else set())
+    if unknown := sorted(wanted - set(known_plants())):
+        raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(known_plants())}")
     if not wanted:
-        raise ValueError(f"plants is empty; there are: {', '.join(ALL_PLANTS)}")
-    made = {name: make_plant(profile, name, o.terrain) for name in ALL_PLANTS if name in wanted}
-    return PreparedComparison(source, profile, reference, made, o)
+        raise ValueError(f"plants is empty; there are: {', '.join(known_plants())}")
+    made = {name: make_plant(profile, name, o.terrain) for name in known_plants() if name in wanted}
+    metric = None if o.own_metric is None else load_user_metric(o.own_metric)
+    return PreparedComparison(source, profile, reference, made, o, metric)
 
 
 if __name__ == "__main__":

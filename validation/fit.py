@@ -32,6 +32,7 @@ from validation.bench.sources import (
     stranger_sentences,
     window_errors_of,
 )
+from validation.bench.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure, with_errors
@@ -44,7 +45,7 @@ from validation.identify.uncertainty import estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.searchable import find, make_space, with_values
-from validation.plants.table import PLANTS, SIMULATED, plant_kind
+from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress
 from validation.report import drawing
 from validation.report.motions import HEADLINE_HORIZON, interval_table
@@ -82,8 +83,8 @@ def _start(text: str) -> dict[str, float]:
 class Fit(Searching):
     """Options of `fit`."""
 
-    model: Annotated[str, tyro.conf.Positional, cli.one_of(PLANTS)]
-    """Plant to fit."""
+    model: Annotated[str, tyro.conf.Positional, cli.option(metavar="MODEL")]
+    """Plant to fit: improved, coulomb, linear, kinematic, four_wheel, mujoco, or the one that --model adds."""
     to: Annotated[str | Path | Sequence[str | Path], cli.text_of("SOURCE,...")]
     """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that plant drives traj4."""
     profile: Annotated[
@@ -100,6 +101,7 @@ class Fit(Searching):
     """Sources to test on, separated by commas. A fitted recording stands for its parts outside --from and --until."""
     even_if_worse: cli.Flag = False
     """Write the fitted numbers to profile.toml even where their error on held-out sources is larger than before the fit."""
+    own_model: cli.OwnModel = None
     limits: cli.Limits = USUAL
     start: Annotated[
         Mapping[str, float] | None,
@@ -229,13 +231,13 @@ def fit(o: Fit) -> Fitted:
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
+    add_user_model(o.own_model)
     occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else o.input
     usual = plant_kind(o.model).free[occasion]
     standard = "thesis-lab" if occasion == "scenario" else profile_of_log(o.names[0])
     base = choose_profile(o.profile, o.robot, standard)
-    begun = with_values(o.model, base.plants[o.model], list(o.fix), o.fix.values())
-    free = [name for name in (usual if o.free is None else o.free) if name not in o.fix]
-    space = make_space(o.model, free, o.bounds, begun.robot)
+    begun = with_values(o.model, base.section(o.model), list(o.fix), o.fix.values())
+    space = make_space(o.model, [n for n in (usual if o.free is None else o.free) if n not in o.fix], o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
     targets, held_out = open_targets(o.names, base, o.held_out, o.input, (o.start_at, o.until), o.limits)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +31,7 @@ from validation.bench.loops import (
     run_robots,
 )
 from validation.bench.tracked import MOST_BESIDE, TrackedRobot, reference_of
+from validation.bench.user_law import load_user_metric
 from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import Profile, choose_profile, odometry_of
 from validation.progress import Progress
@@ -62,7 +63,7 @@ _read_shares = _numbers("pair of shares LEFT,RIGHT such as 0.02,0", 2)
 class TrackOptions(cli.Filmed):
     """Options of `track`."""
 
-    controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
+    controller: Annotated[str | type, cli.text_of("CONTROLLER"), tyro.conf.Positional]
     """Controller: pid and lqr are those of the thesis; lqr-scheduled (linearised about the operating speed) and smc (sliding
     mode) go beyond it. With +predictor behind its name, such as lqr+predictor, a law acts on the state one dead time ahead;
     mpc plans ahead within the limits. FILE.py:NAME is a class of your own, which is run."""
@@ -113,6 +114,7 @@ class TrackOptions(cli.Filmed):
     """Damaged encoders: the share of their ticks that those of the left and of the right side miss (Sec. 4.5), such as
     0.02,0. It needs --feedback ekf, which alone reads the encoders."""
     terrain: cli.Ground = FLAT
+    own_metric: cli.OwnMetric = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a negative seed, or for a feedback, a look-ahead, a start or encoders that cannot be."""
@@ -146,7 +148,7 @@ class TrackOptions(cli.Filmed):
         """Names of the plants."""
         return (self.plant,) if isinstance(self.plant, str) else tuple(self.plant)
 
-    def names(self) -> tuple[str, Waypoints | str | Path]:
+    def names(self) -> tuple[str | type, Waypoints | str | Path]:
         """Return controller and reference; `--controller FILE.py:NAME` leaves the first place to the reference.
 
         Raises:
@@ -155,12 +157,14 @@ class TrackOptions(cli.Filmed):
         if isinstance(self.reference, Waypoints):
             return self.own or self.controller, self.reference
         place = None if self.reference is None else str(self.reference)
-        return cli.controller_and_reference(self.controller, place, self.own)
+        if isinstance(self.controller, type) and place is not None:
+            return self.controller, place
+        return cli.controller_and_reference(str(self.controller), place, self.own)
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
         controller, reference = self.names()
-        name = controller.rpartition(":")[2]
+        name = controller.__name__ if isinstance(controller, type) else controller.rpartition(":")[2]
         label = "waypoints" if isinstance(reference, Waypoints) else Path(str(reference)).stem.partition("@")[0]
         return Path("runs") / "track" / file_name(f"{name}-{label}")
 
@@ -183,6 +187,7 @@ def track(o: TrackOptions) -> Tracked:
     controller, reference = o.names()
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
     law, gains = chosen_controller(controller, profile, o.gains)
+    metric = None if o.own_metric is None else load_user_metric(o.own_metric)
     if isinstance(reference, Waypoints):
         label = "waypoints"
         waypoints = reference if o.speed is None else Waypoints.from_path(reference.xy, o.speed)
@@ -199,7 +204,11 @@ def track(o: TrackOptions) -> Tracked:
     driven = []
     for k, robot in enumerate(robots):
         o.progress(Progress(k, len(robots), f"{robot.name} drives"))
-        driven.append(_driven(o, robot, law, gains, label, waypoints, profile))
+        found = _driven(o, robot, law, gains, label, waypoints, profile)
+        if metric is not None:
+            whole = reference_of(found.run, waypoints, whole=True)
+            found = replace(found, metrics=metric.added(found.metrics, [found.run.motion], [whole]))
+        driven.append(found)
     return tracking_report(driven, remarks, alarms=remarks)
 
 

@@ -82,6 +82,8 @@ class PlanarLaw:
         _ADVANCE[numbers_of(self.parameters)] = self.advance
 
 
+OWN_MODELS: dict[str, PlanarLaw] = {}
+"""Planar models of the user's own by name, which this process knows beside `PLANAR_MODELS`."""
 _LAWS: dict[type, PlanarLaw] = {}
 _ADVANCE: dict[type, Advance] = {}
 
@@ -92,6 +94,8 @@ def planar_law(name: str) -> PlanarLaw:
     Raises:
         ValueError: there is no such model; the message lists the names.
     """
+    if name in OWN_MODELS:
+        return OWN_MODELS[name]
     if name not in PLANAR_MODELS:
         raise ValueError(f"unknown planar model '{name}'; there are: {', '.join(PLANAR_MODELS)}")
     law: PlanarLaw = import_module(f"ssmr.models.{name}").LAW

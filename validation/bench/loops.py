@@ -17,7 +17,7 @@ from ssmr.control.population import Loop, run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import Metrics
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
-from ssmr.models.law import PLANAR_MODELS
+from ssmr.models.law import OWN_MODELS, PLANAR_MODELS
 from ssmr.models.linear import matrices
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
@@ -85,7 +85,7 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
         return ClosedLoopRobot(plant, made)
     if isinstance(made, FourWheelPlant):
         return ClosedLoopRobot(plant, made.model)
-    if plant not in PLANAR_MODELS:
+    if plant not in (*PLANAR_MODELS, *OWN_MODELS):
         raise ProfileError(f"plant '{plant}' has no closed loops in populations; ssmr.control.loop.run_loop drives it")
     section = profile.section(plant)
     return ClosedLoopRobot(plant, PlanarModel(section.parameters, section.vehicle, section.drive))
@@ -103,14 +103,14 @@ def make_controller(profile: Profile, gains: GainSet) -> AnyController:
 
 
 def chosen_controller(
-    controller: str, profile: Profile, gains: GainSet | str | Path | None = None
+    controller: str | type, profile: Profile, gains: GainSet | str | Path | None = None
 ) -> tuple[AnyController, GainSet | None]:
-    """Return a controller by its name, or a user's class by `FILE.py:NAME`, and its gains; a user's class has none.
+    """Return a controller by its name, or a user's class, itself or by `FILE.py:NAME`, and its gains, which no class has.
 
     Raises:
         ValueError: there is no such controller, file, class or set of gains, or they do not go together.
     """
-    if is_user_law(controller):
+    if isinstance(controller, type) or is_user_law(controller):
         if gains is not None:
             raise ValueError(f"gains are for the shipped controllers; {controller} brings its own")
         law, linear = load_user_law(controller), profile.plants["linear"]

@@ -1,4 +1,4 @@
-"""A controller of the user's own: a class in a Python file, named `FILE.py:NAME`, that is loaded and run as it is.
+"""Controllers, planar models and metrics of the user's own: Python objects, or `FILE.py:NAME`, loaded and run as they are.
 
 The file is a program that the user chose to run: nothing keeps it from doing what any program of theirs can do. What goes
 wrong in it is said in one line with its file and line.
@@ -9,15 +9,24 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import math
+import re
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ssmr.control.mission import ControllerInput, Mission
-from ssmr.errors import ControllerError
+from ssmr.errors import ControllerError, SsmrError
+from ssmr.metrics.declared import METRICS, SIGNALS, Metrics
+from ssmr.models.law import PlanarLaw
+from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.simulation import PlanarModel, PlanarPlant
+from ssmr.types import Commands, State, Trajectory
+from validation.plants.table import add_model
 from validation.words import one_line, shortened
 
 
@@ -97,21 +106,24 @@ def _fault(path: Path, error: BaseException) -> str:
     what: object = error
     if isinstance(error, SyntaxError) and error.filename == str(path):
         lines, what = [error.lineno or 1], error.msg
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    if found := re.search(rf'([^\n]+)\n\s*File "[^"]*{re.escape(path.name)}", line (\d+)', plain):  # numba's words
+        return f"{path}:{found[2]}: {shortened(found[1].strip(), 160)}"
     words = f"{type(error).__name__}: {what}" if str(what) else type(error).__name__
     return f"{path}:{lines[-1] if lines else 1}: {shortened(words, 160)}"
 
 
-def load_user_law(name: str) -> UserLaw:
-    """Return the class that `FILE.py:NAME` names; the file is run as a module, with its own folder on the path of imports.
+def load_user_object(name: str) -> tuple[Any, Path]:
+    """Return what `FILE.py:NAME` names, and its file, which is run as a module with its own folder on the path of imports.
 
     Raises:
-        ValueError: there is no such file or class, or the file cannot be run; one line that names file and line.
+        ValueError: there is no such file or name, or the file cannot be run; one line that names file and line.
     """
     text, colon, wanted = name.rpartition(":")
     if not colon or not wanted.isidentifier():
-        raise ValueError(f"'{name}' names no class; wanted FILE.py:NAME, such as mine.py:Mine")
+        raise ValueError(f"'{name}' names nothing in a file; wanted FILE.py:NAME, such as mine.py:Mine")
     path = Path(text).resolve()
-    spec = importlib.util.spec_from_file_location(f"user_controller_{path.stem}", path)
+    spec = importlib.util.spec_from_file_location(f"user_{path.stem}", path)
     if not path.is_file() or spec is None or spec.loader is None:
         raise ValueError(f"there is no file '{text}'")
     module = importlib.util.module_from_spec(spec)
@@ -123,13 +135,96 @@ def load_user_law(name: str) -> UserLaw:
     except (Exception, SystemExit) as error:  # a user's file may raise anything
         del sys.modules[spec.name]
         raise ValueError(_fault(path, error)) from error
-    kind = getattr(module, wanted, None)
-    if kind is None:
-        own = [n for n, v in vars(module).items() if isinstance(v, type) and v.__module__ == module.__name__]
-        raise ValueError(f"{path} has no class '{wanted}'; it has: {', '.join(own) or 'none'}")
+    if not hasattr(module, wanted):
+        own = [n for n, v in vars(module).items() if not n.startswith("_") and getattr(v, "__module__", "") == spec.name]
+        raise ValueError(f"{path} has no '{wanted}'; it has: {', '.join(own) or 'nothing'}")
+    return getattr(module, wanted), path
+
+
+def _file_of(what: Any) -> Path:
+    """Return the file of a class or a function that Python code gave, or the name of its module."""
+    try:
+        return Path(inspect.getsourcefile(what) or what.__module__)
+    except TypeError:
+        return Path(what.__module__)
+
+
+def _shown(value: object) -> str:
+    return shortened(one_line(repr(value)), 40)
+
+
+def load_user_law(given: str | type) -> UserLaw:
+    """Return the user's class that makes a controller: itself, or what `FILE.py:NAME` names.
+
+    Raises:
+        ValueError: what `load_user_object` raises, or it is no such class.
+    """
+    kind, path = (given, _file_of(given)) if isinstance(given, type) else load_user_object(given)
     if not callable(kind):
-        raise ValueError(f"{path}: {wanted} is {shortened(one_line(repr(kind)), 40)}, wanted a class")
-    law = UserLaw(wanted, path, kind)
+        raise ValueError(f"{path}: {given} is {_shown(kind)}, wanted a class")
+    law = UserLaw(kind.__name__, path, kind)
     if isinstance(kind, type) and not callable(getattr(kind, "command", None)):
-        raise ValueError(f"{law.place(kind)}: class {wanted} has no method command(self, now)")
+        raise ValueError(f"{law.place(kind)}: class {law.name} has no method command(self, now)")
     return law
+
+
+def add_user_model(given: PlanarLaw | str | None) -> list[str]:
+    """Make the user's planar model, itself or what `FILE.py:NAME` names, a plant of this process; return the names added.
+
+    Raises:
+        ValueError: what `load_user_object` raises, it is no `PlanarLaw`, or it cannot be compiled and driven.
+    """
+    if given is None:
+        return []
+    law, path = (given, Path(given.name)) if isinstance(given, PlanarLaw) else load_user_object(given)
+    if not isinstance(law, PlanarLaw):
+        raise ValueError(f"{path}: {given} is {_shown(law)}, wanted a PlanarLaw")
+    add_model(law)
+    try:
+        PlanarPlant(PlanarModel(law.parameters(), Vehicle(), Drive())).run(
+            Commands(0.05, np.full((2, 2), 0.1)), State(), 0.05
+        )
+    except Exception as error:  # a user's code may raise anything, and numba what it cannot compile
+        raise ValueError(f"{_fault(path, error)} (model {law.name})") from error
+    return [law.name]
+
+
+@dataclass(frozen=True)
+class UserMetric:
+    """A function of the user's that rates a motion against a reference."""
+
+    name: str
+    """Its name, whose ending is the unit."""
+    path: Path
+    """Its file."""
+    rate: Callable[[Trajectory, Trajectory], float]
+    """The function."""
+
+    def added(self, metrics: Metrics, motions: Sequence[Trajectory], references: Sequence[Trajectory]) -> Metrics:
+        """Return metrics with this one: its mean over all pieces, by their numbers of samples.
+
+        Raises:
+            SsmrError: the function failed, or gave no finite number.
+        """
+        try:
+            values = [float(self.rate(motion, wanted)) for motion, wanted in zip(motions, references, strict=True)]
+            value = float(np.average(values, weights=[len(wanted) for wanted in references]))
+        except Exception as error:  # a user's code may raise anything
+            raise SsmrError(f"{_fault(self.path, error)} (in {self.name})") from error
+        if not math.isfinite(value):
+            raise SsmrError(f"{self.path}: {self.name} returned {value}, wanted a finite number")
+        return Metrics({**metrics, self.name: value})
+
+
+def load_user_metric(given: Callable[[Trajectory, Trajectory], float] | str) -> UserMetric:
+    """Return the user's metric: the function itself, or what `FILE.py:NAME` names.
+
+    Raises:
+        ValueError: what `load_user_object` raises, it is no function, or its name is that of a metric that there is.
+    """
+    rate, path = load_user_object(given) if isinstance(given, str) else (given, _file_of(given))
+    if not inspect.isfunction(rate):
+        raise ValueError(f"{path}: {given} is {_shown(rate)}, wanted a function of a motion and its reference")
+    if rate.__name__ in {**METRICS, **SIGNALS}:
+        raise ValueError(f"{path}: there is a metric {rate.__name__} already; take another name")
+    return UserMetric(rate.__name__, path, rate)

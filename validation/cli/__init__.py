@@ -10,6 +10,8 @@ from validation.cli.options import Limits as Limits
 from validation.cli.options import Names as Names
 from validation.cli.options import Number as Number
 from validation.cli.options import Numbers as Numbers
+from validation.cli.options import OwnMetric as OwnMetric
+from validation.cli.options import OwnModel as OwnModel
 from validation.cli.options import Seed as Seed
 from validation.cli.options import Topics as Topics
 from validation.cli.options import UserError as UserError

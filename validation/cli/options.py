@@ -15,6 +15,7 @@ from typing import Annotated, Any, TypeVar
 import tyro
 from tyro.constructors import PrimitiveConstructorSpec
 
+from ssmr.models.law import PlanarLaw
 from ssmr.parameters import MOST_SEED
 from validation.files.limits import USUAL, LogLimits
 from validation.plants.profile import Profile
@@ -234,6 +235,18 @@ AnyRobot = Annotated[
 """The robot: itself, its name or its path; None for that of the profile."""
 AnyProfile = Annotated[Profile | str | Path | None, text_of("PROFILE")]
 """The plants' parameters: themselves, their name or their path; with a `profile_option` beside it."""
+OwnModel = Annotated[
+    PlanarLaw | str | None,
+    text_of("FILE.py:NAME"),
+    option("model", default="none", help="A plant of your own: a PlanarLaw in a Python file, which is run."),
+]
+"""A planar model of the user's own."""
+OwnMetric = Annotated[
+    Callable[..., float] | str | None,
+    text_of("FILE.py:NAME"),
+    option("metric", default="none", help="A column of your own: a function in a Python file, which is run."),
+]
+"""A metric of the user's own: a function of a motion and its reference."""
 Ground = Annotated[
     Terrain,
     parsed(parse_terrain, "GROUND", lambda terrain: terrain.spec),

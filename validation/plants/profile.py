@@ -22,6 +22,7 @@ import tomli_w
 
 from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.bands import NO_BAND
+from ssmr.models.law import OWN_MODELS
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Plant
@@ -62,11 +63,15 @@ class Profile:
         return next(iter(self.plants.values())).robot
 
     def section(self, plant: str) -> PlantProfile:
-        """Return the numbers of a plant, of any of `ALL_PLANTS`: other engines' robots have those of the standard plant.
+        """Return the numbers of a plant, of any of `known_plants`: other engines' robots have those of the standard plant.
+
+        Models of the user's own, of which the profile says nothing, have their defaults.
 
         Raises:
             KeyError: there is no such plant.
         """
+        if plant in OWN_MODELS and plant not in self.plants:
+            return _usual(plant, self.robot)
         return self.plants[STANDARD if plant in SECOND_OPINIONS else plant]
 
     def as_dict(self, plants: Iterable[str] | None = None) -> dict[str, Any]:
@@ -185,9 +190,9 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     vehicle = _fill(robot.vehicle, document.get("vehicle", {}), "vehicle")
     drive = _fill(robot.drive, document.get("drive", {}), "drive")
     sections = document.get("plants", {})
-    reading.require_known(sections, set(PLANTS), "plants")
+    reading.require_known(sections, {*PLANTS, *OWN_MODELS}, "plants")
     plants = {}
-    for name in PLANTS:
+    for name in (*PLANTS, *(own for own in OWN_MODELS if own in sections)):
         section = sections.get(name, {})
         where = f"plants.{name}"
         reading.require_known(section, {"parameters", "vehicle", "drive", "localiser", "bands"}, where)

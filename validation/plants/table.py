@@ -7,7 +7,8 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from ssmr.models.law import PLANAR_MODELS
+from ssmr._jit import keep_no_more
+from ssmr.models.law import OWN_MODELS, PLANAR_MODELS, PlanarLaw
 
 if TYPE_CHECKING:
     from validation.plants.kind import PlantKind
@@ -31,6 +32,24 @@ ALL_PLANTS = (*PLANTS, *SECOND_OPINIONS)
 """Names of all plants."""
 
 
+def known_plants() -> tuple[str, ...]:
+    """Return the names of all plants, those of the user's own last."""
+    return (*ALL_PLANTS, *OWN_MODELS)
+
+
+def add_model(law: PlanarLaw) -> None:
+    """Make a planar model of the user's own a plant of this process, in the place of an earlier one of its name.
+
+    Raises:
+        ValueError: the name is a shipped plant's, or none.
+    """
+    if law.name in ALL_PLANTS or not law.name.isidentifier():
+        raise ValueError(f"a model cannot be named '{law.name}'; take another name than {', '.join(ALL_PLANTS)}")
+    keep_no_more()
+    OWN_MODELS[law.name] = law
+    plant_kind.cache_clear()
+
+
 @cache
 def plant_kind(name: str) -> PlantKind:
     """Return the declaration of a plant, whose module is imported when the plant is first used.
@@ -38,8 +57,8 @@ def plant_kind(name: str) -> PlantKind:
     Raises:
         ValueError: there is no such plant; the message lists the names.
     """
-    if name not in ALL_PLANTS:
-        raise ValueError(f"unknown plant '{name}'; there are: {', '.join(ALL_PLANTS)}")
+    if name not in known_plants():
+        raise ValueError(f"unknown plant '{name}'; there are: {', '.join(known_plants())}")
     others = dict.fromkeys(SECOND_OPINIONS, "validation.plants.simulated")
     kind: PlantKind = import_module({**_SIMULATED, **others}.get(name, "validation.plants.planar")).declare(name)
     return kind

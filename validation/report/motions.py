@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -143,8 +143,9 @@ def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: 
     errors = [(h, n, asdict(r.horizons[h])) for h in horizons for n, r in plants.items() if h in r.horizons]
     overlapping = [(h, n, r.overlapping[h]) for h in horizons for n, r in plants.items() if h in r.overlapping]
     names = {n: f"{n} (ref)" if n == reference else n for n in plants}
+    columns = dict.fromkeys((*_COLUMNS, *chain.from_iterable(r.metrics for r in plants.values())))
     metrics = [
-        {"plant": names[n], **{key: r.metrics.get(key) for key in _COLUMNS}, REAL_TIME.name: r.real_time_factor}
+        {"plant": names[n], **{key: r.metrics.get(key) for key in columns}, REAL_TIME.name: r.real_time_factor}
         for n, r in plants.items()
     ]
     tables = [

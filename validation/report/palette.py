@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from validation.plants.table import ALL_PLANTS, plant_kind
+from validation.plants.table import known_plants, plant_kind
 
 Rgb = tuple[int, int, int]
 
@@ -24,7 +24,7 @@ _REFERENCES: Mapping[str, Rgb] = {
 
 def colour(name: str) -> Rgb:
     """Return the colour of a plant, as it declares it, or of `recording` or `truth`; grey for any other name."""
-    return _rgb(plant_kind(name).colour) if name in ALL_PLANTS else _REFERENCES.get(name, GREY)
+    return _rgb(plant_kind(name).colour) if name in known_plants() else _REFERENCES.get(name, GREY)
 
 
 def _rgb(code: str) -> Rgb:

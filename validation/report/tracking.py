@@ -74,7 +74,8 @@ def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (),
     labels = [f"{r.plant} (lost)" if r.run.lost else r.plant for r in robots]
     path, loop = list[Row](), list[Row]()
     for label, r in zip(labels, robots, strict=True):
-        path.append({"plant": label, **{name: r.metrics[name] for name in OF_THE_PATH}})
+        own = [name for name in r.metrics if name not in TRACK_METRICS]
+        path.append({"plant": label, **{name: r.metrics[name] for name in (*OF_THE_PATH, *own)}})
         of_the_loop = {name: r.metrics[name] for name in OF_THE_LOOP}
         loop.append({"plant": label, **of_the_loop, REAL_TIME.name: r.real_time_factor})
     lost = next((r for r in robots if r.run.lost), None)

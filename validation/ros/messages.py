@@ -16,7 +16,6 @@ import numpy as np
 from ssmr.control.law import Observation
 from ssmr.geometry import quat_wxyz_to_yaw, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
-from validation.words import shortened
 
 FILTERED_TOPIC = "/platform/odom/filtered"
 """Topic of the robot's state filter."""
@@ -177,18 +176,6 @@ def read_odometry(message: Any) -> tuple[float, Observation]:
 def read_pose(message: Any) -> tuple[float, Observation]:
     """Return stamp [s] and pose of a geometry_msgs/PoseStamped, NaN as speeds; a ValueError says what is not plausible."""
     return _read_stamp(message), Observation(*_read_pose(message.pose), math.nan, math.nan)
-
-
-def read_pose_in_odom(message: Any) -> FloatArray:
-    """Return the (3,) pose in `odom` [m, m, rad] of a geometry_msgs/PoseWithCovarianceStamped.
-
-    Raises:
-        ValueError: another frame, a number that is not plausible, or no orientation.
-    """
-    frame = str(message.header.frame_id).lstrip("/")
-    if frame not in ("", ODOM):
-        raise ValueError(f"a pose in the frame '{shortened(frame, 40)}'; it must be '{ODOM}'")
-    return np.array(_read_pose(message.pose.pose))
 
 
 def _read_stamp(message: Any) -> float:

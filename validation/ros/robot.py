@@ -9,7 +9,6 @@ import numpy as np
 
 from ssmr.estimation.ekf import filter_step, initial_belief
 from ssmr.estimation.settings import V, W
-from ssmr.geometry import compose
 from ssmr.robot.drive import body_rates, whole_steps
 from ssmr.robot.sensors import PUSH_TIME, YAW_DISTURBANCE_VARIANCE, SensorErrors, SensorModel, sense
 from ssmr.types import FloatArray, State
@@ -152,17 +151,6 @@ class SimulatedRobot:
         heading = self._wheel_pose[2] + 0.5 * dt * w
         self._wheel_pose = self._wheel_pose + dt * np.array([v * math.cos(heading), v * math.sin(heading), w])
         self._wheel_twist = v, w
-
-    def place(self, pose: FloatArray) -> None:
-        """Put the robot to rest at a (3,) pose in `odom` [m, m, rad], which filter and wheel odometry then have exactly.
-
-        Raises:
-            ValueError: a number is not finite.
-        """
-        start = np.array([self._start.x, self._start.y, self._start.yaw])
-        self.state = self._plant.reset(State(*map(float, compose(start, pose))))
-        self.belief = initial_belief(State(*map(float, pose)))
-        self._wheel_pose = pose.copy()
 
     def filtered_odometry(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
         """Return the filter's pose (3,), its twist, and the (3, 3) covariances of both."""

@@ -25,8 +25,6 @@ from validation.simulator.plant import MujocoPlant
 
 _logger = logging.getLogger(__name__)
 
-PLACE_TOPIC = "/initialpose"
-"""Topic of RViz' 2D Pose Estimate."""
 _BEHIND = 0.1
 """Lateness from which the simulation reports that it is not at real time [s]."""
 _MOST_BEHIND = 2.0
@@ -104,9 +102,8 @@ class SimulationNode:
         self._multiplexer = CommandMultiplexer(commands, self._say)
         for name in commands:
             node.subscribe(name, "geometry_msgs/msg/Twist", msg.read_twist)
-        self._stop, self._place = topic(msg.STOP_TOPIC), topic(PLACE_TOPIC)
+        self._stop = topic(msg.STOP_TOPIC)
         node.subscribe(self._stop, "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
-        node.subscribe(self._place, "geometry_msgs/msg/PoseWithCovarianceStamped", msg.read_pose_in_odom)
 
     def run(self, duration: float = math.inf) -> None:
         """Simulate for `duration` [s]; a DivergedError says that the simulator gave up."""
@@ -133,9 +130,6 @@ class SimulationNode:
     def _take(self, topic: str, value: Any) -> None:
         if topic == self._stop:
             self._multiplexer.emergency_stop(value)
-        elif topic == self._place:
-            self._robot.place(value)
-            self._say("the robot was put to x {:.3f} m, y {:.3f} m, yaw {:.3f} rad of odom".format(*value), "placed")
         else:
             self._multiplexer.offer(topic, value, self._clock())
 

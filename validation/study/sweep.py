@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from matplotlib.figure import Figure
 
 from ssmr.errors import SsmrError
-from validation.progress import Progress
+from validation.progress import Progress, silent
 from validation.progress import Report as Progressing
 from validation.report import drawing
 from validation.report.columns import Unit, heading_of
@@ -41,8 +41,8 @@ def sweep(
     variants: Mapping[str, Variant],
     measures: Mapping[str, Measure[Variant]],
     *,
-    workers: int | None,
-    progress: Progressing,
+    workers: int | None = None,
+    progress: Progressing = silent,
 ) -> Swept:
     """Take every measure of every variant.
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import reprlib
-from collections import namedtuple
+from collections import Counter, namedtuple
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral, Real
@@ -141,13 +141,18 @@ def _short(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else reprlib.repr(value)
 
 
+_kinds = Counter[str]()
+
+
 def numbers_of(kind: type) -> Any:
     """Return the named tuple type that carries a dataclass's numbers into compiled functions.
 
     It is kept as `kind.Numbers`, where the compiler's cache on disk finds it again; call this when the module is imported.
     """
     if "Numbers" not in vars(kind):
-        numbers = namedtuple("Numbers", [f.name for f in fields(kind)], module=kind.__module__)  # type: ignore[misc]
+        _kinds[kind.__name__] += 1  # numba takes two named tuples of one name and the same fields for one
+        name = f"{kind.__name__}{_kinds[kind.__name__]}"
+        numbers = namedtuple(name, [f.name for f in fields(kind)], module=kind.__module__)  # type: ignore[misc]
         numbers.__qualname__ = f"{kind.__qualname__}.Numbers"
         kind.Numbers = numbers  # type: ignore[attr-defined]
     return vars(kind)["Numbers"]

@@ -201,25 +201,25 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_472, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
-    "validation/cli": (816, "options, help, exit status, progress of every program"),
+    "ssmr": (8_494, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "validation/cli": (831, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (738, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_374, "any log is read as one form, its faults are found, and it is written in any format"),
-    "validation/plants": (747, "every plant declared once, and profiles"),
+    "validation/plants": (771, "every plant declared once, and profiles"),
     "validation/replicate": (1_495, "the thesis beside us, row by row"),
-    "validation/report": (2_824, "tables, pictures, rerun recordings and videos of all programs"),
-    "validation/ros": (1_553, "the robot and its controller on a ROS 2 graph"),
+    "validation/report": (2_826, "tables, pictures, rerun recordings and videos of all programs"),
+    "validation/ros": (1_515, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_348, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_860, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (296, "the thesis' numbers"),
     "validation/bench": (
-        1_369,
+        1_464,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_496,
+        2_517,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

@@ -179,9 +179,10 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: Path) -> None:
-    """One whose wheels slip by a tenth drives nine tenths of the way."""
+    """One whose wheels slip by a tenth drives nine tenths of the way, and an edited one what the edit says."""
     file, ways = own.with_name("p.toml"), list[float]()
-    for slip in (0.0, 0.1):
+    for slip, times in ((0.0, "1.0"), (0.1, "1.0"), (0.1, "2.0")):
+        written(own.parent, MODEL.replace("1.0 - robot", f"1.0 - {times} * robot"))
         file.write_text(f'schema = "ssmr.profile/1"\n[plants.slip.parameters]\nslip = {slip}\n')
         found = compare(
             "traj4", file, ("kinematic",), "kinematic", own_model=f"{own}:LAW", own_metric=f"{own}:gap_m"
@@ -190,7 +191,7 @@ def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: P
         assert found.as_dict()["plants"]["kinematic"]["gap_m"] == 0.0
         assert found.tables[0].rows[1]["gap_m"] == found.plants["slip"].metrics["gap_m"] > 0.0
         ways.append(float(np.hypot(*np.diff(found.plants["slip"].pieces[0].xy, axis=0).T).sum()))
-    assert ways[1] == pytest.approx(0.9 * ways[0], rel=1e-9)
+    assert ways == pytest.approx([ways[0], 0.9 * ways[0], 0.8 * ways[0]], rel=1e-9)
     assert not _jit._keeps, "what calls a user's code is not kept on disk, where it would outlive an edit"
 
 

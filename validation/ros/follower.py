@@ -5,7 +5,7 @@ The position loop runs with each message that has the robot's pose, the velocity
 the message took. The receiver's own clock watches that messages still come. There is no ROS and no clock in this module.
 
 Mission time stands still while the emergency stop is on, and while the robot does not do what it is told: then it is that of
-the last message by which the robot obeyed, and so is the law's memory. So no error grows that the robot would chase later.
+the last message by which the robot obeyed. So no error grows that the robot would chase later.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from ssmr.control.law import Command, Observation
 from ssmr.control.loop import VELOCITY_PERIOD, Clock, ClosedRun, LoopSettings, make_trackers, robot_sides
-from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, LoopState, Truth, is_lost, record
+from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, Truth, is_lost, record
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
@@ -59,8 +59,6 @@ class _Obeyed(NamedTuple):
     stamp: float  # of the message [s]
     t: float  # mission time [s]
     seen: Observation
-    state: LoopState
-    memory: tuple[FloatArray, FloatArray]  # past commands and the rest of the predictor's memory
     rows: int  # number of rows that were recorded until then
     poses: int  # the same of poses
 
@@ -207,10 +205,8 @@ class PathFollower:
         last, within = self._obeyed, max(self.controller.drive.delay_v, self.controller.drive.delay_w) + _ANSWER
         way = math.hypot(seen.x - last.seen.x, seen.y - last.seen.y) + half * abs(wrap_angle(seen.yaw - last.seen.yaw))
         if not self.emergency_stop and (asked < _MOVING or moved > _OBEYS * asked or way > _OBEYS * asked * within):
-            tracker, self.held = self._side.tracker, ""
-            memory = tracker.past.copy(), tracker.predictor_state.copy()
-            t = stamp - self._begin - self.held_time
-            self._obeyed = _Obeyed(stamp, t, seen, self._side.state, memory, len(self._rows), len(self._poses))
+            self.held, t = "", stamp - self._begin - self.held_time
+            self._obeyed = _Obeyed(stamp, t, seen, len(self._rows), len(self._poses))
             return False
         waited = stamp - last.stamp
         if self.emergency_stop or waited > 0.5 * within:
@@ -220,8 +216,6 @@ class PathFollower:
         if waited > self._patience:
             raise StoppedError(f"the robot has not obeyed for {waited:.0f} s ({self.held})")
         if not self.held:
-            self._side.state = last.state
-            self._side.tracker.past[:], self._side.tracker.predictor_state[:] = last.memory
             del self._rows[last.rows :], self._times[last.rows :], self._poses[last.poses :]
         self.held = "the emergency stop is on" if self.emergency_stop else "it does not do what it is told"
         self.held_time = stamp - self._begin - last.t
@@ -252,8 +246,7 @@ class PathFollower:
         origin = np.array([start.x, start.y, start.yaw])
         self._to_reference = compose(origin, invert(np.array([seen.x, seen.y, seen.yaw])))
         self._yaw, self._begin, self.phase, self._at = seen.yaw, self._stamp, "driving", seen
-        memory = self._side.tracker.past.copy(), self._side.tracker.predictor_state.copy()
-        self._obeyed = _Obeyed(self._stamp, 0.0, seen, self._side.state, memory, 0, len(self._poses))
+        self._obeyed = _Obeyed(self._stamp, 0.0, seen, 0, len(self._poses))
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
             self._pose_to_reference = compose(origin, invert(self._poses[0][1:]))
 

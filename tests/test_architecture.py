@@ -201,7 +201,7 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_494, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (8_507, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (831, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
@@ -212,7 +212,7 @@ PRICES = {
     "validation/report": (2_826, "tables, pictures, rerun recordings and videos of all programs"),
     "validation/ros": (1_515, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_348, "a robot's description becomes a MuJoCo model that moves"),
-    "validation/study": (1_860, "answers: contact and engines, transfer, drive train"),
+    "validation/study": (2_076, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (296, "the thesis' numbers"),
     "validation/bench": (
         1_464,

@@ -11,7 +11,7 @@ from typing import Any
 
 from validation import cli
 
-STUDIES = ("contact", "transfer", "drivetrain")
+STUDIES = ("contact", "transfer", "drivetrain", "runs")
 """Names of all studies, in the order of the help text."""
 
 

@@ -1,0 +1,216 @@
+"""Every log, every plant: each is fitted to the first half of a log and judged on the second (docs/runs.md)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from validation import cli, store
+from validation.bench.sources import open_source
+from validation.compare import compare
+from validation.files.formats import log_path, profile_of_log
+from validation.fit import Method, fit
+from validation.plants.profile import Profile, choose_profile
+from validation.plants.table import PLANTS
+from validation.progress import Progress
+from validation.report import drawing
+from validation.report.columns import DEGREES, METRES, Unit
+from validation.report.report import Report
+from validation.report.table import Row, Table
+from validation.study.options import AnyStudy
+from validation.study.sweep import picture, sweep
+from validation.words import file_name, one_line, shortened
+
+SCHEMA = "ssmr.study.runs/1"
+_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
+_ACROSS = 3
+"""Number of panels in a row of the picture."""
+
+
+@dataclass(frozen=True)
+class RunsStudy(AnyStudy):
+    """Options of the study of runs."""
+
+    logs: Annotated[tuple[str, ...], tyro.conf.Positional, cli.option(metavar="FILE[@ROBOT]")]
+    """Logs, each with its robot where that is not --robot: grass.csv@warthog, tile.csv@my_robot.toml."""
+    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="all")] = PLANTS
+    """Plants to fit and to judge."""
+    robot: cli.AnyRobot = None
+    search: Annotated[Method, cli.option()] = "lsq"
+    """Search of each fit, see fit: lsq begins with the numbers of the robot's profile."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError where there is no log, or a plant that there is not."""
+        if not self.logs:
+            raise ValueError("no log is named; name files such as grass.csv@warthog")
+        if unknown := sorted(set(self.plants) - set(PLANTS)):
+            raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One log, with the profile that its fits begin with."""
+
+    log: str
+    profile: Profile
+
+    @property
+    def name(self) -> str:
+        """Name in tables and of its files."""
+        return file_name(Path(self.log).stem.removesuffix("_train"))
+
+
+def _runs(o: RunsStudy) -> dict[str, Run]:
+    """Return the runs by name, each log with its robot.
+
+    Raises:
+        ValueError: a robot that there is not, or two logs of one name.
+    """
+    runs: dict[str, Run] = {}
+    for given in o.logs:
+        log, _, robot = given.rpartition("@") if "@" in given and not Path(given).exists() else (given, "", "")
+        run = Run(log, choose_profile(None, robot or o.robot, profile_of_log(log)))
+        if run.name in runs:
+            raise ValueError(f"two logs have the name {run.name}; give one of them another")
+        runs[run.name] = run
+    return runs
+
+
+def _measure(o: RunsStudy, run: Run) -> Row:
+    """Fit every plant to the first half of a log and judge all on the second; what was finished before is read back.
+
+    Files of a finished run lie in the study's folder: `NAME.toml`, the profile with all fits, and `NAME.json`.
+    """
+    folder = store.make_folder(o.out or o.folder())
+    kept = folder / f"{run.name}.json"
+    asked = {
+        "schema": SCHEMA, "plants": list(o.plants), "search": o.search, "seed": o.seed, "versions": dict(store.versions()),
+        "log": hashlib.sha256(log_path(run.log).read_bytes()).hexdigest(), "robot": run.profile.robot.name,
+    }  # fmt: skip
+    if kept.is_file() and (before := json.loads(kept.read_text(encoding="utf-8"))).get("asked") == asked:
+        return {"found": before}
+    stamps = [piece.t for piece in open_source(run.log, "wheels").pieces if piece.t is not None]
+    middle, profile = 0.5 * float(stamps[0][0] + stamps[-1][-1]), run.profile
+    for plant in o.plants:
+        profile = fit(
+            plant, run.log, profile=profile, input="wheels", until=middle, search=o.search, seed=o.seed, workers=1,
+            held_out=(), out=folder / run.name / plant,
+        ).profile  # fmt: skip
+    judged = compare(
+        run.log,
+        profile,
+        plants=o.plants,
+        input="wheels",
+        start=middle,
+        horizons=_HORIZONS,
+        bands=True,
+        seed=o.seed,
+        workers=1,
+    )
+    rows = [
+        {
+            "log": run.name, "plant": name, "horizon_s": horizon,
+            **{k: getattr(e, k) for k in ("position_median_m", "yaw_median_rad", "position_low_m", "position_high_m")},
+            **{f"coverage_90_{part}": share for part, share in result.coverage.get(horizon, {}).items()}, "n": e.n,
+        }
+        for name, result in judged.plants.items()
+        for horizon, e in result.overlapping.items()
+    ]  # fmt: skip
+    found = {"asked": asked, "rows": rows, "alike": judged.document["alike"], "notes": list(judged.sentences)}
+    profile.save(folder / f"{run.name}.toml")
+    store.write_json(kept, found)
+    return {"found": found}
+
+
+@cli.program(RunsStudy)
+def study_runs(o: RunsStudy) -> Report:
+    """Fit every plant to the first half of each log by its wheel rates, and judge it on the second half.
+
+    Writes study.json, study.md and study.png, and for each log its profile with all fits. A study that was broken off
+    goes on where it was.
+
+    Raises:
+        ValueError: a log, robot or plant that cannot be used.
+        SsmrError: no log could be fitted.
+    """
+    runs = _runs(o)
+    o.progress(Progress(0, len(runs), "logs are read"))
+    swept = sweep(runs, {"fit and judgement": partial(_measure, o)}, workers=o.workers, progress=o.progress)
+    found = {row["variant"]: row["found"] for row in swept.rows if "found" in row}
+    rows = [row for one in found.values() for row in one["rows"]]
+    return Report(
+        program="study",
+        title=f"{len(found)} logs, each fitted on its first half and judged on its second",
+        tables=[_table(name, one["rows"]) for name, one in found.items()],
+        sentences=[*swept.notes, *(sentence for name, one in found.items() for sentence in _winners(name, one["alike"]))],
+        status=swept.status,
+        document={"schema": SCHEMA, "study": "runs", "rows": rows, "winners": {n: one["alike"] for n, one in found.items()}},
+        draw=lambda report: _draw(report, found),
+        has_text=True,
+    )
+
+
+def _table(name: str, rows: list[Row]) -> Table:
+    shown = [
+        {
+            "horizon_s": row["horizon_s"],
+            "plant": row["plant"],
+            "position_median_m": (row["position_median_m"], row["position_low_m"], row["position_high_m"]),
+            "yaw_median_rad": row["yaw_median_rad"],
+            "position_inside_share": row.get("coverage_90_position"),
+            "yaw_inside_share": row.get("coverage_90_yaw"),
+            "windows": row["n"],
+        }
+        for row in sorted(rows, key=lambda row: (row["horizon_s"], PLANTS.index(row["plant"])))
+    ]
+    units = {"horizon_s": Unit("s", 1.0, 0, significant=3), "position_median_m": METRES, "yaw_median_rad": DEGREES}
+    caption = (
+        "in brackets: an interval that holds the median with 90 %\n"
+        "inside: share of windows within the band, which promises 90 %"
+    )
+    return Table(one_line(name), shown, caption, group="horizon_s", units=units)
+
+
+def _winners(name: str, alike: dict[str, Any] | None) -> list[str]:
+    """Return what a log tells of which plant is better, by a paired test corrected for the number of pairs."""
+    if alike is None:
+        return [f"{name}: no window is long enough to tell plants apart."]
+    said = []
+    for what, pairs in alike["better"].items():
+        words = ", ".join(f"{a} than {b}" for a, b in pairs)
+        said.append(f"{name}: after {alike['horizon_s']:g} s better in {what}: {words or 'none, by more than chance'}.")
+    return said
+
+
+def _draw(report: Report, found: dict[str, Any]) -> Figure:
+    """Return the picture: the median error of position over the horizon, a panel for each log."""
+
+    def panel(name: str, ax: Axes) -> None:
+        rows = found[name]["rows"]
+        for plant in dict.fromkeys(row["plant"] for row in rows):
+            keys = ("horizon_s", "position_median_m", "position_low_m", "position_high_m")
+            t, median, low, high = ([row[key] for row in rows if row["plant"] == plant] for key in keys)
+            ink = drawing.ink_of(plant)
+            ax.plot(t, median, marker="o", markersize=3.0, color=ink, label=plant, gid=plant)
+            ax.fill_between(t, low, high, color=ink, alpha=0.1)
+        ax.set(xscale="log", yscale="log", title=shortened(name, 40), xlabel="horizon [s]", ylabel="position error [m]")
+        drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 6.0))
+        drawing.plain_ticks(ax.yaxis, (1.0, 3.0))
+        if name == next(iter(found)):
+            ax.legend(frameon=False, fontsize=8.0)
+
+    names = list(found)
+    groups = [names[k : k + _ACROSS] for k in range(0, len(names), _ACROSS)]
+    return picture(report, [drawing.side_by_side(3.0, [partial(panel, name) for name in group]) for group in groups])
+
+
+if __name__ == "__main__":
+    study_runs.main()

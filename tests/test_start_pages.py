@@ -17,6 +17,7 @@ from validation.files.formats import log_path
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 DOCS = ROOT / "docs"
+START = (README, *(DOCS / f"{name}.md" for name in ("first_comparison", "your_robot", "controllers")))
 
 
 def commands(page: Path) -> list[list[str]]:
@@ -39,22 +40,13 @@ def test_every_command_of_a_page_can_be_read(page: Path) -> None:
 def shortened(words: list[str]) -> str:
     """The command with a short search and without fits of MuJoCo: what is tried is the command, not what it finds."""
     text = re.sub(r"(--population) \d+ (--generations) \d+", r"\1 5 \2 1", shlex.join(words))
-    for begins, more in (("calibrate", "--plants kinematic"), ("fit mujoco", "--search lsq"), ("study transfer", "--quick")):
+    for begins, more in (("calibrate", "--plants kinematic"), ("study transfer", "--quick")):
         text += f" {more}" if text.startswith(begins) and more.split()[0] not in text else ""
     return text
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        DOCS / "your_robot.md",
-        *(
-            pytest.param(page, marks=pytest.mark.slow)
-            for page in (README, DOCS / "first_comparison.md", DOCS / "controllers.md")
-        ),
-    ],
-    ids=lambda page: page.stem,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", START, ids=lambda page: page.stem)
 def test_a_start_page_runs_from_top_to_bottom(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     if page == README:  # which says robot.urdf and drive.csv for what its reader has

@@ -17,7 +17,7 @@ from ssmr.types import FloatArray, frozen_array, increasing_times
 
 TOLD_APART = 0.05
 """Corrected probability below which two candidates are told apart [1]."""
-_DRAWS, _FEWEST_BLOCKS = 2000, 4
+_DRAWS, _FEWEST_BLOCKS = 1000, 4
 
 
 def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, block: float) -> float:
@@ -30,11 +30,13 @@ def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, blo
         block: least duration of a resampled block, such as the length of the windows [s].
 
     Returns:
-        Two-sided probability; 1 where there are fewer than four blocks.
+        Two-sided probability by Student's distribution for the number of blocks; 1 where there are fewer than four.
 
     Raises:
         ValueError: lengths differ, times do not increase, or a number is not finite.
     """
+    from scipy.special import stdtr  # here: it takes long to import
+
     t = increasing_times(times)
     pair = np.stack([frozen_array(values, "errors", (len(t),)) for values in (one, other)])
     together = int(np.max(np.searchsorted(t, t + block) - np.arange(len(t)), initial=1))
@@ -42,8 +44,10 @@ def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, blo
         return 1.0
     starts = np.random.default_rng(0).integers(0, len(t), (_DRAWS, math.ceil(len(t) / together)))
     drawn = ((starts[:, :, None] + np.arange(together)) % len(t)).reshape(_DRAWS, -1)[:, : len(t)]
-    apart = np.subtract(*(np.median(values[drawn], axis=1) for values in pair))
-    return min(1.0, 2.0 * (1 + min(int(np.sum(apart <= 0.0)), int(np.sum(apart >= 0.0)))) / (_DRAWS + 1))
+    apart, spread = (np.subtract(*np.median(values, axis=-1)) for values in (pair, pair[:, drawn]))
+    blocks = len(t) / together
+    error = float(np.std(spread, ddof=1)) * math.sqrt(blocks / (blocks - 1.0))
+    return float(2.0 * stdtr(blocks - 1.0, -abs(apart) / error)) if error > 0.0 else float(apart == 0.0)
 
 
 def corrected(chances: Sequence[float]) -> FloatArray:

@@ -20,7 +20,7 @@ from validation.bench.loops import make_controller, make_robot
 from validation.learning import TrackBatch, TrackTask
 from validation.plants.profile import load_profile
 from validation.simulator.loops import run_husky_loops
-from validation.simulator.model import controls
+from validation.simulator.motors import controls
 from validation.simulator.plant import MujocoPlant
 
 EPISODE_TICKS = 5200.0

@@ -30,7 +30,7 @@ from ssmr.simulation import SAMPLE_DT, PlanarModel, PlanarPlant
 from ssmr.types import Commands, FloatArray, State
 from validation import cli
 from validation.plants.profile import load_profile
-from validation.simulator.model import controls
+from validation.simulator.motors import controls
 from validation.simulator.plant import MujocoPlant
 
 POPULATION = 64

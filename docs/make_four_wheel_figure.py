@@ -24,7 +24,7 @@ from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import load_robot
 from validation.plants.planar import tyred_defaults
 from validation.simulator.calibration import Calibration
-from validation.simulator.model import controls
+from validation.simulator.motors import controls
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 

@@ -35,6 +35,7 @@ from ssmr.types import FloatArray
 config: Any = numba_config
 """Settings of numba, which it reads from the environment when it is imported; no stub declares them."""
 _njit: Any = numba.njit
+_cfunc: Any = numba.cfunc
 _item_pointer: Any = cgutils.get_item_pointer
 
 _SHARES = 4
@@ -130,6 +131,20 @@ def jit_alone(function: F) -> F:
         cache: Any = compiled._cache  # type: ignore[attr-defined]  # numba's
         save = cache.save_overload
         cache.save_overload = lambda signature, data: save(signature, data) if _keeps else None
+    return compiled
+
+
+def compiled_for_c(signature: Any) -> Callable[[F], Any]:
+    """Return what compiles a function of a numba signature for callers in C; kept on disk with what it closes over."""
+
+    def compiled(function: F) -> Any:
+        before = config.CACHE_DIR
+        try:
+            config.CACHE_DIR = _FOLDER
+            return _cfunc(signature, cache=bool(_FOLDER))(function)
+        finally:
+            config.CACHE_DIR = before
+
     return compiled
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
-from validation.simulator.model import GRAVITY, controls, robot_model, static_shares, wheel_geoms
+from validation.simulator.model import GRAVITY, robot_model, static_shares, wheel_geoms
+from validation.simulator.motors import controls
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.turning import closed_form
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from validation import load_robot
 from validation.plants.kind import PlantProfile
 from validation.simulator.calibration import Calibration
-from validation.simulator.composing import add_integral_parts, compose_robot
-from validation.simulator.model import set_calibration, set_motors
+from validation.simulator.composing import compose_robot
+from validation.simulator.model import set_calibration
+from validation.simulator.motors import add_controllers, set_motors
 
 HUSKY = load_robot("husky")
 WHEELBASE, TRACK = HUSKY.geometry.wheelbase, HUSKY.geometry.track
@@ -91,8 +92,7 @@ def former_model(section: PlantProfile) -> mujoco.MjModel:
     """Return the robot as version 1.0 simulated it: with its looks, all sensors, islands, and Newton's method."""
     robot = section.parameters.robot
     spec = compose_robot(robot)
-    if section.drive.integral_gain > 0.0:
-        add_integral_parts(spec, robot)
+    add_controllers(spec, robot)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], condim=3)
     model = spec.compile()
     set_calibration(model, section.parameters)

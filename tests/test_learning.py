@@ -19,7 +19,7 @@ from validation.bench.waypoint_files import open_reference
 from validation.learning import TrackBatch, TrackTask, tracking
 from validation.learning.episodes import DELAY, FRICTION, EpisodeSource
 from validation.plants.profile import load_profile, make_plant
-from validation.simulator.model import controls
+from validation.simulator.motors import controls
 
 PLAIN: dict[str, Any] = {"spread": 0.0, "noise": False, "timestep": 0.002}
 """The profile's own robot at the first waypoint, without noise, in the physics of all other programs."""
@@ -164,7 +164,7 @@ def test_an_entity_on_its_ground_is_the_plant() -> None:
         from validation.learning import RobotEntity, ground
 
     plant = make_plant(load_profile("thesis-lab"), "mujoco")
-    arena, robot = ground(plant.calibration.robot), RobotEntity(plant.calibration.robot, integral=True)
+    arena, robot = ground(plant.calibration.robot), RobotEntity(plant.calibration.robot)
     arena.add_free_entity(robot)
     physics = mjcf.Physics.from_mjcf_model(arena.mjcf_model)
     robot.calibrate(physics, plant.calibration, plant.drive)

@@ -22,7 +22,7 @@ from validation.plants.kind import PlantProfile
 from validation.plants.profile import bare_profile, load_profile, shipped
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SCHEMA, WHEELS, Robot, parse_robot, shipped_robots
-from validation.simulator.model import controls
+from validation.simulator.motors import controls
 from validation.simulator.physics import SHIPPED, SOLVING, PhysicsSettings, Solver, solver_for
 from validation.simulator.plant import MujocoPlant
 

@@ -134,7 +134,7 @@ class Drive:
     """Wheel rate at which a motor at its greatest voltage has no torque left [rad/s]; off (infinite) by default."""
     integral_gain: float = parameter(0.0, unit="N m/rad", low=0.0, high=1e6)
     """K_I of a side's speed loop [N m/rad]; 0: the proportional loop of the thesis."""
-    dc_stiffness: float = parameter(1000.0, unit="N m s/rad", low=0.0, high=1e9, open_low=True)
+    dc_stiffness: float = parameter(1000.0, unit="N m s/rad", low=0.0, open_low=True)
     """K_dc, lasting torque of a side's integral part over the rate error that it leaves [N m s/rad]: the integral part leaks
     at the rate K_I / K_dc."""
     gear_loss: float = parameter(0.0, unit="N m", low=0.0, high=1e3)

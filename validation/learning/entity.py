@@ -6,9 +6,10 @@ from typing import Any
 
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
-from validation.simulator.composing import add_integral_parts, compose_robot
+from validation.simulator.composing import compose_robot
 from validation.simulator.description import Robot
-from validation.simulator.model import set_calibration, set_motors
+from validation.simulator.model import set_calibration
+from validation.simulator.motors import add_controllers, set_motors
 
 try:
     from dm_control import composer, mjcf
@@ -21,8 +22,8 @@ except ImportError as missing:
 class RobotEntity(composer.Entity):
     """A robot without its free joint: `Arena.add_free_entity` gives it one."""
 
-    def _build(self, robot: Robot, integral: bool = False) -> None:
-        self._model = _tree(robot, integral)
+    def _build(self, robot: Robot) -> None:
+        self._model = _tree(robot)
         self._model.model = robot.name
         self._model.find("joint", "root").remove()
 
@@ -37,19 +38,14 @@ class RobotEntity(composer.Entity):
         return f"{self._model.model}/"
 
     def calibrate(self, physics: Any, calibration: Calibration, drive: Drive) -> None:
-        """Set a calibration and the motors of a drive on compiled physics.
-
-        Raises:
-            ValueError: the drive has an integral part and the robot was built without, or the other way round.
-        """
+        """Set a calibration and the motors of a drive on compiled physics."""
         set_calibration(physics.model.ptr, calibration, self.prefix)
         set_motors(physics.model.ptr, calibration, drive, self.prefix)
 
 
-def _tree(robot: Robot, integral: bool = False) -> Any:
+def _tree(robot: Robot) -> Any:
     spec = compose_robot(robot)
-    if integral:
-        add_integral_parts(spec, robot)
+    add_controllers(spec, robot)
     spec.compile()  # only then can it be written
     return mjcf.from_xml_string(spec.to_xml())
 

@@ -18,9 +18,6 @@ VISUAL_GROUP = 2
 """Geoms of this group are looks; contact shapes are in another."""
 SPOKES, TREADS = 3, 12
 """Spokes and tread blocks drawn on a wheel: one sees it turn."""
-SHAFT_SHARE = 1e-8
-"""Mass of the body that carries a virtual shaft over the robot's, and its inertia over mass times wheel radius squared [1]:
-next to nothing."""
 IMPEDANCE = (0.1, 0.95)
 """Impedance of the soft contact at the surface and at full depth [1]. A hard one would let skidding wheels hop, and the
 robot would turn at a rate that depends on the time step (docs/physics.md)."""
@@ -184,27 +181,3 @@ def _add_sensors(spec: mujoco.MjSpec) -> None:
     wanted += [("angular_acceleration", mjtSensor.mjSENS_FRAMEANGACC, mjtObj.mjOBJ_SITE, "reference")]
     for name, kind, what, of in wanted:
         spec.add_sensor(name=name, type=kind, objtype=what, objname=of)
-
-
-def add_integral_parts(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Add what MuJoCo needs for a leaky integral in the speed loop of each motor to the robot's parts.
-
-    The integral is the torsion of a spring between the mean angle of a motor's wheels and a virtual shaft, which a servo of
-    limited torque turns at the wanted rate: the lasting torque of the spring slows the shaft down, so the integral leaks.
-    """
-    base, mass = spec.body("base"), SHAFT_SHARE * robot.masses.total
-    inertia = mass * robot.geometry.wheel_radius**2
-    for motor in robot.motors:
-        shaft = _add_body(base, f"{motor}_shaft", [0, 0, 0], mass, [0, 0, 0], [inertia] * 3)
-        shaft.add_joint(name=f"{motor}_shaft", axis=[0, 1, 0], armature=1.0)
-        servo = _add_actuator(spec, f"{motor}_shaft", f"{motor}_shaft", mujoco.mjtTrn.mjTRN_JOINT)
-        servo.set_to_velocity(kv=1.0)
-    for motor, wheels in robot.motors.items():
-        spring = spec.add_tendon(name=f"{motor}_spring", springlength=[0.0, 0.0])
-        for wheel in wheels:
-            spring.wrap_joint(f"{wheel}_wheel", -1.0 / len(wheels))
-        spring.wrap_joint(f"{motor}_shaft", 1.0)
-        _add_actuator(
-            spec, f"{motor}_spring", f"{motor}_spring", mujoco.mjtTrn.mjTRN_TENDON,
-            biastype=mujoco.mjtBias.mjBIAS_AFFINE, gainprm=[0.0] * 10,
-        )  # fmt: skip

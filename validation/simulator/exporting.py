@@ -14,6 +14,7 @@ from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SIDES, WHEELS, Robot
 from validation.simulator.model import adjust, on_ground, pair_with_ground
+from validation.simulator.motors import add_windings
 
 _ENDLESS = 1e16
 """Limit of a joint that turns without end, as SDFormat has it [rad]."""
@@ -125,7 +126,8 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
     """Return a calibrated robot on level ground as an MJCF that needs nothing but MuJoCo.
 
     It has the looks, motors and sensors of the simulated robot, and drives its path to a tenth of a millimetre: numbers have
-    six digits. Delay, ramps and limits of commands act before the wheels' rates, and are not in it.
+    six digits. But MuJoCo's own actuators wind their integral part up where a motor stays at its limit. Delay, ramps and
+    limits of commands act before the wheels' rates, and are not in it.
 
     Args:
         calibration: the robot's numbers.
@@ -134,18 +136,17 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
     Raises:
         ValueError: numbers that do not go together.
     """
-    spec = on_ground(calibration.robot, calibration.wheel_shape, drive.integral_gain > 0.0)
+    spec = on_ground(calibration.robot, calibration.wheel_shape)
+    if drive.integral_gain > 0.0:
+        add_windings(spec, calibration.robot, drive)
     if calibration.friction_ratio != 1.0:
         pair_with_ground(spec)
     model = spec.compile()
     adjust(model, calibration, drive)
     spec.copy_back(model)  # all numbers, but not whether a limit counts
     for actuator in spec.actuators:
-        actuator.forcelimited = bool(model.actuator(actuator.name).forcelimited[0])
-    for joint in spec.joints:
-        number = model.joint(joint.name).id
-        joint.actfrclimited, joint.actfrcrange = bool(model.jnt_actfrclimited[number]), model.jnt_actfrcrange[number]
-    spec.comment = "Inputs of actuators are wheel rates [rad/s]; those of springs stay 0."
+        actuator.forcelimited = drive.integral_gain == 0.0 and math.isfinite(drive.torque_limit)
+    spec.comment = "Inputs of actuators are wheel rates [rad/s]."
     return str(spec.to_xml())
 
 

@@ -21,7 +21,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import motor_numbers
 from ssmr.types import FloatArray, State
-from validation.simulator.model import controls
+from validation.simulator.motors import controls
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
 

@@ -12,13 +12,13 @@ import math
 import mujoco
 import numpy as np
 
-from ssmr.robot.drive import motor_numbers
 from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
-from validation.simulator.composing import add_integral_parts, compose_robot, contact_settings
+from validation.simulator.composing import compose_robot, contact_settings
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, WheelShape
+from validation.simulator.motors import add_controllers, set_motors
 from validation.simulator.parts import mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, PhysicsSettings, apply_settings
 from validation.simulator.terrain import FLAT, Terrain
@@ -37,12 +37,13 @@ LEAST_SHARE = 0.02
 nowhere."""
 
 
-def _compose(robot: Robot, shape: WheelShape, integral: bool) -> mujoco.MjSpec:
+def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
     """Return robot and ground, without looks and without the sensors that nobody reads here: they cost time.
 
     Tyres and ground are contact pairs, so MuJoCo need not look for what else might touch.
     """
-    spec = on_ground(robot, shape, integral)
+    spec = on_ground(robot, shape)
+    add_controllers(spec, robot)
     for part in [geom for geom in spec.geoms if not geom.name.endswith(("_tire", "ground"))]:
         spec.delete(part)
     for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
@@ -51,15 +52,13 @@ def _compose(robot: Robot, shape: WheelShape, integral: bool) -> mujoco.MjSpec:
     return spec
 
 
-def on_ground(robot: Robot, shape: WheelShape, integral: bool) -> mujoco.MjSpec:
-    """Return a robot with tyres of a shape on level ground; `integral` adds the motors' integral parts.
+def on_ground(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
+    """Return a robot with tyres of a shape on level ground, and motors without integral parts.
 
     Raises:
         ValueError: what `compose_robot` raises.
     """
     spec = compose_robot(robot)
-    if integral:
-        add_integral_parts(spec, robot)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
     radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
     for wheel in WHEELS:
@@ -78,22 +77,7 @@ def pair_with_ground(spec: mujoco.MjSpec) -> None:
         spec.add_pair(geomname1="ground", geomname2=tire.name, condim=3)
 
 
-def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
-    """Return the (..., nu) inputs of all actuators for (..., 2) wheel-rate references [rad/s] of the left and right side.
-
-    The servos of the motors and, with integral parts, of their shafts have the reference; the springs have no input.
-    """
-    motors = model.nu if model.nu in (len(SIDES), len(WHEELS)) else model.nu // 3
-    wanted = references if motors == len(SIDES) else np.concatenate([references, references], axis=-1)
-    if model.nu == motors:
-        return wanted
-    return np.concatenate([wanted, wanted, np.zeros_like(wanted)], axis=-1)
-
-
-Structure = tuple[Robot, WheelShape, bool]
-"""What decides which parts a model has: robot, shape of its tyres, and whether its motors have integral parts."""
-
-_models: dict[Structure, mujoco.MjModel] = {}
+_models: dict[tuple[Robot, WheelShape], mujoco.MjModel] = {}
 _MOST_MODELS = 64
 """Compiled models that are kept; a study of many robots forgets them all when it has made so many."""
 
@@ -111,7 +95,7 @@ def robot_model(
     Raises:
         ValueError: a calibration whose inertia no body can have.
     """
-    key = calibration.robot, calibration.wheel_shape, drive.integral_gain > 0.0
+    key = calibration.robot, calibration.wheel_shape
     if key not in _models:
         if len(_models) >= _MOST_MODELS:
             _models.clear()
@@ -128,8 +112,8 @@ def adjust(model: mujoco.MjModel, calibration: Calibration, drive: Drive, settin
     Raises:
         ValueError: what `set_motors` and `set_calibration` raise.
     """
-    set_motors(model, calibration, drive)  # first: what `set_calibration` lets MuJoCo derive depends on the shafts' inertia
     set_calibration(model, calibration)
+    set_motors(model, calibration, drive)
     apply_settings(model, settings, wheel_geoms(model), calibration.friction_ratio)
 
 
@@ -269,60 +253,3 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
         model.pair_friction[:, 0] = calibration.friction * calibration.friction_ratio
         model.pair_friction[:, 1] = calibration.friction
         model.pair_solref[:], model.pair_solimp[:] = solref, solimp
-
-
-def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, prefix: str = "") -> None:
-    """Set the motors of `drive` (`ssmr.robot.drive`), with the calibration's gain, on a compiled model, in place.
-
-    An integral part K_I, leaking to a stiffness K_dc, is a shaft of inertia J behind a servo of gain D and a spring of
-    stiffness k. The spring has a damper q of up to half the gain K_P, which the direct servo has less: without it the shaft
-    would swing on its spring once its servo has reached its limit. Without J the side's torque is exactly that of the motor,
-
-        tau = (K_P' - q) e + k s + q ds/dt,  D (e - ds/dt) = k s + q ds/dt,  e = wanted rate - wheel rate,  s = torsion,
-
-    with K_P = K_P' - q^2 / (D + q), K_I = k D^2 / (D + q)^2 and K_dc = D^2 / (D + q). J makes the shaft late by half a step.
-    A motor that turns one wheel of two has half of all this.
-
-    Raises:
-        ValueError: the drive has an integral part and the model has none, or the other way round.
-    """
-    dt, motors = calibration.timestep, calibration.robot.motors
-    motor = motor_numbers(drive, dt)
-    if (motor.integral_gain > 0.0) != (model.nu > len(motors)):
-        raise ValueError("the model and the drive must both have an integral part in the speed loop, or neither")
-    weight = calibration.mass * GRAVITY
-    lost = calibration.rolling_resistance * 0.5 * weight * calibration.wheel_radius + motor.gear_loss
-    limited = math.isfinite(motor.limit)
-    parts = robot_parts(model, prefix)
-    model.dof_damping[parts.dofs] = 0.5 * motor.braking
-    model.jnt_actfrclimited[parts.joints] = limited and motor.integral_gain > 0.0  # of the servo's and the spring's sum
-    model.jnt_actfrcrange[parts.joints] = (-0.5 * motor.limit, 0.5 * motor.limit) if limited else 0.0
-    for name, wheels in motors.items():
-        share = 0.5 * len(wheels)  # of a side
-        direct, limit = calibration.gain, motor.limit
-        if motor.integral_gain > 0.0:
-            stiffness, shaft = drive.dc_stiffness, model.joint(f"{prefix}{name}_shaft").id
-            inertia = 0.5 * stiffness * dt
-            damper = min(0.5 * calibration.gain, 2.0 * math.sqrt(motor.integral_gain * inertia))
-            servo = 0.5 * (stiffness + math.sqrt(stiffness * (stiffness + 4.0 * damper)))
-            spring = motor.integral_gain * ((servo + damper) / servo) ** 2
-            direct += damper * damper / (servo + damper) - damper
-            model.dof_armature[model.jnt_dofadr[shaft]] = share * inertia
-            _set_actuator(model, f"{prefix}{name}_spring", 0.0, -share * spring, -share * damper)
-            _set_actuator(model, f"{prefix}{name}_shaft", share * servo, 0.0, -share * servo, share * motor.limit)
-            limit = math.inf  # the joints limit the sum
-        by_rate = motor.braking - direct
-        _set_actuator(model, f"{prefix}{name}_motor", share * direct, 0.0, share * by_rate, share * limit)
-        model.tendon_frictionloss[model.tendon(f"{prefix}{name}").id] = share * lost
-
-
-def _set_actuator(
-    model: mujoco.MjModel, name: str, gain: float, by_length: float, by_rate: float, limit: float = math.inf
-) -> None:
-    """Set the gain of an actuator, the affine terms of its force, and its greatest force."""
-    number = model.actuator(name).id
-    model.actuator_gainprm[number, 0] = gain
-    model.actuator_biasprm[number, :3] = 0.0, by_length, by_rate
-    model.actuator_forcelimited[number] = math.isfinite(limit)
-    if math.isfinite(limit):
-        model.actuator_forcerange[number] = -limit, limit

@@ -29,7 +29,8 @@ from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SIDES, WHEELS
-from validation.simulator.model import FREE_DRIVE, contact_settings, controls, robot_model
+from validation.simulator.model import FREE_DRIVE, contact_settings, robot_model
+from validation.simulator.motors import controls
 from validation.simulator.parts import mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, PhysicsSettings, stop_the_stopwatch
 from validation.simulator.resting import level_rest, solved_exactly
@@ -38,7 +39,6 @@ from validation.simulator.terrain import FLAT, Terrain
 PRESCRIBED_SHARE = 50.0
 """Armature of wheels whose rates are given, over mass times wheel radius squared [1]: so heavy that the ground cannot change
 them (MuJoCo does not pass an armature's reaction on to the body)."""
-_NO_INTEGRAL = 1e-6  # integral gain of those wheels [N m/rad]: next to nothing, but with the same parts in the model
 PRESCRIBED_LAG = 2.5
 """Time constant with which given wheel rates are followed, in time steps."""
 SETTLE_CONSTANTS = 50.0
@@ -88,8 +88,6 @@ class MujocoPlant:
         self.wheel_dofs = tuple(
             [dof for wheel, dof in zip(WHEELS, self._parts.dofs, strict=True) if wheel.endswith(side)] for side in SIDES
         )
-        motors = calibration.robot.motors if drive.integral_gain > 0.0 else ()
-        self._shaft_dofs = [int(self.model.joint(f"{motor}_shaft").dofadr[0]) for motor in motors]
         level = level_rest(self.model, mujoco.MjData(self.model), calibration) if self.terrain.level else None
         self._resting = self._settle() if level is None else level
         self._driver: Driver | None = None
@@ -120,8 +118,7 @@ class MujocoPlant:
         armature = PRESCRIBED_SHARE * robot.masses.total * robot.geometry.wheel_radius**2
         gain = 2.0 * armature / (PRESCRIBED_LAG * self.dt)
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
-        same_parts = replace(FREE_DRIVE, integral_gain=min(self.drive.integral_gain, _NO_INTEGRAL))
-        return robot_model(heavy, self.terrain, self._settings, same_parts)
+        return robot_model(heavy, self.terrain, self._settings, FREE_DRIVE)
 
     @property
     def dt(self) -> float:
@@ -140,7 +137,7 @@ class MujocoPlant:
         return rest
 
     def placed(self, state: State) -> FloatArray:
-        """Return the simulator's whole (1 + nq + nv) state where the robot rests on its tyres in `state`."""
+        """Return the simulator's whole (1 + nq + nv + na) state where the robot rests on its tyres in `state`."""
         rest, velocity = self._resting.copy(), np.zeros(self.model.nv)
         rest[:2] = state.x, state.y
         mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
@@ -148,8 +145,7 @@ class MujocoPlant:
         velocity[5] = state.yaw_rate
         for dofs, rate in zip(self.wheel_dofs, (state.wheel_left, state.wheel_right), strict=True):
             velocity[dofs] = rate
-        velocity[self._shaft_dofs] = np.resize((state.wheel_left, state.wheel_right), len(self._shaft_dofs))
-        return np.concatenate([[0.0], rest, velocity])
+        return np.concatenate([[0.0], rest, velocity, np.zeros(self.model.na)])
 
     def _read(self) -> State:
         """Return the simulator's state as a planar one; yaw is unwrapped from the last reading."""
@@ -274,7 +270,7 @@ class MujocoPlant:
     def _rows(self, chunk: Samples) -> FloatArray:
         """Return the (m, 15) numbers of a trajectory's samples."""
         nq = self.model.nq
-        qpos, qvel = chunk.states[:, 1 : 1 + nq], chunk.states[:, 1 + nq :]
+        qpos, qvel = chunk.states[:, 1 : 1 + nq], chunk.states[:, 1 + nq : 1 + nq + self.model.nv]
         wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
         columns = [
             *(qpos[:, :2], chunk.yaw, rotate_world_to_body(qvel[:, :2], chunk.yaw), qvel[:, 5], wheels),
@@ -292,7 +288,7 @@ class Samples(NamedTuple):
     """Every `stride`-th step of a chunk."""
 
     states: FloatArray
-    """(m, 1 + nq + nv) time, positions and velocities before the step."""
+    """(m, 1 + nq + nv + na) time, positions, velocities and activations before the step."""
     sensors: FloatArray
     """(m, nsensordata) of the step."""
     yaw: FloatArray
@@ -312,7 +308,7 @@ def sampled(
 
     Args:
         model: the robot on its ground; its first joint is free.
-        start: (1 + nq + nv) state before the first step.
+        start: (1 + nq + nv + na) state before the first step.
         inputs: (n, ...) inputs of the n steps of each chunk.
         spec: kind of the inputs, of `mujoco.mjtState`.
         stride: steps from one sample to the next; the first step is one.

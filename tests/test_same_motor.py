@@ -1,0 +1,159 @@
+"""One closed drive in every plant: PI loop whose integral leaks, torque limit, gear loss and ramped commands.
+
+On a straight line with much grip every robot is one mass and two spinning sides, so one equation says what the motors do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import astuple, replace
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+
+from ssmr.metrics.paths import nearest_squared
+from ssmr.models.four_wheel import FourWheelParameters
+from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
+from ssmr.models.improved import ImprovedParameters
+from ssmr.models.linear import LinearParameters
+from ssmr.robot.drive import (
+    Motor,
+    Sides,
+    Wanted,
+    advance_integral,
+    gear_loss,
+    motor_numbers,
+    motor_torques,
+    wheel_references,
+)
+from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.simulation import PlanarModel, PlanarPlant
+from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from tests.robots import HUSKY, husky
+from validation.engines.body import EngineMissingError
+from validation.engines.drake import DrakeBody
+from validation.engines.ode import OdeBody, OdeSettings
+from validation.engines.plant import EnginePlant
+from validation.plants.profile import Profile
+from validation.simulator.loops import MujocoBodies
+from validation.simulator.plant import MujocoPlant
+
+GAIN, ARMATURE, DT = 60.0, 0.2, 0.001
+CALIBRATION = husky(friction=1.0, gain=GAIN, armature=ARMATURE, timestep=DT)
+SPIN = ARMATURE + HUSKY.masses.wheel_inertia[1]
+MASS, RADIUS = CALIBRATION.mass, CALIBRATION.wheel_radius
+COMMANDS = Commands(0.05, np.repeat([[0.6, 0.0], [-0.4, 0.0], [0.2, 0.0]], 24, axis=0))
+"""The steps are more than the motors can do, and the integral part reaches its limit on each."""
+
+
+def drive(stiffness: float) -> Drive:
+    return Drive(
+        **{"delay_v": 0.0, "delay_w": 0.0, "command_ramp": 0.05, "command_half_track": 0.275, "command_radius": RADIUS},
+        **{"torque_limit": 7.0, "integral_gain": 800.0, "dc_stiffness": stiffness, "gear_loss": 3.0},
+    )
+
+
+def planar(parameters: object) -> Callable[[Drive], Plant]:
+    vehicle = Vehicle(mass=MASS, wheel_radius=RADIUS, spin_inertia=2.0 * SPIN)
+    return lambda d: PlanarPlant(PlanarModel(parameters, vehicle, d), DT)
+
+
+def four_wheels(d: Drive) -> Plant:
+    robot = {
+        **{"mass": MASS, "yaw_inertia": CALIBRATION.yaw_inertia, "wheelbase": HUSKY.geometry.wheelbase},
+        **{"half_track": CALIBRATION.half_track, "wheel_radius": RADIUS, "com_x": 0.0, "com_y": 0.0, "com_height": 0.19},
+        **{"gain": GAIN, "armature": ARMATURE, "wheel_inertia": HUSKY.masses.wheel_inertia[1]},
+        **{"friction": 1.0, "stiffness_x": 300.0, "stiffness_y": 300.0},
+    }
+    return FourWheelPlant(FourWheelModel(FourWheelParameters(**robot), d), DT)  # type: ignore[arg-type] # link has a default
+
+
+PLANTS: dict[str, Callable[[Drive], Plant]] = {
+    "improved": planar(ImprovedParameters(0.0, 0.0, 0.0, GAIN)),
+    "linear": planar(LinearParameters(0.0, 0.0, GAIN / RADIUS)),
+    "four_wheel": four_wheels,
+    "mujoco": lambda d: MujocoPlant(CALIBRATION, d),
+    "ode": lambda d: EnginePlant("ode", lambda n: OdeBody(n, OdeSettings()), CALIBRATION, d),
+    "drake": lambda d: EnginePlant("drake", DrakeBody, CALIBRATION, d),
+}
+
+
+@cache
+def expected(stiffness: float) -> tuple[FloatArray, FloatArray]:
+    """Return (n,) ways [m] and torques of a side [N m] by the one equation, in twenty small steps a physics step."""
+    few, d = 20, drive(stiffness)
+    motor: Motor = motor_numbers(d, DT / few)
+    inertia = 0.5 * MASS * RADIUS**2 + 2.0 * SPIN
+    rate, integral, way, rows = 0.0, 0.0, 0.0, []
+    for reference in wheel_references(COMMANDS, d, DT, State())[:, 0]:
+        for _ in range(few):
+            asked = Wanted(float(reference), float(reference), integral, integral)
+            torque = motor_torques(asked, Sides(rate, rate), GAIN, motor).left
+            before, rate = rate, rate + DT / few * (torque - gear_loss(rate, motor)) / inertia
+            integral = advance_integral(integral, float(reference) - 0.5 * (before + rate), motor)
+            way += DT / few * RADIUS * 0.5 * (before + rate)
+        rows.append((way, torque))
+    table = np.array(rows)
+    return table[:, 0], table[:, 1]
+
+
+def driven(name: str, stiffness: float) -> Trajectory:
+    try:
+        plant = PLANTS[name](drive(stiffness))
+    except EngineMissingError as missing:
+        pytest.skip(str(missing))
+    return plant.run(COMMANDS, State(), DT)
+
+
+@pytest.mark.parametrize("stiffness", [500.0, 2e4, np.inf])
+@pytest.mark.parametrize("name", PLANTS)
+def test_every_plant_has_the_same_motor(name: str, stiffness: float) -> None:
+    """Within 2 mm at equal times, and half a newton metre of the 14 at which the motors stay for two fifths of the time."""
+    motion, (way, torque) = driven(name, stiffness), expected(stiffness)
+    assert np.abs(motion.xy[1:, 0] - way).max() < 2e-3
+    assert np.sqrt(np.mean((motion.channels["torque_N_m"][1:, 0] - torque) ** 2)) < 0.5
+
+
+def test_mujocos_motor_is_the_same_in_a_rollout_in_steps_and_in_a_batch() -> None:
+    plant = MujocoPlant(CALIBRATION, drive(np.inf))
+    rollout = plant.run(COMMANDS, State(), DT)
+    plant.reset(State())
+    stepped = [plant.step((float(v), float(w)), COMMANDS.dt) for v, w in COMMANDS.values]
+    bodies = MujocoBodies([plant], 1)
+    bodies.place([0], [State()])
+    references = wheel_references(COMMANDS, plant.drive, DT, State())
+    bodies.advance(references[None], np.zeros((1, len(references))))
+    every = round(COMMANDS.dt / DT)
+    assert np.array([(now.x, now.v_x) for now in stepped]) == pytest.approx(
+        np.column_stack([rollout.xy[every::every, 0], rollout.twist[every::every, 0]]), abs=1e-12
+    )
+    assert bodies.states()[0, :8] == pytest.approx(astuple(stepped[-1]), abs=1e-12)
+
+
+@pytest.mark.parametrize(("limit", "stiffness"), [(30.0, 1e6), (7.0, 500.0), (7.0, np.inf)])
+def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(limit: float, stiffness: float, lab: Profile) -> None:
+    section, commands = lab.section("mujoco"), TRAJECTORIES["traj4"].commands()
+    plant = MujocoPlant(section.parameters, replace(section.drive, torque_limit=limit, dc_stiffness=stiffness))
+    model, data, motor = plant.model, mujoco.MjData(plant.model), motor_numbers(plant.drive, plant.dt)
+    mujoco.mj_setState(model, data, plant.placed(State()), mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    model = mujoco.MjModel.__copy__(model)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    left, right, path = 0.0, 0.0, [data.qpos[:2].copy()]
+    for reference in wheel_references(commands, plant.drive, plant.dt, State()):
+        rates = Sides(*(float(data.qvel[dofs].mean()) for dofs in plant.wheel_dofs))
+        torques = motor_torques(
+            Wanted(float(reference[0]), float(reference[1]), left, right), rates, section.parameters.gain, motor
+        )
+        for dofs, torque in zip(plant.wheel_dofs, torques, strict=True):
+            data.qfrc_applied[dofs] = 0.5 * torque
+        left = advance_integral(left, reference[0] - rates.left, motor)
+        right = advance_integral(right, reference[1] - rates.right, motor)
+        mujoco.mj_step(model, data)
+        path.append(data.qpos[:2].copy())
+    often = np.linspace(0.0, len(path) - 1.0, 20 * len(path))
+    law = np.column_stack([np.interp(often, np.arange(len(path)), along) for along in np.array(path).T])
+    assert math.sqrt(nearest_squared(plant.run(commands, State(), plant.dt).xy, law).max()) < 1e-3

@@ -1,0 +1,167 @@
+"""The motors of `ssmr.robot.drive` inside MuJoCo, the same to rounding in single steps, rollouts, batches and dm_control.
+
+MuJoCo has no actuator with an integral part that leaks and is held within a limit, but it asks a callback how an actuator's
+activations change. Ours is compiled and takes no interpreter lock. A motor's actuator has two activations: the integral part
+of its torque, and what its controller asks for but for the feedback, K_P times the wanted rate plus the integral part.
+MuJoCo applies the latter as it is after the step (`actearly`), which is what is wanted now. The feedback -K_P w is the
+actuator's bias, which implicitfast treats implicitly, and the motor's limit is the actuator's.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from functools import lru_cache
+from typing import Any
+
+import mujoco
+import numpy as np
+from llvmlite import ir
+from numba import types
+
+from ssmr._jit import built_in, compiled_for_c
+from ssmr.robot.drive import motor_numbers
+from ssmr.robot.vehicle import Drive
+from ssmr.types import FloatArray
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import GRAVITY, SIDES, Robot
+from validation.simulator.parts import robot_parts
+
+_WORD = 8
+"""Bytes of a pointer and of a number."""
+_LONGEST = 1e6
+"""Longest time constant of a winding [s]: MuJoCo's exponential would round a longer one."""
+_VOLTAGE = int(mujoco.mjtCtrlInput.mjINPUT_VOLTAGE)
+
+
+def add_controllers(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Let the callback control the motors of a robot; `set_motors` sets their numbers on the compiled model."""
+    for motor in robot.motors:
+        actuator = spec.actuator(f"{motor}_motor")
+        actuator.dyntype, actuator.actdim, actuator.actearly = mujoco.mjtDyn.mjDYN_USER, 2, True
+
+
+def add_windings(spec: mujoco.MjSpec, robot: Robot, drive: Drive) -> None:
+    """Add the integral parts of a drive's motors, for MuJoCo without the callback.
+
+    The current of a winding with resistance R and inductance L, under the voltage K w_wanted - K w of a motor of constant K,
+    is a leaky integral: its torque has K_I = K^2 / L and K_dc = K^2 / R. Only the sum with the proportional part is limited.
+    """
+    limited, time = math.isfinite(drive.torque_limit), min(drive.dc_stiffness / drive.integral_gain, _LONGEST)
+    most = drive.torque_limit if limited else 0.0
+    for motor, wheels in robot.motors.items():
+        stiffness = 0.5 * len(wheels) * drive.integral_gain * time
+        winding = spec.add_actuator(name=f"{motor}_integral", target=motor, trntype=mujoco.mjtTrn.mjTRN_TENDON)
+        winding.set_to_dcmotor([1.0, 1.0], 1.0 / stiffness, inductance=[0.0, time], ctrlspec=_VOLTAGE)
+        for wheel in wheels:
+            joint = spec.joint(f"{wheel}_wheel")
+            joint.actfrclimited, joint.actfrcrange = limited, [-most, most]
+
+
+def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
+    """Return the (..., nu) inputs of all motors for (..., 2) wheel-rate references [rad/s] of the left and right side."""
+    return references if model.nu == len(SIDES) else np.concatenate([references, references], axis=-1)
+
+
+def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, prefix: str = "") -> None:
+    """Set the motors of `drive`, with the calibration's gain, on a compiled model, in place.
+
+    Without `add_controllers` they have no integral part. A motor that turns one wheel of two has half of a side's numbers.
+    `prefix` stands in front of the robot's names in a larger model.
+
+    Raises:
+        ValueError: another program's callback controls actuators in this process.
+    """
+    _install()
+    dt, motor = calibration.timestep, motor_numbers(drive, calibration.timestep)
+    lost = calibration.rolling_resistance * 0.5 * calibration.mass * GRAVITY * calibration.wheel_radius + motor.gear_loss
+    model.dof_damping[robot_parts(model, prefix).dofs] = 0.5 * motor.braking
+    limited = math.isfinite(motor.limit)
+    for name, wheels in calibration.robot.motors.items():
+        share, number = 0.5 * len(wheels), model.actuator(f"{prefix}{name}_motor").id
+        gain, most = share * calibration.gain, share * motor.limit
+        at = model.actuator_actadr[number], model.actuator_ctrladr[number], model.actuator_outadr[number]
+        if model.actuator_dyntype[number] == mujoco.mjtDyn.mjDYN_USER:
+            model.actuator_dynprm[number, :8] = *at, motor.leaked, share * motor.gained, most, gain, 1.0 / dt
+            model.actuator_gainprm[number, 0] = 1.0
+        else:
+            model.actuator_gainprm[number, 0] = gain
+        model.actuator_biasprm[number, :3] = 0.0, 0.0, share * motor.braking - gain
+        model.actuator_forcelimited[number] = limited
+        model.actuator_forcerange[number] = (-most, most) if limited else 0.0
+        model.tendon_frictionloss[model.tendon(f"{prefix}{name}").id] = share * lost
+
+
+@built_in
+def _number(typing: Any, pointer: Any, index: Any) -> Any:
+    """Return a number of the array that the pointer at an address points to."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(_place(builder, *arguments))
+
+    return types.float64(types.intp, types.intp), build
+
+
+@built_in
+def _set_number(typing: Any, pointer: Any, index: Any, value: Any) -> Any:
+    """Set a number of the array that the pointer at an address points to."""
+
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.store(arguments[2], _place(builder, *arguments[:2]))
+        return context.get_dummy_value()
+
+    return types.none(types.intp, types.intp, types.float64), build
+
+
+def _place(builder: Any, pointer: Any, index: Any) -> Any:
+    array = builder.load(builder.inttoptr(pointer, ir.DoubleType().as_pointer().as_pointer()))
+    return builder.gep(array, [index])
+
+
+def _offset(struct: Any, array: FloatArray) -> int:
+    """Return where MuJoCo's struct holds the pointer to one of its arrays [bytes]: Python's binding does not say."""
+    words, k = ctypes.cast(struct._address, ctypes.POINTER(ctypes.c_size_t)), 0
+    while words[k] != array.ctypes.data:
+        k += 1
+    return _WORD * k
+
+
+@lru_cache(maxsize=1)
+def _callback() -> Any:
+    """Return the compiled callback; it is kept on disk under the offsets, which another version of MuJoCo may change."""
+    spec = mujoco.MjSpec()
+    spec.worldbody.add_body(mass=1.0, inertia=[1.0, 1.0, 1.0]).add_joint(name="wheel")
+    motor = spec.add_actuator(target="wheel", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor.dyntype, motor.actdim = mujoco.mjtDyn.mjDYN_USER, 2
+    model = spec.compile()
+    data, numbers = mujoco.MjData(model), model.actuator_dynprm.shape[1]
+    from_model = _offset(model, model.actuator_dynprm)
+    rest, change, control, rate = (_offset(data, a) for a in (data.act, data.act_dot, data.ctrl, data.actuator_velocity))
+
+    @compiled_for_c(types.float64(types.intp, types.intp, types.int32))
+    def activations(model: int, data: int, actuator: int) -> float:
+        """Set how both activations of a motor change; the integral part is stepped as `advance_integral` does it."""
+        first, own = numbers * actuator, model + from_model
+        at = int(_number(own, first))
+        wanted = _number(data + control, int(_number(own, first + 1)))
+        error = wanted - _number(data + rate, int(_number(own, first + 2)))
+        integral, asked, most = _number(data + rest, at), _number(data + rest, at + 1), _number(own, first + 5)
+        later = integral + (_number(own, first + 3) * integral + _number(own, first + 4) * error)
+        steps = _number(own, first + 7)  # of a second
+        _set_number(data + change, at, (min(max(later, -most), most) - integral) * steps)
+        _set_number(data + change, at + 1, (_number(own, first + 6) * wanted + integral - asked) * steps)
+        return 0.0  # of an actuator with one activation
+
+    return activations.ctypes
+
+
+def _install() -> None:
+    """Give MuJoCo the callback.
+
+    Raises:
+        ValueError: it has another one.
+    """
+    if mujoco.get_mjcb_act_dyn() is None:
+        mujoco.set_mjcb_act_dyn(_callback())
+    elif mujoco.get_mjcb_act_dyn() != _callback():
+        raise ValueError("mujoco's mjcb_act_dyn is in use: another program controls actuators in this process")

@@ -17,11 +17,13 @@ from ssmr.types import Commands, FloatArray, State
 from tests import robot_measures as measures
 from tests.robots import HUSKY, documents, scaled
 from validation import load_robot
-from validation.plants.profile import load_profile
+from validation.plants.profile import bare_profile, load_profile, make_plant
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import parse_robot, shipped_robots
+from validation.simulator.description import ROTOR_SHARE, parse_robot, shipped_robots
+from validation.simulator.health import apparent_mass
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
+from validation.simulator.terrain import Terrain
 
 SIMILAR = 1e-7
 """Greatest difference of similar motions over their size: rounding, with a solver that is given no tolerance."""
@@ -227,3 +229,21 @@ def test_a_motor_of_its_own_slows_down_by_its_own_load() -> None:
     (belt_front, belt_rear), (front, rear) = ((r[1], r[3]) for r in rates)
     assert belt_front == pytest.approx(belt_rear, rel=1e-3)
     assert front < 0.98 * rear
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_robot_that_is_told_to_stand_on_ten_degrees_stands(name: str) -> None:
+    """It sinks into its motors' integral parts and then only creeps as its contacts do; a proportional loop rolls back."""
+    plant = make_plant(bare_profile(load_robot(name)), "mujoco", Terrain("ramp", math.radians(10.0)))
+    ahead = plant.run(Commands(0.1, np.zeros((60, 2))), State(), 0.1).xy[:, 0]
+    assert -4e-3 < ahead[30] - ahead[0] < 0.0
+    assert abs(ahead[-1] - ahead[30]) / 3.0 < 1.5e-4
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_robot_is_as_heavy_to_push_as_the_rule_of_its_rotors_says(name: str) -> None:
+    robot = load_robot(name)
+    mass, radius, (_, spin) = robot.masses.total, robot.geometry.wheel_radius, robot.masses.wheel_inertia
+    found = apparent_mass(MujocoPlant(Calibration.of(robot), robot.motor_drive).model)
+    assert found == pytest.approx(mass * (1.0 + 4.0 * ROTOR_SHARE) + 4.0 * spin / radius**2, rel=0.01)
+    assert 1.45 < found / mass < 1.55

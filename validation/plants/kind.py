@@ -105,6 +105,8 @@ class PlantKind:
     """Colour in pictures and recordings, as #rrggbb."""
     vehicle: tuple[str, ...] = ()
     """Fields of the vehicle that a fit may move."""
+    usual_drive: Callable[[Robot], Drive] = lambda robot: robot.drive
+    """Function that returns the drive of a robot that nothing was fitted to."""
     drive: tuple[str, ...] = tuple(described(Drive))
     """Fields of the drive that a fit may move."""
     together: bool = True

@@ -95,7 +95,10 @@ def declare(name: str) -> PlantKind:
     """
     if name == "four_wheel":
         parameters, population = FourWheelParameters, partial(PlanarPopulation, make=_tyred, run=run_four_wheels)
-        return PlantKind(name, parameters, tyred_defaults, _build_tyred, population, _TYRED_FREE, "#56b4e9")
+        return PlantKind(
+            name, parameters, tyred_defaults, _build_tyred, population, _TYRED_FREE, "#56b4e9",
+            usual_drive=lambda robot: robot.motor_drive,
+        )  # fmt: skip
     law = planar_law(name)
     own = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
     free: Mapping[Occasion, tuple[str, ...]] = {
@@ -106,7 +109,7 @@ def declare(name: str) -> PlantKind:
     drive = tuple(n for n in described(Drive) if n != "torque_limit" or not law.obeys)
     chosen = _KINEMATIC if law.obeys else free
     usual = partial(defaults, law.parameters)
-    return PlantKind(name, law.parameters, usual, _build, PlanarPopulation, chosen, law.colour, law.vehicle, drive)
+    return PlantKind(name, law.parameters, usual, _build, PlanarPopulation, chosen, law.colour, law.vehicle, drive=drive)
 
 
 def _build(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -> PlanarPlant:

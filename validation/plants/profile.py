@@ -108,7 +108,8 @@ def shipped() -> list[str]:
 
 
 def _usual(name: str, robot: Robot) -> PlantProfile:
-    return PlantProfile(plant_kind(name).defaults(robot), robot.vehicle, robot.drive, robot)
+    kind = plant_kind(name)
+    return PlantProfile(kind.defaults(robot), robot.vehicle, kind.usual_drive(robot), robot)
 
 
 def bare_profile(robot: Robot) -> Profile:
@@ -188,18 +189,18 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     except ValueError as error:
         raise ValueError(f"[robot] {error}") from error
     vehicle = _fill(robot.vehicle, document.get("vehicle", {}), "vehicle")
-    drive = _fill(robot.drive, document.get("drive", {}), "drive")
     sections = document.get("plants", {})
     reading.require_known(sections, {*PLANTS, *OWN_MODELS}, "plants")
     plants = {}
     for name in (*PLANTS, *(own for own in OWN_MODELS if own in sections)):
         section = sections.get(name, {})
-        where = f"plants.{name}"
+        where, usual = f"plants.{name}", _usual(name, robot)
+        drive = _fill(usual.drive, document.get("drive", {}), "drive")
         reading.require_known(section, {"parameters", "vehicle", "drive", "localiser", "bands"}, where)
         bands = section.get("bands", {})
         reading.require_known(bands, {"commands", "wheels"}, f"{where}.bands")
         plants[name] = PlantProfile(
-            _fill(plant_kind(name).defaults(robot), section.get("parameters", {}), f"{where}.parameters"),
+            _fill(usual.parameters, section.get("parameters", {}), f"{where}.parameters"),
             _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
             robot,

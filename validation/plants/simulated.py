@@ -72,4 +72,7 @@ def declare(name: str) -> PlantKind:
         return EnginePlant(name, _ENGINES[name], section.parameters, section.drive, terrain)
 
     population = partial(OneByOne, build)
-    return PlantKind(name, Calibration, Calibration.of, build, population, _FREE, _COLOURS[name], together=False)
+    return PlantKind(
+        name, Calibration, Calibration.of, build, population, _FREE, _COLOURS[name], together=False,
+        usual_drive=lambda robot: robot.motor_drive,
+    )  # fmt: skip

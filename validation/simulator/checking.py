@@ -119,7 +119,7 @@ def measure_robot(robot: Robot) -> Measured:
         DivergedError: the simulator gave up.
     """
     calibration = Calibration.of(robot)
-    own = MujocoPlant(calibration, robot.drive)
+    own = MujocoPlant(calibration, robot.motor_drive)
     period = own.dt * max(round(SAMPLE / own.dt), 1)
     standing = own.run(Commands(period, np.zeros((round(_STAND_TIME / period), 2))), State(), period)
     loads = standing.channels["wheel_load_N"][len(standing.t) // 2 :].mean(axis=0)

@@ -106,11 +106,11 @@ def run_husky_loops(
     """Run many closed loops of MuJoCo's robots, several of which may be one, as `run_bodies` does; `workers` are threads.
 
     Raises:
-        ValueError: several time steps, terrains, shapes of tyre or kinds of motor, or what `run_bodies` raises.
+        ValueError: several time steps, terrains or shapes of tyre, or what `run_bodies` raises.
     """
     common_settings(settings, seeds)
     if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:
-        raise ValueError("a population of Huskies has one time step, one terrain, one shape of tyre and one kind of motor")
+        raise ValueError("a population of Huskies has one time step, one terrain and one shape of tyre")
 
     def bodies_at(state: State) -> MujocoBodies:
         bodies = MujocoBodies(plants, workers or os.cpu_count() or 1)

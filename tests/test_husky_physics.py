@@ -40,7 +40,9 @@ def test_the_default_contact_would_hop() -> None:
     """
     found = []
     for dt in (0.001, 0.005):
-        plant = MujocoPlant(husky(friction=0.8, timestep=dt, wheel_shape="cylinder"), STIFF, settings=MUJOCO_CONTACT)
+        plant = MujocoPlant(
+            husky(friction=0.8, armature=0.3, timestep=dt, wheel_shape="cylinder"), STIFF, settings=MUJOCO_CONTACT
+        )
         motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (120, 1))), State(), 0.01)
         tail = motion.t > 3.0
         found.append(0.1651 * np.mean(np.diff(motion.wheels[tail])) / (TRACK * motion.twist[tail, 2].mean()))

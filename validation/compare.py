@@ -46,6 +46,7 @@ from validation.report.motions import (
     compared_tracks,
     comparison_tables,
     headline_horizon,
+    point_sentences,
     write_comparison,
 )
 from validation.simulator.description import with_robot
@@ -172,7 +173,8 @@ class PreparedComparison:
         title = f"{one_line(source.name)} · profile {label}"
         if o.terrain != FLAT:
             title += f" · mujoco on {o.terrain.words}"
-        caption = "\n".join([f"compared with {self.reference} · seed {o.seed} · best value in bold", *unwell])
+        points = [] if recorded else point_sentences(results)
+        caption = "\n".join([f"compared with {self.reference} · seed {o.seed} · best value in bold", *points, *unwell])
         facts = {"profile": profile.name, "robot": robot.name, "reference": self.reference, "seed": o.seed}
         return Comparison(
             program="compare",

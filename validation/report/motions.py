@@ -290,6 +290,17 @@ def alike_sentences(plants: Mapping[str, PlantResult], alike: Mapping[str, Any] 
     return sentences
 
 
+def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
+    """Return a sentence that says at which points of the robots the paths are taken, where these differ."""
+    points = {name: (r.localiser.tracked_x, r.localiser.tracked_y) for name, r in plants.items()}
+    if len({*points.values()}) == 1:
+        return []
+    said = [f"{name} ({1e3 * x:.0f}, {1e3 * y:.0f}) mm" for name, (x, y) in points.items()]
+    return [
+        f"Paths are those of points on the robot, ahead and to the left of the middle between its axles: {', '.join(said)}."
+    ]
+
+
 def ailing(plants: Mapping[str, PlantResult]) -> list[str]:
     """Return a sentence for each plant with whose physics something is wrong."""
     return [

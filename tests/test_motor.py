@@ -1,4 +1,4 @@
-"""The motors' speed loop: its law, its limits, and that planar models and MuJoCo turn their wheels alike."""
+"""The motors' speed loop: its law and its limits; tests/test_same_motor.py drives it in every plant."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ssmr.parameters import packed
 from ssmr.robot.drive import Sides, Wanted, advance_integral, motor_numbers, motor_torques, side_rates, thrusts
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.simulation import PlanarModel, PlanarMotion, PlanarPlant, move
-from ssmr.types import Commands, FloatArray, State
+from ssmr.types import Commands, State
 from tests.robots import husky
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
@@ -140,51 +140,6 @@ def hung(drive: Drive, calibration: Calibration) -> tuple[mujoco.MjModel, mujoco
     data = mujoco.MjData(model)
     data.qpos[2] = 1.0
     return model, data
-
-
-def spin(drive: Drive, calibration: Calibration, references: FloatArray, load: float = 0.0) -> FloatArray:
-    """Return the (n,) rates of the left wheels of a hung robot under (n,) references and a braking torque a side [N m]."""
-    model, data = hung(drive, calibration)
-    wheels, rates = [model.joint(name).dofadr[0] for name in JOINTS], []
-    for reference in references:
-        data.ctrl[:] = controls(model, np.array([reference, reference]))
-        data.qfrc_applied[wheels] = -0.5 * load
-        mujoco.mj_step(model, data)
-        rates.append(float(data.qvel[wheels[::2]].mean()))
-    return np.array(rates)
-
-
-def expected(drive: Drive, calibration: Calibration, references: FloatArray, load: float = 0.0) -> FloatArray:
-    """Return the rates of the same wheels by the law of the motor, in twenty small steps a physics step."""
-    dt, rate, integral, rates = calibration.timestep / 20, 0.0, 0.0, []
-    motor, inertia = motor_numbers(drive, dt), 2.0 * (calibration.armature + 0.04411)
-    for reference in references:
-        for _ in range(20):
-            torque = motor_torques(
-                Wanted(reference, reference, integral, integral), Sides(rate, rate), calibration.gain, motor
-            )
-            before, rate = rate, rate + dt * (torque.left - load) / inertia
-            integral = advance_integral(integral, reference - 0.5 * (before + rate), motor)
-        rates.append(rate)
-    return np.array(rates)
-
-
-@pytest.mark.parametrize("stiffness", [300.0, 1900.0, 1e6])
-@pytest.mark.parametrize("gain", [40.0, 118.04])
-def test_the_simulated_motor_is_the_motor(gain: float, stiffness: float) -> None:
-    """Under a smooth reference and a load the wheels in the air turn by the law; the error halves with the step."""
-    drive, load = replace(LEAKY, dc_stiffness=stiffness), 12.0
-    worst = []
-    for dt in (0.002, 0.001):
-        calibration = husky(armature=0.2, gain=gain, timestep=dt)
-        references = 3.0 * np.sin(np.linspace(0.0, 6.0, round(3.0 / dt))) ** 2
-        ours, law = (run(drive, calibration, references, load) for run in (spin, expected))
-        worst.append(float(np.abs(ours - law).max()))
-    assert worst[0] < 0.02  # of 3 rad/s
-    assert worst[1] == pytest.approx(0.5 * worst[0], rel=0.25)
-    calibration = husky(armature=0.2, gain=gain)
-    lasting = spin(drive, calibration, np.full(10_000, 2.0), load)
-    assert 2.0 - lasting[-1] == pytest.approx(load / (gain + stiffness), rel=1e-3)
 
 
 def test_a_simulated_wheel_that_was_stuck_is_let_go_without_wind_up() -> None:

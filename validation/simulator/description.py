@@ -40,16 +40,14 @@ SERVO_TIME = 0.0914
 """Time constant of a side's speed loop where a file says no gain, over sqrt(wheel radius / g) [1]: apparent inertia of a
 side over K_P, as on the thesis' robot, where it is 11.9 ms."""
 INTEGRAL_TIME = 1.137
-"""K_P over K_I of a side's speed loop where a file says no integral_gain, over sqrt(wheel radius / g) [1]: 0.148 s, as for
-the Husky of the laboratory."""
+"""K_P over K_I of a side's speed loop where a file says no integral_gain, over sqrt(wheel radius / g) [1]; no leak."""
 STEP_SHARE = 0.0205
 """Greatest physics step where a file does not say it, over sqrt(wheel radius / g) [1]: wheels of less than 9.3 cm get
 shorter steps than 2 ms. Some of the smallest would move 1.7 % of their way off with those, and 0.6 % with 1 ms."""
 LONGEST_STEP = 0.002
 """Physics step of robots with larger wheels [s]."""
 ROTOR_SHARE = 0.1
-"""Rotor inertia of a wheel over mass times wheel radius squared where a file does not say it [1]. A Husky's motor currents
-show 0.20 A s2/rad a side; with 2 N m/A that is 0.2 kg m2 a wheel (docs/drivetrain.md)."""
+"""Rotor inertia of a wheel over mass times wheel radius squared where a file does not say it [1] (docs/robots.md)."""
 WHEEL_FILL = 1.2
 """Moments of inertia of a wheel over those of a solid cylinder where a file does not say them [1]: a Husky's wheel has 1.18
 times more about its diameter and 1.23 times more about its axle, as its mass is mostly in the tyre."""
@@ -222,15 +220,10 @@ class Robot:
 
     @cached_property
     def motor_drive(self) -> Drive:
-        """The drive of a simulated robot: its speed loops have an integral part unless the file says `integral_gain`.
-
-        Planar models have the proportional loop of the thesis (Eq. 2.32).
-        """
-        if "drive.integral_gain" in self.said:
-            return self.drive
+        """The drive of a simulated robot: its speed loops have an integral part unless the file says `integral_gain`."""
         time = INTEGRAL_TIME * math.sqrt(self.geometry.wheel_radius / GRAVITY)
-        leak = {} if "drive.dc_stiffness" in self.said else {"dc_stiffness": math.inf}
-        return replace(self.drive, integral_gain=self.simulation.gain / time, **leak)
+        usual = {"integral_gain": self.simulation.gain / time, "dc_stiffness": math.inf}
+        return self.drive if "drive.integral_gain" in self.said else replace(self.drive, **usual)
 
     @property
     def motors(self) -> Mapping[str, tuple[str, ...]]:

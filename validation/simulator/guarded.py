@@ -87,14 +87,15 @@ def require_readable(text: str, files: Mapping[str, bytes] = {}) -> None:
 
 def _try() -> None:
     """Read what comes on standard input; what is wrong goes to standard output, with exit status 1."""
-    import resource
-
     import mujoco
 
     given = json.load(sys.stdin)
     files = {name: base64.b64decode(data) for name, data in given["files"].items()}
-    for what, most in (("CORE", 0), ("NOFILE", 0), ("CPU", MOST_SECONDS), ("AS", MOST_MEMORY)):
-        resource.setrlimit(getattr(resource, f"RLIMIT_{what}"), (most, most))
+    if os.name == "posix":
+        import resource
+
+        for what, most in (("CORE", 0), ("NOFILE", 0), ("CPU", MOST_SECONDS), ("AS", MOST_MEMORY)):
+            resource.setrlimit(getattr(resource, f"RLIMIT_{what}"), (most, most))
     try:
         mujoco.MjSpec.from_string(given["text"], include=files, assets=files).compile()
     except (ValueError, MemoryError, RuntimeError, mujoco.FatalError) as error:

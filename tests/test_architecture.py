@@ -202,14 +202,14 @@ def test_public_functions_say_what_they_do() -> None:
 
 PRICES = {
     "ssmr": (8_526, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
-    "validation/cli": (831, "options, help, exit status, progress of every program"),
+    "validation/cli": (820, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (734, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_374, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (780, "every plant declared once, and profiles"),
     "validation/replicate": (1_495, "the thesis beside us, row by row"),
-    "validation/report": (2_837, "tables, pictures, rerun recordings and videos of all programs"),
+    "validation/report": (2_496, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_515, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_422, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (2_076, "answers: contact and engines, transfer, drive train"),
@@ -219,7 +219,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_519,
+        2_517,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

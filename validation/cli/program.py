@@ -57,11 +57,9 @@ class Filmed(Common):
     """Serve the recording to a browser on this machine afterwards, until Ctrl-C; --view web is the same."""
     no_rerun: Annotated[Flag, option(default="off")] = False
     """Do not write the rerun recording (.rrd)."""
-    video: Annotated[Path | None, option(metavar="FILE", default="none")] = None
-    """Video for slides to write (.mp4, .gif): MuJoCo's robot, the others as ghosts; drawn without a window."""
 
     def check(self) -> None:
-        """Refuse to show a recording that is not written, and to write one without rerun, or a video that cannot be.
+        """Refuse to show a recording that is not written, and to write one without rerun.
 
         Raises:
             UserError: one of these is asked for.
@@ -70,11 +68,6 @@ class Filmed(Common):
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
         if not self.no_rerun and find_spec("rerun") is None:
             raise UserError("the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun")
-        if self.video is not None:
-            from validation.report.video import check_video
-
-            check_video(self.video)
-            store.make_folder(self.video.parent)
 
 
 class Program(Generic[P, R]):
@@ -121,15 +114,11 @@ def program(options: Callable[P, Options]) -> Callable[[Callable[[Options], R]],
 
 
 def finish(report: Report, options: Common, folder: Path) -> None:
-    """Save and print a report, make its video, show its recording, and raise what it says went wrong."""
+    """Save and print a report, show its recording, and raise what it says went wrong."""
     film = options if isinstance(options, Filmed) else None
     written = report.save(folder, recording=film is None or not film.no_rerun)
     for sentence in report.alarms:
         warn(sentence)
-    if film is not None and film.video is not None:
-        with shown("drawing") as show:
-            report.write_video(film.video, show)
-        written.append(film.video)
     report_result(report, written)
     if film is not None and (film.view or film.view_web):
         from validation.report.viewer import open_viewer, serve_viewer

@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from validation import store
-from validation.progress import Report as Progressing
-from validation.progress import silent
 from validation.report.columns import legend
 from validation.report.table import Grid, Table, markdown_table, text_tables
 from validation.words import code_span, each_line, markdown, one_line
@@ -18,7 +16,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
-    from validation.report.tracks import Track
 
 FINISHED, INTERRUPTED = "finished", "interrupted"
 """How a program can end."""
@@ -46,8 +43,6 @@ class Report:
     """Versions of this project, Python and the packages that decide numbers."""
     record: Callable[[Any, Path], object] | None = None
     """Function of the report and a path that writes its rerun recording; None where it has none."""
-    tracks: Callable[[Any], Sequence[Track]] | None = None
-    """Function of the report that gives its robots in motion, for a video; None where there are none."""
     status: str = FINISHED
     """`finished`, or `interrupted`: then it holds what was finished before, and no more."""
     failure: Exception | None = None
@@ -110,18 +105,6 @@ class Report:
     def report(self) -> Sequence[str]:
         """Return the lines of its markdown file; none where it writes none."""
         return self.markdown().splitlines() if self.has_text else ()
-
-    def write_video(self, path: Path, progress: Progressing = silent) -> None:
-        """Write its robots in motion as a video, see `validation.report.video.write_video`.
-
-        Raises:
-            ValueError: nothing of it moves.
-        """
-        from validation.report.video import write_video
-
-        if self.tracks is None:
-            raise ValueError(f"nothing moves in a report of {self.program}")
-        write_video(self.tracks(self), path, self.title, progress)
 
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
         """Write its picture, report, recording and, last, its JSON file; each is written whole or not at all.

@@ -93,7 +93,6 @@ def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (),
         "versions": first.versions,
         "draw": lambda report: draw_track(report.robots),
         "record": lambda report, path: write_track_recording(report, path),
-        "tracks": lambda report: followed_tracks(report.robots),
         "failure": None if lost is None else lost.failure(),
         "robots": tuple(robots),
     }

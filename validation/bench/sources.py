@@ -159,6 +159,7 @@ def source_of(log: Log, name: str, kind: CommandKind = "twist", title: str | Non
     if log.has(sides):
         moves = np.abs([moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0) > WHEELS_TURN
     jumps = np.empty(0, dtype=np.intp) if faults.jumps is None else faults.jumps.index
+    on_time = every if faults.jumps is None else every & ~faults.jumps.late
     pieces = []
     for s in log.stretches():
         t, fresh = log.t[s], every[s]
@@ -167,7 +168,7 @@ def source_of(log: Log, name: str, kind: CommandKind = "twist", title: str | Non
         motion = _recorded_motion(t, pose[s], fresh, wheels[s], None if gyro is None else gyro[s])
         inside = jumps[(jumps > s.start) & (jumps < s.stop)] - s.start
         start = initial_state(t, pose[s], fresh, wheels[s][0])
-        pieces.append(Piece(commands, start, t, motion, fresh, tuple(inside.tolist()), moves[s]))
+        pieces.append(Piece(commands, start, t, motion, on_time[s], tuple(inside.tolist()), moves[s]))
     title = title or log.name
     warnings = tuple(f"{title}: {sentence}" for sentence in [*faults.sentences(), *sentences])
     for warning in warnings:

@@ -21,7 +21,7 @@ from ssmr.types import FloatArray, IndexArray
 from validation.files.agreement import LogFault, channels, contradictions, frozen
 from validation.files.log import ANY_COLUMN, COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
 from validation.files.reading import FileError
-from validation.files.signals import fresh_poses, moving_mean, nearest
+from validation.files.signals import TIME_ROUNDOFF, fresh_poses, moving_mean, nearest
 
 STOCK = EkfSettings()
 """The state filter of a stock Husky, whose wheel radius and half-track convert encoders of a robot that nobody named."""
@@ -45,9 +45,9 @@ JUMP_RAD = 0.2
 _CLOCKS_S, _BIN_S = 1.0, 0.1
 """Time around a step in which the wheels' fastest motion counts [s], for clocks of a log may be that far apart; and the
 width of the bins in which it is looked for [s]."""
-_STALL_S = 2.5  # time in which a localiser may stall and then catch up [s]
-_STAMPS_S, _SLOW = 0.2, 0.8
-"""Error of a localiser's stamps [s], and rate above which it matters beside the steps of jumps [m/s, rad/s]."""
+_STALL_S = 4.0  # time in which a localiser may stall and then catch up [s]
+_STAMPS_S, _SLOW = 0.4, 0.9
+"""Error of a localiser's stamps [s], and rate above which a robot is fast: late poses look like jumps [m/s, rad/s]."""
 _FASTER = 1.25  # speeds may be this many times those of the wheels: their radius is known roughly, and a robot slides on
 AFTER_COMMAND_S, _BEFORE_COMMAND_S = 2.0, 0.5
 """Time after a command in which wheels may still turn because of it [s]: a dead time of 0.4 s, and a ramp of 1 m/s² from the
@@ -141,6 +141,8 @@ class Jumps:
     """(K,) sizes of the turns [rad]."""
     caught_up: int
     """Number of steps with which the localiser caught up after it had stalled; they are no jumps."""
+    late: NDArray[np.bool_]
+    """(M,) which samples of that group are late, for the localiser stalled before it caught up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +190,8 @@ def find_jumps(log: Log) -> Jumps | None:
     """Return the jumps of the pose.
 
     A step from one new pose to the next is a jump if it is longer than the fastest wheel's path in that time by `JUMP_M`, or
-    turns further than the wheels by `JUMP_RAD`; slipping wheels only make a robot slower. What a localiser missed of the way
-    in `_STALL_S` before, while it stalled, it may catch up, and stamps of a fast robot may be early. Gaps are no steps.
+    turns further than the wheels by `JUMP_RAD`; slipping wheels only make a robot slower. Of a fast robot, the localiser may
+    catch up what it missed in `_STALL_S` before, while it stalled, and its stamps may be wrong. Gaps are no steps.
     Without wheels the commands say how fast the robot was. Wheels of another robot than a stock Husky are larger: the median
     ratio of the driven steps to the wheels' paths says by how much, jumps or not.
     """
@@ -213,14 +215,19 @@ def find_jumps(log: Log) -> Jumps | None:
         (radians, _greatest_around(t, stamps, turning), skids * about, JUMP_RAD),
     )
     piece = np.cumulative_sum(np.diff(group.t) > group.longest_step(), include_initial=True)[new]
-    beyond, jumped = np.zeros((2, len(dt)), dtype=bool)
+    beyond, jumped, stalled = np.zeros((3, len(dt)), dtype=bool)
     for told, most, expected, least in sizes:
+        stalled |= told < 0.5 * expected * dt
         excess = told - _FASTER * most * dt - least
         beyond |= excess > 0.0
-        jumped |= excess - _STAMPS_S * np.maximum(most - _SLOW, 0.0) > _missed(t, expected * dt, told)
+        late_by = _missed(t, expected * dt, told) + _STAMPS_S * (most - _SLOW)
+        jumped |= excess > np.where(most > _SLOW, late_by, 0.0)
     inside = np.diff(piece) == 0
-    at = np.flatnonzero(jumped & inside)
-    return Jumps(new[at + 1], t[at + 1], metres[at], radians[at], int(np.count_nonzero(beyond & ~jumped & inside)))
+    at, caught = np.flatnonzero(jumped & inside), beyond & ~jumped & inside
+    until = nearest(t[:-1][caught], t[1:])[1]
+    late = np.zeros(len(group.t), dtype=bool)
+    late[new[1:]] = (until <= TIME_ROUNDOFF) | (stalled & (until < _STALL_S))
+    return Jumps(new[at + 1], t[at + 1], metres[at], radians[at], int(np.count_nonzero(caught)), late)
 
 
 def _missed(t: FloatArray, wanted: FloatArray, told: FloatArray) -> FloatArray:

@@ -211,7 +211,7 @@ PRICES = {
     "validation/replicate": (1_495, "the thesis beside us, row by row"),
     "validation/report": (2_496, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_515, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_422, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/simulator": (3_427, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (2_076, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (296, "the thesis' numbers"),
     "validation/bench": (

@@ -55,7 +55,6 @@ CANNOT = (
     ("steady_curve.*", PLANAR, NO_SLIP),
     ("motor_step.turn", ("four_wheel", "mujoco", *ENGINES), "its wheels slip sideways as forces make them"),
     ("motor_step.*", ("kinematic",), NO_FORCES),
-    ("motor_step.straight", ("mujoco",), "its motor is exact at the shipped stiffness alone (docs/cases.md)"),
     ("tip_limit.*", PLANAR, "its loads do not shift"),
     ("side_slope.*", (*PLANAR, "four_wheel"), LEVEL),
     ("sliding_stop.*", ("kinematic",), NO_FORCES),

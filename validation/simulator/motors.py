@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import threading
 from functools import lru_cache
 from typing import Any
 
@@ -31,6 +32,8 @@ _WORD = 8
 """Bytes of a pointer and of a number."""
 _LONGEST = 1e6
 """Longest time constant of a winding [s]: MuJoCo's exponential would round a longer one."""
+_INSTALLING = threading.Lock()
+"""One thread at a time compiles the callback: others would take what they compile for another program's."""
 _VOLTAGE = int(mujoco.mjtCtrlInput.mjINPUT_VOLTAGE)
 
 
@@ -161,7 +164,9 @@ def _install() -> None:
     Raises:
         ValueError: it has another one.
     """
-    if mujoco.get_mjcb_act_dyn() is None:
-        mujoco.set_mjcb_act_dyn(_callback())
-    elif mujoco.get_mjcb_act_dyn() != _callback():
+    with _INSTALLING:
+        ours = _callback()
+        if mujoco.get_mjcb_act_dyn() is None:
+            mujoco.set_mjcb_act_dyn(ours)
+    if mujoco.get_mjcb_act_dyn() != ours:
         raise ValueError("mujoco's mjcb_act_dyn is in use: another program controls actuators in this process")

@@ -202,7 +202,7 @@ def test_public_functions_say_what_they_do() -> None:
 
 PRICES = {
     "ssmr": (8_526, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
-    "validation/cli": (820, "options, help, exit status, progress of every program"),
+    "validation/cli": (842, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (734, "reinforcement learning on the robot: Gymnasium and dm_control"),
@@ -219,7 +219,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_517,
+        2_516,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

@@ -48,6 +48,7 @@ MISTAKES = {
     f"{FIT} --population 3": "population",
     f"{FIT} --held-out traj4": "cannot be held out",
     f"{FIT} --objective horizon --horizons 500": "no window",
+    f"{FIT} --profile profile.toml --out .": "has a profile.toml already, which would be lost",
     f"{FIT} --yaw-weight -1": "yaw_weight",
     "fit kinematic --to bare.csv --input wheels": "no column enc_left, enc_right",
     "fit kinematic --to traj4@kinematic --held-out ring.csv": "error: ring.csv: ",
@@ -126,7 +127,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "bare.csv").write_text(f"t,cmd_v,cmd_w,x,y,yaw\n{rows}")
     (folder / "no_pose.csv").write_text("t,cmd_v,cmd_w\n0,0,0\n0.1,0,0\n0.2,0,0\n")
     (folder / "ring.csv").symlink_to(folder / "ring.csv")
-    for name in ("log.txt", "log.bag", "file"):
+    for name in ("log.txt", "log.bag", "file", "profile.toml"):
         (folder / name).touch()
     (folder / "bad.toml").write_text("name = 1")
     write_csv(in_the_air(), folder / "up.csv")

@@ -48,8 +48,6 @@ class LogOptions(cli.Common):
     limits: cli.Limits = USUAL
     robot: cli.AnyRobot = None
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    overwrite: cli.Flag = False
-    """Replace a file that is there already."""
 
     def opened(self) -> Log:
         """Return the log."""
@@ -205,8 +203,9 @@ def _next_step(o: Info, log: Log, faults: Faults) -> str:
         return "next: correct the faults in the log, or name its columns and units by --columns"
     if not log.has(POSE_COLUMNS):
         return f"there is no pose, so no prediction of one can be judged; {_without_pose(log)}"
-    kind = "wheels" if log.has(COMMAND_COLUMNS["wheels"]) else "commands"
-    return f"next: python -m validation.compare {path} --robot {name} --input {kind}"
+    if log.has(COMMAND_COLUMNS["wheels"]):
+        return f"next: python -m validation.calibrate {path} --robot {name}"
+    return f"next: python -m validation.compare {path} --robot {name} --input commands"
 
 
 def _without_pose(log: Log) -> str:

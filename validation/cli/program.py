@@ -39,6 +39,8 @@ class Common:
     seed: Seed = 0
     workers: Workers = None
     out: Annotated[Path | None, option(metavar="DIR", default="runs/PROGRAM/...", help="Folder for the files.")] = None
+    overwrite: Flag = False
+    """Replace files that are there already."""
     progress: Annotated[progress.Report, tyro.conf.Suppress, tyro.conf.Fixed] = progress.silent
     """Called as the work goes on."""
 
@@ -95,6 +97,7 @@ class Program(Generic[P, R]):
                     options.check()
                 folder = options.out or options.folder()
                 require_writable(folder)
+                require_apart(options, folder)
                 with shown(self.__name__) as show:
                     report = self.function(replace(options, progress=show, out=folder))
             finish(report, options, output_folder(folder))
@@ -154,6 +157,25 @@ def require_writable(folder: Path) -> None:
     nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK):
         raise UserError(f"--out {folder}: {nearest} is no folder that can be written; name another")
+
+
+def require_apart(options: Common, folder: Path) -> None:
+    """Refuse to write over a file that is read, or over numbers that no program of ours left in its folder.
+
+    Raises:
+        UserError: there is such a file in the folder, and no `overwrite`.
+    """
+    if options.overwrite:
+        return
+    values = [getattr(options, f.name) for f in fields(options)]
+    texts = [text for value in values for text in (value if isinstance(value, tuple | list) else (value,))]
+    read = [Path(text).resolve() for text in texts if isinstance(text, str | Path)]
+    ours = any((folder / name).exists() for name in ("fit.json", "tune.json", "calibrate.json", "checkpoint.npz"))
+    for path in (folder / name for name in ("profile.toml", "gains.toml", "diff_drive.yaml")):
+        if path.is_file() and (path.resolve() in read or not ours):
+            raise UserError(
+                f"--out {folder} has a {path.name} already, which would be lost; name another, or add --overwrite"
+            )
 
 
 @contextlib.contextmanager

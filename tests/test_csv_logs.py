@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from ssmr.parameters import described
 from validation.files.csv_logs import read_csv, write_csv
+from validation.files.formats import read_log
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import COLUMNS, RECORDED, Log, ReadOptions, is_column_name
 from validation.files.reading import FileError
@@ -98,7 +99,7 @@ def test_mark_line_endings_blank_lines_and_spaces_are_fine(tmp_path: Path) -> No
     assert list(log.groups) == ["pose", "channels"]
 
 
-@pytest.mark.parametrize("cells", [("a", "b", "c"), ("1", "hm", "3"), ("1", "nan", "3"), ("1", "2", "-inf"), ("1", "", "3")])
+@pytest.mark.parametrize("cells", [("a", "b", "c"), ("1", "hm", "3"), ("1", "nan", "3"), ("1", "2", "-inf")])
 def test_columns_that_are_no_numbers_throughout_are_left_out_with_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, cells: tuple[str, ...]
 ) -> None:
@@ -108,6 +109,19 @@ def test_columns_that_are_no_numbers_throughout_are_left_out_with_a_warning(
     (said,) = caplog.messages
     assert "column note: there is" in said
     assert said.endswith("the column is left out")
+
+
+def test_an_empty_cell_is_no_sample(tmp_path: Path) -> None:
+    """Topics of different rates as pandas merges them, two of them at the same instant in two rows."""
+    rows = [(0.0, 1.0, 2.0, "", ""), (0.0, "", "", 0.0, ""), (0.1, "", "", 0.2, 5.0), (0.15, "", "", "", 6.0)]
+    rows += [(0.2, 3.0, 4.0, 0.4, 7.0), (0.3, "", "", 0.6, "")]
+    text = "t,enc_left,enc_right,x,cmd_v\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+    log = read_log(on_file(tmp_path, text))
+    assert {n: g.t.tolist() for n, g in log.groups.items()} == {
+        "wheels": [0.0, 0.2], "pose": [0.0, 0.1, 0.2, 0.3], "cmd": [0.1, 0.15, 0.2],
+    }  # fmt: skip
+    assert log.columns["x"].tolist() == [0.0, 0.2, 0.4, 0.6]
+    assert log.on_one_clock().t.tolist() == pytest.approx([0.0, 0.1, 0.2])
 
 
 def test_columns_cannot_be_changed() -> None:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ssmr.types import FloatArray
 from validation.files.limits import USUAL, LogLimits, find_time_fault
-from validation.files.log import RECORDED, Column, Log, ReadOptions, column_of, is_column_name
+from validation.files.log import RECORDED, Column, Group, Log, ReadOptions, column_of, is_column_name
 from validation.files.reading import FileError, opened, quoted
 from validation.store import write_atomic
 
@@ -35,9 +35,9 @@ class CsvTable:
     lines: Sequence[int]
     """Line on which each row begins."""
     columns: Sequence[FloatArray]
-    """(M,) numbers of each column, not finite where there is none."""
+    """(M,) numbers of each column, not finite where there is none, NaN where the cell is empty."""
     bad: Sequence[tuple[int, str] | None]
-    """Row and text of each column's first cell that is no finite number; None for a column without one."""
+    """Row and text of each column's first cell that is no finite number, and not empty; None for a column without one."""
 
     def numbers(self, place: int, known: Column) -> FloatArray:
         """Return the column at `place` as (M,) finite numbers, no greater than such a column's can be.
@@ -47,8 +47,9 @@ class CsvTable:
         """
         bad, fault = self.bad[place], known.fault(self.columns[place])
         if bad is not None:
-            row, cell = bad[0], bad[1].strip()
-            fault = row, f"{quoted([cell]) if cell else 'nothing'}, wanted a finite number [{known.unit}]"
+            fault = bad[0], f"{quoted([bad[1].strip()])}, wanted a finite number [{known.unit}]"
+        elif fault is not None and math.isnan(self.columns[place][fault[0]]):
+            fault = fault[0], f"nothing, wanted a finite number [{known.unit}]"
         if fault is not None:
             raise FileError(self.path, f"there is {fault[1]}", self.lines[fault[0]], self.header[place])
         return self.columns[place]
@@ -84,7 +85,7 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
         for place, cell in enumerate(row):
             value = _number(cell)
             columns[place].append(value)
-            if bad[place] is None and not math.isfinite(value):
+            if bad[place] is None and not math.isfinite(value) and not (cell == "" or cell.isspace()):
                 bad[place] = (len(lines), cell)
         lines.append(line)
     numbers = [np.array(column, dtype=np.float64) for column in columns]
@@ -127,6 +128,10 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     _check_names(table)
     columns: dict[str, FloatArray] = {}
     for place, name in enumerate(table.header):
+        empty = np.isnan(table.columns[place])
+        if name != "t" and table.bad[place] is None and np.any(empty) and np.count_nonzero(~empty) > 1:
+            columns[name] = table.columns[place]
+            continue
         try:
             columns[name] = table.numbers(place, Column("s", "", math.inf) if name == "t" else column_of(name))
         except FileError as fault:
@@ -136,9 +141,35 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     if len(table.lines) < 2:
         some = "is one sample" if table.lines else "are no samples"
         raise FileError(path, f"there {some} after the header; a log needs at least two")
+    if any(np.any(np.isnan(values)) for values in columns.values()):
+        return _with_own_clocks(path, columns, options.limits)
     if time := find_time_fault(columns["t"], options.limits):
         raise FileError(path, time.what, table.lines[time.row], "t")
     return Log.of_columns(path, columns, options.limits)
+
+
+def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogLimits) -> Log:
+    """Return a log whose columns have no sample in empty cells; those of a group meet at the stamps of all of them."""
+    own: dict[str, dict[str, Group]] = {}
+    for name, values in columns.items():
+        there, known = ~np.isnan(values), column_of(name)
+        if name != "t":
+            if time := find_time_fault(columns["t"][there], limits):
+                raise FileError(path, time.what, column=name)
+            found = np.unwrap(values[there]) if known.unit == "rad" else values[there]
+            own.setdefault(known.group, {})[name] = Group(path.name, columns["t"][there], {name: found})
+    groups = {}
+    for key, members in own.items():
+        t = np.unique(np.concatenate([g.t for g in members.values()]))
+        for g in members.values():
+            t = t[(t >= g.t[0]) & (t <= g.t[-1]) & ~g.in_gaps(t)]
+        if len(t) < 2:
+            raise FileError(path, f"{', '.join(members)} are never known at the same time")
+        at = {n: np.searchsorted(g.t, t, side="right") - 1 for n, g in members.items()}
+        groups[key] = Group(path.name, t, {
+            n: g.columns[n][at[n]] if key == "cmd" else np.interp(t, g.t, g.columns[n]) for n, g in members.items()
+        })  # fmt: skip
+    return Log(path, groups, limits=limits)
 
 
 def _check_names(table: CsvTable) -> None:

@@ -181,11 +181,6 @@ def find_faults(log: Log, radius: float | None = None) -> Faults:
     return Faults(named, find_jumps(log), _uncommanded_share(log), dead)
 
 
-def faults_of(log: Log, radius: float | None = None) -> tuple[LogFault, ...]:
-    """Return the columns of a log that are not what their names say; none for a sound one. See `find_faults`."""
-    return find_faults(log, radius).named
-
-
 def find_jumps(log: Log) -> Jumps | None:
     """Return the jumps of the pose.
 

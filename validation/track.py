@@ -88,7 +88,7 @@ class TrackOptions(cli.Filmed):
     )
     """Mean speed between waypoints [m/s]. It replaces the times of a file."""
     own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = None
-    """A controller of your own, in the place of CONTROLLER: a class in a Python file, which is run."""
+    """A controller of your own instead of CONTROLLER: a class in a Python file, which is run."""
     robot: cli.AnyRobot = None
     feedback: Annotated[Feedback, cli.option()] = "noisy"
     """Signal that the controller sees: the truth; the truth with the lab's noise (Tab. 3.4); or the estimate of a state

@@ -66,7 +66,7 @@ class Tune(Searching):
     from_scratch: cli.Flag = False
     """Leave the gains it begins with out of the first population."""
     cost: Annotated[TuneMeasure, cli.option()] = "path"
-    """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times in the place of distances between
+    """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times instead of distances between
     paths (Sec. 5)."""
     guard: Annotated[float, cli.option(metavar="SECONDS")] = 0.1
     """Stability guard: candidates that lose the reference with this much more delay are refused; 0 turns it off."""

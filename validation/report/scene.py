@@ -59,7 +59,7 @@ _VIEWS = (
         "speed": "Speed [m/s]",
         "wheel_rate": "Commanded wheel rates [rad/s]",
     },
-    {"wheel_load": "Wheel loads [N]", "torque": "Motor torques of a side [N m]"},
+    {"wheel_load": "Wheel loads [N]", "torque": "Motor torques on each side [N m]"},
 )
 """Groups of plots above one another, a tab each: titles by the quantity, which is the beginning of their entities."""
 

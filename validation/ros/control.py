@@ -49,7 +49,7 @@ class Control(Graph):
     robot: cli.AnyRobot = None
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
     own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = None
-    """A controller of your own, in the place of CONTROLLER: a class in a Python file, which is run."""
+    """A controller of your own instead of CONTROLLER: a class in a Python file, which is run."""
     gains: Annotated[str | None, cli.option(metavar="NAME|PATH", default="as in validation.track")] = None
     """Gains: published, manual (lqr), tuned, or the path of a TOML file."""
     odometry: Annotated[str, cli.option(metavar="TOPIC", default="the robot's filter")] = ""

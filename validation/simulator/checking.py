@@ -282,8 +282,8 @@ def _motors(robot: Robot, spot: SpotTurn) -> Iterator[Advice]:
     turned = drive.command_half_track * rims
     if rims > 0.0 and abs(turned - 1.0) > DRIVER_LIMIT:
         yield Advice(
-            f"turning on the spot it reaches {turned:.2f} of the yaw rate that is commanded, for skidding wheels slip: with "
-            f"a command_half_track of {1.0 / rims:.3g} m, not {drive.command_half_track:g} m, it would reach all of it",
+            f"turning on the spot, it reaches {100.0 * turned:.0f} % of the commanded yaw rate because the wheels skid; "
+            f"set command_half_track to {1.0 / rims:.3g} m (it is {drive.command_half_track:g} m) to correct this",
             fault=False,
         )
 

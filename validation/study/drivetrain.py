@@ -56,7 +56,7 @@ _DRIVER = {
     "lag": ("s", "time constant of the rims"),
 }
 _FRICTION = {
-    "friction": ("friction_current", "friction_torque", "friction torque of a side"),
+    "friction": ("friction_current", "friction_torque", "friction torque on one side"),
     "loss_left": ("loss_left", "loss_torque_left", "losses, left"),
     "loss_right": ("loss_right", "loss_torque_right", "losses, right"),
 }
@@ -106,9 +106,9 @@ def _parameters(
     found = {} if currents is None else _of_currents(currents, chassis, k)
     if inertia is not None:
         value, error = inertia.value, inertia.standard_error
-        found["inertia_current"] = _row(value, error, "A s²/rad", "inertia of a side over torque constant")
+        found["inertia_current"] = _row(value, error, "A s²/rad", "inertia on one side over torque constant")
         if k is not None:
-            found["rotor_inertia"] = _row(k * value, k * error, "kg m²", "inertia of a side at its wheels")
+            found["rotor_inertia"] = _row(k * value, k * error, "kg m²", "inertia on one side, at its wheels")
     if driver is not None:
         for (key, words), value, error in zip(_DRIVER.items(), driver.law, driver.errors, strict=True):
             if key != "yaw_rate_limit" or driver.limit_reached:

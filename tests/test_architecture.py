@@ -209,7 +209,7 @@ PRICES = {
     "validation/files": (2_407, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (780, "every plant declared once, and profiles"),
     "validation/replicate": (1_495, "the thesis beside us, row by row"),
-    "validation/report": (2_496, "tables, pictures and rerun recordings of all programs"),
+    "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_515, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_427, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (2_076, "answers: contact and engines, transfer, drive train"),

@@ -143,7 +143,8 @@ def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: 
     errors = [(h, n, asdict(r.horizons[h])) for h in horizons for n, r in plants.items() if h in r.horizons]
     overlapping = [(h, n, r.overlapping[h]) for h in horizons for n, r in plants.items() if h in r.overlapping]
     names = {n: f"{n} (ref)" if n == reference else n for n in plants}
-    columns = dict.fromkeys((*_COLUMNS, *chain.from_iterable(r.metrics for r in plants.values())))
+    known = dict.fromkeys(chain.from_iterable(r.metrics for r in plants.values()))
+    columns = [*(key for key in _COLUMNS if key in known), *(key for key in known if key not in _COLUMNS)]
     metrics = [
         {"plant": names[n], **{key: r.metrics.get(key) for key in columns}, REAL_TIME.name: r.real_time_factor}
         for n, r in plants.items()

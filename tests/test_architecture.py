@@ -206,7 +206,7 @@ PRICES = {
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (734, "reinforcement learning on the robot: Gymnasium and dm_control"),
-    "validation/files": (2_407, "any log is read as one form, its faults are found, and it is written in any format"),
+    "validation/files": (2_409, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (780, "every plant declared once, and profiles"),
     "validation/replicate": (1_495, "the thesis beside us, row by row"),
     "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),

@@ -216,6 +216,8 @@ def _lag(a: _Signal, b: _Signal) -> tuple[float, float, float | None] | None:
     """Return the delay of b behind a [s], the correlation there and the delay's standard error [s]; None if not alike."""
     from scipy import ndimage  # here: it takes a tenth of a second to import
 
+    if not (len(a.t) and len(b.t)):  # a localiser may jump at every step
+        return None
     start, stop = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if stop - start < _OFFSET_SPAN:
         return None

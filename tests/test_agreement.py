@@ -60,6 +60,11 @@ def test_published_models_agree_with_mujoco_unfitted(lab: Profile, model: str, t
     assert driven(lab, trajectory, "mujoco", model).metrics["d_rms_m"] <= 2.0 * limit(model, trajectory)
 
 
+def test_a_comparison_says_at_which_points_its_paths_are_taken(lab: Profile) -> None:
+    tables = compare(open_source("traj3"), lab, ("mujoco",), "improved").tables
+    assert any("improved (0, 0) mm" in table.caption and "mujoco (85, 0) mm" in table.caption for table in tables)
+
+
 LATE, TORQUE = 5e-3, 0.1
 """Greatest error of the heading at equal times over the yaw rate [s], and of the torques over the motors' limit [1]: a robot
 on nearly rigid tyres has all of MuJoCo's dynamics but the lag of its friction."""

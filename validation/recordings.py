@@ -193,14 +193,14 @@ def convert(o: Convert) -> LogReport:
 def _fault_table(faults: Faults) -> Table:
     """Return the columns that are not what their names say; no rows for a sound log."""
     rows = [{"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in faults.named]
-    return Table("Faults", rows, "Correct these first: every comparison and fit believes the columns.")
+    return Table("Faults", rows, "These are not what their names say.")
 
 
 def _next_step(o: Info, log: Log, faults: Faults) -> str:
     """Return what to do with a log after a look into it."""
     path, name = shlex.quote(str(o.source)), getattr(o.robot, "name", o.robot) or "ROBOT"
     if faults.named:
-        return "next: correct the faults in the log, or name its columns and units by --columns"
+        return "next: correct the faults in the log, for every comparison and fit believes its columns"
     if not log.has(POSE_COLUMNS):
         return f"there is no pose, so no prediction of one can be judged; {_without_pose(log)}"
     if log.has(COMMAND_COLUMNS["wheels"]):

@@ -239,29 +239,6 @@ def test_the_checker_of_gymnasium_finds_nothing(gymnasium: Any) -> None:
     environment.step(environment.action_space.sample())
 
 
-def test_a_vector_is_many_single_environments(gymnasium: Any) -> None:
-    """Equal seeds, equal observations and rewards, over the end of an episode."""
-    many = gymnasium.make_vec(TRACK, 3, vectorization_mode="vector_entry_point", seconds=1.0)
-    single = [gymnasium.make(TRACK, seconds=1.0) for _ in range(3)]
-    together, _ = many.reset(seed=5)
-    np.testing.assert_array_equal(together, [environment.reset(seed=5 + i)[0] for i, environment in enumerate(single)])
-    action = np.full((3, 2), 0.3, dtype=np.float32)
-    for _ in range(20):
-        seen, rewards, lost, over, info = many.step(action)
-        each = [environment.step(action[i]) for i, environment in enumerate(single)]
-        np.testing.assert_array_equal(seen, [e[0] for e in each])
-        assert rewards.tolist() == [e[1] for e in each]
-        assert (lost.tolist(), over.tolist()) == ([e[2] for e in each], [e[3] for e in each])
-        assert info["away"].tolist() == [e[4]["away"] for e in each]
-    assert over.all()
-    seen, rewards, _, over, _ = many.step(action)
-    np.testing.assert_array_equal(seen, [environment.reset()[0] for environment in single])
-    assert not rewards.any()
-    assert not over.any()
-    with pytest.raises(ValueError, match="3 robots need as many seeds, got 1"):
-        many.reset(seed=[1])
-
-
 @pytest.mark.slow
 def test_the_policy_of_the_page_learns(tmp_path: Path) -> None:
     """From standing still to following, and then the picture of the page; what it learnt holds on a path it never saw."""

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ssmr.search.jde import JdeSettings
 from ssmr.types import Trajectory
 from tests.conftest import exit_status, installed_plant
 from validation.bench.gains import load_gains
@@ -32,12 +31,11 @@ from validation.replicate.control import (
 )
 from validation.replicate.lab import high_pass
 from validation.replicate.models import alternations
-from validation.replicate.others import drive_all, every_cause, fitted_and_judged, standing_out
 from validation.replicate.run import ALL_SECTIONS
 from validation.thesis import published
 from validation.thesis.verdicts import EVIDENCE, STATUSES
 
-PLACES = {f"Sec. {n}" for n in ("3.5", "3.5.4", "3.6", "3.7", "4.3.3", "4.5", "4.5, motors")} | {"Fig. 2.9", "Fig. 3.33"}
+PLACES = {f"Sec. {n}" for n in ("3.6", "3.7", "4.3.3", "4.5, motors")} | {"Fig. 2.9", "Fig. 3.33"}
 WANTED = PLACES | {*"3.4 3.8 3.9 3.11 3.12 3.14 3.15 4.4 4.21 4.37".split(), *CONTROL_TABLES}
 SMALL = Task(QUICK._replace(fit=(8, 3), draws=1, repeats=1), 1, 2, silent)
 
@@ -120,34 +118,9 @@ def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis(
     assert np.square(high_pass(50.0)).sum() == pytest.approx(0.623, abs=0.001)
 
 
-def test_missed_ticks_shorten_the_way_that_the_filter_believes_in() -> None:
-    drivers, sound, *missed = (row["along_m"] for row in section("faults").run(SMALL).more[0].rows)
-    assert drivers == pytest.approx(10.8 * (0.1651 / 0.16154 - 1.0), rel=0.1), "a radius that is off, not a damaged encoder"
-    assert abs(sound) < 0.02
-    assert (sound - missed[0], sound - missed[1]) == pytest.approx((0.5 * 0.02 * 10.8, 0.5 * 0.05 * 10.8), rel=0.1)
-
-
 def test_alternations_are_samples_of_another_sign_than_both_neighbours() -> None:
     assert alternations(np.array([1.0, -1.0, 1.0, -1.0, -1.0, 2.0])) == 2
     assert alternations(np.sin(np.linspace(0.0, 20.0, 500))) == 0
-
-
-def test_only_the_limit_of_the_motors_makes_trajectory_1_stand_out() -> None:
-    """Printed: 142 mm, where the others have 22, 25 and 15."""
-    found = {}
-    for name in ("none: stiff tyres, ample motors", "left motors 5 % stronger", "motors end at 9 N m a wheel"):
-        settings = JdeSettings(20, 12, patience=13)
-        found[name] = standing_out(fitted_and_judged(drive_all(every_cause()[name], 1), settings, 1, 2))
-    assert found.pop("motors end at 9 N m a wheel") > 2.5 > 1.5 > max(found.values())
-
-
-def test_causes_add_up_and_noise_depends_on_the_seed_alone() -> None:
-    causes = every_cause()
-    whole = causes["all of these, with 7 N m"]
-    assert (whole.noise, whole.ahead, whole.drive["torque_limit"]) == (True, 0.1, 7.0)
-    noisy = [drive_all(causes["noise of the tracker"], seed)["traj1"][1].pose for seed in (1, 1, 2)]
-    assert np.array_equal(noisy[0], noisy[1])
-    assert not np.array_equal(noisy[0], noisy[2])
 
 
 def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:

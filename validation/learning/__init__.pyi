@@ -5,6 +5,5 @@ from .environment import Tracking as Tracking
 from .environment import tracking as tracking
 from .episodes import TrackTask as TrackTask
 from .gym import TrackEnv as TrackEnv
-from .gym import TrackVectorEnv as TrackVectorEnv
 
-__all__ = ["RobotEntity", "TrackBatch", "TrackEnv", "TrackTask", "TrackVectorEnv", "Tracking", "ground", "tracking"]
+__all__ = ["RobotEntity", "TrackBatch", "TrackEnv", "TrackTask", "Tracking", "ground", "tracking"]

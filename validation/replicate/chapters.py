@@ -28,8 +28,6 @@ class Budget(NamedTuple):
     """The same of a tuning; None for those of Tab. 4.3 and 4.20."""
     searches: int = 3
     """Searches for each controller's gains."""
-    causes: tuple[int, int] = (30, 40)
-    """Candidates and generations of each fit to a robot on four tyres."""
     draws: int = 10
     """Draws of noise and disturbance for each row."""
     repeats: int = 25
@@ -38,7 +36,7 @@ class Budget(NamedTuple):
     """Starts of each run in ODE."""
 
 
-QUICK = Budget((20, 25), (20, 12), 1, (20, 12), 2, 7, 1)
+QUICK = Budget((20, 25), (20, 12), 1, 2, 7, 1)
 """Reduced budgets, which take under three minutes."""
 
 

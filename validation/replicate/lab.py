@@ -1,25 +1,19 @@
-"""The lab's instruments: noise of the state filter (Sec. 3.4.4, Tab. 3.4), encoders and motion capture (Sec. 4.5)."""
+"""The lab's instruments: noise of the state filter (Sec. 3.4.4, Tab. 3.4)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 
 import numpy as np
 from scipy import signal
 
-from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.estimation.ekf import run_ekf
-from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorModel, SensorNoise, measure, simulate_sensors
+from ssmr.robot.sensors import SAMPLE_RATES_HZ, SensorNoise, measure, simulate_sensors
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.types import Commands, FloatArray, State, Trajectory, frozen_array
-from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller, make_robot, run_robots
-from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import load_profile, make_plant, odometry_of
 from validation.replicate.chapters import Findings, Section, Task
-from validation.report.table import Table
 from validation.thesis import published
 from validation.thesis.verdicts import Pair
 
@@ -30,16 +24,6 @@ _LEAD, _TIME = 5.0, 20.0
 _JITTER = 0.010
 """Standard deviation of the error of a sample's stamp [s] that would explain the printed variance of X."""
 _STRAIGHT = ("case1", "case2")
-_SPEED = 0.5
-"""Speed along the line [m/s]."""
-_ENCODERS: Mapping[str, tuple[bool, float]] = {
-    "sound, the driver's radius": (False, 0.0),
-    "sound": (True, 0.0),
-    "left ones miss 2 %": (True, 0.02),
-    "left ones miss 5 %": (True, 0.05),
-}
-"""Encoders: whether the filter has the rolling radius of the robot, and the share of the left side's ticks that is
-missed [1]."""
 
 
 def high_pass(rate: float) -> FloatArray:
@@ -130,40 +114,5 @@ def _noise(task: Task) -> Findings:
     return Findings({"3.4": rows}, words)
 
 
-def _apart(run: ClosedRun) -> tuple[float, float, float]:
-    """Return how far the estimate is from the truth at the end, along and across the line [m], and in yaw [rad]."""
-    off = run.columns("seen_x", "seen_y", "seen_yaw")[-1] - run.columns("x", "y", "yaw")[-1]
-    return float(off[0]), float(off[1]), float(off[2])
-
-
-def _along_the_line(calibrated: bool, missed: float, seeds: Sequence[int]) -> list[ClosedRun]:
-    """Return runs along the straight line under the PID that sees the state filter, by seed."""
-    profile = load_profile(_PROFILE)
-    robot, law = make_robot(profile, _PLANT), make_controller(profile, load_gains("pid", "published"))
-    knows = odometry_of(robot.drive)
-    if calibrated:
-        knows = replace(knows, radius=profile.section(_PLANT).parameters.wheel_radius)
-    loop = LoopSettings("ekf", sensors=SensorModel(missed_left=missed), filter=knows, disturbance=False)
-    n = len(seeds)
-    return run_robots([robot] * n, [law] * n, [loop] * n, open_reference("line", _SPEED)[1], seeds)
-
-
-def _faults(task: Task) -> Findings:
-    """Switch on what Sec. 4.5 supposes: encoders that miss ticks."""
-    runs = {name: _along_the_line(*how, range(task.budget.draws)) for name, how in _ENCODERS.items()}
-    damaged = []
-    for name, some in runs.items():
-        apart = np.array([_apart(run) for run in some])
-        (along, across, yaw), distance = apart.mean(axis=0).tolist(), float(np.hypot(*apart.T[:2]).mean())
-        damaged.append({"encoders": name, "along_m": along, "across_m": across, "yaw_rad": yaw, "distance_m": distance})
-    drivers, sound = (1e3 * row["distance_m"] for row in damaged[:2])
-    words = {"speed": _SPEED, "draws": task.budget.draws, "drivers": drivers, "sound": sound}
-    pair = Pair(None, sound, "words", "mm", obstacle="the thesis says in words that they diverge, but not how far")
-    more = [Table("State filter less truth at the end of the line", damaged)]
-    return Findings({"Sec. 4.5": {"line": {"distance": pair}}}, words, more)
-
-
 NOISE_SECTION = Section("noise", ("3.4",), _noise)
 """The section on the sensors' noise."""
-FAULT_SECTION = Section("faults", ("Sec. 4.5",), _faults)
-"""The section on faults of robot and lab."""

@@ -29,9 +29,8 @@ from validation.replicate.chapters import (
 )
 from validation.replicate.control import CONTROL_SECTIONS
 from validation.replicate.gazebo import GAZEBO_SECTION
-from validation.replicate.lab import FAULT_SECTION, NOISE_SECTION
+from validation.replicate.lab import NOISE_SECTION
 from validation.replicate.models import MODEL_SECTIONS
-from validation.replicate.others import OTHER_SECTION
 from validation.replicate.theory import THEORY_SECTIONS
 from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
 from validation.report.palette import VERDICT_INKS
@@ -60,11 +59,9 @@ ALL_SECTIONS: tuple[Section, ...] = (
     FRICTION_SECTION,
     NOISE_SECTION,
     *MODEL_SECTIONS,
-    OTHER_SECTION,
     GAZEBO_SECTION,
     STABILITY_SECTION,
     *CONTROL_SECTIONS,
-    FAULT_SECTION,
 )
 """Every section, in the order of the report."""
 

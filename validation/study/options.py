@@ -6,24 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, get_args
 
-from ssmr.parameters import MOST_SEED, require_within
 from validation import cli
 from validation.plants.profile import Profile, choose_profile
 
 AS_NAMES = get_args(cli.Names)[1]
 """Annotation of an option that the command line reads as comma-separated names, whatever it may be in Python."""
 MOST_RUNS = 100_000
-"""Greatest number of seeds, and of runs, of one study."""
-
-
-def require_seeds(options: object) -> None:
-    """Check the `seed` and the number of `seeds` of a study's options; others are counted from the seed.
-
-    Raises:
-        ValueError: `seed` is negative or too great, or `seeds` is not positive or too great.
-    """
-    require_within(options, ("seed",), 0, MOST_SEED - 2 * MOST_RUNS, whole=True)
-    require_within(options, ("seeds",), 1, MOST_RUNS, whole=True)
+"""Greatest number of runs of one study."""
 
 
 @dataclass(frozen=True, kw_only=True)

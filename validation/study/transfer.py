@@ -1,7 +1,6 @@
 """Whether an analytic model chooses the right controller for the MuJoCo robot (docs/controllers.md).
 
-Every controller follows every reference on every plant, under the same noise. One plant is the judge: it stands for the
-robot.
+Every controller follows every reference on every plant, under the same noise. MuJoCo is the judge: it stands for the robot.
 """
 
 from __future__ import annotations
@@ -19,37 +18,36 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import kendalltau
 
-from ssmr.control.laws import PLAIN_CONTROLLERS, Controller
+from ssmr.control.laws import PLAIN_CONTROLLERS
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
-from ssmr.parameters import require_within
+from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import FloatArray
 from validation import cli
 from validation.bench.gains import DEFAULT, GainSet, load_gains, names, profile_sets
 from validation.bench.loops import (
     AnyController,
     ClosedLoopRobot,
-    chosen_controller,
+    make_controller,
     make_robot,
     rate,
     run_robots,
     within_reach,
 )
-from validation.bench.user_law import is_user_law
-from validation.bench.waypoint_files import REFERENCES, open_reference, split_speed
-from validation.files.reading import FileError
+from validation.bench.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TuneCost, costs_of
-from validation.plants.profile import PLANTS, Profile, choose_profile
+from validation.plants.profile import PLANTS, Profile
 from validation.report import drawing
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
-from validation.study.options import AS_NAMES, AnyStudy, require_seeds
+from validation.study.options import StudyOptions
 from validation.study.sweep import picture, sweep
 
-_USUAL_PROFILES = ("thesis-lab", "husky-tile")
+JUDGE = "mujoco"
+"""Plant that stands for the robot: the others are to choose the right controller for it."""
 _USUAL_REFERENCES = ("eight", "u-turn", "stop-and-go", "slalom", "square", "spiral", "sine", "generic", "circle", "line")
-_USUAL_SPEEDS = (0.25, 0.5)  # the thesis' two; a quick study has the last, and the first profile and three references
+_USUAL_SPEEDS = (0.25, 0.5)  # the thesis' two; a quick study has the last, and three references
 PRACTICABLE = 0.9
 """Share of the robot's greatest speed and yaw rate that a reference may ask for; what is left is for corrections."""
 SAME_COST = TuneCost(guard=0.0)
@@ -58,156 +56,95 @@ _MEASURES = ("cost", "d_rms_m", "sync_rms_m", "e_rho_rms_m")
 
 
 @dataclass(frozen=True, kw_only=True)
-class TransferStudy(AnyStudy):
+class TransferStudy(StudyOptions):
     """Options of the study of transfer."""
 
-    profiles: Annotated[
-        tuple[str | Profile, ...],
-        AS_NAMES,
-        cli.option("profile", metavar="PROFILE,...", default="thesis-lab and husky-tile; the first if quick"),
-    ] = ()
-    """Robots: names of shipped profiles, or paths of TOML files."""
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...")] = PLANTS
-    """Plants to drive. The judge is driven too."""
-    judge: str = "mujoco"
-    """Plant that stands for the robot: the others are to choose the right controller for it."""
+    """Plants that are to choose for MuJoCo's robot, which is driven too."""
     controllers: Annotated[cli.Names, cli.option(metavar="NAME,...", default="all")] = (
         *PLAIN_CONTROLLERS, "lqr+predictor", "lqr-scheduled+predictor", "mpc",
     )  # fmt: skip
-    """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one with gains of your own, and
-    FILE.py:NAME a class of your own."""
-    references: Annotated[cli.Names, cli.option(metavar="NAME|PATH,...", default="ten; three if quick")] = ()
-    """References by name, or waypoint files, whose own times count if they have any; circle@0.4 has its own speed."""
+    """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one with gains of your own."""
+    references: Annotated[cli.Names, cli.option(metavar="NAME,...", default="ten; three if quick")] = ()
+    """References by name; circle@0.4 has its own speed."""
     speeds: Annotated[cli.Numbers, cli.option(metavar="X,...", default="0.25,0.5; the last if quick")] = ()
-    """Speeds of references that bring none [m/s]. What the judge cannot drive is driven more slowly."""
-    seeds: int = 1
-    """Number of draws of noise and disturbance."""
+    """Speeds of references that bring none [m/s]. What MuJoCo's robot cannot drive is driven more slowly."""
     seed: cli.Seed = 11  # no shipped set was tuned with seeds from 11 on
     quick: cli.Flag = False
-    """Take one profile, three references and one speed where none are named."""
-    robot: cli.AnyRobot = None
+    """Take three references and one speed where none are named."""
 
     def __post_init__(self) -> None:
         """Check numbers and that there is something to compare.
 
         Raises:
-            ValueError: no seeds, a speed out of its range, or no plant besides the judge.
+            ValueError: the seed or a speed is out of its range, or there is no plant besides MuJoCo.
         """
-        require_seeds(self)
+        require_within(self, ("seed",), 0, MOST_SEED, whole=True)
         require_within(self, ("speeds",), 1e-3, 100.0)
-        if not set(self.plants) - {self.judge}:
-            raise ValueError(f"plants names none besides the judge {self.judge}; name one that is to choose for it")
-
-    @property
-    def all_plants(self) -> tuple[str, ...]:
-        """Names of the plants, the judge first."""
-        return (self.judge, *(name for name in self.plants if name != self.judge))
+        if not set(self.plants) - {JUDGE}:
+            raise ValueError(f"plants names none besides {JUDGE}; name one that is to choose for it")
 
 
-Contenders = Mapping[str, tuple[AnyController, GainSet | None]]
-"""Controllers with their gains, by the name that they have in tables; a user's class has no gains."""
+Contenders = Mapping[str, tuple[AnyController, GainSet]]
+"""Controllers with their gains, by the name that they have in tables."""
 
 
 def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
-    """Return the controllers on a profile.
+    """Return the controllers on a profile, whose own gains take the place of the shipped tuned ones.
 
     Raises:
         ValueError: an unknown controller, gains or file, one name for two, or fewer than two contenders.
     """
-    found: dict[str, tuple[AnyController, GainSet | None]] = {}
+    found: dict[str, tuple[AnyController, GainSet]] = {}
     for named in o.controllers:
-        for name, contender in _named(named, profile).items():
+        controller, colon, wanted = named.partition(":")
+        kinds = [name.removeprefix(f"{controller}-") for name in names(controller)] or [DEFAULT]
+        for kind in [wanted] if colon else kinds:
+            own = kind == "tuned" and profile.name in profile_sets(controller)
+            gains = load_gains(controller, profile.name if own else kind)
+            name = controller if kind == DEFAULT else f"{controller} {Path(kind).stem}"
             if name in found:
                 raise ValueError(f"two controllers are called '{name}'; leave out '{named}', or rename it")
-            found[name] = contender
+            found[name] = make_controller(profile, gains), gains
     if len(found) < 2:
         raise ValueError(f"there is no choice among {', '.join(found) or 'no controllers'}; name two or more")
     return found
-
-
-def _named(named: str, profile: Profile) -> Contenders:
-    """Return the contenders that a name stands for; a profile's own gains take the place of the shipped tuned ones."""
-    if is_user_law(named):
-        law, none = chosen_controller(named, profile)
-        return {law.name: (law, none)}
-    controller, colon, wanted = named.partition(":")
-    load_gains(controller, DEFAULT)  # refuses an unknown controller
-    kinds = [name.removeprefix(f"{controller}-") for name in names(controller)]
-    sets = {kind: load_gains(controller, kind) for kind in kinds}
-    if profile.name in profile_sets(controller):
-        sets["tuned"] = load_gains(controller, profile.name)
-    sets = sets or {DEFAULT: load_gains(controller, DEFAULT)}
-    if colon:
-        sets = {Path(wanted).stem: sets.get(wanted) or load_gains(controller, wanted, profile.name)}
-    return {
-        controller if kind == DEFAULT else f"{controller} {kind}": chosen_controller(controller, profile, gains)
-        for kind, gains in sets.items()
-    }
 
 
 def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Waypoints]]:
     """Return the references by name, each at every speed, or as fast as the robot can drive it.
 
     Raises:
-        ValueError: an unknown reference, a file that cannot be read, one name for two references, or none.
+        ValueError: an unknown reference.
     """
     found: dict[tuple[str, float], Waypoints] = {}
-    homes: dict[str, str] = {}
     for named in o.references or _USUAL_REFERENCES[: 3 if o.quick else None]:
-        home, _ = split_speed(named)
-        for name, waypoints in _opened(named, o.speeds or _USUAL_SPEEDS[-1 if o.quick else 0 :]):
-            if homes.setdefault(name, home) != home:
-                raise ValueError(f"two references are called '{name}': {homes[name]} and {named}; rename one of the files")
-            slowed = within_reach(waypoints, robot, PRACTICABLE)
+        name, own = split_speed(named)
+        if name not in REFERENCES:
+            raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}")
+        for speed in (o.speeds or _USUAL_SPEEDS[-1 if o.quick else 0 :]) if own is None else (own,):
+            slowed = within_reach(REFERENCES[name](speed), robot, PRACTICABLE)
             found.setdefault((name, round(slowed.speed, 3)), slowed)
     return [(name, waypoints) for (name, _), waypoints in found.items()]
 
 
-def _opened(named: str, speeds: Sequence[float]) -> list[tuple[str, Waypoints]]:
-    """Return a reference at each speed, or once where it brings its own."""
-    name, own = split_speed(named)
-    if own is not None:
-        return [open_reference(named)]
-    if name not in REFERENCES:
-        try:
-            return [open_reference(named)]
-        except FileError:  # it has no times, or is said to be wrong by the next line too
-            pass
-    return [open_reference(named, speed) for speed in speeds]
-
-
 Scores = Mapping[str, float | int | None]
-"""Cost (Sec. 4.3.3) and errors of a controller on a reference, means over the seeds, None if one of them lost it; `lost`."""
+"""Cost (Sec. 4.3.3) and errors of a controller on a reference, None if it lost it; `lost`."""
 
 
-def score_all(
-    robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints, seeds: Sequence[int], workers: int | None
-) -> list[Scores]:
-    """Drive every controller along a reference, with noise and disturbance of every seed, and return their scores.
-
-    Compiled laws are driven as one population and Python objects as another; a score does not depend on the others.
-
-    Raises:
-        ControllerError: a controller that is a Python object failed.
-    """
-    runs: dict[int, list[ClosedRun]] = {}
-    for compiled in (True, False):
-        some = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
-        if some:
-            each = [laws[k] for k in some for _ in seeds]
-            driven = run_robots([robot] * len(each), each, [LoopSettings()] * len(each), waypoints, seeds, workers)
-            runs |= {k: driven[j * len(seeds) : (j + 1) * len(seeds)] for j, k in enumerate(some)}
-    return [_score(runs[k], waypoints, robot) for k in range(len(laws))]
+def _scores(o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints) -> list[Scores]:
+    """Drive every controller along a reference, with the same noise and disturbance, and return their scores."""
+    n, target = len(laws), waypoints.trajectory(LoopSettings().position_period)
+    runs = run_robots([robot] * n, laws, [LoopSettings()] * n, waypoints, [o.seed], o.workers)
+    costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
+    return [_score(run, cost, waypoints, robot) for run, cost in zip(runs, costs, strict=True)]
 
 
-def _score(runs: Sequence[ClosedRun], waypoints: Waypoints, robot: ClosedLoopRobot) -> Scores:
-    lost = sum(run.lost for run in runs)
-    if lost:
-        return {**dict.fromkeys(_MEASURES), "lost": lost}
-    target = waypoints.trajectory(LoopSettings().position_period)
-    rated = [rate(run, waypoints, robot) for run in runs]
-    cost = float(np.mean(costs_of(runs, target, waypoints.rms_speed, SAME_COST)))
-    return {"cost": cost, **{m: float(np.mean([each[m] for each in rated])) for m in _MEASURES[1:]}, "lost": 0}
+def _score(run: ClosedRun, cost: float, waypoints: Waypoints, robot: ClosedLoopRobot) -> Scores:
+    if run.lost:
+        return {**dict.fromkeys(_MEASURES), "lost": 1}
+    errors = rate(run, waypoints, robot)
+    return {"cost": cost, **{m: float(errors[m]) for m in _MEASURES[1:]}, "lost": 0}
 
 
 # Costs of several references are (R, C) arrays, a column for each controller; infinite where the robot was lost.
@@ -264,16 +201,16 @@ def agreement(costs: FloatArray, truth: FloatArray) -> dict[str, Any]:
     return {"tau": tau, "chosen": chosen, "regret": regret(costs, truth), "same_winner": same}
 
 
-def _findings(o: TransferStudy, profile: Profile, contenders: Contenders, drives: Sequence[Row]) -> dict[str, Any]:
-    """Return what was found with one profile, as study.json has it, from rows of `reference`, `speed_m_s` and `scores`."""
+def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -> dict[str, Any]:
+    """Return what was found, as study.json has it, from rows of `reference`, `speed_m_s` and `scores`."""
     names = list(contenders)
 
     def table_of(plant: str, measure: str = "cost") -> FloatArray:
         values = [[row["scores"][plant][name][measure] for name in names] for row in drives]
         return np.array([[math.inf if value is None else value for value in row] for row in values], dtype=float)
 
-    costs = {plant: table_of(plant) for plant in o.all_plants}
-    truth, plants = costs[o.judge], dict[str, Any]()
+    costs = {plant: table_of(plant) for plant in drives[0]["scores"]}
+    truth, plants = costs[JUDGE], dict[str, Any]()
     for plant, own in costs.items():
         found = agreement(own, truth)
         kept = np.isfinite(own).all(axis=0) & np.isfinite(truth).all(axis=0)
@@ -291,8 +228,7 @@ def _findings(o: TransferStudy, profile: Profile, contenders: Contenders, drives
             "contenders": {name: {key: values[k] for key, values in each.items()} for k, name in enumerate(names)},
         }
     known = {
-        name: None if gains is None else {"controller": gains.controller, "name": gains.name, **gains.values}
-        for name, (_, gains) in contenders.items()
+        name: {"controller": gains.controller, "name": gains.name, **gains.values} for name, (_, gains) in contenders.items()
     }
     return {
         "robot": profile.robot.name,
@@ -302,34 +238,34 @@ def _findings(o: TransferStudy, profile: Profile, contenders: Contenders, drives
     }
 
 
-def _ranked(judge: str, found: Mapping[str, Any]) -> list[str]:
-    judged = found["plants"][judge]["contenders"]
+def _ranked(found: Mapping[str, Any]) -> list[str]:
+    judged = found["plants"][JUDGE]["contenders"]
     return sorted(judged, key=lambda name: judged[name]["place"])
 
 
-def _tables(label: str, judge: str, found: Mapping[str, Any]) -> list[Table]:
+def _tables(label: str, found: Mapping[str, Any]) -> list[Table]:
     """Return what choosing by each plant costs, and the mean costs of all controllers."""
     plants, choices, costs = found["plants"], list[Row](), list[Row]()
     for plant, own in plants.items():
         agreed = own["all"]
         row = {"plant": plant, "tau": agreed["tau"], "same_winner": agreed["same_winner"]}
         choices.append({**row, "regret_share": agreed["regret"], "chooses": agreed["chosen"]})
-    for name in _ranked(judge, found):
+    for name in _ranked(found):
         means = {plant: own["contenders"][name]["cost"] for plant, own in plants.items()}
-        beside = {m: plants[judge]["contenders"][name][m] for m in ("d_rms_m", "sync_rms_m")}
+        beside = {m: plants[JUDGE]["contenders"][name][m] for m in ("d_rms_m", "sync_rms_m")}
         lost = sum(own["contenders"][name]["lost"] for own in plants.values())
         costs.append({"controller": name, **means, **beside, "lost_runs": lost})
     caption = (
         f"{len(costs)} controllers, {len(found['references'])} references. tau: Kendall's rank correlation with the judge.\n"
-        f"same winner: number of references on which the plant chooses as {judge} does.\n"
-        f"regret: what the choice over all references costs more on {judge}; none where it loses runs there."
+        f"same winner: number of references on which the plant chooses as {JUDGE} does.\n"
+        f"regret: what the choice over all references costs more on {JUDGE}; none where it loses runs there."
     )
     below = (
         "Cost: that of Sec. 4.3.3, which tune minimises, without the LQR's additional term; mean over the references.\n"
-        f"d_rms and sync: on {judge}. Controllers are ranked by lost runs first, then by cost."
+        f"d_rms and sync: on {JUDGE}. Controllers are ranked by lost runs first, then by cost."
     )
     return [
-        Table(f"{label}: choosing a controller for {judge}", choices, caption),
+        Table(f"{label}: choosing a controller for {JUDGE}", choices, caption),
         Table(f"{label}: mean cost", costs, below),
     ]
 
@@ -339,65 +275,53 @@ def study_transfer(o: TransferStudy) -> Report:
     """Let every controller follow every reference on every plant: does a model choose the right one for MuJoCo's robot?
 
     Raises:
-        ControllerError: a user's controller failed.
         ValueError: a profile, plant, controller, gains or reference do not exist or do not go together.
     """
-    named = o.profiles or ((None,) if o.robot is not None else _USUAL_PROFILES[: 1 if o.quick else None])
-    profiles = [choose_profile(one, o.robot, "thesis-lab") for one in named]
-    robots = [{plant: make_robot(profile, plant) for plant in o.all_plants} for profile in profiles]
-    contenders = [contenders_of(o, profile) for profile in profiles]
-    missions = {
-        f"{profiles[k].name}, {name} {waypoints.speed:.3f}": (k, name, waypoints)
-        for k, made in enumerate(robots)
-        for name, waypoints in missions_of(o, made[o.judge])
-    }
+    profile = o.robot_profile()
+    robots = {plant: make_robot(profile, plant) for plant in dict.fromkeys((JUDGE, *o.plants))}
+    contenders = contenders_of(o, profile)
+    laws = [law for law, _ in contenders.values()]
+    missions = {f"{name} {waypoints.speed:.3f}": (name, waypoints) for name, waypoints in missions_of(o, robots[JUDGE])}
 
-    def follow(mission: tuple[int, str, Waypoints]) -> Row:
-        k, name, waypoints = mission
-        laws, seeds = [law for law, _ in contenders[k].values()], range(o.seed, o.seed + o.seeds)
+    def follow(mission: tuple[str, Waypoints]) -> Row:
+        name, waypoints = mission
         scores = {
-            plant: dict(zip(contenders[k], score_all(robot, laws, waypoints, seeds, o.workers), strict=True))
-            for plant, robot in robots[k].items()
+            plant: dict(zip(contenders, _scores(o, robot, laws, waypoints), strict=True)) for plant, robot in robots.items()
         }
-        return {"field": k, "reference": name, "speed_m_s": waypoints.speed, "scores": scores}
+        return {"reference": name, "speed_m_s": waypoints.speed, "scores": scores}
 
     swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)  # a drive is a population on all threads
-    found, tables = dict[str, dict[str, Any]](), list[Table]()
-    for k, profile in enumerate(profiles):
-        if drives := [row for row in swept.rows if row.get("field") == k]:
-            label = with_robot(profile.name, profile.robot.name)
-            found[profile.name] = _findings(o, profile, contenders[k], drives)
-            tables += _tables(label, o.judge, found[profile.name])
+    found = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
+    label = with_robot(profile.name, profile.robot.name)
     return Report(
-        program="study", title=f"Transfer, {', '.join(found)}: {len(swept.rows)} references", has_text=True,
-        tables=tables, sentences=swept.notes, status=swept.status, draw=partial(_draw, o.judge, found),
-        options={"judge": o.judge, "seed": o.seed, "seeds": o.seeds},
+        program="study", title=f"Transfer, {label}: {len(swept.rows)} references", has_text=True,
+        tables=_tables(label, found), sentences=swept.notes, status=swept.status, draw=partial(_draw, label, found),
+        options={"judge": JUDGE, "seed": o.seed},
         document={
-            "schema": "ssmr.study/1", "study": "transfer", "judge": o.judge, "robot": profiles[0].robot.name,
-            "seeds": list(range(o.seed, o.seed + o.seeds)), "profiles": found,
+            "schema": "ssmr.study/1", "study": "transfer", "judge": JUDGE, "robot": profile.robot.name,
+            "seeds": [o.seed], "profiles": {profile.name: found},
         },
     )  # fmt: skip
 
 
-def _draw(judge: str, fields: Mapping[str, Mapping[str, Any]], study: Report) -> Figure:
-    height = 1.2 + 0.25 * max((len(found["contenders"]) for found in fields.values()), default=0)
-    panels = [partial(_draw_costs, judge, *field) for field in fields.items()]
-    return picture(study, [drawing.side_by_side(height, panels)] if panels else [])
+def _draw(label: str, found: Mapping[str, Any], study: Report) -> Figure:
+    height = 1.2 + 0.25 * len(found["contenders"])
+    return picture(study, [drawing.side_by_side(height, [partial(_draw_costs, label, found)])])
 
 
-def _draw_costs(judge: str, profile: str, found: Mapping[str, Any], ax: Axes) -> None:
+def _draw_costs(label: str, found: Mapping[str, Any], ax: Axes) -> None:
     drawing.inset(ax, left=1.15)
-    order = _ranked(judge, found)
+    order = _ranked(found)
     for plant, own in found["plants"].items():
-        ink, marker = drawing.ink_of(plant), "D" if plant == judge else "o"
+        ink, marker = drawing.ink_of(plant), "D" if plant == JUDGE else "o"
         for row, name in enumerate(order):
             each = own["contenders"][name]
             ax.plot(each["cost"], row, "x" if each["lost"] else marker, color=ink, gid=f"{plant} {name}")
         ax.plot([], [], marker, color=ink, label=plant)
     ax.set(xscale="log", xlabel="mean cost (Sec. 4.3.3; a cross lost a run)", ylim=(len(order) - 0.4, -0.6))
-    ax.set_title(f"{profile}: the best on {judge} at the top")
+    ax.set_title(f"{label}: the best on {JUDGE} at the top")
     ax.set_yticks(range(len(order)), order, fontsize=9.0)
-    for label in ax.get_yticklabels():
-        drawing.narrow(label, 1.65)
+    for tick in ax.get_yticklabels():
+        drawing.narrow(tick, 1.65)
     drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0))
     ax.legend(fontsize=8.0)

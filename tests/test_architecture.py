@@ -210,8 +210,8 @@ PRICES = {
     "validation/plants": (780, "every plant declared once, and profiles"),
     "validation/replicate": (1_271, "the thesis beside us, row by row"),
     "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),
-    "validation/ros": (1_515, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_427, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/ros": (1_467, "the robot and its controller on a ROS 2 graph"),
+    "validation/simulator": (3_318, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_989, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (296, "the thesis' numbers"),
     "validation/bench": (
@@ -219,7 +219,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_516,
+        2_512,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

@@ -29,7 +29,7 @@ from validation.simulator.checking import (
     spot_turn,
     whole_com,
 )
-from validation.simulator.description import GRAVITY, SCHEMA, SECTIONS, WHEELS, Robot, load_robot, shipped_robots
+from validation.simulator.description import GRAVITY, SCHEMA, WHEELS, Robot, load_robot, shipped_robots
 from validation.simulator.exporting import diff_drive_yaml, mjcf_text, sdf_text, urdf_text
 from validation.simulator.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.words import abridged, file_name, one_line, visible
@@ -106,30 +106,28 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         RobotError: there is no such robot, or its file cannot be read. What can be read and cannot be is advice.
     """
     robot = _loaded(o.robot)
-    spot, measured, failed = spot_turn(robot), None, ""
+    spot, found = spot_turn(robot), None
     try:
-        measured = measure_robot(robot)
+        found = measure_robot(robot)
     except ValueError as error:
         failed = f"no model can be built of it: {one_line(error)}"
     except DivergedError as error:
         failed = f"its simulation fails: {one_line(error)}; are masses, inertia and gain what they should be?"
-    advice = advise(robot, spot, measured)
-    if failed and not any(each.fault for each in advice):
-        advice.insert(0, Advice(failed))
+    advice = advise(robot, spot, found or failed)
     still = [float(share) * robot.masses.total * GRAVITY for share in load_shares(robot)]
-    loads = still if measured is None else list(measured.loads)
+    loads = still if found is None else list(found.loads)
     faults = sum(each.fault for each in advice)
     return RobotCheck(
         program="robot",
         title=one_line(robot.title or robot.name),
         tables=[_numbers(robot)],
         sentences=[_verdict(robot, advice), *(f"{'FAULT' if each.fault else 'question'}: {each.text}" for each in advice)],
-        document=_document(robot, spot, measured, loads)
+        document=_document(robot, spot, found, loads)
         | {"ok": not faults, "advice": [each.text for each in advice], "faults": faults, "guessed": guessed(robot)},
         draw=_draw,
         failure=SsmrError(_verdict(robot, advice)) if faults else None,
         robot=robot,
-        measured=measured,
+        measured=found,
         loads=loads,
         advice=advice,
     )
@@ -168,34 +166,27 @@ def _document(robot: Robot, spot: SpotTurn | None, found: Measured | None, loads
         "friction": mu,
         "side_torque_needed_N_m": None if spot is None else mu * spot.side_torque + drive.gear_loss,
         "side_torque_N_m": 2.0 * drive.torque_limit,
-        "numbers": {key: {"value": value, "unit": unit_of_key(key)} for key, value, *_ in _every_number(robot)},
     }
 
 
-def _every_number(robot: Robot) -> list[tuple[str, Any, str, str]]:
-    """Return key, value, grade and source of what there is to say of a robot: all but what concerns planar models only."""
-    parts = {"geometry": robot.geometry, "mass": robot.masses, "drive": robot.drive}
-    parts |= {"simulation": robot.simulation, "vehicle": robot.vehicle}
-    found = []
-    for section in parts:
-        for f in fields(SECTIONS[section]):
-            key = f"{section}.{f.name}"
-            if section in ("drive", "vehicle") and key not in robot.said and key not in _ALWAYS:
-                continue
-            value, (grade, source) = getattr(parts[section], f.name), robot.source(key)
-            found.append((key, value, grade, source))
-    return found
-
-
 def _numbers(robot: Robot) -> Table:
-    """Return the table of all numbers of a robot; many share a source, whose text stands in the caption."""
+    """Return the table of what there is to say of a robot; many numbers share a source, whose text stands in the caption.
+
+    Numbers of the drive and of planar models that the file does not say are left out, but for those that matter to all.
+    """
+    parts: dict[str, Any] = {"geometry": robot.geometry, "mass": robot.masses, "drive": robot.drive}
+    parts |= {"simulation": robot.simulation, "vehicle": robot.vehicle}
     rows: list[Row] = []
     sources: dict[str, int] = {}
-    for key, value, grade, source in _every_number(robot):
+    for key in (f"{section}.{f.name}" for section, part in parts.items() for f in fields(part)):
+        section, _, field = key.partition(".")
+        if section in ("drive", "vehicle") and key not in robot.said and key not in _ALWAYS:
+            continue
+        value, (grade, source) = getattr(parts[section], field), robot.source(key)
         number = sources.setdefault(source, len(sources) + 1)
         names = ("across", "spin") if key == "mass.wheel_inertia" else "xyz"
         for name, each in zip(names, value, strict=True) if isinstance(value, tuple) else [("", value)]:
-            row = {"section": key.partition(".")[0], "number": f"{key} {name}".strip(), "unit": unit_of_key(key) or None}
+            row = {"section": section, "number": f"{key} {name}".strip(), "unit": unit_of_key(key) or None}
             rows.append({**row, "value": each, "grade": f"{grade} [{number}]"})
     caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
     title = f"{one_line(robot.title or robot.name)}: its numbers"
@@ -298,10 +289,18 @@ def _import(options: ImportOptions) -> None:
 
 def _write(draft: RobotDraft, out: Path | None) -> None:
     target = out or Path(f"{draft.robot.name}.toml")
-    with cli.mistakes_are_users(), cli.writes("--out", target):
-        draft.save(target)
+    _save(draft.text, target)
     check = f"next: python -m validation.robots check {visible(target)}"
     _print([_numbers(draft.robot)], [*draft.remarks, f"written: {visible(target)}", check])
+
+
+def _save(text: str, target: Path) -> None:
+    """Write a new file, whole or not at all."""
+    if target.exists() or target.is_symlink():
+        raise cli.UserError(f"--out {target}: there is such a file already, and it is not overwritten; name another")
+    with cli.writes("--out", target):
+        target.parent.mkdir(parents=True, exist_ok=True)
+        store.write_text(target, text)
 
 
 def _print(tables: Sequence[Table], sentences: Sequence[str] = ()) -> None:
@@ -364,11 +363,8 @@ def _export(options: ExportOptions) -> None:
         robot = load_robot(options.robot)
         ending = "yaml" if options.to == "diff-drive" else options.to
         target = options.out or Path(f"{file_name(robot.name)}.{ending}")
-        if target.exists():
-            raise cli.UserError(f"--out {target}: there is such a file already; name another")
         text = export_robot(robot, options.to, options.profile)
-        with cli.writes("--out", target):
-            store.write_text(target, text)
+    _save(text, target)
     _print([], [f"written: {visible(target)}"])
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ssmr.estimation.ekf import filter_step, initial_belief
 from ssmr.estimation.settings import V, W
-from ssmr.robot.drive import body_rates, whole_steps
-from ssmr.robot.sensors import PUSH_TIME, YAW_DISTURBANCE_VARIANCE, SensorErrors, SensorModel, sense
+from ssmr.robot.drive import body_rates
+from ssmr.robot.sensors import SensorErrors, SensorModel, sense
 from ssmr.types import FloatArray, State
 from validation.plants.profile import odometry_of
 from validation.ros.messages import STAND_STILL, Twist
@@ -73,25 +73,16 @@ class CommandMultiplexer:
 class SimulatedRobot:
     """A robot that advances only when `advance` is called: wheel odometry, IMU and state filter on top of the physics."""
 
-    def __init__(
-        self,
-        plant: MujocoPlant,
-        start: State | None = None,
-        *,
-        noise: bool = True,
-        disturbance: bool = False,
-        seed: int = 0,
-    ) -> None:
+    def __init__(self, plant: MujocoPlant, start: State | None = None, *, noise: bool = True, seed: int = 0) -> None:
         """Put the robot to rest at its start, with the thesis' filter, which knows that pose.
 
         Args:
             plant: the robot; its own drive stands between command and wheels.
             start: pose in the world; the origin if not given. The filter's frame begins there.
             noise: False for encoders and gyro without noise.
-            disturbance: push the yaw at random (Sec. 3.4.5).
-            seed: seed of noise and pushes.
+            seed: seed of the noise.
         """
-        self._plant, self._start, self._disturbance = plant, start or State(), disturbance
+        self._plant, self._start = plant, start or State()
         self._seed, self._errors = seed, SensorModel().packed() if noise else SensorErrors(0.0, 0.0, 0.0)
         self.filter = odometry_of(plant.drive)
         self._numbers = self.filter.packed()
@@ -102,8 +93,7 @@ class SimulatedRobot:
         self._reset()
 
     def _reset(self) -> None:
-        self._noise, self._push = (np.random.default_rng([self._seed, k]) for k in range(2))
-        self._pushing = 0.0
+        self._noise = np.random.default_rng([self._seed, 0])
         self.state = self._plant.reset(self._start)
         self.steps = self._sensed_at = 0
         self.belief = initial_belief(State())
@@ -133,9 +123,7 @@ class SimulatedRobot:
     def advance(self, steps: int, command: Twist) -> None:
         """Hold a command for `steps` physics steps; a DivergedError says that the simulator gave up."""
         for _ in range(steps):
-            if self._disturbance and self.steps % whole_steps(PUSH_TIME, self.dt, "the time of a push") == 0:
-                self._pushing = math.sqrt(YAW_DISTURBANCE_VARIANCE) * self._push.standard_normal()
-            self.state = self._plant.step(command, self.dt, self._pushing)
+            self.state = self._plant.step(command, self.dt)
             self.steps += 1
 
     def sense(self) -> None:

@@ -44,8 +44,6 @@ class Sim(Graph):
     """Time after which to end."""
     no_noise: cli.Flag = False
     """Simulate encoders and gyro without noise."""
-    disturbance: cli.Flag = False
-    """Push the robot's yaw at random (Sec. 3.4.5)."""
     seed: cli.Seed = 0
 
 
@@ -149,7 +147,7 @@ def sim(options: Sim) -> None:
         raise ValueError(f"--duration {o.duration:g} must be positive, --start {o.start} finite")
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
     plant = cast(MujocoPlant, make_plant(profile, "mujoco"))
-    robot = SimulatedRobot(plant, State(*o.start), noise=not o.no_noise, disturbance=o.disturbance, seed=o.seed)
+    robot = SimulatedRobot(plant, State(*o.start), noise=not o.no_noise, seed=o.seed)
     node = Node(f"{msg.ros_name(profile.robot.name)}_simulation", o)
     try:
         simulation = SimulationNode(node, robot)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -152,52 +151,18 @@ class Advice:
     """Whether the robot cannot be as it is described, or cannot drive; else it is worth a second look."""
 
 
-def advise(robot: Robot, spot: SpotTurn | None, found: Measured | None) -> list[Advice]:
+def advise(robot: Robot, spot: SpotTurn | None, found: Measured | str) -> list[Advice]:
     """Return what is wrong with a robot and what would be right, faults first.
 
     Args:
         robot: the robot.
         spot: its turn on the spot by mechanics.
-        found: what its model shows; None where there is none.
+        found: what its model shows, or why there is none.
     """
-    advice = [*_geometry(robot), *_inertia(robot), *_loads(robot), *_guesses(robot)]
-    if spot is not None:
-        advice += _motors(robot, spot)
-    if found is not None:
-        advice += _simulation(spot, found)
-    return sorted(advice, key=lambda each: not each.fault)
-
-
-def _geometry(robot: Robot) -> Iterator[Advice]:
-    g = robot.geometry
-    r, width = g.wheel_radius, g.wheel_width
-    if 2.0 * r >= g.wheelbase:
-        yield Advice(
-            f"front and rear tyres touch each other: with a wheelbase of {g.wheelbase:g} m, wheel_radius must be less than "
-            f"{0.5 * g.wheelbase:.4g} m, not {r:g} m"
-        )
-    if width >= g.track:
-        yield Advice(
-            f"left and right tyres touch each other: with a track of {g.track:g} m, wheel_width must be less, not "
-            f"{width:g} m"
-        )
-    bottom = g.body_centre[2] - 0.5 * g.body_size[2] + g.base_height
-    if bottom < -1e-6:
-        yield Advice(
-            f"the hull reaches {-1e3 * bottom:.0f} mm below the ground: with tyres of {r:g} m and axles at "
-            f"{g.axle_height:g} m, the base frame is {g.base_height:.4g} m above it; correct axle_height or body_centre"
-        )
-    for axis, com, least, most in zip("xyz", robot.masses.com, *robot_outline(robot), strict=True):
-        if not least <= com <= most:
-            yield Advice(
-                f"the centre of mass lies outside of the robot: {axis} is {com:g} m, hull and tyres reach from {least:.3g} "
-                f"to {most:.3g} m"
-            )
-
-
-def is_smaller_than_a_wheel(size: Sequence[float], wheel_radius: float, wheel_width: float) -> bool:
-    """Return whether a box of this length, width and height [m] is too small for the hull of a robot: an antenna, say."""
-    return size[0] < 2.0 * wheel_radius or size[1] < wheel_width or size[2] < 0.2 * wheel_radius
+    faults = _parts_faults(robot) | ({} if spot is None else _motor_faults(robot, spot))
+    faults |= {found: True} if isinstance(found, str) else _moving_faults(spot, found)
+    told = [Advice(text) for text, applies in faults.items() if applies]
+    return told + [Advice(text, fault=False) for text, applies in _questions(robot, spot).items() if applies]
 
 
 def guessed(robot: Robot) -> list[str]:
@@ -208,96 +173,74 @@ def guessed(robot: Robot) -> list[str]:
     return [key for key in keys if robot.source(key)[0] == "assumed"]
 
 
-_HOW_TO_MEASURE = {
-    "geometry.wheel_radius": "count the wheels' turns over a straight metre, for every speed scales with it",
-    "mass.total": "weigh the robot, for every force scales with it",
-}
-"""What to do about guesses that weigh most."""
+def _parts_faults(robot: Robot) -> dict[str, bool]:
+    """Return what can be wrong with lengths and masses, and whether it is; what no model can have, its builder says."""
+    g, m, shares = robot.geometry, robot.masses, load_shares(robot)
+    bottom = g.body_centre[2] - 0.5 * g.body_size[2] + g.base_height
+    spin, most = m.wheel_inertia[1], m.wheel * g.wheel_radius**2
+    wheel, (x, y, _) = WHEELS[int(np.argmin(shares))].replace("_", " "), whole_com(robot)
+    used = 2.0 * abs(x) / g.wheelbase + 2.0 * abs(y) / g.track
+    outside = {
+        f"the centre of mass lies outside of the robot: {axis} is {com:g} m, hull and tyres reach from {low:.3g} "
+        f"to {high:.3g} m": not low <= com <= high
+        for axis, com, low, high in zip("xyz", m.com, *robot_outline(robot), strict=True)
+    }
+    return outside | {
+        f"the hull reaches {-1e3 * bottom:.0f} mm below the ground: with tyres of {g.wheel_radius:g} m and axles at "
+        f"{g.axle_height:g} m, the base frame is {g.base_height:.4g} m above it; correct axle_height or body_centre": (
+            bottom < -1e-6
+        ),
+        f"no wheel of {m.wheel:g} kg and {g.wheel_radius:g} m has {spin:.4g} kg m2 about its axle: the most is "
+        f"m r^2 = {most:.4g}": spin > most * (1.0 + 1e-9),
+        f"the {wheel} wheel carries nothing: the whole robot's centre of mass is {x:.3g} m ahead and {y:.3g} m to the "
+        f"left of the middle, and 2 |x| / wheelbase + 2 |y| / track must be less than 1, not {used:.2f}": (
+            bool(shares.min() <= 0.0)
+        ),
+    }
 
 
-def _guesses(robot: Robot) -> Iterator[Advice]:
-    g = robot.geometry
-    for key in guessed(robot):
-        if key in _HOW_TO_MEASURE:
-            yield Advice(f"{key} is a guess: {_HOW_TO_MEASURE[key]}", fault=False)
-    if is_smaller_than_a_wheel(g.body_size, g.wheel_radius, g.wheel_width):
-        box = " x ".join(f"{length:.3g}" for length in g.body_size)
-        yield Advice(
-            f"the hull of {box} m is smaller than a wheel: is it an antenna or a sensor? Measure the body, and say "
-            "body_size and body_centre",
-            fault=False,
-        )
+def _motor_faults(robot: Robot, spot: SpotTurn) -> dict[str, bool]:
+    """Return the same of the motors."""
+    mu, loss, has = robot.simulation.friction, robot.drive.gear_loss, 2.0 * robot.drive.torque_limit
+    needed = mu * spot.side_torque + loss
+    return {
+        f"it cannot turn on the spot on ground of friction {mu:g}: a side needs {needed:.4g} N m and its motors give "
+        f"{has:.4g} N m; torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
+        f"{(has - loss) / spot.side_torque:.2g}": needed > has
+    }
 
 
-def _inertia(robot: Robot) -> Iterator[Advice]:
-    g, m, slack = robot.geometry, robot.masses, 1.0 + 1e-9
-    inertia = np.array(m.inertia)
-    others = inertia.sum() - inertia
-    for axis, own, most in zip("xyz", inertia, others, strict=True):
-        if own > most * slack:
-            yield Advice(
-                f"no body has the moments of inertia {', '.join(f'{v:.4g}' for v in inertia)} kg m2: that about {axis} must "
-                f"be at most the sum of the others, {most:.4g} kg m2; without inertia it has that of a box"
-            )
-    across, spin = m.wheel_inertia
-    disc = m.wheel * g.wheel_radius**2
-    thick = 0.5 * disc + 0.25 * m.wheel * g.wheel_width**2
-    if spin > min(disc, 2.0 * across) * slack or across > thick * slack:
-        yield Advice(
-            f"no wheel of {m.wheel:g} kg and {g.wheel_radius:g} m has {across:.4g} kg m2 about a diameter and {spin:.4g} "
-            f"about its axle: the most are m (r^2 / 2 + width^2 / 4) = {thick:.4g}, and m r^2 = {disc:.4g} but twice the "
-            "first"
-        )
+def _moving_faults(spot: SpotTurn | None, found: Measured) -> dict[str, bool]:
+    """Return the same of how the model moves."""
+    multiplier, expected = found.multiplier or math.nan, math.nan if spot is None else spot.turn.multiplier
+    return {
+        "the simulated robot did not turn once on the spot in twice the time that mechanics allows it": (
+            found.multiplier is None
+        ),
+        f"the simulated robot turns with a multiplier of {multiplier:.3f}, and mechanics says {expected:.3f}: keep the "
+        "usual wheel_shape and timestep": abs(multiplier / expected - 1.0) > MULTIPLIER_LIMIT,
+        f"a wheel leaves the ground in {100.0 * found.lifted_share:.0f} % of a slow turn on the spot: move the centre "
+        "of mass to the middle and down, or lower the friction": found.lifted_share > 0.0,
+    }
 
 
-def _loads(robot: Robot) -> Iterator[Advice]:
-    g, shares, (x, y, _) = robot.geometry, load_shares(robot), whole_com(robot)
-    if shares.min() <= 0.0:
-        wheel = WHEELS[int(np.argmin(shares))].replace("_", " ")
-        used = 2.0 * abs(x) / g.wheelbase + 2.0 * abs(y) / g.track
-        yield Advice(
-            f"the {wheel} wheel carries nothing: the whole robot's centre of mass is {x:.3g} m ahead and {y:.3g} m to the "
-            f"left of the middle, and 2 |x| / wheelbase + 2 |y| / track must be less than 1, not {used:.2f}"
-        )
-
-
-def _motors(robot: Robot, spot: SpotTurn) -> Iterator[Advice]:
-    drive, mu = robot.drive, robot.simulation.friction
-    needed, has = mu * spot.side_torque + drive.gear_loss, 2.0 * drive.torque_limit
-    if not math.isfinite(drive.torque_limit):
-        yield Advice("no torque_limit is given, so it can turn on any ground: say that of one wheel [N m]", fault=False)
-    elif has > MOST_SPARE * spot.side_torque:
-        yield Advice(
-            f"torque_limit is {drive.torque_limit:.3g} N m a wheel, and {0.5 * spot.side_torque:.3g} N m turn the robot on "
-            "the spot on ground of friction 1: is it that of a wheel, behind the gear, in N m?",
-            fault=False,
-        )
-    if needed > has:
-        yield Advice(
-            f"it cannot turn on the spot on ground of friction {mu:g}: a side needs {needed:.4g} N m and its motors give "
-            f"{has:.4g} N m; torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
-            f"{(has - drive.gear_loss) / spot.side_torque:.2g}"
-        )
-    rims = robot.geometry.wheel_radius / drive.command_radius * spot.turn.yaw_rate  # over the wanted yaw rate and half-track
-    turned = drive.command_half_track * rims
-    if rims > 0.0 and abs(turned - 1.0) > DRIVER_LIMIT:
-        yield Advice(
-            f"turning on the spot, it reaches {100.0 * turned:.0f} % of the commanded yaw rate because the wheels skid; "
-            f"set command_half_track to {1.0 / rims:.3g} m (it is {drive.command_half_track:g} m) to correct this",
-            fault=False,
-        )
-
-
-def _simulation(spot: SpotTurn | None, found: Measured) -> Iterator[Advice]:
-    if found.multiplier is None:
-        yield Advice("the simulated robot did not turn once on the spot in twice the time that mechanics allows it")
-    elif spot is not None and abs(found.multiplier / spot.turn.multiplier - 1.0) > MULTIPLIER_LIMIT:
-        yield Advice(
-            f"the simulated robot turns with a multiplier of {found.multiplier:.3f}, and mechanics says "
-            f"{spot.turn.multiplier:.3f}: keep the usual wheel_shape and timestep"
-        )
-    if found.lifted_share > 0.0:
-        yield Advice(
-            f"a wheel leaves the ground in {100.0 * found.lifted_share:.0f} % of a slow turn on the spot: move the centre "
-            "of mass to the middle and down, or lower the friction"
-        )
+def _questions(robot: Robot, spot: SpotTurn | None) -> dict[str, bool]:
+    """Return what deserves a second look, and whether it applies."""
+    drive, guesses, torque = robot.drive, guessed(robot), 0.0 if spot is None else spot.side_torque
+    rims = 0.0 if spot is None else robot.geometry.wheel_radius / drive.command_radius * spot.turn.yaw_rate
+    turned = drive.command_half_track * rims  # yaw rate over the wanted one
+    endless = not math.isfinite(drive.torque_limit)
+    return {
+        "geometry.wheel_radius is a guess: count the wheels' turns over a straight metre, for every speed scales with "
+        "it": "geometry.wheel_radius" in guesses,
+        "mass.total is a guess: weigh the robot, for every force scales with it": "mass.total" in guesses,
+        "no torque_limit is given, so it can turn on any ground: say that of one wheel [N m]": endless,
+        f"torque_limit is {drive.torque_limit:.3g} N m a wheel, and {0.5 * torque:.3g} N m turn the robot on the spot on "
+        "ground of friction 1: is it that of a wheel, behind the gear, in N m?": (
+            not endless and 2.0 * drive.torque_limit > MOST_SPARE * torque > 0.0
+        ),
+        f"turning on the spot, it reaches {100.0 * turned:.0f} % of the commanded yaw rate because the wheels skid; set "
+        f"command_half_track to {1.0 / (rims or 1.0):.3g} m (it is {drive.command_half_track:g} m) to correct this": (
+            rims > 0.0 and abs(turned - 1.0) > DRIVER_LIMIT
+        ),
+    }

@@ -22,6 +22,12 @@ _LYING = (0.5 * math.pi, 0.0, 0.0)
 """Roll, pitch and yaw of a cylinder whose axis is that of a wheel [rad]."""
 
 
+def _element(tag: str, *inside: str, **attributes: str) -> str:
+    """Return an XML element of attributes and what is inside of it."""
+    opened = "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
+    return f"<{tag}{opened}>{''.join(inside)}</{tag}>\n" if inside else f"<{tag}{opened}/>\n"
+
+
 def urdf_text(robot: Robot, joints: Mapping[str, str], base: str = "base_link", imu: str = "imu_link") -> str:
     """Return a robot's URDF, in SI units.
 
@@ -34,41 +40,29 @@ def urdf_text(robot: Robot, joints: Mapping[str, str], base: str = "base_link", 
         base: name of the base's link.
         imu: name of the IMU's link.
     """
-    g, m = robot.geometry, robot.masses
-    across, spin = m.wheel_inertia
+    g, m, e = robot.geometry, robot.masses, _element
 
-    def link(name: str, mass: float, com: Iterable[float], moments: Iterable[float], shape: str) -> str:
+    def link(name: str, mass: float, com: Iterable[float], moments: Iterable[float], *shape: str) -> str:
         ixx, iyy, izz = map(repr, moments)
-        return f"""
-  <link name={quoteattr(name)}>
-    <inertial>
-      <origin xyz="{_row(com)}"/>
-      <mass value="{mass!r}"/>
-      <inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/>
-    </inertial>
-    <visual>{shape}</visual>
-    <collision>{shape}</collision>
-  </link>"""
+        inertia = e("inertia", ixx=ixx, ixy="0", ixz="0", iyy=iyy, iyz="0", izz=izz)
+        inertial = e("inertial", e("origin", xyz=_row(com)), e("mass", value=repr(mass)), inertia)
+        return e("link", inertial, e("visual", *shape), e("collision", *shape), name=name)
 
-    def joint(name: str, kind: str, child: str, at: Iterable[float], axis: str = "") -> str:
-        return f"""
-  <joint name={quoteattr(name)} type="{kind}">
-    <parent link={quoteattr(base)}/>
-    <child link={quoteattr(child)}/>
-    <origin xyz="{_row(at)}"/>{axis}
-  </joint>"""
+    def joint(name: str, kind: str, child: str, at: Iterable[float], *axis: str) -> str:
+        ends = e("parent", link=base), e("child", link=child)
+        return e("joint", *ends, e("origin", xyz=_row(at)), *axis, name=name, type=kind)
 
-    hull = f'<origin xyz="{_row(g.body_centre)}"/><geometry><box size="{_row(g.body_size)}"/></geometry>'
-    tyre = f'<cylinder radius="{g.wheel_radius!r}" length="{g.wheel_width!r}"/>'
-    tyre = f'<origin xyz="0 0 0" rpy="{_row(_LYING)}"/><geometry>{tyre}</geometry>'
-    parts = [f"\n  <link name={quoteattr(base)}/>", link("chassis_link", robot.base_mass, m.com, m.inertia, hull)]
+    hull = e("origin", xyz=_row(g.body_centre)), e("geometry", e("box", size=_row(g.body_size)))
+    drum = e("cylinder", radius=repr(g.wheel_radius), length=repr(g.wheel_width))
+    tyre = e("origin", xyz="0 0 0", rpy=_row(_LYING)), e("geometry", drum)
+    parts = [e("link", name=base), link("chassis_link", robot.base_mass, m.com, m.inertia, *hull)]
     parts += [joint("chassis_joint", "fixed", "chassis_link", (0.0, 0.0, 0.0))]
-    parts += [f"\n  <link name={quoteattr(imu)}/>", joint("imu_joint", "fixed", imu, g.imu)]
+    parts += [e("link", name=imu), joint("imu_joint", "fixed", imu, g.imu)]
     for wheel, place in wheel_places(robot).items():
         name = f"{joints[wheel].removesuffix('_joint')}_link"
-        parts.append(link(name, m.wheel, (0.0, 0.0, 0.0), (across, spin, across), tyre))
-        parts.append(joint(joints[wheel], "continuous", name, place, '\n    <axis xyz="0 1 0"/>'))
-    return f'<robot name="{robot.name}">{"".join(parts)}\n</robot>'
+        parts.append(link(name, m.wheel, (0.0, 0.0, 0.0), _wheel_moments(robot), *tyre))
+        parts.append(joint(joints[wheel], "continuous", name, place, e("axis", xyz="0 1 0")))
+    return e("robot", *parts, name=robot.name)
 
 
 def sdf_text(robot: Robot) -> str:
@@ -77,49 +71,31 @@ def sdf_text(robot: Robot) -> str:
     Tyres are cylinders with the robot's friction in both directions and without `fdir1`. A joint's effort is limited to half
     of what a side's motors give. SDF has no word for belts, rotors and speed loops: those are left out.
     """
-    g, m, mu = robot.geometry, robot.masses, robot.simulation.friction
-    across, spin = m.wheel_inertia
+    g, m, mu, e = robot.geometry, robot.masses, repr(robot.simulation.friction), _element
     torque = robot.drive.torque_limit
-    effort = f"<effort>{0.5 * torque!r}</effort>" if math.isfinite(torque) else ""
+    effort = [e("effort", repr(0.5 * torque))] if math.isfinite(torque) else []
 
     def link(
-        name: str, pose: str, mass: float, com: Iterable[float], moments: Iterable[float], shape: str, surface: str
+        name: str, pose: str, mass: float, com: Iterable[float], moments: Iterable[float], shape: str, surface: str = ""
     ) -> str:
-        ixx, iyy, izz = map(repr, moments)
-        return f"""
-    <link name="{name}">{pose}
-      <inertial>
-        <pose>{_row(com)} 0 0 0</pose>
-        <mass>{mass!r}</mass>
-        <inertia><ixx>{ixx}</ixx><iyy>{iyy}</iyy><izz>{izz}</izz></inertia>
-      </inertial>
-      <visual name="{name}_visual">{shape}</visual>
-      <collision name="{name}_collision">{shape}{surface}</collision>
-    </link>"""
+        inertia = [e(key, repr(value)) for key, value in zip(("ixx", "iyy", "izz"), moments, strict=True)]
+        inertial = e("inertial", e("pose", f"{_row(com)} 0 0 0"), e("mass", repr(mass)), e("inertia", *inertia))
+        seen, hit = e("visual", shape, name=f"{name}_visual"), e("collision", shape, surface, name=f"{name}_collision")
+        return e("link", pose, inertial, seen, hit, name=name)
 
-    hull = f"<pose>{_row(g.body_centre)} 0 0 0</pose><geometry><box><size>{_row(g.body_size)}</size></box></geometry>"
-    tyre = f"<cylinder><radius>{g.wheel_radius!r}</radius><length>{g.wheel_width!r}</length></cylinder>"
-    tyre = f"<pose>0 0 0 {_row(_LYING)}</pose><geometry>{tyre}</geometry>"
-    grip = f"<surface><friction><ode><mu>{mu!r}</mu><mu2>{mu!r}</mu2></ode></friction></surface>"
-    wheels = ""
+    hull = e("pose", f"{_row(g.body_centre)} 0 0 0") + e("geometry", e("box", e("size", _row(g.body_size))))
+    drum = e("cylinder", e("radius", repr(g.wheel_radius)), e("length", repr(g.wheel_width)))
+    tyre = e("pose", f"0 0 0 {_row(_LYING)}") + e("geometry", drum)
+    grip = e("surface", e("friction", e("ode", e("mu", mu), e("mu2", mu))))
+    endless = e("limit", e("lower", repr(-_ENDLESS)), e("upper", repr(_ENDLESS)), *effort)
+    parts = [e("pose", f"0 0 {g.base_height!r} 0 0 0"), link("base_link", "", robot.base_mass, m.com, m.inertia, hull)]
+    parts.append(e("frame", e("pose", f"{_row(g.imu)} 0 0 0"), name="imu_link", attached_to="base_link"))
     for wheel, place in wheel_places(robot).items():
-        pose, name = f'<pose relative_to="base_link">{_row(place)} 0 0 0</pose>', f"{wheel}_wheel_link"
-        wheels += link(name, pose, m.wheel, (0.0, 0.0, 0.0), (across, spin, across), tyre, grip)
-        wheels += f"""
-    <joint name="{wheel}_wheel_joint" type="revolute">
-      <parent>base_link</parent>
-      <child>{wheel}_wheel_link</child>
-      <axis>
-        <xyz>0 1 0</xyz>
-        <limit><lower>{-_ENDLESS!r}</lower><upper>{_ENDLESS!r}</upper>{effort}</limit>
-      </axis>
-    </joint>"""
-    return f"""<sdf version="1.7">
-  <model name="{robot.name}">
-    <pose>0 0 {g.base_height!r} 0 0 0</pose>{link("base_link", "", robot.base_mass, m.com, m.inertia, hull, "")}
-    <frame name="imu_link" attached_to="base_link"><pose>{_row(g.imu)} 0 0 0</pose></frame>{wheels}
-  </model>
-</sdf>"""
+        pose, name = e("pose", f"{_row(place)} 0 0 0", relative_to="base_link"), f"{wheel}_wheel_link"
+        parts.append(link(name, pose, m.wheel, (0.0, 0.0, 0.0), _wheel_moments(robot), tyre, grip))
+        ends = e("parent", "base_link"), e("child", name), e("axis", e("xyz", "0 1 0"), endless)
+        parts.append(e("joint", *ends, name=f"{wheel}_wheel_joint", type="revolute"))
+    return e("sdf", e("model", *parts, name=robot.name), version="1.7")
 
 
 def mjcf_text(calibration: Calibration, drive: Drive) -> str:
@@ -181,6 +157,11 @@ def wheel_places(robot: Robot) -> dict[str, tuple[float, float, float]]:
     g = robot.geometry
     x, y = 0.5 * g.wheelbase, 0.5 * g.track
     return {w: (x if "front" in w else -x, y if "left" in w else -y, g.axle_height) for w in WHEELS}
+
+
+def _wheel_moments(robot: Robot) -> tuple[float, float, float]:
+    across, spin = robot.masses.wheel_inertia
+    return across, spin, across
 
 
 def _row(numbers: Iterable[float]) -> str:

@@ -9,7 +9,6 @@ import re
 import textwrap
 import xml.etree.ElementTree as ElementTree  # nosec B405 # of texts that declare no entities
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,20 +22,18 @@ from ssmr.types import FloatArray
 from validation import store
 from validation.files import reading
 from validation.simulator import guarded
-from validation.simulator.checking import is_smaller_than_a_wheel, spot_turn
+from validation.simulator.checking import spot_turn
 from validation.simulator.description import SCHEMA, SECTIONS, WHEELS, Robot, RobotError, parse_robot, shipped_robots
 from validation.words import one_line
 
 _ROOT = "ssmr_world"
-"""Name of a link that the robot stands on: MuJoCo merges the first link of all with the world."""
+"""Name of a link that the robot stands on, and of its joint: MuJoCo merges the first link of all with the world."""
 _LEAST_MASS = 1e-9
-"""Mass that MuJoCo gives to links without one [kg], so that it takes them."""
+"""Mass that MuJoCo gives to bodies without one [kg], so that it takes them."""
 _PARALLEL, _UPRIGHT = 0.985, 0.9
 """Least share of y in the axis of a wheel (ten degrees), and of z in that of a joint that steers [1]."""
 _ASKEW = 0.05
 """Greatest distance of a wheel from the corner of a rectangle, over its shorter side [1]."""
-_MOTORS = ("transmission", "ros2_control")
-"""Elements of a URDF that say which joints have motors."""
 _SIDEWAYS_WORDS = re.compile(r"mecanum|omni_?wheel|swedish")
 SURE_FRICTION = 1.0
 """Friction of ground on which motors whose torque nobody knows are taken to turn the robot on the spot [1]."""
@@ -60,8 +57,7 @@ class Entry(NamedTuple):
     source: str  # `GRADE: where it is from`
 
 
-@dataclass(frozen=True, eq=False)
-class RobotDraft:
+class RobotDraft(NamedTuple):
     """A new robot's file, before it is written."""
 
     robot: Robot
@@ -70,20 +66,6 @@ class RobotDraft:
     """What the file says."""
     remarks: Sequence[str]
     """What was estimated or guessed, and what to do next."""
-
-    def save(self, path: str | Path) -> Path:
-        """Write the file, whole or not at all; return its path.
-
-        Raises:
-            ValueError: there is something of that name already.
-            OSError: the file cannot be written.
-        """
-        target = Path(path)
-        if target.exists() or target.is_symlink():
-            raise ValueError(f"{path}: there is such a file already, and it is not overwritten; name another")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        store.write_text(target, self.text)
-        return target
 
 
 def unit_of_key(key: str) -> str:
@@ -168,7 +150,7 @@ def import_robot(
         raise RobotError(str(error)) from error
     try:
         root = _parsed(text)
-        work = _Import(one_line(Path(path).name), *_compiled(root), _motorised(root))
+        work = _Import(one_line(Path(path).name), _readable(root))
         work.say_wheels(wheel_radius, wheel_width)
         work.say_masses()
         work.say_hull()
@@ -194,9 +176,9 @@ def _parsed(text: str) -> ElementTree.Element:
     return root
 
 
-def _plain(root: ElementTree.Element) -> tuple[list[ElementTree.Element], list[ElementTree.Element]]:
-    """Return links and joints as MuJoCo takes them: without looks, meshes and half an inertia; only wheels can turn."""
-    links, joints = root.findall("link"), root.findall("joint")
+def _plain_links(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """Return links as MuJoCo takes them: without looks, meshes and half an inertia."""
+    links = root.findall("link")
     for link in links:
         for part in (*link.findall("visual"), *link.findall("collision")):
             if part.tag == "visual" or part.find(".//mesh") is not None:
@@ -206,36 +188,35 @@ def _plain(root: ElementTree.Element) -> tuple[list[ElementTree.Element], list[E
                 link.remove(inertial)
         for tensor in link.iter("inertia"):
             tensor.attrib |= dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0") | tensor.attrib
+    return links
+
+
+def _plain_joints(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """Return joints of which continuous ones alone have no limits; what is no hinge is taken where it stands at zero."""
+    joints = root.findall("joint")
     for joint in joints:
-        if joint.get("type") not in ("continuous", "revolute"):
-            joint.set("type", "fixed")  # what moves in other ways than a wheel is taken where it stands at zero
-    return links, joints
+        if joint.get("type") == "continuous":
+            for limit in joint.findall("limit"):  # of torque and speed; MuJoCo would take it for one of the angle
+                joint.remove(limit)
+        elif joint.get("type") != "revolute":
+            joint.set("type", "fixed")
+    return joints
 
 
-def _motorised(root: ElementTree.Element) -> frozenset[str]:
-    """Return the names of the joints that have a transmission or a command interface of ros2_control."""
-    joints = [(owner.tag, joint) for owner in root for joint in owner.iter("joint") if owner.tag in _MOTORS]
-    return frozenset(
-        joint.get("name", "")
-        for tag, joint in joints
-        if tag == "transmission" or joint.find("command_interface") is not None
-    )
+def _readable(root: ElementTree.Element) -> mujoco.MjSpec:
+    """Return what MuJoCo reads of the links and joints of a URDF; the tree's links lose what it shall not see.
 
-
-def _compiled(root: ElementTree.Element) -> tuple[mujoco.MjModel, Mapping[str, str]]:
-    """Return what MuJoCo makes of the links and joints of a URDF, and the types of the joints by name.
-
-    Moments of inertia that no body has become their mean about every axis. The tree's links lose what MuJoCo shall not see.
+    Moments of inertia that no body has become their mean about every axis.
 
     Raises:
         ValueError: MuJoCo cannot read it.
     """
-    links, joints = _plain(root)
+    links, joints = _plain_links(root), _plain_joints(root)
     carried = {child.get("link") for joint in joints for child in joint.findall("child")}
     first = [link.get("name", "") for link in links if link.get("name") not in carried]
     if len(first) != 1:
         raise ValueError(f"links and joints are no tree: {len(first)} links hang on nothing, wanted one")
-    standing = ElementTree.Element("joint", name=_ROOT, type="fixed")
+    standing = ElementTree.Element("joint", name=_ROOT, type="prismatic")  # what cannot move would be merged with the world
     ElementTree.SubElement(standing, "parent", link=_ROOT)
     ElementTree.SubElement(standing, "child", link=first[0])
     plain = ElementTree.Element("robot", name="robot")
@@ -249,63 +230,64 @@ def _compiled(root: ElementTree.Element) -> tuple[mujoco.MjModel, Mapping[str, s
         guarded.require_readable(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"MuJoCo cannot read this URDF: {one_line(error)}") from error
-    return mujoco.MjModel.from_xml_string(text), {joint.get("name", ""): joint.get("type", "") for joint in joints}
+    return mujoco.MjSpec.from_string(text)
 
 
 class _Import:
-    """An import under way. Places are in the frame of the first link [m]."""
+    """An import under way: all that is no wheel is one body to MuJoCo. Places are in the frame of the first link [m]."""
 
-    def __init__(self, file: str, model: mujoco.MjModel, kinds: Mapping[str, str], motorised: frozenset[str]) -> None:
-        """Compute where everything is, and find the four wheels.
+    def __init__(self, file: str, spec: mujoco.MjSpec) -> None:
+        """Find the four wheels, and compute where everything is.
 
         Raises:
             ValueError: there are not four, they do not stand at the corners of a rectangle, or one can be steered.
         """
-        self.file, self.model, self.kinds = file, model, kinds
-        self.guesses, self.entries, self.motorised = list[str](), list[Entry](), motorised
-        self.data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, self.data)
-        wheels = self._corners(self._four_joints())
-        owner: dict[int, int | None] = {0: None}  # the wheel that each body belongs to; parents come first
-        for body in range(1, model.nbody):
-            owner[body] = body if body in wheels else owner[int(model.body_parentid[body])]
-        self.parts = [[body for body in owner if owner[body] == wheel] for wheel in wheels]
-        self.base = [body for body in owner if owner[body] is None]
+        self.file, self.guesses, self.entries = file, list[str](), list[Entry]()
+        self._compile(spec)
+        wheels = [self.model.joint(j).name for j in self._four_joints()]
+        named = spec.body("base_link")
+        level = 0.0 if named is None else float(self.data.xpos[named.id, 2])
+        for joint in list(spec.joints):
+            if joint.name not in (_ROOT, *wheels):
+                spec.delete(joint)
+        spec.compiler.fusestatic = True
+        self._compile(spec)
+        self.wheels = self._corners([self.model.joint(name).id for name in wheels], level)
+        self.base = int(self.model.joint(_ROOT).bodyid[0])
+
+    def _compile(self, spec: mujoco.MjSpec) -> None:
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, self.data)
 
     def _four_joints(self) -> list[int]:
         """Return the joints of four wheels."""
         model, axes = self.model, self.data.xaxis
-        four = [
-            j for j in range(model.njnt)
-            if self.kinds[model.joint(j).name] == "continuous" and abs(axes[j, 1]) > _PARALLEL
-        ]  # fmt: skip
+        four = [j for j in range(model.njnt) if not model.jnt_limited[j] and abs(axes[j, 1]) > _PARALLEL]
         if len(four) != 4:
             raise ValueError(
                 f"it has {len(four)} joints that look like wheels, and a skid-steering robot has four, continuous and about "
                 f"the y axis: {self._names(four)}"
             )
         for j in four:
-            if steering := [up for up in self._above(model.jnt_bodyid[j]) if abs(axes[up, 2]) > _UPRIGHT]:
-                raise ValueError(
-                    f"wheel '{self._names([j])}' can be steered by joint '{self._names(steering)}'; the wheels of a "
-                    "skid-steering robot cannot"
-                )
+            body = model.jnt_bodyid[j]
+            while body := model.body_parentid[body]:
+                up = model.body_jntadr[body]
+                if up >= 0 and abs(axes[up, 2]) > _UPRIGHT:
+                    raise ValueError(
+                        f"wheel '{self._names([j])}' can be steered by joint '{self._names([up])}'; the wheels of a "
+                        "skid-steering robot cannot"
+                    )
         return four
-
-    def _above(self, body: int) -> list[int]:
-        model, found = self.model, list[int]()
-        while body := int(model.body_parentid[body]):
-            found += range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
-        return found
 
     def _names(self, joints: Iterable[int]) -> str:
         names = [one_line(self.model.joint(j).name) for j in joints]
         return ", ".join(names[:8]) + (", …" if len(names) > 8 else "") or "none"
 
-    def _corners(self, joints: Sequence[int]) -> list[int]:
+    def _corners(self, joints: Sequence[int], level: float) -> list[int]:
         """Return the wheels' bodies in the order of `WHEELS`, and say wheelbase and track.
 
-        The base frame lies midway between the axles, at the height of base_link.
+        The base frame lies midway between the axles, at the height of base_link, `level`.
         """
         model, places = self.model, self.data.xanchor[list(joints)]
         ahead, aside, _ = (places - places.mean(axis=0)).T
@@ -327,15 +309,11 @@ class _Import:
         where = f"joints {self._names(joints[k] for k in order)}"
         self.read("geometry.wheelbase", wheelbase, where)
         self.read("geometry.track", track, where)
-        level = next((body.xpos[2] for body in map(self.data.body, range(model.nbody)) if body.name == "base_link"), 0.0)
         middle = places.mean(axis=0)
         self.origin = np.array([*middle[:2], level])
         self.read("geometry.axle_height", float(middle[2] - level), "the same joints above base_link")
-        if all(model.joint(j).name in self.motorised for j in joints):
-            self.entries.append(Entry("geometry.link", "none", f"published: {self.file}, a motor for each of the {where}"))
-        else:
-            self.entries.append(Entry("geometry.link", "belt", "assumed: a URDF does not say it"))
-            self.guesses.append("guessed geometry.link: belt, the wheels of a side turn together")
+        self.entries.append(Entry("geometry.link", "belt", "assumed: a URDF does not say it"))
+        self.guesses.append("guessed geometry.link: belt, the wheels of a side turn together")
         return [int(model.jnt_bodyid[joints[k]]) for k in order]
 
     def read(self, key: str, value: float | FloatArray, where: str) -> None:
@@ -350,8 +328,8 @@ class _Import:
             ValueError: neither.
         """
         model, found = self.model, []
-        for bodies in self.parts:
-            drums = [g for g in range(model.ngeom) if model.geom_bodyid[g] in bodies]
+        for wheel in self.wheels:
+            drums = [g for g in range(model.ngeom) if model.geom_bodyid[g] == wheel]
             drums = [g for g in drums if model.geom_type[g] == mjtGeom.mjGEOM_CYLINDER]
             drums = [g for g in drums if abs(self.data.geom_xmat[g].reshape(3, 3)[1, 2]) > _PARALLEL]
             found += [model.geom_size[g] for g in sorted(drums, key=lambda g: -float(model.geom_size[g, 0]))[:1]]
@@ -363,20 +341,10 @@ class _Import:
             else:
                 raise ValueError("its tyres are no cylinders: measure them, and give --wheel-radius and --wheel-width")
 
-    def _lumped(self, bodies: Sequence[int]) -> tuple[float, FloatArray, FloatArray]:
-        """Return mass, centre of mass in the base frame, and inertia about it, of several bodies together."""
-        model, data = self.model, self.data
-        heavy = [b for b in bodies if model.body_mass[b] > 2.0 * _LEAST_MASS]
-        mass = float(model.body_mass[heavy].sum())
-        if mass == 0.0:
-            return 0.0, np.zeros(3), np.zeros((3, 3))
-        com = model.body_mass[heavy] @ data.xipos[heavy] / mass
-        tensor = np.zeros((3, 3))
-        for b in heavy:
-            away, turn = data.xipos[b] - com, data.ximat[b].reshape(3, 3)
-            tensor += turn @ np.diag(model.body_inertia[b]) @ turn.T
-            tensor += model.body_mass[b] * (away @ away * np.eye(3) - np.outer(away, away))
-        return mass, com - self.origin, tensor
+    def _tensor(self, body: int) -> FloatArray:
+        """Return the (3, 3) inertia of a body about its centre of mass, along the axes of the first link [kg m2]."""
+        turn = self.data.ximat[body].reshape(3, 3)
+        return np.asarray(turn @ np.diag(self.model.body_inertia[body]) @ turn.T)
 
     def say_masses(self) -> None:
         """Say masses, centre of mass and moments of inertia.
@@ -384,20 +352,20 @@ class _Import:
         Raises:
             ValueError: the body has no mass.
         """
-        mass, com, tensor = self._lumped(self.base)
-        if mass <= 0.0:
+        masses, tensor = self.model.body_mass, self._tensor(self.base)
+        if masses[self.base] <= 2.0 * _LEAST_MASS:
             raise ValueError("its body has no mass: a URDF for pictures only; use `new` with the mass of the robot")
-        lumps = [self._lumped(bodies) for bodies in self.parts]
-        each = [lump[0] for lump in lumps]
-        wheel, moments = float(np.mean(each)), np.mean([np.diag(lump[2]) for lump in lumps], axis=0)
-        self.read("mass.total", mass + sum(each), "sum of all masses; weigh it: files leave out batteries and computers")
-        if wheel > 0.0:
+        wheel = float(masses[self.wheels].mean())
+        moments = np.mean([np.diag(self._tensor(body)) for body in self.wheels], axis=0)
+        whole = float(masses.sum())
+        self.read("mass.total", whole, "sum of all masses; weigh it: files leave out batteries and computers")
+        if wheel > 2.0 * _LEAST_MASS:
             self.read("mass.wheel", wheel, "mean of the four wheels")
             across = 0.5 * (moments[0] + moments[2])
             self.read("mass.wheel_inertia", np.array([across, moments[1]]), "mean of the four wheels")
         else:
             self.guesses.append("the wheels have no mass; it is estimated")
-        self.read("mass.com", com, "everything but the wheels together")
+        self.read("mass.com", self.data.xipos[self.base] - self.origin, "everything but the wheels together")
         self.read("mass.inertia", np.diag(tensor), "everything but the wheels about its common centre")
         products = float(np.abs(tensor - np.diag(np.diag(tensor))).max())
         if products > 0.02 * np.diag(tensor).max():
@@ -408,19 +376,18 @@ class _Import:
         model, signs = self.model, np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
         corners = [
             self.data.geom_xpos[g] + self.data.geom_xmat[g].reshape(3, 3) @ (aabb[:3] + sign * aabb[3:]) - self.origin
-            for g, aabb in enumerate(model.geom_aabb.reshape(-1, 6)) if model.geom_bodyid[g] in self.base for sign in signs
+            for g, aabb in enumerate(model.geom_aabb.reshape(-1, 6)) if model.geom_bodyid[g] == self.base for sign in signs
         ]  # fmt: skip
-        if not corners:
-            self.guesses.append("the hull is estimated: the body has no plain shapes; say body_size and body_centre")
-            return
-        low, high = np.min(corners, axis=0), np.max(corners, axis=0)
+        low, high = (np.min(corners, axis=0), np.max(corners, axis=0)) if corners else (np.zeros(3), np.zeros(3))
         known: dict[str, Any] = {entry.key: entry.value for entry in self.entries}
-        if is_smaller_than_a_wheel(high - low, known["geometry.wheel_radius"], known["geometry.wheel_width"]):
-            box = " x ".join(f"{length:.3g}" for length in high - low)
-            self.guesses.append(f"the hull is estimated: the body's plain shapes fill {box} m, less than a wheel")
-        else:
-            self.read("geometry.body_size", high - low, "box around the body's plain shapes")
-            self.read("geometry.body_centre", 0.5 * (high + low), "box around the body's plain shapes")
+        radius, width = known["geometry.wheel_radius"], known["geometry.wheel_width"]
+        if np.any(high - low < (2.0 * radius, width, 0.2 * radius)):  # an antenna, say
+            self.guesses.append(
+                "the hull is estimated: the body's plain shapes fill less than a wheel; say body_size and body_centre"
+            )
+            return
+        self.read("geometry.body_size", high - low, "box around the body's plain shapes")
+        self.read("geometry.body_centre", 0.5 * (high + low), "box around the body's plain shapes")
 
     def finished(self, name: str) -> RobotDraft:
         """Return the file."""

@@ -32,11 +32,9 @@ class Budget(NamedTuple):
     """Draws of noise and disturbance for each row."""
     repeats: int = 25
     """Runs of a simulation that is timed."""
-    starts: int = 16
-    """Starts of each run in ODE."""
 
 
-QUICK = Budget((20, 25), (20, 12), 1, 2, 7, 1)
+QUICK = Budget((20, 25), (20, 12), 1, 2, 7)
 """Reduced budgets, which take under three minutes."""
 
 

@@ -202,11 +202,11 @@ def test_public_functions_say_what_they_do() -> None:
 
 PRICES = {
     "ssmr": (8_526, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
-    "validation/cli": (842, "options, help, exit status, progress of every program"),
+    "validation/cli": (857, "options, help, exit status, progress of every program"),
     "validation/engines": (920, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (679, "reinforcement learning on the robot: Gymnasium and dm_control"),
-    "validation/files": (2_409, "any log is read as one form, its faults are found, and it is written in any format"),
+    "validation/files": (2_446, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (780, "every plant declared once, and profiles"),
     "validation/replicate": (1_095, "the thesis beside us, row by row"),
     "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),
@@ -215,11 +215,11 @@ PRICES = {
     "validation/study": (1_989, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (296, "the thesis' numbers"),
     "validation/bench": (
-        1_465,
+        1_472,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_512,
+        2_531,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

@@ -187,3 +187,27 @@ def test_a_cut_keeps_both_ends_and_moves_no_gap() -> None:
     for start, stop in ((8.0, None), (None, -1.0), (3.0, 1.0), (2.0, 3.0), (math.nan, None)):
         with pytest.raises(FileError, match=r"nothing was logged in .*; there is drive\.csv 0 to 7 s"):
             log.cut(start, stop)
+
+
+def test_columns_with_other_names_and_units_are_read_as_ours(tmp_path: Path) -> None:
+    ours, theirs = tmp_path / "ours.csv", tmp_path / "theirs.csv"
+    t = 0.05 * np.arange(60)
+    columns = {"t": t, "x": 0.5 * t, "y": 0.1 * t, "yaw": 0.2 * t, "enc_left": 3.0 + t, "cmd_v": 0.5 + 0.0 * t}
+    write_csv(columns, ours)
+    factors = {"t": 1e3, "x": 1e3, "y": 1.0, "yaw": 180.0 / np.pi, "enc_left": 0.15, "cmd_v": 3.6}
+    names = {"t": "stamp", "x": "pos_x", "y": "pos_y", "yaw": "heading", "enc_left": "wl", "cmd_v": "v"}
+    rows = np.column_stack([columns[name] * factors[name] for name in names])
+    np.savetxt(theirs, rows, delimiter=",", header=",".join(names.values()), comments="", fmt="%.12g")
+    read = {"t": ("stamp", "ms"), "x": ("pos_x", "mm"), "y": ("pos_y", ""), "yaw": ("heading", "deg"),
+            "enc_left": ("wl", "m/s"), "cmd_v": ("v", "km/h")}  # fmt: skip
+    wanted, found = read_csv(ours), read_csv(theirs, ReadOptions(columns=read, radius=0.15))
+    assert set(found.columns) == set(wanted.columns)
+    for name, values in wanted.columns.items():
+        assert np.allclose(found.columns[name], values, rtol=1e-9, atol=1e-9), name
+    for wrong, message in (
+        ({"x": ("lost", "")}, "no column 'lost'"),
+        ({"yaw": ("heading", "km/h")}, "yaw cannot be in 'km/h'; its units are rad, deg"),
+        ({"enc_left": ("wl", "m/s")}, "needs the radius of the wheels"),
+    ):  # fmt: skip
+        with pytest.raises(FileError, match=message):
+            read_csv(theirs, ReadOptions(columns={"t": ("stamp", "ms"), **wrong}))

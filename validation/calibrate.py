@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -16,12 +16,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ssmr.types import CommandKind
 from validation import cli, store
 from validation.bench.sources import open_source, stranger_sentences
 from validation.files.agreement import LogFault
 from validation.files.faults import Faults, find_faults
 from validation.files.formats import log_path, profile_of_log, read_log
-from validation.files.log import COMMAND_COLUMNS, Log
+from validation.files.log import COMMAND_COLUMNS, Log, ReadOptions
 from validation.fit import Fitted, Scored, fit
 from validation.identify.targets import Input
 from validation.plants.kind import SEEN
@@ -58,6 +59,7 @@ class Calibrate(cli.Common):
     """Plants to calibrate, separated by commas; kinematic is always among them."""
     held_out: Annotated[str | Path | None, cli.option(metavar="LOG", default="the last third of the log")] = None
     """Log to judge on; then the first one is fitted as a whole."""
+    columns: cli.Columns = field(default_factory=dict)
     trust: cli.Flag = False
     """Fit even where columns seem to have a wrong sign, place, unit or frame."""
 
@@ -131,14 +133,17 @@ def calibrate(o: Calibrate) -> Calibrated:
     """
     if unknown := [name for name in o.plants if name not in PLANTS]:
         raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")
-    log, name = read_log(log_path(o.log)), str(o.log)
+    name = str(o.log)
     profile = choose_profile(o.profile, o.robot, profile_of_log(name))
-    faults = find_faults(log, profile.robot.geometry.wheel_radius)
+    read = ReadOptions(columns=o.columns, radius=profile.robot.geometry.wheel_radius)
+    log = read_log(log_path(o.log), read)
+    faults = find_faults(log, read.radius)
     inputs, notes = _inputs(o, log, faults)
     t = log.on_one_clock().t
     until = None if o.held_out is not None else float(t[0] + TRAINED * (t[-1] - t[0]))
     if o.profile is None and o.robot is None:
-        notes += stranger_sentences(open_source(name, "wheels" if inputs[0] == "wheels" else "twist"), profile.robot)
+        kind: CommandKind = "wheels" if inputs[0] == "wheels" else "twist"
+        notes += stranger_sentences(open_source(name, kind, options=read), profile.robot)
     sources = logging.getLogger("validation.bench.sources")
     sources.disabled = True  # what is wrong with a log is said once, in the notes
     try:
@@ -164,7 +169,7 @@ def _fits(o: Calibrate, profile: Profile, inputs: Sequence[Input], until: float 
 
         done = fit(
             plant, str(o.log), profile, input=kind, until=until, held_out=(str(o.held_out or o.log),),
-            seed=o.seed, workers=o.workers, progress=show, **settings,
+            seed=o.seed, workers=o.workers, progress=show, columns=o.columns, **settings,
         )  # fmt: skip
         if not (done.held_out and done.held_out[0].windows):
             raise ValueError(f"{o.log}: nothing is left to judge on; name another log with --held-out")

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,6 +16,7 @@ import tyro
 
 from ssmr.metrics.declared import Metrics, compare_pieces, compare_signals
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
+from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, Plant, State, Trajectory
 from validation import cli
 from validation.bench.sources import (
@@ -33,6 +34,7 @@ from validation.bench.sources import (
 from validation.bench.user_law import UserMetric, add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
+from validation.files.log import ReadOptions
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants
 from validation.progress import Progress
@@ -84,6 +86,7 @@ class Compare(cli.Filmed):
     """Leave out what was recorded before this time [s]."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     """Leave out what was recorded after this time [s]."""
+    columns: cli.Columns = field(default_factory=dict)
     limits: cli.Limits = USUAL
     bands: cli.Flag = False
     """Draw where each plant says that the robot will be with 90 %, and count how often it is there."""
@@ -273,15 +276,18 @@ def prepare(o: Compare) -> PreparedComparison:
         ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
     """
     source = o.source
+    name = source.name if isinstance(source, Source) else str(source)
+    recorded = name.partition("@")[0] not in TRAJECTORIES
+    usual = profile_of_log(name) if recorded else "thesis-lab"
+    profile = choose_profile(o.profile, o.robot, usual)
+    radius = profile.robot.geometry.wheel_radius if o.profile is not None or o.robot is not None else None
     if not isinstance(source, Source):
         kind: Literal["twist", "wheels"] = "wheels" if o.input == "wheels" else "twist"
-        source = open_source(str(source), kind, o.start, o.until, o.limits)
+        source = open_source(name, kind, o.start, o.until, ReadOptions({}, o.limits, o.columns, radius))
     elif o.start is not None or o.until is not None:
         raise ValueError("start and until cut a recording that is given by its path; cut yours before")
     own = add_user_model(o.own_model)
     reference = o.reference or source.reference
-    usual = profile_of_log(source.name) if source.reference == RECORDING else "thesis-lab"
-    profile = choose_profile(o.profile, o.robot, usual)
     plants = PLANTS if tuple(o.plants) == ("all",) else o.plants or USUAL_PLANTS
     wanted = {*plants, *own, reference} - ({RECORDING} if source.reference == RECORDING else set())
     if unknown := sorted(wanted - set(known_plants())):

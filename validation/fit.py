@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Container, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -35,6 +35,7 @@ from validation.bench.sources import (
 from validation.bench.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
+from validation.files.log import ReadOptions
 from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure, with_errors
 from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.problem import FitProblem
@@ -102,6 +103,7 @@ class Fit(Searching):
     even_if_worse: cli.Flag = False
     """Write the fitted numbers to profile.toml even where their error on held-out sources is larger than before the fit."""
     own_model: cli.OwnModel = None
+    columns: cli.Columns = field(default_factory=dict)
     limits: cli.Limits = USUAL
     start: Annotated[
         Mapping[str, float] | None,
@@ -240,7 +242,9 @@ def fit(o: Fit) -> Fitted:
     space = make_space(o.model, [n for n in (usual if o.free is None else o.free) if n not in o.fix], o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
-    targets, held_out = open_targets(o.names, base, o.held_out, o.input, (o.start_at, o.until), o.limits)
+    known = o.profile is not None or o.robot is not None
+    read = ReadOptions({}, o.limits, o.columns, base.robot.geometry.wheel_radius if known else None)
+    targets, held_out = open_targets(o.names, base, o.held_out, o.input, (o.start_at, o.until), read)
     cost = FitCost(o.objective, tuple(o.horizons), o.yaw_weight, o.position_weight)
     problem = FitProblem(o.model, begun, space, targets, cost)
     _require_possible(problem, o.bounds)

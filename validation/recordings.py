@@ -45,13 +45,17 @@ class LogOptions(cli.Common):
     _: KW_ONLY
     topics: Annotated[cli.Topics, cli.option(default="guessed from the message types")] = field(default_factory=dict)
     """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
+    columns: cli.Columns = field(default_factory=dict)
     limits: cli.Limits = USUAL
     robot: cli.AnyRobot = None
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
 
     def opened(self) -> Log:
         """Return the log."""
-        return open_log(self.source, ReadOptions(self.topics, self.limits), self.profile, self.seed, robot=self.robot)
+        robot = self.robot if isinstance(self.robot, Robot | None) else load_robot(self.robot)
+        radius = None if robot is None else robot.geometry.wheel_radius
+        options = ReadOptions(self.topics, self.limits, self.columns, radius)
+        return open_log(self.source, options, self.profile, self.seed, robot=self.robot)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,8 +27,7 @@ from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, Plant, State, Trajectory
 from validation.files.faults import ASKS_FOR_MOTION, WHEELS_MEAN_S, WHEELS_TURN, find_faults
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
-from validation.files.limits import USUAL, LogLimits
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
+from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Log, ReadOptions
 from validation.files.reading import exists
 from validation.files.signals import TIME_ROUNDOFF, fresh_poses, moving_mean, refreshed
 from validation.plants.table import ALL_PLANTS, STANDARD
@@ -108,11 +107,16 @@ class Source:
 
 # ------------------------------------------------------------------------------------------ opening
 def open_source(
-    name: str, kind: CommandKind = "twist", start: float | None = None, stop: float | None = None, limits: LogLimits = USUAL
+    name: str,
+    kind: CommandKind = "twist",
+    start: float | None = None,
+    stop: float | None = None,
+    options: ReadOptions = PLAIN,
 ) -> Source:
     """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log (its path, or a shipped one) by its name.
 
-    `kind` says which of a log's inputs drives the plants; what was logged before `start` or after `stop` [s] is left out.
+    `kind` says which of a log's inputs drives the plants; what was logged before `start` or after `stop` [s] is left out;
+    `options` say how a log is read.
 
     Raises:
         ValueError: an unknown name, a log that cannot be read or lacks what is asked for.
@@ -131,24 +135,27 @@ def open_source(
     if not exists(path) and not is_log(path):
         others = f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
         raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, {others}")
-    log = read_log(path, ReadOptions(limits=limits)).on_one_clock().cut(start, stop)
+    log, limits = read_log(path, options).on_one_clock().cut(start, stop), options.limits
     periods = (float(log.t[-1]) - float(log.t[0])) / RECORDING_GRID
     if periods > limits.samples:
         raise ValueError(f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, but {limits.says('samples')}; cut it")
     span = "" if start is None and stop is None else f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
-    return source_of(log, name, kind, log.name + span)
+    return source_of(log, name, kind, log.name + span, options.radius)
 
 
-def source_of(log: Log, name: str, kind: CommandKind = "twist", title: str | None = None) -> Source:
+def source_of(
+    log: Log, name: str, kind: CommandKind = "twist", title: str | None = None, radius: float | None = None
+) -> Source:
     """Return a log on one clock as a motion to compare plants on; what is wrong with it is logged as a warning too.
 
     Where the log has no commands, the speeds of its odometry stand for them, and a warning says so. `name` is what the user
     gave it, `title` its name in sentences, the log's own if not given; `kind` says which of its inputs drives the plants.
+    `radius` is that of the wheels [m], where it is known.
 
     Raises:
         ValueError: it lacks the inputs or the pose.
     """
-    faults, names, sentences = find_faults(log), COMMAND_COLUMNS[kind], list[str]()
+    faults, names, sentences = find_faults(log, radius), COMMAND_COLUMNS[kind], list[str]()
     if kind == "twist" and not log.has(names) and log.has(("odom_v", "odom_w")):
         names = ("odom_v", "odom_w")
         sentences.append("no commands were recorded, so the odometry's speeds, odom_v and odom_w, drive the plants instead")

@@ -3,6 +3,7 @@
 from validation.cli.options import AnyProfile as AnyProfile
 from validation.cli.options import AnyRobot as AnyRobot
 from validation.cli.options import Bounds as Bounds
+from validation.cli.options import Columns as Columns
 from validation.cli.options import Count as Count
 from validation.cli.options import Flag as Flag
 from validation.cli.options import Ground as Ground

@@ -151,6 +151,11 @@ def _some(text: str) -> str:
     return text
 
 
+def _column(text: str) -> tuple[str, str]:
+    name, _, unit = _some(text).rpartition(":") if ":" in text else (text, "", "")
+    return name.strip(), unit.strip()
+
+
 def _whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
     def parse(text: str) -> int:
         try:
@@ -227,6 +232,15 @@ Limits = Annotated[
     ),
 ]
 """NAME=NUMBER,... as limits of a log that replace the usual ones."""
+Columns = Annotated[
+    Mapping[str, tuple[str, str]],
+    parsed(_pairs(_column, "NAME=COLUMN or NAME=COLUMN:UNIT such as yaw=heading:deg"), "NAME=COLUMN[:UNIT],...", ",".join),
+    option(
+        default="our names and units",
+        help="Columns of a CSV file with other names or units: x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s.",
+    ),
+]
+"""NAME=COLUMN:UNIT,... as a mapping to names in a file and units."""
 AnyRobot = Annotated[
     Robot | str | Path | None,
     text_of("ROBOT"),

@@ -8,7 +8,7 @@ import logging
 import math
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -124,7 +124,7 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     path, options = Path(path), options or ReadOptions()
     if options.topics:
         raise FileError(path, "topics names the topics of a bag; this is a CSV file, whose columns have names")
-    table = read_csv_table(path, options.limits)
+    table = _renamed(read_csv_table(path, options.limits), options)
     _check_names(table)
     columns: dict[str, FloatArray] = {}
     for place, name in enumerate(table.header):
@@ -146,6 +146,20 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     if time := find_time_fault(columns["t"], options.limits):
         raise FileError(path, time.what, table.lines[time.row], "t")
     return Log.of_columns(path, columns, options.limits)
+
+
+def _renamed(table: CsvTable, options: ReadOptions) -> CsvTable:
+    """Return a table whose columns have our names and units, where the options say which they have."""
+    header, columns = list(table.header), list(table.columns)
+    for name, (theirs, unit) in options.columns.items():
+        if theirs not in table.header:
+            raise FileError(table.path, f"there is no column {quoted([theirs])} among {quoted(table.header)}")
+        place = table.header.index(theirs)
+        try:
+            header[place], columns[place] = name, columns[place] * options.factor(name, unit)
+        except ValueError as error:
+            raise FileError(table.path, f"--columns: {error}") from error
+    return replace(table, header=header, columns=columns)
 
 
 def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogLimits) -> Log:

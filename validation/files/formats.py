@@ -102,6 +102,8 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     read = next((f.read for f in FORMATS if f.read is not None and f.recognises(path)), None)
     if read is None:
         raise FileError(path, f"this is no log by its ending; logs are {readable()}")
+    if options.columns and read is not read_csv:
+        raise FileError(path, "columns names those of a CSV file; a bag has topics")
     log = read(path, options)
     for group in log.groups.values():
         check_group(path, group, options.limits)

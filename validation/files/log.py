@@ -167,6 +167,27 @@ class ReadOptions:
     """Topic of each role (cmd, odom, wheels, imu, pose, gps), or `none`; roles that are not named are guessed."""
     limits: LogLimits = USUAL
     """Greatest sizes that a log may have."""
+    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """For columns of a CSV file that have other names or units, the name there and the unit, empty where it is ours."""
+    radius: float | None = None
+    """Radius of the wheels [m], which some units and faults need; None where nobody knows it."""
+
+    def factor(self, name: str, unit: str) -> float:
+        """Return the factor from a unit to that of a column; a ValueError says which units there are."""
+        wanted = "s" if name == "t" else column_of(name).unit
+        base, factor = UNITS.get(unit, (unit, 1.0))
+        if base == wanted or not unit:
+            return factor
+        if name in COMMAND_COLUMNS["wheels"] and base == "m/s":
+            if self.radius is None:
+                raise ValueError(f"{name} in {unit} needs the radius of the wheels; name the robot by --robot")
+            return factor / self.radius
+        known = ", ".join((wanted, *(u for u, (of, _) in UNITS.items() if of == wanted)))
+        raise ValueError(f"{name} cannot be in '{unit}'; its units are {known}")
+
+
+PLAIN = ReadOptions()
+"""Everything as usual."""
 
 
 @dataclass(frozen=True, eq=False)

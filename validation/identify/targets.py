@@ -11,7 +11,7 @@ from typing import Literal
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
 from validation.bench.sources import Source, drive, open_source
-from validation.files.limits import USUAL, LogLimits
+from validation.files.log import PLAIN, ReadOptions
 from validation.identify.objective import FitTarget
 from validation.plants.profile import Profile, make_plant
 
@@ -32,7 +32,7 @@ def open_targets(
     held_out: Sequence[str] = (),
     input: Input = "commands",
     span: Span = (None, None),
-    limits: LogLimits = USUAL,
+    options: ReadOptions = PLAIN,
 ) -> tuple[tuple[FitTarget, ...], tuple[FitTarget, ...]]:
     """Return the targets to fit to and those that are held out; a plant that drives scenarios is built once.
 
@@ -43,7 +43,7 @@ def open_targets(
             another; a recording that is also fitted to stands for its parts outside the span.
         input: what drives the plant along a recording.
         span: what is fitted to lies between these times of a recording [s]; None leaves out nothing.
-        limits: greatest sizes and numbers of a recording.
+        options: how recordings are read.
 
     Raises:
         ValueError: a source is missing, named twice, cannot be read, or lacks what is asked for.
@@ -58,7 +58,7 @@ def open_targets(
     truth_of = _truth(profile)
     train = []
     for name in names:
-        source = open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], limits)
+        source = open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], options)
         train.append(truth_of(source, name))
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
     judged = []
@@ -74,12 +74,12 @@ def open_targets(
             spans = [part for part in ((None, span[0]), (span[1], None)) if part != (None, None)]
             if not spans:
                 raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
-        judged.append(truth_of(_recorded(name, kind, spans, limits), name))
+        judged.append(truth_of(_recorded(name, kind, spans, options), name))
     return tuple(train), tuple(judged)
 
 
-def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], limits: LogLimits) -> Source:
-    parts = [open_source(name, kind, *span, limits) for span in spans]
+def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], options: ReadOptions) -> Source:
+    parts = [open_source(name, kind, *span, options) for span in spans]
     pieces = tuple(piece for part in parts for piece in part.pieces)
     warnings, title = tuple(w for part in parts for w in part.warnings), " and ".join(part.title for part in parts)
     return replace(parts[0], pieces=pieces, warnings=warnings, title=title)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, State
 from tests.conftest import installed_plant
 from validation.engines import ode_library
@@ -19,12 +20,39 @@ from validation.plants.table import SECOND_OPINIONS
 from validation.simulator.description import GRAVITY
 from validation.simulator.terrain import Terrain
 
+SPIN = Commands(0.05, np.tile([-4.0, 4.0], (80, 1)), "wheels")
+"""Four seconds of wheels that turn against each other at given rates."""
+
 
 def made(profile: Profile, name: str, body: Callable[[RigidNumbers], EngineBody], **changes: object) -> EnginePlant:
     installed_plant(profile, name)
     section = profile.section(name)
     calibration = replace(section.parameters, **changes)  # type: ignore[arg-type]
     return EnginePlant(name, body, calibration, section.drive)
+
+
+def multiplier(plant: EnginePlant) -> tuple[float, float]:
+    """Yaw rate that the wheels suggest over the body's in a turn on the spot, and the range of the latter over its mean."""
+    motion, c = plant.run(SPIN, State(), 0.01), plant.calibration
+    rate = motion.twist[motion.t > 1.0, 2]
+    return c.wheel_radius * 8.0 / (2.0 * c.half_track) / float(rate.mean()), float(np.ptp(rate) / rate.mean())
+
+
+def test_gazebo_s_cone_turns_as_a_cone_does(lab: Profile) -> None:
+    """Its bounds split Coulomb's friction by the slip's direction, whatever axes they refer to."""
+    settings = OdeSettings("gazebo_cone", "world", "quick", 50)
+    found, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, settings)))
+    expected = turn_on_the_spot(lab.robot.geometry.wheelbase, lab.robot.geometry.track).multiplier
+    assert found == pytest.approx(expected, rel=1e-2)
+    assert ripple < 1e-2
+
+
+def test_gazebo_s_box_bounds_friction_in_newtons(lab: Profile) -> None:
+    """Four contacts push with at most mu newtons each, so the robot gains no more than 4 mu t / m."""
+    plant = made(lab, "ode", lambda n: OdeBody(n, OdeSettings("gazebo_box", "world", "quick", 50)))
+    ahead = Commands(0.05, np.tile([4.0, 4.0], (40, 1)), "wheels")
+    speed = float(plant.run(ahead, State(), 0.01).twist[-1, 0])
+    assert speed == pytest.approx(4.0 * plant.calibration.friction * 2.0 / plant.calibration.mass, rel=1e-2)
 
 
 def test_load_transfer_speeds_the_robot_up_in_a_bend_whatever_the_step(lab: Profile) -> None:

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from ssmr.types import Trajectory
-from tests.conftest import exit_status
+from tests.conftest import exit_status, installed_plant
 from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller
+from validation.engines.body import EngineMissingError
 from validation.plants.profile import Profile
 from validation.progress import Progress, silent
-from validation.replicate import replicate
-from validation.replicate.chapters import QUICK, Section, Task, chosen_sections, template
+from validation.replicate import gazebo, replicate
+from validation.replicate.chapters import QUICK, Findings, Section, Task, chapter_of, chosen_sections, template
 from validation.replicate.control import (
     CONTROL_TABLES,
     GAIN_NAMES,
@@ -34,7 +35,7 @@ from validation.replicate.run import ALL_SECTIONS
 from validation.thesis import published
 from validation.thesis.verdicts import EVIDENCE, STATUSES
 
-PLACES = {f"Sec. {n}" for n in ("3.6", "4.3.3", "4.5, motors")} | {"Fig. 2.9", "Fig. 3.33"}
+PLACES = {f"Sec. {n}" for n in ("3.6", "3.7", "4.3.3", "4.5, motors")} | {"Fig. 2.9", "Fig. 3.33"}
 WANTED = PLACES | {*"3.4 3.8 3.9 3.11 3.12 3.14 3.15 4.4 4.21 4.37".split(), *CONTROL_TABLES}
 SMALL = Task(QUICK._replace(fit=(8, 3), draws=1, repeats=1), 1, 2, silent)
 
@@ -155,3 +156,45 @@ def test_the_supposed_path_has_its_rate_and_both_ends() -> None:
     assert (sampled.t[0], sampled.t[-1]) == (t[0], t[-1])
     assert np.all(np.diff(sampled.t[:-1]) >= 1.0 / PATH_RATE_HZ - 0.008)
     assert len(sampled.t) == pytest.approx(8.0 * PATH_RATE_HZ, abs=2)
+
+
+# ------------------------------------------------------------------------------------------------------------------- Gazebo
+
+
+def test_a_robot_that_turns_as_its_wheels_ask_never_drives_straight() -> None:
+    """Half of the hard turns without any yaw rate is half of them, and soft turns do not count."""
+    asked = np.array([1.0, 1.0, -1.0, -1.0, 0.1, 0.1])
+    wheels = np.column_stack([3.0 - asked, 3.0 + asked])
+    for share, kept in ((0.0, np.ones(6)), (0.5, np.array([1.0, 0.0, 1.0, 0.0, 0.0, 0.0]))):
+        twist = np.column_stack([np.ones(6), np.zeros(6), 0.4 * asked * kept])
+        motion = Trajectory(0.1 * np.arange(6), np.zeros((6, 3)), twist, wheels)
+        assert gazebo.straight_share(motion, 0.57 * asked) == pytest.approx(share)
+
+
+def test_sixteen_starts_differ_a_little_and_one_is_the_thesis_own() -> None:
+    assert gazebo.starts(1) == [(0.0, 0.001)]
+    yaw, step = np.array(gazebo.starts(16)).T
+    assert len({*yaw}) == len({*step}) == 16
+    assert (yaw.min(), yaw.max(), abs(yaw.sum())) == pytest.approx((-0.035, 0.035, 0.0), abs=1e-12)
+    assert np.abs(step - 0.001).max() < 0.0002
+    assert 0.05 / step == pytest.approx(np.round(0.05 / step))
+
+
+def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing() -> None:
+        raise EngineMissingError("install it")
+
+    monkeypatch.setattr(gazebo, "ode", missing)
+    found: Findings = section("gazebo").run(SMALL)
+    assert {row["straight_share"].obstacle for row in found.tables["Sec. 3.7"].values()} == {"install it"}
+    assert "install it" in "\n".join(chapter_of(section("gazebo"), found).markdown())
+
+
+@pytest.mark.slow
+def test_gazebo_s_pyramid_along_the_worlds_axes_is_as_fast_as_the_thesis_saw_and_never_turns(lab: Profile) -> None:
+    """What Sec. 3.7 says of its run needs turns too: the lost direction is a conjecture, see docs/why_drift.md."""
+    installed_plant(lab, "ode")
+    found = gazebo.driven_on_trajectory_3("pyramid", "world", gazebo.starts(1)[0])
+    assert 0.4 < found.excess < 0.5
+    assert found.turning_share < 0.01
+    assert found.opposite_share < 0.02

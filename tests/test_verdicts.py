@@ -83,17 +83,16 @@ def test_agreeing_in_distance_is_mutual(a: float, b: float) -> None:
 @pytest.mark.parametrize(
     ("share", "spread", "verdict"),
     [
-        (20.0, 0.0, "agrees"),
-        (80.0, 0.0, "agrees"),
-        (100.0, 5.0, "differs"),
+        (0.05, 0.0, "agrees"),
+        (0.8, 0.0, "agrees"),
+        (1.0, 0.05, "differs"),
         (0.0, 0.0, "differs"),
-        (100.0, 10.0, "not told apart"),
+        (1.0, 0.1, "not told apart"),
     ],
 )
 def test_words_have_two_sides(share: float, spread: float, verdict: str) -> None:
-    """A motor that is always at its limit is not "often" there."""
-    pair = Pair(None, share, "words", "%", spread)
-    assert judge("Sec. 4.5, motors", "improved, pid, 0.5 m/s", "time_at_limit_percent", pair, ()).status == verdict
+    """A robot that always drives straight does not drive straight "at some point"."""
+    assert judge("Sec. 3.7", "pyramid", "straight_share", Pair(None, share, "words", spread=spread), ()).status == verdict
 
 
 @given(POSITIVE, POSITIVE, st.floats(0.0, 10.0))

@@ -1,10 +1,13 @@
 """The robot in ODE, Gazebo's engine: bodies, hinges, belts and contacts with the friction law that is asked for.
 
 ODE bounds the two components of friction one by one, |f_1| <= mu N and |f_2| <= mu2 N: a square along a first direction,
-if both are equal. That is `pyramid`, Gazebo's default. The other law is not ODE's own: `cone` puts the first direction along
-the slip v and lets the second component give as a friction cone does, f_2 = -mu N v_2 / |v|, so that it is Coulomb's cone to
-first order of a step. With the exact solver it takes N from the step before, because dWorldStep bounds friction by the
-normal forces that there would be without friction, in which a part of the load transfer is missing.
+if both are equal. That is `pyramid`, Gazebo's default. Its two other friction models, as its solver has them
+(deps/opende/src/quickstep_pgs_lcp.cpp): `gazebo_cone` bounds the components by mu N |v_1| / |v| and mu2 N |v_2| / |v|, with
+the slip v at the start of the step; `gazebo_box` bounds them by mu and mu2 in newtons, whatever the load. The fourth law is
+neither ODE's nor Gazebo's: `cone` puts the first direction along the slip and lets the second component give as a friction
+cone does, f_2 = -mu N v_2 / |v|, so that it is Coulomb's cone to first order of a step. With the exact solver it takes N
+from the step before, because dWorldStep bounds friction by the normal forces that there would be without friction, in which
+a part of the load transfer is missing.
 
 Rotors turn with the wheels and their reaction reaches the base; their gyroscopic moments are left out.
 """
@@ -42,7 +45,7 @@ from validation.engines.ode_library import (
 )
 from validation.simulator.description import WHEELS
 
-FrictionLaw = Literal["cone", "pyramid"]
+FrictionLaw = Literal["cone", "pyramid", "gazebo_cone", "gazebo_box"]
 FrictionDirection = Literal["world", "wheel"]
 OdeSolver = Literal["exact", "quick"]
 _NO_SLIP = 1e-6
@@ -66,7 +69,7 @@ class OdeSettings:
     friction_law: FrictionLaw = "cone"
     """Law of friction, see above."""
     direction: FrictionDirection = "world"
-    """First direction of `pyramid`: the world's -y, which ODE takes itself, or one that is fixed in the wheel and
+    """First direction of all laws but `cone`: the world's -y, which ODE takes itself, or one that is fixed in the wheel and
     rolls with it, as Gazebo hands on `fdir1`."""
     solver: OdeSolver = "exact"
     """`exact` is dWorldStep, `quick` is dWorldQuickStep, successive over-relaxation in random order."""
@@ -84,6 +87,8 @@ class OdeSettings:
     """Depth that contacts are not pushed out of [m]."""
     max_correcting_velocity: float = math.inf
     """Greatest speed at which contacts are pushed out [m/s]."""
+    second_share: float = 1.0
+    """mu2 over mu [1]; 1 for `cone`."""
 
 
 GAZEBO = OdeSettings(
@@ -184,7 +189,8 @@ class OdeBody:
             if n.cylinders:
                 lib.dGeomSetOffsetQuaternion(tyre, Vector(math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0))
             self._tyres.append(tyre)
-        self._contact, self._found = Contact(mode=APPROX1 | MU2 | FDIR1), (ContactGeom * _MOST_CONTACTS)()
+        bounds = 0 if s.friction_law == "gazebo_box" else APPROX1  # without it, they are forces
+        self._contact, self._found = Contact(mode=bounds | MU2 | FDIR1), (ContactGeom * _MOST_CONTACTS)()
         if s.soft:
             self._contact.mode |= SOFT_ERP | SOFT_CFM
             damped = n.dt * kp + kd  # of a spring with a damper; Gazebo takes these formulas too
@@ -263,7 +269,7 @@ class OdeBody:
             if self._settings.friction_law == "cone":
                 self._along_slip(k, found[i], count)
             else:
-                self._along_axes(k)
+                self._along_axes(k, found[i])
             joint = lib.dJointCreateContact(self._world, self._contacts, ctypes.byref(contact))
             lib.dJointAttach(joint, self._wheels[k], None)
             lib.dJointSetFeedback(joint, ctypes.byref(self._feedback[k][i]))
@@ -275,15 +281,22 @@ class OdeBody:
         rx, ry, rz = at.pos[0] - px, at.pos[1] - py, at.pos[2] - pz
         return vx + sy * rz - sz * ry, vy + sz * rx - sx * rz, vz + sx * ry - sy * rx
 
-    def _along_axes(self, k: int) -> None:
+    def _along_axes(self, k: int, at: ContactGeom) -> None:
         """Put the first direction of a contact where the settings say, and bound both components."""
-        contact = self._contact
-        if self._settings.direction == "world":
+        s, contact = self._settings, self._contact
+        if s.direction == "world":
             x, y, z = 0.0, -1.0, 0.0
         else:
             x, y, z = self._turned[1 + k][0], self._turned[1 + k][4], self._turned[1 + k][8]
         contact.fdir1[0], contact.fdir1[1], contact.fdir1[2] = x, y, z
-        contact.mu = contact.mu2 = self._n.friction * _untied(k)
+        mu = self._n.friction * _untied(k)
+        contact.mu, contact.mu2 = mu, mu * s.second_share
+        if s.friction_law == "gazebo_cone":
+            vx, vy, vz = self._slip(k, at)
+            first, second = vx * x + vy * y + vz * z, vy * x - vx * y
+            speed = math.hypot(first, second) or 1.0
+            contact.mu *= abs(first) / speed
+            contact.mu2 *= abs(second) / speed
 
     def _along_slip(self, k: int, at: ContactGeom, points: int) -> None:
         """Put the first direction of a contact along its slip, and let the second give as a cone does."""

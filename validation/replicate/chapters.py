@@ -32,9 +32,11 @@ class Budget(NamedTuple):
     """Draws of noise and disturbance for each row."""
     repeats: int = 25
     """Runs of a simulation that is timed."""
+    starts: int = 16
+    """Starts of each run in ODE."""
 
 
-QUICK = Budget((20, 25), (20, 12), 1, 2, 7)
+QUICK = Budget((20, 25), (20, 12), 1, 2, 7, 1)
 """Reduced budgets, which take under three minutes."""
 
 

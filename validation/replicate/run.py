@@ -28,6 +28,7 @@ from validation.replicate.chapters import (
     template,
 )
 from validation.replicate.control import CONTROL_SECTIONS
+from validation.replicate.gazebo import GAZEBO_SECTION
 from validation.replicate.lab import NOISE_SECTION
 from validation.replicate.models import MODEL_SECTIONS
 from validation.replicate.theory import THEORY_SECTIONS
@@ -58,6 +59,7 @@ ALL_SECTIONS: tuple[Section, ...] = (
     FRICTION_SECTION,
     NOISE_SECTION,
     *MODEL_SECTIONS,
+    GAZEBO_SECTION,
     STABILITY_SECTION,
     *CONTROL_SECTIONS,
 )

@@ -99,11 +99,11 @@ class FakeNode(Node):
 
 
 class RobotNode(FakeNode):
-    """A node with a robot behind it: it does what it is told 0.2 s later, and its odometry comes at 50 Hz."""
+    """A node with a robot behind it: it does what it is told one dead time later, and its odometry comes at 50 Hz."""
 
-    def __init__(self, command: str) -> None:
+    def __init__(self, command: str, dead_time: float = 0.2, late: float = 0.0) -> None:
         super().__init__()
-        self.command = command
+        self.command, self.dead_time, self.late = command, dead_time, late
         self.blocked: Callable[[float], bool] = lambda t: False
         self.jumped: Callable[[float], float] = lambda t: 0.0
         self.pose, self.speeds, self.tick = np.zeros(3), np.zeros(2), 0
@@ -111,12 +111,12 @@ class RobotNode(FakeNode):
     def _take(self, timeout: float) -> list[tuple[str, Any]]:
         while 0.02 * self.tick <= self.clock() + timeout - 100.0:
             t = 0.02 * self.tick
-            told = [msg.read_twist(m) for at, m in self.of(self.command) if at <= t - 0.2][-1:]
+            told = [msg.read_twist(m) for at, m in self.of(self.command) if at <= t - self.dead_time][-1:]
             wanted = np.array(told[0] if told and not self.blocked(t) else msg.STAND_STILL)
             self.speeds = self.speeds + 0.3 * (wanted - self.speeds)
             (v, w), yaw = self.speeds.tolist(), self.pose[2]
             self.pose = self.pose + 0.02 * np.array([v * np.cos(yaw), v * np.sin(yaw), w])
             x, y, yaw = self.pose.tolist()
-            self.plan(msg.FILTERED_TOPIC, t, odometry(t + 1.0, x + self.jumped(t), v, y, yaw, w))
+            self.plan(msg.FILTERED_TOPIC, t + self.late, odometry(t + 1.0, x + self.jumped(t), v, y, yaw, w))
             self.tick += 1
         return super()._take(timeout)

@@ -104,9 +104,12 @@ def test_it_stops_on_stale_feedback_and_says_what_came_instead(lab: Profile) -> 
     follower.command(now + FRESH)
     with pytest.raises(StoppedError, match=r"^no feedback for 0\.51 s$"):
         follower.command(now + FRESH + 0.01)
-    follower.update(now, REST, now + 0.6)  # the same message again
-    with pytest.raises(StoppedError, match=r"no feedback for 0\.60 s that can be used: 27 messages were refused"):
+    with pytest.raises(StoppedError, match=r"no feedback that can be used for 0\.60 s: 27 messages were refused"):
         follower.command(now + 0.6, "27 messages were refused")
+    for k in range(40):
+        follower.update(now, REST, now + 0.02 * k)
+    with pytest.raises(StoppedError, match=r"used for 0\.80 s: 40 messages repeat the stamp"):
+        follower.command(now + 0.8)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +179,7 @@ def test_a_tracking_system_judges_and_its_half_turns_are_no_jumps(lab: Profile) 
 
 def node_of(lab: Profile, **options: Any) -> tuple[ControlNode, FakeNode, PathFollower]:
     node, follower = FakeNode(), follower_of(lab)
-    topics: dict[str, Any] = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
+    topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
     return ControlNode(node, follower, Control("pid", **topics, **options), node.clock), node, follower
 
 
@@ -218,7 +221,7 @@ NAN, FAR = math.nan, 1e300
     ("good", "bad", "why"),
     [
         (2.0, None, r"^no feedback for 0\.5\d s$"),
-        (1.0, NAN, r"no feedback for 0\.5\d s that can be used: \d\d messages on \S+ were refused, .*position\.x is nan"),
+        (1.0, NAN, r"no feedback that can be used for 0\.5\d s: \d\d messages on \S+ were refused, .*position\.x is nan"),
         (0.0, None, "no robot to drive after 2 s: no feedback yet"),
         (0.0, FAR, r"no robot to drive after 2 s: \d+ messages on \S+ were refused, .* position\.x is 1e\+300"),
     ],
@@ -272,10 +275,10 @@ AT_MOST = 1.2 * 0.2402, 1.2 * 0.2402
 """Speed [m/s] and yaw rate [rad/s] after a hold: 1.2 times those of the path, or of a bend of 1 m."""
 
 
-def with_robot(lab: Profile, name: str = "pid") -> tuple[ControlNode, RobotNode, PathFollower]:
-    node, follower = RobotNode(COMMAND), PathFollower(law(lab, name), BEND)
-    options = Control("pid", odometry=msg.FILTERED_TOPIC, pose=POSE, command=COMMAND)
-    return ControlNode(node, follower, options, node.clock), node, follower
+def with_robot(lab: Profile, name: str = "pid", **robot: float) -> tuple[ControlNode, RobotNode, PathFollower]:
+    node, follower = RobotNode(COMMAND, **robot), PathFollower(law(lab, name), BEND)
+    topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
+    return ControlNode(node, follower, Control("pid", **topics), node.clock), node, follower
 
 
 @pytest.mark.parametrize("said", [True, False])
@@ -318,6 +321,18 @@ def test_it_does_not_start_under_an_emergency_stop(lab: Profile) -> None:
     with pytest.raises(StoppedError, match=r"no robot to drive after 30 s: the emergency stop is on"):
         loop.run()
     assert not node.sent
+
+
+@pytest.mark.parametrize(("late", "dead_time", "warned"), [(0.0, 0.2, False), (0.2, 0.2, True), (0.0, 0.45, True)])
+@pytest.mark.parametrize("name", ["pid", "mpc"])
+def test_late_odometry_is_said(
+    lab: Profile, name: str, late: float, dead_time: float, warned: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    loop, _, follower = with_robot(lab, name, late=late, dead_time=dead_time)
+    with caplog.at_level(logging.WARNING, "validation"):
+        loop.run()
+    assert ("later than its profile says" in caplog.text) == warned
+    assert follower.late == pytest.approx(late + dead_time - 0.2, abs=0.1)
 
 
 def test_a_pose_that_jumps_stops_the_robot(lab: Profile) -> None:

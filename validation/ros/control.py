@@ -23,7 +23,7 @@ from validation.report.report import INTERRUPTED
 from validation.report.tracking import Tracked, tracking_report
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
-from validation.ros.follower import FRESH, PathFollower, StoppedError
+from validation.ros.follower import FRESH, LATE, PathFollower, StoppedError
 
 _logger = logging.getLogger(__name__)
 
@@ -84,7 +84,7 @@ class ControlNode:
         """Open the topics, which the options name; nothing is sent yet. `clock` returns monotonic time [s]."""
         self._node, self._follower, self._options, self._clock = node, follower, options, clock
         self._speeds, self._speeds_at = msg.STAND_STILL, -math.inf
-        self._said = ""
+        self._said, self._said_late = "", False
         self.drove = 0.0
         """Time for which the robot was driven [s]."""
         node.advertise(options.command, "geometry_msgs/msg/Twist")
@@ -151,14 +151,20 @@ class ControlNode:
                 self._take(self._node.receive(left))
                 continue
             command = self._follower.command(self._clock(), self._refusals())
-            if self._follower.held != self._said:
-                self._said = self._follower.held
-                _logger.warning(
-                    "%s", f"the target waits: {self._said}" if self._said else "the robot obeys again: it goes on"
-                )
+            self._say_what_is_odd()
             self._node.publish(self._options.command, msg.twist_message(*command))
             passed = math.floor((self._clock() - start) / VELOCITY_PERIOD)
             k = max(k + 1, passed)  # no deadline that was slept through is made up for
+
+    def _say_what_is_odd(self) -> None:
+        """Warn of a robot that does not obey, and of feedback that comes late."""
+        follower = self._follower
+        if follower.held != self._said:
+            self._said = follower.held
+            _logger.warning("%s", f"the target waits: {self._said}" if self._said else "the robot obeys again: it goes on")
+        if follower.late > LATE and not self._said_late:
+            self._said_late = True
+            _logger.warning("%s", late_sentence(follower.late))
 
     def _take(self, came: Sequence[tuple[str, Any]]) -> None:
         o, now = self._options, self._clock()
@@ -178,6 +184,14 @@ class ControlNode:
             if by_pose and now - self._speeds_at <= FRESH:
                 v, w = self._speeds
                 self._follower.update(stamp, seen._replace(v=v, w=w), now)
+
+
+def late_sentence(late: float) -> str:
+    """Return what it means that feedback is late by some time [s]."""
+    return (
+        f"the robot answers {late:.2f} s later than its profile says: its odometry is late, or its dead time is longer; "
+        "a law that plans by the profile overshoots then"
+    )
 
 
 def control(options: Control) -> Tracked:
@@ -234,6 +248,8 @@ def control(options: Control) -> Tracked:
         remarks += (
             f"The target waited for {follower.held_time:.1f} s for a robot that did not obey; that time is left out.",
         )
+    if follower.late > LATE:
+        remarks += (f"Warning: {late_sentence(follower.late)}.",)
     run = follower.run()
     made = {
         "feedback": f"{o.feedback} by ROS",
@@ -243,6 +259,7 @@ def control(options: Control) -> Tracked:
         "w_max_rad_s": follower.w_limit,
         "velocity_period_s": VELOCITY_PERIOD,
         "held_s": follower.held_time,
+        "late_s": follower.late,
     }
     name, values = (gains.name, dict(gains.values)) if gains else ("none", {})
     tracked = TrackedRobot(

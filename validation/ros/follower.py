@@ -40,6 +40,8 @@ _ANSWER = 0.5
 """Time after its dead time within which a robot begins to do what it is told [s]."""
 JUMP = 0.5
 """Least distance between two poses beyond what the speed explains that is a jump [m]."""
+LATE = 0.15
+"""Lateness of the feedback that is worth a warning [s]: half of it is what robots take to speed up."""
 GENTLE, _GENTLE_TIME = 1.2, 3.0
 """Greatest share of the path's greatest speed and yaw rate [1] that is commanded until some time [s] after the robot obeys
 again, from when half the time for its answer is over."""
@@ -105,13 +107,14 @@ class PathFollower:
         """Whether the robot's emergency stop is on."""
         self.held = ""
         """Why the target waits; empty while it does not."""
-        self.held_time = 0.0
-        """Time for which the target has waited [s]."""
+        self.held_time = self.late = 0.0
+        """Time for which the target has waited, and greatest lateness of the feedback so far [s]."""
         course, self._patience = waypoints.course(), patience
         turn = max(float(np.abs(course["w"]).max()), fastest / _GENTLE_BEND)
         self._gentle, self._gentle_until = (GENTLE * fastest, GENTLE * turn), -math.inf
+        self._sent, self._asked, self._first, self._least_age = Command(*STAND_STILL), math.inf, 0.0, math.inf
         self._arrival = self._stamp = -math.inf
-        self._sent, self._fresh, self._begin, self._at = Command(*STAND_STILL), 0, 0.0, INITIAL_STATE.seen
+        self._fresh, self._repeated, self._begin, self._at = 0, 0, 0.0, INITIAL_STATE.seen
         self._obeyed: _Obeyed
         self._to_reference, self._yaw = np.zeros(3), 0.0
         self._times, self._rows = list[float](), list[FloatArray]()
@@ -167,8 +170,9 @@ class PathFollower:
         """
         dt, self._stamp = stamp - self._stamp, stamp
         if dt == 0.0:
+            self._repeated += 1
             return
-        self._arrival = now
+        self._arrival, self._repeated = now, 0
         if self.phase == "waiting":
             self._start_if_settled(seen, dt)
         if self.phase != "driving":
@@ -179,6 +183,7 @@ class PathFollower:
         if jump >= JUMP:
             raise StoppedError(f"the pose jumped by {jump:.2f} m (at most {JUMP:g} m)")
         self._at = seen
+        self._watch_lateness(stamp, seen, now)
         if self._is_held(stamp, seen):
             return
         t = stamp - self._begin - self.held_time
@@ -216,17 +221,25 @@ class PathFollower:
         self.held_time = stamp - self._begin - last.t
         return True
 
+    def _watch_lateness(self, stamp: float, seen: Observation, now: float) -> None:
+        """Measure how late feedback comes: behind the quickest, and behind what the drive makes of the first command."""
+        self._least_age = min(self._least_age, now - stamp)
+        self.late = max(self.late, now - stamp - self._least_age)
+        drive = self.controller.drive
+        if not math.isfinite(self._asked) or abs(seen.v) <= _OBEYS * self._first:
+            return
+        expected = drive.delay_v + _OBEYS * self._first / drive.acceleration_v
+        self.late, self._asked = max(self.late, now - self._asked - expected), math.nan
+
     def _start_if_settled(self, seen: Observation, dt: float) -> None:
         """Drive a robot that stands and whose feedback comes steadily."""
-        reasons = {
-            "the feedback does not come steadily": not 0.0 < dt < FRESH,
-            "the emergency stop is on": self.emergency_stop,
-            f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)": max(abs(seen.v), abs(seen.w)) > _MOVING,
-        }
-        if why := next((reason for reason, applies in reasons.items() if applies), ""):
-            self.why_waiting, self._fresh = why, 0
-            return
         self._fresh += 1
+        if not 0.0 < dt < FRESH:
+            self.why_waiting, self._fresh = "the feedback does not come steadily", 0
+        elif self.emergency_stop:
+            self.why_waiting, self._fresh = "the emergency stop is on", 0
+        elif abs(seen.v) > _MOVING or abs(seen.w) > _MOVING:
+            self.why_waiting, self._fresh = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)", 0
         if self._fresh < _SETTLED:
             return
         start = self.waypoints.start
@@ -250,7 +263,9 @@ class PathFollower:
             return STAND_STILL
         age = now - self._arrival
         if age > FRESH:
-            raise StoppedError(f"no feedback for {age:.2f} s{f' that can be used: {fault}' if fault else ''}")
+            again = f"{self._repeated} messages repeat the stamp {self._stamp:.3f} s" if self._repeated else ""
+            why = fault or again
+            raise StoppedError(f"no feedback {f'that can be used for {age:.2f} s: {why}' if why else f'for {age:.2f} s'}")
         if self.held:
             aim = self._side.state.target
             v, w = STAND_STILL if self.emergency_stop else (aim.v, aim.w)  # to see when it obeys again
@@ -262,6 +277,8 @@ class PathFollower:
             share = min(1.0, *(most / max(abs(u), 1e-9) for u, most in zip((v, w), self._gentle, strict=True)))
             v, w = share * v, share * w
         sent = Command(*np.clip((v, w), (-self.v_limit, -self.w_limit), (self.v_limit, self.w_limit)).tolist())
+        if math.isinf(self._asked) and abs(sent.v) > _MOVING:
+            self._asked, self._first = now, abs(sent.v)
         self._sent, self._side.state = sent, self._side.state._replace(command=sent)
         if self._side.tracker.predicts:
             self._side.tracker.past[-1] = sent

@@ -201,19 +201,19 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_526, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (8_340, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (857, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (679, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_446, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (780, "every plant declared once, and profiles"),
-    "validation/replicate": (1_271, "the thesis beside us, row by row"),
+    "validation/replicate": (1_231, "the thesis beside us, row by row"),
     "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_501, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_318, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_989, "answers: contact and engines, transfer, drive train"),
-    "validation/thesis": (296, "the thesis' numbers"),
+    "validation/thesis": (293, "the thesis' numbers"),
     "validation/bench": (
         1_472,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",

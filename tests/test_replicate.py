@@ -35,7 +35,7 @@ from validation.replicate.run import ALL_SECTIONS
 from validation.thesis import published
 from validation.thesis.verdicts import EVIDENCE, STATUSES
 
-PLACES = {f"Sec. {n}" for n in ("3.6", "3.7", "4.3.3", "4.5, motors")} | {"Fig. 2.9", "Fig. 3.33"}
+PLACES = {f"Sec. {n}" for n in ("3.6", "3.7", "4.5, motors")} | {"Fig. 2.9", "Fig. 3.33"}
 WANTED = PLACES | {*"3.4 3.8 3.9 3.11 3.12 3.14 3.15 4.4 4.21 4.37".split(), *CONTROL_TABLES}
 SMALL = Task(QUICK._replace(fit=(8, 3), draws=1, repeats=1), 1, 2, silent)
 

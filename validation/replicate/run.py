@@ -31,7 +31,7 @@ from validation.replicate.control import CONTROL_SECTIONS
 from validation.replicate.gazebo import GAZEBO_SECTION
 from validation.replicate.lab import NOISE_SECTION
 from validation.replicate.models import MODEL_SECTIONS
-from validation.replicate.theory import THEORY_SECTIONS
+from validation.replicate.theory import FRICTION_SECTION
 from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
 from validation.report.palette import VERDICT_INKS
 from validation.report.report import FINISHED, INTERRUPTED, Report
@@ -54,13 +54,11 @@ from validation.thesis.verdicts import (
     criterion_of,
 )
 
-FRICTION_SECTION, STABILITY_SECTION = THEORY_SECTIONS
 ALL_SECTIONS: tuple[Section, ...] = (
     FRICTION_SECTION,
     NOISE_SECTION,
     *MODEL_SECTIONS,
     GAZEBO_SECTION,
-    STABILITY_SECTION,
     *CONTROL_SECTIONS,
 )
 """Every section, in the order of the report."""

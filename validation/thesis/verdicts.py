@@ -27,16 +27,15 @@ AT_BOUND = 0.05
 _ROUNDING = 1.0 + 1e-9
 """Factor of all limits, for rounding."""
 
-Rule = Literal["distance", "ratio", "spread", "limit", "words", "none"]
+Rule = Literal["distance", "ratio", "spread", "words", "none"]
 """Rule by which two numbers are compared. `distance` compares by their ratio, `ratio` by their difference because one is
-perfect, `spread` by the uncertainty of ours. `limit` is for printed bounds that ours must not fall below. `words` is for
-what the thesis says in words: ours must lie within what they are taken to mean. `none` compares nothing and shows the number
-for the record."""
+perfect, `spread` by the uncertainty of ours. `words` is for what the thesis says in words: ours must lie within what they
+are taken to mean. `none` compares nothing and shows the number for the record."""
 RULE_OF: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
 """Rules of the metrics of a path, whatever table they stand in."""
 Status = Literal["agrees", "agrees if", "not told apart", "nearer", "differs", "not compared"]
-"""`not told apart`: ours is so uncertain, or the print so one-sided, that agreement would say nothing. `nearer`: it
-differs, but a distance of ours is smaller than the printed one. `agrees if`: a row that does not agree as printed, but in
+"""`not told apart`: ours is so uncertain that agreement would say nothing. `nearer`: it differs, but a distance of ours is
+smaller than the printed one. `agrees if`: a row that does not agree as printed, but in
 every number under one supposition about what the thesis does not print."""
 STATUSES: tuple[Status, ...] = get_args(Status)
 _WORSE: tuple[Status, ...] = ("not compared", "agrees", "not told apart", "nearer", "differs")
@@ -186,8 +185,6 @@ def compared(pair: Pair, within: Sequence[float] = ()) -> Status:
         return "agrees" if apart == 0.0 else "not told apart" if apart <= reach else "differs"
     assert printed is not None
     apart, (low, high) = abs(ours - printed), sorted((abs(ours), abs(printed)))
-    if pair.rule == "limit":
-        return "differs" if ours < printed else "agrees" if high <= FACTOR * low else "not told apart"
     if pair.rule == "spread":
         vague = len(pair.bounds) == 2 and 2.0 * reach > TOO_WIDE * (pair.bounds[1] - pair.bounds[0])
         return "not told apart" if vague else "agrees" if apart <= reach else "differs"
@@ -218,7 +215,7 @@ def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason]
     if status == "agrees":
         return Verdict(status)
     if status == "not told apart":
-        return Verdict(status, "the print is one-sided" if pair.rule == "limit" else "ours is too uncertain")
+        return Verdict(status, "ours is too uncertain")
     found = next((r for r in about if not r.when or status in r.when), None)
     return Verdict(status, found.text, found.see) if found else Verdict(status, UNEXPLAINED)
 

@@ -10,12 +10,9 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import exit_status
 from tests.drive_train_logs import in_the_air, on_grass
-from validation import cli
 from validation.progress import Progress
-from validation.study import transfer
-from validation.study.__main__ import PROGRAM, STUDIES, study_named
+from validation.study.__main__ import STUDIES, study_named
 from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainStudy
 from validation.study.transfer import TransferStudy
@@ -65,21 +62,3 @@ def test_what_was_finished_is_kept(study: str, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"
     assert "interrupted; only what was finished before is here." in (tmp_path / "study.md").read_text(encoding="utf-8")
     assert found.table()
-
-
-def test_the_command_writes_and_leaves_with_130(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    real, calls = transfer.run_robots, list[int]()
-
-    def pressed(*arguments: Any) -> Any:
-        calls.append(1)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return real(*arguments)
-
-    monkeypatch.setattr(transfer, "run_robots", pressed)
-    two = ["--plants", "kinematic", "--controllers", "smc:tuned,lqr:tuned"]
-    assert exit_status(PROGRAM, "transfer", *two, "--quick", "--out", str(tmp_path)) == cli.EXIT_INTERRUPTED
-    assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"
-    assert "written:" in capsys.readouterr().out

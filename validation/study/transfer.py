@@ -256,7 +256,7 @@ def _tables(label: str, found: Mapping[str, Any]) -> list[Table]:
         lost = sum(own["contenders"][name]["lost"] for own in plants.values())
         costs.append({"controller": name, **means, **beside, "lost_runs": lost})
     caption = (
-        f"{len(costs)} controllers, {len(found['references'])} references. tau: Kendall's rank correlation with the judge.\n"
+        f"{len(costs)} controllers, {len(found['references'])} references. tau: Kendall's rank correlation with {JUDGE}.\n"
         f"same winner: number of references on which the plant chooses as {JUDGE} does.\n"
         f"regret: what the choice over all references costs more on {JUDGE}; none where it loses runs there."
     )

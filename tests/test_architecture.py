@@ -201,7 +201,7 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_340, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (8_343, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (857, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),

@@ -12,12 +12,15 @@ import numpy as np
 import pytest
 import tomli_w
 
+from ssmr.scenarios import TRAJECTORIES
+from ssmr.types import State
 from tests.conftest import EXACT, exit_status
-from validation import load_profile, load_robot, recordings
+from validation import load_profile, load_robot
 from validation.compare import compare
+from validation.files.csv_logs import write_csv
 from validation.fit import fit
 from validation.learning import tracking
-from validation.plants.profile import PLANTS, ProfileError, bare_profile, choose_profile
+from validation.plants.profile import PLANTS, ProfileError, bare_profile, choose_profile, make_plant
 from validation.plants.searchable import find
 from validation.plants.table import plant_kind
 from validation.simulator.description import Robot
@@ -93,10 +96,13 @@ def test_fit_of_a_planar_model(tmp_path: Path) -> None:
 
 
 def test_recordings(robot: str, tmp_path: Path) -> None:
-    """A simulated log of the robot, converted, is a log that a comparison takes."""
-    log = tmp_path / "log.csv"
-    commands = recordings.PROGRAM
-    assert exit_status(commands, "convert", "traj4@mujoco", "--robot", robot, "--out", str(log), "--rate", "50") == 0
+    """What the robot has driven is, as a log, what a comparison takes."""
+    log, commands = tmp_path / "log.csv", TRAJECTORIES["traj4"].commands()
+    motion = make_plant(choose_profile(None, robot, "thesis-lab"), "mujoco").run(commands, State(), commands.dt)
+    given = np.vstack([commands.values, commands.values[-1:]])
+    names = ("t", "x", "y", "yaw", "enc_left", "enc_right", "cmd_v", "cmd_w")
+    columns = np.column_stack([motion.t, motion.pose, motion.wheels, given])
+    write_csv(dict(zip(names, columns.T, strict=True)), log)
     found = run(compare, robot, tmp_path / "out", str(log), "--no-rerun")
     errors = {name: plant["horizons"]["6"]["position_median_m"] for name, plant in found["plants"].items()}
     assert errors["mujoco"] < min(0.1, *(error for name, error in errors.items() if name != "mujoco"))

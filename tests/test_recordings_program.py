@@ -12,13 +12,9 @@ import pytest
 
 from tests.bag_factory import circle, write
 from tests.conftest import data_folder
-from validation.bench.logs import GYRO_BIAS, POSE_LATE, open_log
 from validation.bench.sources import open_source
 from validation.files.csv_logs import read_csv
-from validation.files.faults import find_rest
 from validation.files.formats import SHIPPED_LOGS, log_path, read_log
-from validation.files.offsets import estimate_offsets
-from validation.plants.profile import load_profile
 
 ROOT = Path(__file__).resolve().parents[1]
 PARKING_LOT = data_folder() / "husky_parking_lot" / "test1.bag"
@@ -51,32 +47,6 @@ def test_info_and_convert_as_processes(tmp_path: Path) -> None:
     assert recording.t[0] >= 1.0
     assert recording.t[-1] <= 2.0
     assert sorted(p.name for p in out.parent.iterdir()) == ["drive.csv"]
-
-
-# ------------------------------------------------------------------------------------------- a simulated log
-def test_a_simulated_log_shows_its_faults() -> None:
-    profile = load_profile("husky-tile")
-    log = open_log("varied@kinematic", profile=profile, seed=3)
-    late = {o.late: o.seconds for o in estimate_offsets(log)}
-    assert late["pose_yaw"] == pytest.approx(POSE_LATE, abs=0.004)
-    rest = find_rest(log)
-    assert rest is not None
-    assert rest.bias == pytest.approx(GYRO_BIAS, abs=4.0 * rest.std / np.sqrt(rest.seconds * 50.0))
-    again = open_log("varied@kinematic", profile=profile, seed=3).columns
-    assert all(np.array_equal(values, again[name]) for name, values in log.columns.items())
-    with pytest.raises(ValueError, match="no plant 'gazebo' in 'varied@gazebo'; there are: "):
-        open_log("varied@gazebo", profile=profile, seed=3)
-
-
-def test_the_sample_is_what_the_robot_drives(tmp_path: Path) -> None:
-    """All columns are rounded to 1e-4 at most; contacts may differ by a little more on another processor."""
-    made = tmp_path / "made.csv"
-    assert run("convert", "varied@mujoco", "--profile", "husky-tile", "--rate", 20, "--out", made).returncode == 0
-    ours, theirs = read_log("sample"), read_log(made)
-    assert ours.columns.keys() == theirs.columns.keys()
-    assert ours.t == pytest.approx(theirs.t, abs=1e-3)
-    for name, values in theirs.columns.items():
-        assert ours.columns[name] == pytest.approx(values, abs=1e-3, nan_ok=True), name
 
 
 @pytest.mark.parametrize(("name", "of", "begin"), [("husky", "husky_tile", 530.0), ("warthog", "warthog_grass", 200.0)])

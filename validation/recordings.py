@@ -15,10 +15,9 @@ import tyro
 
 from ssmr.types import FloatArray
 from validation import cli
-from validation.bench.logs import open_log
 from validation.files.agreement import channels
 from validation.files.faults import REST_LEAST, Faults, Rest, find_faults, find_rest, unbiased
-from validation.files.formats import check_apart, format_of_target, write_log
+from validation.files.formats import check_apart, format_of_target, read_log, write_log
 from validation.files.limits import USUAL
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
 from validation.files.offsets import Offset, estimate_offsets, synchronised
@@ -37,25 +36,26 @@ _OURS, _MOST_OURS = (b'"ssmr.info/1"',), 1 << 26
 # ------------------------------------------------------------------------------------------ options
 @dataclass(frozen=True)
 class LogOptions(cli.Common):
-    """How a log is opened, or simulated, whatever is done with it."""
+    """How a log is opened, whatever is done with it."""
 
     source: Annotated[str | Path, cli.text_of("SOURCE"), tyro.conf.Positional]
-    """Path of a log (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a drive to be simulated and logged: traj1, traj2,
-    traj3, traj4 or varied, each with @PLANT."""
+    """Path of a log (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a shipped one: sample, husky or warthog."""
     _: KW_ONLY
     topics: Annotated[cli.Topics, cli.option(default="guessed from the message types")] = field(default_factory=dict)
     """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
     columns: cli.Columns = field(default_factory=dict)
     limits: cli.Limits = USUAL
     robot: cli.AnyRobot = None
-    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
+
+    @property
+    def radius(self) -> float | None:
+        """Radius of the robot's wheels [m]; None where no robot is named."""
+        robot = self.robot if isinstance(self.robot, Robot | None) else load_robot(self.robot)
+        return None if robot is None else robot.geometry.wheel_radius
 
     def opened(self) -> Log:
         """Return the log."""
-        robot = self.robot if isinstance(self.robot, Robot | None) else load_robot(self.robot)
-        radius = None if robot is None else robot.geometry.wheel_radius
-        options = ReadOptions(self.topics, self.limits, self.columns, radius)
-        return open_log(self.source, options, self.profile, self.seed, robot=self.robot)
+        return read_log(self.source, ReadOptions(self.topics, self.limits, self.columns, self.radius))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,12 +127,9 @@ def info(o: Info) -> LogReport:
 
     Raises:
         ValueError: the log cannot be opened.
-        SsmrError: the plant diverged.
     """
     log = o.opened()
-    robot = o.robot if o.robot is None or isinstance(o.robot, Robot) else load_robot(o.robot)
-    radius = None if robot is None else robot.geometry.wheel_radius
-    offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log, radius)
+    offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log, o.radius)
     seconds = {offset.behind: 0.0 for offset in offsets} | {offset.late: offset.seconds for offset in offsets}
     jumps = faults.jumps
     document = {
@@ -171,7 +168,6 @@ def convert(o: Convert) -> LogReport:
 
     Raises:
         ValueError: the log cannot be opened, does not hold what a change needs, or does not fit into the file.
-        SsmrError: the plant diverged.
     """
     if o.out is not None:
         format_of_target(o.out)

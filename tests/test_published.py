@@ -71,33 +71,6 @@ def test_every_table_of_the_thesis_is_present_in_order():
     assert tables == [*NUMBERS, "text"]
 
 
-# ----------------------------------------------------------------------------------------------- spot checks
-
-
-@pytest.mark.parametrize(
-    ("number", "row", "key", "expected"),
-    [
-        ("3.1", "mass", "value", 73.30),  # first row of the robot's specifications, "73,30"
-        ("3.4", "Y", "value", 7.9259e-12),  # fourth row, the variance of Y
-        ("3.8", "u_x", "value", 0.0727),  # Coulomb model, rolling resistance, last column
-        ("3.11", "K_P_tau", "value", 118.04),  # improved friction, last row
-        ("3.12", "traj4", "d_rms_m", 0.0145),  # improved friction, starred row, first column
-        ("3.15", "traj2", "d_haus_m", 0.0677),  # linear model, second row, second column
-        ("3.16", "mu2", "value", 0.15),  # Gazebo, last row, and in the listing of the world file above it
-        ("4.4", "K_I_alpha", "value", 0.0005276),  # sixth row, "5.276e-04"
-        ("4.12", "generic_0.50", "d_haus_m", 0.3417),  # first of the three numbers under Fig. 4.17
-        ("4.21", "Q_33", "manual", 3.00),  # third row, last column
-        ("4.25", "circle_0.50", "d_rms_m", 0.0483),  # second of the three numbers under Fig. 4.30
-        ("4.37", "lqr_generic_0.50", "d_ratio", 1.0484),  # last number of the table
-        ("4.38", "circle_0.25", "d_rms_change_percent", 331.25),  # third row, "+331,25 %"
-        ("text", "yaw_acceleration_variance", "value", 25.0),  # Sec. 3.4.5
-        ("text", "encoder_ticks_per_metre", "value", 78000.0),  # Sec. 3.1.3, "78'000 ticks/m"
-    ],
-)
-def test_spot_checks_against_the_print(number: str, row: str, key: str, expected: float):
-    assert published.value(number, row, key) == expected
-
-
 # ------------------------------------------------------------------------------------- laws that cross-check
 
 

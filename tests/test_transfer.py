@@ -103,7 +103,7 @@ def small(lab: Profile, tmp_path_factory: pytest.TempPathFactory) -> dict[str, A
     path.write_text(dump_gains(hopeless()), encoding="utf-8")
     return {
         "profile": lab, "plants": ("kinematic",), "controllers": ("pid", "lqr-scheduled+predictor", f"pid:{path}"),
-        "references": ("u-turn", "line@0.75"), "speeds": (0.4,),
+        "references": ("u-turn@0.4", "line@0.75"),
     }  # fmt: skip
 
 
@@ -123,18 +123,6 @@ def test_a_lost_run_is_counted_and_comes_last(study: Report) -> None:
         assert {name for name, each in own["contenders"].items() if each["lost"]} == {"pid hopeless"}
 
 
-def test_the_result_does_not_depend_on_threads_or_order(study: Report, small: dict[str, Any]) -> None:
-    turned = study_transfer(**{**small, "controllers": small["controllers"][::-1]}, workers=1)
-    assert [row["controller"] for row in turned.tables[1].rows] == [row["controller"] for row in study.tables[1].rows]
-    for plant, own in found_in(study).items():
-        other = found_in(turned)[plant]
-        for name, each in own["contenders"].items():
-            assert other["contenders"][name]["cost"] == each["cost"]
-        a, b = own["all"], other["all"]
-        assert all(a[key] == b[key] for key in ("chosen", "regret", "same_winner"))
-        assert a["tau"] == pytest.approx(b["tau"], abs=ROUNDOFF)
-
-
 def test_the_judge_agrees_with_itself(study: Report) -> None:
     own = found_in(study)["mujoco"]
     best = study.tables[1].rows[0]["controller"]
@@ -146,12 +134,12 @@ def test_the_judge_agrees_with_itself(study: Report) -> None:
 def test_references_are_as_fast_as_the_robot_can_drive() -> None:
     """The Husky on tile turns at 0.9 rad/s at most, so a U-turn at 0.5 m/s is too fast for it, and a line is not."""
     robot = make_robot(load_profile("husky-tile"), "improved")
-    o = TransferStudy(references=("u-turn", "line@0.5", "line"), speeds=(0.2, 0.5))
+    o = TransferStudy(references=("u-turn", "line@0.5", "line"))
     missions = missions_of(o, robot)
     assert [name for name, _ in missions] == ["u-turn", "u-turn", "line", "line"], "line@0.5 stands there twice"
-    assert [w.speed for _, w in missions[2:]] == pytest.approx([0.5, 0.2], rel=ROUNDOFF)
+    assert [w.speed for _, w in missions[2:]] == pytest.approx([0.5, 0.25], rel=ROUNDOFF)
     slow, fast = (w for _, w in missions[:2])
-    assert slow.speed == pytest.approx(0.2, rel=ROUNDOFF)
-    assert 0.2 < fast.speed < 0.4
+    assert slow.speed == pytest.approx(0.25, rel=ROUNDOFF)
+    assert 0.25 < fast.speed < 0.4
     _, whole = open_reference("u-turn", 0.5)
     assert fast.speed == pytest.approx(PRACTICABLE * within_reach(whole, robot, 1.0).speed, abs=0.01)

@@ -17,7 +17,7 @@ from validation import cli, store
 from validation.bench.sources import open_source
 from validation.compare import compare
 from validation.files.formats import log_path, profile_of_log
-from validation.fit import Method, fit
+from validation.fit import fit
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import PLANTS
 from validation.progress import Progress
@@ -44,8 +44,6 @@ class RunsStudy(AnyStudy):
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="all")] = PLANTS
     """Plants to fit and to judge."""
     robot: cli.AnyRobot = None
-    search: Annotated[Method, cli.option()] = "lsq"
-    """Search of each fit, see fit: lsq begins with the numbers of the robot's profile."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError where there is no log, or a plant that there is not."""
@@ -92,7 +90,7 @@ def _measure(o: RunsStudy, run: Run) -> Row:
     folder = store.make_folder(o.out or o.folder())
     kept = folder / f"{run.name}.json"
     asked = {
-        "schema": SCHEMA, "plants": list(o.plants), "search": o.search, "seed": o.seed, "versions": dict(store.versions()),
+        "schema": SCHEMA, "plants": list(o.plants), "seed": o.seed, "versions": dict(store.versions()),
         "log": hashlib.sha256(log_path(run.log).read_bytes()).hexdigest(), "robot": run.profile.robot.name,
     }  # fmt: skip
     if kept.is_file() and (before := json.loads(kept.read_text(encoding="utf-8"))).get("asked") == asked:
@@ -101,7 +99,7 @@ def _measure(o: RunsStudy, run: Run) -> Row:
     middle, profile = 0.5 * float(stamps[0][0] + stamps[-1][-1]), run.profile
     for plant in o.plants:
         profile = fit(
-            plant, run.log, profile=profile, input="wheels", until=middle, search=o.search, seed=o.seed, workers=1,
+            plant, run.log, profile=profile, input="wheels", until=middle, search="lsq", seed=o.seed, workers=1,
             held_out=(), out=folder / run.name / plant,
         ).profile  # fmt: skip
     judged = compare(
@@ -133,6 +131,8 @@ def _measure(o: RunsStudy, run: Run) -> Row:
 @cli.program(RunsStudy)
 def study_runs(o: RunsStudy) -> Report:
     """Fit every plant to the first half of each log by its wheel rates, and judge it on the second half.
+
+    Fits are least squares from the numbers of the robot's profile.
 
     Writes study.json, study.md and study.png, and for each log its profile with all fits. A study that was broken off
     goes on where it was.
@@ -210,7 +210,3 @@ def _draw(report: Report, found: dict[str, Any]) -> Figure:
     names = list(found)
     groups = [names[k : k + _ACROSS] for k in range(0, len(names), _ACROSS)]
     return picture(report, [drawing.side_by_side(3.0, [partial(panel, name) for name in group]) for group in groups])
-
-
-if __name__ == "__main__":
-    study_runs.main()

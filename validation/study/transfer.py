@@ -66,21 +66,19 @@ class TransferStudy(StudyOptions):
     )  # fmt: skip
     """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one with gains of your own."""
     references: Annotated[cli.Names, cli.option(metavar="NAME,...", default="ten; three if quick")] = ()
-    """References by name; circle@0.4 has its own speed."""
-    speeds: Annotated[cli.Numbers, cli.option(metavar="X,...", default="0.25,0.5; the last if quick")] = ()
-    """Speeds of references that bring none [m/s]. What MuJoCo's robot cannot drive is driven more slowly."""
+    """References by name; circle@0.4 has its own speed [m/s], others 0.25 and 0.5, or 0.5 alone if quick. What the robot
+    cannot drive in MuJoCo is driven more slowly."""
     seed: cli.Seed = 11  # no shipped set was tuned with seeds from 11 on
     quick: cli.Flag = False
-    """Take three references and one speed where none are named."""
+    """Take three references where none are named, and one speed."""
 
     def __post_init__(self) -> None:
         """Check numbers and that there is something to compare.
 
         Raises:
-            ValueError: the seed or a speed is out of its range, or there is no plant besides MuJoCo.
+            ValueError: the seed is out of its range, or there is no plant besides MuJoCo.
         """
         require_within(self, ("seed",), 0, MOST_SEED, whole=True)
-        require_within(self, ("speeds",), 1e-3, 100.0)
         if not set(self.plants) - {JUDGE}:
             raise ValueError(f"plants names none besides {JUDGE}; name one that is to choose for it")
 
@@ -122,7 +120,7 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Way
         name, own = split_speed(named)
         if name not in REFERENCES:
             raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}")
-        for speed in (o.speeds or _USUAL_SPEEDS[-1 if o.quick else 0 :]) if own is None else (own,):
+        for speed in _USUAL_SPEEDS[-1 if o.quick else 0 :] if own is None else (own,):
             slowed = within_reach(REFERENCES[name](speed), robot, PRACTICABLE)
             found.setdefault((name, round(slowed.speed, 3)), slowed)
     return [(name, waypoints) for (name, _), waypoints in found.items()]

@@ -96,12 +96,12 @@ def draw_theory(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> N
 def draw_paths(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> None:
     """Draw the path of the robot's middle while it turns on the spot."""
     for key, (colour, words) in LADDER.items():
-        made = spin(found[key].plant(section))
-        tail = made.motion.t >= SPIN_LEAD
-        xy = made.motion.xy[tail] - made.motion.xy[tail][0]
+        motion = spin(found[key].plant(section))
+        tail = motion.t >= SPIN_LEAD
+        xy, turned = motion.xy[tail] - motion.xy[tail][0], float(np.ptp(motion.yaw[tail]))
         last = words.endswith("middle")
         ax.plot(*xy.T, "o" if last else "-", color=colour, lw=1.0, ms=4.5, label=words, zorder=3 if last else 2)
-        print(f"{words}: {made.turns:.2f} turns, {np.hypot(*xy.T).max():.3f} m from its place at most")
+        print(f"{words}: {turned / (2.0 * np.pi):.2f} turns, {np.hypot(*xy.T).max():.3f} m from its place at most")
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel="x [m]", ylabel="y [m]")
     ax.set_title("Path of the robot's middle, 36 s of turning", fontsize=10)

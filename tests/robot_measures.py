@@ -14,8 +14,9 @@ import numpy as np
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
-from validation.simulator.model import GRAVITY, robot_model, static_shares, wheel_geoms
+from validation.simulator.model import GRAVITY, robot_model, static_shares
 from validation.simulator.motors import controls
+from validation.simulator.parts import robot_parts
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.turning import closed_form
 
@@ -57,7 +58,7 @@ class Bench:
         self.data = mujoco.MjData(self.model)
         self.unit = math.sqrt(calibration.wheel_radius / GRAVITY)
         self.speed = math.sqrt(calibration.wheel_radius * GRAVITY)
-        self._tires = wheel_geoms(self.model)
+        self._tires = robot_parts(self.model).tires
         self.spins = [int(self.model.joint(f"{wheel}_wheel").dofadr[0]) for wheel in WHEELS]
         self.run(REST_TIME)
 

@@ -19,7 +19,6 @@ from validation import load_profile, load_robot
 from validation.compare import compare
 from validation.files.csv_logs import write_csv
 from validation.fit import fit
-from validation.learning import tracking
 from validation.plants.profile import PLANTS, ProfileError, bare_profile, choose_profile, make_plant
 from validation.plants.searchable import find
 from validation.plants.table import plant_kind
@@ -106,18 +105,6 @@ def test_recordings(robot: str, tmp_path: Path) -> None:
     found = run(compare, robot, tmp_path / "out", str(log), "--no-rerun")
     errors = {name: plant["horizons"]["6"]["position_median_m"] for name, plant in found["plants"].items()}
     assert errors["mujoco"] < min(0.1, *(error for name, error in errors.items() if name != "mujoco"))
-
-
-def test_learning(robot: str) -> None:
-    environment = tracking(robot=robot, seed=0)
-    step = environment.reset()
-    top = environment.action_spec().maximum
-    for _ in range(20):
-        step = environment.step(0.3 * top)
-    assert step.mid()
-    assert environment.batch.source.sections[0].robot == load_robot(robot)
-    for name, seen in step.observation.items():
-        environment.observation_spec()[name].validate(seen)
 
 
 # ------------------------------------------------------------------------------------------------- doors

@@ -11,7 +11,7 @@ import pytest
 
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import Commands, FloatArray, State, Trajectory
+from ssmr.types import FloatArray, State, Trajectory
 from tests.robots import husky
 from validation.compare import compare
 from validation.plants.profile import Profile
@@ -162,13 +162,3 @@ def test_compare_tells_inertia_torque_and_trembling(lab: Profile) -> None:
     assert f"{health['peak_torque_N_m']:.1f}" in text
     assert f"{health['load_sum_rms_N']:.1f}" in text
     assert "Health" in text
-
-
-def test_given_wheel_rates_have_no_torque_of_the_robots_own(lab: Profile) -> None:
-    section = lab.plants["mujoco"]
-    plant = MujocoPlant(section.parameters, section.drive)
-    rates = np.tile([3.0, 3.0], (100, 1))
-    motion = plant.run(Commands(0.05, rates, kind="wheels"), State(wheel_left=3.0, wheel_right=3.0, v_x=0.48), 0.01)
-    health = run_health(plant.model, [motion], given_rates=True)
-    assert "peak_torque_N_m" not in health.as_dict()
-    assert health.apparent_mass_kg is not None

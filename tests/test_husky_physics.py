@@ -19,7 +19,8 @@ from tests.robots import HUSKY, TRACK, WHEELBASE, husky
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.health import DEVIATION_LIMIT, LIFT_SHARE, check_health
-from validation.simulator.model import GRAVITY, robot_model, wheel_geoms
+from validation.simulator.model import GRAVITY, robot_model
+from validation.simulator.parts import robot_parts
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 
@@ -118,7 +119,7 @@ def test_the_compiled_model_has_the_calibrations_numbers(calibration: Calibratio
     assert model.body_subtreemass[base] == pytest.approx(calibration.mass, rel=ROUNDOFF)
     for wheel, sx, sy in zip(WHEELS, (1, 1, -1, -1), (1, -1, 1, -1), strict=True):
         assert np.allclose(model.body(wheel).pos[:2], [sx * WHEELBASE / 2, sy * calibration.half_track], atol=ROUNDOFF)
-    for geom in wheel_geoms(model):
+    for geom in robot_parts(model).tires:
         assert model.geom_friction[geom, 0] == calibration.friction
         assert model.geom_condim[geom] == 3
         assert model.geom_priority[geom] == 1

@@ -8,7 +8,8 @@ import numpy as np
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, State
 from tests.robots import husky
-from validation.simulator.model import robot_model, wheel_geoms
+from validation.simulator.model import robot_model
+from validation.simulator.parts import robot_parts
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 
@@ -21,7 +22,7 @@ EVERYTHING = PhysicsSettings(
 def test_everything_said_is_in_the_model_and_the_calibration_stays() -> None:
     calibration = husky(friction=0.4, mass=80.0)
     model, shipped = robot_model(calibration, settings=EVERYTHING), robot_model(calibration)
-    tires = wheel_geoms(model)
+    tires = robot_parts(model).tires
     assert model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_PGS
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_EULER

@@ -54,18 +54,12 @@ def lie(qpos: np.ndarray) -> np.ndarray:
         {"mass": 40.0, "yaw_inertia": 2.5},
         {"mass": 300.0, "yaw_inertia": 14.0, "com_y": -0.1},
         {"timestep": 0.0005, "armature": 1e-6},
+        {"robot": "jackal"},
+        {"robot": "warthog"},
     ],
 )
 def test_a_robot_rests_as_it_settles(change: dict[str, Any]) -> None:
-    plant = MujocoPlant(husky(**change), Drive())
-    found = level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
-    assert found is not None
-    assert np.abs(lie(found) - settled(plant, 4.0)).max() <= SETTLED
-
-
-@pytest.mark.parametrize("name", ["jackal", "warthog"])
-def test_other_robots_rest_as_they_settle(name: str) -> None:
-    plant = MujocoPlant(Calibration.of(load_robot(name)), Drive())
+    plant = MujocoPlant(Calibration.of(load_robot(change["robot"])) if "robot" in change else husky(**change), Drive())
     found = level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
     assert found is not None
     assert np.abs(lie(found) - settled(plant, 4.0)).max() <= SETTLED

@@ -21,7 +21,7 @@ from validation import load_robot
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import bare_profile, load_profile, shipped
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import SCHEMA, WHEELS, Robot, parse_robot, shipped_robots
+from validation.simulator.description import SCHEMA, Robot, parse_robot, shipped_robots
 from validation.simulator.motors import controls
 from validation.simulator.physics import SHIPPED, SOLVING, PhysicsSettings, Solver, solver_for
 from validation.simulator.plant import MujocoPlant
@@ -105,22 +105,6 @@ def test_a_solver_that_is_asked_for_has_its_own_tolerance(solver: Solver) -> Non
 @pytest.fixture(scope="module")
 def lab_section() -> PlantProfile:
     return load_profile("thesis-lab").plants["mujoco"]
-
-
-def test_a_path_is_that_of_version_1_0(lab_section: PlantProfile) -> None:
-    """Looks, all sensors, islands, Newton's method and contacts that are looked for, against none of these."""
-    plant, former = MujocoPlant(lab_section.parameters, lab_section.drive), former_model(lab_section)
-    steps = wheel_references(TRAJECTORIES["traj1"].commands(), lab_section.drive, plant.dt, State())
-    found = []
-    for model in (plant.model, former):
-        states, sensors = rollout.rollout(
-            model, mujoco.MjData(model), plant.placed(State())[None], controls(model, steps)[None]
-        )
-        found.append((states[0, :, 1:3], sensors[0][:, [model.sensor(f"load_{wheel}").adr[0] for wheel in WHEELS]]))
-    (path, loads), (former_path, former_loads) = found
-    assert former.nsensordata > plant.model.nsensordata
-    assert np.hypot(*(path - former_path).T).max() <= SAME_PATH
-    assert (np.sqrt(np.mean((loads - former_loads) ** 2, axis=0)) <= SAME_LOADS * former_loads[0]).all()
 
 
 def test_the_yaw_acceleration_is_that_of_mujocos_sensor(lab_section: PlantProfile) -> None:

@@ -20,13 +20,8 @@ from validation.simulator.physics import PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain, parse_terrain
 from validation.track import track
 
-SAMPLED = 0.06
-"""Relative: statistics of 16 000 correlation areas, of which slopes are rarer than heights."""
 NEWTON = PhysicsSettings(solver="Newton")
 """Solver that is exact enough to tell what the ground does."""
-ROUNDED = 1e-9
-"""Rough ground of no height against a plane [m]: other contact pairs, the same physics."""
-
 terrains = st.one_of(
     st.just(FLAT),
     st.builds(lambda s, t: Terrain("ramp", slope=s, toward=t), st.floats(0, 0.7), st.floats(-3.2, 3.2)),
@@ -46,33 +41,17 @@ def test_the_first_key_may_be_left_out() -> None:
     assert parse_terrain("ramp:5") == parse_terrain("ramp:slope_deg=5") == Terrain("ramp", slope=math.radians(5.0))
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("hill", "flat, ramp:slope_deg=NUMBER"),
-        ("ramp", "says too little"),
-        ("ramp:steep", "not understood"),
-        ("ramp:nan", "ramp:nan"),
-        ("ramp:60", "outside"),
-        ("ramp:5,5", "not understood"),
-        ("ramp:slope_deg=5,slope_deg=6", "not understood"),
-        ("flat:1", "unknown terrain"),
-        ("hill\nside", "unknown terrain 'hill side'"),
-    ],
-)
-def test_mistakes_are_told(text: str, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
+@pytest.mark.parametrize("text", ["hill", "ramp", "ramp:steep", "ramp:nan", "ramp:60", "ramp:5,5", "flat:1", "hill\nside"])
+def test_mistakes_are_told(text: str) -> None:
+    with pytest.raises(ValueError, match=r"^terrain '.*' is not understood: ") as told:
         parse_terrain(text)
+    assert "\n" not in str(told.value)
 
 
-def end_on(lab: Profile, spec: str, name: str = "traj4") -> np.ndarray:
-    plant = make_plant(lab, "mujoco", parse_terrain(spec), NEWTON)
-    return np.array(plant.run(TRAJECTORIES[name].commands(), State(), 0.05).pose[-1])
-
-
-@pytest.mark.parametrize(("spec", "tolerance"), [("ramp:0", EXACT)])
-def test_terrains_of_no_effect_change_nothing(lab: Profile, spec: str, tolerance: float) -> None:
-    np.testing.assert_allclose(end_on(lab, spec), end_on(lab, "flat"), atol=tolerance, rtol=0.0)
+def test_a_ramp_without_slope_changes_nothing(lab: Profile) -> None:
+    plants = [make_plant(lab, "mujoco", parse_terrain(spec), NEWTON) for spec in ("ramp:0", "flat")]
+    one, other = (plant.run(TRAJECTORIES["traj4"].commands(), State(), 0.05).pose[-1] for plant in plants)
+    np.testing.assert_allclose(one, other, atol=EXACT, rtol=0.0)
 
 
 def test_a_ramp_that_rises_to_the_left_mirrors_one_that_rises_to_the_right(lab: Profile) -> None:

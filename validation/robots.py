@@ -166,27 +166,29 @@ def _document(robot: Robot, spot: SpotTurn | None, found: Measured | None, loads
         "friction": mu,
         "side_torque_needed_N_m": None if spot is None else mu * spot.side_torque + drive.gear_loss,
         "side_torque_N_m": 2.0 * drive.torque_limit,
+        "numbers": {key: {"value": value, "unit": unit_of_key(key)} for key, value in _every_number(robot).items()},
     }
 
 
-def _numbers(robot: Robot) -> Table:
-    """Return the table of what there is to say of a robot; many numbers share a source, whose text stands in the caption.
-
-    Numbers of the drive and of planar models that the file does not say are left out, but for those that matter to all.
-    """
+def _every_number(robot: Robot) -> dict[str, Any]:
+    """Return what there is to say of a robot, by `section.key`: all but what concerns planar models only."""
     parts: dict[str, Any] = {"geometry": robot.geometry, "mass": robot.masses, "drive": robot.drive}
     parts |= {"simulation": robot.simulation, "vehicle": robot.vehicle}
+    said = {f"{section}.{f.name}": getattr(part, f.name) for section, part in parts.items() for f in fields(part)}
+    seldom = ("drive.", "vehicle.")
+    return {key: value for key, value in said.items() if not key.startswith(seldom) or key in {*robot.said, *_ALWAYS}}
+
+
+def _numbers(robot: Robot) -> Table:
+    """Return the table of all numbers of a robot; many share a source, whose text stands in the caption."""
     rows: list[Row] = []
     sources: dict[str, int] = {}
-    for key in (f"{section}.{f.name}" for section, part in parts.items() for f in fields(part)):
-        section, _, field = key.partition(".")
-        if section in ("drive", "vehicle") and key not in robot.said and key not in _ALWAYS:
-            continue
-        value, (grade, source) = getattr(parts[section], field), robot.source(key)
+    for key, value in _every_number(robot).items():
+        grade, source = robot.source(key)
         number = sources.setdefault(source, len(sources) + 1)
         names = ("across", "spin") if key == "mass.wheel_inertia" else "xyz"
         for name, each in zip(names, value, strict=True) if isinstance(value, tuple) else [("", value)]:
-            row = {"section": section, "number": f"{key} {name}".strip(), "unit": unit_of_key(key) or None}
+            row = {"section": key.partition(".")[0], "number": f"{key} {name}".strip(), "unit": unit_of_key(key) or None}
             rows.append({**row, "value": each, "grade": f"{grade} [{number}]"})
     caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
     title = f"{one_line(robot.title or robot.name)}: its numbers"

@@ -6,13 +6,14 @@ wrong in it is said in one line with its file and line.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import inspect
 import math
 import re
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,7 +54,8 @@ class UserLaw:
         Raises:
             ControllerError: it cannot be made, or has no method `command`.
         """
-        made = self.guarded("__init__", lambda: self.kind(mission))
+        with _told(self.path, f"in {self.name}.__init__"):
+            made = self.kind(mission)
         if not callable(getattr(made, "command", None)):
             raise ControllerError(f"{self.place(self.kind)}: {self.name} has no method command(self, now)")
         return _Guarded(self, made)
@@ -65,18 +67,6 @@ class UserLaw:
         except (OSError, TypeError):
             return str(self.path)
 
-    def guarded(self, method: str, call: Callable[[], Any], t: float | None = None) -> Any:
-        """Return what a call of the user's code returns, at mission time `t` [s].
-
-        Raises:
-            ControllerError: it raised something, or wanted to end the program.
-        """
-        try:
-            return call()
-        except (Exception, SystemExit) as error:  # a user's code may raise anything
-            when = f"{self.name}.{method}" + ("" if t is None else f" at t = {t:.2f} s")
-            raise ControllerError(f"{_fault(self.path, error)} (in {when})") from error
-
 
 class _Guarded:
     """A user's object: it is called, and what it returns is checked."""
@@ -84,10 +74,14 @@ class _Guarded:
     def __init__(self, law: UserLaw, made: Any) -> None:
         self._law, self._made = law, made
         if callable(see := getattr(made, "observe", None)):
-            self.observe = lambda now: law.guarded("observe", lambda: see(now), now.seen_at)
+            self.observe = lambda now: self._call("observe", see, now, now.seen_at)
+
+    def _call(self, name: str, method: Callable[[ControllerInput], Any], now: ControllerInput, t: float) -> Any:
+        with _told(self._law.path, f"in {self._law.name}.{name} at t = {t:.2f} s"):
+            return method(now)
 
     def command(self, now: ControllerInput) -> tuple[float, float]:
-        given = self._law.guarded("command", lambda: self._made.command(now), now.t)
+        given = self._call("command", self._made.command, now, now.t)
         try:
             v, w = map(float, given)
         except (TypeError, ValueError):
@@ -98,6 +92,15 @@ class _Guarded:
                 f"t = {now.t:.2f} s; wanted speed [m/s] and yaw rate [rad/s], two finite numbers"
             )
         return v, w
+
+
+@contextlib.contextmanager
+def _told(path: Path, where: str, kind: type[Exception] = ControllerError) -> Iterator[None]:
+    """Within, whatever the user's code raises is an error of a kind, in one line with the file's line and `where` it was."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:  # a user's code may raise anything
+        raise kind(f"{_fault(path, error)} ({where})") from error
 
 
 def _fault(path: Path, error: BaseException) -> str:
@@ -180,12 +183,10 @@ def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     if not isinstance(law, PlanarLaw):
         raise ValueError(f"{path}: {given} is {_shown(law)}, wanted a PlanarLaw")
     add_model(law)
-    try:
+    with _told(path, f"model {law.name}", ValueError):  # also what numba cannot compile
         PlanarPlant(PlanarModel(law.parameters(), Vehicle(), Drive())).run(
             Commands(0.05, np.full((2, 2), 0.1)), State(), 0.05
         )
-    except Exception as error:  # a user's code may raise anything, and numba what it cannot compile
-        raise ValueError(f"{_fault(path, error)} (model {law.name})") from error
     return [law.name]
 
 
@@ -206,11 +207,9 @@ class UserMetric:
         Raises:
             SsmrError: the function failed, or gave no finite number.
         """
-        try:
+        with _told(self.path, f"in {self.name}", SsmrError):
             values = [float(self.rate(motion, wanted)) for motion, wanted in zip(motions, references, strict=True)]
             value = float(np.average(values, weights=[len(wanted) for wanted in references]))
-        except Exception as error:  # a user's code may raise anything
-            raise SsmrError(f"{_fault(self.path, error)} (in {self.name})") from error
         if not math.isfinite(value):
             raise SsmrError(f"{self.path}: {self.name} returned {value}, wanted a finite number")
         return Metrics({**metrics, self.name: value})

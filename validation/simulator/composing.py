@@ -80,7 +80,8 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
         tendon = spec.add_tendon(name=motor)
         for wheel in wheels:
             tendon.wrap_joint(f"{wheel}_wheel", 1.0 / len(wheels))
-        servo = _add_actuator(spec, f"{motor}_motor", motor, mujoco.mjtTrn.mjTRN_TENDON, forcerange=[-1.0, 1.0])
+        kind = mujoco.mjtTrn.mjTRN_TENDON
+        servo = spec.add_actuator(name=f"{motor}_motor", target=motor, trntype=kind, forcerange=[-1.0, 1.0])
         servo.set_to_velocity(kv=1.0)
     _add_sensors(spec)
     return spec
@@ -118,31 +119,18 @@ def _add_body(parent: Any, name: str, at: Any, mass: float, com: Any, moments: A
     return parent.add_body(name=name, pos=at, mass=mass, ipos=com, inertia=moments, explicitinertial=True)
 
 
-def _add_actuator(spec: mujoco.MjSpec, name: str, target: str, kind: mujoco.mjtTrn, **more: Any) -> Any:
-    return spec.add_actuator(name=name, target=target, trntype=kind, **more)
-
-
 def _look(kind: mjtGeom, size: list[float], colour: list[float], **more: Any) -> dict[str, Any]:
     usual = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
     return {"type": kind, "size": [*size, 0.0, 0.0][:3], "rgba": colour, **usual, **more}
 
 
 def _add_hull(base: Any, robot: Robot) -> None:
-    """Add the looks of the body: a hull between the tyres, a plate on it, a nose in front, and the axles."""
-    g = robot.geometry
-    (length, width, height), (x, y, z) = g.body_size, g.body_centre
-    half = [0.5 * length, 0.5 * width, 0.5 * height]
+    """Add the looks of the body: a hull between the tyres, and a nose in front."""
+    (length, width, height), (x, y, z) = robot.geometry.body_size, robot.geometry.body_centre
+    half, nose = [0.5 * length, 0.5 * width, 0.5 * height], [0.06 * length, 0.25 * width, 0.06 * height]
     base.add_geom(name="hull", pos=[x, y, z], **_look(mjtGeom.mjGEOM_BOX, half, _HULL))
-    plate, nose = [0.96 * half[0], 0.96 * half[1], 0.03 * height], [0.06 * length, 0.25 * width, 0.06 * height]
-    top = z + half[2]
-    base.add_geom(name="plate", pos=[x, y, top + plate[2]], **_look(mjtGeom.mjGEOM_BOX, plate, _DARK))
-    ahead = [x + 0.85 * half[0], y, top + 2.0 * plate[2] + nose[2]]
+    ahead = [x + 0.85 * half[0], y, z + half[2] + nose[2]]
     base.add_geom(name="nose", pos=ahead, **_look(mjtGeom.mjGEOM_BOX, nose, _METAL))
-    for name, sign in (("front", 1.0), ("rear", -1.0)):
-        axle = 0.5 * sign * g.wheelbase
-        ends = [axle, -0.5 * g.track, g.axle_height, axle, 0.5 * g.track, g.axle_height]
-        look = _look(mjtGeom.mjGEOM_CYLINDER, [0.1 * g.wheel_radius], _METAL)
-        base.add_geom(name=f"axle_{name}", fromto=ends, **look)
 
 
 def _add_wheel(base: Any, robot: Robot, wheel: str) -> None:

@@ -18,12 +18,13 @@ import tomli_w
 from mujoco import mjtGeom
 
 from ssmr.parameters import described
+from ssmr.robot.ground import FRONT, LEFT
 from ssmr.types import FloatArray
 from validation import store
 from validation.files import reading
 from validation.simulator import guarded
 from validation.simulator.checking import spot_turn
-from validation.simulator.description import SCHEMA, SECTIONS, WHEELS, Robot, RobotError, parse_robot, shipped_robots
+from validation.simulator.description import SCHEMA, SECTIONS, Robot, RobotError, parse_robot, shipped_robots
 from validation.words import one_line
 
 _ROOT = "ssmr_world"
@@ -49,12 +50,8 @@ _HEADING = (
 )
 
 
-class Entry(NamedTuple):
-    """A number or word of a new robot's file."""
-
-    key: str  # section and name, such as `geometry.track`
-    value: float | str | Sequence[float]  # in SI units
-    source: str  # `GRADE: where it is from`
+Entries = dict[str, tuple[float | str | Sequence[float], str]]
+"""Numbers [SI] and words of a new robot's file by section and name, such as `geometry.track`, with `GRADE: source`."""
 
 
 class RobotDraft(NamedTuple):
@@ -85,13 +82,13 @@ def draft_robot(name: str, known: Mapping[str, float]) -> RobotDraft:
     Raises:
         ValueError: the name is taken or cannot be one, or a number cannot be.
     """
-    entries = [Entry(key, float(value), "measured: given to `new`") for key, value in known.items()]
-    entries.append(Entry("geometry.link", "belt", "assumed: as most such robots"))
+    entries: Entries = {key: (float(value), "measured: given to `new`") for key, value in known.items()}
+    entries["geometry.link"] = "belt", "assumed: as most such robots"
     remarks = ("estimated from the size: com, inertia and wheels of [mass], the hull, gain and armature", _NEXT)
     return _drafted(name, "", entries, remarks)
 
 
-def _drafted(name: str, description: str, entries: Sequence[Entry], remarks: Sequence[str]) -> RobotDraft:
+def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[str]) -> RobotDraft:
     """Return the file of a new robot; where no entry says a torque limit, one is added that surely turns it on the spot.
 
     Raises:
@@ -105,26 +102,20 @@ def _drafted(name: str, description: str, entries: Sequence[Entry], remarks: Seq
     if "drive.torque_limit" not in robot.said and spot is not None:
         torque = float(f"{0.5 * SURE_FRICTION * spot.side_torque:.3g}")
         source = f"assumed: enough to turn on the spot on ground of friction {SURE_FRICTION:g}"
-        document = _document(name, description, [*entries, Entry("drive.torque_limit", torque, source)])
+        document = _document(name, description, {**entries, "drive.torque_limit": (torque, source)})
         robot = parse_robot(document)
     heading = "".join(f"# {line}\n" for line in textwrap.wrap(_HEADING, 120))
     return RobotDraft(robot, heading + tomli_w.dumps(store.encodable(document)), remarks)
 
 
-def _document(name: str, description: str, entries: Sequence[Entry]) -> dict[str, Any]:
+def _document(name: str, description: str, entries: Entries) -> dict[str, Any]:
     """Return what the file says, as TOML has it; numbers have nine digits."""
-    sections: dict[str, dict[str, Any]] = {}
-    for entry in entries:
-        section, _, key = entry.key.partition(".")
-        sections.setdefault(section, {})[key] = _rounded(entry.value)
-    texts = {"name": name, "description": one_line(description)} if description else {"name": name}
-    return {"schema": SCHEMA, **texts, **sections, "sources": {entry.key: one_line(entry.source) for entry in entries}}
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, str):
-        return value
-    return float(f"{value:.9g}") if isinstance(value, float | int) else [_rounded(v) for v in value]
+    document: dict[str, Any] = {"schema": SCHEMA, "name": name} | ({"description": description} if description else {})
+    for at, (value, _) in entries.items():
+        section, _, key = at.partition(".")
+        rounded = value if isinstance(value, str) else np.vectorize(lambda v: float(f"{v:.9g}"))(value).tolist()
+        document.setdefault(section, {})[key] = rounded
+    return document | {"sources": {at: one_line(source) for at, (_, source) in entries.items()}}
 
 
 def import_robot(
@@ -242,7 +233,7 @@ class _Import:
         Raises:
             ValueError: there are not four, they do not stand at the corners of a rectangle, or one can be steered.
         """
-        self.file, self.guesses, self.entries = file, list[str](), list[Entry]()
+        self.file, self.guesses, self.entries = file, list[str](), Entries()
         self._compile(spec)
         wheels = [self.model.joint(j).name for j in self._four_joints()]
         named = spec.body("base_link")
@@ -291,20 +282,14 @@ class _Import:
         """
         model, places = self.model, self.data.xanchor[list(joints)]
         ahead, aside, _ = (places - places.mean(axis=0)).T
-        named = {
-            f"{'front' if x > 0.0 else 'rear'}_{'left' if y > 0.0 else 'right'}": k
-            for k, (x, y) in enumerate(zip(ahead, aside, strict=True))
-        }
-        if set(named) != set(WHEELS):
-            raise ValueError(f"the four wheels do not stand at the corners of a rectangle: {self._names(joints)}")
-        order = [named[wheel] for wheel in WHEELS]
+        order = np.lexsort((-aside, ahead < 0.0)).tolist()
         x, y = np.abs(ahead).mean(), np.abs(aside).mean()
         wheelbase, track = 2.0 * float(x), 2.0 * float(y)
-        askew = float(np.abs([np.abs(ahead) - x, np.abs(aside) - y]).max())
+        askew = float(np.abs([ahead[order] - x * FRONT, aside[order] - y * LEFT]).max())
         if askew > _ASKEW * min(wheelbase, track):
             raise ValueError(
-                f"the four wheels do not stand at the corners of a rectangle: one is {1e3 * askew:.0f} mm away from that of "
-                f"{wheelbase:.3f} by {track:.3f} m"
+                f"the four wheels do not stand at the corners of a rectangle: of {self._names(joints)} one is "
+                f"{1e3 * askew:.0f} mm away from that of {wheelbase:.3f} by {track:.3f} m"
             )
         where = f"joints {self._names(joints[k] for k in order)}"
         self.read("geometry.wheelbase", wheelbase, where)
@@ -312,14 +297,14 @@ class _Import:
         middle = places.mean(axis=0)
         self.origin = np.array([*middle[:2], level])
         self.read("geometry.axle_height", float(middle[2] - level), "the same joints above base_link")
-        self.entries.append(Entry("geometry.link", "belt", "assumed: a URDF does not say it"))
+        self.entries["geometry.link"] = "belt", "assumed: a URDF does not say it"
         self.guesses.append("guessed geometry.link: belt, the wheels of a side turn together")
         return [int(model.jnt_bodyid[joints[k]]) for k in order]
 
     def read(self, key: str, value: float | FloatArray, where: str) -> None:
         """Say a number that the file says."""
         said = value if isinstance(value, float) else value.tolist()
-        self.entries.append(Entry(key, said, f"published: {self.file}, {where}"))
+        self.entries[key] = said, f"published: {self.file}, {where}"
 
     def say_wheels(self, radius: float | None, width: float | None) -> None:
         """Say radius and width of the tyres: given, or those of their cylinders of collision.
@@ -335,7 +320,7 @@ class _Import:
             found += [model.geom_size[g] for g in sorted(drums, key=lambda g: -float(model.geom_size[g, 0]))[:1]]
         for key, given, column, twice in (("wheel_radius", radius, 0, 1.0), ("wheel_width", width, 1, 2.0)):
             if given is not None:
-                self.entries.append(Entry(f"geometry.{key}", given, "measured: given to `import`"))
+                self.entries[f"geometry.{key}"] = given, "measured: given to `import`"
             elif found:
                 self.read(f"geometry.{key}", twice * float(np.mean(found, axis=0)[column]), "cylinders of the tyres")
             else:
@@ -379,9 +364,8 @@ class _Import:
             for g, aabb in enumerate(model.geom_aabb.reshape(-1, 6)) if model.geom_bodyid[g] == self.base for sign in signs
         ]  # fmt: skip
         low, high = (np.min(corners, axis=0), np.max(corners, axis=0)) if corners else (np.zeros(3), np.zeros(3))
-        known: dict[str, Any] = {entry.key: entry.value for entry in self.entries}
-        radius, width = known["geometry.wheel_radius"], known["geometry.wheel_width"]
-        if np.any(high - low < (2.0 * radius, width, 0.2 * radius)):  # an antenna, say
+        (radius, _), (width, _) = (self.entries[f"geometry.wheel_{name}"] for name in ("radius", "width"))
+        if np.any(high - low < np.array([2.0, 1.0, 0.2]) * [radius, width, radius]):  # an antenna, say
             self.guesses.append(
                 "the hull is estimated: the body's plain shapes fill less than a wheel; say body_size and body_centre"
             )

@@ -114,12 +114,7 @@ def adjust(model: mujoco.MjModel, calibration: Calibration, drive: Drive, settin
     """
     set_calibration(model, calibration)
     set_motors(model, calibration, drive)
-    apply_settings(model, settings, wheel_geoms(model), calibration.friction_ratio)
-
-
-def wheel_geoms(model: mujoco.MjModel, prefix: str = "") -> list[int]:
-    """Return the ids of the four contact geoms, in the order of `WHEELS`; `prefix` as in `set_calibration`."""
-    return list(robot_parts(model, prefix).tires)
+    apply_settings(model, settings, robot_parts(model).tires, calibration.friction_ratio)
 
 
 def base_inertia(calibration: Calibration) -> FloatArray:

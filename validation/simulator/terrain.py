@@ -6,6 +6,7 @@ On the command line a terrain is `flat`, `ramp:SLOPE` or `ramp:slope_deg=5,towar
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,8 +19,7 @@ from validation.words import shortened
 
 USAGE = "flat, ramp:slope_deg=NUMBER,toward_deg=0"
 """The forms in which terrains are written."""
-_KEYS = {"slope_deg": "slope", "toward_deg": "toward"}
-"""The keys of a ramp on the command line, with the field that each sets; the first may be left out."""
+_RAMP = re.compile(r"ramp:(?:slope_deg=)?([^,=]+)(?:,toward_deg=([^,=]+))?")
 
 
 @dataclass(frozen=True)
@@ -77,27 +77,12 @@ def parse_terrain(text: str) -> Terrain:
     """Return the terrain that a text such as `ramp:5` describes.
 
     Raises:
-        ValueError: an unknown kind or key, no number, or one outside its range; the message says what would be right.
+        ValueError: it is not understood, or a number is outside its range; the message says what would be right.
     """
-    kind, _, rest = text.partition(":")
-    said = shortened(text, 60)
-    if text == "flat":
-        return FLAT
-    if kind != "ramp":
-        raise ValueError(f"unknown terrain '{said}'; there are: {USAGE}")
-    values = dict[str, float]()
-    for position, part in enumerate(filter(None, map(str.strip, rest.split(",")))):
-        key, equals, number = part.rpartition("=")
-        name = _KEYS.get(key.strip() if equals or position else "slope_deg", "")
-        try:
-            if not name or name in values:
-                raise ValueError
-            values[name] = math.radians(float(number))
-        except ValueError:
-            raise ValueError(f"terrain '{said}': '{shortened(part, 60)}' is not understood; wanted {USAGE}") from None
-    if "slope" not in values:
-        raise ValueError(f"terrain '{said}' says too little; wanted {USAGE}")
+    found = _RAMP.fullmatch(text)
     try:
-        return Terrain("ramp", **values)
+        if found is None and text != "flat":
+            raise ValueError(f"wanted {USAGE}")
+        return FLAT if found is None else Terrain("ramp", *(math.radians(float(n or 0.0)) for n in found.groups()))
     except ValueError as error:
-        raise ValueError(f"terrain '{said}': {error}") from error
+        raise ValueError(f"terrain '{shortened(text, 60)}' is not understood: {error}") from error

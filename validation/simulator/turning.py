@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -78,25 +77,13 @@ def surge(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
     return float(motion.twist[motion.t >= _SURGE_LEAD, 0].max()) / rim - 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Spin:
-    """A turn on the spot."""
-
-    motion: Trajectory
-    """Whole motion, sampled every `SAMPLE`."""
-    turns: float
-    """Number of turns from `SPIN_LEAD` on [1]."""
-
-
-def spin(plant: Plant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> Spin:
-    """Turn on the spot at a commanded yaw rate [rad/s].
+def spin(plant: Plant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> Trajectory:
+    """Turn on the spot at a commanded yaw rate [rad/s]; return the motion, sampled every `SAMPLE`.
 
     Raises:
         DivergedError: the simulator gave up.
     """
-    motion = plant.run(_twist(0.0, rate, seconds), State(), SAMPLE)
-    start = int(np.searchsorted(motion.t, SPIN_LEAD - 1e-9))
-    return Spin(motion, float(motion.yaw[-1] - motion.yaw[start]) / (2.0 * math.pi))
+    return plant.run(_twist(0.0, rate, seconds), State(), SAMPLE)
 
 
 def closed_form(calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> SkidTurn:
@@ -120,20 +107,19 @@ def closed_form(calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 
     )
 
 
-def measure_spin(found: Spin, calibration: Calibration) -> dict[str, float]:
+def measure_spin(motion: Trajectory, calibration: Calibration) -> dict[str, float]:
     """Return the measures of a turn on the spot, by name; those of whole turns only if there was one."""
-    motion, expected = found.motion, closed_form(calibration).multiplier
     tail = motion.t >= SPIN_LEAD - 1e-9
     loads, rate = motion.channels["wheel_load_N"][tail], motion.twist[tail, 2]
     wheels = motion.wheels[tail, 1] - motion.wheels[tail, 0]
     xy, yaw = motion.xy[tail], motion.yaw[tail]
     out = {
-        "multiplier_expected": expected,
+        "multiplier_expected": closed_form(calibration).multiplier,
         "lifted_share": float((loads < LIFT_SHARE * loads.mean(axis=0)).any(axis=1).mean()),
         "glide": float(np.hypot(*motion.twist[tail, :2].T).max() / (0.5 * calibration.wheel_radius * wheels.mean())),
         "wander_m": float(np.hypot(*(xy - xy[0]).T).max()),
     }
-    whole = math.floor(found.turns + 1e-9)
+    whole = math.floor(float(yaw[-1] - yaw[0]) / (2.0 * math.pi) + 1e-9)
     if whole >= 1:
         end = int(np.argmax(yaw - yaw[0] >= 2.0 * math.pi * whole))
         span = slice(0, max(end, 1))

@@ -12,7 +12,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, State, Trajectory
 from validation.simulator.description import WHEELS
 from validation.simulator.health import LIFT_SHARE
-from validation.simulator.model import GRAVITY
+from validation.simulator.model import GRAVITY, static_shares
 from validation.simulator.plant import MujocoPlant
 
 MEASURED, QUASI_STATIC = "wheel_load_N", "quasi_static_load_N"
@@ -57,14 +57,7 @@ def load_model(plant: MujocoPlant) -> LoadModel:
 
 def resting_loads(plant: MujocoPlant) -> FloatArray:
     """Return the (4,) wheel loads [N] at rest on level ground, by the plant's own mass and centre of mass."""
-    data = mujoco.MjData(plant.model)  # level, wherever the plant stands
-    mujoco.mj_kinematics(plant.model, data)
-    mujoco.mj_comPos(plant.model, data)
-    root = plant.model.body("base").id
-    x, y, _ = data.subtree_com[root] - data.xpos[root]
-    level = replace(load_model(plant), com_x=float(x), com_y=float(y))
-    still, gravity = np.zeros(1), np.array([[0.0, 0.0, -GRAVITY]])
-    return np.asarray(level.quasi_static(np.zeros((1, 2)), gravity, still, still, still)[0])
+    return static_shares(plant.calibration) * plant.calibration.mass * GRAVITY
 
 
 def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localiser) -> Trajectory:

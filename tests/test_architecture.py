@@ -208,7 +208,7 @@ PRICES = {
     "validation/learning": (679, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_446, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (780, "every plant declared once, and profiles"),
-    "validation/replicate": (1_231, "the thesis beside us, row by row"),
+    "validation/replicate": (1_194, "the thesis beside us, row by row"),
     "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_501, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_249, "a robot's description becomes a MuJoCo model that moves"),

@@ -30,13 +30,11 @@ class Budget(NamedTuple):
     """Searches for each controller's gains."""
     draws: int = 10
     """Draws of noise and disturbance for each row."""
-    repeats: int = 25
-    """Runs of a simulation that is timed."""
     starts: int = 16
     """Starts of each run in ODE."""
 
 
-QUICK = Budget((20, 25), (20, 12), 1, 2, 7, 1)
+QUICK = Budget((20, 25), (20, 12), 1, 2, 1)
 """Reduced budgets, which take under three minutes."""
 
 
@@ -48,7 +46,7 @@ class Task(NamedTuple):
     seed: int
     """First seed of its searches."""
     workers: int | None
-    """Number of threads, None for all processors; only times depend on it."""
+    """Number of threads, None for all processors; no result depends on it."""
     progress: Progressing
     """Callback for its progress."""
 

@@ -1,12 +1,10 @@
-"""Chapter 3: models fitted to trajectory 4 and judged on all four, simulation times, accelerations.
+"""Chapter 3: models fitted to trajectory 4 and judged on all four, and accelerations.
 
 The MuJoCo Husky of profile `thesis-lab` takes the place of the thesis' robot, whose measured motion is not published.
 """
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -14,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.simulation import SAMPLE_DT
-from ssmr.types import Commands, FloatArray, Plant, State
+from ssmr.types import FloatArray, State
 from validation.fit import fit
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate.chapters import Findings, Section, Task
@@ -30,7 +27,7 @@ _NAMES: Mapping[str, str] = {
     "K_y": "k_y", "K_P_tau": "gain",
 }  # fmt: skip
 """Names of the thesis' parameters in a fit, which has one delay for both of the thesis'."""
-_TIMED = ("coulomb", "improved", "linear", "mujoco")
+_DRIVEN = ("coulomb", "improved", "linear", "mujoco")
 _JUDGED = ("coulomb", "improved")
 """Models of whose accelerations the thesis says something in words."""
 
@@ -85,40 +82,9 @@ def distance_rows(number: str, fitted: Mapping[str, Any]) -> Rows:
     }
 
 
-def _times(task: Task) -> Findings:
-    """Take the time of a simulation of trajectory 4 (Sec. 3.6)."""
-    profile, commands = load_profile(_PROFILE), TRAJECTORIES["traj4"].commands()
-    walls = {name: _wall(make_plant(profile, name), commands, task.budget.repeats) for name in _TIMED}
-    text = published.table("text")["rows"]
-    rows: dict[str, dict[str, Pair]] = {}
-    for name, (wall, spread) in walls.items():
-        printed = text.get(f"{name}_simulation_time_s", {}).get("value")
-        obstacle = "" if printed is None else "another machine and another simulator (Simulink)"
-        beside = {} if printed is None else {"published_over_ours": printed / wall}
-        rows[name] = {"simulation_time_s": Pair(printed, wall, "none", "s", spread, beside, obstacle)}
-    ratio = walls["improved"][0] / walls["coulomb"][0]
-    spread = ratio * math.hypot(*(walls[name][1] / walls[name][0] for name in ("improved", "coulomb")))
-    printed_ratio = 1.0 - 0.01 * published.value("text", "simulation_time_reduction_percent")
-    rows["improved against coulomb"] = {"time_ratio": Pair(printed_ratio, ratio, "distance", "1", spread)}
-    words = {"repeats": task.budget.repeats, "duration": commands.duration, "printed": printed_ratio, "ratio": ratio}
-    return Findings({"Sec. 3.6": rows}, words)
-
-
-def _wall(plant: Plant, commands: Commands, repeats: int) -> tuple[float, float]:
-    """Return median and half the interquartile range of a run's processor time [s]."""
-    plant.run(commands, State(), SAMPLE_DT)
-    taken = []
-    for _ in range(repeats):
-        began = time.process_time()
-        plant.run(commands, State(), SAMPLE_DT)
-        taken.append(time.process_time() - began)
-    low, median, high = np.percentile(taken, (25.0, 50.0, 75.0))
-    return float(median), float(0.5 * (high - low))
-
-
 def _accelerations(task: Task) -> Findings:
     """Find how often yaw accelerations alternate on trajectory 4 (Fig. 3.33)."""
-    plants = {name: make_plant(load_profile(_PROFILE), name) for name in _TIMED}
+    plants = {name: make_plant(load_profile(_PROFILE), name) for name in _DRIVEN}
     driven = {name: plant.run(TRAJECTORIES["traj4"].commands(), State(), plant.dt) for name, plant in plants.items()}
     rows: dict[str, dict[str, Pair]] = {}
     for name, motion in driven.items():
@@ -135,7 +101,6 @@ def alternations(acceleration: FloatArray) -> int:
 
 MODEL_SECTIONS = (
     *(Section(f"fit-{model}", tables, partial(_fitted, model)) for model, tables in _FITS.items()),
-    Section("times", ("Sec. 3.6",), _times),
     Section("accelerations", ("Fig. 3.33",), _accelerations),
 )
 """The sections on chapter 3."""

@@ -71,7 +71,7 @@ class Replicate(cli.Common):
     quick: cli.Flag = False
     """Use reduced budgets, which take under three minutes."""
     only: Annotated[cli.Names, cli.option(default="all")] = ()
-    """Sections or tables to run, such as 3.9,4.5 or times. A wrong name lists all sections."""
+    """Sections or tables to run, such as 3.9,4.5 or noise. A wrong name lists all sections."""
     seed: cli.Seed = 1
 
 

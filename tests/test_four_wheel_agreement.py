@@ -32,7 +32,10 @@ def test_curves_agree_but_for_the_lag_of_mujocos_friction(v: float, w: float) ->
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.98])
 def test_starts_agree_but_for_the_slip_of_tyres(share: float) -> None:
     reached, slip, moved = page.thrust("mujoco", share)
-    assert abs(slip) < 0.0025
+    late = (
+        0.002 * math.log(0.95 / 0.5) / 0.45
+    )  # rates of wheels are told a step of 2 ms after the speed, which grows with time
+    assert slip == pytest.approx(-late, abs=5e-4)
     assert reached == pytest.approx(share, rel=1e-3)
     stiff, _, others = page.thrust(RIGID, share)
     assert moved / reached == pytest.approx(others / stiff, rel=1e-3)

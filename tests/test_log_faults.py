@@ -175,8 +175,10 @@ def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
     }
 
 
-UNSEEN = {"warthog": {"wheels in km/h", "wheels in ft/s", "cmd_v in ft/s"}}
-"""Mistakes that do not show: a wheel of 0.30 m turns by nearly as many rad/s as its rim makes km/h, or feet a second."""
+BY_RADIUS = {"wheels in km/h", "wheels in ft/s"}
+UNSEEN = {"sample": BY_RADIUS, "husky": BY_RADIUS, "warthog": {*BY_RADIUS, "cmd_v in ft/s"}}
+"""Mistakes that do not show where nobody knows the radius of the wheels: such rates are those of a robot that does not skid.
+A wheel of 0.30 m turns by nearly as many rad/s as its rim makes km/h, or feet a second."""
 
 
 def shipped() -> list[str]:
@@ -195,6 +197,13 @@ def test_mistakes_of_loggers_are_named_and_a_sound_log_is_not_blamed(name: str) 
         if not any(f.kind == kind and set(names.split()) & set(f.columns) for f in found):
             missed.add(mistake)
     assert missed == UNSEEN.get(name, set())
+
+
+@pytest.mark.parametrize("unit", ["km/h", "ft/s"])
+def test_a_known_radius_shows_the_unit_of_wheel_rates(unit: str) -> None:
+    log, radius = read_log("husky").on_one_clock(), EkfSettings.radius
+    spoiled = scaled(SPEEDS[unit] * radius, *WHEELS)({"t": log.t, **log.columns})
+    assert {fault.kind for fault in find_faults(Log.of_columns("log.csv", spoiled), radius).named} == {"scale"}
 
 
 @pytest.mark.parametrize("missing", [(), ("gyro_z",), TWIST, WHEELS, POSE_COLUMNS, ("gyro_z", *TWIST)])

@@ -169,7 +169,7 @@ def require_apart(options: Common, folder: Path) -> None:
         return
     values = [getattr(options, f.name) for f in fields(options)]
     texts = [text for value in values for text in (value if isinstance(value, tuple | list) else (value,))]
-    read = [Path(text).resolve() for text in texts if isinstance(text, str | Path)]
+    read = [Path(os.path.realpath(text)) for text in texts if isinstance(text, str | Path)]  # a ring of links is itself
     ours = any((folder / name).exists() for name in ("fit.json", "tune.json", "calibrate.json", "checkpoint.npz"))
     for path in (folder / name for name in ("profile.toml", "gains.toml", "diff_drive.yaml")):
         if path.is_file() and (path.resolve() in read or not ours):

@@ -223,7 +223,7 @@ def _measures(told: Channels, radius: float | None) -> tuple[list[_Measure], lis
     if "odom_v" in told:
         forward.append(_Measure(("odom_v",), told["odom_v"], 0.6, 1.0, 1.7))
     if left in told and right in told:
-        least = 4.3 if radius is None else 2.0
+        least = 3.2 if radius is None else 2.0
         turning.append(_Measure(wheels, told[right] - told[left], least, 6.3, 25.0))
         around = (1.7, 1.0 / _RADIUS, 33.0) if radius is None else (0.75 / radius, 1.0 / radius, 1.25 / radius)
         forward.append(_Measure(wheels, 0.5 * (told[left] + told[right]), *around))

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import tyro
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -246,11 +245,10 @@ def _draw(c: Calibrated) -> Figure:
         for when, one in _scores(s).items()
     ]  # fmt: skip
 
-    def position(ax: Axes) -> None:
-        drawing.draw_horizons(marks, "position", ax)
-        ax.legend([Line2D([], [], color=m.ink, marker=m.marker) for m in marks], [m.name for m in marks], fontsize=8.5)
-
-    rows = [drawing.side_by_side(3.6, [position, partial(drawing.draw_horizons, marks, "yaw")])]
+    handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
+    header = partial(drawing.draw_header, title=c.title, handles=handles, labels=[m.name for m in marks])
+    panels = [partial(drawing.draw_horizons, marks, "position"), partial(drawing.draw_horizons, marks, "yaw")]
+    rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, panels)]
     return drawing.put_together([*rows, *drawing.note_rows([_verdict(s) for s in c.fits])])
 
 

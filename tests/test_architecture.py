@@ -211,7 +211,7 @@ PRICES = {
     "validation/replicate": (1_194, "the thesis beside us, row by row"),
     "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_501, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_249, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/simulator": (3_233, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_983, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (293, "the thesis' numbers"),
     "validation/bench": (
@@ -219,7 +219,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_527,
+        2_529,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

@@ -18,7 +18,6 @@ from validation.plants.profile import Profile, bare_profile, choose_profile, loa
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.checking import (
-    Advice,
     Measured,
     SpotTurn,
     advise,
@@ -85,13 +84,15 @@ class RobotCheck(Report):
     """What its MuJoCo model shows; None where none can be built."""
     loads: Sequence[float]
     """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is none."""
-    advice: Sequence[Advice]
-    """What is wrong or questionable; faults first."""
+    faults: Sequence[str]
+    """What is wrong, and what would be right."""
+    questions: Sequence[str]
+    """What deserves a second look."""
 
     @property
     def ok(self) -> bool:
         """Whether no fault was found."""
-        return not any(each.fault for each in self.advice)
+        return not self.faults
 
 
 @cli.program(CheckRobot)
@@ -113,34 +114,35 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         failed = f"no model can be built of it: {one_line(error)}"
     except DivergedError as error:
         failed = f"its simulation fails: {one_line(error)}; are masses, inertia and gain what they should be?"
-    advice = advise(robot, spot, found or failed)
+    faults, questions = advise(robot, spot, found or failed)
+    verdict = _verdict(robot, len(faults), len(questions))
     still = [float(share) * robot.masses.total * GRAVITY for share in load_shares(robot)]
     loads = still if found is None else list(found.loads)
-    faults = sum(each.fault for each in advice)
     return RobotCheck(
         program="robot",
         title=one_line(robot.title or robot.name),
         tables=[_numbers(robot)],
-        sentences=[_verdict(robot, advice), *(f"{'FAULT' if each.fault else 'question'}: {each.text}" for each in advice)],
+        sentences=[verdict, *(f"FAULT: {text}" for text in faults), *(f"question: {text}" for text in questions)],
         document=_document(robot, spot, found, loads)
-        | {"ok": not faults, "advice": [each.text for each in advice], "faults": faults, "guessed": guessed(robot)},
+        | {"ok": not faults, "advice": [*faults, *questions], "faults": len(faults), "guessed": guessed(robot)},
         draw=_draw,
-        failure=SsmrError(_verdict(robot, advice)) if faults else None,
+        failure=SsmrError(verdict) if faults else None,
         robot=robot,
         measured=found,
         loads=loads,
-        advice=advice,
+        faults=faults,
+        questions=questions,
     )
 
 
-def _verdict(robot: Robot, advice: Sequence[Advice]) -> str:
+def _verdict(robot: Robot, faults: int, questions: int) -> str:
     """Return in a sentence what a check found; a robot of which something is guessed may still be wrong."""
-    faults, guesses = sum(each.fault for each in advice), guessed(robot)
+    guesses = guessed(robot)
     if faults:
         return f"{robot.name}: {faults} fault{'s' if faults > 1 else ''} found"
     if guesses:
         return f"{robot.name}: no fault found, but nobody has measured or published {', '.join(guesses)}"
-    return f"{robot.name}: no fault found" if advice else f"{robot.name}: nothing is wrong with it"
+    return f"{robot.name}: no fault found" if questions else f"{robot.name}: nothing is wrong with it"
 
 
 def _loaded(robot: str | Path | Robot) -> Robot:

@@ -141,18 +141,8 @@ def measure_robot(robot: Robot) -> Measured:
 
 
 # ------------------------------------------------------------------------------------------- advice
-@dataclass(frozen=True)
-class Advice:
-    """One sentence about a robot."""
-
-    text: str
-    """What is wrong, and what would be right."""
-    fault: bool = True
-    """Whether the robot cannot be as it is described, or cannot drive; else it is worth a second look."""
-
-
-def advise(robot: Robot, spot: SpotTurn | None, found: Measured | str) -> list[Advice]:
-    """Return what is wrong with a robot and what would be right, faults first.
+def advise(robot: Robot, spot: SpotTurn | None, found: Measured | str) -> tuple[list[str], list[str]]:
+    """Return what is wrong with a robot and what would be right, and what deserves a second look; a sentence for each.
 
     Args:
         robot: the robot.
@@ -161,8 +151,8 @@ def advise(robot: Robot, spot: SpotTurn | None, found: Measured | str) -> list[A
     """
     faults = _parts_faults(robot) | ({} if spot is None else _motor_faults(robot, spot))
     faults |= {found: True} if isinstance(found, str) else _moving_faults(spot, found)
-    told = [Advice(text) for text, applies in faults.items() if applies]
-    return told + [Advice(text, fault=False) for text, applies in _questions(robot, spot).items() if applies]
+    wrong, asked = ([text for text, applies in each.items() if applies] for each in (faults, _questions(robot, spot)))
+    return wrong, asked
 
 
 def guessed(robot: Robot) -> list[str]:

@@ -16,8 +16,8 @@ from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, mode
 
 VISUAL_GROUP = 2
 """Geoms of this group are looks; contact shapes are in another."""
-SPOKES, TREADS = 3, 12
-"""Spokes and tread blocks drawn on a wheel: one sees it turn."""
+SPOKES = 3
+"""Spokes drawn on a wheel: one sees it turn."""
 IMPEDANCE = (0.1, 0.95)
 """Impedance of the soft contact at the surface and at full depth [1]. A hard one would let skidding wheels hop, and the
 robot would turn at a rate that depends on the time step (docs/physics.md)."""
@@ -26,9 +26,8 @@ CONTACT_DEPTH = 0.030285
 CONTACT_TIME = 0.15417
 """Time constant of the contact over sqrt(wheel radius / g) [1]; 20 ms for a Husky. With depths that grow as the radius and
 times that grow as its root, robots of one shape move alike whatever their size (Froude's similarity)."""
-_HULL, _DARK, _RUBBER, _TREAD, _METAL = (
-    [0.98, 0.76, 0.05, 1.0], [0.13, 0.13, 0.14, 1.0], [0.11, 0.11, 0.12, 1.0], [0.2, 0.2, 0.21, 1.0], [0.6, 0.61, 0.63, 1.0],
-)  # fmt: skip
+_HULL, _DARK = [0.98, 0.76, 0.05, 1.0], [0.13, 0.13, 0.14, 1.0]
+_RUBBER, _METAL = [0.11, 0.11, 0.12, 1.0], [0.6, 0.61, 0.63, 1.0]
 
 
 def contact_settings(robot: Robot) -> tuple[tuple[float, float], tuple[float, float, float, float, float]]:
@@ -154,11 +153,6 @@ def _add_wheel(base: Any, robot: Robot, wheel: str) -> None:
     for k in range(SPOKES):
         spoke = _look(mjtGeom.mjGEOM_BOX, [0.45 * radius, 1.03 * half, 0.06 * radius], _DARK)
         body.add_geom(name=f"{wheel}_spoke{k}", euler=[0, math.pi * k / SPOKES, 0], **spoke)
-    for k in range(TREADS):
-        angle = 2.0 * math.pi * k / TREADS
-        place = [0.99 * radius * math.sin(angle), 0, 0.99 * radius * math.cos(angle)]
-        tread = _look(mjtGeom.mjGEOM_BOX, [0.025 * radius, 1.006 * half, 0.073 * radius], _TREAD)
-        body.add_geom(name=f"{wheel}_tread{k}", pos=place, euler=[0, 0.5 * math.pi + angle, 0], **tread)
 
 
 def _add_sensors(spec: mujoco.MjSpec) -> None:

@@ -98,11 +98,11 @@ def test_rank_correlation_and_regret_of_a_hand_made_table() -> None:
 
 @pytest.fixture(scope="module")
 def small(lab: Profile, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Options: gains of one's own beside shipped ones, on short references."""
+    """Options: gains of one's own and a law that is not compiled beside shipped ones, on short references."""
     path = tmp_path_factory.mktemp("transfer") / "hopeless.toml"
     path.write_text(dump_gains(hopeless()), encoding="utf-8")
     return {
-        "profile": lab, "plants": ("kinematic",), "controllers": ("pid", "lqr-scheduled+predictor", f"pid:{path}"),
+        "profile": lab, "plants": ("kinematic",), "controllers": ("pid", "mpc", f"pid:{path}"),
         "references": ("u-turn@0.4", "line@0.75"),
     }  # fmt: skip
 

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import kendalltau
 
-from ssmr.control.laws import PLAIN_CONTROLLERS
+from ssmr.control.laws import PLAIN_CONTROLLERS, Controller
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.parameters import MOST_SEED, require_within
@@ -131,11 +131,19 @@ Scores = Mapping[str, float | int | None]
 
 
 def _scores(o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints) -> list[Scores]:
-    """Drive every controller along a reference, with the same noise and disturbance, and return their scores."""
-    n, target = len(laws), waypoints.trajectory(LoopSettings().position_period)
-    runs = run_robots([robot] * n, laws, [LoopSettings()] * n, waypoints, [o.seed], o.workers)
-    costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
-    return [_score(run, cost, waypoints, robot) for run, cost in zip(runs, costs, strict=True)]
+    """Drive every controller along a reference, with the same noise and disturbance, and return their scores.
+
+    Compiled laws are driven as one population and Python objects, such as mpc, as another.
+    """
+    target, scores = waypoints.trajectory(LoopSettings().position_period), dict[int, Scores]()
+    for compiled in (True, False):
+        some = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
+        if some:
+            settings = [LoopSettings()] * len(some)
+            runs = run_robots([robot] * len(some), [laws[k] for k in some], settings, waypoints, [o.seed], o.workers)
+            costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
+            scores |= {k: _score(run, cost, waypoints, robot) for k, run, cost in zip(some, runs, costs, strict=True)}
+    return [scores[k] for k in range(len(laws))]
 
 
 def _score(run: ClosedRun, cost: float, waypoints: Waypoints, robot: ClosedLoopRobot) -> Scores:

@@ -201,14 +201,14 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_343, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (8_294, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (857, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (679, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_446, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (780, "every plant declared once, and profiles"),
-    "validation/replicate": (1_194, "the thesis beside us, row by row"),
+    "validation/replicate": (1_165, "the thesis beside us, row by row"),
     "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_501, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_233, "a robot's description becomes a MuJoCo model that moves"),
@@ -219,7 +219,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_529,
+        2_512,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

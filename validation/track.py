@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -40,23 +39,15 @@ from validation.simulator.terrain import FLAT
 from validation.words import file_name
 
 
-def _numbers(wanted: str, count: int) -> Callable[[str], tuple[float, ...]]:
-    """Return the function that reads `count` numbers; its error says what is `wanted`."""
-
-    def read(text: str) -> tuple[float, ...]:
-        try:
-            numbers = tuple(map(float, text.split(",")))
-        except ValueError:
-            numbers = ()
-        if len(numbers) != count:
-            raise cli.UserError(f"'{text}' is no {wanted}")
-        return numbers
-
-    return read
-
-
-_read_start = _numbers("pose X,Y,YAW [m, m, rad] such as 0,0.5,0.52", 3)
-_read_shares = _numbers("pair of shares LEFT,RIGHT such as 0.02,0", 2)
+def _read_start(text: str) -> tuple[float, ...]:
+    """Return the three numbers of a pose."""
+    try:
+        numbers = tuple(map(float, text.split(",")))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 3:
+        raise cli.UserError(f"'{text}' is no pose X,Y,YAW [m, m, rad] such as 0,0.5,0.52")
+    return numbers
 
 
 @dataclass(frozen=True)
@@ -108,16 +99,11 @@ class TrackOptions(cli.Filmed):
     """Do not push the robot's yaw at random (Sec. 3.4.5)."""
     gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
     """Reading of the gyro at rest, of which the filter is not told. It needs --feedback ekf."""
-    missed_ticks: Annotated[
-        tuple[float, float], cli.parsed(_read_shares, "LEFT,RIGHT"), cli.option(default="0,0, sound encoders")
-    ] = (0.0, 0.0)
-    """Damaged encoders: the share of their ticks that those of the left and of the right side miss (Sec. 4.5), such as
-    0.02,0. It needs --feedback ekf, which alone reads the encoders."""
     terrain: cli.Ground = FLAT
     own_metric: cli.OwnMetric = None
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a negative seed, or for a feedback, a look-ahead, a start or encoders that cannot be."""
+        """Raise a ValueError for a negative seed, or for a feedback, a look-ahead or a start that cannot be."""
         if self.seed < 0:
             raise ValueError(f"seed {self.seed} must not be negative")
         x, y, yaw = self.start
@@ -128,9 +114,8 @@ class TrackOptions(cli.Filmed):
         if not abs(yaw) <= math.pi:
             raise ValueError(f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)")
         LoopSettings(self.seen, sensors=self.sensors, lookahead=self.lookahead)
-        needs = {"missed_ticks": any(self.missed_ticks), "gyro_bias": self.gyro_bias}
-        if self.seen != "ekf" and (named := [name for name, differs in needs.items() if differs]):
-            raise ValueError(f"{named[0]} needs the feedback ekf; nobody reads the sensors under {self.seen}")
+        if self.seen != "ekf" and self.gyro_bias:
+            raise ValueError(f"gyro_bias needs the feedback ekf; nobody reads the sensors under {self.seen}")
 
     @property
     def seen(self) -> Feedback:
@@ -140,8 +125,7 @@ class TrackOptions(cli.Filmed):
     @property
     def sensors(self) -> SensorModel:
         """Encoders and gyro of the state filter."""
-        left, right = self.missed_ticks
-        return SensorModel(gyro_bias=self.gyro_bias, missed_left=left, missed_right=right)
+        return SensorModel(gyro_bias=self.gyro_bias)
 
     @property
     def plants(self) -> tuple[str, ...]:
@@ -250,7 +234,6 @@ def _driven(
             "disturbance": around.disturbance,
             "lookahead_m": around.lookahead,
             "gyro_bias_rad_s": o.gyro_bias,
-            "missed_ticks": list(o.missed_ticks),
             "start": list(o.start),
             **robot.limits,
             "position_period_s": around.position_period,

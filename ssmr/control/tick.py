@@ -90,7 +90,7 @@ class LoopState(NamedTuple):
     command: Command
 
 
-NO_DRAWS, NO_ERRORS = Draws(*(0.0,) * 8), SensorErrors(*(0.0,) * 5)
+NO_DRAWS, NO_ERRORS = Draws(*(0.0,) * 8), SensorErrors(*(0.0,) * 3)
 """Templates for `named_like`."""
 _UNSEEN = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
 INITIAL_STATE = LoopState(

@@ -1,8 +1,7 @@
 """The friction laws of the thesis, and the force of a tyre of brushes, as functions of numbers.
 
-The laws of the thesis are Coulomb friction (Eq. 2.18), its smooth form with an arctangent (Eq. 2.33-2.38), the line of that
-about rest, called hyperviscous (Eq. 2.39, 2.40), and the improved dry friction (Eq. 2.29-2.31). The linear model has the
-hyperviscous law in its matrices, with the coefficients K = (2/pi) k_s mu as free parameters.
+The laws of the thesis are Coulomb friction (Eq. 2.18), which is `sign` times friction and load, and the improved dry
+friction (Eq. 2.29-2.31). The linear model has a line about rest, called hyperviscous (Eq. 2.39, 2.40), in its matrices.
 
 The force of a tyre grows with slip until all of its contact slides, and it needs some way to build up: the brush model with
 a parabolic pressure (H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. 2012, Ch. 3.2). Where the stiffness differs along and
@@ -29,33 +28,6 @@ def sign(x: float) -> float:
     if x < 0.0:
         return -1.0
     return 0.0
-
-
-@jit
-def coulomb_friction(coefficient: float, load: float, v: float) -> float:
-    """Return the friction force [N] of a load [N] at sliding speed v, to be subtracted: mu N sgn(v) (Eq. 2.18)."""
-    return coefficient * load * sign(v)
-
-
-@jit
-def arctangent_friction(coefficient: float, load: float, v: float, steepness: float) -> float:
-    """Return the friction force [N] with sgn(v) as (2/pi) arctan(k_s v), to be subtracted (Eq. 2.33, 2.35).
-
-    It tends to `coulomb_friction` as the steepness k_s [s/m] grows (Eq. 2.34). It has no stiction: its force at rest is 0.
-    """
-    return coefficient * load * (2.0 / math.pi) * math.atan(steepness * v)
-
-
-@jit
-def hyperviscous_friction(coefficient: float, load: float, v: float, steepness: float) -> float:
-    """Return the force of the arctangent's line about rest [N], to be subtracted: (2/pi) k_s mu N v (Eq. 2.38, 2.39)."""
-    return coefficient * load * (2.0 / math.pi) * steepness * v
-
-
-@jit
-def implied_steepness(viscous: float, coefficient: float) -> float:
-    """Return the k_s [s/m] at which a hyperviscous coefficient [s/m] is the slope of Coulomb friction at rest (Eq. 2.40)."""
-    return 0.5 * math.pi * viscous / coefficient
 
 
 @jit

@@ -92,8 +92,6 @@ class SensorErrors(NamedTuple):
     encoder_std: float  # standard deviation of each side's wheel rate [rad/s]
     gyro_std: float  # standard deviation of the gyro [rad/s]
     gyro_bias: float  # reading of the gyro at rest [rad/s]
-    left_share: float = 1.0  # share of the left wheels' rate that their encoders show [1]
-    right_share: float = 1.0  # share of the right wheels' rate that their encoders show [1]
 
 
 class SensorLog(NamedTuple):
@@ -120,24 +118,13 @@ class SensorModel:
     gyro_bias: float = parameter(0.0, unit="rad/s", low=-1e6, high=1e6)
     """Reading of the gyro at rest [rad/s], which the filter does not know. A real Husky's on tile is -0.0156."""
 
-    missed_left: float = parameter(0.0, unit="1", low=0.0, high=1.0)
-    """Share of their ticks that damaged encoders of the left side miss [1]; Sec. 4.5 supposes such damage."""
-    missed_right: float = parameter(0.0, unit="1", low=0.0, high=1.0)
-    """Share of their ticks that damaged encoders of the right side miss [1]."""
-
     def __post_init__(self) -> None:
-        """Check the ranges; ValueError for a negative variance, a share beyond 1, or a number that is not finite."""
+        """Check the ranges; ValueError for a negative variance, or a number that is not finite."""
         check_parameters(self)
 
     def packed(self) -> SensorErrors:
         """Return the noise for the kernels."""
-        return SensorErrors(
-            math.sqrt(self.variance_encoder),
-            math.sqrt(self.variance_gyro),
-            self.gyro_bias,
-            1.0 - self.missed_left,
-            1.0 - self.missed_right,
-        )
+        return SensorErrors(math.sqrt(self.variance_encoder), math.sqrt(self.variance_gyro), self.gyro_bias)
 
 
 @jit
@@ -149,8 +136,8 @@ def sense(
     `draws` are three standard normal numbers, for left, right and gyro, which the caller draws.
     """
     return SensorSample(
-        left * noise.left_share + noise.encoder_std * draws[0],
-        right * noise.right_share + noise.encoder_std * draws[1],
+        left + noise.encoder_std * draws[0],
+        right + noise.encoder_std * draws[1],
         yaw_rate + noise.gyro_std * draws[2] + noise.gyro_bias,
     )
 

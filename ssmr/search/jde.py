@@ -42,12 +42,10 @@ SLOPE = 0.2
 """Share of F and CR by which they are lowered, in proportion to the generations gone (slp) [1]."""
 PARTNERS = 4
 """Number of vectors, distinct and other than i, from which a donor is made (nr)."""
-Finished = Literal["", "generations", "improvement", "target"]
+Finished = Literal["", "generations", "improvement"]
 
 VERSION = "ssmr.jde/2"
 """Version of the layout of `Jde.state`, and of the order in which random numbers are drawn."""
-MOST_COST = 1e300
-"""Greatest size of a cost that a search can be told to stop at; results hold finite numbers only."""
 _MOST_VECTORS, _MOST_GENERATIONS = 100_000, 1_000_000
 """Greatest size and length of a search: beyond, its state does not fit into memory or a checkpoint."""
 _LOWER_64 = (1 << 64) - 1
@@ -65,8 +63,6 @@ class JdeSettings:
     """Stop when the best cost improved by no more than this share of its size [1] ..."""
     patience: int = 30
     """... over this many generations; more than `generations` turns the rule off."""
-    target: float = -math.inf
-    """Stop when the best cost is at or below this [unit of the cost]."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range."""
@@ -74,8 +70,6 @@ class JdeSettings:
         require_within(self, ("generations",), 1, _MOST_GENERATIONS, whole=True)
         require_within(self, ("patience",), 1, 1_000_000_000, whole=True)
         require_within(self, ("df",), 0.0, 1e6)
-        if not self.target == -math.inf:
-            require_within(self, ("target",), -MOST_COST, MOST_COST)
 
 
 class Jde:
@@ -148,11 +142,9 @@ class Jde:
     def finished(self) -> Finished:
         """Reason why the search is over, or an empty string while it is not: the first of these rules that holds.
 
-        `target`: the best cost is at or below the target. `improvement`: over the last `patience` generations the best cost
-        fell by no more than df times its size before; a cost that was unknown then does not count. `generations`: all done.
+        `improvement`: over the last `patience` generations the best cost fell by no more than df times its size before; a
+        cost that was unknown then does not count. `generations`: all done.
         """
-        if self._history and self.best_cost <= self.settings.target:
-            return "target"
         g, patience = self.generation, self.settings.patience
         if g >= patience:
             before, now = self._history[g - patience], self._history[g]

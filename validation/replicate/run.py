@@ -31,7 +31,6 @@ from validation.replicate.control import CONTROL_SECTIONS
 from validation.replicate.gazebo import GAZEBO_SECTION
 from validation.replicate.lab import NOISE_SECTION
 from validation.replicate.models import MODEL_SECTIONS
-from validation.replicate.theory import FRICTION_SECTION
 from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
 from validation.report.palette import VERDICT_INKS
 from validation.report.report import FINISHED, INTERRUPTED, Report
@@ -55,7 +54,6 @@ from validation.thesis.verdicts import (
 )
 
 ALL_SECTIONS: tuple[Section, ...] = (
-    FRICTION_SECTION,
     NOISE_SECTION,
     *MODEL_SECTIONS,
     GAZEBO_SECTION,

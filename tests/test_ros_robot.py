@@ -1,4 +1,4 @@
-"""The simulated robot behind its sensors, and the multiplexer of its commands."""
+"""The simulated robot behind its sensors, and the gate of its commands."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from tests.conftest import EXACT
 from validation.plants.profile import Profile, make_plant
-from validation.ros.robot import BASE_TIMEOUT, COMMAND_TOPICS, STAND_STILL, CommandMultiplexer, SimulatedRobot
+from validation.ros.robot import BASE_TIMEOUT, STAND_STILL, CommandGate, SimulatedRobot
 from validation.simulator.plant import MujocoPlant
 
 STEPS = 10  # of 2 ms: 50 Hz
-JOYSTICK = "/joy_teleop/cmd_vel"
 
 
 @pytest.fixture(scope="module")
@@ -80,33 +79,28 @@ def test_the_imu_feels_gravity_and_the_turn_with_the_noise_of_its_variance(plant
     np.testing.assert_allclose(np.var(gyro, axis=0), SensorModel().variance_gyro, rtol=0.25)  # 5 sigma of 800 samples
 
 
-# --- the multiplexer ---
+# --- the gate of commands ---
 
 
 def test_an_emergency_stop_comes_at_once_and_lets_nobody_in() -> None:
-    chooses = CommandMultiplexer(COMMAND_TOPICS, lambda text: None)
-    chooses.offer(JOYSTICK, (0.2, 0.1), 0.0)
-    chooses.emergency_stop(True)
-    assert chooses.command(0.0) == STAND_STILL
-    assert not chooses.offer(JOYSTICK, (0.2, 0.1), 0.1)
-    chooses.emergency_stop(False)
-    assert chooses.command(0.15) == STAND_STILL, "what was commanded before a stop is void after it"
-    assert chooses.offer(JOYSTICK, (0.2, 0.1), 0.2)
-    assert chooses.command(0.2) == (0.2, 0.1)
+    gate = CommandGate("/cmd_vel", lambda text: None)
+    gate.offer((0.2, 0.1), 0.0)
+    gate.emergency_stop(True)
+    assert gate.command(0.0) == STAND_STILL
+    gate.offer((0.2, 0.1), 0.1)
+    assert gate.command(0.1) == STAND_STILL
+    gate.emergency_stop(False)
+    assert gate.command(0.15) == STAND_STILL, "what was commanded before a stop is void after it"
+    gate.offer((0.2, 0.1), 0.2)
+    assert gate.command(0.2) == (0.2, 0.1)
 
 
-@given(st.lists(st.tuples(st.sampled_from(sorted(COMMAND_TOPICS)), st.floats(0.0, 0.3)), min_size=1, max_size=60))
-def test_whoever_commands_has_no_better_that_speaks(messages: list[tuple[str, float]]) -> None:
-    """Against the definition: a message passes if all better topics were silent for more than 0.5 s."""
-    now, heard = 0.0, dict.fromkeys(COMMAND_TOPICS, -math.inf)
-    chooses = CommandMultiplexer(COMMAND_TOPICS, lambda text: None)
-    assert chooses.command(0.0) == STAND_STILL, "a robot that nobody commands stands"
-    passed, since = STAND_STILL, -math.inf
-    for k, (topic, pause) in enumerate(messages):
+@given(st.lists(st.floats(0.0, 0.6), min_size=1, max_size=60))
+def test_the_last_command_counts_until_it_is_too_old(pauses: list[float]) -> None:
+    gate, now = CommandGate("/cmd_vel", lambda text: None), 0.0
+    assert gate.command(0.0) == STAND_STILL, "a robot that nobody commands stands"
+    for k, pause in enumerate(pauses):
+        gate.offer((0.001 * k, 0.0), now)
+        assert gate.command(now) == (0.001 * k, 0.0)
+        assert gate.command(now + pause) == ((0.001 * k, 0.0) if now + pause - now <= BASE_TIMEOUT else STAND_STILL)
         now += pause
-        alone = all(now - heard[other] > 0.5 for other, p in COMMAND_TOPICS.items() if p > COMMAND_TOPICS[topic])
-        assert chooses.offer(topic, (0.001 * k, 0.0), now) == alone
-        heard[topic] = now
-        if alone:
-            passed, since = (0.001 * k, 0.0), now
-        assert chooses.command(now) == (passed if now - since <= BASE_TIMEOUT else STAND_STILL)

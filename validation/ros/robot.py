@@ -1,9 +1,9 @@
-"""A MuJoCo robot with its sensors and the multiplexer of its commands, without ROS and without a clock."""
+"""A MuJoCo robot with its sensors and the gate of its commands, without ROS and without a clock."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
@@ -19,11 +19,6 @@ from validation.simulator.plant import MujocoPlant
 
 SENSOR_RATE = 50.0
 """Rate of encoders, IMU and filter [Hz]; Tab. 3.5, husky_control."""
-COMMAND_TOPICS = {"/rc_teleop/cmd_vel": 12, "/joy_teleop/cmd_vel": 10, "/twist_marker_server/cmd_vel": 8, "/cmd_vel": 1}
-"""Topics on which Clearpath's robots can be commanded, with their priorities: the greatest wins
-(clearpath_control/config/twist_mux.yaml; Sec. 3.3 has the four of its time)."""
-SOURCE_TIMEOUT = 0.5
-"""Time after a message for which topics of lower priority are ignored [s] (twist_mux.yaml)."""
 BASE_TIMEOUT = 0.25
 """Time without a command after which the wheel controller brakes [s] (control.yaml, cmd_vel_timeout)."""
 _WHEEL_POSE_VARIANCE = (1e-3, 1e-3, 0.03)
@@ -34,40 +29,36 @@ _FORCE_VARIANCE = 1e-2
 """Variance reported for the accelerometer [m2/s4]: 0.1 m/s2, a MEMS sensor on a vibrating robot. No noise is added."""
 
 
-class CommandMultiplexer:
-    """Passes the command of the highest priority on, and brakes on an emergency stop and without commands."""
+class CommandGate:
+    """Passes the last command on, and brakes on an emergency stop and without commands."""
 
-    def __init__(self, priorities: Mapping[str, int], report: Callable[[str], object]) -> None:
-        """Begin without a command; `priorities` are those of topics, and `report` takes a sentence about each change."""
-        self._priorities, self._report = priorities, report
-        self._heard = dict.fromkeys(priorities, -math.inf)
-        self._command, self._topic, self._since = STAND_STILL, "", -math.inf
-        self._driving = self._stopped = False
+    def __init__(self, topic: str, report: Callable[[str], object]) -> None:
+        """Begin without a command; they come on `topic`, and `report` takes a sentence about each change."""
+        self._topic, self._report = topic, report
+        self._command, self._since, self._stopped = STAND_STILL, -math.inf, False
 
-    def offer(self, topic: str, command: Twist, now: float) -> bool:
-        """Take a plausible command that came on `topic` at `now` [s]; return whether it was passed on."""
-        self._heard[topic] = now
-        rivals = (other for other, p in self._priorities.items() if p > self._priorities[topic])
-        if self._stopped or any(now - self._heard[other] <= SOURCE_TIMEOUT for other in rivals):
-            return False
-        if not self._driving or topic != self._topic:
-            self._report(f"{topic} commands")
-        self._command, self._topic, self._since, self._driving = command, topic, now, True
-        return True
+    def offer(self, command: Twist, now: float) -> None:
+        """Take a plausible command that came at `now` [s]; while the emergency stop is on, it counts for nothing."""
+        if self._stopped:
+            return
+        if self._since == -math.inf:
+            self._report(f"{self._topic} commands")
+        self._command, self._since = command, now
 
     def emergency_stop(self, stop: bool) -> None:
-        """Block all topics, or release them."""
+        """Block commands, or release them."""
         if stop != self._stopped:
             self._report(f"emergency stop: {'the robot brakes and takes no commands' if stop else 'released'}")
-        self._stopped = stop
-        self._driving = self._driving and not stop
+        self._stopped, self._since = stop, -math.inf if stop else self._since
 
     def command(self, now: float) -> Twist:
         """Return the robot's command at `now` [s]: the last one that was passed on, or to stand if that is too old."""
-        if self._driving and now - self._since > BASE_TIMEOUT:
+        if now - self._since <= BASE_TIMEOUT:
+            return self._command
+        if self._since > -math.inf:
             self._report(f"nothing on {self._topic} for {BASE_TIMEOUT:g} s: the robot brakes")
-            self._driving = False
-        return self._command if self._driving else STAND_STILL
+            self._since = -math.inf
+        return STAND_STILL
 
 
 class SimulatedRobot:

@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, cast
+from typing import Annotated, cast
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from validation.bench.sources import Pacer
 from validation.plants.profile import choose_profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
-from validation.ros.robot import COMMAND_TOPICS, SENSOR_RATE, CommandMultiplexer, SimulatedRobot
+from validation.ros.robot import SENSOR_RATE, CommandGate, SimulatedRobot
 from validation.simulator.description import WHEELS
 from validation.simulator.exporting import urdf_text
 from validation.simulator.plant import MujocoPlant
@@ -96,11 +96,9 @@ class SimulationNode:
         ):
             node.advertise(topic(name), kind, latch=True)
             node.publish(topic(name), once)
-        commands = {topic(name): priority for name, priority in COMMAND_TOPICS.items()}
-        self._multiplexer = CommandMultiplexer(commands, self._say)
-        for name in commands:
-            node.subscribe(name, "geometry_msgs/msg/Twist", msg.read_twist)
-        self._stop = topic(msg.STOP_TOPIC)
+        self._command, self._stop = topic("/cmd_vel"), topic(msg.STOP_TOPIC)
+        self._gate = CommandGate(self._command, self._say)
+        node.subscribe(self._command, "geometry_msgs/msg/Twist", msg.read_twist)
         node.subscribe(self._stop, "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
 
     def run(self, duration: float = math.inf) -> None:
@@ -113,8 +111,11 @@ class SimulationNode:
             if not due:
                 continue
             for name, value in node.receive():
-                self._take(name, value)
-            robot.advance(step - robot.steps, self._multiplexer.command(self._clock()))
+                if name == self._stop:
+                    self._gate.emergency_stop(value)
+                else:
+                    self._gate.offer(value, self._clock())
+            robot.advance(step - robot.steps, self._gate.command(self._clock()))
             if is_due(step, SENSOR_RATE, robot.dt):
                 robot.sense()
             if (late := pacer.wait(robot.time)) > _BEHIND:
@@ -124,12 +125,6 @@ class SimulationNode:
 
     def _say(self, text: str, kind: str = "", level: int = logging.INFO) -> None:
         self._node.say(kind or text, f"{self._robot.time:.2f} s: {text}", level)
-
-    def _take(self, topic: str, value: Any) -> None:
-        if topic == self._stop:
-            self._multiplexer.emergency_stop(value)
-        else:
-            self._multiplexer.offer(topic, value, self._clock())
 
 
 def sim(options: Sim) -> None:

@@ -210,8 +210,8 @@ PRICES = {
     "validation/plants": (780, "every plant declared once, and profiles"),
     "validation/replicate": (1_165, "the thesis beside us, row by row"),
     "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),
-    "validation/ros": (1_501, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_233, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/ros": (1_487, "the robot and its controller on a ROS 2 graph"),
+    "validation/simulator": (3_224, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_991, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (293, "the thesis' numbers"),
     "validation/bench": (

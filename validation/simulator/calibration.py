@@ -86,22 +86,13 @@ class Calibration:
         Raises:
             ValueError: a change that the robot cannot have.
         """
-        geometry, masses, simulation = robot.geometry, robot.masses, robot.simulation
+        geometry, masses = robot.geometry, robot.masses
         numbers = {
-            "mass": masses.total,
-            "yaw_inertia": robot.yaw_inertia,
-            "half_track": 0.5 * geometry.track,
-            "wheel_radius": geometry.wheel_radius,
-            "com_x": masses.com[0],
-            "com_y": masses.com[1],
-            "com_z": masses.com[2],
-            "gain": simulation.gain,
-            "armature": simulation.armature,
-            "capsule_half_width": CAPSULE_SHARE * geometry.wheel_width,
-            "timestep": simulation.timestep,
-            "wheel_shape": simulation.wheel_shape,
-            "friction": simulation.friction,
+            key: getattr(robot.simulation, key) for key in ("gain", "armature", "timestep", "wheel_shape", "friction")
         }
+        numbers |= dict(zip(("com_x", "com_y", "com_z"), masses.com, strict=True))
+        numbers |= {"mass": masses.total, "yaw_inertia": robot.yaw_inertia, "half_track": 0.5 * geometry.track}
+        numbers |= {"wheel_radius": geometry.wheel_radius, "capsule_half_width": CAPSULE_SHARE * geometry.wheel_width}
         return cls(robot, **{**numbers, **changes})
 
 

@@ -9,6 +9,7 @@ Units are SI and radians. The world frame is fixed; the body frame has x forward
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -73,6 +74,8 @@ class Commands:
         object.__setattr__(self, "values", frozen_array(self.values, "commands", (None, 2)))
         if len(self.values) == 0:
             raise ValueError("there are no commands")
+        if not np.all(np.isfinite(self.before)):
+            raise ValueError(f"the command before the first one must be two finite numbers, got {self.before}")
 
     @property
     def n(self) -> int:
@@ -105,6 +108,12 @@ class State:
     """Rate of the left wheels [rad/s]."""
     wheel_right: float = 0.0
     """Rate of the right wheels [rad/s]."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for a number that is not finite."""
+        for name, value in vars(self).items():
+            if not math.isfinite(value):
+                raise ValueError(f"State.{name} must be a finite number, got {value}")
 
 
 @dataclass(frozen=True, eq=False)

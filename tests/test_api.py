@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import importlib
+import math
+import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from types import ModuleType
 
+import numpy as np
 import pytest
+
+import ssmr
+from validation import load_profile
+from validation.compare import compare
+from validation.fit import fit
+from validation.track import track
+from validation.tune import tune
 
 PACKAGES = ("ssmr", "validation")
 PROCESSOR_TIME = 0.3
@@ -32,3 +43,30 @@ def test_an_import_is_quick_and_loads_no_engine(package: str) -> None:
     spent, *loaded = done.stdout.split()
     assert float(spent) < PROCESSOR_TIME
     assert not loaded
+
+
+def test_results_and_profiles_can_be_pickled() -> None:
+    lab, small = load_profile("thesis-lab"), {"generations": 1, "population": 6}
+    results = (
+        compare("traj4", lab, plants=("linear",), reference="improved"),
+        track("pid", "circle", profile=lab, plant="linear"),
+        fit("linear", "traj4@linear", profile=lab, search="jde", **small),
+        tune("lqr", "circle@0.5", lab, plants=("linear",), held_out=(), **small),
+    )
+    assert pickle.loads(pickle.dumps(lab)).as_dict() == lab.as_dict()  # noqa: S301 - our own
+    for result in results:
+        assert str(pickle.loads(pickle.dumps(result)).table()) == str(result.table())  # noqa: S301 - our own
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ssmr.State(x=math.nan), r"State\.x must be a finite number"),
+        (lambda: ssmr.Commands(0.05, np.zeros((2, 2)), before=(math.nan, 0.0)), "must be two finite numbers"),
+        (lambda: compare("traj4", profile={}), "profile is {}, wanted a name, a path or a Profile"),
+        (lambda: track("pid", "circle", seed=1.5), r"seed must be a whole number, got 1\.5"),
+    ],
+)
+def test_wrong_values_are_refused_by_name(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -201,15 +201,15 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_294, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
-    "validation/cli": (857, "options, help, exit status, progress of every program"),
+    "ssmr": (8_303, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "validation/cli": (860, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (679, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_446, "any log is read as one form, its faults are found, and it is written in any format"),
-    "validation/plants": (780, "every plant declared once, and profiles"),
+    "validation/plants": (781, "every plant declared once, and profiles"),
     "validation/replicate": (1_165, "the thesis beside us, row by row"),
-    "validation/report": (2_497, "tables, pictures and rerun recordings of all programs"),
+    "validation/report": (2_502, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_487, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_224, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_991, "answers: contact and engines, transfer, drive train"),
@@ -219,7 +219,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_512,
+        2_517,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

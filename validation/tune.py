@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+from matplotlib.figure import Figure
 
 from ssmr.control.laws import CONTROLLERS, LAWS
 from ssmr.control.loop import Feedback, LoopSettings
@@ -207,7 +208,7 @@ def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[Tun
         title=f"{base.controller} tuned on {one_line(source)}, profile {with_robot(profile.name, profile.robot.name)}",
         tables=(),
         document={"seed": o.seed, "source": source},
-        draw=lambda t: search_figure(t, drawing.ink_of(t.problem.cases[0].robot.name), "baseline"),
+        draw=_draw,
         options={**asdict(problem.cost), **o.chosen(found.jde.settings), "noise_seeds": list(problem.cost.seeds)},
         **ending(found),
         course=found,
@@ -224,6 +225,10 @@ def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[Tun
     )
     whole = replace(bare, document=_document(bare), gain_set=_with_provenance(bare, o.name or f"{base.controller}-tuned"))
     return replace(whole, tables=_tables(whole), sentences=[*_sentences(whole), *map(one_line, notes)])
+
+
+def _draw(t: Tuned) -> Figure:
+    return search_figure(t, drawing.ink_of(t.problem.cases[0].robot.name), "baseline")
 
 
 def _document(t: Tuned) -> dict[str, Any]:

@@ -60,8 +60,8 @@ class GainSet:
         for name, value in self.values.items():
             if not reading.is_number(value) or not math.isfinite(value):
                 raise ValueError(f"[gains] {name} is {reprlib.repr(value)}, wanted a finite number")
-        object.__setattr__(self, "values", MappingProxyType({name: float(self.values[name]) for name in known}))
-        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+        object.__setattr__(self, "values", {name: float(self.values[name]) for name in known})
+        object.__setattr__(self, "provenance", dict(self.provenance))
 
 
 def names(controller: str | None = None) -> list[str]:

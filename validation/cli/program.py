@@ -16,6 +16,7 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
+from ssmr.parameters import MOST_SEED, require_within
 from validation import progress, store
 from validation.cli.options import Flag, Seed, UserError, Workers, option
 from validation.cli.process import field_text, mistakes_are_users, run, say
@@ -86,7 +87,9 @@ class Program(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Return the report of a run with these options."""
-        return self.function(self.options(*args, **kwargs))
+        options = self.options(*args, **kwargs)
+        require_within(options, ("seed",), 0, MOST_SEED, whole=True)
+        return self.function(options)
 
     def command(self) -> Callable[[Any], None]:
         """Return the function behind the command line: it shows progress, prints, saves and says what went wrong."""

@@ -15,7 +15,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import tomli_w
@@ -123,7 +122,7 @@ def bare_profile(robot: Robot) -> Profile:
     except ValueError as error:
         raise ProfileError(f"robot {robot.name}: {error}") from error
     words = f"{robot.title or robot.name} as its file has it; nothing was fitted"
-    return Profile(robot.name, words, MappingProxyType(plants), MappingProxyType({}))
+    return Profile(robot.name, words, plants, {})
 
 
 def choose_profile(profile: str | Path | Profile | None, robot: str | Path | Robot | None, usual: str) -> Profile:
@@ -139,6 +138,8 @@ def choose_profile(profile: str | Path | Profile | None, robot: str | Path | Rob
     """
     if isinstance(profile, str | Path):
         profile = load_profile(profile)
+    if not isinstance(profile, Profile | None):
+        raise ProfileError(f"profile is {reprlib.repr(profile)}, wanted a name, a path or a Profile")
     if robot is None:
         return profile or load_profile(usual)
     chosen = robot if isinstance(robot, Robot) else load_robot(robot)
@@ -212,7 +213,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     for key, value, kind in (("name", name, str), ("description", description, str), ("provenance", provenance, dict)):
         if not isinstance(value, kind):
             raise ValueError(f"{key} is {reprlib.repr(value)}, wanted {'text' if kind is str else 'a table'}")
-    return Profile(name, description, MappingProxyType(plants), MappingProxyType(provenance))
+    return Profile(name, description, plants, provenance)
 
 
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:

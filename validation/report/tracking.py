@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from ssmr.control.waypoints import ALPHA_SWITCH
 from ssmr.metrics.declared import Metrics
@@ -91,8 +92,8 @@ def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (),
         "sentences": [*remarks, *track_notes(robots)],
         "options": first.options,
         "versions": first.versions,
-        "draw": lambda report: draw_track(report.robots),
-        "record": lambda report, path: write_track_recording(report, path),
+        "draw": _draw,
+        "record": write_track_recording,
         "failure": None if lost is None else lost.failure(),
         "robots": tuple(robots),
     }
@@ -160,6 +161,10 @@ def followed_tracks(robots: Sequence[TrackedRobot]) -> list[Track]:
     longest = max(robots, key=lambda r: len(r.target)).target
     motions = [*((r.plant, r.run.motion) for r in robots), ("reference", longest)]
     return [Track(name, (motion,), None, terrain=ground, robot=robots[0].body) for name, motion in motions]
+
+
+def _draw(report: Tracked) -> Figure:
+    return draw_track(report.robots)
 
 
 def write_track_recording(report: Tracked, path: Path) -> None:

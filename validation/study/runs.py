@@ -153,7 +153,7 @@ def study_runs(o: RunsStudy) -> Report:
         sentences=[*swept.notes, *(sentence for name, one in found.items() for sentence in _winners(name, one["alike"]))],
         status=swept.status,
         document={"schema": SCHEMA, "study": "runs", "rows": rows, "winners": {n: one["alike"] for n, one in found.items()}},
-        draw=lambda report: _draw(report, found),
+        draw=partial(_draw, found),
         has_text=True,
     )
 
@@ -190,7 +190,7 @@ def _winners(name: str, alike: dict[str, Any] | None) -> list[str]:
     return said
 
 
-def _draw(report: Report, found: dict[str, Any]) -> Figure:
+def _draw(found: dict[str, Any], report: Report) -> Figure:
     """Return the picture: the median error of position over the horizon, a panel for each log."""
 
     def panel(name: str, ax: Axes) -> None:

@@ -28,7 +28,7 @@ from validation.simulator.checking import (
     spot_turn,
     whole_com,
 )
-from validation.simulator.description import GRAVITY, SCHEMA, WHEELS, Robot, load_robot, shipped_robots
+from validation.simulator.description import GRAVITY, SCHEMA, Robot, load_robot, shipped_robots
 from validation.simulator.exporting import diff_drive_yaml, mjcf_text, sdf_text, urdf_text
 from validation.simulator.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.words import abridged, file_name, one_line, visible
@@ -354,7 +354,7 @@ def export_robot(robot: str | Path | Robot, to: ExportFormat = "urdf", profile: 
         if spot is None:
             raise ValueError(f"robot {chosen.name} does not stand on its four wheels; `check` says why")
         return diff_drive_yaml(chosen, spot.turn.multiplier)
-    return sdf_text(chosen) if to == "sdf" else urdf_text(chosen, {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS})
+    return sdf_text(chosen) if to == "sdf" else urdf_text(chosen)
 
 
 def _export(options: ExportOptions) -> None:

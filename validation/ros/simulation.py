@@ -68,7 +68,7 @@ class SimulationNode:
     ) -> None:
         """Open the robot's topics and publish its description; `clock` returns monotonic time [s], and `sleep` waits [s]."""
         self._node, self._robot, self._clock, self._sleep = node, robot, clock, sleep
-        topic, joints = node.graph.topic, {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS}
+        topic, joints = node.graph.topic, [f"{wheel}_wheel_joint" for wheel in WHEELS]
         self._topics: dict[str, tuple[float, Callable[[float], msg.Fields]]] = {}
         """Rate of each topic [Hz] (Tab. 3.5, Sec. 4.2), and the message of a stamp [s]."""
         for name, kind, rate, message in (
@@ -79,7 +79,7 @@ class SimulationNode:
              lambda t: msg.odometry_message(t, *robot.wheel_odometry())),
             ("/sensors/imu_0/data", "sensor_msgs/msg/Imu", SENSOR_RATE, lambda t: msg.imu_message(t, *robot.imu())),
             ("/platform/joint_states", "sensor_msgs/msg/JointState", SENSOR_RATE,
-             lambda t: msg.joint_message(t, list(joints.values()), *robot.joints())),
+             lambda t: msg.joint_message(t, joints, *robot.joints())),
             ("/tf", "tf2_msgs/msg/TFMessage", SENSOR_RATE,
              lambda t: msg.transform_message(t, (msg.ODOM, msg.BASE), robot.filtered_odometry()[0])),
             (msg.tracking_topic(robot.description.name), "geometry_msgs/msg/PoseStamped", 120.0,
@@ -89,7 +89,7 @@ class SimulationNode:
             self._topics[topic(name)] = rate, message
         x, y, z = robot.description.geometry.imu
         mount = msg.transform_message(0.0, (msg.BASE, msg.IMU), np.array([x, y, 0.0]), z)
-        description = {"data": urdf_text(robot.description, joints, msg.BASE, msg.IMU)}
+        description = {"data": urdf_text(robot.description)}
         for name, kind, once in (
             ("/tf_static", "tf2_msgs/msg/TFMessage", mount),
             ("/robot_description", "std_msgs/msg/String", description),

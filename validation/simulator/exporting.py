@@ -5,9 +5,8 @@ URDF and SDF have plain shapes, four wheels and the IMU's frame. Products of ine
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads nothing
 
 from ssmr.robot.vehicle import Drive
@@ -28,17 +27,11 @@ def _element(tag: str, *inside: str, **attributes: str) -> str:
     return f"<{tag}{opened}>{''.join(inside)}</{tag}>\n" if inside else f"<{tag}{opened}/>\n"
 
 
-def urdf_text(robot: Robot, joints: Mapping[str, str], base: str = "base_link", imu: str = "imu_link") -> str:
+def urdf_text(robot: Robot) -> str:
     """Return a robot's URDF, in SI units.
 
     The hull and its inertia stand in a link `chassis_link`, fixed to the base, because programs that read URDFs refuse
-    inertia in the first link.
-
-    Args:
-        robot: the robot.
-        joints: names of the wheels' joints, by wheel; a link has its joint's name with `_link` in the place of `_joint`.
-        base: name of the base's link.
-        imu: name of the IMU's link.
+    inertia in the first link. Wheels have links and joints like `front_left_wheel_link` and `front_left_wheel_joint`.
     """
     g, m, e = robot.geometry, robot.masses, _element
 
@@ -49,19 +42,19 @@ def urdf_text(robot: Robot, joints: Mapping[str, str], base: str = "base_link", 
         return e("link", inertial, e("visual", *shape), e("collision", *shape), name=name)
 
     def joint(name: str, kind: str, child: str, at: Iterable[float], *axis: str) -> str:
-        ends = e("parent", link=base), e("child", link=child)
+        ends = e("parent", link="base_link"), e("child", link=child)
         return e("joint", *ends, e("origin", xyz=_row(at)), *axis, name=name, type=kind)
 
     hull = e("origin", xyz=_row(g.body_centre)), e("geometry", e("box", size=_row(g.body_size)))
     drum = e("cylinder", radius=repr(g.wheel_radius), length=repr(g.wheel_width))
     tyre = e("origin", xyz="0 0 0", rpy=_row(_LYING)), e("geometry", drum)
-    parts = [e("link", name=base), link("chassis_link", robot.base_mass, m.com, m.inertia, *hull)]
+    parts = [e("link", name="base_link"), link("chassis_link", robot.base_mass, m.com, m.inertia, *hull)]
     parts += [joint("chassis_joint", "fixed", "chassis_link", (0.0, 0.0, 0.0))]
-    parts += [e("link", name=imu), joint("imu_joint", "fixed", imu, g.imu)]
+    parts += [e("link", name="imu_link"), joint("imu_joint", "fixed", "imu_link", g.imu)]
     for wheel, place in wheel_places(robot).items():
-        name = f"{joints[wheel].removesuffix('_joint')}_link"
+        name = f"{wheel}_wheel_link"
         parts.append(link(name, m.wheel, (0.0, 0.0, 0.0), _wheel_moments(robot), *tyre))
-        parts.append(joint(joints[wheel], "continuous", name, place, e("axis", xyz="0 1 0")))
+        parts.append(joint(f"{wheel}_wheel_joint", "continuous", name, place, e("axis", xyz="0 1 0")))
     return e("robot", *parts, name=robot.name)
 
 
@@ -126,9 +119,7 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
     return str(spec.to_xml())
 
 
-def diff_drive_yaml(
-    robot: Robot, multiplier: float, left: float = 1.0, right: float = 1.0, joints: Mapping[str, str] | None = None
-) -> str:
+def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: float = 1.0) -> str:
     """Return the parameters of ros2_control's `diff_drive_controller`, with which a robot turns as it is told.
 
     The controller asks the sides for the rates (v -+ multiplier separation / 2 omega) / (left or right radius).
@@ -138,11 +129,9 @@ def diff_drive_yaml(
         multiplier: distance of the sides' centres of rotation over the track [1].
         left: way of the left wheels over their turn and radius [1].
         right: the same of the right wheels [1].
-        joints: names of the wheels' joints, by wheel; those of `urdf_text` for the shipped robots if not given.
     """
     g, drive = robot.geometry, robot.drive
-    named = joints or {wheel: f"{wheel}_wheel_joint" for wheel in WHEELS}
-    lines = [f"{s}_wheel_names: [{', '.join(json.dumps(named[w]) for w in WHEELS if w.endswith(s))}]" for s in SIDES]
+    lines = [f'{side}_wheel_names: ["front_{side}_wheel_joint", "rear_{side}_wheel_joint"]' for side in SIDES]
     numbers = {"wheel_separation": g.track, "wheel_separation_multiplier": multiplier, "wheel_radius": g.wheel_radius}
     numbers |= {"left_wheel_radius_multiplier": left, "right_wheel_radius_multiplier": right}
     for axis, most in (("linear.x", drive.v_max), ("angular.z", drive.w_max)):

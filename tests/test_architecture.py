@@ -201,10 +201,10 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_303, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (8_281, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (860, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
-    "validation/identify": (1_593, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
+    "validation/identify": (1_595, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (679, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_446, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (781, "every plant declared once, and profiles"),
@@ -215,11 +215,11 @@ PRICES = {
     "validation/study": (1_991, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (293, "the thesis' numbers"),
     "validation/bench": (
-        1_374,
+        1_367,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_517,
+        2_516,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

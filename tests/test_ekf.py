@@ -114,7 +114,7 @@ def test_exact_sensors_on_a_circle_err_by_the_midpoint_rule_alone() -> None:
     errors = []
     for dt in (0.1, 0.05, 0.025):
         t, pose = circle(dt)
-        got = run_ekf(t, *exact_sensors(len(t), 0.8, 1.3), STOCK, State(v_x=0.8, yaw_rate=1.3))
+        got = run_ekf(SensorLog(t, *exact_sensors(len(t), 0.8, 1.3)), STOCK, State(v_x=0.8, yaw_rate=1.3))
         chord = 0.8 * dt / (2.0 * 0.8 / 1.3 * math.sin(0.65 * dt))
         assert np.allclose(got.pose[:, :2], chord * pose[:, :2], rtol=0.0, atol=1e-11)
         assert np.allclose(got.yaw, pose[:, 2], rtol=0.0, atol=1e-11)
@@ -193,7 +193,7 @@ class Fleet:
         rng, s = np.random.default_rng(2024), replace(STOCK, process_yaw=1e-4)  # enough of every noise to be seen
         start = np.array([0.5, -0.3, 0.4, 0.6, 0.2])
         truth = start + SURE * rng.standard_normal((self.RUNS, 5))
-        beliefs = [initial_belief(State(*start[:4], 0.0, start[4]), SURE) for _ in range(self.RUNS)]
+        beliefs = [Belief(start.copy(), np.diag(np.square(SURE))) for _ in range(self.RUNS)]
         h = self.DT / self.PARTS
         root = np.sqrt(
             h * np.array([s.process_position, s.process_position, s.process_yaw, s.process_v, s.process_yaw_rate])
@@ -258,12 +258,12 @@ def test_the_gyro_saves_the_yaw_where_the_wheels_slip() -> None:
     t, pose = circle(0.02)
     left, right, gyro = exact_sensors(len(t), 0.8, 1.3, slipping)
     start = State(v_x=0.8, yaw_rate=1.3)
-    turned = {g is None: run_ekf(t, left, right, g, STOCK, start).yaw[-1] / pose[-1, 2] for g in (gyro, None)}
-    assert turned[False] == pytest.approx(1.0, abs=0.002)  # a thousandth of 0.8
-    assert turned[True] == pytest.approx(0.5 / 0.275, rel=0.02)  # it takes some samples to believe the wheels
-    told = run_ekf(t, left, right, None, slipping, start)
+    sound, alone = (SensorLog(t, left, right, g) for g in (gyro, np.full(len(t), np.nan)))
+    turned, wrong, told = run_ekf(sound, STOCK, start), run_ekf(alone, STOCK, start), run_ekf(alone, slipping, start)
+    assert turned.yaw[-1] == pytest.approx(pose[-1, 2], rel=0.002)  # a thousandth of 0.8
+    assert wrong.yaw[-1] == pytest.approx(0.5 / 0.275 * pose[-1, 2], rel=0.02)  # it takes some samples to believe the wheels
     assert told.yaw[-1] == pytest.approx(pose[-1, 2], rel=1e-9)
-    assert told.channels["pose_std"][-1, 2] > 3.0 * run_ekf(t, left, right, gyro, STOCK, start).channels["pose_std"][-1, 2]
+    assert told.channels["pose_std"][-1, 2] > 3.0 * turned.channels["pose_std"][-1, 2]
 
 
 def test_wheels_of_infinite_variance_are_not_used_and_nan_is_no_sample() -> None:
@@ -271,12 +271,10 @@ def test_wheels_of_infinite_variance_are_not_used_and_nan_is_no_sample() -> None
     left, right, gyro = exact_sensors(len(t), 0.8, 1.3)
     deaf = replace(STOCK, variance_wheel_yaw_rate=math.inf)
     start = State(v_x=0.8, yaw_rate=1.3)
-    assert run_ekf(t, right, left, gyro, deaf, start).yaw[-1] == pytest.approx(1.3 * t[-1], rel=1e-12)
-    nothing = run_ekf(t, left, right, np.full(len(t), np.nan), STOCK, start)
-    assert np.array_equal(nothing.pose, run_ekf(t, left, right, None, STOCK, start).pose)
+    assert run_ekf(SensorLog(t, right, left, gyro), deaf, start).yaw[-1] == pytest.approx(1.3 * t[-1], rel=1e-12)
     half = gyro.copy()
     half[::2] = np.nan
-    assert run_ekf(t, left, right, half, STOCK, start).yaw[-1] == pytest.approx(1.3 * t[-1], rel=1e-12)
+    assert run_ekf(SensorLog(t, left, right, half), STOCK, start).yaw[-1] == pytest.approx(1.3 * t[-1], rel=1e-12)
 
 
 def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:

@@ -259,7 +259,7 @@ def test_45_wrong_stamps_make_x_noisy_and_nothing_else() -> None:
     straight = np.column_stack([0.5 * t, 0.0 * t, 0.0 * t])
     motion = Trajectory(t, straight, np.tile([0.5, 0.0, 0.0], (len(t), 1)), np.full((len(t), 2), 0.5 / 0.1651))
     log = simulate_sensors(motion, np.random.default_rng(1), rate=50.0)
-    seen = run_ekf(log.t, log.left, log.right, log.gyro, EkfSettings(), State(v_x=0.5))
+    seen = run_ekf(log, EkfSettings(), State(v_x=0.5))
     off = late(motion, seen, 0.010, np.random.default_rng(2))
     (x, y, dx), (x_off, y_off, dx_off) = (
         [variance_above(values, 50.0) for values in (m.pose[:, 0], m.pose[:, 1], m.twist[:, 0])] for m in (seen, off)

@@ -26,7 +26,8 @@ from ssmr.simulation import PlanarModel
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller, make_robot, rate, run_robots
+from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.bench.tracked import track_metrics
 from validation.identify.tuning import delayed
 from validation.plants.profile import load_profile
 
@@ -337,5 +338,5 @@ def test_mpc_is_calm_on_a_fast_straight_line() -> None:
     robot, law = make_robot(lab, "improved"), make_controller(lab, load_gains("mpc"))
     (run,) = run_robots([robot], [law], [LoopSettings()], way, [3])
     assert not run.lost
-    assert rate(run, way, robot)["d_rms_m"] < 0.01
+    assert track_metrics(run, way, robot.limits)["d_rms_m"] < 0.01
     assert float(np.sqrt(np.mean(run.column("w_cmd") ** 2))) < 0.2

@@ -16,7 +16,8 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import compare_paths
 from tests.conftest import EXACT, ROUNDOFF
 from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller, make_robot, rate, run_robots
+from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.bench.tracked import track_metrics
 from validation.identify.tuning import (
     TuneCase,
     TuneCost,
@@ -59,7 +60,7 @@ def test_the_cost_is_that_of_the_thesis(lab: Profile) -> None:
     p, one = problem(lab, weights), case(lab)
     (run,) = run_robots([one.robot], [make_controller(lab, p.base)], [QUIET], one.waypoints, [0])
     m = compare_paths(run.motion, one.target)
-    u_rms = rate(run, one.waypoints, one.robot)["u_rms_ratio"]
+    u_rms = track_metrics(run, one.waypoints, one.robot.limits)["u_rms_ratio"]
     wanted = (
         100 * m["d_rms_m"]
         + 15 * m["d_haus_m"]

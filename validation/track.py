@@ -25,11 +25,10 @@ from validation.bench.loops import (
     chosen_controller,
     demand_of,
     make_robot,
-    rate,
     require_practicable,
     run_robots,
 )
-from validation.bench.tracked import MOST_BESIDE, TrackedRobot, reference_of
+from validation.bench.tracked import MOST_BESIDE, TrackedRobot, reference_of, track_metrics
 from validation.bench.user_law import load_user_metric
 from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import Profile, choose_profile, odometry_of
@@ -227,7 +226,7 @@ def _driven(
         seed=o.seed,
         run=run,
         target=reference_of(run, waypoints),
-        metrics=rate(run, waypoints, robot),
+        metrics=track_metrics(run, waypoints, robot.limits),
         wall_s=wall,
         options={
             "feedback": around.feedback,

@@ -13,11 +13,9 @@ inside other compiled loops.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ssmr._jit import jit, jit_alone
 from ssmr.estimation.settings import YAW, Belief, EkfSettings, V, W, X, Y
@@ -145,41 +143,22 @@ def filter_log(log: SensorLog, numbers: Any, belief: Belief, out: FloatArray) ->
         out[k, 2 * n :] = np.ravel(belief.covariance[:3, :3])
 
 
-def initial_belief(state: State, std: Sequence[float] = (0.0,) * 5) -> Belief:
-    """Return the belief of a filter that starts; its arrays are writable.
+def initial_belief(state: State) -> Belief:
+    """Return the belief of a filter that starts and is sure of its state, as the lab's was (Sec. 4.2).
 
-    `std` are standard deviations of x, y [m], yaw [rad], v [m/s], omega [rad/s]; the lab's filter was set to its start
-    (Sec. 4.2), so the default is 0.
-
-    Raises:
-        ValueError: a standard deviation that is negative, or a number that is not finite.
+    Its arrays are writable. A ValueError refuses numbers that are not finite.
     """
     mean = frozen_array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate], "the filter's start", (5,))
-    deviations = frozen_array(std, "the start's standard deviations", (5,))
-    if np.any(deviations < 0.0):
-        raise ValueError(f"a standard deviation must not be negative, got {tuple(std)}")
-    return Belief(mean.copy(), np.diag(np.square(deviations)))
+    return Belief(mean.copy(), np.zeros((5, 5)))
 
 
-def run_ekf(
-    t: ArrayLike,
-    left: ArrayLike,
-    right: ArrayLike,
-    gyro: ArrayLike | None,
-    settings: EkfSettings,
-    start: State,
-    start_std: Sequence[float] = (0.0,) * 5,
-) -> Trajectory:
+def run_ekf(log: SensorLog, settings: EkfSettings, start: State) -> Trajectory:
     """Filter a whole log.
 
     Args:
-        t: (M,) instants of the samples [s]; they may be irregular.
-        left: (M,) rate of the left wheels [rad/s].
-        right: (M,) rate of the right wheels [rad/s].
-        gyro: (M,) yaw rate [rad/s], NaN where there was no sample; `None` for a robot without a gyro.
+        log: readings at instants that may be irregular; NaN where the gyro gave nothing.
         settings: assumptions about robot and sensors.
         start: state of the robot at the first instant, whose sample is used as well.
-        start_std: standard deviations of that state, see `initial_belief`.
 
     Returns:
         The estimate after each sample, with the wheels as measured. Channels are `pose_std` (M, 3) and its square's whole
@@ -188,15 +167,14 @@ def run_ekf(
     Raises:
         ValueError: lengths differ, time does not increase, or a number other than a missing gyro sample is not finite.
     """
-    times = increasing_times(t)
-    wheels = np.column_stack([frozen_array(a, name, (len(times),)) for a, name in ((left, "left"), (right, "right"))])
-    turning = np.full(len(times), np.nan) if gyro is None else np.array(gyro, dtype=np.float64)
+    times, turning = increasing_times(log.t), np.array(log.gyro, dtype=np.float64)
+    left, right = (frozen_array(a, name, (len(times),)) for a, name in ((log.left, "left"), (log.right, "right")))
     frozen_array(np.where(np.isnan(turning), 0.0, turning), "gyro", (len(times),))
-    belief = initial_belief(start, start_std)
+    belief = initial_belief(start)
     n = len(belief.mean)
     out = np.empty((len(times), 2 * n + 9))
-    log = SensorLog(times, wheels[:, 0].copy(), wheels[:, 1].copy(), turning)
-    filter_log(log, settings.packed(), belief, out)
+    filter_log(SensorLog(times, left, right, turning), settings.packed(), belief, out)
     mean, std, covariance = np.split(out, [n, 2 * n], axis=1)
     channels = {"pose_std": std[:, :3], "pose_covariance": covariance.reshape(-1, 3, 3)}
-    return Trajectory(times, mean[:, :3], np.column_stack([mean[:, V], np.zeros(len(times)), mean[:, W]]), wheels, channels)
+    twist = np.column_stack([mean[:, V], np.zeros(len(times)), mean[:, W]])
+    return Trajectory(times, mean[:, :3], twist, np.column_stack([left, right]), channels)

@@ -15,7 +15,6 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
 from ssmr.control.population import Loop, run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
-from ssmr.metrics.declared import Metrics
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
 from ssmr.models.law import OWN_MODELS, PLANAR_MODELS
 from ssmr.models.linear import matrices
@@ -23,7 +22,6 @@ from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, Plant, State
 from validation.bench.gains import GainSet, load_gains
-from validation.bench.tracked import track_metrics
 from validation.bench.user_law import is_user_law, load_user_law
 from validation.plants.profile import Profile, ProfileError, make_plant
 from validation.simulator.loops import run_husky_loops
@@ -159,11 +157,6 @@ def run_robots(
             [model.drive for model in tyred], FOUR_WHEEL_DT, told, settings, waypoints, seeds, start,
         )  # fmt: skip
     return run_loops(planar, waypoints, seeds, start=start, workers=workers or os.cpu_count() or 1)
-
-
-def rate(run: ClosedRun, waypoints: Waypoints, robot: ClosedLoopRobot) -> Metrics:
-    """Return how well a run followed its reference; a run that was lost is compared with the whole reference."""
-    return track_metrics(run, waypoints, robot.limits)
 
 
 # ------------------------------------------------------------------------------------------ what a reference asks for

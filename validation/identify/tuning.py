@@ -18,7 +18,8 @@ from ssmr.parameters import MOST_SEED, described, require_within
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
 from validation.bench.gains import GainSet
-from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, rate, run_robots
+from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, run_robots
+from validation.bench.tracked import track_metrics
 from validation.identify.problem import OnShare
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
@@ -240,7 +241,8 @@ class TuneProblem:
         runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, self.cost.seeds[:1], workers)
         costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
         every = zip(sets, runs, costs, strict=True)
-        return {name: RatedRun(run, rate(run, case.waypoints, case.robot), float(cost)) for name, run, cost in every}
+        limits = case.robot.limits
+        return {name: RatedRun(run, track_metrics(run, case.waypoints, limits), float(cost)) for name, run, cost in every}
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""

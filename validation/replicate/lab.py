@@ -61,7 +61,7 @@ def _driven(case: Mapping[str, float]) -> tuple[Trajectory, Drive]:
 def _filtered(motion: Trajectory, drive: Drive, seed: int) -> Trajectory:
     log = simulate_sensors(motion, np.random.default_rng(seed), rate=_RATE)
     (x, y, yaw), (v, _, w) = motion.pose[0].tolist(), motion.twist[0].tolist()
-    return run_ekf(log.t, log.left, log.right, log.gyro, odometry_of(drive), State(x, y, yaw, v_x=v, yaw_rate=w))
+    return run_ekf(log, odometry_of(drive), State(x, y, yaw, v_x=v, yaw_rate=w))
 
 
 def _variances(motion: Trajectory) -> dict[str, float]:

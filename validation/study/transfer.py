@@ -30,10 +30,10 @@ from validation.bench.loops import (
     ClosedLoopRobot,
     make_controller,
     make_robot,
-    rate,
     run_robots,
     within_reach,
 )
+from validation.bench.tracked import track_metrics
 from validation.bench.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TuneCost, costs_of
 from validation.plants.profile import PLANTS, Profile
@@ -149,7 +149,7 @@ def _scores(o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyControll
 def _score(run: ClosedRun, cost: float, waypoints: Waypoints, robot: ClosedLoopRobot) -> Scores:
     if run.lost:
         return {**dict.fromkeys(_MEASURES), "lost": 1}
-    errors = rate(run, waypoints, robot)
+    errors = track_metrics(run, waypoints, robot.limits)
     return {"cost": cost, **{m: float(errors[m]) for m in _MEASURES[1:]}, "lost": 0}
 
 

@@ -228,7 +228,7 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
     counts = np.sum([[len(p.windows(overlapping_windows, r.t, h)[0]) for h in cost.horizons] for p, r in pieces], axis=0)
     if not counts.all():
         raise ValueError(
-            f"no window of {cost.horizons[int(np.argmin(counts))]:g} s fits between gaps and jumps of the sources, whose "
-            f"longest stretch without a gap has {max(seconds):.1f} s; name shorter horizons"
+            f"no window of {cost.horizons[int(np.argmin(counts))]:g} s in which the robot moves fits between gaps and "
+            f"jumps; the longest stretch without a gap has {max(seconds):.1f} s; name shorter horizons"
         )
     return [HorizonRater(r, p, cost, list(counts), b) for (p, r), b in zip(pieces, blocks, strict=True)]

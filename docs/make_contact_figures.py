@@ -90,7 +90,8 @@ def draw_theory(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> N
     ax.set_title("Turning slowly on the spot (dots: MuJoCo)", fontsize=10)
     straight = polygonal_turn("diamond", 0.25 * math.pi, WHEELBASE, TRACK, 0.0, y)
     print(f"polygon at 45 degrees, maker's centre: {straight.forward:.3f} ahead, {straight.yaw_rate:.3f} rad/m of rim speed")
-    print(f"circle: centre of rotation {turn_on_the_spot(WHEELBASE, TRACK, 0.0, y).centre[1]:.3f} m to the left")
+    turn = turn_on_the_spot(WHEELBASE, TRACK, 0.0, y)
+    print(f"circle: centre of rotation {turn.forward / turn.yaw_rate:.3f} m to the left")
 
 
 def draw_paths(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> None:

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from validation.bench.waypoint_files import REFERENCES, SAMPLES
+from validation.bench.waypoint_files import REFERENCES
 
 OUT = Path(__file__).parent / "img" / "references.png"
-NAMES = [name for name in REFERENCES if name not in SAMPLES and name != "long-line"]
+NAMES = [name for name in REFERENCES if name not in ("line", "circle", "sine", "generic", "long-line")]
 """References with a panel; a line of 200 m has nothing to see."""
 SPEED = 0.5
 """[m/s]"""

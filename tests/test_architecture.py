@@ -201,7 +201,7 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_281, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (8_274, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (860, "options, help, exit status, progress of every program"),
     "validation/engines": (933, "second opinions by ODE and Drake"),
     "validation/identify": (1_595, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
@@ -215,7 +215,7 @@ PRICES = {
     "validation/study": (1_991, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (293, "the thesis' numbers"),
     "validation/bench": (
-        1_367,
+        1_363,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (

@@ -32,9 +32,9 @@ def test_a_line_of_no_width_is_a_point_and_width_costs() -> None:
 def test_mirroring_the_centre_mirrors_the_turn() -> None:
     one, other = turn_on_the_spot(WHEELBASE, TRACK, -0.03, 0.05), turn_on_the_spot(WHEELBASE, TRACK, -0.03, -0.05)
     assert one.multiplier == pytest.approx(other.multiplier, rel=MINIMUM)
-    assert one.centre[0] == pytest.approx(other.centre[0], rel=1e-4)
-    assert one.centre[1] == pytest.approx(-other.centre[1], rel=1e-4)
-    assert other.centre[1] > 0.0  # heavier on the right, it turns about a place to the left
+    assert one.across == pytest.approx(other.across, rel=1e-4)
+    assert one.forward == pytest.approx(-other.forward, rel=1e-4)
+    assert other.forward > 0.0  # heavier on the right, it turns about a place to the left
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 0.5 * math.pi, 4.0])

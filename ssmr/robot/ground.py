@@ -42,13 +42,6 @@ class SkidTurn:
         """Yaw rate of the wheels over that of the body [1]; infinite for none."""
         return 2.0 / (self.track * self.yaw_rate) if self.yaw_rate > 0.0 else math.inf
 
-    @property
-    def centre(self) -> tuple[float, float]:
-        """Centre of rotation: x ahead of the middle, y to its left [m]; infinitely far for a robot that drives straight."""
-        if self.yaw_rate <= 0.0:
-            return math.inf, math.inf
-        return -self.across / self.yaw_rate, self.forward / self.yaw_rate
-
 
 def turn_on_the_spot(
     wheelbase: float,

@@ -97,12 +97,8 @@ def generic(speed: float) -> Waypoints:
         return read_waypoints(path, speed)
 
 
-SAMPLES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType(
-    {"line": line, "circle": circle, "sine": sine, "generic": generic}
-)
-"""The four sample trajectories of Sec. 4.1.3 by name, each a function of the reference speed [m/s]."""
 REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({
-    **SAMPLES,
+    **{"line": line, "circle": circle, "sine": sine, "generic": generic},  # of Sec. 4.1.3
     "eight": eight,
     "slalom": partial(sine, amplitude=0.35, wavelength=2.4, periods=4.0),  # at most 2.40 1/m
     "square": square,
@@ -111,7 +107,7 @@ REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({
     "stop-and-go": stop_and_go,
     "long-line": partial(line, length=200.0),  # errors that grow slowly show
 })  # fmt: skip
-"""All references that have a name: those of the thesis, and this project's own."""
+"""All references that have a name, the thesis' and this project's own, each a function of the reference speed [m/s]."""
 
 
 def split_speed(reference: str) -> tuple[str, float | None]:

@@ -211,7 +211,7 @@ PRICES = {
     "validation/replicate": (1_165, "the thesis beside us, row by row"),
     "validation/report": (2_502, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_487, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_213, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/simulator": (3_234, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_991, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (293, "the thesis' numbers"),
     "validation/bench": (

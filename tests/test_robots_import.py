@@ -131,6 +131,24 @@ def test_an_antenna_is_no_hull(tmp_path: Path) -> None:
     assert any("hull is estimated" in remark for remark in drafted.remarks)
 
 
+ROS2 = '<ros2_control name="r"><joint name="{{0}}_joint"><{}_interface name="velocity"/></joint></ros2_control>'
+MOTOR = {
+    "transmission": '<transmission name="t{0}"><joint name="{0}_joint"/></transmission>',
+    "ros2_control": ROS2.format("command"),
+    "state only": ROS2.format("state"),
+}
+
+
+@pytest.mark.parametrize(("kind", "count", "link"), [("transmission", 4, "none"), ("ros2_control", 4, "none"),
+                                                      ("transmission", 2, "belt"), ("state only", 4, "belt")])  # fmt: skip
+def test_four_motorised_wheels_are_four_motors(tmp_path: Path, kind: str, count: int, link: str) -> None:
+    """As of a Scout; a robot of which two wheels have motors has belts."""
+    more = "".join(MOTOR[kind].format(name) for name in UrdfRobot().names[:count])
+    found = imported(UrdfRobot(more=more), tmp_path).robot
+    assert found.geometry.link == link
+    assert found.source("geometry.link")[0] == ("published" if link == "none" else "assumed")
+
+
 WHEELS = UrdfRobot().text()
 ON_BASE = '<parent link="base_link"/><child link="'
 LOOP, END = '<joint name="l" type="fixed"><parent link="part0"/><child link="', '"/></joint></robot>'

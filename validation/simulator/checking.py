@@ -219,8 +219,13 @@ def _questions(robot: Robot, spot: SpotTurn | None) -> dict[str, bool]:
     drive, guesses, torque = robot.drive, guessed(robot), 0.0 if spot is None else spot.side_torque
     rims = 0.0 if spot is None else robot.geometry.wheel_radius / drive.command_radius * spot.turn.yaw_rate
     turned = drive.command_half_track * rims  # yaw rate over the wanted one
-    endless = not math.isfinite(drive.torque_limit)
+    endless, g = not math.isfinite(drive.torque_limit), robot.geometry
+    length, width, height = g.body_size
     return {
+        f"the hull of {length:.3g} x {width:.3g} x {height:.3g} m is smaller than a wheel: is it an antenna or a sensor? "
+        "Measure the body, and say body_size and body_centre": (
+            length < 2.0 * g.wheel_radius or width < g.wheel_width or height < 0.2 * g.wheel_radius
+        ),
         "geometry.wheel_radius is a guess: count the wheels' turns over a straight metre, for every speed scales with "
         "it": "geometry.wheel_radius" in guesses,
         "mass.total is a guess: weigh the robot, for every force scales with it": "mass.total" in guesses,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import textwrap
 import xml.etree.ElementTree as ElementTree  # nosec B405 # of texts that declare no entities
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -141,7 +141,9 @@ def import_robot(
         raise RobotError(str(error)) from error
     try:
         root = _parsed(text)
+        motors = _motorised(root)
         work = _Import(one_line(Path(path).name), _readable(root))
+        work.say_link(motors)
         work.say_wheels(wheel_radius, wheel_width)
         work.say_masses()
         work.say_hull()
@@ -192,6 +194,13 @@ def _plain_joints(root: ElementTree.Element) -> list[ElementTree.Element]:
         elif joint.get("type") != "revolute":
             joint.set("type", "fixed")
     return joints
+
+
+def _motorised(root: ElementTree.Element) -> set[str | None]:
+    """Return the names of the joints that have a transmission, or a command interface of ros2_control."""
+    joints = [joint for owner in root.findall("transmission") for joint in owner.iter("joint")]
+    ruled = [joint for owner in root.findall("ros2_control") for joint in owner.iter("joint")]
+    return {joint.get("name") for joint in (*joints, *(j for j in ruled if j.find("command_interface") is not None))}
 
 
 def _readable(root: ElementTree.Element) -> mujoco.MjSpec:
@@ -297,9 +306,16 @@ class _Import:
         middle = places.mean(axis=0)
         self.origin = np.array([*middle[:2], level])
         self.read("geometry.axle_height", float(middle[2] - level), "the same joints above base_link")
+        return [int(model.jnt_bodyid[joints[k]]) for k in order]
+
+    def say_link(self, motors: Container[str | None]) -> None:
+        """Say whether each wheel has a motor, or the wheels of a side turn together."""
+        model = self.model
+        if all(model.joint(model.body_jntadr[wheel]).name in motors for wheel in self.wheels):
+            self.entries["geometry.link"] = "none", f"published: {self.file}, each wheel has a motor"
+            return
         self.entries["geometry.link"] = "belt", "assumed: a URDF does not say it"
         self.guesses.append("guessed geometry.link: belt, the wheels of a side turn together")
-        return [int(model.jnt_bodyid[joints[k]]) for k in order]
 
     def read(self, key: str, value: float | FloatArray, where: str) -> None:
         """Say a number that the file says."""

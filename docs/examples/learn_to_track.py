@@ -24,7 +24,8 @@ from ssmr.control.mission import ControllerInput, Mission, PythonController
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target
 from ssmr.types import FloatArray
 from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller, make_robot, rate, run_robots
+from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.bench.tracked import track_metrics
 from validation.bench.waypoint_files import open_reference
 from validation.learning import TrackBatch, TrackTask
 from validation.learning.batch import write_view
@@ -165,7 +166,7 @@ def judge(
         found[label] = {}
         for name, law in laws.items():
             runs = run_robots([robot] * seeds, [law] * seeds, [LoopSettings()] * seeds, waypoints, range(seeds))
-            rated = [rate(run, waypoints, robot) for run in runs]
+            rated = [track_metrics(run, waypoints, robot.limits) for run in runs]
             found[label][name] = {
                 key: float(np.mean([r[key] for r in rated])) for key in ("sync_rms_m", "d_rms_m", "command_jerk")
             } | {"lost": any(run.lost for run in runs)}

@@ -219,7 +219,7 @@ PRICES = {
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_516,
+        2_515,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),

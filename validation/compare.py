@@ -275,7 +275,7 @@ def prepare(o: Compare) -> PreparedComparison:
     Raises:
         ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
     """
-    source = o.source
+    source, own = o.source, add_user_model(o.own_model)
     name = source.name if isinstance(source, Source) else str(source)
     recorded = name.partition("@")[0] not in TRAJECTORIES
     usual = profile_of_log(name) if recorded else "thesis-lab"
@@ -286,7 +286,6 @@ def prepare(o: Compare) -> PreparedComparison:
         source = open_source(name, kind, o.start, o.until, ReadOptions({}, o.limits, o.columns, radius))
     elif o.start is not None or o.until is not None:
         raise ValueError("start and until cut a recording that is given by its path; cut yours before")
-    own = add_user_model(o.own_model)
     reference = o.reference or source.reference
     plants = PLANTS if tuple(o.plants) == ("all",) else o.plants or USUAL_PLANTS
     wanted = {*plants, *own, reference} - ({RECORDING} if source.reference == RECORDING else set())

@@ -215,7 +215,7 @@ PRICES = {
     "validation/study": (1_991, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (293, "the thesis' numbers"),
     "validation/bench": (
-        1_363,
+        1_369,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
@@ -226,7 +226,7 @@ PRICES = {
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""
-MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_620, 190, 17_500
+MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_640, 190, 17_500
 MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 52_000, 1_100
 
 

@@ -133,11 +133,17 @@ def load_user_object(name: str) -> tuple[Any, Path]:
     sys.modules[spec.name] = module  # dataclasses look their module up there
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
+    kept, sys.dont_write_bytecode = (
+        sys.dont_write_bytecode,
+        True,
+    )  # Python takes a file edited within a second for the old one
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:  # a user's file may raise anything
         del sys.modules[spec.name]
         raise ValueError(_fault(path, error)) from error
+    finally:
+        sys.dont_write_bytecode = kept
     if not hasattr(module, wanted):
         own = [n for n, v in vars(module).items() if not n.startswith("_") and getattr(v, "__module__", "") == spec.name]
         raise ValueError(f"{path} has no '{wanted}'; it has: {', '.join(own) or 'nothing'}")

@@ -32,12 +32,12 @@ TILE, GRASS, RAISED, WARTHOG = (
 
 @dataclass(frozen=True)
 class Picture:
-    """How a picture is made."""
+    """This says how a picture is made."""
 
     command: str
     """A program with its options, or a script of this folder; recordings by the names of their files."""
     minutes: float
-    """How long that takes on two cores."""
+    """This says how long the drawing takes on two cores."""
     written: str = ""
     """The file that a program writes; a script writes the picture itself."""
     unsigned: bool = True

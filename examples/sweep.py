@@ -1,4 +1,4 @@
-"""What friction costs: the MuJoCo robot with more and less of it, beside the improved model."""
+"""Show what friction does: drive the MuJoCo robot with more and less of it, and compare it with the improved model."""
 
 from dataclasses import replace
 

@@ -95,7 +95,7 @@ def test_fit_of_a_planar_model(tmp_path: Path) -> None:
 
 
 def test_recordings(robot: str, tmp_path: Path) -> None:
-    """What the robot has driven is, as a log, what a comparison takes."""
+    """A comparison takes the log of a drive of this robot."""
     log, commands = tmp_path / "log.csv", TRAJECTORIES["traj4"].commands()
     motion = make_plant(choose_profile(None, robot, "thesis-lab"), "mujoco").run(commands, State(), commands.dt)
     given = np.vstack([commands.values, commands.values[-1:]])

@@ -142,7 +142,7 @@ Spoil = Callable[[dict[str, FloatArray]], dict[str, FloatArray]]
 
 
 def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
-    """What loggers do wrong with a robot of such wheels [m]: the kind of the fault, its columns, what becomes of a log."""
+    """Return mistakes of loggers for wheels of this radius [m]: kind of the fault, its columns, what spoils a log."""
     return {
         **{
             f"{n} negated": ("sign", n, scaled(-1.0, *n.split()))

@@ -29,7 +29,7 @@ def test_a_steady_difference_is_seen_and_has_no_direction() -> None:
 
 
 def test_neighbours_that_share_data_count_once() -> None:
-    """Of equally good candidates few are told apart; as many single windows would find differences that are chance."""
+    """The test tells few equally good candidates apart; a test of single windows would tell many apart by chance."""
     pairs = [(drawn(2 * k), drawn(2 * k + 1)) for k in range(40)]
     blocks, single = (sum(chance_of_difference(a, b, TIMES, s) < TOLD_APART for a, b in pairs) for s in (6.0, 0.5))
     assert blocks <= 6 < single

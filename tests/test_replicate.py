@@ -192,7 +192,7 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytes
 
 @pytest.mark.slow
 def test_gazebo_s_pyramid_along_the_worlds_axes_is_as_fast_as_the_thesis_saw_and_never_turns(lab: Profile) -> None:
-    """What Sec. 3.7 says of its run needs turns too: the lost direction is a conjecture, see docs/why_drift.md."""
+    """Sec. 3.7 describes a run that turns, and ours does not, so the lost direction is a conjecture (docs/why_drift.md)."""
     installed_plant(lab, "ode")
     found = gazebo.driven_on_trajectory_3("pyramid", "world", gazebo.starts(1)[0])
     assert 0.4 < found.excess < 0.5

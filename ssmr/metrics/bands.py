@@ -121,12 +121,12 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
         return vector[:, :, None] * vector[:, None, :]
 
     def lasting(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of an error of the heading in proportion to a signed rate: the square of the sum of its levers."""
+        """Return what an error adds that turns the heading in proportion to a signed rate: the square of summed levers."""
         lever = end * over(rate)[:, None] - over(place * rate[:, None])
         return squared((aside @ lever[:, :, None])[:, :, 0]), over(rate) ** 2
 
     def walking(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of a random walk of the heading whose variance grows by a rate: the sum of the squares of its levers."""
+        """Return what a random walk of the heading adds, whose variance grows by a rate: the sum of its squared levers."""
         first, second = over(place * rate[:, None]), over(squared(place) * rate[:, None, None])
         mixed = end[:, :, None] * first[:, None, :]
         levers = squared(end) * over(rate)[:, None, None] - mixed - mixed.transpose(0, 2, 1) + second

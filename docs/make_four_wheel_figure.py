@@ -49,10 +49,15 @@ Which = str | float
 
 
 def make(which: Which, acceleration: float = math.inf, settings: PhysicsSettings = SHIPPED) -> Plant:
-    """Return MuJoCo's robot, or the one on tyres of a stiffness, with a greatest acceleration of the wheels' rims [m/s2]."""
+    """Return a robot with a greatest acceleration of the wheels' rims [m/s2].
+
+    `which` is a stiffness for the one on four tyres, `mujoco` for MuJoCo's with Coulomb's friction, `mujoco 7` for
+    MuJoCo's with tyres of that stiffness.
+    """
     drive = replace(DRIVE, acceleration_v=acceleration)
     if isinstance(which, str):
-        return MujocoPlant(Calibration.of(ROBOT, friction=MU), drive, settings=settings)
+        compliance = 1.0 / float(which.removeprefix("mujoco ")) if " " in which else 0.0
+        return MujocoPlant(Calibration.of(ROBOT, friction=MU, slip_compliance=compliance), drive, settings=settings)
     return FourWheelPlant(FourWheelModel(replace(NUMBERS, stiffness_x=which, stiffness_y=which), drive))
 
 

@@ -63,6 +63,10 @@ class RigidNumbers:
         Raises:
             ValueError: friction that depends on direction, or an inertia that no body has.
         """
+        if calibration.slip_compliance > 0.0:
+            raise ValueError(
+                f"slip_compliance {calibration.slip_compliance:g}: this engine's tyres do not slip as they roll"
+            )
         if calibration.friction_ratio != 1.0:
             raise ValueError(f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one friction")
         robot, c = calibration.robot, calibration

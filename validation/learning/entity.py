@@ -10,6 +10,7 @@ from validation.simulator.composing import compose_robot
 from validation.simulator.description import Robot
 from validation.simulator.model import set_calibration
 from validation.simulator.motors import add_controllers, set_motors
+from validation.simulator.slip import add_slip
 
 try:
     from dm_control import composer, mjcf
@@ -46,6 +47,7 @@ class RobotEntity(composer.Entity):
 def _tree(robot: Robot) -> Any:
     spec = compose_robot(robot)
     add_controllers(spec, robot)
+    add_slip(spec)
     spec.compile()  # only then can it be written
     return mjcf.from_xml_string(spec.to_xml())
 

@@ -21,6 +21,7 @@ from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, Whee
 from validation.simulator.motors import add_controllers, set_motors
 from validation.simulator.parts import mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, PhysicsSettings, apply_settings
+from validation.simulator.slip import add_slip, set_slip
 from validation.simulator.terrain import FLAT, Terrain
 
 CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
@@ -49,6 +50,7 @@ def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
     for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
         spec.delete(part)
     pair_with_ground(spec)
+    add_slip(spec)
     return spec
 
 
@@ -110,8 +112,13 @@ def adjust(model: mujoco.MjModel, calibration: Calibration, drive: Drive, settin
     """Set all numbers on a compiled model of a robot and its ground, in place: motors, calibration and solver.
 
     Raises:
-        ValueError: what `set_motors` and `set_calibration` raise.
+        ValueError: what `set_motors` and `set_calibration` raise; tyres that slip with a cone or solver that has no place
+            for them.
     """
+    if calibration.slip_compliance > 0.0 and (settings.cone == "pyramidal" or settings.solver == "PGS"):
+        raise ValueError(
+            "tyres that slip need the elliptic cone and the solver Newton or CG: here slip_compliance must be 0"
+        )
     set_calibration(model, calibration)
     set_motors(model, calibration, drive)
     apply_settings(model, settings, robot_parts(model).tires, calibration.friction_ratio)
@@ -208,7 +215,7 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
     `prefix` stands in front of the robot's names in a larger model.
 
     Raises:
-        ValueError: an inertia that no rigid body has; the model is untouched then.
+        ValueError: an inertia that no rigid body has; the model is untouched then. What `set_slip` raises.
     """
     robot, geometry, parts = calibration.robot, calibration.robot.geometry, robot_parts(model, prefix)
     inertia = base_inertia(calibration)
@@ -248,3 +255,4 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
         model.pair_friction[:, 0] = calibration.friction * calibration.friction_ratio
         model.pair_friction[:, 1] = calibration.friction
         model.pair_solref[:], model.pair_solimp[:] = solref, solimp
+    set_slip(model, calibration, prefix)

@@ -9,7 +9,6 @@ actuator's bias, which implicitfast treats implicitly, and the motor's limit is 
 
 from __future__ import annotations
 
-import ctypes
 import math
 import threading
 from functools import lru_cache
@@ -17,19 +16,17 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from llvmlite import ir
 from numba import types
 
-from ssmr._jit import built_in, compiled_for_c
+from ssmr._jit import compiled_for_c
 from ssmr.robot.drive import motor_numbers
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import GRAVITY, SIDES, Robot
+from validation.simulator.memory import number, offset, set_number
 from validation.simulator.parts import robot_parts
 
-_WORD = 8
-"""Bytes of a pointer and of a number."""
 _LONGEST = 1e6
 """Longest time constant of a winding [s]: MuJoCo's exponential would round a longer one."""
 _INSTALLING = threading.Lock()
@@ -81,52 +78,18 @@ def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, pr
     model.dof_damping[robot_parts(model, prefix).dofs] = 0.5 * motor.braking
     limited = math.isfinite(motor.limit)
     for name, wheels in calibration.robot.motors.items():
-        share, number = 0.5 * len(wheels), model.actuator(f"{prefix}{name}_motor").id
+        share, index = 0.5 * len(wheels), model.actuator(f"{prefix}{name}_motor").id
         gain, most = share * calibration.gain, share * motor.limit
-        at = model.actuator_actadr[number], model.actuator_ctrladr[number], model.actuator_outadr[number]
-        if model.actuator_dyntype[number] == mujoco.mjtDyn.mjDYN_USER:
-            model.actuator_dynprm[number, :8] = *at, motor.leaked, share * motor.gained, most, gain, 1.0 / dt
-            model.actuator_gainprm[number, 0] = 1.0
+        at = model.actuator_actadr[index], model.actuator_ctrladr[index], model.actuator_outadr[index]
+        if model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_USER:
+            model.actuator_dynprm[index, :8] = *at, motor.leaked, share * motor.gained, most, gain, 1.0 / dt
+            model.actuator_gainprm[index, 0] = 1.0
         else:
-            model.actuator_gainprm[number, 0] = gain
-        model.actuator_biasprm[number, :3] = 0.0, 0.0, share * motor.braking - gain
-        model.actuator_forcelimited[number] = limited
-        model.actuator_forcerange[number] = (-most, most) if limited else 0.0
+            model.actuator_gainprm[index, 0] = gain
+        model.actuator_biasprm[index, :3] = 0.0, 0.0, share * motor.braking - gain
+        model.actuator_forcelimited[index] = limited
+        model.actuator_forcerange[index] = (-most, most) if limited else 0.0
         model.tendon_frictionloss[model.tendon(f"{prefix}{name}").id] = share * lost
-
-
-@built_in
-def _number(typing: Any, pointer: Any, index: Any) -> Any:
-    """Return a number of the array that the pointer at an address points to."""
-
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.load(_place(builder, *arguments))
-
-    return types.float64(types.intp, types.intp), build
-
-
-@built_in
-def _set_number(typing: Any, pointer: Any, index: Any, value: Any) -> Any:
-    """Set a number of the array that the pointer at an address points to."""
-
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.store(arguments[2], _place(builder, *arguments[:2]))
-        return context.get_dummy_value()
-
-    return types.none(types.intp, types.intp, types.float64), build
-
-
-def _place(builder: Any, pointer: Any, index: Any) -> Any:
-    array = builder.load(builder.inttoptr(pointer, ir.DoubleType().as_pointer().as_pointer()))
-    return builder.gep(array, [index])
-
-
-def _offset(struct: Any, array: FloatArray) -> int:
-    """Return where MuJoCo's struct holds the pointer to one of its arrays [bytes]: Python's binding does not say."""
-    words, k = ctypes.cast(struct._address, ctypes.POINTER(ctypes.c_size_t)), 0
-    while words[k] != array.ctypes.data:
-        k += 1
-    return _WORD * k
 
 
 @lru_cache(maxsize=1)
@@ -138,21 +101,21 @@ def _callback() -> Any:
     motor.dyntype, motor.actdim = mujoco.mjtDyn.mjDYN_USER, 2
     model = spec.compile()
     data, numbers = mujoco.MjData(model), model.actuator_dynprm.shape[1]
-    from_model = _offset(model, model.actuator_dynprm)
-    rest, change, control, rate = (_offset(data, a) for a in (data.act, data.act_dot, data.ctrl, data.actuator_velocity))
+    from_model = offset(model, model.actuator_dynprm)
+    rest, change, control, rate = (offset(data, a) for a in (data.act, data.act_dot, data.ctrl, data.actuator_velocity))
 
     @compiled_for_c(types.float64(types.intp, types.intp, types.int32))
     def activations(model: int, data: int, actuator: int) -> float:
         """Set how both activations of a motor change; the integral part is stepped as `advance_integral` does it."""
         first, own = numbers * actuator, model + from_model
-        at = int(_number(own, first))
-        wanted = _number(data + control, int(_number(own, first + 1)))
-        error = wanted - _number(data + rate, int(_number(own, first + 2)))
-        integral, asked, most = _number(data + rest, at), _number(data + rest, at + 1), _number(own, first + 5)
-        later = integral + (_number(own, first + 3) * integral + _number(own, first + 4) * error)
-        steps = _number(own, first + 7)  # of a second
-        _set_number(data + change, at, (min(max(later, -most), most) - integral) * steps)
-        _set_number(data + change, at + 1, (_number(own, first + 6) * wanted + integral - asked) * steps)
+        at = int(number(own, first))
+        wanted = number(data + control, int(number(own, first + 1)))
+        error = wanted - number(data + rate, int(number(own, first + 2)))
+        integral, asked, most = number(data + rest, at), number(data + rest, at + 1), number(own, first + 5)
+        later = integral + (number(own, first + 3) * integral + number(own, first + 4) * error)
+        steps = number(own, first + 7)  # of a second
+        set_number(data + change, at, (min(max(later, -most), most) - integral) * steps)
+        set_number(data + change, at + 1, (number(own, first + 6) * wanted + integral - asked) * steps)
         return 0.0  # of an actuator with one activation
 
     return activations.ctypes

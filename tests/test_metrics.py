@@ -26,7 +26,7 @@ from ssmr.metrics.paths import (
     one_sided_kernel,
     path_length,
 )
-from ssmr.metrics.windows import TIME_TOLERANCE, horizon_errors, horizon_windows, relative_pose_error
+from ssmr.metrics.windows import TIME_TOLERANCE, horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from tests.conftest import metrics_of
 
@@ -375,16 +375,6 @@ def test_rounding_of_stamps_costs_no_sample(samples: int, dt: float):
     starts, ends = horizon_windows(t, samples * dt)
     assert np.array_equal(ends - starts, np.full(999 // samples, samples))
     assert [len(part) for part in horizon_windows(t[:1], dt)] == [0, 0]
-
-
-@quick
-@given(errors=arrays(np.float64, st.integers(1, 50), elements=st.floats(0.0, 10.0)))
-def test_horizon_errors_are_ordered_and_linear(errors: FloatArray):
-    h = horizon_errors(errors, 0.1 * errors)
-    assert h.n == len(errors)
-    assert errors.min() <= h.position_median_m <= h.position_p95_m <= errors.max()
-    assert h.yaw_median_rad == pytest.approx(0.1 * h.position_median_m, rel=ROUNDOFF)
-    assert h.yaw_p95_rad == pytest.approx(0.1 * h.position_p95_m, rel=ROUNDOFF)
 
 
 def test_the_parts_are_those_of_the_whole() -> None:

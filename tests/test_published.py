@@ -8,15 +8,12 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-import pytest
-
 from validation.thesis import published
 
 NUMBERS = [f"3.{i}" for i in range(1, 17)] + [f"4.{i}" for i in range(1, 39)]
 METRICS = ("d_rms_m", "d_haus_m", "d_ratio")
 METRIC_TABLES = ["3.9", "3.12", "3.15", *(f"4.{i}" for i in (*range(5, 20), *range(22, 38)))]
 SINGLE_ROW_TABLES = METRIC_TABLES[3:-1]
-JDE_TABLES = ["3.7", "3.10", "3.13", "4.3", "4.20"]
 LAST_DIGIT = 0.5e-4
 """Half a unit of the last printed digit of d_rms, d_haus and d_ratio."""
 PERCENT_DIGIT = 0.005
@@ -120,18 +117,6 @@ def test_erratum_4_38_only_the_sine_is_beyond_rounding():
             lower, upper = change_percent_bounds(row, metric)
             inside = lower <= published.value("4.38", row, f"{metric}_change_percent") <= upper
             assert inside == ((row, metric) not in ERRATA_4_38_WRONG), (row, metric)
-
-
-@pytest.mark.parametrize("number", JDE_TABLES)
-def test_jde_settings_agree(number: str):
-    rows = published.table(number)["rows"]
-    shared = ("F_init", "F_bound", "CR_init", "CR_bound", "tau_1", "tau_2", "nr", "slp", "df")
-    assert {key: rows[key] for key in shared} == {key: published.table("3.7")["rows"][key] for key in shared}
-    assert rows["nr"]["value"] == 4  # best/2 takes two difference vectors, four individuals
-    assert rows["NP"]["value"] * rows["n_gen"]["value"] == 15000
-    for name in ("F", "CR"):
-        bound = rows[f"{name}_bound"]
-        assert bound["lower"] <= rows[f"{name}_init"]["value"] <= bound["upper"]
 
 
 def test_pid_gains_searched_and_set_by_hand():

@@ -10,11 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.geometry import rotate_body_to_world
+from ssmr.geometry import integral, rotate_body_to_world
 from ssmr.metrics.windows import horizon_windows, overlapping_windows
 from ssmr.types import FloatArray
 from tests.test_log_faults import drive, with_jumps
-from validation.bench.sources import WindowCut, commands_on_grid, horizons_of, source_of, standing_sentences
+from validation.bench.gyro import find_gyro_judge
+from validation.bench.sources import (
+    WindowCut,
+    commands_on_grid,
+    horizons_of,
+    source_of,
+    standing_sentences,
+    window_errors_of,
+)
 from validation.files.log import Log
 
 EXACT_FIT = 1e-9
@@ -138,3 +146,29 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
     errors, cut = horizons_of([(source, [away])], (6.0,))[6.0], horizon_windows(piece.t, 6.0, piece.fresh)
     assert errors.n in (5, 6)
     assert (errors.n_standing, errors.position_median_m) == (len(cut[0]) - errors.n, 0.0)
+
+
+# ------------------------------------------------------------------------------------------------------- judges of heading
+@pytest.mark.parametrize("stalls", [True, False])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_gyro_judges_headings_whatever_its_sign_and_bias(sign: float, stalls: bool) -> None:
+    """What is right is so by the gyro, whose clock is 0.2 s before the wheels', also where the localiser stalls."""
+    columns = drive(120.0)
+    rate = np.roll(columns["gyro_z"], -4)
+    late = columns["t"] - 0.5 * (1.0 + np.sin(columns["t"]))  # it stalls and catches up
+    pose = {n: np.interp(late, columns["t"], columns[n]) for n in ("x", "y", "yaw")} if stalls else {}
+    source = source_of(Log.of_columns("log.csv", {**columns, **pose, "gyro_z": sign * rate + 0.02}), "log")
+    judge = find_gyro_judge(source)
+    assert judge.first == stalls
+    told, t = source.pieces[0].reference, columns["t"]
+    right = np.interp(t - 0.3, t, integral(t, columns["cmd_w"]))
+    told = replace(told, pose=np.column_stack([told.pose[:, :2], right]))
+    by_gyro, by_pose = (window_errors_of([(s, [told])], (6.0,))[6.0].yaw for s in (judge.judging(source, 0.3), source))
+    assert np.median(by_gyro) < 0.01 < np.median(by_pose)
+
+
+def test_a_gyro_that_shows_something_else_judges_nothing() -> None:
+    columns = drive()
+    noise = np.random.default_rng(1).standard_normal(len(columns["t"]))
+    for wrong in ({"gyro_z": noise}, {"gyro_z": 0.0 * noise}):
+        assert find_gyro_judge(source_of(Log.of_columns("log.csv", {**columns, **wrong}), "log")) is None

@@ -89,15 +89,6 @@ def test_a_speed_replaces_times_but_no_waits(moves: list[tuple[float, float, flo
     assert waiting.t[-1] - waiting.t[-2] == pytest.approx(2.5, rel=1e-9)
 
 
-def test_arrays_are_copied_and_read_only() -> None:
-    t, xy = np.array([0.0, 1.0]), np.array([[0.0, 0.0], [1.0, 0.0]])
-    waypoints = Waypoints(t, xy)
-    xy[0] = 7.0
-    assert waypoints.xy[0, 0] == 0.0
-    with pytest.raises(ValueError, match="read-only"):
-        waypoints.t[0] = 1.0
-
-
 # ------------------------------------------------------------------------------------------------------- what they are
 
 

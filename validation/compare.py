@@ -19,6 +19,7 @@ from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, Plant, State, Trajectory
 from validation import cli
+from validation.bench.gyro import GyroJudge, find_gyro_judge
 from validation.bench.sources import (
     RECORDING,
     Source,
@@ -145,43 +146,30 @@ class PreparedComparison:
         recorded = self.reference == RECORDING
         against = [piece.reference for piece in source.pieces] if recorded else motions[self.reference]
         truth = tuple(m for m in against if m is not None)
-        simulated = sum(piece.commands.duration for piece in source.pieces)
-        numbers, results = profile.as_dict(self.plants), {}
-        for name, (pieces, wall, health) in driven.items():
-            plant, horizons = self.plants[name], o.horizons if recorded else ()
-            results[name] = PlantResult(
-                name,
-                tuple(pieces),
-                self._metrics(pieces, truth),
-                horizons_of([(source, pieces)], horizons),
-                wall,
-                simulated / wall,
-                health,
-                profile.section(name).localiser,
-                summarise(tuple(pieces), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None,
-                numbers[name],
-                window_errors_of([(source, pieces)], horizons),
-                band := profile.section(name).bands.get(o.input) if o.bands else None,
-                {} if band is None else coverage_of([(source, pieces)], horizons, band),
-            )
+        gyro = find_gyro_judge(source) if recorded else None
+        results = {name: self._result(name, *found, truth, gyro) for name, found in driven.items()}
         scoring = {horizon: scoring_windows(source, horizon) for horizon in o.horizons} if recorded else {}
         headline = headline_horizon(scoring)
         unsure = _without_band([name for name, r in results.items() if o.bands and r.band is None], profile.name, o.input)
         standing = standing_sentences(source, headline) if headline else []
         if o.profile is None and o.robot is None:
             standing = [*stranger_sentences(source, profile.robot), *standing]
-        alike, unwell, robot = alike_plants(results), ailing(results), profile.robot
+        gyro_first = gyro is not None and gyro.first
+        alike, unwell, robot = alike_plants(results, gyro_first), ailing(results), profile.robot
         label = one_line(with_robot(profile.name, robot.name))
         title = f"{one_line(source.name)} · profile {label}"
         if o.terrain != FLAT:
             title += f" · mujoco on {o.terrain.words}"
         points = [] if recorded else point_sentences(results)
         caption = "\n".join([f"compared with {self.reference} · seed {o.seed} · best value in bold", *points, *unwell])
-        facts = {"profile": profile.name, "robot": robot.name, "reference": self.reference, "seed": o.seed}
+        facts: dict[str, Any] = {"profile": profile.name, "robot": robot.name, "reference": self.reference, "seed": o.seed}
+        if gyro is not None:
+            standing.append(gyro.sentence)
+            facts |= {"heading_judge": "gyro" if gyro.first else "localiser", "judges_apart_rad": gyro.apart}
         return Comparison(
             program="compare",
             title=f"{one_line(source.name)}, {label}",
-            tables=comparison_tables(results, self.reference, title, caption),
+            tables=comparison_tables(results, self.reference, title, caption, gyro_first),
             sentences=(*standing, *source.warnings, *alike_sentences(results, alike), *unsure),
             alarms=unwell,
             options=o.as_dict(),
@@ -205,6 +193,38 @@ class PreparedComparison:
             terrain=o.terrain,
             scoring=scoring,
             robot=robot,
+        )
+
+    def _result(
+        self, name: str, pieces: list[Trajectory], wall: float, health: Health | None,
+        truth: tuple[Trajectory, ...], gyro: GyroJudge | None,
+    ) -> PlantResult:  # fmt: skip
+        """Return how a plant's motion compares with the true one, and its headings with the gyro's."""
+        plant, section, source = self.plants[name], self.profile.section(name), self.source
+        horizons = self.options.horizons if self.reference == RECORDING else ()
+        driven = [(source, pieces)]
+        by_gyro = [] if gyro is None else [(gyro.judging(source, section.localiser.yaw_late), pieces)]
+        band = section.bands.get(self.options.input) if self.options.bands else None
+        coverage = dict[float, dict[str, float]]()
+        if band is not None:
+            coverage = coverage_of(driven, horizons, band)
+            for horizon, shares in coverage_of(by_gyro, horizons, band).items():
+                coverage[horizon]["yaw_gyro"] = shares["yaw"]
+        return PlantResult(
+            name,
+            tuple(pieces),
+            self._metrics(pieces, truth),
+            horizons_of(driven, horizons),
+            wall,
+            sum(piece.commands.duration for piece in source.pieces) / wall,
+            health,
+            section.localiser,
+            summarise(tuple(pieces), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None,
+            self.profile.as_dict([name])[name],
+            window_errors_of(driven, horizons),
+            band,
+            coverage,
+            window_errors_of(by_gyro, horizons),
         )
 
     def _metrics(self, pieces: Sequence[Trajectory], truth: Sequence[Trajectory]) -> Metrics:

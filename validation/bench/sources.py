@@ -103,6 +103,8 @@ class Source:
     """Sentences about what is wrong with a log."""
     title: str = ""
     """Name of a log in sentences, with its span of time where it was cut."""
+    log: Log | None = None
+    """The log itself, on one clock; None of a scenario."""
 
 
 # ------------------------------------------------------------------------------------------ opening
@@ -180,7 +182,7 @@ def source_of(
     warnings = tuple(f"{title}: {sentence}" for sentence in [*faults.sentences(), *sentences])
     for warning in warnings:
         _logger.warning("%s", warning)
-    return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title)
+    return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title, log)
 
 
 def commands_on_grid(t: FloatArray, inputs: FloatArray, kind: CommandKind, dt: float) -> Commands:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
-from itertools import chain, combinations, pairwise
+from itertools import chain, combinations, pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ declare(
     Metric("position_p95_m", "position p95", "m", "low", "95th percentile of these errors"),
     Metric("yaw_median_rad", "yaw median", "rad", "low", "median error of the heading over the same windows"),
     Metric("yaw_p95_rad", "yaw p95", "rad", "low", "95th percentile of these errors"),
+    Metric("yaw_gyro_median_rad", "yaw by gyro", "rad", "low", "yaw median with the log's gyro as the judge of heading"),
 )
 _INTERVALS = "Brackets: 90 % confidence interval of the median; for a log of less than four horizons, the range of errors."
 _HEALTH = (
@@ -78,7 +79,9 @@ class PlantResult:
     band: Band | None = None
     """How sure the plant's predictions are; None where nobody asked, or the profile does not say."""
     coverage: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
-    """Shares of windows that end inside the band, `position` and `yaw`, by horizon [s]."""
+    """Shares of windows that end inside the band, `position`, `yaw` and `yaw_gyro`, by horizon [s]."""
+    by_gyro: Mapping[float, WindowErrors] = field(default_factory=dict)
+    """As `windows`, with the gyro as the judge of heading; empty where the log has none of use."""
 
     @cached_property
     def overlapping(self) -> Mapping[float, OverlappingErrors]:
@@ -92,6 +95,10 @@ class PlantResult:
             entry["horizons"] = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
             for horizon, overlapping in self.overlapping.items():
                 entry["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(overlapping)
+                if horizon in self.by_gyro:
+                    told = asdict(self.by_gyro[horizon].summary())
+                    told = {k.replace("yaw", "yaw_gyro"): value for k, value in told.items() if k.startswith("yaw")}
+                    entry["horizons"][f"{horizon:g}"]["overlapping"] |= told
             for horizon, shares in self.coverage.items():
                 entry["horizons"].setdefault(f"{horizon:g}", {})["coverage_90"] = dict(shares)
         if self.health is not None:
@@ -133,11 +140,14 @@ class Comparison(Report):
         return with_robot(self.profile, self.robot.name)
 
 
-def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: str, caption: str) -> list[Table]:
+def comparison_tables(
+    plants: Mapping[str, PlantResult], reference: str, title: str, caption: str, gyro_first: bool = False
+) -> list[Table]:
     """Return the tables of motions, the most telling one first; those without rows are left out.
 
     Against a recording the errors of the relative pose by horizon and plant come first, then their medians over windows that
-    begin every second, with intervals. Then the metrics of paths, and for MuJoCo's robot loads and health.
+    begin every second, with intervals. Then the metrics of paths, and for MuJoCo's robot loads and health. `gyro_first` says
+    which judge of heading stands first.
     """
     horizons = sorted({h for result in plants.values() for h in result.horizons})
     errors = [(h, n, asdict(r.horizons[h])) for h in horizons for n, r in plants.items() if h in r.horizons]
@@ -161,7 +171,7 @@ def comparison_tables(plants: Mapping[str, PlantResult], reference: str, title: 
             best=True,
             units=_POSES,
         ),
-        interval_table(overlapping),
+        interval_table(overlapping, gyro=[plants[n].by_gyro.get(h) for h, n, _ in overlapping], gyro_first=gyro_first),
         _band_table(plants),
         Table(title, metrics, caption, best=True, reference=f"{reference} (ref)", hidden=_BOTH_WAYS),
         _load_table(plants),
@@ -178,21 +188,27 @@ _POSES = {
     "position_median_m": METRES,
     "position_p95_m": METRES,
     "yaw_median_rad": DEGREES,
+    "yaw_gyro_median_rad": DEGREES,
 }
 
 
-def interval_table(overlapping: Iterable[tuple[float, str, OverlappingErrors]], who: str = "plant") -> Table:
-    """Return medians over overlapping windows with their intervals, by horizon [s] and name."""
-    rows = [
-        {
-            "horizon_s": h,
-            who: name,
-            "windows": e.n,
-            "position_median_m": (e.position_median_m, e.position_low_m, e.position_high_m),
-            "yaw_median_rad": (e.yaw_median_rad, e.yaw_low_rad, e.yaw_high_rad),
-        }
-        for h, name, e in overlapping
-    ]
+def interval_table(
+    overlapping: Sequence[tuple[float, str, OverlappingErrors]],
+    who: str = "plant",
+    gyro: Sequence[WindowErrors | None] = (),
+    gyro_first: bool = False,
+) -> Table:
+    """Return medians over overlapping windows with their intervals, by horizon [s] and name.
+
+    `gyro` has for each row the errors with the gyro as the judge of heading, in the column before or after the localiser's.
+    """
+    rows = []
+    for (h, name, e), other in zip_longest(overlapping, gyro):
+        place = {"horizon_s": h, who: name, "windows": e.n}
+        place["position_median_m"] = e.position_median_m, e.position_low_m, e.position_high_m
+        judged = {} if other is None else {"yaw_gyro_median_rad": other.summary()}
+        judged = judged | {"yaw_median_rad": e} if gyro_first else {"yaw_median_rad": e} | judged
+        rows.append(place | {key: (of.yaw_median_rad, of.yaw_low_rad, of.yaw_high_rad) for key, of in judged.items()})
     title = "The same over windows that begin every second, and how sure that is"
     return Table(title, rows, _INTERVALS, "horizon_s", units=_POSES)
 
@@ -246,12 +262,13 @@ def headline_horizon(horizons: Iterable[float]) -> float | None:
     return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
 
 
-def alike_plants(plants: Mapping[str, PlantResult]) -> dict[str, Any] | None:
+def alike_plants(plants: Mapping[str, PlantResult], gyro_first: bool = False) -> dict[str, Any] | None:
     """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
     Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`, by a paired test that is
     corrected for the number of pairs: `{"horizon_s", "position": [[name, name], ...], "yaw": [...], "better": {"position":
-    [[better, worse], ...], "yaw": [...]}}`, where the first two lists hold the pairs that cannot be told apart.
+    [[better, worse], ...], "yaw": [...]}}`, where the first two lists hold the pairs that cannot be told apart. The first
+    judge of heading decides.
     """
     horizon = headline_horizon({h for result in plants.values() for h in result.windows})
     if horizon is None:
@@ -260,7 +277,8 @@ def alike_plants(plants: Mapping[str, PlantResult]) -> dict[str, Any] | None:
     alike: dict[str, Any] = {"position": [], "yaw": [], "better": {"position": [], "yaw": []}}
     pairs, block = list(combinations(able, 2)), max(horizon, SHORTEST_BLOCK_S)
     for what, better in alike["better"].items():
-        errors = {name: getattr(windows, what) for name, windows in able.items()}
+        judged = {n: plants[n].by_gyro[horizon] if gyro_first and what == "yaw" else w for n, w in able.items()}
+        errors = {name: getattr(windows, what) for name, windows in judged.items()}
         times = {name: EVERY_S * np.arange(len(values)) for name, values in errors.items()}
         chances = corrected([chance_of_difference(errors[a], errors[b], times[a], block) for a, b in pairs])
         for pair, chance in zip(pairs, chances.tolist(), strict=True):

@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.ros_fakes import FakeClock, FakeNode, message, twist
-from validation.bench.sources import Pacer
 from validation.plants.profile import Profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.messages import STOP_TOPIC
@@ -32,22 +31,6 @@ def test_rates_are_kept_to_the_step(rate: float) -> None:
         assert seen == int(step * dt * rate + 1e-9), "neither early nor more than a step late"
 
 
-@pytest.mark.parametrize(("stall", "most", "dropped"), [(0.5, math.inf, 0.0), (2.0, 0.5, 1.99)])
-def test_lateness_is_caught_up_with_or_dropped(stall: float, most: float, dropped: float) -> None:
-    """A loop that stalls for longer than the limit does not run fast afterwards: its time has lost the stall."""
-    clock = FakeClock()
-    pacer = Pacer(clock, clock.sleep, most)
-    late = []
-    for k in range(300):
-        late.append(pacer.wait(0.01 * k))
-        clock.now += stall if k == 50 else 0.001
-    assert max(late) == pytest.approx(stall - 0.01)
-    assert late[-1] == 0.0
-    assert np.all(np.diff(late[51:]) <= 0.0)
-    assert pacer.dropped == pytest.approx(dropped)
-    assert clock.now - 0.001 == pytest.approx(100.0 + 2.99 + dropped)
-
-
 @pytest.fixture(scope="module")
 def plant(lab: Profile) -> MujocoPlant:
     return cast(MujocoPlant, make_plant(lab, "mujoco"))
@@ -64,6 +47,20 @@ def speeds(node: FakeNode) -> tuple[np.ndarray, np.ndarray]:
     t, xy = np.array([(stamp, (s.x, s.y)) for stamp, s in (msg.read_pose(m) for _, m in node.of(POSE))], dtype=object).T
     t, xy = t.astype(float), np.array(xy.tolist())
     return t[1:], np.hypot(*np.diff(xy, axis=0).T) / np.diff(t)
+
+
+@pytest.mark.parametrize(("stall", "dropped"), [(1.5, 0.0), (3.0, 3.0)])
+def test_lateness_is_caught_up_with_or_dropped(plant: MujocoPlant, stall: float, dropped: float) -> None:
+    """A simulation that stalls for longer than the limit does not run fast afterwards: its time has lost the stall."""
+    loop, node = simulation(plant)
+    stalls = iter([0.0] * 50 + [stall])
+    receive, clock = node.receive, node.clock
+    node.receive = lambda *now: clock.sleep(next(stalls, 0.0)) or receive(*now)  # type: ignore[method-assign, func-returns-value]
+    loop.run(2.0)
+    assert clock.now == pytest.approx(102.0 + dropped, abs=0.01)
+    late = np.array([t - msg.read_pose(m)[0] for t, m in node.of(POSE)])
+    assert late.max() == pytest.approx(stall, abs=0.01)
+    assert late[-1] == pytest.approx(dropped, abs=0.01)
 
 
 def test_every_topic_comes_at_its_rate_and_its_instants(plant: MujocoPlant) -> None:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import tyro
 from matplotlib.figure import Figure
 
-from ssmr.control.laws import CONTROLLERS, LAWS
+from ssmr.control.laws import LAWS
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.parameters import require_within
 from validation import cli, store
@@ -43,7 +43,7 @@ the greatest speed that it is tuned on."""
 class Tune(Searching):
     """Options of `tune`."""
 
-    controller: Annotated[str, tyro.conf.Positional, cli.one_of(CONTROLLERS, "CONTROLLER")]
+    controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
     """Controller to tune: pid, lqr, lqr-scheduled or smc, each also with +predictor behind its name, or mpc."""
     references: Annotated[cli.Names, cli.option("reference", metavar="REF,...")] = ("generic",)
     """Paths to follow, separated by commas: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go,

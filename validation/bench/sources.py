@@ -242,30 +242,6 @@ def _recorded_motion(
 
 
 # ------------------------------------------------------------------------------------------ driving and scoring
-class Pacer:
-    """Waits for instants counted from one start, and catches up after lateness, unless that is too much."""
-
-    def __init__(self, clock: Callable[[], float], sleep: Callable[[float], object], most_behind: float = math.inf) -> None:
-        """Start now; `clock` returns monotonic time [s], and `sleep` waits for some time [s] or a little longer.
-
-        A lateness greater than `most_behind` [s] is dropped, so that time does not run fast for long after a stall.
-        """
-        self._clock, self._sleep, self._most_behind, self._start = clock, sleep, most_behind, clock()
-        self.dropped = 0.0
-        """Time that was dropped [s]."""
-
-    def wait(self, instant: float) -> float:
-        """Sleep until `instant` [s] after the start, unless that has passed, and return the lateness [s]."""
-        deadline = self._start + instant
-        while (left := deadline - self._clock()) > 0.0:
-            self._sleep(left)
-        late = self._clock() - deadline
-        if late > self._most_behind:
-            self._start += late
-            self.dropped += late
-        return late
-
-
 def drive(plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, push: FloatArray | None = None) -> Trajectory:
     """Drive a plant over one piece, from its start, and return the motion that the localiser sees, at the piece's stamps.
 

@@ -18,7 +18,6 @@ from validation.cli.options import Topics as Topics
 from validation.cli.options import UserError as UserError
 from validation.cli.options import Values as Values
 from validation.cli.options import controller_and_reference as controller_and_reference
-from validation.cli.options import one_of as one_of
 from validation.cli.options import option as option
 from validation.cli.options import parsed as parsed
 from validation.cli.options import profile_option as profile_option

@@ -7,7 +7,7 @@ here, before any work: it is finite, and fits into 64 bits.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -43,14 +43,6 @@ def option(
     """
     hint = None if default is None else f"(default: {default})"
     return tyro.conf.arg(name=name, metavar=metavar, help=help, help_behavior_hint=hint, prefix_name=False)
-
-
-def one_of(names: Iterable[str], metavar: str | None = None) -> Any:
-    """Return what to annotate an argument with that is one of these names: others are refused with a list of them.
-
-    The help lists them too, unless it has a word in their place.
-    """
-    return tyro.conf.arg(constructor=tyro.extras.literal_type_from_choices(names), prefix_name=False, metavar=metavar)
 
 
 def parsed(parse: Callable[[str], T], metavar: str, write: Callable[[T], str] = str) -> object:

@@ -10,7 +10,7 @@ From joint states only wheels are read: joints with `wheel` and `left` or `right
 Topics get roles, and become groups of columns: cmd_v, cmd_w from the role `cmd`; enc_left, enc_right from `wheels`; gyro_z
 from `imu`, about the vertical that its accelerometer shows; x, y, yaw from `pose` or, without one, from `odom`; odom_v and
 odom_w from `odom` (and odom_x, odom_y, odom_yaw where there is a `pose`); and gps_east, gps_north from `gps`, metres from
-its first fix. A topic `/columns/GROUP/NAME` of Float64, as this project writes them, is the column NAME of that group.
+its first fix.
 """
 
 from __future__ import annotations
@@ -33,8 +33,6 @@ from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, Read
 from validation.files.reading import DAMAGE, FileError, opened, quoted
 from validation.words import shortened
 
-CHANNEL, CHANNELS = "std_msgs/msg/Float64", "/columns/"
-"""Type of the messages that hold one number, and how the names of such topics begin where they are columns."""
 _METADATA = "metadata.yaml"  # file that describes the folder of a ROS 2 bag
 _CLOCK_JUMP = 1.0
 """Difference between the steps of the header's and the bag's stamps from which the header's clock has jumped [s]; a message
@@ -126,7 +124,6 @@ READERS: Mapping[str, Callable[[Any], _Row]] = MappingProxyType(
         "sensor_msgs/msg/Imu": _imu,
         "sensor_msgs/msg/JointState": _joints,
         "sensor_msgs/msg/NavSatFix": _fix,
-        CHANNEL: lambda m: (0, {"value": m.data}),
     }
 )
 """Functions that read a message, by its type; for a further type, add a line."""
@@ -209,7 +206,7 @@ def _check_files(path: Path) -> None:
 def _messages(path: Path, reader: Any, limits: LogLimits) -> _Collected:
     """Return all messages that can be read; a FileError says that there are more than the limits allow."""
     found: _Collected = {}
-    known = [c for c in reader.connections if c.msgtype in READERS and (c.msgtype != CHANNEL or _column(c.topic))]
+    known = [c for c in reader.connections if c.msgtype in READERS]
     for count, (connection, ns, raw) in enumerate(reader.messages(known) if known else ()):
         for name, many in (("samples", count + 1), ("columns", len(found))):
             if many > getattr(limits, name):
@@ -223,12 +220,6 @@ def _messages(path: Path, reader: Any, limits: LogLimits) -> _Collected:
             messages.header_ns.append(row[0])
             messages.numbers.extend(row[1].values())
     return found
-
-
-def _column(topic: str) -> tuple[str, str] | None:
-    """Return the group and the name of the column that a topic of Float64 holds by its own name; None for none."""
-    group, slash, name = topic.removeprefix(CHANNELS).partition("/")
-    return (group, name) if topic.startswith(CHANNELS) and group and slash and name and name != "t" else None
 
 
 def _topic(
@@ -303,8 +294,7 @@ def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) 
         group = Group(topic.name, t, found)
         check_group(path, group, limits)
     except FileError as fault:
-        remedy = "" if role == CHANNEL else f"; topics {role}=none leaves it out"
-        raise FileError(path, f"{fault.what}{remedy}") from fault
+        raise FileError(path, f"{fault.what}; topics {role}=none leaves it out") from fault
     return group
 
 
@@ -349,28 +339,13 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
     """
     topics = read_topics(path, options)
     chosen = choose_topics(path, topics, options.topics)
-    single = [topic for topic in topics if topic.type == CHANNEL and topic.columns is not None]
-    if not chosen and not single:
+    if not chosen:
         there = ", ".join(f"{s.name} ({s.type})" for s in topics if s.columns is not None)
         found = there or "no topic of a type that can be read"
         raise FileError(path, f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {found}")
-    groups: dict[str, Group] = {}
-    posed = "pose" in chosen or any(topic.name.startswith(f"{CHANNELS}pose/") for topic in single)
-    for role, topic in chosen.items():
-        groups[role] = _group(path, role, topic, "odom_" if posed and role == "odom" else "", options.limits)
-    for topic in single:
-        _add(path, groups, _group(path, CHANNEL, topic, "", options.limits))
-    roles = {id(topic): role for role, topic in chosen.items()} | {id(t): "column" for t in single}
+    prefixes = {"odom": "odom_"} if "pose" in chosen else {}
+    groups = {role: _group(path, role, t, prefixes.get(role, ""), options.limits) for role, t in chosen.items()}
+    roles = {id(topic): role for role, topic in chosen.items()}
     listed = [replace(topic, role=roles.get(id(topic), "")) for topic in topics]
-    remarks = [f"{t.name}: {t.remark}, so the times of writing count" for t in topics if t.remark and t.type != CHANNEL]
+    remarks = [f"{t.name}: {t.remark}, so the times of writing count" for t in topics if t.remark]
     return Log(path, groups, listed, remarks, options.limits)
-
-
-def _add(path: Path, groups: dict[str, Group], single: Group) -> None:
-    """Put a group of single numbers into the group that the topic names, as the column that it names."""
-    key, name = _column(single.source) or ("", "")
-    before = groups.get(key, replace(single, columns={}))
-    if any(name in group.columns for group in groups.values()) or not np.array_equal(before.t, single.t):
-        raise FileError(path, f"topic {single.source} is a column twice, or has other stamps than its group")
-    column = Group(single.source, single.t, {name: single.columns["value"]})
-    groups[key] = replace(before, columns={**before.columns, **column.columns})

@@ -14,7 +14,6 @@ import numpy as np
 
 from ssmr.types import State
 from validation import cli
-from validation.bench.sources import Pacer
 from validation.plants.profile import choose_profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
@@ -103,7 +102,7 @@ class SimulationNode:
 
     def run(self, duration: float = math.inf) -> None:
         """Simulate for `duration` [s]; a DivergedError says that the simulator gave up."""
-        robot, node, pacer = self._robot, self._node, Pacer(self._clock, self._sleep, _MOST_BEHIND)
+        robot, node, start = self._robot, self._node, self._clock()
         for step in itertools.count(1):
             if step * robot.dt > duration + 1e-9:
                 return
@@ -118,7 +117,11 @@ class SimulationNode:
             robot.advance(step - robot.steps, self._gate.command(self._clock()))
             if is_due(step, SENSOR_RATE, robot.dt):
                 robot.sense()
-            if (late := pacer.wait(robot.time)) > _BEHIND:
+            deadline = start + robot.time
+            while (left := deadline - self._clock()) > 0.0:
+                self._sleep(left)
+            start -= left if left < -_MOST_BEHIND else 0.0
+            if (late := -left) > _BEHIND:
                 self._say(f"{late:.2f} s behind real time: this machine is too slow, or busy", "late", logging.WARNING)
             for name in due:
                 node.publish(name, self._topics[name][1](robot.time))

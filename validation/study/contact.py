@@ -29,17 +29,16 @@ from validation.engines.plant import EnginePlant
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.report import drawing
-from validation.report.columns import MILLIMETRES, Unit
+from validation.report.columns import MILLIMETRES, Unit, heading_of
 from validation.report.report import Report
-from validation.report.table import Row
+from validation.report.table import Row, Table
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 from validation.simulator.turning import SAMPLE, TURNED, creep, measure_spin, rolling_radius, spin, surge
-from validation.study.options import StudyOptions
-from validation.study.sweep import meaning_tables, picture, sweep
+from validation.study.sweep import StudyOptions, picture, sweep
 
 BASELINE = "as shipped"
 """Setting that all others are compared with."""
@@ -271,9 +270,14 @@ def study_contact(o: ContactStudy) -> Report:
     swept = sweep(trials, CONTACT_DRIVES, workers=o.workers, progress=o.progress)
     numbers = {name: asdict(s.physics) if s.physics else {} for name, s in chosen.items()}
     changed = {name: {k: v for k, v in given.items() if v is not None} for name, given in numbers.items()}
+    tables = []
+    for title, columns in CONTACT_MEASURES.items():
+        rows = [{key: row[key] for key in ("variant", *columns) if key in row} for row in swept.rows]
+        caption = "\n".join(f"{heading_of(key)}: {meaning}" for key, meaning in columns.items())
+        tables.append(Table(title, rows, caption, units=_UNITS))
     return Report(
         program="study", title=f"Physics settings, profile {with_robot(lab.name, lab.robot.name)}", draw=_draw,
-        tables=meaning_tables(swept.rows, CONTACT_MEASURES, _UNITS), sentences=swept.notes, status=swept.status,
+        tables=tables, sentences=swept.notes, status=swept.status,
         document={
             "schema": "ssmr.study.contact/2", "study": "contact", "robot": lab.robot.name, "profile": lab.name,
             "changes": {name: {**changed[name], **setting.robot} for name, setting in chosen.items()},

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated
+from typing import Annotated, get_args
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -41,8 +41,7 @@ from validation.study.drivetrain_logs import (
     require_currents,
     sampled_in_windows,
 )
-from validation.study.options import AS_NAMES, MOST_RUNS, StudyOptions
-from validation.study.sweep import picture
+from validation.study.sweep import StudyOptions, picture
 
 _USUAL_RHO = 0.145  # resistance over voltage constant of a Husky's motors, where no log on the ground tells it [rad/s per A]
 _INERTIA_DRAWS = 10  # draws of the transients for each one of the other bootstraps: they cost next to nothing
@@ -78,7 +77,7 @@ class DriveTrainStudy(StudyOptions):
     tells the inertia too."""
     ground: Annotated[str | Log | None, cli.text_of("PATH"), cli.option(default="none")] = None
     """Path of a recording on the ground with wheel rates and currents (current_left, current_right)."""
-    held_out: Annotated[tuple[str | Log, ...], AS_NAMES, cli.option(metavar="PATH,...", default="none")] = ()
+    held_out: Annotated[tuple[str | Log, ...], get_args(cli.Names)[1], cli.option(metavar="PATH,...", default="none")] = ()
     """Paths of recordings that only judge: those with a heading or a gyro the currents, others the wheel rates. Without
     any, the last third of each log judges what is fitted to the rest."""
     torque_constant: Annotated[cli.Number, cli.option(metavar="K", default="unknown")] = None
@@ -92,7 +91,7 @@ class DriveTrainStudy(StudyOptions):
     def __post_init__(self) -> None:
         """Raise a ValueError for numbers out of range."""
         require_within(self, ("torque_constant", "mass"), 1e-6, 1e6)
-        require_within(self, ("resamples",), 2, MOST_RUNS, whole=True)
+        require_within(self, ("resamples",), 2, 100_000, whole=True)
 
 
 def _parameters(

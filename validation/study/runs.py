@@ -25,8 +25,7 @@ from validation.report import drawing
 from validation.report.columns import DEGREES, METRES, Unit
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.study.options import AnyStudy
-from validation.study.sweep import picture, sweep
+from validation.study.sweep import AnyStudy, picture, sweep
 from validation.words import file_name, one_line, shortened
 
 SCHEMA = "ssmr.study.runs/1"

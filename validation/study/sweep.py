@@ -1,4 +1,4 @@
-"""One loop for all studies: it measures every variant, side by side, and keeps what was finished."""
+"""What studies share: options, one loop that measures every variant and keeps what was finished, and a picture."""
 
 from __future__ import annotations
 
@@ -7,22 +7,48 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
 from matplotlib.figure import Figure
 
 from ssmr.errors import SsmrError
+from validation import cli
+from validation.plants.profile import Profile, choose_profile
 from validation.progress import Progress, silent
 from validation.progress import Report as Progressing
 from validation.report import drawing
-from validation.report.columns import Unit, heading_of
 from validation.report.report import FINISHED, INTERRUPTED, Report
-from validation.report.table import Row, Table
 from validation.words import one_line
 
 Variant = TypeVar("Variant")
 Measure = Callable[[Variant], Mapping[str, Any]]
 """A drive or calculation that gives the columns of one variant, as keys and values."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnyStudy(cli.Common):
+    """Options of every study."""
+
+    def folder(self) -> Path:
+        """Return the folder that the files are written to."""
+        return Path("runs") / "study" / type(self).__module__.rpartition(".")[2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyOptions(AnyStudy):
+    """Options of every study of one robot."""
+
+    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
+    robot: cli.AnyRobot = None
+
+    def robot_profile(self) -> Profile:
+        """Return the profile.
+
+        Raises:
+            ValueError: there is none of that name, its numbers are wrong, or it is of another robot.
+        """
+        return choose_profile(self.profile, self.robot, "thesis-lab")
 
 
 @dataclass(frozen=True)
@@ -88,25 +114,6 @@ def sweep(
         raise next(iter(failures.values()))
     notes = [f"{what}: {one_line(why)}." for what, why in sorted(failures.items())]
     return Swept([rows[name] for name in variants if name in rows], notes, status)
-
-
-def meaning_tables(rows: Sequence[Row], meanings: Mapping[str, Mapping[str, str]], units: Mapping[str, Unit]) -> list[Table]:
-    """Return the rows of a sweep as tables that say what their columns mean.
-
-    Args:
-        rows: rows of a sweep.
-        meanings: what the columns of each table mean, by its title and their keys.
-        units: units of columns whose keys do not say theirs, or not with the digits that are wanted.
-    """
-    return [
-        Table(
-            title,
-            [{key: row[key] for key in ("variant", *columns) if key in row} for row in rows],
-            "\n".join(f"{heading_of(key)}: {meaning}" for key, meaning in columns.items()),
-            units=units,
-        )
-        for title, columns in meanings.items()
-    ]
 
 
 def picture(study: Report, rows: Sequence[drawing.Row]) -> Figure:

@@ -207,7 +207,7 @@ PRICES = {
     "validation/identify": (1_595, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (681, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_421, "any log is read as one form, its faults are found, and it is written in any format"),
-    "validation/plants": (781, "every plant declared once, and profiles"),
+    "validation/plants": (819, "every plant declared once, and profiles"),
     "validation/replicate": (1_165, "the thesis beside us, row by row"),
     "validation/report": (2_520, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_490, "the robot and its controller on a ROS 2 graph"),
@@ -215,18 +215,18 @@ PRICES = {
     "validation/study": (1_961, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (293, "the thesis' numbers"),
     "validation/bench": (
-        1_443,
+        1_451,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_535,
+        2_548,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (495, "speed beside other libraries"),
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""
-MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_890, 190, 17_500
+MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_949, 190, 17_500
 MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 52_000, 1_100
 
 

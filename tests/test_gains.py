@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -125,20 +124,6 @@ def test_a_bad_file_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
     text = refused("lqr", path)
     assert message in text
     assert str(path) in text
-
-
-def test_pid_has_no_manual_set() -> None:
-    assert refused("pid", "manual") == (
-        "pid has no gains 'manual'; there are: published, tuned, husky-tile, husky-wet-grass, warthog-grass, "
-        "default; or give the path of a TOML file"
-    )
-
-
-@pytest.mark.parametrize("controller", LAWS)
-def test_every_controller_has_the_defaults_of_its_class(controller: str) -> None:
-    gains = load_gains(controller, "default")
-    assert gains.name == f"{controller}-default"
-    assert dict(gains.values) == asdict(LAWS[controller].gains())
 
 
 OWN = [(controller, profile) for controller in LAWS for profile in profile_sets(controller)]

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from validation.plants.profile import PLANTS, ProfileError, load_profile, make_plant, shipped
+from validation.compare import compare
+from validation.plants.profile import PLANTS, Pace, ProfileError, load_profile, make_plant, shipped
 
 HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
-
-
-def test_the_profiles_are_shipped() -> None:
-    assert set(shipped()) >= {"thesis-lab", "thesis-printed", "husky-tile", "husky-wet-grass", "warthog-grass"}
 
 
 @pytest.mark.parametrize("name", shipped())
@@ -25,6 +25,7 @@ def test_a_shipped_profile_loads_drives_and_has_provenance(name: str) -> None:
     for plant in PLANTS:
         make_plant(profile, plant)
         assert profile.provenance[plant]["source"]
+    assert profile.fitted_at is not None
 
 
 def test_the_lab_profile_has_the_published_models() -> None:
@@ -84,4 +85,17 @@ def test_a_saved_profile_loads_again(tmp_path: Path) -> None:
     lab = load_profile("thesis-lab")
     again = load_profile(lab.save(tmp_path / "mine.toml"))
     assert again.plants == lab.plants
-    assert again.provenance == lab.provenance
+    assert (again.provenance, again.fitted_at) == (lab.provenance, lab.fitted_at)
+
+
+def test_what_is_clearly_faster_than_the_fit_is_told_with_both_numbers(capsys: pytest.CaptureFixture[str]) -> None:
+    on = np.arange(100) < 50
+    pace = Pace.of(2.0 * on, -0.5 * on)
+    assert (pace.speed, pace.lateral_acceleration) == (2.0, 1.0)
+    lab = load_profile("thesis-lab")
+    assert replace(lab, fitted_at=Pace(1.05, 1.0)).too_fast(pace, "it") == []
+    (said,) = replace(lab, fitted_at=Pace(0.9, 1.0)).too_fast(pace, "it")
+    assert re.search(r"2 m/s .* 0\.9 m/s", said)
+    found = compare("husky", replace(lab, fitted_at=Pace(0.1, 0.1)), plants=("kinematic",))
+    assert "fitted at 0.1 m/s" in found.sentences[0]
+    assert found.sentences[0] in capsys.readouterr().err

@@ -27,6 +27,7 @@ from validation.bench.sources import (
     drive,
     horizons_of,
     open_source,
+    pace_of,
     scoring_windows,
     standing_sentences,
     stranger_sentences,
@@ -133,6 +134,8 @@ class PreparedComparison:
     plants: Mapping[str, Plant]
     options: Compare
     metric: UserMetric | None = None
+    remarks: tuple[str, ...] = ()
+    """Sentences on what was asked for."""
 
     def run(self) -> Comparison:
         """Drive the plants and compare them.
@@ -170,7 +173,7 @@ class PreparedComparison:
             program="compare",
             title=f"{one_line(source.name)}, {label}",
             tables=comparison_tables(results, self.reference, title, caption, gyro_first),
-            sentences=(*standing, *source.warnings, *alike_sentences(results, alike), *unsure),
+            sentences=(*self.remarks, *standing, *source.warnings, *alike_sentences(results, alike), *unsure),
             alarms=unwell,
             options=o.as_dict(),
             document={
@@ -315,7 +318,12 @@ def prepare(o: Compare) -> PreparedComparison:
         raise ValueError(f"plants is empty; there are: {', '.join(known_plants())}")
     made = {name: make_plant(profile, name, o.terrain) for name in known_plants() if name in wanted}
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
-    return PreparedComparison(source, profile, reference, made, o, metric)
+    told, remarks = [piece.reference for piece in source.pieces if piece.reference is not None], list[str]()
+    if told:
+        remarks = profile.too_fast(pace_of(told, profile.robot.geometry.wheel_radius), source.title)
+    for remark in remarks:
+        cli.warn(remark)
+    return PreparedComparison(source, profile, reference, made, o, metric, tuple(remarks))
 
 
 if __name__ == "__main__":

@@ -28,6 +28,7 @@ from validation.bench.sources import (
     band_of,
     drive,
     horizons_of,
+    pace_of,
     standing_sentences,
     stranger_sentences,
     window_errors_of,
@@ -342,7 +343,9 @@ def _report(
     )
     together = _score("all fitted to", problem.targets, [each.motion for each in bare.train])
     document = _document(bare, source, o.seed, method, together)
-    kept = base if worse and not o.even_if_worse else _with_provenance(o, bare, fitted, document)
+    pace = pace_of([m for target in problem.targets for m in target.truth], base.robot.geometry.wheel_radius)
+    new = replace(_with_provenance(o, bare, fitted, document), fitted_at=pace)
+    kept = base if worse and not o.even_if_worse else new
     return replace(bare, profile=kept, tables=_tables(bare), document=document)
 
 

@@ -31,7 +31,7 @@ from validation.bench.loops import (
 from validation.bench.tracked import MOST_BESIDE, TrackedRobot, reference_of, track_metrics
 from validation.bench.user_law import load_user_metric
 from validation.bench.waypoint_files import open_reference
-from validation.plants.profile import Profile, choose_profile, odometry_of
+from validation.plants.profile import Pace, Profile, choose_profile, odometry_of
 from validation.progress import Progress
 from validation.report.tracking import Tracked, tracking_report
 from validation.simulator.terrain import FLAT
@@ -183,6 +183,8 @@ def track(o: TrackOptions) -> Tracked:
         require_practicable(waypoints, robot.drive, label)
     sentences = [None if gains is None else origin_sentence(gains, profile.name)]
     sentences += [demand_of(waypoints, robot, profile.name, label) for robot in robots]
+    course = waypoints.course()
+    sentences += profile.too_fast(Pace.of(course["v"], course["w"]), label)
     remarks = tuple(sentence for sentence in sentences if sentence is not None)
     driven = []
     for k, robot in enumerate(robots):

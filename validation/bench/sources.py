@@ -30,6 +30,7 @@ from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, r
 from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Log, ReadOptions
 from validation.files.reading import exists
 from validation.files.signals import TIME_ROUNDOFF, fresh_poses, moving_mean, refreshed
+from validation.plants.profile import Pace
 from validation.plants.table import ALL_PLANTS, STANDARD
 from validation.simulator.description import Robot
 
@@ -325,6 +326,13 @@ def scoring_windows(source: Source, horizon: float) -> tuple[tuple[IndexArray, I
     """Return starts and ends of the windows of `horizons_of`, piece by piece; none for a piece without stamps."""
     nothing = np.empty(0, dtype=np.intp)
     return tuple((nothing, nothing) if p.t is None else p.windows(horizon_windows, p.t, horizon) for p in source.pieces)
+
+
+def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:
+    """Return the pace of motions; rates of wheels of a radius [m] tell the speed where there are any, as poses may jump."""
+    v, w = (np.concatenate([m.twist[:, k] for m in motions]) for k in (0, 2))
+    wheels = radius * np.concatenate([m.wheels.mean(axis=1) for m in motions])
+    return Pace.of(wheels if np.any(wheels) else v, w)
 
 
 def stranger_sentences(source: Source, robot: Robot) -> list[str]:

@@ -3,7 +3,7 @@
 A profile names its robot (`robot = "husky"`, which is also meant where none is named) or has its whole file as `[robot]`. It
 has a common `[vehicle]` and `[drive]`, and for each plant `[plants.NAME]` with `parameters`, and where they differ from the
 common ones its own `vehicle` and `drive`, `localiser`, the frame in the plant's body that is compared, and its delays, and
-`bands`, which say for each input how sure the plant's predictions are.
+`bands`, which say for each input how sure the plant's predictions are. `[fitted_at]` says how fast the fitted motions were.
 What a profile does not say is as in the robot's file; planar models have the thesis' published values, scaled to the robot.
 """
 
@@ -12,11 +12,12 @@ from __future__ import annotations
 import os
 import reprlib
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, astuple, dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import tomli_w
 
 from ssmr.estimation.settings import EkfSettings
@@ -24,7 +25,7 @@ from ssmr.metrics.bands import NO_BAND
 from ssmr.models.law import OWN_MODELS
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive
-from ssmr.types import Plant
+from ssmr.types import FloatArray, Plant
 from validation import store
 from validation.files import reading
 from validation.files.reading import is_number
@@ -36,11 +37,34 @@ from validation.simulator.terrain import FLAT, Terrain
 
 SCHEMA = "ssmr.profile/1"
 
+_MOVES = 0.05  # speed and yaw rate from which a robot moves [m/s, rad/s]
+_BEYOND = 2.0  # ratio of paces from which a motion is clearly beyond what was fitted [1]
+
 T = TypeVar("T")
 
 
 class ProfileError(ValueError):
     """A profile that cannot be found, read or believed."""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How fast motions are: what a robot in motion stays below for 95 % of the time."""
+
+    speed: float = 0.0
+    """Speed [m/s]."""
+    lateral_acceleration: float = 0.0
+    """Speed times yaw rate [m/s²]."""
+
+    @classmethod
+    def of(cls, v: FloatArray, w: FloatArray) -> Pace:
+        """Return the pace of motions with (M,) speeds [m/s] and yaw rates [rad/s]."""
+        moving = (np.abs(v) > _MOVES) | (np.abs(w) > _MOVES)
+        return cls(*(float(np.percentile(np.abs(x[moving]), 95.0)) for x in (v, v * w))) if moving.any() else cls()
+
+    def text(self) -> str:
+        """Return both numbers with their units."""
+        return f"{self.speed:.2g} m/s and {self.lateral_acceleration:.2g} m/s² sideways"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +79,15 @@ class Profile:
     """Numbers of each plant, by name."""
     provenance: Mapping[str, Any]
     """For each plant, the source of its numbers: the data, seed and cost of a fit, as the file has them."""
+    fitted_at: Pace | None = None
+    """Pace of the motions that its plants were fitted to; None where nobody knows."""
+
+    def too_fast(self, pace: Pace, what: str) -> list[str]:
+        """Return a sentence where the pace of `what` is clearly beyond that of the fit; else nothing."""
+        most = self.fitted_at
+        if most is None or all(now <= _BEYOND * was for now, was in zip(astuple(pace), astuple(most), strict=True)):
+            return []
+        return [f"{what} reaches {pace.text()}; {self.name} was fitted at {most.text()}, and may be wrong beyond"]
 
     @property
     def robot(self) -> Robot:
@@ -93,6 +126,8 @@ class Profile:
                 plants[name] = section
         robot = self.robot.name if self.robot.shipped else self.robot.as_document()
         document = {"schema": SCHEMA, "name": self.name, "description": self.description, "robot": robot, "plants": plants}
+        if self.fitted_at is not None:
+            document["fitted_at"] = {k: float(f"{v:.3g}") for k, v in asdict(self.fitted_at).items()}
         text = tomli_w.dumps(store.encodable({**document, "provenance": dict(self.provenance)}))
         path = Path(path)
         store.make_folder(path.parent)
@@ -180,7 +215,9 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     if document.get("schema") != SCHEMA:
         raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
     reading.require_known(
-        document, {"schema", "name", "description", "robot", "vehicle", "drive", "plants", "provenance"}, "the top level"
+        document,
+        {"schema", "name", "description", "robot", "vehicle", "drive", "plants", "provenance", "fitted_at"},
+        "the top level",
     )
     said = document.get("robot", USUAL_ROBOT)
     if not isinstance(said, str | dict):
@@ -213,7 +250,8 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     for key, value, kind in (("name", name, str), ("description", description, str), ("provenance", provenance, dict)):
         if not isinstance(value, kind):
             raise ValueError(f"{key} is {reprlib.repr(value)}, wanted {'text' if kind is str else 'a table'}")
-    return Profile(name, description, plants, provenance)
+    fitted_at = _fill(Pace(), document["fitted_at"], "fitted_at") if "fitted_at" in document else None
+    return Profile(name, description, plants, provenance, fitted_at)
 
 
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:

@@ -14,7 +14,7 @@ from validation.study.runs import study_runs
 
 COLUMNS = {
     *("log", "plant", "horizon_s", "position_median_m", "yaw_median_rad", "position_low_m", "position_high_m"),
-    *("coverage_90_position", "coverage_90_yaw", "n"),
+    *("coverage_90_position", "coverage_90_yaw", "coverage_90_yaw_gyro", "yaw_gyro_median_rad", "n"),
 }
 
 
@@ -32,6 +32,7 @@ def test_a_log_is_fitted_judged_and_not_fitted_again(tmp_path: Path, monkeypatch
     monkeypatch.setattr(runs, "fit", None)
     again = study_runs(("husky",), plants=("kinematic",), out=tmp_path)
     assert again.document["rows"] == found.document["rows"]
+    assert 0.8 < again.document["numbers"]["husky"]["kinematic"]["alpha_l"] < 1.05
 
 
 @pytest.mark.parametrize(

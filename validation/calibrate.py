@@ -43,7 +43,8 @@ FIRST_FITTED = "kinematic"
 """Others begin with what this plant says of pose source, wheels and driver."""
 _UNCOMMANDED = 0.05  # share of time without a command in which wheels may turn [1]; beyond it commands say little
 _DRIVER = ("command_radius", "command_half_track", "delay", "acceleration_v", "acceleration_w", "wheel_lag")
-_BEGUN = (*SEEN, "wheel_radius", "radius_difference")
+BODY = (*SEEN, "wheel_radius", "radius_difference")
+"""Numbers that `begin_at` takes for a body with wheels of its own."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,7 @@ def _fits(o: Calibrate, profile: Profile, inputs: Sequence[Input], until: float 
         if driver := kind == "commands" and len(inputs) == 2:
             settings = {"free": _DRIVER, "bounds": {"command_half_track": (0.2 * track, 1.5 * track)}}
         if plant in SIMULATED:
-            settings |= {"search": "lsq", "start": _start(plant, _DRIVER if driver else _BEGUN, profile)}
+            settings |= {"search": "lsq", "start": begin_at(plant, _DRIVER if driver else BODY, profile)}
 
         def show(now: Progress, k: int = k, what: str = f"{plant} by {kind}") -> None:
             o.progress(Progress(k + min(now.done / max(now.total, 1.0), 1.0), len(plans), f"{what}: {now.text}"))
@@ -193,7 +194,7 @@ def _inputs(o: Calibrate, log: Log, faults: Faults) -> tuple[list[Input], list[s
     raise ValueError(f"{log.name} has neither wheel rates, enc_left and enc_right, nor commands that drive it")
 
 
-def _start(plant: str, free: Sequence[str], profile: Profile) -> dict[str, float]:
+def begin_at(plant: str, free: Sequence[str], profile: Profile) -> dict[str, float]:
     """Return what the baseline's numbers say of a simulated plant's, within its bounds, to begin a fit with."""
     said = profile.section(FIRST_FITTED)
     radius, p = said.vehicle.wheel_radius, said.parameters

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ssmr.models.law import PLANAR_MODELS
 from validation import cli, store
 from validation.bench.sources import open_source
+from validation.calibrate import BODY, FIRST_FITTED, begin_at
 from validation.compare import compare
-from validation.files.formats import log_path, profile_of_log
+from validation.files.formats import log_path, profile_of_log, read_log
 from validation.fit import fit
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.table import PLANTS
@@ -32,6 +36,8 @@ SCHEMA = "ssmr.study.runs/1"
 _HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
 _ACROSS = 3
 """Number of panels in a row of the picture."""
+_COSTS, _COST = {"mujoco": 2.5, "four_wheel": 0.4}, 0.1
+"""Processor time of fit and judgement over the length of a log, by plant, and that of the others [1]."""
 
 
 @dataclass(frozen=True)
@@ -95,12 +101,15 @@ def _measure(o: RunsStudy, run: Run) -> Row:
     if kept.is_file() and (before := json.loads(kept.read_text(encoding="utf-8"))).get("asked") == asked:
         return {"found": before}
     stamps = [piece.t for piece in open_source(run.log, "wheels").pieces if piece.t is not None]
-    middle, profile = 0.5 * float(stamps[0][0] + stamps[-1][-1]), run.profile
-    for plant in o.plants:
-        profile = fit(
+    middle, profile, numbers = 0.5 * float(stamps[0][0] + stamps[-1][-1]), run.profile, dict[str, Row]()
+    for plant in sorted(o.plants, key=lambda plant: plant != FIRST_FITTED):
+        heavy = plant not in PLANAR_MODELS and FIRST_FITTED in o.plants
+        fitted = fit(
             plant, run.log, profile=profile, input="wheels", until=middle, search="lsq", seed=o.seed, workers=1,
-            held_out=(), out=folder / run.name / plant,
-        ).profile  # fmt: skip
+            start=begin_at(plant, BODY, profile) if heavy else None, out=folder / run.name / plant,
+        )  # fmt: skip
+        profile = fitted.profile
+        numbers[plant] = {p.name if p.unit == "1" else f"{p.name}_{p.unit}": p.value for p in fitted.parameters}
     judged = compare(
         run.log,
         profile,
@@ -117,11 +126,13 @@ def _measure(o: RunsStudy, run: Run) -> Row:
             "log": run.name, "plant": name, "horizon_s": horizon,
             **{k: getattr(e, k) for k in ("position_median_m", "yaw_median_rad", "position_low_m", "position_high_m")},
             **{f"coverage_90_{part}": share for part, share in result.coverage.get(horizon, {}).items()}, "n": e.n,
+            **({"yaw_gyro_median_rad": g.summary().yaw_median_rad} if (g := result.by_gyro.get(horizon)) else {}),
         }
         for name, result in judged.plants.items()
         for horizon, e in result.overlapping.items()
     ]  # fmt: skip
-    found = {"asked": asked, "rows": rows, "alike": judged.document["alike"], "notes": list(judged.sentences)}
+    facts = {name: judged.document.get(name) for name in ("alike", "heading_judge")}
+    found = {"asked": asked, "rows": rows, "numbers": numbers, **facts, "notes": list(judged.sentences)}
     profile.save(folder / f"{run.name}.toml")
     store.write_json(kept, found)
     return {"found": found}
@@ -141,39 +152,51 @@ def study_runs(o: RunsStudy) -> Report:
         SsmrError: no log could be fitted.
     """
     runs = _runs(o)
-    o.progress(Progress(0, len(runs), "logs are read"))
+    seconds = sum(float(np.ptp(read_log(log_path(run.log)).t)) for run in runs.values())
+    minutes = sum(_COSTS.get(plant, _COST) for plant in o.plants) * seconds / 60.0
+    o.progress(Progress(0, len(runs), f"at most {math.ceil(minutes)} minutes of one processor"))
     swept = sweep(runs, {"fit and judgement": partial(_measure, o)}, workers=o.workers, progress=o.progress)
     found = {row["variant"]: row["found"] for row in swept.rows if "found" in row}
     rows = [row for one in found.values() for row in one["rows"]]
     return Report(
         program="study",
         title=f"{len(found)} logs, each fitted on its first half and judged on its second",
-        tables=[_table(name, one["rows"]) for name, one in found.items()],
+        tables=[
+            *(_table(name, one["rows"], one["heading_judge"] or "localiser") for name, one in found.items()),
+            *(Table(f"{p} on each ground", [{"log": n, **f["numbers"][p]} for n, f in found.items()]) for p in o.plants),
+        ],
         sentences=[*swept.notes, *(sentence for name, one in found.items() for sentence in _winners(name, one["alike"]))],
         status=swept.status,
-        document={"schema": SCHEMA, "study": "runs", "rows": rows, "winners": {n: one["alike"] for n, one in found.items()}},
+        document={
+            "schema": SCHEMA,
+            "study": "runs",
+            "rows": rows,
+            **{key: {n: one[of] for n, one in found.items()} for key, of in (("winners", "alike"), ("numbers", "numbers"))},
+        },
         draw=partial(_draw, found),
         has_text=True,
     )
 
 
-def _table(name: str, rows: list[Row]) -> Table:
+def _table(name: str, rows: list[Row], judge: str) -> Table:
     shown = [
         {
             "horizon_s": row["horizon_s"],
             "plant": row["plant"],
             "position_median_m": (row["position_median_m"], row["position_low_m"], row["position_high_m"]),
             "yaw_median_rad": row["yaw_median_rad"],
+            "yaw_gyro_median_rad": row.get("yaw_gyro_median_rad"),
             "position_inside_share": row.get("coverage_90_position"),
-            "yaw_inside_share": row.get("coverage_90_yaw"),
+            "yaw_inside_share": row.get("coverage_90_yaw_gyro" if judge == "gyro" else "coverage_90_yaw"),
             "windows": row["n"],
         }
         for row in sorted(rows, key=lambda row: (row["horizon_s"], PLANTS.index(row["plant"])))
     ]
     units = {"horizon_s": Unit("s", 1.0, 0, significant=3), "position_median_m": METRES, "yaw_median_rad": DEGREES}
+    units["yaw_gyro_median_rad"] = DEGREES
     caption = (
         "in brackets: an interval that holds the median with 90 %\n"
-        "inside: share of windows within the band, which promises 90 %"
+        f"inside: share of windows within the band, which promises 90 %; the {judge} is the judge of heading"
     )
     return Table(one_line(name), shown, caption, group="horizon_s", units=units)
 

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.rows import MissingError, Row, optional, report
 from validation import cli
 from validation.ros import messages as msg
-from validation.ros.dds import Graph, Node, NoGraphError
+from validation.ros.dds import Graph, Node
 
 RATE = 100.0
 """Messages a second, twice as many as a Husky's odometry."""
@@ -29,7 +29,7 @@ def connect(name: str, domain: int, sent: str, heard: str) -> Node:
     """A node that sends odometry on one topic and hears it on another."""
     try:
         node = Node(name, Graph(domain=domain))
-    except NoGraphError as error:
+    except ValueError as error:
         raise MissingError(str(error)) from error
     node.advertise(sent, KIND)
     node.subscribe(heard, KIND, lambda m: msg.read_odometry(m)[0], 32)

@@ -101,16 +101,10 @@ class Compare(cli.Filmed):
     own_metric: cli.OwnMetric = None
 
     def __post_init__(self) -> None:
-        """Check the horizons and the seed.
-
-        Raises:
-            ValueError: a negative seed, or horizons that are not positive and increasing.
-        """
+        """Raise a ValueError for horizons that are not positive and increasing."""
         h = self.horizons
         if any(not 0.0 < s < np.inf for s in h) or any(b <= a for a, b in itertools.pairwise(h)):
             raise ValueError(f"horizons {h} must be positive numbers that increase, such as (2, 6, 30, 60)")
-        if self.seed < 0:
-            raise ValueError(f"seed {self.seed} must not be negative")
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""

@@ -73,9 +73,7 @@ class TrackOptions(cli.Filmed):
     ] = None
     """Gains of the controller: published, manual (lqr only), tuned, default (the law's own), those of a profile by its name
     (husky-tile, warthog-grass), or the path of a TOML file."""
-    speed: Annotated[cli.Number, cli.option(metavar="M/S", default="the times of the file; 0.25 for a named reference")] = (
-        None
-    )
+    speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
     """Mean speed between waypoints [m/s]. It replaces the times of a file."""
     own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = None
     """A controller of your own instead of CONTROLLER: a class in a Python file, which is run."""
@@ -102,9 +100,7 @@ class TrackOptions(cli.Filmed):
     own_metric: cli.OwnMetric = None
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a negative seed, or for a feedback, a look-ahead or a start that cannot be."""
-        if self.seed < 0:
-            raise ValueError(f"seed {self.seed} must not be negative")
+        """Raise a ValueError for a feedback, a look-ahead or a start that cannot be."""
         x, y, yaw = self.start
         if not math.hypot(x, y) < LOST:
             raise ValueError(

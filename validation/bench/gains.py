@@ -30,10 +30,6 @@ DEFAULT = "default"
 _FOLDER = resources.files("validation.bench").joinpath("gain_sets")
 
 
-class GainsError(ValueError):
-    """A set of gains that cannot be found, read or believed."""
-
-
 @dataclass(frozen=True, eq=False)
 class GainSet:
     """All gains of one controller; checked, copied and read-only."""
@@ -108,7 +104,7 @@ def load_gains(controller: str, name_or_path: str | None = None, profile: str | 
         profile: name of the profile that the gains are for.
 
     Raises:
-        GainsError: there is none, it belongs to another controller, or it says something that cannot be; one line that
+        ValueError: there is none, it belongs to another controller, or it says something that cannot be; one line that
             names file and gain.
     """
     _gains_of(controller)
@@ -123,18 +119,16 @@ def load_gains(controller: str, name_or_path: str | None = None, profile: str | 
     file = f"{name_or_path}/{controller}" if name_or_path in own else next(iter(shipped), None)
     if file is None and not os.path.exists(name_or_path):
         every = ", ".join(known)
-        raise GainsError(f"{controller} has no gains '{name_or_path}'; there are: {every}; or give the path of a TOML file")
-    try:
-        if file is None:
-            document = reading.read_toml(name_or_path)
-        else:
-            document = reading.parse_toml(_FOLDER.joinpath(f"{file}.toml").read_text(encoding="utf-8"), file)
-    except ValueError as error:
-        raise GainsError(f"gains {error}") from error
+        raise ValueError(f"{controller} has no gains '{name_or_path}'; there are: {every}; or give the path of a TOML file")
+    shown = f"gains {name_or_path}"
+    if file is None:
+        document = reading.parse_toml(reading.read_text(name_or_path), shown)
+    else:
+        document = reading.parse_toml(_FOLDER.joinpath(f"{file}.toml").read_text(encoding="utf-8"), shown)
     try:
         return _parse(document, controller)
     except ValueError as error:
-        raise GainsError(f"gains {name_or_path}: {' '.join(str(error).split())}") from error
+        raise ValueError(f"{shown}: {' '.join(str(error).split())}") from error
 
 
 def dump_gains(gains: GainSet) -> str:
@@ -148,7 +142,7 @@ def dump_gains(gains: GainSet) -> str:
 
 def _gains_of(controller: str) -> tuple[str, ...]:
     if controller not in FIELDS:
-        raise GainsError(f"unknown controller '{controller}'; there are: {', '.join(FIELDS)}")
+        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(FIELDS)}")
     return FIELDS[controller]
 
 

@@ -133,10 +133,8 @@ def load_user_object(name: str) -> tuple[Any, Path]:
     sys.modules[spec.name] = module  # dataclasses look their module up there
     if str(path.parent) not in sys.path:
         sys.path.append(str(path.parent))
-    kept, sys.dont_write_bytecode = (
-        sys.dont_write_bytecode,
-        True,
-    )  # Python takes a file edited within a second for the old one
+    kept = sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # Python takes a file edited within a second for the old one
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:  # a user's file may raise anything

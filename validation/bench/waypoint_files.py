@@ -18,7 +18,6 @@ from ssmr.control.references import circle, eight, line, sine, spiral, square, s
 from ssmr.control.waypoints import Waypoints, find_fault
 from ssmr.types import FloatArray
 from validation.files.csv_logs import CsvTable, read_csv_table
-from validation.files.limits import USUAL, LogLimits
 from validation.files.log import Column
 from validation.files.reading import FileError, quoted
 
@@ -27,7 +26,7 @@ _UNITS = {"x": "m", "y": "m", "t": "s"}
 _USUAL_SPEED = 0.25  # of references that have a name, where none is given [m/s]; the slower of the thesis' two
 
 
-def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimits = USUAL) -> Waypoints:
+def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
     """Read waypoints (Alg. 5, lines 1-7).
 
     A UTF-8 byte order mark, any line ending and blank lines are fine. Upper and lower case of a column's name mean the same.
@@ -36,7 +35,6 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
         path: a CSV file.
         speed: reference speed [m/s]: it gives the times, and replaces those of the file, except the lengths of its waits.
             None: the file's own.
-        limits: greatest sizes of a file; the usual ones if not given.
 
     Raises:
         FileError: the file cannot be read, has no waypoints, no times while there is no speed, or is beyond the limits.
@@ -45,7 +43,7 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
     path = Path(path)
     if path.suffix.lower() != ".csv" and not path.is_dir():
         raise FileError(path, f"files ending in '{path.suffix}' are not read; wanted waypoints (.csv)")
-    table = read_csv_table(path, limits)
+    table = read_csv_table(path)
     names = [name.lower() for name in table.header]
     _require_columns(table, names, ("x", "y") if speed is not None else ("x", "y", "t"))
 
@@ -58,9 +56,8 @@ def read_waypoints(path: str | Path, speed: float | None = None, limits: LogLimi
         some = "is one waypoint" if len(xy) else "are no waypoints"
         raise FileError(path, f"there {some} after the header; a trajectory needs at least two")
     fault = find_fault(t, xy)
-    if (
-        t is None and fault is not None and fault.column is None and names.count("t") == 1
-    ):  # it waits: the times say how long
+    waits = fault is not None and fault.column is None
+    if t is None and waits and names.count("t") == 1:  # the times say how long
         t = column("t")
         fault = find_fault(t, xy)
     if fault is not None:

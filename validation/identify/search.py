@@ -10,7 +10,7 @@ import math
 import os
 import time
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,12 +18,12 @@ from typing import Annotated, Any
 import numpy as np
 
 from ssmr.errors import SsmrError
-from ssmr.parameters import MOST_SEED, require_within
+from ssmr.parameters import require_within
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli, store
 from validation.files import reading
-from validation.identify.problem import FitProblem, OnShare
+from validation.identify.problem import FitProblem
 from validation.identify.refine import Remembered, arrivals
 from validation.identify.tuning import TuneProblem
 from validation.progress import Progress, Report, silent
@@ -37,8 +37,6 @@ _LEFT_OUT = {
 MOST_WORKERS = 4096
 """Greatest number of threads that a search can be told to use."""
 _log = logging.getLogger(__name__)
-Evaluate = Callable[[FloatArray, FloatArray, OnShare], FloatArray]
-"""A function that rates a generation: points, limits and `on_share`, see `FitProblem.costs`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +62,6 @@ class Searching(cli.Common):
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range."""
-        require_within(self, ("seed",), 0, MOST_SEED, whole=True)
         require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
         self.settings(JdeSettings.population, JdeSettings.generations)
 
@@ -87,10 +84,6 @@ class Searching(cli.Common):
         """Return the options that result files hold: those that decide numbers, with the sizes that the search had."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _LEFT_OUT}
         return {**values, "population": settings.population, "generations": settings.generations}
-
-
-class CheckpointError(ValueError):
-    """A checkpoint that cannot be read, or that belongs to another search."""
 
 
 @dataclass
@@ -143,7 +136,7 @@ class Search:
         """`generations`, `improvement`, `target`, `least squares` or `interrupt`."""
         return "interrupt" if self.interrupted else "least squares" if self.driven else self.jde.finished
 
-    def run(self, evaluate: Evaluate, most: int | None = None) -> None:
+    def run(self, problem: FitProblem | TuneProblem, threads: int, most: int | None = None) -> None:
         """Search until a stop rule holds, `most` generations are done or Ctrl-C is pressed; what was found stays.
 
         The checkpoint is written, and the best candidate shown as progress, after every generation.
@@ -159,7 +152,7 @@ class Search:
 
         try:
             while not self.jde.finished and (most is None or len(self.jde.history) <= most):
-                self.jde.tell(evaluate(self.jde.ask(), self.jde.costs, tell))
+                self.jde.tell(problem.costs(self.jde.ask(), self.jde.costs, threads, tell))
                 self._keep(zero)
                 tell(0.0)
         except KeyboardInterrupt:
@@ -211,7 +204,7 @@ class Search:
         """Return the search of a checkpoint, which must have this identity.
 
         Raises:
-            CheckpointError: there is none, it is damaged, or it is of another search; the message says what differs.
+            ValueError: there is none, it is damaged, or it is of another search; the message says what differs.
         """
         try:
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
@@ -222,27 +215,13 @@ class Search:
             points = [point.tobytes() for point in data.get("lsq_points", ())]
             driven = Remembered(zip(points, data.get("lsq_errors", ()), strict=True))
         except (zipfile.BadZipFile, *reading.DAMAGE) as error:
-            raise CheckpointError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})") from error
+            raise ValueError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})") from error
         if differs := [name for name in identity if was.get(name) != identity[name]]:
-            raise CheckpointError(
+            raise ValueError(
                 f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
                 "ask for the same search again, or begin anew without resume"
             )
         return cls(jde, identity, driven=driven, wall_s=wall_s)
-
-
-def _begun(problem: FitProblem | TuneProblem, settings: JdeSettings, o: Searching, start: FloatArray | None) -> Search:
-    """Return a new search, or with `resume` that of the checkpoint; see `search_for`."""
-    plain = {**problem.identity(), "settings of the search": asdict(settings)}
-    plain |= {"start": None if start is None else start.tolist(), "seed": o.seed}
-    identity = {name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()}
-    if o.resume:
-        if o.checkpoint is None:
-            raise ValueError("resume needs the folder out, with a checkpoint to continue from")
-        if o.checkpoint.is_file():
-            return Search.load(o.checkpoint, identity)
-        _log.warning("there is no %s to resume from; the search begins anew", o.checkpoint)
-    return Search(Jde(len(problem.space), settings, o.seed, start), identity)
 
 
 def search_for(
@@ -259,15 +238,20 @@ def search_for(
         KeyboardInterrupt: it was interrupted before it found anything.
         SsmrError: every candidate was impossible or failed.
     """
-    search = _begun(problem, settings, o, start)
-    search.starts, search.checkpoint, search.progress = starts, o.checkpoint, o.progress
+    plain = {**problem.identity(), "settings of the search": asdict(settings)}
+    plain |= {"start": None if start is None else start.tolist(), "seed": o.seed}
+    identity = {name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()}
+    search = Search(Jde(len(problem.space), settings, o.seed, start), identity)
+    if o.resume and o.checkpoint is None:
+        raise ValueError("resume needs the folder out, with a checkpoint to continue from")
     if o.checkpoint is not None:
         store.make_folder(o.checkpoint.parent)
-
-    def evaluate(points: FloatArray, limits: FloatArray, on_share: OnShare) -> FloatArray:
-        return problem.costs(points, limits, o.threads, on_share)
-
-    search.run(evaluate, 0 if starts == 1 else None)
+        if o.resume and o.checkpoint.is_file():
+            search = Search.load(o.checkpoint, identity)
+        elif o.resume:
+            _log.warning("there is no %s to resume from; the search begins anew", o.checkpoint)
+    search.starts, search.checkpoint, search.progress = starts, o.checkpoint, o.progress
+    search.run(problem, o.threads, 0 if starts == 1 else None)
     if not math.isfinite(search.jde.best_cost):
         if search.interrupted:
             raise KeyboardInterrupt

@@ -170,12 +170,7 @@ class TuneProblem:
     """How well candidates for a controller's gains follow references."""
 
     def __init__(
-        self,
-        profile: Profile,
-        base: GainSet,
-        space: ParameterSpace,
-        cases: Sequence[TuneCase],
-        cost: TuneCost,
+        self, profile: Profile, base: GainSet, space: ParameterSpace, cases: Sequence[TuneCase], cost: TuneCost
     ) -> None:
         """Sample the references, and delay each robot for the stability guard.
 

@@ -55,10 +55,6 @@ _CONFIGURATION = (
 )
 
 
-class NoGraphError(ValueError):
-    """There is no graph to join: cyclonedds is not installed, or the network interface is not there."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Graph:
     """A graph of ROS 2: the options of every node."""
@@ -112,13 +108,13 @@ def load_dds() -> SimpleNamespace:
     """Return the modules of cyclonedds by their names.
 
     Raises:
-        NoGraphError: it is not installed.
+        ValueError: it is not installed.
     """
     try:
         names = ("core", "domain", "internal", "pub", "qos", "sub", "topic", "util")
         return SimpleNamespace(**{name: importlib.import_module(f"cyclonedds.{name}") for name in names})
     except ImportError as error:
-        raise NoGraphError(
+        raise ValueError(
             f"ROS 2 needs cyclonedds ({error}): pip install 'ssmr-testbed[ros2]' (in a source tree: '.[ros2]')"
         ) from None
 
@@ -204,7 +200,7 @@ class Node:
             self._participant = dds.domain.DomainParticipant(domain, qos=qos)
         except dds.core.DDSException as error:
             tried = f"interface {graph.interface}" if graph.interface else f"CYCLONEDDS_URI {os.environ['CYCLONEDDS_URI']}"
-            raise NoGraphError(f"no ROS 2 graph in domain {domain} by {tried}: {error.msg}") from None
+            raise ValueError(f"no ROS 2 graph in domain {domain} by {tried}: {error.msg}") from None
         self._waitset = dds.core.WaitSet(self._participant)
         self._writers: dict[str, list[tuple[Any, str]]] = {}
 

@@ -19,20 +19,12 @@ from numpy.typing import NDArray
 from scipy.stats import kendalltau
 
 from ssmr.control.laws import PLAIN_CONTROLLERS, Controller
-from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.loop import LoopSettings
 from ssmr.control.waypoints import Waypoints
-from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import FloatArray
 from validation import cli
 from validation.bench.gains import DEFAULT, GainSet, load_gains, names, profile_sets
-from validation.bench.loops import (
-    AnyController,
-    ClosedLoopRobot,
-    make_controller,
-    make_robot,
-    run_robots,
-    within_reach,
-)
+from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, make_robot, run_robots, within_reach
 from validation.bench.tracked import track_metrics
 from validation.bench.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TuneCost, costs_of
@@ -72,12 +64,7 @@ class TransferStudy(StudyOptions):
     """Take three references where none are named, and one speed."""
 
     def __post_init__(self) -> None:
-        """Check numbers and that there is something to compare.
-
-        Raises:
-            ValueError: the seed is out of its range, or there is no plant besides MuJoCo.
-        """
-        require_within(self, ("seed",), 0, MOST_SEED, whole=True)
+        """Raise a ValueError where there is no plant besides MuJoCo."""
         if not set(self.plants) - {JUDGE}:
             raise ValueError(f"plants names none besides {JUDGE}; name one that is to choose for it")
 
@@ -141,15 +128,10 @@ def _scores(o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyControll
             settings = [LoopSettings()] * len(some)
             runs = run_robots([robot] * len(some), [laws[k] for k in some], settings, waypoints, [o.seed], o.workers)
             costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
-            scores |= {k: _score(run, cost, waypoints, robot) for k, run, cost in zip(some, runs, costs, strict=True)}
+            for k, run, cost in zip(some, runs, costs, strict=True):
+                errors = None if run.lost else {**track_metrics(run, waypoints, robot.limits), "cost": cost}
+                scores[k] = {**{m: None if errors is None else float(errors[m]) for m in _MEASURES}, "lost": int(run.lost)}
     return [scores[k] for k in range(len(laws))]
-
-
-def _score(run: ClosedRun, cost: float, waypoints: Waypoints, robot: ClosedLoopRobot) -> Scores:
-    if run.lost:
-        return {**dict.fromkeys(_MEASURES), "lost": 1}
-    errors = track_metrics(run, waypoints, robot.limits)
-    return {"cost": cost, **{m: float(errors[m]) for m in _MEASURES[1:]}, "lost": 0}
 
 
 # Costs of several references are (R, C) arrays, a column for each controller; infinite where the robot was lost.
@@ -232,12 +214,10 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
             "tau_with": {other: rank_correlation(own, costs[other]) for other in costs},
             "contenders": {name: {key: values[k] for key, values in each.items()} for k, name in enumerate(names)},
         }
-    known = {
-        name: {"controller": gains.controller, "name": gains.name, **gains.values} for name, (_, gains) in contenders.items()
-    }
+    sets = {name: {"controller": g.controller, "name": g.name, **g.values} for name, (_, g) in contenders.items()}
     return {
         "robot": profile.robot.name,
-        "contenders": {name: {"gains": gains} for name, gains in known.items()},
+        "contenders": {name: {"gains": gains} for name, gains in sets.items()},
         "references": [{"name": row["reference"], "speed_m_s": row["speed_m_s"]} for row in drives],
         "plants": plants,
     }
@@ -290,10 +270,9 @@ def study_transfer(o: TransferStudy) -> Report:
 
     def follow(mission: tuple[str, Waypoints]) -> Row:
         name, waypoints = mission
-        scores = {
-            plant: dict(zip(contenders, _scores(o, robot, laws, waypoints), strict=True)) for plant, robot in robots.items()
-        }
-        return {"reference": name, "speed_m_s": waypoints.speed, "scores": scores}
+        scores = {plant: _scores(o, robot, laws, waypoints) for plant, robot in robots.items()}
+        named = {plant: dict(zip(contenders, own, strict=True)) for plant, own in scores.items()}
+        return {"reference": name, "speed_m_s": waypoints.speed, "scores": named}
 
     swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)  # a drive is a population on all threads
     found = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
@@ -310,23 +289,22 @@ def study_transfer(o: TransferStudy) -> Report:
 
 
 def _draw(label: str, found: Mapping[str, Any], study: Report) -> Figure:
-    height = 1.2 + 0.25 * len(found["contenders"])
-    return picture(study, [drawing.side_by_side(height, [partial(_draw_costs, label, found)])])
-
-
-def _draw_costs(label: str, found: Mapping[str, Any], ax: Axes) -> None:
-    drawing.inset(ax, left=1.15)
     order = _ranked(found)
-    for plant, own in found["plants"].items():
-        ink, marker = drawing.ink_of(plant), "D" if plant == JUDGE else "o"
-        for row, name in enumerate(order):
-            each = own["contenders"][name]
-            ax.plot(each["cost"], row, "x" if each["lost"] else marker, color=ink, gid=f"{plant} {name}")
-        ax.plot([], [], marker, color=ink, label=plant)
-    ax.set(xscale="log", xlabel="mean cost (Sec. 4.3.3; a cross lost a run)", ylim=(len(order) - 0.4, -0.6))
-    ax.set_title(f"{label}: the best on {JUDGE} at the top")
-    ax.set_yticks(range(len(order)), order, fontsize=9.0)
-    for tick in ax.get_yticklabels():
-        drawing.narrow(tick, 1.65)
-    drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0))
-    ax.legend(fontsize=8.0)
+
+    def draw(ax: Axes) -> None:
+        drawing.inset(ax, left=1.15)
+        for plant, own in found["plants"].items():
+            ink, marker = drawing.ink_of(plant), "D" if plant == JUDGE else "o"
+            for row, name in enumerate(order):
+                each = own["contenders"][name]
+                ax.plot(each["cost"], row, "x" if each["lost"] else marker, color=ink, gid=f"{plant} {name}")
+            ax.plot([], [], marker, color=ink, label=plant)
+        ax.set(xscale="log", xlabel="mean cost (Sec. 4.3.3; a cross lost a run)", ylim=(len(order) - 0.4, -0.6))
+        ax.set_title(f"{label}: the best on {JUDGE} at the top")
+        ax.set_yticks(range(len(order)), order, fontsize=9.0)
+        for tick in ax.get_yticklabels():
+            drawing.narrow(tick, 1.65)
+        drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0))
+        ax.legend(fontsize=8.0)
+
+    return picture(study, [drawing.side_by_side(1.2 + 0.25 * len(order), [draw])])

@@ -32,7 +32,7 @@ from validation.progress import Progress
 from validation.report import drawing
 from validation.report.motions import HEADLINE_HORIZON, interval_table
 from validation.report.report import FINISHED, Report
-from validation.simulator.exporting import diff_drive_yaml
+from validation.robots import export_robot
 from validation.words import file_name, one_line
 
 REFUSED = ("sign", "swapped", "scale", "handedness")
@@ -113,10 +113,7 @@ class Calibrated(Report):
         place = store.make_folder(Path(folder))
         profile, yaml = place / "profile.toml", place / "diff_drive.yaml"
         self.profile.save(profile)
-        robot, section = self.profile.robot, self.profile.section(FIRST_FITTED)
-        p, share = section.parameters, section.vehicle.wheel_radius / robot.geometry.wheel_radius
-        width = (p.y_l - p.y_r) / robot.geometry.track
-        store.write_text(yaml, diff_drive_yaml(robot, width, share * p.alpha_l, share * p.alpha_r))
+        store.write_text(yaml, export_robot(self.profile.robot, "diff-drive", self.profile))
         return [profile, yaml, *super().save(folder, recording=recording)]
 
 

@@ -132,11 +132,7 @@ class PreparedComparison:
     """Sentences on what was asked for."""
 
     def run(self) -> Comparison:
-        """Drive the plants and compare them.
-
-        Raises:
-            SsmrError: a plant diverged.
-        """
+        """Drive the plants and compare them; an SsmrError says that one diverged."""
         source, profile, o = self.source, self.profile, self.options
         driven = self._drive_all()
         motions = {name: motions for name, (motions, _, _) in driven.items()}

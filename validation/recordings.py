@@ -132,6 +132,7 @@ def info(o: Info) -> LogReport:
     offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log, o.radius)
     seconds = {offset.behind: 0.0 for offset in offsets} | {offset.late: offset.seconds for offset in offsets}
     jumps = faults.jumps
+    named = [{"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in faults.named]
     document = {
         "schema": "ssmr.info/1",
         "source": str(log.path),
@@ -155,7 +156,7 @@ def info(o: Info) -> LogReport:
     }  # fmt: skip
     return LogReport(
         title=log.path.name, document=document, log=log, offsets=offsets,
-        tables=[_fault_table(faults), _contents(log), _offset_table(offsets)],
+        tables=[Table("Faults", named, "These are not what their names say."), _contents(log), _offset_table(offsets)],
         sentences=[*log.remarks, *_sentences(log, rest), *faults.sentences(named=False), _next_step(o, log, faults)],
     )  # fmt: skip
 
@@ -190,12 +191,6 @@ def convert(o: Convert) -> LogReport:
 
 
 # ------------------------------------------------------------------------------------------ tables and sentences
-def _fault_table(faults: Faults) -> Table:
-    """Return the columns that are not what their names say; no rows for a sound log."""
-    rows = [{"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in faults.named]
-    return Table("Faults", rows, "These are not what their names say.")
-
-
 def _next_step(o: Info, log: Log, faults: Faults) -> str:
     """Return what to do with a log after a look into it."""
     path, name = shlex.quote(str(o.source)), getattr(o.robot, "name", o.robot) or "ROBOT"

@@ -80,14 +80,10 @@ class RobotCheck(Report):
 
     robot: Robot
     """The robot."""
-    measured: Measured | None
-    """What its MuJoCo model shows; None where none can be built."""
     loads: Sequence[float]
     """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is none."""
     faults: Sequence[str]
     """What is wrong, and what would be right."""
-    questions: Sequence[str]
-    """What deserves a second look."""
 
     @property
     def ok(self) -> bool:
@@ -128,10 +124,8 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         draw=_draw,
         failure=SsmrError(verdict) if faults else None,
         robot=robot,
-        measured=found,
         loads=loads,
         faults=faults,
-        questions=questions,
     )
 
 

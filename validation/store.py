@@ -32,11 +32,6 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def temporary_beside(path: Path) -> Path:
-    """Return the path of a hidden file or folder in which `path` is made before it is put in its place; nothing is there."""
-    return path.with_name(f".ssmr-{secrets.token_hex(8)}.part{path.suffix}")
-
-
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` make a file beside `path`, then put it in its place; a failure leaves what was there before.
 
@@ -50,7 +45,7 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    temporary = temporary_beside(path)
+    temporary = path.with_name(f".ssmr-{secrets.token_hex(8)}.part{path.suffix}")  # hidden, and nothing is there
     try:
         write(temporary)
         _synchronise(temporary, os.O_RDWR)
@@ -92,11 +87,7 @@ def plain(value: Any) -> Any:
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a document as JSON.
-
-    Raises:
-        ValueError: it holds a number that is not finite; nothing is written.
-    """
+    """Write a document as JSON; a ValueError says that a number is not finite, and nothing is written."""
     write_text(path, json.dumps(encodable(document), indent=2, allow_nan=False) + "\n")
 
 
@@ -114,11 +105,7 @@ class UnusableFolder(OSError, ValueError):
 
 
 def make_folder(path: Path) -> Path:
-    """Make a folder that files can be written into, and return it.
-
-    Raises:
-        UnusableFolder: it cannot be made or written; the message says why.
-    """
+    """Make a folder that files can be written into, and return it; an UnusableFolder says why it cannot be."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

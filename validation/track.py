@@ -128,11 +128,7 @@ class TrackOptions(cli.Filmed):
         return (self.plant,) if isinstance(self.plant, str) else tuple(self.plant)
 
     def names(self) -> tuple[str | type, Waypoints | str | Path]:
-        """Return controller and reference; `--controller FILE.py:NAME` leaves the first place to the reference.
-
-        Raises:
-            ValueError: one of the two is missing, or there are two controllers.
-        """
+        """Return controller and reference, see `cli.controller_and_reference`."""
         if isinstance(self.reference, Waypoints):
             return self.own or self.controller, self.reference
         place = None if self.reference is None else str(self.reference)

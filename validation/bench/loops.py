@@ -90,11 +90,7 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
 
 
 def make_controller(profile: Profile, gains: GainSet) -> AnyController:
-    """Return the controller with these gains, designed on the profile's linear model.
-
-    Raises:
-        ValueError: gains that the law refuses.
-    """
+    """Return the controller with these gains, designed on the profile's linear model; a ValueError refuses gains."""
     linear = profile.plants["linear"]
     a, b = matrices(linear.vehicle, linear.parameters, linear.drive)
     return design(gains.controller, gains.values, a, b, linear.drive)

@@ -49,11 +49,7 @@ class UserLaw:
     """The class, or a function that makes the object."""
 
     def __call__(self, mission: Mission) -> Any:
-        """Return the object for a mission, with its faults said in one line.
-
-        Raises:
-            ControllerError: it cannot be made, or has no method `command`.
-        """
+        """Return the object for a mission; a ControllerError says in a line that it cannot be made, or has no `command`."""
         with _told(self.path, f"in {self.name}.__init__"):
             made = self.kind(mission)
         if not callable(getattr(made, "command", None)):
@@ -161,11 +157,7 @@ def _shown(value: object) -> str:
 
 
 def load_user_law(given: str | type) -> UserLaw:
-    """Return the user's class that makes a controller: itself, or what `FILE.py:NAME` names.
-
-    Raises:
-        ValueError: what `load_user_object` raises, or it is no such class.
-    """
+    """Return the user's class that makes a controller, itself or what `FILE.py:NAME` names; a ValueError says it is none."""
     kind, path = (given, _file_of(given)) if isinstance(given, type) else load_user_object(given)
     if not callable(kind):
         raise ValueError(f"{path}: {given} is {_shown(kind)}, wanted a class")

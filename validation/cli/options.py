@@ -68,11 +68,7 @@ def profile_option(default: str) -> object:
 
 
 def controller_and_reference(controller: str, reference: str | None, own: str | None) -> tuple[str, str]:
-    """Return controller and reference of a command line `CONTROLLER REFERENCE`, or `--controller FILE.py:NAME REFERENCE`.
-
-    Raises:
-        UserError: one of the two is missing, or there are two controllers.
-    """
+    """Return what `CONTROLLER REFERENCE` or `--controller FILE.py:NAME REFERENCE` names; a UserError says what is amiss."""
     if own is None and reference is None:
         raise UserError(f"'{shortened(controller, 40)}' stands alone; wanted a controller and a reference")
     if own is not None and reference is not None:

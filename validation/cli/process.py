@@ -107,19 +107,14 @@ def mistakes_are_users() -> Iterator[None]:
     except UserError:
         raise
     except ValueError as error:
-        if not _is_ours(error):
+        frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+        if frames[-1].f_globals.get("__name__", "").partition(".")[0] not in ("ssmr", "validation", "__main__"):
             raise
         raise UserError(one_line(error)) from error
     except OSError as error:
         if error.errno != errno.ENAMETOOLONG:
             raise
         raise UserError(f"a path is too long: {shortened(error.filename, 40)}") from error
-
-
-def _is_ours(error: BaseException) -> bool:
-    """Return whether an error was raised by this project's own code."""
-    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-    return frames[-1].f_globals.get("__name__", "").partition(".")[0] in ("ssmr", "validation", "__main__")
 
 
 class _Lines(logging.Handler):

@@ -62,11 +62,7 @@ class Filmed(Common):
     """Do not write the rerun recording (.rrd)."""
 
     def check(self) -> None:
-        """Refuse to show a recording that is not written, and to write one without rerun.
-
-        Raises:
-            UserError: one of these is asked for.
-        """
+        """Raise a UserError where a recording is to be shown that is not written, or to be written without rerun."""
         if (self.view or self.view_web) and self.no_rerun:
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
         if not self.no_rerun and find_spec("rerun") is None:
@@ -140,11 +136,7 @@ def finish(report: Report, options: Common, folder: Path) -> None:
 
 
 def output_folder(path: Path) -> Path:
-    """Make the folder that results go to.
-
-    Raises:
-        UserError: it cannot be made or written.
-    """
+    """Make the folder that results go to; a UserError says why it cannot be made or written."""
     try:
         return store.make_folder(path)
     except ValueError as error:
@@ -152,11 +144,7 @@ def output_folder(path: Path) -> Path:
 
 
 def require_writable(folder: Path) -> None:
-    """Refuse a folder that could not be made or written, before hours of work.
-
-    Raises:
-        UserError: the nearest folder that exists cannot be written.
-    """
+    """Raise a UserError for a folder that could not be made or written, before hours of work."""
     nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK):
         raise UserError(f"--out {folder}: {nearest} is no folder that can be written; name another")

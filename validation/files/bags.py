@@ -157,11 +157,7 @@ _Collected = dict[tuple[str, str, tuple[str, ...]], _Messages]
 
 
 def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
-    """Read the topics of a bag.
-
-    Raises:
-        FileError: there is no such bag, it is damaged, empty or beyond the limits.
-    """
+    """Read the topics of a bag; a FileError says that there is none, or that it is damaged, empty or beyond the limits."""
     try:
         import apsw  # here: these imports take a fifth of a second
         from rosbags.highlevel import AnyReader, AnyReaderError

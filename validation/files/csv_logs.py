@@ -40,11 +40,7 @@ class CsvTable:
     """Row and text of each column's first cell that is no finite number, and not empty; None for a column without one."""
 
     def numbers(self, place: int, known: Column) -> FloatArray:
-        """Return the column at `place` as (M,) finite numbers, no greater than such a column's can be.
-
-        Raises:
-            FileError: a cell is no finite number, or too large.
-        """
+        """Return the column at `place` as (M,) numbers; a FileError names a cell that is not finite, or too large."""
         bad, fault = self.bad[place], known.fault(self.columns[place])
         if bad is not None:
             fault = bad[0], f"{quoted([bad[1].strip()])}, wanted a finite number [{known.unit}]"

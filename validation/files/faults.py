@@ -115,11 +115,7 @@ def find_rest(log: Log) -> Rest | None:
 
 
 def unbiased(log: Log) -> Log:
-    """Return a log with the gyro's mean at rest taken out.
-
-    Raises:
-        FileError: that mean is unknown.
-    """
+    """Return a log with the gyro's mean at rest taken out; a FileError says that it is unknown."""
     rest = find_rest(log)
     if rest is None:
         raise FileError(log.path, f"unbias needs a gyro, and wheels that stand for {REST_LEAST:g} s in all")

@@ -283,11 +283,7 @@ class Log:
         return all(g.t is first.t or np.array_equal(g.t, first.t) for g in others)
 
     def table(self, names: Sequence[str]) -> FloatArray:
-        """Return (M, len(names)) columns of a log on one clock side by side.
-
-        Raises:
-            ValueError: a column is missing; the message names it.
-        """
+        """Return (M, len(names)) columns of a log on one clock side by side; a ValueError names those that are missing."""
         there = self.columns
         if missing := [n for n in names if n not in there]:
             raise ValueError(f"log {self.name} has no column {', '.join(missing)}; it has {', '.join(there)}")
@@ -360,11 +356,7 @@ class Log:
 
     # ----------------------------------------------------------------------------------------- changes
     def cut(self, start: float | None = None, stop: float | None = None) -> Log:
-        """Return the samples with `start` <= t <= `stop` [s]; None leaves that end as it is. Empty groups drop out.
-
-        Raises:
-            FileError: nothing is left.
-        """
+        """Return the samples from `start` to `stop` [s], None for an end; empty groups drop out. A FileError if all do."""
         low, high = (-math.inf if start is None else start), (math.inf if stop is None else stop)
         within = {name: (g.t >= low) & (g.t <= high) for name, g in self.groups.items()}
         found = {name: self.groups[name].where(keep) for name, keep in within.items() if np.count_nonzero(keep) > 1}
@@ -375,11 +367,7 @@ class Log:
 
 
 def check_group(path: Path, group: Group, limits: LogLimits) -> None:
-    """Refuse times and numbers of a group that cannot be.
-
-    Raises:
-        FileError: they are not finite or too large; the message names the group's source, the time and the column.
-    """
+    """Raise a FileError for times and numbers that cannot be; it names the group's source, the time and the column."""
     if late := find_time_fault(group.t, limits):
         raise FileError(path, f"{group.source}, sample {late.row + 1}: {late.what}")
     for name, values in group.columns.items():

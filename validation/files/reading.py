@@ -111,11 +111,7 @@ def read_file(path: str | Path, most_bytes: int) -> bytes:
 
 
 def read_text(path: str | Path, most_bytes: int = _MOST_TEXT) -> str:
-    """Return the text of a file in UTF-8, without the mark that some editors write in front.
-
-    Raises:
-        ValueError: the file cannot be read, is too large, or is no such text.
-    """
+    """Return the text of a file in UTF-8, without the mark that some editors write in front; a ValueError if it is none."""
     data = read_file(path, most_bytes)
     try:
         return data.decode("utf-8-sig")
@@ -131,11 +127,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, name: str) -> dict[str, Any]:
-    """Return the document of a TOML text; numbers may be infinite or NaN there.
-
-    Raises:
-        ValueError: it is no TOML, or is nested too deep; `name` says where the text is from.
-    """
+    """Return the document of a TOML text, where numbers may be infinite; a ValueError says what is wrong in `name`."""
     try:
         document = tomllib.loads(text)
         _check(document)

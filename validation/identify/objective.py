@@ -213,11 +213,7 @@ class HorizonRater(Rater):
 
 
 def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
-    """Return a rater for every piece of every target, in their order.
-
-    Raises:
-        ValueError: no window of a horizon fits into the sources.
-    """
+    """Return a rater for every piece of every target, in their order; a ValueError says that no window fits into them."""
     pieces = [pair for target in targets for pair in zip(target.source.pieces, target.truth, strict=True)]
     seconds = [float(truth.t[-1] - truth.t[0]) for _, truth in pieces]
     lengths = [2 + int(s / (_BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S)) for s in seconds]

@@ -40,11 +40,7 @@ class FitProblem:
     def __init__(
         self, model: str, base: PlantProfile, space: ParameterSpace, targets: Sequence[FitTarget], cost: FitCost
     ) -> None:
-        """Prepare a fit that begins with the numbers of `base`; the targets choose an objective of None.
-
-        Raises:
-            ValueError: the sources are too short for the cost.
-        """
+        """Begin with `base`; the targets choose an objective of None, and a ValueError says that they are too short."""
         self.model, self.base, self.space, self.targets = model, base, space, tuple(targets)
         usual: Objective = "horizon" if any(target.source.reference == RECORDING for target in targets) else "path"
         self.cost = replace(cost, objective=cost.objective or usual)

@@ -201,11 +201,7 @@ class Search:
 
     @classmethod
     def load(cls, path: Path, identity: Mapping[str, str]) -> Search:
-        """Return the search of a checkpoint, which must have this identity.
-
-        Raises:
-            ValueError: there is none, it is damaged, or it is of another search; the message says what differs.
-        """
+        """Return the search of a checkpoint of this identity; a ValueError says that it is damaged, or what differs."""
         try:
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
                 data = dict(file)

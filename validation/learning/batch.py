@@ -26,8 +26,6 @@ from validation.words import shortened
 
 WIDTH = 0.1
 """Distance from the target at which the reward has fallen to a half [m]."""
-
-
 _DRIVEN = DriveState(0.0, 0.0, 0.0, 0.0)
 
 

@@ -20,13 +20,18 @@ class Tracking(dm_env.Environment):
     episode ends with discount 0 where the robot is lost, and with discount 1 where its time is over.
     """
 
-    def __init__(self, task: TrackTask, seed: int | None = None) -> None:
+    def __init__(self, *task: Any, seed: int | None = None, **more: Any) -> None:
         """Make the robot, and draw all episodes by a seed.
 
+        Args:
+            task: fields of `TrackTask` in their order: profiles, reference, speed, robot.
+            seed: seed of all draws.
+            more: other fields of `TrackTask`, by name.
+
         Raises:
-            ValueError: as `TrackBatch`.
+            ValueError: profiles or waypoints that cannot be read, or do not go together.
         """
-        self.batch = TrackBatch(task, 1, 1)
+        self.batch = TrackBatch(TrackTask(*task, **more), 1, 1)
         self.batch.seed(0, seed)
 
     def reset(self) -> dm_env.TimeStep:
@@ -66,15 +71,5 @@ class Tracking(dm_env.Environment):
         return specs.BoundedArray((), np.float64, 0.0, 1.0, name="reward")
 
 
-def tracking(*task: Any, seed: int | None = None, **more: Any) -> Tracking:
-    """Return trajectory tracking as a `dm_env` environment.
-
-    Args:
-        task: fields of `TrackTask` in their order: profiles, reference, speed, robot.
-        seed: seed of all draws.
-        more: other fields of `TrackTask`, by name.
-
-    Raises:
-        ValueError: profiles or waypoints that cannot be read, or do not go together.
-    """
-    return Tracking(TrackTask(*task, **more), seed)
+tracking = Tracking
+"""What makes the environment, under the name that it is imported by."""

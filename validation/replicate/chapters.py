@@ -77,11 +77,7 @@ class Section(NamedTuple):
 
 
 def chosen_sections(sections: Sequence[Section], names: Sequence[str]) -> list[Section]:
-    """Return the sections with these keys or tables, in their own order; all sections if no name is given.
-
-    Raises:
-        ValueError: no section has such a key or table.
-    """
+    """Return the sections with these keys or tables, in their own order, all without any; a ValueError lists the keys."""
     for name in names:
         if not any(name == s.key or name in s.tables for s in sections):
             known = ", ".join(s.key for s in sections)

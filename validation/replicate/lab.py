@@ -58,12 +58,6 @@ def _driven(case: Mapping[str, float]) -> tuple[Trajectory, Drive]:
     return Trajectory(motion.t[kept], motion.pose[kept], motion.twist[kept], motion.wheels[kept]), drive
 
 
-def _filtered(motion: Trajectory, drive: Drive, seed: int) -> Trajectory:
-    log = simulate_sensors(motion, np.random.default_rng(seed), rate=_RATE)
-    (x, y, yaw), (v, _, w) = motion.pose[0].tolist(), motion.twist[0].tolist()
-    return run_ekf(log, odometry_of(drive), State(x, y, yaw, v_x=v, yaw_rate=w))
-
-
 def _variances(motion: Trajectory) -> dict[str, float]:
     """Return the variance above 10 Hz of each signal of Tab. 3.4, as the thesis takes it."""
     signals = zip(("dx", "dtheta", "X", "Y", "theta"), (*motion.twist[:, [0, 2]].T, *motion.pose.T), strict=True)
@@ -92,8 +86,11 @@ def _noise(task: Task) -> Findings:
     found: dict[tuple[str, str], list[dict[str, float]]] = {}
     for number, (case, commands) in enumerate(cases.items()):
         motion, drive = _driven(commands)
+        (x, y, yaw), (v, _, w) = motion.pose[0].tolist(), motion.twist[0].tolist()
         for seed in seeds:
-            filtered, rng = _filtered(motion, drive, seed), np.random.default_rng([seed, number])
+            log = simulate_sensors(motion, np.random.default_rng(seed), rate=_RATE)
+            rng = np.random.default_rng([seed, number])
+            filtered = run_ekf(log, odometry_of(drive), State(x, y, yaw, v_x=v, yaw_rate=w))
             added = measure(motion, SensorNoise(), rng, _RATE)
             ways = {"exact": filtered, "wrong": late(motion, filtered, _JITTER, rng), "added": added}
             for way, each in ways.items():

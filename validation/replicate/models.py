@@ -5,7 +5,7 @@ The MuJoCo Husky of profile `thesis-lab` takes the place of the thesis' robot, w
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -60,17 +60,15 @@ def parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
     for row, printed in published.table(number)["rows"].items():
         unit, value = printed["unit"], float(printed["value"])
         if row in _NAMES:
-            rows[row] = {"value": _parameter_pair(value, unit, found[_NAMES[row]], printed.get("search", ()))}
+            p = found[_NAMES[row]]
+            error, bounds = p["standard_error"], (float(p["lower"]), float(p["upper"]))
+            obstacle = "no standard error could be estimated" if error is None else ""
+            searched = printed.get("search", ())
+            rows[row] = {"value": Pair(value, p["value"], "spread", unit, error, {}, obstacle, None, bounds, searched)}
         else:
             held = load_profile(_PROFILE).plants[model].drive.torque_limit
             rows[row] = {"value": Pair(value, held, "spread", unit, obstacle="taken from the thesis, not searched")}
     return rows
-
-
-def _parameter_pair(printed: float, unit: str, p: Mapping[str, Any], searched: Sequence[float]) -> Pair:
-    bounds = float(p["lower"]), float(p["upper"])
-    obstacle = "no standard error could be estimated" if p["standard_error"] is None else ""
-    return Pair(printed, p["value"], "spread", unit, p["standard_error"], {}, obstacle, None, bounds, searched)
 
 
 def distance_rows(number: str, fitted: Mapping[str, Any]) -> Rows:

@@ -44,7 +44,6 @@ from validation.thesis.verdicts import (
     STATUSES,
     TOO_WIDE,
     UNEXPLAINED,
-    Criterion,
     Evidence,
     Pair,
     Rows,
@@ -53,12 +52,7 @@ from validation.thesis.verdicts import (
     criterion_of,
 )
 
-ALL_SECTIONS: tuple[Section, ...] = (
-    NOISE_SECTION,
-    *MODEL_SECTIONS,
-    GAZEBO_SECTION,
-    *CONTROL_SECTIONS,
-)
+ALL_SECTIONS: tuple[Section, ...] = (NOISE_SECTION, *MODEL_SECTIONS, GAZEBO_SECTION, *CONTROL_SECTIONS)
 """Every section, in the order of the report."""
 
 
@@ -204,7 +198,7 @@ def _as_dict(number: str, rows: Rows, verdicts: Mapping[str, tuple[Mapping[str, 
     declared = {row: criterion_of(number, row) for row in rows}
     return {
         "rows": {
-            row: {m: _entry(p, verdicts[row][0][m]) | _within(declared[row], m) for m, p in pairs.items()}
+            row: {m: _entry(p, verdicts[row][0][m], declared[row].within.get(m)) for m, p in pairs.items()}
             for row, pairs in rows.items()
         },
         "verdicts": {row: _words(whole) | {"evidence": declared[row].evidence} for row, (_, whole) in verdicts.items()},
@@ -215,18 +209,9 @@ def _words(verdict: Verdict) -> dict[str, str]:
     return {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
 
 
-def _within(criterion: Criterion, metric: str) -> dict[str, Any]:
-    return {"within": list(criterion.within[metric])} if metric in criterion.within else {}
-
-
-def _entry(pair: Pair, verdict: Verdict) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "published": pair.published,
-        "ours": pair.ours,
-        "unit": pair.unit,
-        "spread": pair.spread,
-        **pair.beside,
-    }
+def _entry(pair: Pair, verdict: Verdict, within: Sequence[float] | None) -> dict[str, Any]:
+    entry: dict[str, Any] = {"published": pair.published, "ours": pair.ours, "unit": pair.unit, "spread": pair.spread}
+    entry |= {**pair.beside, **({"within": list(within)} if within else {})}
     if pair.bounds:
         entry["bounds"] = list(pair.bounds)
     if (under := pair.supposed) is not None:

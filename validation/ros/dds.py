@@ -69,11 +69,7 @@ class Graph:
     """Network interface."""
 
     def domain_number(self) -> int:
-        """Return the number of the domain.
-
-        Raises:
-            ValueError: another ROS than 2, or a domain, a namespace or an interface that cannot be.
-        """
+        """Return the number of the domain; a ValueError says what cannot be: ROS, domain, namespace or interface."""
         if self.ros != "2":
             raise ValueError(
                 f"--ros {shortened(self.ros, 20)}: nodes of ROS 1 are gone (tag 1.7 keeps them); there is ROS 2"
@@ -105,11 +101,7 @@ def configuration(interface: str) -> str:
 
 
 def load_dds() -> SimpleNamespace:
-    """Return the modules of cyclonedds by their names.
-
-    Raises:
-        ValueError: it is not installed.
-    """
+    """Return the modules of cyclonedds by their names; a ValueError says how to install it."""
     try:
         names = ("core", "domain", "internal", "pub", "qos", "sub", "topic", "util")
         return SimpleNamespace(**{name: importlib.import_module(f"cyclonedds.{name}") for name in names})
@@ -181,11 +173,7 @@ class Node:
     """Topics of a node, whose messages come when it asks for them; types are named `package/msg/Type`."""
 
     def __init__(self, name: str, graph: Graph) -> None:
-        """Join the graph's domain.
-
-        Raises:
-            ValueError: the graph cannot be; cyclonedds is missing, or the network interface is not there.
-        """
+        """Join the graph's domain; a ValueError says that the graph cannot be, or what is missing."""
         domain = graph.domain_number()
         self._dds = dds = load_dds()
         self.graph, self._clock = graph, time.monotonic

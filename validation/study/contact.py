@@ -136,11 +136,7 @@ def tried_settings(robot: Robot | None = None) -> dict[str, Setting]:
 
 
 def chosen_settings(only: Sequence[str], robot: Robot | None = None) -> dict[str, Setting]:
-    """Return the baseline and a robot's settings of some groups; all of MuJoCo if none is named.
-
-    Raises:
-        ValueError: an unknown group.
-    """
+    """Return the baseline and the settings of some groups, all of MuJoCo if none is named; a ValueError lists the groups."""
     every = tried_settings(robot)
     groups = dict.fromkeys(name.partition(":")[0] for name in every if name != BASELINE)
     if unknown := [name for name in only if name not in groups]:
@@ -180,12 +176,12 @@ def make_bench(lab: Profile) -> Bench:
     return Bench(lab.section("mujoco"), pieces, models)
 
 
+@dataclass(frozen=True, eq=False)
 class Trial:
     """A setting on the bench, with tyres that roll with the profile's radius."""
 
-    def __init__(self, bench: Bench, setting: Setting) -> None:
-        """Take over a setting."""
-        self.bench, self.setting = bench, setting
+    bench: Bench
+    setting: Setting
 
     @cached_property
     def uncorrected(self) -> tuple[Calibration, float]:

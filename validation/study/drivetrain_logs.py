@@ -82,11 +82,7 @@ class DriveLog:
 
 
 def drive_log(source: str | Log) -> DriveLog:
-    """Return the columns of a recording, or of the file at a path, that the study uses.
-
-    Raises:
-        ValueError: it cannot be read, or has no wheel rates.
-    """
+    """Return what the study uses of a recording, or of the file at a path; a ValueError says that it has no wheel rates."""
     log = source if isinstance(source, Log) else read_log(source).on_one_clock()
     columns = log.columns
 
@@ -102,11 +98,7 @@ def drive_log(source: str | Log) -> DriveLog:
 
 
 def require_currents(log: DriveLog) -> FloatArray:
-    """Return the (2, M) currents of a log [A].
-
-    Raises:
-        ValueError: it has none, or they never change.
-    """
+    """Return the (2, M) currents of a log [A]; a ValueError says that it has none, or that they never change."""
     if log.currents is None:
         raise ValueError(f"{log.name} has no currents (current_left, current_right)")
     if not np.ptp(log.currents) > 0.0:

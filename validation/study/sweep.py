@@ -43,11 +43,7 @@ class StudyOptions(AnyStudy):
     robot: cli.AnyRobot = None
 
     def robot_profile(self) -> Profile:
-        """Return the profile.
-
-        Raises:
-            ValueError: there is none of that name, its numbers are wrong, or it is of another robot.
-        """
+        """Return the profile; a ValueError says that there is none of that name, or that it is of another robot."""
         return choose_profile(self.profile, self.robot, "thesis-lab")
 
 

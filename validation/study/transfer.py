@@ -96,11 +96,7 @@ def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
 
 
 def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Waypoints]]:
-    """Return the references by name, each at every speed, or as fast as the robot can drive it.
-
-    Raises:
-        ValueError: an unknown reference.
-    """
+    """Return the references by name, each at every speed, or as fast as the robot can drive it; a ValueError lists them."""
     found: dict[tuple[str, float], Waypoints] = {}
     for named in o.references or _USUAL_REFERENCES[: 3 if o.quick else None]:
         name, own = split_speed(named)

@@ -29,8 +29,8 @@ from validation.simulator.description import Robot, load_robot
 from validation.store import write_json
 from validation.words import file_name
 
-_OURS, _MOST_OURS = (b'"ssmr.info/1"',), 1 << 26
-"""Texts in files that are replaced unasked, for this program wrote them; and the greatest size of one [bytes]."""
+_OURS, _MOST_OURS = b'"ssmr.info/1"', 1 << 26
+"""Text in files that are replaced unasked, for this program wrote them; and the greatest size of one [bytes]."""
 
 
 # ------------------------------------------------------------------------------------------ options
@@ -261,13 +261,6 @@ def _sentences(log: Log, rest: Rest | None) -> list[str]:
 
 
 # ------------------------------------------------------------------------------------------ the command line
-def _check_target(target: Path, o: LogOptions) -> None:
-    """Refuse to replace the log itself, a part of it, or a file that somebody else wrote, unless `overwrite` is given."""
-    check_apart(target, o.source)
-    if exists(target) and not o.overwrite and not any(text in read_file(target, _MOST_OURS) for text in _OURS):
-        raise FileError(target, "there is such a file already; name another, or replace it by --overwrite")
-
-
 def _command(program: cli.Program[Any, Any], option: str, ending: str = "") -> Callable[[Any], None]:
     """Return the function behind a subcommand, which writes the file that `option` names, or the usual one."""
 
@@ -277,7 +270,9 @@ def _command(program: cli.Program[Any, Any], option: str, ending: str = "") -> C
         target = named or (usual if ending else None)
         with cli.mistakes_are_users():
             if named is not None:
-                _check_target(named, o)
+                check_apart(named, o.source)
+                if exists(named) and not o.overwrite and _OURS not in read_file(named, _MOST_OURS):
+                    raise FileError(named, "there is such a file already; name another, or replace it by --overwrite")
             found: LogReport = program.function(o)
             if target is not None:
                 with cli.writes(option, target):

@@ -38,7 +38,7 @@ from validation.simulator.terrain import FLAT
 from validation.words import file_name
 
 
-def _read_start(text: str) -> tuple[float, ...]:
+def _pose(text: str) -> tuple[float, ...]:
     """Return the three numbers of a pose."""
     try:
         numbers = tuple(map(float, text.split(",")))
@@ -83,11 +83,7 @@ class TrackOptions(cli.Filmed):
     filter (EKF) on noisy encoders and gyro."""
     lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
     """Distance at which the robot keeps behind its target (Sec. 4.5)."""
-    start: Annotated[tuple[float, float, float], cli.parsed(_read_start, "X,Y,YAW"), cli.option(default="0,0,0")] = (
-        0.0,
-        0.0,
-        0.0,
-    )
+    start: Annotated[tuple[float, float, float], cli.parsed(_pose, "X,Y,YAW"), cli.option(default="0,0,0")] = (0.0, 0.0, 0.0)
     """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left [m], yaw [rad], such as
     0,0.5,0.52."""
     no_noise: cli.Flag = False

@@ -24,8 +24,6 @@ from validation.simulator.plant import MujocoPlant
 WHEEL_INERTIA = 0.04411  # husky.xml [kg m2]
 PUSHED = 1e-3
 """Relative, of the apparent mass against its closed form: tyres creep a little, and roll at the radius to 0.1 %."""
-RISE = 5e-3
-"""Relative, of the body's rise over slip speed, which the measured slip speed limits."""
 DRIVE = Drive(delay_v=0.2, delay_w=0.2, command_half_track=0.5188, acceleration_v=1.16, wheel_lag=0.02, torque_limit=400.0)
 JERKY = husky(friction=0.7, gain=2100.0, armature=1.8, wheel_radius=0.16)
 

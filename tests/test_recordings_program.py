@@ -17,7 +17,6 @@ from validation.files.csv_logs import read_csv
 from validation.files.formats import SHIPPED_LOGS, log_path, read_log
 
 ROOT = Path(__file__).resolve().parents[1]
-PARKING_LOT = data_folder() / "husky_parking_lot" / "test1.bag"
 
 
 def run(*args: object) -> subprocess.CompletedProcess[str]:

@@ -88,7 +88,7 @@ def _runs(o: RunsStudy) -> dict[str, Run]:
 
 
 def _measure(o: RunsStudy, run: Run) -> Row:
-    """Fit every plant to the first half of a log and judge all on the second; what was finished before is read back.
+    """Fit every plant to the first half of a log's motion and judge all on the second; what was finished is read back.
 
     Files of a finished run lie in the study's folder: `NAME.toml`, the profile with all fits, and `NAME.json`.
     """
@@ -100,8 +100,9 @@ def _measure(o: RunsStudy, run: Run) -> Row:
     }  # fmt: skip
     if kept.is_file() and (before := json.loads(kept.read_text(encoding="utf-8"))).get("asked") == asked:
         return {"found": before}
-    stamps = [piece.t for piece in open_source(run.log, "wheels").pieces if piece.t is not None]
-    middle, profile, numbers = 0.5 * float(stamps[0][0] + stamps[-1][-1]), run.profile, dict[str, Row]()
+    pieces = open_source(run.log, "wheels").pieces
+    in_motion = [piece.t[piece.moves] for piece in pieces if piece.t is not None and piece.moves is not None]
+    middle, profile, numbers = float(np.median(np.concatenate(in_motion))), run.profile, dict[str, Row]()
     for plant in sorted(o.plants, key=lambda plant: plant != FIRST_FITTED):
         heavy = plant not in PLANAR_MODELS and FIRST_FITTED in o.plants
         fitted = fit(
@@ -140,7 +141,7 @@ def _measure(o: RunsStudy, run: Run) -> Row:
 
 @cli.program(RunsStudy)
 def study_runs(o: RunsStudy) -> Report:
-    """Fit every plant to the first half of each log by its wheel rates, and judge it on the second half.
+    """Fit every plant to the first half of each log's time in motion by its wheel rates, and judge it on the second half.
 
     Fits are least squares from the numbers of the robot's profile.
 

@@ -119,8 +119,8 @@ class Compare(cli.Filmed):
 
 
 @dataclass(frozen=True, eq=False)
-class PreparedComparison:
-    """A comparison that is checked and has its plants, but has not been run."""
+class _Comparing:
+    """What a comparison needs, checked."""
 
     source: Source
     profile: Profile
@@ -128,17 +128,17 @@ class PreparedComparison:
     plants: Mapping[str, Plant]
     options: Compare
     metric: UserMetric | None = None
-    remarks: tuple[str, ...] = ()
-    """Sentences on what was asked for."""
 
     def run(self) -> Comparison:
         """Drive the plants and compare them; an SsmrError says that one diverged."""
         source, profile, o = self.source, self.profile, self.options
-        driven = self._drive_all()
-        motions = {name: motions for name, (motions, _, _) in driven.items()}
-        recorded = self.reference == RECORDING
-        against = [piece.reference for piece in source.pieces] if recorded else motions[self.reference]
-        truth = tuple(m for m in against if m is not None)
+        truth, remarks = tuple(piece.reference for piece in source.pieces if piece.reference is not None), list[str]()
+        if truth:
+            remarks = profile.too_fast(pace_of(truth, profile.robot.geometry.wheel_radius), source.title)
+        for remark in remarks:
+            cli.warn(remark)
+        driven, recorded = self._drive_all(), self.reference == RECORDING
+        truth = truth if recorded else tuple(driven[self.reference][0])
         gyro = find_gyro_judge(source) if recorded else None
         results = {name: self._result(name, *found, truth, gyro) for name, found in driven.items()}
         scoring = {horizon: scoring_windows(source, horizon) for horizon in o.horizons} if recorded else {}
@@ -163,7 +163,7 @@ class PreparedComparison:
             program="compare",
             title=f"{one_line(source.name)}, {label}",
             tables=comparison_tables(results, self.reference, title, caption, gyro_first),
-            sentences=(*self.remarks, *standing, *source.warnings, *alike_sentences(results, alike), *unsure),
+            sentences=(*remarks, *standing, *source.warnings, *alike_sentences(results, alike), *unsure),
             alarms=unwell,
             options=o.as_dict(),
             document={
@@ -279,15 +279,6 @@ def compare(o: Compare) -> Comparison:
         SsmrError: a plant diverged.
         ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
     """
-    return prepare(o).run()
-
-
-def prepare(o: Compare) -> PreparedComparison:
-    """Check everything that a comparison is asked for, and build its plants.
-
-    Raises:
-        ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
-    """
     source, own = o.source, add_user_model(o.own_model)
     name = source.name if isinstance(source, Source) else str(source)
     recorded = name.partition("@")[0] not in TRAJECTORIES
@@ -308,12 +299,7 @@ def prepare(o: Compare) -> PreparedComparison:
         raise ValueError(f"plants is empty; there are: {', '.join(known_plants())}")
     made = {name: make_plant(profile, name, o.terrain) for name in known_plants() if name in wanted}
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
-    told, remarks = [piece.reference for piece in source.pieces if piece.reference is not None], list[str]()
-    if told:
-        remarks = profile.too_fast(pace_of(told, profile.robot.geometry.wheel_radius), source.title)
-    for remark in remarks:
-        cli.warn(remark)
-    return PreparedComparison(source, profile, reference, made, o, metric, tuple(remarks))
+    return _Comparing(source, profile, reference, made, o, metric).run()
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from validation.plants.table import PLANTS
 from validation.progress import Progress
 from validation.report import drawing
 from validation.report.columns import DEGREES, METRES, Unit
+from validation.report.motions import alike_sentences
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.study.sweep import AnyStudy, picture, sweep
@@ -112,16 +113,9 @@ def _measure(o: RunsStudy, run: Run) -> Row:
         profile = fitted.profile
         numbers[plant] = {p.name if p.unit == "1" else f"{p.name}_{p.unit}": p.value for p in fitted.parameters}
     judged = compare(
-        run.log,
-        profile,
-        plants=o.plants,
-        input="wheels",
-        start=middle,
-        horizons=_HORIZONS,
-        bands=True,
-        seed=o.seed,
-        workers=1,
-    )
+        run.log, profile, plants=o.plants, input="wheels", start=middle, horizons=_HORIZONS, bands=True,
+        seed=o.seed, workers=1,
+    )  # fmt: skip
     rows = [
         {
             "log": run.name, "plant": name, "horizon_s": horizon,
@@ -132,8 +126,9 @@ def _measure(o: RunsStudy, run: Run) -> Row:
         for name, result in judged.plants.items()
         for horizon, e in result.overlapping.items()
     ]  # fmt: skip
-    facts = {name: judged.document.get(name) for name in ("alike", "heading_judge")}
-    found = {"asked": asked, "rows": rows, "numbers": numbers, **facts, "notes": list(judged.sentences)}
+    alike, judge = judged.document["alike"], judged.document.get("heading_judge", "localiser")
+    told = {"alike": alike, "told": alike_sentences(judged.plants, alike), "heading_judge": judge}
+    found = {"asked": asked, "rows": rows, "numbers": numbers, **told}
     profile.save(folder / f"{run.name}.toml")
     store.write_json(kept, found)
     return {"found": found}
@@ -163,10 +158,10 @@ def study_runs(o: RunsStudy) -> Report:
         program="study",
         title=f"{len(found)} logs, each fitted on its first half and judged on its second",
         tables=[
-            *(_table(name, one["rows"], one["heading_judge"] or "localiser") for name, one in found.items()),
+            *(_table(name, one["rows"], one["heading_judge"]) for name, one in found.items()),
             *(Table(f"{p} on each ground", [{"log": n, **f["numbers"][p]} for n, f in found.items()]) for p in o.plants),
         ],
-        sentences=[*swept.notes, *(sentence for name, one in found.items() for sentence in _winners(name, one["alike"]))],
+        sentences=[*swept.notes, *(f"{name}: {said}" for name, one in found.items() for said in one["told"])],
         status=swept.status,
         document={
             "schema": SCHEMA,
@@ -200,17 +195,6 @@ def _table(name: str, rows: list[Row], judge: str) -> Table:
         f"inside: share of windows within the band, which promises 90 %; the {judge} is the judge of heading"
     )
     return Table(one_line(name), shown, caption, group="horizon_s", units=units)
-
-
-def _winners(name: str, alike: dict[str, Any] | None) -> list[str]:
-    """Return what a log tells of which plant is better, by a paired test corrected for the number of pairs."""
-    if alike is None:
-        return [f"{name}: no window is long enough to tell plants apart."]
-    said = []
-    for what, pairs in alike["better"].items():
-        words = ", ".join(f"{a} than {b}" for a, b in pairs)
-        said.append(f"{name}: after {alike['horizon_s']:g} s better in {what}: {words or 'none, by more than chance'}.")
-    return said
 
 
 def _draw(found: dict[str, Any], report: Report) -> Figure:

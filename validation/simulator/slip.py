@@ -72,7 +72,11 @@ def set_slip(model: mujoco.MjModel, calibration: Calibration, prefix: str = "") 
 
 @lru_cache(maxsize=1)
 def _callback() -> Any:
-    """Return the compiled callback; it is kept on disk under the offsets, which another version of MuJoCo may change."""
+    """Return the compiled callback; it is kept on disk under the offsets, which another version of MuJoCo may change.
+
+    Raises:
+        ValueError: this version of MuJoCo lays its data out in a way that is not known here.
+    """
     spec = mujoco.MjSpec()
     spec.option.cone, spec.option.jacobian = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtJacobian.mjJAC_DENSE
     spec.add_numeric(name=_NUMERIC, size=1)
@@ -89,6 +93,8 @@ def _callback() -> Any:
     jacobian, softness, hardness, reference, depth, margin, rates, kind = (offset(data, array) for array in arrays)
     contacts, identity = kind - 8, offset(data, data.efc_id)
     first, each = data.contact.dist.ctypes.data, data.contact.mu.strides[0] // 8
+    if ctypes.c_size_t.from_address(data._address + contacts).value != first:
+        raise ValueError(f"mujoco {mujoco.__version__} keeps its contacts in another place: here slip_compliance must be 0")
     master, grip = ((part.ctypes.data - first) // 8 for part in (data.contact.mu, data.contact.friction))
     elliptic, mark, body, dofs = int(mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC), _MARK, _BODY, _DOFS
 

@@ -35,7 +35,7 @@ def errors(plant: str, held_out: bool, profile: Profile = PROFILE) -> WindowErro
     return page.window_errors(part(held_out), profile, plant)
 
 
-@pytest.mark.parametrize(("plant", "position", "yaw"), [("mujoco", 0.13, 0.028), ("kinematic", 0.12, 0.033)])
+@pytest.mark.parametrize(("plant", "position", "yaw"), [("mujoco", 0.11, 0.034), ("kinematic", 0.12, 0.033)])
 def test_the_held_out_part_is_predicted_as_the_page_says(plant: str, position: float, yaw: float) -> None:
     found = errors(plant, held_out=True)
     assert len(found.position) == 38
@@ -50,7 +50,7 @@ def test_mujoco_predicts_positions_better_because_it_drifts() -> None:
     mujoco, kinematic = errors("mujoco", held_out=False), errors("kinematic", held_out=False)
     assert mujoco.position.mean() < 0.85 * kinematic.position.mean()
     section = PROFILE.plants["mujoco"]
-    gripping = replace(section, parameters=replace(section.parameters, friction=2.0))
+    gripping = replace(section, parameters=replace(section.parameters, slip_compliance=1e-3))
     firm = replace(PROFILE, plants=MappingProxyType({**PROFILE.plants, "mujoco": gripping}))
     assert errors("mujoco", False, firm).position.mean() > 1.15 * mujoco.position.mean()
 
@@ -62,7 +62,7 @@ def test_a_speed_loop_with_an_integral_part_turns_the_wheels_as_slowly_as_the_ro
         found = [page.wheel_rates(str(LOG), span, PROFILE, plant) for span in page.COMMANDED[1]]
         off[plant] = np.mean([np.abs(motion.wheels - measured).mean() for _, measured, motion in found])
     assert max(off["mujoco"], off["coulomb"], off["linear"]) < 0.85 * off["kinematic"]
-    assert off["mujoco"] == pytest.approx(0.262, abs=0.01)
+    assert off["mujoco"] == pytest.approx(0.176, abs=0.01)
 
 
 @pytest.mark.parametrize("plant", PLANTS)

@@ -197,7 +197,7 @@ def draw_errors(axes: Axes, scores: dict[tuple[str, str], WindowErrors]) -> None
             s, at = scores[name, plant].summary(), k * (len(_PLANTS) + 1) + i
             axes.plot([at, at], [s.position_low_m, s.position_high_m], color=plant_kind(plant).colour, lw=3)
             axes.plot(at, s.position_median_m, "o", color=plant_kind(plant).colour, label=None if k else plant)
-    axes.set_xticks([2, len(_PLANTS) + 3], ["fitted to, 95 windows", "held out, 25 windows"])
+    axes.set_xticks([2, len(_PLANTS) + 3], ["fitted to, 95 windows", "held out, 38 windows"])
     axes.set(ylabel="position error after 6 s [m]", ylim=(0.0, None), title="From measured wheel rates")
     axes.legend(ncols=5, loc="lower center")
     axes.grid(alpha=0.3)

@@ -77,18 +77,8 @@ def _callback() -> Any:
     Raises:
         ValueError: this version of MuJoCo lays its data out in a way that is not known here.
     """
-    spec = mujoco.MjSpec()
-    spec.option.cone, spec.option.jacobian = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtJacobian.mjJAC_DENSE
-    spec.add_numeric(name=_NUMERIC, size=1)
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
-    for x in (0.0, 1.0):
-        ball = spec.worldbody.add_body(pos=[x, 0.0, 0.09])
-        ball.add_freejoint()
-        ball.add_geom(size=[0.1, 0.0, 0.0])
-    model = spec.compile()
-    data = mujoco.MjData(model)
-    rows = _rows_at(model, data)
-    from_model = offset(model, model.numeric_data)
+    model, data = _two_balls()
+    rows, from_model = _rows_at(model, data), offset(model, model.numeric_data)
     arrays = data.efc_J, data.efc_R, data.efc_D, data.efc_KBIP, data.efc_pos, data.efc_margin, data.qvel, data.efc_type
     jacobian, softness, hardness, reference, depth, margin, rates, kind = (offset(data, array) for array in arrays)
     contacts, identity = kind - 8, offset(data, data.efc_id)
@@ -146,6 +136,20 @@ def _callback() -> Any:
             i += 3
 
     return slip.ctypes
+
+
+def _two_balls() -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """Return a model whose contacts show where MuJoCo keeps them."""
+    spec = mujoco.MjSpec()
+    spec.option.cone, spec.option.jacobian = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtJacobian.mjJAC_DENSE
+    spec.add_numeric(name=_NUMERIC, size=1)
+    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
+    for x in (0.0, 1.0):
+        ball = spec.worldbody.add_body(pos=[x, 0.0, 0.09])
+        ball.add_freejoint()
+        ball.add_geom(size=[0.1, 0.0, 0.0])
+    model = spec.compile()
+    return model, mujoco.MjData(model)
 
 
 def _rows_at(model: mujoco.MjModel, data: mujoco.MjData) -> int:

@@ -134,10 +134,14 @@ def test_mujocos_motor_is_the_same_in_a_rollout_in_steps_and_in_a_batch() -> Non
     assert bodies.states()[0, :8] == pytest.approx(astuple(stepped[-1]), abs=1e-12)
 
 
-@pytest.mark.parametrize(("limit", "stiffness"), [(30.0, 1e6), (7.0, 500.0), (7.0, np.inf)])
-def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(limit: float, stiffness: float, lab: Profile) -> None:
-    section, commands = lab.section("mujoco"), TRAJECTORIES["traj4"].commands()
-    plant = MujocoPlant(section.parameters, replace(section.drive, torque_limit=limit, dc_stiffness=stiffness))
+def apart(lab: Profile, trajectory: str, limit: float, stiffness: float, dt: float) -> float:
+    """Return the greatest distance [m] of MuJoCo's path from that of the law applied as a force."""
+    section, commands = lab.section("mujoco"), TRAJECTORIES[trajectory].commands()
+    robot, drive = (
+        replace(section.parameters, timestep=dt),
+        replace(section.drive, torque_limit=limit, dc_stiffness=stiffness),
+    )
+    plant = MujocoPlant(robot, drive)
     model, data, motor = plant.model, mujoco.MjData(plant.model), motor_numbers(plant.drive, plant.dt)
     mujoco.mj_setState(model, data, plant.placed(State()), mujoco.mjtState.mjSTATE_FULLPHYSICS)
     model = mujoco.MjModel.__copy__(model)
@@ -156,4 +160,17 @@ def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(limit: float, stif
         path.append(data.qpos[:2].copy())
     often = np.linspace(0.0, len(path) - 1.0, 20 * len(path))
     law = np.column_stack([np.interp(often, np.arange(len(path)), along) for along in np.array(path).T])
-    assert math.sqrt(nearest_squared(plant.run(commands, State(), plant.dt).xy, law).max()) < 1e-3
+    return math.sqrt(nearest_squared(plant.run(commands, State(), plant.dt).xy, law).max())
+
+
+@pytest.mark.parametrize(("limit", "stiffness"), [(30.0, 1e6), (7.0, 500.0), (7.0, np.inf)])
+def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(limit: float, stiffness: float, lab: Profile) -> None:
+    assert apart(lab, "traj4", limit, stiffness, 0.002) < 1e-3
+
+
+def test_at_the_motors_limit_mujoco_comes_to_the_law_in_proportion_to_the_step(lab: Profile) -> None:
+    """Both are of first order, one with the wheel rate after the step and one with that before it."""
+    coarse, middle, fine = (apart(lab, "traj1", 7.0, 1900.0, dt) for dt in (0.002, 0.001, 0.0005))
+    assert coarse < 5e-3
+    assert coarse / middle == pytest.approx(2.0, rel=0.1)
+    assert middle / fine == pytest.approx(2.0, rel=0.1)

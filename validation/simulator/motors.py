@@ -5,6 +5,9 @@ activations change. Ours is compiled and takes no interpreter lock. A motor's ac
 of its torque, and what its controller asks for but for the feedback, K_P times the wanted rate plus the integral part.
 MuJoCo applies the latter as it is after the step (`actearly`), which is what is wanted now. The feedback -K_P w is the
 actuator's bias, which implicitfast treats implicitly, and the motor's limit is the actuator's.
+
+Motion is of first order in the time step. Where motors stay at their limit, as on trajectory 1 with 7 N m a wheel, the path
+ends 4 mm from that of the same law applied as a force with a step of 2 ms, 2 mm with 1 ms and 1 mm with 0.5 ms.
 """
 
 from __future__ import annotations

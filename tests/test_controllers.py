@@ -215,9 +215,7 @@ def applied(gains: FloatArray, v_ref: float) -> FloatArray:
 
 
 @settings(max_examples=10)  # a dozen Riccati equations each
-@given(
-    weights, weights, weights, weights, st.sampled_from(lqr.OPERATING_SPEEDS[:-1])
-)  # at the last the feedforward saturates
+@given(*[weights] * 4, st.sampled_from(lqr.OPERATING_SPEEDS[:-1]))  # at the last the feedforward saturates
 def test_gains_at_the_operating_speeds_are_those_of_a_regulator(
     q_x: float, q_y: float, q_alpha: float, r_w: float, speed: float
 ) -> None:

@@ -289,9 +289,8 @@ def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
         assert seen.var() == pytest.approx(variance, rel=0.13)
         assert seen.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(variance / m))
     draws = np.random.default_rng(9).standard_normal((m, 3))
-    assert sense(3.0, 4.0, 0.7, tuple(draws[5]), model.packed()) == pytest.approx(
-        (log.left[5], log.right[5], log.gyro[5]), rel=ROUNDOFF
-    )
+    seen = log.left[5], log.right[5], log.gyro[5]
+    assert sense(3.0, 4.0, 0.7, tuple(draws[5]), model.packed()) == pytest.approx(seen, rel=ROUNDOFF)
     uneven = simulate_sensors(moving, np.random.default_rng(9), model, rate=130.0)
     assert np.all(np.isin(uneven.t, moving.t))
     assert np.allclose(uneven.t, np.arange(len(uneven.t)) / 130.0, rtol=0.0, atol=0.002)

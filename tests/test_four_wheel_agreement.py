@@ -42,9 +42,7 @@ def test_curves_agree_where_mujocos_tyres_slip_too(stiffness: float, v: float, w
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.98])
 def test_starts_agree_but_for_the_slip_of_tyres(share: float) -> None:
     reached, slip, moved = page.thrust("mujoco", share)
-    late = (
-        0.002 * math.log(0.95 / 0.5) / 0.45
-    )  # rates of wheels are told a step of 2 ms after the speed, which grows with time
+    late = 0.002 * math.log(0.95 / 0.5) / 0.45  # rates of wheels are told a step after the speed, which grows with time
     assert slip == pytest.approx(-late, abs=5e-4)
     assert reached == pytest.approx(share, rel=1e-3)
     stiff, _, others = page.thrust(RIGID, share)

@@ -68,9 +68,7 @@ def test_the_integral_part_leaks_to_its_stiffness_and_is_stepped_exactly() -> No
     assert once == pytest.approx(often, rel=1e-12)
     assert once == pytest.approx(1900.0 * error * -math.expm1(-0.3 * 800.0 / 1900.0))
     assert advance_integral(0.0, error, motor_numbers(LEAKY, 1e3)) == pytest.approx(1900.0 * error)
-    assert (
-        advance_integral(0.0, 10.0, motor_numbers(LEAKY, 1.0)) == 60.0
-    )  # a stuck wheel winds up no more than the motor can do
+    assert advance_integral(0.0, 10.0, motor_numbers(LEAKY, 1.0)) == 60.0  # a stuck wheel winds it up to the motor's limit
     true = motor_numbers(replace(LEAKY, dc_stiffness=1e9), 0.3)
     assert advance_integral(0.0, error, true) == pytest.approx(800.0 * error * 0.3, rel=1e-6)
 

@@ -21,12 +21,9 @@ def test_another_track_has_the_closed_form(track: float) -> None:
 
 
 def test_a_line_of_no_width_is_a_point_and_width_costs() -> None:
-    assert turn_on_the_spot(WHEELBASE, TRACK, half_width=1e-9).multiplier == pytest.approx(
-        turn_on_the_spot(WHEELBASE, TRACK).multiplier, rel=MINIMUM
-    )
-    assert turn_on_the_spot(WHEELBASE, TRACK, half_width=0.05715).multiplier == pytest.approx(
-        1.8480, abs=5e-5
-    )  # docs/physics.md
+    point, narrow, wide = (turn_on_the_spot(WHEELBASE, TRACK, half_width=w).multiplier for w in (0.0, 1e-9, 0.05715))
+    assert narrow == pytest.approx(point, rel=MINIMUM)
+    assert wide == pytest.approx(1.8480, abs=5e-5)  # docs/physics.md
 
 
 def test_mirroring_the_centre_mirrors_the_turn() -> None:
@@ -39,13 +36,9 @@ def test_mirroring_the_centre_mirrors_the_turn() -> None:
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 0.5 * math.pi, 4.0])
 def test_a_polygon_is_the_same_after_a_quarter_turn_and_a_square_is_a_turned_diamond(heading: float) -> None:
-    diamond = polygonal_turn("diamond", heading, WHEELBASE, TRACK)
-    assert polygonal_turn("diamond", heading + 0.5 * math.pi, WHEELBASE, TRACK).yaw_rate == pytest.approx(
-        diamond.yaw_rate, rel=1e-9
-    )
-    assert polygonal_turn("square", heading + 0.25 * math.pi, WHEELBASE, TRACK).yaw_rate == pytest.approx(
-        diamond.yaw_rate, rel=1e-9
-    )
+    turns = ("diamond", heading), ("diamond", heading + 0.5 * math.pi), ("square", heading + 0.25 * math.pi)
+    rates = [polygonal_turn(limit, at, WHEELBASE, TRACK).yaw_rate for limit, at in turns]
+    assert rates == pytest.approx([rates[0]] * 3, rel=1e-9)
 
 
 def test_a_square_along_the_worlds_axes_turns_by_1_00_to_1_90_over_heading_and_1_396_in_the_mean() -> None:

@@ -192,7 +192,6 @@ def convert(o: Convert) -> LogReport:
 
 # ------------------------------------------------------------------------------------------ tables and sentences
 def _next_step(o: Info, log: Log, faults: Faults) -> str:
-    """Return what to do with a log after a look into it."""
     path, name = shlex.quote(str(o.source)), getattr(o.robot, "name", o.robot) or "ROBOT"
     if faults.named:
         return "next: correct the faults in the log, for every comparison and fit believes its columns"
@@ -234,7 +233,6 @@ def _sampling(t: FloatArray) -> Mapping[str, Any]:
 
 
 def _offset_table(offsets: Sequence[Offset]) -> Table:
-    """Return the delay of each signal behind the one with the surest clock; no rows where no delay is known."""
     keys = {"late": "signal", "behind": "behind", "seconds": "late_s", "standard_error": "standard_error_s"}
     rows = [{keys.get(name, name): value for name, value in asdict(offset).items()} for offset in offsets]
     units = {"late_s": Unit("s", 1.0, 4), "standard_error_s": Unit("s", 1.0, 4), "correlation": Unit("1", 1.0, 3)}

@@ -293,7 +293,6 @@ def _write(draft: RobotDraft, out: Path | None) -> None:
 
 
 def _save(text: str, target: Path) -> None:
-    """Write a new file, whole or not at all."""
     if target.exists() or target.is_symlink():
         raise cli.UserError(f"--out {target}: there is such a file already, and it is not overwritten; name another")
     with cli.writes("--out", target):

@@ -259,7 +259,6 @@ def _document(t: Tuned) -> dict[str, Any]:
 
 
 def _with_provenance(t: Tuned, name: str) -> GainSet:
-    """Return the tuned gains as a set that says how it was found."""
     searched, document = [p.name for p in t.parameters], _document(t)
     rated = {label: runs["tuned"] for label, runs in (*t.train.items(), *t.held_out.items())}
     kept = ("profile", "robot", "cost_name", "cost", "baseline", "baseline_cost", "seed", "evaluations", "generations")
@@ -278,7 +277,6 @@ def _with_provenance(t: Tuned, name: str) -> GainSet:
 
 
 def _tables(t: Tuned) -> list[Table]:
-    """Return the gains within their bounds, and the runs along each reference."""
     base, searched = one_line(t.problem.base.name), [p.name for p in t.parameters]
     held = " · ".join(f"{name} {value:.4g}" for name, value in t.gains.items() if name not in searched)
     rows: list[Row] = []

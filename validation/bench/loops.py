@@ -157,11 +157,7 @@ def run_robots(
 
 # ------------------------------------------------------------------------------------------ what a reference asks for
 def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:
-    """Refuse a reference that no wheel can follow.
-
-    Raises:
-        ValueError: a segment faster than the driver's limit; the message says where.
-    """
+    """Raise a ValueError for a reference with a segment that is faster than the driver's limit; it says where."""
     speeds = waypoints.segment_speeds
     worst = int(np.argmax(speeds))
     if speeds[worst] > drive.v_max:

@@ -198,11 +198,7 @@ class UserMetric:
     """The function."""
 
     def added(self, metrics: Metrics, motions: Sequence[Trajectory], references: Sequence[Trajectory]) -> Metrics:
-        """Return metrics with this one: its mean over all pieces, by their numbers of samples.
-
-        Raises:
-            SsmrError: the function failed, or gave no finite number.
-        """
+        """Return metrics with this one, its mean over all pieces by their samples; an SsmrError says that it failed."""
         with _told(self.path, f"in {self.name}", SsmrError):
             values = [float(self.rate(motion, wanted)) for motion, wanted in zip(motions, references, strict=True)]
             value = float(np.average(values, weights=[len(wanted) for wanted in references]))

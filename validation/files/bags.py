@@ -102,7 +102,6 @@ def _imu(m: Any) -> _Row:
 
 
 def _joints(m: Any) -> _Row:
-    """Return the mean rate of each side's wheels."""
     wheels = [(name.lower(), float(rate)) for name, rate in zip(m.name, m.velocity, strict=False) if "wheel" in name.lower()]
     sides = [[rate for joint, rate in wheels if side in joint] for side in ("left", "right")]
     if len(m.velocity) != len(m.name) or not all(sides):

@@ -290,11 +290,7 @@ class Log:
         return frozen_array(np.stack([there[n] for n in names], axis=1), self.name, (len(self.t), len(names)))
 
     def stretches(self) -> list[slice]:
-        """Return the samples between gaps of a log on one clock, in order; a sample alone between two gaps is left out.
-
-        Raises:
-            ValueError: every step is a gap, as a cut around one may leave it.
-        """
+        """Return the samples between gaps of a log on one clock, but for lone ones; a ValueError says if there is none."""
         t, longest = self.t, next(iter(self.groups.values())).longest_step()
         edges = [0, *(np.flatnonzero(np.diff(t) > longest) + 1).tolist(), len(t)]
         found = [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]

@@ -149,11 +149,7 @@ def _check(value: Any, depth: int = 0) -> None:
 
 
 def require_known(table: Any, known: Iterable[str], where: str) -> None:
-    """Refuse what is no table, or has keys that mean nothing; `where` says in messages which table it is.
-
-    Raises:
-        ValueError: it is none, or has others than the `known` keys; the message names the first of them.
-    """
+    """Raise a ValueError for what is no table, or has keys that mean nothing; `where` says in it which table it is."""
     if not isinstance(table, Mapping):
         raise ValueError(f"{where} is {reprlib.repr(table)}, wanted a table")
     if unknown := sorted(set(table) - set(known)):

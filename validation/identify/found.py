@@ -183,7 +183,6 @@ def search_figure(found: SearchReport, ink: Ink, before: str, rows: Sequence[Row
 
 
 def _draw_course(found: SearchReport, ink: Ink, ax: Axes) -> None:
-    """Draw the least cost, generation by generation."""
     costs = found.course.jde.history
     known = costs[np.isfinite(costs)]
     ax.plot(np.arange(len(costs)), np.where(np.isfinite(costs), costs, np.nan), color=ink, marker="o", markersize=2.5)

@@ -213,7 +213,6 @@ def supposition(number: str) -> str:
 
 
 def _tracked(task: Task) -> Findings:
-    """Make Tab. 4.5-4.19 and 4.22-4.37."""
     made, found = TrackedTables(load_profile(_PROFILE), task.budget.draws, task.workers), dict[str, Rows]()
     for number in CONTROL_TABLES:
         found[number] = made.rows(number)

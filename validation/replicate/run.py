@@ -178,7 +178,6 @@ def _unexplained(tables: Mapping[str, Rows], verdicts: _Verdicts) -> list[str]:
 
 
 def _lead(quick: bool, found: Container[str], unexplained: Sequence[str], every: Counter[tuple[Evidence, Status]]) -> str:
-    """Return what stands before the chapters."""
     missing = [s.key for s in ALL_SECTIONS if s.key not in found]
     status = {s: sum(every[e, s] for e in EVIDENCE) for s in STATUSES}
     agreeing = {e: every[e, "agrees"] + every[e, "agrees if"] for e in EVIDENCE}

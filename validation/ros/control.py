@@ -157,7 +157,6 @@ class ControlNode:
             k = max(k + 1, passed)  # no deadline that was slept through is made up for
 
     def _say_what_is_odd(self) -> None:
-        """Warn of a robot that does not obey, and of feedback that comes late."""
         follower = self._follower
         if follower.held != self._said:
             self._said = follower.held

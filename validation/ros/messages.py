@@ -148,11 +148,7 @@ def transform_message(stamp: float, frames: tuple[str, str], pose: FloatArray, z
 
 
 def plausible(name: str, value: Any, most: float, least: float = -math.inf) -> float:
-    """Return the number in a field of a message: the one check of everything that comes in.
-
-    Raises:
-        ValueError: it is no number, not finite, less than `least` or greater than `most`, by which negative ones count too.
-    """
+    """Return the number in a field of a message: the one check of everything that comes; a ValueError says what is wrong."""
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):

@@ -116,7 +116,6 @@ def _parameters(
 
 
 def _of_currents(fit: CurrentFit, chassis: Chassis, k: float | None) -> dict[str, Row]:
-    """Return the numbers that currents tell."""
     found, x, e = dict[str, Row](), fit.numbers, fit.errors
     motor = fit.kind == "motor"
     ampere, torque = (1.0, k) if motor else (None if k is None else 1.0 / k, 1.0)
@@ -230,8 +229,6 @@ def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
 
 
 def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Report) -> Figure:
-    """Return the picture: wheel rates as logged and as predicted, and the same of the currents."""
-
     def draw_rates(ax: Axes) -> None:
         assert driver is not None
         t, logged, predicted = driver.shown

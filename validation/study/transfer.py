@@ -225,7 +225,6 @@ def _ranked(found: Mapping[str, Any]) -> list[str]:
 
 
 def _tables(label: str, found: Mapping[str, Any]) -> list[Table]:
-    """Return what choosing by each plant costs, and the mean costs of all controllers."""
     plants, choices, costs = found["plants"], list[Row](), list[Row]()
     for plant, own in plants.items():
         agreed = own["all"]

@@ -11,7 +11,7 @@ from mujoco import rollout
 
 from benchmarks.rows import Row, alternate, ratio, report
 from ssmr.control.loop import LoopSettings
-from ssmr.control.population import Loop, run_loops
+from ssmr.control.population import run_loops
 from ssmr.control.references import circle
 from ssmr.simulation import PlanarModel
 from validation import cli
@@ -35,7 +35,8 @@ def loop_rows(repeats: int, robots: int) -> list[Row]:
     assert isinstance(body, PlanarModel)
     assert isinstance(plant, MujocoPlant)
     way, short = circle(0.5), circle(0.5, 1.5, 0.25)
-    (planar,) = alternate(partial(run_loops, [Loop(body, law, settings)] * robots, way, range(4)), repeats=repeats)
+    every = [body] * robots, [law] * robots, [settings] * robots
+    (planar,) = alternate(partial(run_loops, *every, way, range(4)), repeats=repeats)
     close = partial(run_husky_loops, [plant] * robots, [law] * robots, [settings] * robots, short, range(4), 1)
     run = close()[0]
     ticks = round(float(run.t[-1]) / plant.dt) // (len(run.t) - 1)

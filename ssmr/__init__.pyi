@@ -8,7 +8,6 @@ from .control.loop import run_loop as run_loop
 from .control.lqr import LqrGains as LqrGains
 from .control.lqr import ScheduledGains as ScheduledGains
 from .control.pid import PidGains as PidGains
-from .control.population import Loop as Loop
 from .control.population import run_loops as run_loops
 from .control.references import circle as circle
 from .control.references import eight as eight
@@ -70,7 +69,6 @@ __all__ = [
     "JdeSettings",
     "KinematicParameters",
     "LinearParameters",
-    "Loop",
     "LoopSettings",
     "LostError",
     "LqrGains",

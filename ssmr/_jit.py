@@ -1,12 +1,11 @@
 """numba's compilation with a cache on disk that can never be stale, threads, and functions that numba does not have.
 
 numba notices edits to the file of the compiled function alone, not to what that function calls from other files. Here the
-cache folder is named after a digest of the sources that decide what is compiled, so that an edit to any of them compiles
-afresh. The compiled functions keep their Python source, see `source`.
+cache folder is named after a digest of all sources of this package, so that an edit compiles afresh. The compiled functions
+keep their Python source, see `source`.
 
-numba unpickles what lies in its cache, and who can write there can run code as this user. So the cache is a folder that
-belongs to this user and that nobody else can write: beside the sources, or in the user's own cache folder. Where there is
-no such folder, every start compiles anew.
+numba unpickles what lies in its cache, and who can write there can run code as this user. So the cache is in the user's own
+cache folder. Where that cannot be written, every start compiles anew.
 """
 
 from __future__ import annotations
@@ -15,12 +14,11 @@ import hashlib
 import logging
 import math
 import os
-import re
 import shutil
-import stat
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -55,43 +53,26 @@ _PACKAGE = Path(__file__).resolve().parent
 _log = logging.getLogger(__name__)
 
 
-def _is_ours(folder: Path) -> bool:
-    """Return whether a folder, which is no link, belongs to this user, and nobody else can write into it."""
-    if os.name != "posix":
-        return True  # a user's folders elsewhere are closed by default, and no mode says so
-    status = folder.lstat()
-    return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022
-
-
-def _compiled_sources() -> list[bytes]:
-    """Return the sources that decide what is compiled: of modules that compile, and of those which they import."""
-    texts = {path.relative_to(_PACKAGE.parent).as_posix(): path.read_bytes() for path in sorted(_PACKAGE.rglob("*.py"))}
-    kept = {path for path, text in texts.items() if b"ssmr._jit" in text}
-    imported = {name for path in kept for name in re.findall(rb"^from (ssmr[\w.]*) import", texts[path], re.MULTILINE)}
-    return [t for path, t in texts.items() if path in kept or path[:-3].replace("/", ".").encode() in imported]
-
-
 def _cache_folder() -> str:
-    """Return the folder for compiled code, made if need be; an empty text where there is none that can be trusted."""
+    """Return the folder for compiled code, made if need be; an empty text where there is none that can be written."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for text in _compiled_sources():
-        digest.update(text)
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        digest.update(path.read_bytes())
     mine = f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/ssmr-testbed"  # XDG Base Directory Specification
-    for place in (config.CACHE_DIR,) if config.CACHE_DIR else (_PACKAGE / "__pycache__", mine):
-        try:
-            root = Path(place).expanduser()
-            folder = root / f"numba-{digest.hexdigest()[:12]}"
-            if not folder.is_dir():
-                root.mkdir(mode=0o755, parents=True, exist_ok=True)
-                folder.mkdir(mode=0o700, exist_ok=True)
-                for old in root.glob("numba-*"):
-                    if time.time() - old.lstat().st_mtime > _CACHE_LIFETIME:
-                        shutil.rmtree(old, ignore_errors=True)
-            if _is_ours(root) and _is_ours(folder) and os.access(folder, os.W_OK):
-                return str(folder)
-        except (OSError, RuntimeError):  # RuntimeError: this user has no home
-            continue
-    _log.warning("no folder belongs to this user alone where compiled code can be kept, so that every start compiles anew")
+    try:
+        root = Path(config.CACHE_DIR or mine).expanduser()
+        folder = root / f"numba-{digest.hexdigest()[:12]}"
+        if not folder.is_dir():
+            root.mkdir(mode=0o700, parents=True, exist_ok=True)
+            folder.mkdir(mode=0o700, exist_ok=True)
+            for old in root.glob("numba-*"):
+                if time.time() - old.lstat().st_mtime > _CACHE_LIFETIME:
+                    shutil.rmtree(old, ignore_errors=True)
+        if os.access(folder, os.W_OK):
+            return str(folder)
+    except (OSError, RuntimeError):  # RuntimeError: this user has no home
+        pass
+    _log.warning("there is no folder where compiled code can be kept, so that every start compiles anew")
     return ""
 
 
@@ -119,14 +100,19 @@ def keep_no_more() -> None:
     _keeps = False
 
 
-def jit_alone(function: F) -> F:
-    """Compile like `jit` a function that Python calls, or a long loop: it is not inlined, and is kept on disk."""
+def _kept(decorate: Callable[..., Any], function: Callable[..., Any], **how: Any) -> Any:
+    """Return a function as numba's `decorate` compiles it, kept in this project's folder where there is one."""
     before = config.CACHE_DIR
     try:
         config.CACHE_DIR = _FOLDER
-        compiled: F = _njit(cache=bool(_FOLDER), nogil=True, error_model="numpy")(function)
+        return decorate(cache=bool(_FOLDER), **how)(function)
     finally:
         config.CACHE_DIR = before
+
+
+def jit_alone(function: F) -> F:
+    """Compile like `jit` a function that Python calls, or a long loop: it is not inlined, and is kept on disk."""
+    compiled: F = _kept(_njit, function, nogil=True, error_model="numpy")
     if _FOLDER:
         cache: Any = compiled._cache  # type: ignore[attr-defined]  # numba's
         save = cache.save_overload
@@ -136,16 +122,7 @@ def jit_alone(function: F) -> F:
 
 def compiled_for_c(signature: Any) -> Callable[[F], Any]:
     """Return what compiles a function of a numba signature for callers in C; kept on disk with what it closes over."""
-
-    def compiled(function: F) -> Any:
-        before = config.CACHE_DIR
-        try:
-            config.CACHE_DIR = _FOLDER
-            return _cfunc(signature, cache=bool(_FOLDER))(function)
-        finally:
-            config.CACHE_DIR = before
-
-    return compiled
+    return partial(_kept, _cfunc, sig=signature)
 
 
 def share_among_threads(work: Callable[[int, int], object], count: int, workers: int) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from numba.core import cgutils, types
 from numpy.typing import NDArray
 
-from ssmr._jit import T, built_in, fused, jit, jit_alone, numbers_as, share_among_threads, sine_cosine, source
+from ssmr._jit import T, built_in, jit, jit_alone, numbers_as, share_among_threads, source
 from ssmr.models.law import PlanarRobot
 from ssmr.robot.drive import (
     DRIVE_TEMPLATE,
@@ -30,7 +30,6 @@ from ssmr.robot.drive import (
     rolling,
     whole_steps,
 )
-from ssmr.robot.localiser import Localiser
 from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move
 from ssmr.types import Commands, FloatArray, State
 
@@ -288,70 +287,3 @@ def _held_twists(commands: Commands, drives: Sequence[DriveNumbers], times: _Tim
     begins = {sampling: 2 * k * length + longest for k, sampling in enumerate(samplings)}
     places = [(begins[d.hold, d.ramp] - d.delay_v, begins[d.hold, d.ramp] + length - d.delay_w) for d in drives]
     return held.ravel(), np.array(places, dtype=np.uint64)
-
-
-@jit
-def _between(pose: FloatArray, place: float) -> tuple[int, int, float]:
-    """Return the samples before and after a place among (N, 3) poses, and the share of the way between them [1]."""
-    last = len(pose) - 1
-    at = min(max(place, 0.0), float(last))
-    before = max(min(int(at), last - 1), 0)
-    return before, min(before + 1, last), at - before
-
-
-@jit_alone
-def _shift(seen: FloatArray, x: float, y: float) -> None:
-    """Move the reference point of (M, 3) poses by (x, y) in the body [m], in vector instructions."""
-    for k in range(len(seen)):
-        s, c = sine_cosine(seen[k, 2])
-        seen[k, 0] += fused(c, x, -s * y)
-        seen[k, 1] += fused(s, x, c * y)
-
-
-@jit_alone
-def _localise(poses: FloatArray, places: FloatArray, numbers: FloatArray, seen: FloatArray) -> None:
-    """Write (S, M, 3) poses of tracked frames at (M,) places among the samples of bodies; `seen` may be `poses` itself.
-
-    `numbers` holds a row for each: the tracked frame's x, y and yaw in the body, delays of positions and headings [samples].
-    """
-    for i in range(len(poses)):
-        x, y, yaw, late, yaw_late = numbers[i]
-        pose, out = poses[i], seen[i]
-        for k in range(len(places)):
-            before, after, share = _between(pose, places[k] - late)
-            for column in range(3):
-                out[k, column] = pose[before, column] + share * (pose[after, column] - pose[before, column])
-        if x != 0.0 or y != 0.0:
-            _shift(out, x, y)
-        if late != yaw_late:
-            for k in range(len(places)):
-                before, after, share = _between(pose, places[k] - yaw_late)
-                out[k, 2] = pose[before, 2] + share * (pose[after, 2] - pose[before, 2])
-        if yaw != 0.0:
-            out[:, 2] += yaw
-
-
-def seen_poses(
-    poses: FloatArray, localisers: Sequence[Localiser], sample_dt: float, t: FloatArray | None = None, workers: int = 1
-) -> FloatArray:
-    """Return poses of many bodies as their localisers see them.
-
-    Args:
-        poses: (S, N, 3) poses of the bodies, which may be overwritten.
-        localisers: the localiser of each.
-        sample_dt: time between samples of the poses [s].
-        t: (M,) stamps of the log [s], the first of which is that of the first sample; None: the samples' own.
-        workers: threads; the result does not depend on it.
-
-    Returns:
-        (S, M, 3) poses of the tracked frames, linear between samples, held before the first and after the last.
-    """
-    late = [(one.position_late / sample_dt, one.yaw_late / sample_dt) for one in localisers]
-    numbers = np.array([(*one.point, one.tracked_yaw, *delays) for one, delays in zip(localisers, late, strict=True)])
-    if t is None and not numbers[:, 3:].any():
-        places, seen = np.empty(0), poses
-    else:
-        places = np.arange(poses.shape[1], dtype=np.float64) if t is None else (t - t[0]) / sample_dt
-        seen = np.empty((len(poses), len(places), 3))
-    share_among_threads(lambda i, k: _localise(poses[i:k], places, numbers[i:k], seen[i:k]), len(poses), workers)
-    return seen

@@ -220,7 +220,7 @@ def plant_of(plant: str, name: str, drive: Drive, dt: float, gain: float) -> Pla
     shape = "cylinder" if kind == "turn_on_lines" else "ellipsoid" if ratio == 1.0 else "capsule"
     common |= {"timestep": dt, "rolling_resistance": resistance, "friction_ratio": ratio, "wheel_shape": shape}
     calibration = Calibration.of(robot, **common)
-    slope = Terrain("ramp", slope=math.radians(answer["slope_deg"])) if "slope_deg" in answer else FLAT
+    slope = Terrain(math.radians(answer["slope_deg"])) if "slope_deg" in answer else FLAT
     if plant == "mujoco":
         return MujocoPlant(calibration, drive, terrain=slope)
     law = OdeSettings("pyramid", "world") if kind == "turn_on_a_polygon" else OdeSettings()

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ssmr.control.laws import PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings, LostError, make_clock, run_loop
 from ssmr.control.pid import PidGains
-from ssmr.control.population import Loop, run_loops
+from ssmr.control.population import run_loops
 from ssmr.control.references import circle, line, sine
 from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING
 from ssmr.control.waypoints import Waypoints
@@ -98,7 +98,7 @@ def drive(
 ) -> ClosedRun:
     """One robot alone."""
     if isinstance(robot, PlanarModel):
-        return run_loops([Loop(robot, law, settings)], waypoints, [seed], start=start)[0]
+        return run_loops([robot], [law], [settings], waypoints, [seed], start)[0]
     return run_husky_loops([robot], [law], [settings], waypoints, [seed], start=start)[0]
 
 
@@ -151,17 +151,13 @@ def test_the_batch_of_huskies_is_the_slow_loop(husky: MujocoPlant, law: str, fee
 
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 def test_a_planar_population_is_its_members(feedback: str) -> None:
-    loops = [
-        Loop(
-            replace(model("improved"), drive=replace(Drive(), delay_v=0.2 + 0.01 * i)),
-            controller(law, **gains),
-            replace(s, feedback=feedback, disturbance=True),  # type: ignore[arg-type]
-        )
-        for i, (law, gains, s) in enumerate(MIXED)
-    ]
-    alone = [run_loops([loop], BEND, [7 + i % 2])[0] for i, loop in enumerate(loops)]
+    models = [replace(model("improved"), drive=replace(Drive(), delay_v=0.2 + 0.01 * i)) for i in range(len(MIXED))]
+    laws = [controller(law, **gains) for law, gains, _ in MIXED]
+    settings = [replace(s, feedback=feedback, disturbance=True) for *_, s in MIXED]  # type: ignore[arg-type]
+    loops = list(zip(models, laws, settings, strict=True))
+    alone = [run_loops([m], [law], [s], BEND, [7 + i % 2])[0] for i, (m, law, s) in enumerate(loops)]
     for n in (1, 2):
-        together = run_loops(loops, BEND, [7, 8], workers=n)
+        together = run_loops(models, laws, settings, BEND, [7, 8], workers=n)
         assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
     assert len({run.table[-1, 0] for run in alone}) == len(loops)
 
@@ -359,7 +355,7 @@ def test_a_robot_that_spins_is_lost() -> None:
 def test_one_lost_robot_does_not_disturb_the_others(husky: MujocoPlant) -> None:
     laws = (PUBLISHED["pid"], IDLE, PUBLISHED["smc"])
     alone = [drive(model("improved"), law, FLIGHT, LoopSettings()) for law in laws]
-    together = run_loops([Loop(model("improved"), law, LoopSettings()) for law in laws], FLIGHT, [1])
+    together = run_loops([model("improved")] * 3, laws, [LoopSettings()] * 3, FLIGHT, [1])
     assert [run.lost for run in together] == [False, True, False]
     assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
     alone = [drive(husky, law, FLIGHT, LoopSettings()) for law in laws]

@@ -62,7 +62,7 @@ def test_forces_and_moments_balance(ax: float, ay: float, cx: float, cy: float, 
 
 @given(st.floats(0.0, 0.4), st.floats(-3, 3))
 def test_a_slope_loads_as_the_acceleration_does_that_would_hide_it(angle: float, toward: float) -> None:
-    ramp = Terrain("ramp", slope=angle, toward=toward).gravity_in_body(np.zeros(1), 9.81)
+    ramp = Terrain(angle, toward).gravity_in_body(np.zeros(1), 9.81)
     falling = loads(HUSKY, (float(ramp[0, 0]), float(ramp[0, 1])), ramp)  # in free slide nothing pushes along the ground
     np.testing.assert_allclose(falling, 73.3 * 9.81 * math.cos(angle) / 4.0, rtol=1e-9)
 

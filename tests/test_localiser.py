@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.lanes import seen_poses
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, FloatArray, State
 from tests.robots import HUSKY
@@ -69,13 +68,10 @@ def test_every_number_can_be_fitted(lab: Profile) -> None:
 
 @pytest.mark.parametrize("late", [(0.0, 0.0), (0.013, 0.013), (-0.02, 0.051)])
 @pytest.mark.parametrize("stamps", [None, 3.0 + np.linspace(0.0, 4.0, 97)])
-def test_many_are_told_as_each_alone(lab: Profile, late: tuple[float, float], stamps: FloatArray | None) -> None:
-    """One at a time and all at once to the bit; between samples either the body or its point moves in a line."""
+def test_poses_alone_are_told_as_with_the_rest(lab: Profile, late: tuple[float, float], stamps: FloatArray | None) -> None:
+    """Between samples either the body or its point moves in a line."""
     body = curve(lab)
-    localisers = [Localiser(), Localiser(0.15, -0.04, 0.3, *late), Localiser(tracked_x=-0.1)]
-    told = seen_poses(np.array([body.pose] * 3), localisers, 0.01, stamps)
     slack = 1e-12 if late == (0.0, 0.0) and stamps is None else 1e-5
-    for pose, localiser in zip(told, localisers, strict=True):
-        assert np.abs(pose - localiser.seen(body, stamps).pose).max() < slack
-        assert np.array_equal(seen_poses(body.pose[None].copy(), [localiser], 0.01, stamps)[0], pose)
-    assert stamps is not None or np.array_equal(told[0], body.pose)
+    for localiser in (Localiser(), Localiser(0.15, -0.04, 0.3, *late), Localiser(tracked_x=-0.1)):
+        assert np.abs(localiser.told(body.pose, 0.01, stamps) - localiser.seen(body, stamps).pose).max() < slack
+    assert stamps is not None or np.array_equal(Localiser().told(body.pose, 0.01), body.pose)

@@ -15,7 +15,7 @@ from ssmr.control.laws import PLAIN_CONTROLLERS, Controller, design, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import ControllerInput, Mission, PythonController
 from ssmr.control.mpc import Mpc, MpcGains, PlannedBody, condense, planned_motion, responses, step_of
-from ssmr.control.population import Loop, run_loops
+from ssmr.control.population import run_loops
 from ssmr.control.references import line, sine
 from ssmr.control.tick import LOG_COLUMNS
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Waypoints, position_errors
@@ -45,7 +45,7 @@ def linear(drive: Drive) -> PlanarModel:
 
 
 def drive(body: PlanarModel, law: Controller | PythonController, way: Waypoints, start: State | None = None) -> ClosedRun:
-    return run_loops([Loop(body, law, TRUTH)], way, [1], start=start)[0]
+    return run_loops([body], [law], [TRUTH], way, [1], start)[0]
 
 
 class CompiledSteering:

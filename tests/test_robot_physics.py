@@ -234,7 +234,7 @@ def test_a_motor_of_its_own_slows_down_by_its_own_load() -> None:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_robot_that_is_told_to_stand_on_ten_degrees_stands(name: str) -> None:
     """It sinks into its motors' integral parts and then only creeps as its contacts do; a proportional loop rolls back."""
-    plant = make_plant(bare_profile(load_robot(name)), "mujoco", Terrain("ramp", math.radians(10.0)))
+    plant = make_plant(bare_profile(load_robot(name)), "mujoco", Terrain(math.radians(10.0)))
     ahead = plant.run(Commands(0.1, np.zeros((60, 2))), State(), 0.1).xy[:, 0]
     assert -4e-3 < ahead[30] - ahead[0] < 0.0
     assert abs(ahead[-1] - ahead[30]) / 3.0 < 1.5e-4

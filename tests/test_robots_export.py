@@ -91,7 +91,7 @@ def test_ros2_control_turns_a_robot_as_it_is_told(name: str) -> None:
     wheels = rim / (numbers["wheel_radius"] * numbers["left_wheel_radius_multiplier"])
     spot = spot_turn(robot)
     assert spot is not None
-    assert spot.turn.yaw_rate * wheels * robot.geometry.wheel_radius == pytest.approx(rate, rel=1e-5)
+    assert spot.yaw_rate * wheels * robot.geometry.wheel_radius == pytest.approx(rate, rel=1e-5)
 
 
 def test_ros2_control_has_a_profiles_radii_and_separation() -> None:

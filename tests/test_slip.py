@@ -57,7 +57,7 @@ def test_steps_are_the_runs_to_the_bit() -> None:
 def test_a_standing_robot_creeps_down_a_slope_as_slowly_as_said() -> None:
     """A standing tyre's slip is taken over the least rolling speed: it creeps at that times compliance and slope."""
     compliance, slope = 0.1, math.radians(8.0)
-    plant = MujocoPlant(husky(slip_compliance=compliance), FREE, terrain=Terrain("ramp", slope=slope))
+    plant = MujocoPlant(husky(slip_compliance=compliance), FREE, terrain=Terrain(slope))
     motion = plant.run(Commands(0.05, np.zeros((60, 2)), kind="wheels"), State(), 0.05)
     least = LEAST_ROLLING * math.sqrt(GRAVITY * plant.calibration.wheel_radius)
     share = math.tan(slope) / plant.calibration.friction

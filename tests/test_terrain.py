@@ -24,21 +24,18 @@ NEWTON = PhysicsSettings(solver="Newton")
 """Solver that is exact enough to tell what the ground does."""
 terrains = st.one_of(
     st.just(FLAT),
-    st.builds(lambda s, t: Terrain("ramp", slope=s, toward=t), st.floats(0, 0.7), st.floats(-3.2, 3.2)),
+    st.builds(Terrain, st.floats(0, 0.7), st.floats(-3.2, 3.2)),
 )
 
 
 @given(terrains)
 def test_what_is_written_is_read_back(terrain: Terrain) -> None:
-    again = parse_terrain(terrain.spec)
-    assert again.kind == terrain.kind
-    for name in ("slope", "toward"):
-        assert getattr(again, name) == pytest.approx(getattr(terrain, name), rel=1e-10, abs=1e-12)
+    assert parse_terrain(terrain.spec).gravity(9.81) == pytest.approx(terrain.gravity(9.81), rel=1e-10, abs=1e-10)
     assert terrain.words
 
 
 def test_the_first_key_may_be_left_out() -> None:
-    assert parse_terrain("ramp:5") == parse_terrain("ramp:slope_deg=5") == Terrain("ramp", slope=math.radians(5.0))
+    assert parse_terrain("ramp:5") == parse_terrain("ramp:slope_deg=5") == Terrain(math.radians(5.0))
 
 
 @pytest.mark.parametrize("text", ["hill", "ramp", "ramp:steep", "ramp:nan", "ramp:60", "ramp:5,5", "flat:1", "hill\nside"])

@@ -19,12 +19,13 @@ from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.checking import (
     Measured,
-    SpotTurn,
+    SkidTurn,
     advise,
     guessed,
     load_shares,
     measure_robot,
     robot_outline,
+    side_torque,
     spot_turn,
     whole_com,
 )
@@ -56,7 +57,7 @@ def list_robots(options: ListOptions) -> None:
     for robot in map(load_robot, shipped_robots()):
         spot, g = spot_turn(robot), robot.geometry
         row = {"name": robot.name, "robot": robot.title, "mass_kg": robot.masses.total, "wheelbase_m": g.wheelbase}
-        row |= {"track_m": g.track, "wheel_radius_m": g.wheel_radius, "multiplier": spot and spot.turn.multiplier}
+        row |= {"track_m": g.track, "wheel_radius_m": g.wheel_radius, "multiplier": spot and spot.multiplier}
         rows.append(row | {"profiles": ", ".join(p.name for p in profiles if p.robot.name == robot.name) or None})
     caption = "multiplier: yaw rate that the wheels ask for over that of the body, turning on the spot, by mechanics"
     _print([Table("Robots that come with the package", rows, caption)])
@@ -143,7 +144,7 @@ def _loaded(robot: str | Path | Robot) -> Robot:
     return robot if isinstance(robot, Robot) else load_robot(robot)
 
 
-def _document(robot: Robot, spot: SpotTurn | None, found: Measured | None, loads: Sequence[float]) -> dict[str, Any]:
+def _document(robot: Robot, spot: SkidTurn | None, found: Measured | None, loads: Sequence[float]) -> dict[str, Any]:
     """Return what robot.json holds; None stands for what no model could show."""
     g, mu, drive = robot.geometry, robot.simulation.friction, robot.drive
     return {
@@ -155,12 +156,12 @@ def _document(robot: Robot, spot: SpotTurn | None, found: Measured | None, loads
         "track_m": g.track,
         "wheel_radius_m": g.wheel_radius,
         "turning_multiplier": None if found is None else found.multiplier,
-        "closed_form": None if spot is None else spot.turn.multiplier,
+        "closed_form": None if spot is None else spot.multiplier,
         "yaw_ripple": None if found is None else found.ripple,
         "static_loads_N": loads,
         "apparent_mass_kg": None if found is None else found.apparent_mass,
         "friction": mu,
-        "side_torque_needed_N_m": None if spot is None else mu * spot.side_torque + drive.gear_loss,
+        "side_torque_needed_N_m": None if spot is None else mu * side_torque(robot, spot) + drive.gear_loss,
         "side_torque_N_m": 2.0 * drive.torque_limit,
         "numbers": {key: {"value": value, "unit": unit_of_key(key)} for key, value in _every_number(robot).items()},
     }
@@ -346,7 +347,7 @@ def export_robot(robot: str | Path | Robot, to: ExportFormat = "urdf", profile: 
         spot = spot_turn(chosen)
         if spot is None:
             raise ValueError(f"robot {chosen.name} does not stand on its four wheels; `check` says why")
-        return diff_drive_yaml(chosen, spot.turn.multiplier)
+        return diff_drive_yaml(chosen, spot.multiplier)
     return sdf_text(chosen) if to == "sdf" else urdf_text(chosen)
 
 

@@ -29,18 +29,10 @@ _PLAIN = {law.name: law for law in (
 )}  # fmt: skip
 PREDICTOR = "+predictor"
 """Ending of the name of a law that acts on the state one dead time ahead."""
-
-
-def _behind_a_predictor(law: Law) -> Law:
-    """Return the declaration of a law behind a predictor."""
-    return replace(law, name=law.name + PREDICTOR)
-
-
 PLAIN_CONTROLLERS = tuple(_PLAIN)
 """Names of the compiled laws without a predictor. The order is the number by which the compiled loops know a law."""
-LAWS: Mapping[str, Law] = MappingProxyType(
-    _PLAIN | {law.name: law for law in (*map(_behind_a_predictor, _PLAIN.values()), mpc.LAW)}
-)
+_PREDICTING = {name + PREDICTOR: replace(law, name=name + PREDICTOR) for name, law in _PLAIN.items()}
+LAWS: Mapping[str, Law] = MappingProxyType(_PLAIN | _PREDICTING | {mpc.LAW.name: mpc.LAW})
 """Declarations by name: the compiled laws, each of them behind a predictor, and those that are Python objects."""
 CONTROLLERS = tuple(LAWS)
 """Names of the controllers."""

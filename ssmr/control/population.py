@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -289,23 +289,12 @@ def run_bodies(
     return [closed_run(log[:n], clock) for log, n in zip(batch.logs, ticks, strict=True)]
 
 
-@dataclass(frozen=True)
-class Loop:
-    """One closed loop of a population: a controller around a planar model."""
-
-    model: PlanarModel
-    """The robot."""
-    controller: AnyController
-    """The law."""
-    settings: LoopSettings
-    """Feedback, noise and periods; feedback, disturbance and periods must be equal throughout a population."""
-
-
 def run_loops(
-    loops: Sequence[Loop],
+    models: Sequence[PlanarModel],
+    controllers: Sequence[AnyController],
+    settings: Sequence[LoopSettings],
     waypoints: Waypoints,
     seeds: Sequence[int],
-    dt: float = PLANAR_DT,
     start: State | None = None,
     workers: int = 1,
 ) -> list[ClosedRun]:
@@ -316,27 +305,27 @@ def run_loops(
     Raises:
         ControllerError: a Python object failed.
         ValueError: several kinds of model, of feedback or disturbance, or sets of periods; periods that are no whole number
-            of steps of `dt` [s]; no loops or no seeds.
+            of steps; no loops or no seeds.
     """
-    around = [p.settings for p in loops]
-    settings = common_settings(around, seeds)
-    if len({type(p.model.parameters) for p in loops}) != 1:
+    first, dt = common_settings(settings, seeds), PLANAR_DT
+    if len({type(model.parameters) for model in models}) != 1:
         raise ValueError("a population is one kind of model")
-    controllers, models = [p.controller for p in loops], [p.model for p in loops]
     drives = [model.drive for model in models]
     if any(isinstance(law, PythonController) for law in controllers):
-        return run_bodies(lambda at: PlanarBodies(models, at, dt), drives, dt, controllers, around, waypoints, seeds, start)
-    clock, state = make_clock(waypoints, settings, dt), start or waypoints.start
-    trackers = make_trackers(controllers, around, waypoints, clock, state)
-    numbers, robots = [drive_numbers(d, settings.velocity_period, dt) for d in drives], [m.packed(dt) for m in models]
-    random = [draw(clock, settings, seed) for seed in seeds]
-    ticks, began = [0] * len(loops), Truth(*map(float, (*astuple(state), 0.0, 0.0)))
-    logs = np.empty((len(loops), clock.ticks, len(LOG_COLUMNS)))
+        return run_bodies(
+            lambda at: PlanarBodies(models, at, dt), drives, dt, controllers, settings, waypoints, seeds, start
+        )
+    clock, state = make_clock(waypoints, first, dt), start or waypoints.start
+    trackers = make_trackers(controllers, settings, waypoints, clock, state)
+    numbers, robots = [drive_numbers(d, first.velocity_period, dt) for d in drives], [m.packed(dt) for m in models]
+    random = [draw(clock, first, seed) for seed in seeds]
+    ticks, began = [0] * len(models), Truth(*map(float, (*astuple(state), 0.0, 0.0)))
+    logs = np.empty((len(models), clock.ticks, len(LOG_COLUMNS)))
 
-    def run(first: int, last: int) -> None:
-        for i in range(first, last):
+    def run(begin: int, end: int) -> None:
+        for i in range(begin, end):
             draws, disturbance = random[i % len(seeds)]
             ticks[i] = run_planar_loop(trackers[i], numbers[i], robots[i], began, draws, disturbance, logs[i])
 
-    share_among_threads(run, len(loops), workers)
+    share_among_threads(run, len(models), workers)
     return [closed_run(log[:n], clock) for log, n in zip(logs, ticks, strict=True)]

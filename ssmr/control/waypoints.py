@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr._jit import jit, jit_alone
+from ssmr._jit import jit_alone
 from ssmr.types import FloatArray, State, Trajectory, frozen_array
 
 ALPHA_SWITCH = 0.4
@@ -287,12 +287,6 @@ def targets_at(course: Any, t: FloatArray) -> FloatArray:
     return rows
 
 
-@jit
-def _wrapped(angle: float) -> float:
-    """Return one angle as `ssmr.geometry.wrap_angle` does."""
-    return math.pi - (math.pi - angle) % (2.0 * math.pi)
-
-
 @jit_alone
 def position_errors(seen: Any, aim: Target, switch: float) -> Errors:
     """Return the three errors of a robot `seen` at x, y, yaw to its target (Eq. 4.1, 4.2).
@@ -306,5 +300,5 @@ def position_errors(seen: Any, aim: Target, switch: float) -> Errors:
     dx, dy = aim.x - seen.x, aim.y - seen.y
     rho = math.hypot(dx, dy)
     beta = math.atan2(dy, dx) - seen.yaw
-    alpha = _wrapped(aim.heading - seen.yaw) if rho <= switch else 0.0
+    alpha = math.pi - (math.pi - (aim.heading - seen.yaw)) % (2.0 * math.pi) if rho <= switch else 0.0
     return Errors(rho * math.cos(beta), rho * math.sin(beta), alpha)

@@ -21,8 +21,6 @@ from ssmr.metrics.paths import BENDING_FLOOR, LARGEST, LENGTH_FLOOR, PathMeasure
 from ssmr.metrics.windows import TIME_TOLERANCE
 from ssmr.types import FloatArray, Trajectory
 
-MetricUnit = Literal["m", "rad", "rad/s", "rad/s²", "N m", "1", "1/s²", "share", "×"]
-
 
 @dataclass(frozen=True)
 class Metric:
@@ -32,7 +30,7 @@ class Metric:
     """Key in results and JSON files, with its unit: `d_rms_m`."""
     label: str
     """Heading of its column: `d_rms`."""
-    unit: MetricUnit
+    unit: str
     """Unit of the value in SI; `share` is one of time, `×` a multiple of real time."""
     wanted: Literal["low", "one", "high"]
     """Direction in which it is better: towards zero, towards one, or upwards."""

@@ -36,6 +36,8 @@ class SkidTurn:
     """Yaw rate [rad/s]; 0 for a robot that drives straight although its sides turn against each other."""
     track: float
     """Distance of the sides [m]."""
+    slip: float
+    """Mean speed at which tyres slide over the ground, weighted by their loads [m/s]."""
 
     @property
     def multiplier(self) -> float:
@@ -83,7 +85,7 @@ def turn_on_the_spot(
 
     found = minimize(power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10})
     forward, across, rate = (float(value) for value in found.x)
-    return SkidTurn(forward, across, rate / unit, track)
+    return SkidTurn(forward, across, rate / unit, track, float(found.fun))
 
 
 DIFFERENTIATED_OVER = 0.1

@@ -63,6 +63,28 @@ class Localiser:
         """Return (..., 3) poses of the tracked frame from those of the body."""
         return compose(body, (*self.point, self.tracked_yaw))
 
+    def told(self, body: FloatArray, period: float, t: FloatArray | None = None) -> FloatArray:
+        """Return the poses that the log tells of a body which moves in a line between samples.
+
+        Args:
+            body: (N, 3) poses of the body.
+            period: time between them [s].
+            t: (M,) stamps of the log [s], the first of which is that of the first pose; None: the poses' own.
+
+        Returns:
+            (M, 3) poses of the tracked frame, held before the first and after the last.
+        """
+        clock = period * np.arange(len(body))
+        stamps = clock if t is None else t - t[0]
+
+        def at(late: float) -> FloatArray:
+            return np.column_stack([np.interp(stamps - late, clock, column) for column in body.T])
+
+        pose = self.seen_pose(at(self.position_late))
+        if self.yaw_late != self.position_late:
+            pose[:, 2] = at(self.yaw_late)[:, 2] + self.tracked_yaw
+        return pose
+
     def seen(self, motion: Trajectory, t: ArrayLike | None = None) -> Trajectory:
         """Return a body's motion as the log tells it.
 

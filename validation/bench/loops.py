@@ -13,7 +13,7 @@ import numpy as np
 from ssmr.control.laws import AnyController, design
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
-from ssmr.control.population import Loop, run_bodies, run_loops
+from ssmr.control.population import run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
 from ssmr.models.law import OWN_MODELS, PLANAR_MODELS
@@ -140,7 +140,7 @@ def run_robots(
         ValueError: several kinds of plant in one population, or settings that do not go together.
     """
     told = [c.on(r.known or r.drive) for r, c in zip(robots, controllers, strict=True)]
-    planar = [Loop(r.body, c, s) for r, c, s in zip(robots, told, settings, strict=True) if isinstance(r.body, PlanarModel)]
+    planar = [r.body for r in robots if isinstance(r.body, PlanarModel)]
     huskies = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
     tyred = [r.body for r in robots if isinstance(r.body, FourWheelModel)]
     if len(robots) not in (len(planar), len(huskies), len(tyred)):
@@ -152,7 +152,7 @@ def run_robots(
             lambda state: FourWheelBodies(tyred, state),
             [model.drive for model in tyred], FOUR_WHEEL_DT, told, settings, waypoints, seeds, start,
         )  # fmt: skip
-    return run_loops(planar, waypoints, seeds, start=start, workers=workers or os.cpu_count() or 1)
+    return run_loops(planar, told, settings, waypoints, seeds, start, workers or os.cpu_count() or 1)
 
 
 # ------------------------------------------------------------------------------------------ what a reference asks for

@@ -56,7 +56,7 @@ class DrakeBody:
 
     def motion(self) -> Rigid:
         """Return how the robot moves now, see `EngineBody.motion`."""
-        q, v = self._now.positions(), self._now.velocities()
+        q, v = self._now.state()
         return Rigid(q[4:7], q[:4], v[3:6], v[:3], v[6:])
 
     def advance(self, torques: FloatArray, yaw_torque: float) -> None:
@@ -69,7 +69,7 @@ class DrakeBody:
 
     def _advance(self, diagram: _Diagram, torques: FloatArray, rates: FloatArray, yaw_torque: float) -> None:
         if diagram is not self._now:
-            diagram.put(self._now.positions(), self._now.velocities())
+            diagram.put(*self._now.state())
             self._now = diagram
         diagram.step(np.concatenate([[0.0, 0.0, yaw_torque, 0.0, 0.0, 0.0], torques]), rates)
 
@@ -159,13 +159,9 @@ class _Diagram:
         self._plant.SetPositions(self._mine, positions)
         self._plant.SetVelocities(self._mine, velocities)
 
-    def positions(self) -> FloatArray:
-        """Return (11,) attitude (w first), place and wheel angles."""
-        return np.array(self._plant.GetPositions(self._mine))
-
-    def velocities(self) -> FloatArray:
-        """Return (10,) angular velocity, velocity and wheel rates."""
-        return np.array(self._plant.GetVelocities(self._mine))
+    def state(self) -> tuple[FloatArray, FloatArray]:
+        """Return (11,) attitude (w first), place and wheel angles, and (10,) angular velocity, velocity and wheel rates."""
+        return np.array(self._plant.GetPositions(self._mine)), np.array(self._plant.GetVelocities(self._mine))
 
     def step(self, forces: FloatArray, rates: FloatArray) -> None:
         """Take one physics step under (10,) generalised forces with (4,) rates that the actuators hold."""

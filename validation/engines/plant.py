@@ -17,6 +17,7 @@ from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.engines.body import EngineBody, Rigid, RigidNumbers
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SIDES, WHEELS
+from validation.simulator.plant import motion_of
 from validation.simulator.terrain import FLAT, Terrain
 
 MOST_GAIN = 1.0
@@ -163,10 +164,7 @@ class EnginePlant:
             if (k + 1) % stride == 0:
                 self._loads = self._body.wheel_loads()
                 rows.append(self._row())
-        table = np.array(rows)
-        channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
-        t = sample_dt * np.arange(len(rows), dtype=np.float64)
-        return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)
+        return motion_of(sample_dt * np.arange(len(rows), dtype=np.float64), np.array(rows))
 
     def _row(self) -> list[float]:
         torques = self._torques[_LEFT].sum(), self._torques[~_LEFT].sum()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ssmr.lanes import run_population, seen_poses
+from ssmr.lanes import run_population
 from ssmr.models.four_wheel import FourWheelParameters
 from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant, run_four_wheels
 from ssmr.models.law import planar_law
@@ -19,8 +19,6 @@ from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray
 from validation.plants.kind import SEEN, Occasion, PlantKind, PlantProfile, Stretch
 from validation.simulator.description import Robot
-from validation.simulator.physics import PhysicsSettings
-from validation.simulator.terrain import Terrain
 
 _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
 """Numbers that the thesis read off response curves or took for given, and a fit to a scenario has to find."""
@@ -96,8 +94,8 @@ def declare(name: str) -> PlantKind:
     if name == "four_wheel":
         parameters, population = FourWheelParameters, partial(PlanarPopulation, make=_tyred, run=run_four_wheels)
         return PlantKind(
-            name, parameters, tyred_defaults, _build_tyred, population, _TYRED_FREE, "#56b4e9",
-            usual_drive=lambda robot: robot.motor_drive,
+            name, parameters, tyred_defaults, lambda section, *_: FourWheelPlant(_tyred(section)), population, _TYRED_FREE,
+            "#56b4e9", usual_drive=lambda robot: robot.motor_drive,
         )  # fmt: skip
     law = planar_law(name)
     own = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
@@ -109,20 +107,14 @@ def declare(name: str) -> PlantKind:
     drive = tuple(n for n in described(Drive) if n != "torque_limit" or not law.obeys)
     chosen = _KINEMATIC if law.obeys else free
     usual = partial(defaults, law.parameters)
-    return PlantKind(name, law.parameters, usual, _build, PlanarPopulation, chosen, law.colour, law.vehicle, drive=drive)
-
-
-def _build(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -> PlanarPlant:
-    """Return the plant; planar models know only level ground of one friction, and no physics settings."""
-    return PlanarPlant(model_of(section))
+    return PlantKind(
+        name, law.parameters, usual, lambda section, *_: PlanarPlant(model_of(section)), PlanarPopulation, chosen,
+        law.colour, law.vehicle, drive=drive,
+    )  # fmt: skip
 
 
 def _tyred(section: PlantProfile) -> FourWheelModel:
     return FourWheelModel(section.parameters, section.drive)
-
-
-def _build_tyred(section: PlantProfile, terrain: Terrain, settings: PhysicsSettings) -> FourWheelPlant:
-    return FourWheelPlant(_tyred(section))
 
 
 class PlanarPopulation:
@@ -153,5 +145,5 @@ class PlanarPopulation:
             starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
             begins = [starts[localiser] for localiser in localisers]
             poses = self._run(models, piece.commands, begins, sample_dt, workers=self._workers)
-            out[rows] = seen_poses(poses, localisers, sample_dt, piece.t, self._workers)
+            out[rows] = [one.told(pose, sample_dt, piece.t) for one, pose in zip(localisers, poses, strict=True)]
         return out

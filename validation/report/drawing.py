@@ -1,6 +1,7 @@
-"""Style and parts of all pictures: inks, markers, rows of panels.
+"""Parts of all pictures: inks, markers, rows of panels.
 
-Everything is drawn by matplotlib's objects under a style of its own: no pyplot, and no setting outlives a call.
+Everything is drawn by matplotlib's objects under a style of its own (style.mplstyle): no pyplot, and no setting outlives a
+call.
 """
 
 from __future__ import annotations
@@ -34,26 +35,7 @@ from validation.words import shortened
 
 WIDTH_IN, DPI, EDGE_IN = 12.8, 125, 0.12  # 1600 px
 MARGINS_IN = (0.66, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels and title
-STYLE = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9.5,
-    "axes.titlesize": 10.5,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelsize": 9.5,
-    "axes.edgecolor": "0.35",
-    "axes.linewidth": 0.8,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "0.9",
-    "grid.linewidth": 0.7,
-    "xtick.color": "0.25",
-    "ytick.color": "0.25",
-    "axes.labelpad": 3.0,
-    "text.parse_math": False,
-}
+STYLE = Path(__file__).with_name("style.mplstyle")
 
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[[Axes], None]
@@ -152,14 +134,14 @@ def draw_header(ax: Axes, title: str, handles: Sequence[Artist], labels: Sequenc
             break
 
 
-def narrow(text: Text, most: float, lead: str = "") -> None:
-    """Shorten what follows `lead` where a text is wider than `most` [in]: its end says more than its beginning."""
-    whole, figure = text.get_text().removeprefix(lead), text.get_figure(root=True)
+def narrow(text: Text, most: float) -> None:
+    """Shorten a text that is wider than `most` [in]: its end says more than its beginning."""
+    whole, figure = text.get_text(), text.get_figure(root=True)
     assert figure is not None
     n = len(whole)
     while text.get_window_extent().width / figure.dpi > most and n > 2:
         n -= 1
-        text.set_text(f"{lead}…{whole[1 - n :]}")
+        text.set_text(f"…{whole[1 - n :]}")
 
 
 # --- errors by horizon ---
@@ -215,13 +197,12 @@ def draw_horizons(marks: Sequence[HorizonMarks], what: Literal["position", "yaw"
 # --- rows of panels ---
 
 
-def inset(ax: Axes, left: float = 0.0, right: float = 0.0, below: float = 0.0, above: float = 0.0) -> None:
-    """Give a panel more room around it [in], taken from its own."""
+def inset(ax: Axes, left: float = 0.0, right: float = 0.0) -> None:
+    """Give a panel more room beside it [in], taken from its own."""
     figure, box = ax.get_figure(root=True), ax.get_position()
     assert figure is not None
-    wide, tall = figure.get_size_inches()
-    ax.set_position((box.x0 + left / wide, box.y0 + below / tall,
-                     box.width - (left + right) / wide, box.height - (below + above) / tall))  # fmt: skip
+    wide = figure.get_figwidth()
+    ax.set_position((box.x0 + left / wide, box.y0, box.width - (left + right) / wide, box.height))
 
 
 def draw_section(text: str, ax: Axes) -> None:

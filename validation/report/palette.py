@@ -24,11 +24,9 @@ _REFERENCES: Mapping[str, Rgb] = {
 
 def colour(name: str) -> Rgb:
     """Return the colour of a plant, as it declares it, or of `recording` or `truth`; grey for any other name."""
-    return _rgb(plant_kind(name).colour) if name in known_plants() else _REFERENCES.get(name, GREY)
-
-
-def _rgb(code: str) -> Rgb:
-    red, green, blue = bytes.fromhex(code.removeprefix("#"))
+    if name not in known_plants():
+        return _REFERENCES.get(name, GREY)
+    red, green, blue = bytes.fromhex(plant_kind(name).colour.removeprefix("#"))
     return red, green, blue
 
 

@@ -159,7 +159,7 @@ def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> No
     for body, solids in looks.solids.items():
         for kind in dict.fromkeys(s.kind for s in solids):
             alike = [s for s in solids if s.kind == kind]
-            recording.log(f"{entity}/{body}/{kind.lower()}", _shapes(kind, alike, track, solid), static=True)
+            recording.log(f"{entity}/{body}/{kind}", _shapes(kind, alike, track, solid), static=True)
     rows = track.rows
     t, turns, zero = track.t[rows], track.turns[rows], np.zeros(len(rows))
     _send_poses(recording, entity, t, track.body[rows])
@@ -194,16 +194,9 @@ def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> A
         "quaternions": [quat_wxyz_to_xyzw(s.quat_wxyz) for s in solids],
     }
     middles, sizes = np.array([s.position for s in solids]), np.array([s.size for s in solids])
-    if kind == "BOX":
-        return rr.Boxes3D(half_sizes=sizes, centers=middles, **look)
-    if kind == "ELLIPSOID":
-        return rr.Ellipsoids3D(half_sizes=sizes, centers=middles, **look)
-    if kind == "CYLINDER":
+    if kind == "cylinder":
         return rr.Cylinders3D(lengths=2.0 * sizes[:, 1], radii=sizes[:, 0], centers=middles, **look)
-    w, x, y, z = np.array([s.quat_wxyz for s in solids]).T
-    axes = np.column_stack([2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)])
-    ends = middles - sizes[:, 1:2] * axes  # a capsule's place is that of its end
-    return rr.Capsules3D(lengths=2.0 * sizes[:, 1], radii=sizes[:, 0], translations=ends, **look)
+    return rr.Boxes3D(half_sizes=sizes, centers=middles, **look)
 
 
 def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
@@ -294,7 +287,7 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
     across = np.array([-extent.along[1], extent.along[0]])
     aside = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
     behind = np.append(shift_reference(first.pose[0], (-1.5 * scale, -1.2 * scale))[:2], 1.15 * scale)
-    hull = looks_of(first.robot).solids["base"][0].kind.lower()
+    hull = looks_of(first.robot).solids["base"][0].kind
     names = [f"- /world/{track.name}/end/**" for track in scene.tracks]
     start = np.append(first.pose[0][:2], 0.2 * scale)
     whole = _view("Scene (grid 1 m)", [], position=aside, look_target=np.append(extent.middle, 0.0))

@@ -33,7 +33,7 @@ class Solid(NamedTuple):
     """One solid in the frame of its body; what is round stands along its own z."""
 
     kind: str
-    """`BOX`, `CYLINDER`, `CAPSULE` or `ELLIPSOID`, as MuJoCo calls it."""
+    """`cylinder`, or `box`, which stands for all other shapes."""
     size: FloatArray
     """(3,) half lengths, or radius and half length [m]."""
     position: FloatArray
@@ -70,15 +70,15 @@ def looks_of(robot: Robot) -> Looks:
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for g in np.flatnonzero(model.geom_group == VISUAL_GROUP):
         body = model.body(model.geom_bodyid[g]).name
-        kind = mujoco.mjtGeom(int(model.geom_type[g])).name.removeprefix("mjGEOM_")
-        numbers = (model.geom_size[g], model.geom_pos[g], model.geom_quat[g], model.geom_rgba[g])
-        solids[body].append(Solid(kind, *(np.array(v, dtype=np.float64) for v in numbers)))
         rotation = np.empty(9)
         mujoco.mju_quat2Mat(rotation, model.geom_quat[g])
         middle, half = np.split(model.geom_aabb[g], 2)
-        reach = np.abs(rotation.reshape(3, 3)) @ half
-        middle = places[body] + model.geom_pos[g] + rotation.reshape(3, 3) @ middle
-        low, high = np.minimum(low, middle - reach), np.maximum(high, middle + reach)
+        reach, middle = np.abs(rotation.reshape(3, 3)) @ half, model.geom_pos[g] + rotation.reshape(3, 3) @ middle
+        round_one = model.geom_type[g] == mujoco.mjtGeom.mjGEOM_CYLINDER
+        numbers = (model.geom_size[g] if round_one else half, middle, model.geom_quat[g], model.geom_rgba[g])
+        kind = "cylinder" if round_one else "box"
+        solids[body].append(Solid(kind, *(np.array(v, dtype=np.float64) for v in numbers)))
+        low, high = np.minimum(low, places[body] + middle - reach), np.maximum(high, places[body] + middle + reach)
     return Looks(solids, places, high - low)
 
 

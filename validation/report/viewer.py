@@ -18,10 +18,6 @@ _VIEWER_GRACE = 3.0
 """A viewer that cannot open its window has given up by then [s]."""
 
 
-class ViewerError(SsmrError):
-    """The viewer does not run; the message says why and what to do."""
-
-
 def _command(path: Path, *options: str) -> list[str]:
     return [sys.executable, "-m", "rerun_cli", str(path.absolute()), "--bind", "127.0.0.1", *options]
 
@@ -53,17 +49,17 @@ def serve_viewer(path: Path) -> None:
     """Serve a recording to browsers on this machine until an interrupt; rerun says where the page is.
 
     Raises:
-        ViewerError: the server cannot be started, or ends by itself.
+        SsmrError: the server cannot be started, or ends by itself.
         KeyboardInterrupt: the user has ended it.
     """
     command = _command(path, "--serve-web")
     try:
         server = subprocess.Popen(command, start_new_session=True)  # nosec B603 # as above
     except OSError as error:
-        raise ViewerError(f"the rerun viewer cannot be started ({error})") from error
+        raise SsmrError(f"the rerun viewer cannot be started ({error})") from error
     try:
         server.wait()
-        raise ViewerError(f"the rerun viewer has ended; open {path} where there is a screen: rerun {path}")
+        raise SsmrError(f"the rerun viewer has ended; open {path} where there is a screen: rerun {path}")
     finally:  # `rerun` is a Python program that waits for the real one
         with contextlib.suppress(ProcessLookupError):
             os.killpg(server.pid, signal.SIGTERM) if hasattr(os, "killpg") else server.terminate()

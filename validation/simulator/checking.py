@@ -53,32 +53,20 @@ def load_shares(robot: Robot) -> FloatArray:
     return shares
 
 
-@dataclass(frozen=True)
-class SpotTurn:
-    """A slow turn on the spot by mechanics."""
-
-    turn: SkidTurn
-    """Motion for rims that roll at 1 m/s."""
-    side_torque: float
-    """Torque of either side on ground of friction 1, without losses [N m]."""
+def spot_turn(robot: Robot) -> SkidTurn | None:
+    """Return the quasi-static turn on the spot of a robot; None where its wheels do not carry it."""
+    g, (x, y, _) = robot.geometry, whole_com(robot)
+    return turn_on_the_spot(g.wheelbase, g.track, x, y) if load_shares(robot).min() >= 0.0 else None
 
 
-def spot_turn(robot: Robot) -> SpotTurn | None:
-    """Return the quasi-static turn on the spot of a robot; None where its wheels do not carry it.
+def side_torque(robot: Robot, turn: SkidTurn) -> float:
+    """Return the torque of either side in a turn on the spot on ground of friction 1, without losses [N m].
 
     What the tyres of loads N and slips s dissipate, mu N |s| each, the two sides have to give. The forces along the robot
     cancel, so both give half of it: r mu sum(N |s|) / 2 is the torque of a side whose rims roll at 1 m/s. For a centre of
     mass in the middle that is r mu (m g / 2) L / D with the diagonal D (docs/physics.md).
     """
-    shares = load_shares(robot)
-    if shares.min() < 0.0:
-        return None
-    g, (x, y, _) = robot.geometry, whole_com(robot)
-    turn = turn_on_the_spot(g.wheelbase, g.track, x, y)
-    along = turn.forward - turn.yaw_rate * 0.5 * g.track * LEFT + LEFT
-    across = turn.across + turn.yaw_rate * 0.5 * g.wheelbase * FRONT
-    loads = shares * robot.masses.total * GRAVITY
-    return SpotTurn(turn, 0.5 * g.wheel_radius * float(loads @ np.hypot(along, across)))
+    return 0.5 * robot.geometry.wheel_radius * robot.masses.total * GRAVITY * turn.slip
 
 
 def robot_outline(robot: Robot) -> FloatArray:
@@ -141,7 +129,7 @@ def measure_robot(robot: Robot) -> Measured:
 
 
 # ------------------------------------------------------------------------------------------- advice
-def advise(robot: Robot, spot: SpotTurn | None, found: Measured | str) -> tuple[list[str], list[str]]:
+def advise(robot: Robot, spot: SkidTurn | None, found: Measured | str) -> tuple[list[str], list[str]]:
     """Return what is wrong with a robot and what would be right, and what deserves a second look; a sentence for each.
 
     Args:
@@ -189,20 +177,21 @@ def _parts_faults(robot: Robot) -> dict[str, bool]:
     }
 
 
-def _motor_faults(robot: Robot, spot: SpotTurn) -> dict[str, bool]:
+def _motor_faults(robot: Robot, spot: SkidTurn) -> dict[str, bool]:
     """Return the same of the motors."""
     mu, loss, has = robot.simulation.friction, robot.drive.gear_loss, 2.0 * robot.drive.torque_limit
-    needed = mu * spot.side_torque + loss
+    torque = side_torque(robot, spot)
+    needed = mu * torque + loss
     return {
         f"it cannot turn on the spot on ground of friction {mu:g}: a side needs {needed:.4g} N m and its motors give "
         f"{has:.4g} N m; torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
-        f"{(has - loss) / spot.side_torque:.2g}": needed > has
+        f"{(has - loss) / torque:.2g}": needed > has
     }
 
 
-def _moving_faults(spot: SpotTurn | None, found: Measured) -> dict[str, bool]:
+def _moving_faults(spot: SkidTurn | None, found: Measured) -> dict[str, bool]:
     """Return the same of how the model moves."""
-    multiplier, expected = found.multiplier or math.nan, math.nan if spot is None else spot.turn.multiplier
+    multiplier, expected = found.multiplier or math.nan, math.nan if spot is None else spot.multiplier
     return {
         "the simulated robot did not turn once on the spot in twice the time that mechanics allows it": (
             found.multiplier is None
@@ -214,10 +203,10 @@ def _moving_faults(spot: SpotTurn | None, found: Measured) -> dict[str, bool]:
     }
 
 
-def _questions(robot: Robot, spot: SpotTurn | None) -> dict[str, bool]:
+def _questions(robot: Robot, spot: SkidTurn | None) -> dict[str, bool]:
     """Return what deserves a second look, and whether it applies."""
-    drive, guesses, torque = robot.drive, guessed(robot), 0.0 if spot is None else spot.side_torque
-    rims = 0.0 if spot is None else robot.geometry.wheel_radius / drive.command_radius * spot.turn.yaw_rate
+    drive, guesses, torque = robot.drive, guessed(robot), 0.0 if spot is None else side_torque(robot, spot)
+    rims = 0.0 if spot is None else robot.geometry.wheel_radius / drive.command_radius * spot.yaw_rate
     turned = drive.command_half_track * rims  # yaw rate over the wanted one
     endless, g = not math.isfinite(drive.torque_limit), robot.geometry
     length, width, height = g.body_size

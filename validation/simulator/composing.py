@@ -68,8 +68,8 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
     base.add_site(name="reference", pos=[0, 0, -g.base_height], size=[0.01, 0.005, 0.005], group=4)
     base.add_site(name="imu", pos=g.imu, size=[0.01, 0.005, 0.005], group=4)
     _add_hull(base, robot)
-    for wheel in WHEELS:
-        _add_wheel(base, robot, wheel)
+    for wheel, place in wheel_places(robot).items():
+        _add_wheel(base, robot, wheel, place)
     for side in SIDES if g.link == "belt" else ():
         spec.add_equality(
             type=mujoco.mjtEq.mjEQ_JOINT, name=f"belt_{side}", name1=f"front_{side}_wheel", name2=f"rear_{side}_wheel",
@@ -84,6 +84,13 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
         servo.set_to_velocity(kv=1.0)
     _add_sensors(spec)
     return spec
+
+
+def wheel_places(robot: Robot) -> dict[str, tuple[float, float, float]]:
+    """Return the middles of the wheels in the base frame [m], by wheel."""
+    g = robot.geometry
+    x, y = 0.5 * g.wheelbase, 0.5 * g.track
+    return {w: (x if "front" in w else -x, y if "left" in w else -y, g.axle_height) for w in WHEELS}
 
 
 def _hand_made(robot: Robot) -> mujoco.MjSpec:
@@ -132,14 +139,11 @@ def _add_hull(base: Any, robot: Robot) -> None:
     base.add_geom(name="nose", pos=ahead, **_look(mjtGeom.mjGEOM_BOX, nose, _METAL))
 
 
-def _add_wheel(base: Any, robot: Robot, wheel: str) -> None:
-    g, m = robot.geometry, robot.masses
-    x = 0.5 * g.wheelbase * (1.0 if wheel.startswith("front") else -1.0)
-    y = 0.5 * g.track * (1.0 if wheel.endswith("left") else -1.0)
-    radius, half = g.wheel_radius, 0.5 * g.wheel_width
-    across, spin = m.wheel_inertia
+def _add_wheel(base: Any, robot: Robot, wheel: str, place: tuple[float, float, float]) -> None:
+    radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
+    across, spin = robot.masses.wheel_inertia
     solref, solimp = contact_settings(robot)
-    body = _add_body(base, wheel, [x, y, g.axle_height], m.wheel, [0, 0, 0], [across, spin, across])
+    body = _add_body(base, wheel, place, robot.masses.wheel, [0, 0, 0], [across, spin, across])
     body.add_joint(name=f"{wheel}_wheel", axis=[0, 1, 0], armature=robot.simulation.armature)
     body.add_geom(
         name=f"{wheel}_tire", type=mjtGeom.mjGEOM_ELLIPSOID, size=[radius, half, radius], contype=1, conaffinity=1, condim=3,

@@ -11,7 +11,8 @@ from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads noth
 
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import SIDES, WHEELS, Robot
+from validation.simulator.composing import wheel_places
+from validation.simulator.description import SIDES, Robot
 from validation.simulator.model import adjust, on_ground, pair_with_ground
 from validation.simulator.motors import add_windings
 
@@ -139,13 +140,6 @@ def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: f
             numbers |= {f"{axis}.max_velocity": most, f"{axis}.min_velocity": -most}
     lines += [f"{name}: {float(f'{number:.7g}')!r}" for name, number in numbers.items()]  # 1.0: ROS takes 1 for no float
     return "diff_drive_controller:\n  ros__parameters:\n" + "".join(f"    {line}\n" for line in lines)
-
-
-def wheel_places(robot: Robot) -> dict[str, tuple[float, float, float]]:
-    """Return the middles of the wheels in the base frame [m], by wheel."""
-    g = robot.geometry
-    x, y = 0.5 * g.wheelbase, 0.5 * g.track
-    return {w: (x if "front" in w else -x, y if "left" in w else -y, g.axle_height) for w in WHEELS}
 
 
 def _wheel_moments(robot: Robot) -> tuple[float, float, float]:

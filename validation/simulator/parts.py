@@ -20,8 +20,6 @@ class Parts:
     """Body of the base."""
     wheels: list[int]
     """Bodies of the wheels."""
-    joints: list[int]
-    """Joints of the wheels."""
     dofs: list[int]
     """Degrees of freedom of the wheels."""
     tires: list[int]
@@ -53,7 +51,6 @@ def robot_parts(model: mujoco.MjModel, prefix: str = "") -> Parts:
         _parts[key] = Parts(
             base=model.body(f"{prefix}base").id,
             wheels=[model.body(f"{prefix}{wheel}").id for wheel in WHEELS],
-            joints=[joint.id for joint in joints],
             dofs=[int(joint.dofadr[0]) for joint in joints],
             tires=[model.geom(f"{prefix}{wheel}_tire").id for wheel in WHEELS],
             sites=[model.site(f"{prefix}{wheel}_load").id for wheel in WHEELS],

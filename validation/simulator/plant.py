@@ -103,14 +103,6 @@ class MujocoPlant:
         offset = data.subtree_com[base][:2] - data.xpos[base][:2]
         return float(mass_matrix[5, 5] - self.model.body_subtreemass[base] * offset @ offset)
 
-    def with_drive(self, drive: Drive) -> MujocoPlant:
-        """Return the same robot, on the same ground and with the same physics, with another drive.
-
-        Raises:
-            ValueError: the drive does not go with the physics step.
-        """
-        return MujocoPlant(self.calibration, drive, terrain=self.terrain, settings=self._settings)
-
     @cached_property
     def _prescribed(self) -> mujoco.MjModel:
         """Return the robot's model with wheels that turn as they are told, whatever torque that takes."""
@@ -242,7 +234,7 @@ class MujocoPlant:
             rows = self._rows(chunk)
             table[done : done + len(rows)], done = rows, done + len(rows)
         table[:, 2] += _TURN * round((state.yaw - table[0, 2]) / (2.0 * math.pi))
-        return self._trajectory(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
+        return motion_of(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
 
     def _steps_of(self, commands: Commands) -> int:
         return whole_steps(commands.dt, self.dt, "the command period")
@@ -263,25 +255,24 @@ class MujocoPlant:
             yield control
             first += len(chunk)
 
-    def side_torques(self, at_wheels: FloatArray, rates: FloatArray) -> FloatArray:
-        """Return the (M, 2) torques of the motors [N m] from (M, 4) actuator forces on the wheels and (M, 2) side rates."""
-        return np.asarray(at_wheels[:, :2] + at_wheels[:, 2:] - motor_numbers(self.drive, self.dt).braking * rates)
-
     def _rows(self, chunk: Samples) -> FloatArray:
         """Return the (m, 15) numbers of a trajectory's samples."""
         nq = self.model.nq
         qpos, qvel = chunk.states[:, 1 : 1 + nq], chunk.states[:, 1 + nq : 1 + nq + self.model.nv]
         wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
+        at_wheels = chunk.sensors[:, self._parts.torques]
+        torques = at_wheels[:, :2] + at_wheels[:, 2:] - motor_numbers(self.drive, self.dt).braking * wheels
         columns = [
             *(qpos[:, :2], chunk.yaw, rotate_world_to_body(qvel[:, :2], chunk.yaw), qvel[:, 5], wheels),
-            *(chunk.sensors[:, self._parts.loads], self.side_torques(chunk.sensors[:, self._parts.torques], wheels)),
-            chunk.yaw_acceleration,
+            *(chunk.sensors[:, self._parts.loads], torques, chunk.yaw_acceleration),
         ]
         return np.column_stack(columns)
 
-    def _trajectory(self, t: FloatArray, table: FloatArray) -> Trajectory:
-        channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
-        return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)
+
+def motion_of(t: FloatArray, table: FloatArray) -> Trajectory:
+    """Return the motion at (M,) instants [s] with (M, 15) poses, twists, wheel rates, loads, torques, yaw accelerations."""
+    channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
+    return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)
 
 
 class Samples(NamedTuple):

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -24,19 +23,15 @@ _RAMP = re.compile(r"ramp:(?:slope_deg=)?([^,=]+)(?:,toward_deg=([^,=]+))?")
 
 @dataclass(frozen=True)
 class Terrain:
-    """Shape of the ground; a field has effect only for its kind of ground."""
+    """Shape of the ground."""
 
-    kind: Literal["flat", "ramp"] = "flat"
-    """Kind of ground."""
     slope: float = 0.0
-    """Slope of a ramp [rad]. Positions on it are along its surface."""
+    """Slope of a ramp, 0 on level ground [rad]. Positions on it are along its surface."""
     toward: float = 0.0
     """The heading in which a ramp rises [rad]."""
 
     def __post_init__(self) -> None:
-        """Check kind and ranges."""
-        if self.kind not in ("flat", "ramp"):
-            raise ValueError(f"unknown terrain '{self.kind}'; there are: {USAGE}")
+        """Check the ranges."""
         require_in_range(self, "slope", 0.0, math.radians(45.0))
         require_in_range(self, "toward", -1e3, 1e3)
 
@@ -58,14 +53,14 @@ class Terrain:
     @property
     def spec(self) -> str:
         """Text of the terrain that `parse_terrain` reads back."""
-        if self.kind == "flat":
+        if self.level:
             return "flat"
         return f"ramp:slope_deg={math.degrees(self.slope):.12g},toward_deg={math.degrees(self.toward):.12g}"
 
     @property
     def words(self) -> str:
         """Description of the terrain for titles."""
-        if self.kind == "flat":
+        if self.level:
             return "level ground"
         return f"a ramp of {math.degrees(self.slope):g}° that rises toward {math.degrees(self.toward):g}°"
 
@@ -83,6 +78,6 @@ def parse_terrain(text: str) -> Terrain:
     try:
         if found is None and text != "flat":
             raise ValueError(f"wanted {USAGE}")
-        return FLAT if found is None else Terrain("ramp", *(math.radians(float(n or 0.0)) for n in found.groups()))
+        return FLAT if found is None else Terrain(*(math.radians(float(n or 0.0)) for n in found.groups()))
     except ValueError as error:
         raise ValueError(f"terrain '{shortened(text, 60)}' is not understood: {error}") from error

@@ -44,7 +44,7 @@ BASELINE = "as shipped"
 """Setting that all others are compared with."""
 MODELS = ("improved", "coulomb", "linear")
 """Published models of the lab's robot, which the robot is compared with on trajectories 1-4."""
-_RAMP = Terrain("ramp", slope=math.radians(8.0))  # on which other engines stand; MuJoCo's gravity is tilted
+_RAMP = Terrain(math.radians(8.0))  # on which other engines stand; MuJoCo's gravity is tilted
 CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
     "Turning on the spot": {
         "multiplier": "yaw rate that the wheels ask for over that of the body, turning on the spot",

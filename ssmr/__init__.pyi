@@ -17,7 +17,6 @@ from .control.references import spiral as spiral
 from .control.references import square as square
 from .control.references import stop_and_go as stop_and_go
 from .control.references import u_turn as u_turn
-from .control.smc import SmcGains as SmcGains
 from .control.waypoints import Waypoints as Waypoints
 from .errors import DivergedError as DivergedError
 from .errors import SsmrError as SsmrError
@@ -82,7 +81,6 @@ __all__ = [
     "ScheduledGains",
     "SensorNoise",
     "SineScenario",
-    "SmcGains",
     "SsmrError",
     "State",
     "Trajectory",

@@ -75,7 +75,7 @@ def test_compare(robot: str, tmp_path: Path) -> None:
 
 
 def test_track(robot: str, tmp_path: Path) -> None:
-    found = run(track, robot, tmp_path, "smc", "circle", "--plant", "improved,mujoco", "--no-rerun")
+    found = run(track, robot, tmp_path, "lqr", "circle", "--plant", "improved,mujoco", "--no-rerun")
     assert found["metrics"]["d_rms_m"] < 0.15
     assert found["beside"]["mujoco"]["d_rms_m"] < 0.15
 
@@ -123,7 +123,7 @@ def test_every_door_takes_a_robot_in_every_form(robot: str) -> None:
     if Path(robot).exists():
         assert doors[0](Path(robot)) == loaded
     assert (
-        tune("smc", "line@0.5", robot=loaded, held_out=(), free=("k_x",), **small).problem.profile.robot.name == loaded.name
+        tune("lqr", "line@0.5", robot=loaded, held_out=(), free=("q_x",), **small).problem.profile.robot.name == loaded.name
     )
 
 

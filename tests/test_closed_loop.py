@@ -51,7 +51,7 @@ WEAVE = sine(0.5, 0.3, 2.0, 0.7)
 MIXED: tuple[tuple[str, dict[str, float], LoopSettings], ...] = (
     ("pid", {}, TRUTH),
     ("lqr", {"k_y": 0.5}, replace(TRUTH, lookahead=0.1)),
-    ("smc", {"slope": 1.0}, replace(TRUTH, noise=SensorNoise(x=0.0))),
+    ("lqr", {}, replace(TRUTH, noise=SensorNoise(x=0.0))),
     ("lqr-scheduled", {}, TRUTH),
     ("pid", {"k_p_rho": 1.0, "k_i_rho": 0.5}, TRUTH),
 )
@@ -202,18 +202,12 @@ def test_the_world_frame_does_not_matter(exact_husky: MujocoPlant, frame: tuple[
 # ------------------------------------------------------------------------------------------------ what the equations say
 
 
-@pytest.mark.parametrize(
-    ("law", "robot"),
-    [
-        ("smc", IDEAL),  # asks for the target's speed, which this one has at once
-        ("lqr-scheduled", PlanarModel(LinearParameters(), Vehicle(), PROMPT)),  # knows this one's steady gain
-    ],
-)
-def test_a_robot_on_its_reference_at_its_speed_stays_there(law: str, robot: PlanarModel) -> None:
-    run = drive(robot, PUBLISHED[law], line(0.5, 2.0), start=rolling(0.5))
+def test_a_robot_on_its_reference_at_its_speed_stays_there() -> None:
+    robot, law = PlanarModel(LinearParameters(), Vehicle(), PROMPT), PUBLISHED["lqr-scheduled"]  # it knows the steady gain
+    run = drive(robot, law, line(0.5, 2.0), start=rolling(0.5))
     assert np.abs(run.columns("e_rho", "e_y", "e_alpha")).max() <= 1e-12  # a metre rounds to 1e-16, the gains are ten
     late = replace(robot, drive=replace(PROMPT, delay_v=0.2))
-    run = drive(late, PUBLISHED[law], line(0.5, 6.0), start=rolling(0.5))
+    run = drive(late, law, line(0.5, 6.0), start=rolling(0.5))
     deepest = int(np.argmax(run.column("e_rho")))
     assert 0.2 <= run.t[deepest] <= 0.5  # no command arrives before, and the robot has stood still
     assert np.abs(run.column("e_rho")[run.t > 8.0]).max() < 0.01 * run.column("e_rho")[deepest]
@@ -262,10 +256,9 @@ def test_published_gains_on_the_published_model_reproduce_the_published_line(
 
 
 @pytest.mark.parametrize("distance", [0.0, 0.1, 0.3])
-@pytest.mark.parametrize("law", [controller("pid", k_i_rho=1.0), PUBLISHED["smc"]], ids=["pid", "smc"])
-def test_the_robot_keeps_the_look_ahead(distance: float, law: Controller) -> None:
-    """The PID's lag has died out by exp(-20 / 2.8), the sliding mode has none to begin with."""
-    run = drive(model("improved"), law, line(0.5, 10.0), replace(TRUTH, lookahead=distance))
+def test_the_robot_keeps_the_look_ahead(distance: float) -> None:
+    """The PID's lag has died out by exp(-20 / 2.8)."""
+    run = drive(model("improved"), controller("pid", k_i_rho=1.0), line(0.5, 10.0), replace(TRUTH, lookahead=distance))
     assert run.column("e_rho")[-2] == pytest.approx(distance, abs=1e-3)
 
 
@@ -353,7 +346,7 @@ def test_a_robot_that_spins_is_lost() -> None:
 
 
 def test_one_lost_robot_does_not_disturb_the_others(husky: MujocoPlant) -> None:
-    laws = (PUBLISHED["pid"], IDLE, PUBLISHED["smc"])
+    laws = (PUBLISHED["pid"], IDLE, PUBLISHED["lqr-scheduled"])
     alone = [drive(model("improved"), law, FLIGHT, LoopSettings()) for law in laws]
     together = run_loops([model("improved")] * 3, laws, [LoopSettings()] * 3, FLIGHT, [1])
     assert [run.lost for run in together] == [False, True, False]

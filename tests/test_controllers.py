@@ -14,7 +14,7 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ssmr.control import lqr, pid, smc
+from ssmr.control import lqr, pid
 from ssmr.control.law import EMPTY_MEMORY, Command, Gains, Memory, Observation
 from ssmr.control.laws import LAWS, PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains, position_step, velocity_step
 from ssmr.control.waypoints import Errors, Target
@@ -253,43 +253,6 @@ def test_the_feedforward_holds_the_targets_twist(v_ref: float, w_ref: float) -> 
     change = A @ np.array([0.0, v_ref, 0.0, w_ref]) + B @ np.array([after.u_ref, after.w_ref])
     assert np.abs(change[[1, 3]]).max() <= 1e-10  # rates of 40 1/s, so absolute accelerations of 1e-11
     assert after.i_rho == 0.0
-
-
-# ------------------------------------------------------------------------------------------------------------------- SMC
-
-
-def slide(g: smc.SmcGains, off: Errors, aim: Target) -> tuple[float, float]:
-    """u_ref and omega_ref of the law."""
-    after = smc.slide(numbers(g, "smc"), REST, off, aim, moving(0.0, 0.0), DT)
-    return after.u_ref, after.w_ref
-
-
-@given(speeds.filter(lambda v: v <= 1.0), errors)
-def test_on_the_reference_the_equivalent_control_is_the_targets_twist(v_ref: float, w_ref: float) -> None:
-    assert slide(smc.SmcGains(), NO_ERRORS, target(v_ref, w_ref)) == (v_ref, w_ref)
-
-
-@given(st.floats(0.1, 1.0), st.floats(-0.4, 0.4), st.floats(0.5, 5.0), errors)
-def test_on_the_surface_the_robot_turns_as_the_surface_does(v_ref: float, e_y: float, slope: float, w_ref: float) -> None:
-    """With d e_y / dt = v_r sin e_alpha, omega_r - omega must be the rate of -atan(lambda e_y)."""
-    g = smc.SmcGains(slope=slope)
-    e_alpha = -math.atan(slope * e_y)
-    _, w = slide(g, Errors(0.0, e_y, e_alpha), target(v_ref, w_ref))
-    rate, h = v_ref * math.sin(e_alpha), 1e-5
-    bent = [-math.atan(slope * (e_y + s * h * rate)) for s in (-1, 1)]
-    assert w_ref - w == pytest.approx((bent[1] - bent[0]) / (2.0 * h), abs=DERIVATIVE)
-
-
-@given(st.floats(0.0, 1.0), st.floats(-0.4, 0.4), st.floats(-1.5, 1.5), st.floats(-1.0, 1.0))
-def test_surfaces_attract_at_the_rate_they_were_given(v_ref: float, e_y: float, e_alpha: float, e_x: float) -> None:
-    """The rate of s is -(k s + eta sat(s / phi)): towards zero from both sides."""
-    g = smc.SmcGains()
-    u, w = slide(g, Errors(e_x, e_y, e_alpha), target(v_ref, 0.0))
-    s = e_alpha + math.atan(g.slope * e_y)
-    rate = -w + g.slope * v_ref * math.sin(e_alpha) / (1.0 + (g.slope * e_y) ** 2)
-    assert rate == pytest.approx(-(g.k_a * s + g.eta_a * np.clip(s / g.phi_a, -1, 1)), abs=10 * ROUNDOFF)
-    wanted = v_ref * math.cos(e_alpha) + g.k_x * e_x + g.eta_x * np.clip(e_x / g.phi_x, -1, 1)
-    assert u == pytest.approx(np.clip(wanted, -pid.U_REF_LIMIT, pid.U_REF_LIMIT), abs=ROUNDOFF)
 
 
 # --------------------------------------------------------------------------------------------------------- what is refused

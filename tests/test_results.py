@@ -48,7 +48,7 @@ MADE: dict[str, Callable[[str], Any]] = {
     "compare one plant": lambda log: compare("traj1", plants=("kinematic",), reference="kinematic"),
     "fit": lambda log: fit("kinematic", log, **FITTED),
     "fit, interrupted": lambda log: fit("linear", "traj4@improved", progress=interrupt, **SMALL),
-    "track": lambda log: track("smc", circle(0.5), "linear"),
+    "track": lambda log: track("lqr", circle(0.5), "linear"),
     "track four plants": lambda log: track("pid", line(0.5), ("linear", "kinematic", "improved", "coulomb"), lookahead=0.2),
     "track, lost": lambda log: track("pid", line(0.5), ("kinematic", "linear"), gains=hopeless()),
     "tune": lambda log: tune("lqr", ("circle@0.5", "line@0.4"), **TUNED),

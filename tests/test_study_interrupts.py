@@ -27,7 +27,7 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
     "contact": (ContactStudy(only=("cone",)), rows_of, 1),
     "transfer": (
         TransferStudy(
-            plants=("kinematic",), controllers=("smc:tuned", "lqr:tuned"),
+            plants=("kinematic",), controllers=("pid:tuned", "lqr:tuned"),
             references=("line@0.8", "circle@0.8"),
         ),
         lambda s: len(s.document["profiles"]["thesis-lab"]["references"]), 1,

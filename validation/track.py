@@ -54,9 +54,9 @@ class TrackOptions(cli.Filmed):
     """Options of `track`."""
 
     controller: Annotated[str | type, cli.text_of("CONTROLLER"), tyro.conf.Positional]
-    """Controller: pid and lqr are those of the thesis; lqr-scheduled (linearised about the operating speed) and smc (sliding
-    mode) go beyond it. With +predictor behind its name, such as lqr+predictor, a law acts on the state one dead time ahead;
-    mpc plans ahead within the limits. FILE.py:NAME is a class of your own, which is run."""
+    """Controller: pid and lqr are those of the thesis; lqr-scheduled is linearised about the operating speed. Behind its
+    name, +predictor lets a law act on the state one dead time ahead, as in lqr+predictor; mpc plans ahead within the limits.
+    FILE.py:NAME is a class of your own, which is run."""
     reference: Annotated[
         Waypoints | str | Path | None, cli.text_of("REFERENCE"), tyro.conf.Positional, cli.option(default="none")
     ] = None

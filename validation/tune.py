@@ -44,7 +44,7 @@ class Tune(Searching):
     """Options of `tune`."""
 
     controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
-    """Controller to tune: pid, lqr, lqr-scheduled or smc, each also with +predictor behind its name, or mpc."""
+    """Controller to tune: pid, lqr or lqr-scheduled, each also with +predictor behind its name, or mpc."""
     references: Annotated[cli.Names, cli.option("reference", metavar="REF,...")] = ("generic",)
     """Paths to follow, separated by commas: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go,
     long-line, circle@0.5 with its speed, or waypoint files."""

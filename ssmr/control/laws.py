@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ssmr._jit import jit
-from ssmr.control import lqr, mpc, pid, smc
+from ssmr.control import lqr, mpc, pid
 from ssmr.control.law import Command, Gains, Law, Memory, Observation
 from ssmr.control.mission import PythonController
 from ssmr.control.waypoints import Errors, Target
@@ -25,7 +25,6 @@ _PLAIN = {law.name: law for law in (
     pid.LAW,
     lqr.LAW,
     lqr.SCHEDULED_LAW,
-    smc.LAW,
 )}  # fmt: skip
 PREDICTOR = "+predictor"
 """Ending of the name of a law that acts on the state one dead time ahead."""

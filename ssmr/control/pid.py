@@ -22,8 +22,8 @@ U_REF_LIMIT = 1.0
 
 
 @dataclass(frozen=True)
-class VelocityGains(Gains):
-    """Gains of the velocity loop; the defaults are the published ones (Tab. 4.4)."""
+class PidGains(Gains):
+    """Gains of the five PI blocks and of the feedforwards; the defaults are the published ones (Tab. 4.4)."""
 
     k_p_u: float = parameter(0.037, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
     """u-PID, proportional."""
@@ -37,12 +37,6 @@ class VelocityGains(Gains):
     """Feedforward of u_ref."""
     ff_w: float = parameter(0.0, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
     """Feedforward of omega_ref."""
-
-
-@dataclass(frozen=True)
-class PidGains(VelocityGains):
-    """Gains of the five PI blocks and of the feedforwards; the defaults are the published ones (Tab. 4.4)."""
-
     k_p_rho: float = parameter(2.836, unit="1/s", low=0.0, high=1e6, search=(0.0, 6.0))
     """rho-PID, proportional."""
     k_i_rho: float = parameter(0.115, unit="1/s2", low=0.0, high=1e6, search=(0.0, 2.0))
@@ -80,7 +74,7 @@ def position_loop(gains: Any, memory: Memory, errors: Errors, target: Target, se
 
 @jit
 def velocity_loop(gains: Any, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
-    """Return the memory and the command after a step of Tab. 4.2; any gains that have these six names will do."""
+    """Return the memory and the command after a step of Tab. 4.2."""
     u, i_u = pi_block(memory.u_ref - seen.v, memory.i_u, gains.k_p_u, gains.k_i_u, np.inf, dt)
     w, i_w = pi_block(memory.w_ref - seen.w, memory.i_w, gains.k_p_w, gains.k_i_w, np.inf, dt)
     after = Memory(memory.i_rho, memory.i_y, memory.i_alpha, i_u, i_w, memory.u_ref, memory.w_ref)

@@ -40,8 +40,8 @@ class Control(Graph):
     """Options of `control`."""
 
     controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
-    """Controller: pid and lqr are the thesis'; lqr-scheduled (linearised about the operating speed) and smc (sliding
-    mode) go beyond it. With +predictor behind its name a law acts on the state one dead time ahead; mpc plans ahead."""
+    """Controller: pid and lqr are the thesis'; lqr-scheduled is linearised about the operating speed. With +predictor behind
+    its name a law acts on the state one dead time ahead; mpc plans ahead."""
     reference: Annotated[str | None, tyro.conf.Positional, cli.option(metavar="REFERENCE", default="none")] = None
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv: x, y[, t])."""
     speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None

@@ -11,7 +11,7 @@ from mujoco import rollout
 
 from benchmarks.rows import Row, alternate, ratio, report
 from ssmr.control.loop import LoopSettings
-from ssmr.control.population import run_loops
+from ssmr.control.population import run_bodies, run_loops
 from ssmr.control.references import circle
 from ssmr.simulation import PlanarModel
 from validation import cli
@@ -19,7 +19,7 @@ from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller, make_robot
 from validation.learning import TrackBatch, TrackTask
 from validation.plants.profile import load_profile
-from validation.simulator.loops import run_husky_loops
+from validation.simulator.loops import MujocoBodies
 from validation.simulator.motors import controls
 from validation.simulator.plant import MujocoPlant
 
@@ -37,7 +37,8 @@ def loop_rows(repeats: int, robots: int) -> list[Row]:
     way, short = circle(0.5), circle(0.5, 1.5, 0.25)
     every = [body] * robots, [law] * robots, [settings] * robots
     (planar,) = alternate(partial(run_loops, *every, way, range(4)), repeats=repeats)
-    close = partial(run_husky_loops, [plant] * robots, [law] * robots, [settings] * robots, short, range(4), 1)
+    bodies, drives = (lambda state: MujocoBodies([plant] * robots, 1, state)), [plant.drive] * robots
+    close = partial(run_bodies, bodies, drives, plant.dt, [law] * robots, [settings] * robots, short, range(4))
     run = close()[0]
     ticks = round(float(run.t[-1]) / plant.dt) // (len(run.t) - 1)
     control = np.repeat(controls(plant.model, np.repeat(run.table[:-1, 6:8], ticks, axis=0))[None], robots, axis=0)

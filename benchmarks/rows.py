@@ -33,14 +33,14 @@ def optional(quick: bool, measure: Callable[[], T]) -> T | None:
         return None
 
 
-def alternate(*calls: Callable[[], object], repeats: int, clock: Callable[[], float] = time.process_time) -> list[float]:
-    """Return the fastest time of each call [s], all called in turn so that a busy machine hurts them alike."""
+def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
+    """Return the fastest processor time of each call [s], all called in turn so that a busy machine hurts them alike."""
     times = np.empty((repeats + 1, len(calls)))
     for i in range(repeats + 1):  # the first round compiles
         for j, call in enumerate(calls):
-            began = clock()
+            began = time.process_time()
             call()
-            times[i, j] = clock() - began
+            times[i, j] = time.process_time() - began
     return [float(t) for t in times[1:].min(axis=0)]
 
 

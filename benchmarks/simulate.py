@@ -6,7 +6,6 @@ Ratios count, not seconds: machines are shared. Each pair is timed alternately, 
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -17,12 +16,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import mujoco
 import numpy as np
 from mujoco import rollout
-from scipy.spatial import cKDTree
 
 from benchmarks.rows import Row, alternate, ratio, report
 from ssmr.errors import SsmrError
 from ssmr.lanes import run_population
-from ssmr.metrics.paths import nearest_squared
 from ssmr.models.law import PLANAR_MODELS
 from ssmr.robot.drive import wheel_references
 from ssmr.scenarios import TRAJECTORIES
@@ -61,15 +58,6 @@ def lane_row(name: str, commands: Commands, repeats: int) -> Row:
     return ratio(f"{name}: {POPULATION} robots one by one / in lanes", single, lanes, least=6.0)
 
 
-def thread_row(commands: Commands, repeats: int) -> Row:
-    """Drive 64 candidates of the improved model on one thread and on two."""
-    model = planar("improved")
-    models = [replace(model, parameters=replace(model.parameters, gain=60.0 + i)) for i in range(POPULATION)]
-    run = partial(run_population, models, commands, [State()] * POPULATION, SAMPLE_DT)
-    one, two = alternate(run, partial(run, workers=2), repeats=repeats, clock=time.perf_counter)
-    return ratio(f"improved: {POPULATION} robots on one thread / on two", one, two, least=1.8)
-
-
 def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     """The Husky as a plant, bare mujoco.rollout of the same model, and real time."""
     section = LAB.plants["mujoco"]
@@ -85,17 +73,6 @@ def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     return [ratio("mujoco plant / bare rollout", ours, bare, most=1.1), real_time]
 
 
-def nearest_row(repeats: int) -> Row:
-    """The nearest samples of a log whose localiser jumps, beside scipy's tree."""
-    rng = np.random.default_rng(0)
-    yaw = np.cumsum(rng.normal(0.0, 0.02, 100_000))
-    path = np.cumsum(0.01 * np.column_stack([np.cos(yaw), np.sin(yaw)]), axis=0)
-    path[50_000:] += 200.0
-    points = path + rng.normal(0.0, 0.02, path.shape)
-    ours, tree = alternate(lambda: nearest_squared(points, path), lambda: cKDTree(path).query(points), repeats=repeats)
-    return ratio("nearest samples of 100 000 poses with a jump / scipy's KD-tree", ours, tree, most=2.0)
-
-
 def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 10, quick: bool = False) -> None:
     """Time every part beside its peer; print the ratios and write them as JSON.
 
@@ -107,8 +84,7 @@ def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 10, q
     if repeats < 1:
         raise cli.UserError(f"--repeats {repeats} must be positive")
     commands, often = TRAJECTORIES["traj4"].commands(), 1 if quick else repeats
-    rows = [*(lane_row(name, commands, often) for name in PLANAR_MODELS), thread_row(commands, often)]
-    rows += [*mujoco_rows(commands, often), nearest_row(often)]
+    rows = [*(lane_row(name, commands, often) for name in PLANAR_MODELS), *mujoco_rows(commands, often)]
     report("benchmarks/simulate: ratios of the fastest times, measured side by side", rows, out)
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from hypothesis import strategies as st
 from ssmr.control.laws import PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings, LostError, make_clock, run_loop
 from ssmr.control.pid import PidGains
-from ssmr.control.population import run_loops
+from ssmr.control.population import run_bodies, run_loops
 from ssmr.control.references import circle, line, sine
 from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING
 from ssmr.control.waypoints import Waypoints
@@ -31,7 +33,7 @@ from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 from validation.bench.gains import load_gains
 from validation.plants.profile import load_profile, make_plant
-from validation.simulator.loops import run_husky_loops
+from validation.simulator.loops import MujocoBodies
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.thesis import published
@@ -88,6 +90,12 @@ def exact_husky() -> MujocoPlant:
     return MujocoPlant(section.parameters, section.drive, settings=PhysicsSettings(solver="Newton"))
 
 
+def run_huskies(plants: Sequence[MujocoPlant], *rest: Any, workers: int = 1, start: State | None = None) -> list[ClosedRun]:
+    """Closed loops of MuJoCo's robots; the rest is laws, settings, waypoints and seeds."""
+    drives = [plant.drive for plant in plants]
+    return run_bodies(lambda state: MujocoBodies(plants, workers, state), drives, plants[0].dt, *rest, start)
+
+
 def drive(
     robot: PlanarModel | MujocoPlant,
     law: Controller,
@@ -99,7 +107,7 @@ def drive(
     """One robot alone."""
     if isinstance(robot, PlanarModel):
         return run_loops([robot], [law], [settings], waypoints, [seed], start)[0]
-    return run_husky_loops([robot], [law], [settings], waypoints, [seed], start=start)[0]
+    return run_huskies([robot], [law], [settings], waypoints, [seed], start=start)[0]
 
 
 def rolling(speed: float, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> State:
@@ -352,14 +360,14 @@ def test_one_lost_robot_does_not_disturb_the_others(husky: MujocoPlant) -> None:
     assert [run.lost for run in together] == [False, True, False]
     assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
     alone = [drive(husky, law, FLIGHT, LoopSettings()) for law in laws]
-    together = run_husky_loops([husky] * 3, laws, [LoopSettings()] * 3, FLIGHT, [1], 2)
+    together = run_huskies([husky] * 3, laws, [LoopSettings()] * 3, FLIGHT, [1], workers=2)
     assert [run.lost for run in together] == [False, True, False]
     assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
 
 
 def test_a_husky_whose_simulation_gives_up_is_lost_and_does_not_begin_again(husky: MujocoPlant) -> None:
     """MuJoCo puts a diverged robot back to the origin, which on this reference is not far from the target."""
-    for run in run_husky_loops([husky] * 2, [PUBLISHED["pid"]] * 2, [TRUTH] * 2, BEND, [1], start=State(v_x=1e11)):
+    for run in run_huskies([husky] * 2, [PUBLISHED["pid"]] * 2, [TRUTH] * 2, BEND, [1], start=State(v_x=1e11)):
         assert run.lost
         assert len(run.t) == 1
         with pytest.raises(LostError, match="left its bounds"):

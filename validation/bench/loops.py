@@ -24,7 +24,8 @@ from ssmr.types import Commands, Plant, State
 from validation.bench.gains import GainSet, load_gains
 from validation.bench.user_law import is_user_law, load_user_law
 from validation.plants.profile import Profile, ProfileError, make_plant
-from validation.simulator.loops import run_husky_loops
+from validation.simulator.loops import MujocoBodies
+from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -116,6 +117,7 @@ def chosen_controller(
     return make_controller(profile, wanted), wanted
 
 
+@mujoco_failures()
 def run_robots(
     robots: Sequence[ClosedLoopRobot],
     controllers: Sequence[AnyController],
@@ -141,18 +143,22 @@ def run_robots(
     """
     told = [c.on(r.known or r.drive) for r, c in zip(robots, controllers, strict=True)]
     planar = [r.body for r in robots if isinstance(r.body, PlanarModel)]
+    threads = workers or os.cpu_count() or 1
     huskies = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
     tyred = [r.body for r in robots if isinstance(r.body, FourWheelModel)]
     if len(robots) not in (len(planar), len(huskies), len(tyred)):
         raise ValueError("a population is one kind of plant")
     if huskies:
-        return run_husky_loops(huskies, told, settings, waypoints, seeds, workers, start)
+        return run_bodies(
+            lambda state: MujocoBodies(huskies, threads, state),
+            [plant.drive for plant in huskies], huskies[0].dt, told, settings, waypoints, seeds, start,
+        )  # fmt: skip
     if tyred:
         return run_bodies(
             lambda state: FourWheelBodies(tyred, state),
             [model.drive for model in tyred], FOUR_WHEEL_DT, told, settings, waypoints, seeds, start,
         )  # fmt: skip
-    return run_loops(planar, told, settings, waypoints, seeds, start, workers or os.cpu_count() or 1)
+    return run_loops(planar, told, settings, waypoints, seeds, start, threads)
 
 
 # ------------------------------------------------------------------------------------------ what a reference asks for

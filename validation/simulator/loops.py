@@ -1,4 +1,4 @@
-"""Closed loops around MuJoCo Huskies: a whole population, each with its own body, controller and noise, in one batch.
+"""MuJoCo's robots in a batch, for closed loops: a whole population, each with its own body.
 
 A batch advances by whole periods of the position loop, as fast as an open-loop rollout; `ssmr.control.population.run_bodies`
 is the robots' side.
@@ -6,7 +6,6 @@ is the robots' side.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 import mujoco
@@ -14,15 +13,10 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from ssmr.control.laws import AnyController
-from ssmr.control.loop import ClosedRun, LoopSettings, common_settings
-from ssmr.control.population import run_bodies
-from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
 from ssmr.robot.drive import motor_numbers
 from ssmr.types import FloatArray, State
 from validation.simulator.motors import controls
-from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
 
 
@@ -34,8 +28,16 @@ class MujocoBodies:
     qvel: FloatArray
     """(S, nv) MuJoCo's velocities; a view."""
 
-    def __init__(self, plants: Sequence[MujocoPlant], workers: int) -> None:
-        """Make room for robots that move as `plants` do, several of which may be one; `place` puts each on its ground."""
+    def __init__(self, plants: Sequence[MujocoPlant], workers: int, state: State | None = None) -> None:
+        """Make room for robots that move as `plants` do, several of which may be one, on so many threads.
+
+        `place` puts each on its ground, which is done here if a `state` is given.
+
+        Raises:
+            ValueError: several time steps, terrains or shapes of tyre.
+        """
+        if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:
+            raise ValueError("a population of Huskies has one time step, one terrain and one shape of tyre")
         first = self._first = plants[0]
         self._plants = list(plants)
         self._batch = batch.Batch(first.model, len(plants), workers)
@@ -45,6 +47,8 @@ class MujocoBodies:
         self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         self._width = first.model.nu + first.model.nv
         self._wheels = [d for pair in zip(*first.wheel_dofs, strict=True) for d in pair]  # in the order of `WHEELS`
+        if state is not None:
+            self.place(range(len(plants)), [state] * len(plants))
 
     def place(self, rows: Sequence[int], states: Sequence[State], plants: Sequence[MujocoPlant] = ()) -> None:
         """Put the robots of some rows into states, with no memory of what they did before; as other plants, if given."""
@@ -91,31 +95,3 @@ class MujocoBodies:
         control[:, :, :nu] = controls(self._first.model, references)
         control[:, :, nu + 5] = (self._inertia if rows is None else self._inertia[rows])[:, None] * pushes
         self._batch.rollout(references.shape[1], control, control_spec=self._spec, record=(), ids=rows)
-
-
-@mujoco_failures()
-def run_husky_loops(
-    plants: Sequence[MujocoPlant],
-    controllers: Sequence[AnyController],
-    settings: Sequence[LoopSettings],
-    waypoints: Waypoints,
-    seeds: Sequence[int],
-    workers: int | None = None,
-    start: State | None = None,
-) -> list[ClosedRun]:
-    """Run many closed loops of MuJoCo's robots, several of which may be one, as `run_bodies` does; `workers` are threads.
-
-    Raises:
-        ValueError: several time steps, terrains or shapes of tyre, or what `run_bodies` raises.
-    """
-    common_settings(settings, seeds)
-    if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:
-        raise ValueError("a population of Huskies has one time step, one terrain and one shape of tyre")
-
-    def bodies_at(state: State) -> MujocoBodies:
-        bodies = MujocoBodies(plants, workers or os.cpu_count() or 1)
-        bodies.place(range(len(plants)), [state] * len(plants))
-        return bodies
-
-    drives = [p.drive for p in plants]
-    return run_bodies(bodies_at, drives, plants[0].dt, controllers, settings, waypoints, seeds, start)

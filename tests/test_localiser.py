@@ -73,5 +73,5 @@ def test_poses_alone_are_told_as_with_the_rest(lab: Profile, late: tuple[float, 
     body = curve(lab)
     slack = 1e-12 if late == (0.0, 0.0) and stamps is None else 1e-5
     for localiser in (Localiser(), Localiser(0.15, -0.04, 0.3, *late), Localiser(tracked_x=-0.1)):
-        assert np.abs(localiser.told(body.pose, 0.01, stamps) - localiser.seen(body, stamps).pose).max() < slack
-    assert stamps is not None or np.array_equal(Localiser().told(body.pose, 0.01), body.pose)
+        assert np.abs(localiser.logged_poses(body.pose, 0.01, stamps) - localiser.seen(body, stamps).pose).max() < slack
+    assert stamps is not None or np.array_equal(Localiser().logged_poses(body.pose, 0.01), body.pose)

@@ -16,7 +16,7 @@ import tomli_w
 from validation import cli, load_robot
 from validation.robots import PROGRAM, check_robot
 from validation.simulator.calibration import Calibration
-from validation.simulator.checking import load_shares, side_torque, spot_turn
+from validation.simulator.checking import load_shares, spot_turn, turning_torque
 from validation.simulator.description import Robot, parse_robot
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import spin
@@ -72,7 +72,7 @@ def test_the_simulated_robot_needs_the_torque_that_mechanics_says(com: tuple[flo
     assert spot is not None
     found = spin(MujocoPlant(Calibration.of(robot), robot.drive), 20.0, 0.4)
     torque = np.abs(found.channels["torque_N_m"][found.t > 8.0]).mean(axis=0)
-    np.testing.assert_allclose(torque, robot.simulation.friction * side_torque(robot, spot), rtol=0.03)
+    np.testing.assert_allclose(torque, robot.simulation.friction * turning_torque(robot, spot), rtol=0.03)
 
 
 FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {

@@ -25,8 +25,8 @@ from validation.simulator.checking import (
     load_shares,
     measure_robot,
     robot_outline,
-    side_torque,
     spot_turn,
+    turning_torque,
     whole_com,
 )
 from validation.simulator.description import GRAVITY, SCHEMA, Robot, load_robot, shipped_robots
@@ -161,7 +161,7 @@ def _document(robot: Robot, spot: SkidTurn | None, found: Measured | None, loads
         "static_loads_N": loads,
         "apparent_mass_kg": None if found is None else found.apparent_mass,
         "friction": mu,
-        "side_torque_needed_N_m": None if spot is None else mu * side_torque(robot, spot) + drive.gear_loss,
+        "side_torque_needed_N_m": None if spot is None else mu * turning_torque(robot, spot) + drive.gear_loss,
         "side_torque_N_m": 2.0 * drive.torque_limit,
         "numbers": {key: {"value": value, "unit": unit_of_key(key)} for key, value in _every_number(robot).items()},
     }

@@ -63,7 +63,7 @@ class Localiser:
         """Return (..., 3) poses of the tracked frame from those of the body."""
         return compose(body, (*self.point, self.tracked_yaw))
 
-    def told(self, body: FloatArray, period: float, t: FloatArray | None = None) -> FloatArray:
+    def logged_poses(self, body: FloatArray, period: float, t: FloatArray | None = None) -> FloatArray:
         """Return the poses that the log tells of a body which moves in a line between samples.
 
         Args:

@@ -145,5 +145,5 @@ class PlanarPopulation:
             starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
             begins = [starts[localiser] for localiser in localisers]
             poses = self._run(models, piece.commands, begins, sample_dt, workers=self._workers)
-            out[rows] = [one.told(pose, sample_dt, piece.t) for one, pose in zip(localisers, poses, strict=True)]
+            out[rows] = [one.logged_poses(pose, sample_dt, piece.t) for one, pose in zip(localisers, poses, strict=True)]
         return out

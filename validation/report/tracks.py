@@ -74,9 +74,9 @@ def looks_of(robot: Robot) -> Looks:
         mujoco.mju_quat2Mat(rotation, model.geom_quat[g])
         middle, half = np.split(model.geom_aabb[g], 2)
         reach, middle = np.abs(rotation.reshape(3, 3)) @ half, model.geom_pos[g] + rotation.reshape(3, 3) @ middle
-        round_one = model.geom_type[g] == mujoco.mjtGeom.mjGEOM_CYLINDER
-        numbers = (model.geom_size[g] if round_one else half, middle, model.geom_quat[g], model.geom_rgba[g])
-        kind = "cylinder" if round_one else "box"
+        is_cylinder = model.geom_type[g] == mujoco.mjtGeom.mjGEOM_CYLINDER
+        numbers = (model.geom_size[g] if is_cylinder else half, middle, model.geom_quat[g], model.geom_rgba[g])
+        kind = "cylinder" if is_cylinder else "box"
         solids[body].append(Solid(kind, *(np.array(v, dtype=np.float64) for v in numbers)))
         low, high = np.minimum(low, places[body] + middle - reach), np.maximum(high, places[body] + middle + reach)
     return Looks(solids, places, high - low)

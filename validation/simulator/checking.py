@@ -59,7 +59,7 @@ def spot_turn(robot: Robot) -> SkidTurn | None:
     return turn_on_the_spot(g.wheelbase, g.track, x, y) if load_shares(robot).min() >= 0.0 else None
 
 
-def side_torque(robot: Robot, turn: SkidTurn) -> float:
+def turning_torque(robot: Robot, turn: SkidTurn) -> float:
     """Return the torque of either side in a turn on the spot on ground of friction 1, without losses [N m].
 
     What the tyres of loads N and slips s dissipate, mu N |s| each, the two sides have to give. The forces along the robot
@@ -180,7 +180,7 @@ def _parts_faults(robot: Robot) -> dict[str, bool]:
 def _motor_faults(robot: Robot, spot: SkidTurn) -> dict[str, bool]:
     """Return the same of the motors."""
     mu, loss, has = robot.simulation.friction, robot.drive.gear_loss, 2.0 * robot.drive.torque_limit
-    torque = side_torque(robot, spot)
+    torque = turning_torque(robot, spot)
     needed = mu * torque + loss
     return {
         f"it cannot turn on the spot on ground of friction {mu:g}: a side needs {needed:.4g} N m and its motors give "
@@ -205,7 +205,7 @@ def _moving_faults(spot: SkidTurn | None, found: Measured) -> dict[str, bool]:
 
 def _questions(robot: Robot, spot: SkidTurn | None) -> dict[str, bool]:
     """Return what deserves a second look, and whether it applies."""
-    drive, guesses, torque = robot.drive, guessed(robot), 0.0 if spot is None else side_torque(robot, spot)
+    drive, guesses, torque = robot.drive, guessed(robot), 0.0 if spot is None else turning_torque(robot, spot)
     rims = 0.0 if spot is None else robot.geometry.wheel_radius / drive.command_radius * spot.yaw_rate
     turned = drive.command_half_track * rims  # yaw rate over the wanted one
     endless, g = not math.isfinite(drive.torque_limit), robot.geometry

@@ -23,7 +23,7 @@ from ssmr.types import FloatArray
 from validation import store
 from validation.files import reading
 from validation.simulator import guarded
-from validation.simulator.checking import side_torque, spot_turn
+from validation.simulator.checking import spot_turn, turning_torque
 from validation.simulator.description import SCHEMA, SECTIONS, Robot, RobotError, parse_robot, shipped_robots
 from validation.words import one_line
 
@@ -100,7 +100,7 @@ def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[st
     robot = parse_robot(document)
     spot = spot_turn(robot)
     if "drive.torque_limit" not in robot.said and spot is not None:
-        torque = float(f"{0.5 * SURE_FRICTION * side_torque(robot, spot):.3g}")
+        torque = float(f"{0.5 * SURE_FRICTION * turning_torque(robot, spot):.3g}")
         source = f"assumed: enough to turn on the spot on ground of friction {SURE_FRICTION:g}"
         document = _document(name, description, {**entries, "drive.torque_limit": (torque, source)})
         robot = parse_robot(document)

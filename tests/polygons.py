@@ -45,4 +45,4 @@ def polygonal_turn(limit: Limit, heading: float, wheelbase: float, track: float,
     cost = np.concatenate([np.zeros(3), load])
     found = linprog(cost, np.vstack(rows), np.concatenate(bounds), bounds=[(None, None)] * 3 + [(0.0, None)] * n)
     v_x, v_y, rate = (float(value) for value in found.x[:3])
-    return SkidTurn(v_x, v_y, rate if rate > 1e-9 else 0.0, track)
+    return SkidTurn(v_x, v_y, rate if rate > 1e-9 else 0.0, track, float(found.fun))

@@ -75,7 +75,7 @@ def test_compare(robot: str, tmp_path: Path) -> None:
 
 
 def test_track(robot: str, tmp_path: Path) -> None:
-    found = run(track, robot, tmp_path, "lqr", "circle", "--plant", "improved,mujoco", "--no-rerun")
+    found = run(track, robot, tmp_path, "lqr-scheduled", "circle", "--plant", "improved,mujoco", "--no-rerun")
     assert found["metrics"]["d_rms_m"] < 0.15
     assert found["beside"]["mujoco"]["d_rms_m"] < 0.15
 

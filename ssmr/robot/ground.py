@@ -37,7 +37,7 @@ class SkidTurn:
     track: float
     """Distance of the sides [m]."""
     slip: float
-    """Mean speed at which tyres slide over the ground, weighted by their loads [m/s]."""
+    """What friction of 1 dissipates over the weight [m/s]: the mean speed at which tyres slide, weighted by their loads."""
 
     @property
     def multiplier(self) -> float:

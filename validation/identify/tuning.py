@@ -159,11 +159,12 @@ class RatedRun(NamedTuple):
 
 
 def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
-    """Return the same robot, on the same ground, that acts on its commands `more` later [s]."""
+    """Return the same robot, on the same ground and with the same physics, that acts on its commands `more` later [s]."""
     late = replace(robot.drive, delay_v=robot.drive.delay_v + more, delay_w=robot.drive.delay_w + more)
     body, known = robot.body, robot.known or robot.drive  # no controller knows of the delay
     if isinstance(body, MujocoPlant):
-        return replace(robot, body=MujocoPlant(body.calibration, late, terrain=body.terrain), known=known)
+        simulated = MujocoPlant(body.calibration, late, terrain=body.terrain, settings=body.settings)
+        return replace(robot, body=simulated, known=known)
     return replace(robot, body=replace(body, drive=late), known=known)
 
 

@@ -58,6 +58,8 @@ class MujocoPlant:
     name = "mujoco"
     drive: Drive
     """Saturation, delays and conversions between command and wheels."""
+    settings: PhysicsSettings
+    """How physics is computed."""
     wheel_dofs: tuple[list[int], ...]
     """Degrees of freedom of the left and of the right wheels."""
 
@@ -81,7 +83,7 @@ class MujocoPlant:
         Raises:
             ValueError: numbers that do not go together.
         """
-        self.terrain, self._settings = terrain, settings
+        self.terrain, self.settings = terrain, settings
         self.model = robot_model(calibration, terrain, settings, drive)
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
         self.calibration, self.drive, self._parts = calibration, drive, robot_parts(self.model)
@@ -110,7 +112,7 @@ class MujocoPlant:
         armature = PRESCRIBED_SHARE * robot.masses.total * robot.geometry.wheel_radius**2
         gain = 2.0 * armature / (PRESCRIBED_LAG * self.dt)
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
-        return robot_model(heavy, self.terrain, self._settings, FREE_DRIVE)
+        return robot_model(heavy, self.terrain, self.settings, FREE_DRIVE)
 
     @property
     def dt(self) -> float:

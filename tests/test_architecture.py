@@ -212,7 +212,7 @@ PRICES = {
     "validation/report": (2_488, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_469, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_409, "a robot's description becomes a MuJoCo model that moves"),
-    "validation/study": (1_923, "answers: contact and engines, transfer, drive train"),
+    "validation/study": (1_925, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (278, "the thesis' numbers"),
     "validation/bench": (
         1_426,
@@ -226,7 +226,7 @@ PRICES = {
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""
-MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_368, 190, 17_500
+MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_370, 190, 17_500
 MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 52_000, 1_100
 
 

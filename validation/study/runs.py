@@ -37,7 +37,7 @@ SCHEMA = "ssmr.study.runs/1"
 _HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
 _ACROSS = 3
 """Number of panels in a row of the picture."""
-_COSTS, _COST = {"mujoco": 2.5, "four_wheel": 0.4}, 0.1
+_COSTS, _COST = {"mujoco": 1.0, "four_wheel": 0.2}, 0.05
 """Processor time of fit and judgement over the length of a log, by plant, and that of the others [1]."""
 
 
@@ -107,8 +107,9 @@ def _measure(o: RunsStudy, run: Run) -> Row:
     for plant in sorted(o.plants, key=lambda plant: plant != FIRST_FITTED):
         heavy = plant not in PLANAR_MODELS and FIRST_FITTED in o.plants
         fitted = fit(
-            plant, run.log, profile=profile, input="wheels", until=middle, search="lsq", seed=o.seed, workers=1,
-            start=begin_at(plant, BODY, profile) if heavy else None, out=folder / run.name / plant,
+            plant, run.log, profile=profile, input="wheels", until=middle, seed=o.seed, workers=1,
+            search="lsq" if heavy else "hybrid", start=begin_at(plant, BODY, profile) if heavy else None,
+            out=folder / run.name / plant,
         )  # fmt: skip
         profile = fitted.profile
         numbers[plant] = {p.name if p.unit == "1" else f"{p.name}_{p.unit}": p.value for p in fitted.parameters}
@@ -138,7 +139,8 @@ def _measure(o: RunsStudy, run: Run) -> Row:
 def study_runs(o: RunsStudy) -> Report:
     """Fit every plant to the first half of each log's time in motion by its wheel rates, and judge it on the second half.
 
-    Fits are least squares from the numbers of the robot's profile.
+    Planar models are fitted by the hybrid search from the robot's profile, and others by least squares that begin where the
+    kinematic one ends.
 
     Writes study.json, study.md and study.png, and for each log its profile with all fits. A study that was broken off
     goes on where it was.

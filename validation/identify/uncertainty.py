@@ -135,6 +135,7 @@ def sentences(problem: FitProblem, uncertainty: Uncertainty) -> list[str]:
     if problem.model in SIMULATED and "friction" in touched:
         out.append(
             "The way a robot turns determines the ratio of lateral to longitudinal friction, not the friction itself. "
-            "Friction shows only where torque saturates, the wheels lag or the robot slides outwards: measure it otherwise."
+            "Friction shows only where torque saturates, the wheels lag or the robot slides outwards: take it from currents "
+            "or from braking, hold it, and free slip_compliance, which soft tyres slide outwards by."
         )
     return out

@@ -67,6 +67,10 @@ class Calibrate(cli.Common):
         """Return the folder that the files are written to."""
         return Path("runs") / "calibrate" / file_name(Path(self.log).stem)
 
+    def writes(self) -> tuple[str, ...]:
+        """Return the names of the files that it writes into its folder."""
+        return (*super().writes(), "profile.toml", "diff_drive.yaml")
+
 
 def _label(f: Fitted) -> str:
     return f"{f.model} by {f.options['input']}"

@@ -74,6 +74,10 @@ class CheckRobot(cli.Common):
         """Return the folder that the files are written to."""
         return Path("runs") / "robots" / file_name(_loaded(self.robot).name)
 
+    def writes(self) -> tuple[str, ...]:
+        """Return the names of the files that it writes into its folder."""
+        return "robot.json", "robot.png"
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RobotCheck(Report):

@@ -35,6 +35,7 @@ from validation.cli.program import output_folder as output_folder
 from validation.cli.program import program as program
 from validation.cli.program import report_console as report_console
 from validation.cli.program import report_result as report_result
+from validation.cli.program import require_apart as require_apart
 from validation.cli.program import require_writable as require_writable
 from validation.cli.program import warn as warn
 from validation.cli.program import writes as writes

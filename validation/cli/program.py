@@ -20,6 +20,7 @@ from ssmr.parameters import MOST_SEED, require_within
 from validation import progress, store
 from validation.cli.options import Flag, Seed, UserError, Workers, option
 from validation.cli.process import field_text, mistakes_are_users, run, say
+from validation.files.reading import read_file
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import rich_table
 from validation.words import each_line, one_line, visible
@@ -31,6 +32,9 @@ _LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
 _ENDLESS = 10_000
 """Width of what is no terminal."""
+_STAMPS = {".json": b'"ssmr.', ".npz": b"jde_"}
+"""Texts in files of ours, by ending."""
+_MOST_BYTES = 1 << 30  # of a file in which they are looked for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +52,10 @@ class Common:
     def folder(self) -> Path:
         """Return the folder that files are written to where `out` names none."""
         return Path("runs") / type(self).__name__.lower()
+
+    def writes(self) -> tuple[str, ...]:
+        """Return the names of the files that it writes into its folder."""
+        return tuple(f"{self.folder().parts[1]}.{ending}" for ending in ("json", "png", "md", "rrd"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +104,7 @@ class Program(Generic[P, R]):
                     options.check()
                 folder = options.out or options.folder()
                 require_writable(folder)
-                require_apart(options, folder)
+                require_apart(options, folder, options.writes())
                 with shown(self.__name__) as show:
                     report = self.function(replace(options, progress=show, out=folder))
             finish(report, options, output_folder(folder))
@@ -150,20 +158,24 @@ def require_writable(folder: Path) -> None:
         raise UserError(f"--out {folder}: {nearest} is no folder that can be written; name another")
 
 
-def require_apart(options: Common, folder: Path) -> None:
-    """Refuse to write over a file that is read, or over numbers that no program of ours left in its folder.
+def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
+    """Refuse to write over a file that is read, or in a folder that the user names over one that is not ours.
+
+    A file is ours if it has our stamp or, where files of its kind have none, if one beside it does.
 
     Raises:
-        UserError: there is such a file in the folder, and no `overwrite`.
+        UserError: there is such a file among the `names` of what is written, and no `overwrite`.
     """
     if options.overwrite:
         return
     values = [getattr(options, f.name) for f in fields(options)]
     texts = [text for value in values for text in (value if isinstance(value, tuple | list) else (value,))]
     read = [Path(os.path.realpath(text)) for text in texts if isinstance(text, str | Path)]  # a ring of links is itself
-    ours = any((folder / name).exists() for name in ("fit.json", "tune.json", "calibrate.json", "checkpoint.npz"))
-    for path in (folder / name for name in ("profile.toml", "gains.toml", "diff_drive.yaml")):
-        if path.is_file() and (path.resolve() in read or not ours):
+    there = [path for path in (folder / name for name in names) if os.path.lexists(path)]
+    ours = [path for path in there if path.suffix in _STAMPS and _STAMPS[path.suffix] in read_file(path, _MOST_BYTES)]
+    for path in there:
+        known = options.out is None or path in ours or (bool(ours) and path.suffix not in _STAMPS)
+        if not known or Path(os.path.realpath(path)) in read:
             raise UserError(
                 f"--out {folder} has a {path.name} already, which would be lost; name another, or add --overwrite"
             )

@@ -25,7 +25,9 @@ def _sim(options: Sim) -> None:
 def _control(options: Control) -> None:
     with _one_signal_ends() as ignore_signals:
         with cli.mistakes_are_users():
-            cli.require_writable(options.out or Path("runs") / "ros")
+            folder = options.out or Path("runs") / "ros"
+            cli.require_writable(folder)
+            cli.require_apart(options, folder, ("track.json", "track.png"))
             report = control(options)
         ignore_signals()
         robot = report.robots[0]

@@ -73,6 +73,8 @@ class Control(Graph):
     out: Annotated[
         Path | None, cli.option(metavar="DIR", default="runs/ros/CONTROLLER-REFERENCE", help="Folder for the files.")
     ] = None
+    overwrite: cli.Flag = False
+    """Replace files that are there already."""
 
 
 class ControlNode:

@@ -58,6 +58,10 @@ class RunsStudy(AnyStudy):
         if unknown := sorted(set(self.plants) - set(PLANTS)):
             raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")
 
+    def writes(self) -> tuple[str, ...]:
+        """Return the names of the files that it writes into its folder."""
+        return (*super().writes(), *(f"{name}{ending}" for name in _runs(self) for ending in (".json", ".toml")))
+
 
 @dataclass(frozen=True)
 class Run:

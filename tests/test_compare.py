@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 
 from ssmr.robot.localiser import Localiser
 from ssmr.types import State
-from tests.conftest import data_folder
+from tests.conftest import data_folder, exit_status
 from validation import cli
 from validation.bench.sources import drive, horizons_of, open_source
 from validation.compare import compare
@@ -172,3 +173,14 @@ def test_an_interrupt_in_mid_run_leaves_nothing(lab: Profile, tmp_path: Path) ->
     assert done.returncode == cli.EXIT_INTERRUPTED, done.stderr
     assert done.stderr.splitlines()[-1] == "interrupted"
     assert not (tmp_path / "out").exists()
+
+
+def test_a_program_replaces_its_own_files_and_no_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split("traj2 --plants linear --reference linear --no-rerun")
+    for out in ((), ("--out", "named")):
+        assert [exit_status(compare.command(), *words, *out) for _ in range(2)] == [0, 0]
+    for name, status in (("compare.png", 0), ("compare.json", 2)):  # which says whose the picture is
+        (tmp_path / "named" / name).write_text("of somebody else")
+        assert exit_status(compare.command(), *words, "--out", "named") == status
+    assert exit_status(compare.command(), *words, "--out", "named", "--overwrite") == 0

@@ -12,6 +12,7 @@ import pytest
 from ssmr.estimation.settings import EkfSettings
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
+from tests.conftest import data_folder
 from validation.compare import compare
 from validation.files.csv_logs import write_csv
 from validation.files.faults import AFTER_COMMAND_S, JUMP_M, JUMP_RAD, Faults, find_faults
@@ -162,6 +163,7 @@ def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
         **{f"cmd_v in {u}": ("scale", "cmd_v", scaled(f, "cmd_v")) for u, f in SPEEDS.items() if u != "m/s"},
         **{f"x and y in {u}": ("scale", "x y", scaled(f, "x", "y")) for u, f in WAYS.items()},
         "yaw in degrees": ("scale", "yaw", scaled(180.0 / np.pi, "yaw")),
+        "one wheel twice": ("swapped", "enc_right", lambda c: {**c, "enc_right": c["enc_left"]}),
         "yaw in wrapped degrees": ("scale", "yaw", lambda c: {**c, "yaw": np.degrees(c["yaw"]) % 360.0}),
         "t in minutes": ("clock", "t", scaled(1.0 / 60.0, "t")),
         "t in ms of ms": ("clock", "t", scaled(1e-3, "t")),
@@ -214,6 +216,28 @@ def test_a_part_of_a_sound_log_is_not_blamed(missing: tuple[str, ...]) -> None:
             part = log.cut(start, start + 25.0)
             there = {n: a for n, a in part.columns.items() if n not in missing}
             assert faults_of({"t": part.t, **there}).named == (), (name, start)
+
+
+def test_degrees_that_turn_by_much_a_sample_are_named_as_such() -> None:
+    columns, turned = drive(), np.degrees(6.0 * DT) * np.arange(1200)  # 17 degrees a sample
+    spun = {**columns, **dict.fromkeys(("cmd_w", "gyro_z"), np.full(1200, 6.0)), "yaw": (turned + 180.0) % 360.0 - 180.0}
+    (found,) = (
+        fault for fault in faults_of({n: spun[n] for n in ("t", "cmd_w", "gyro_z", "yaw")}).named if "yaw" in fault.columns
+    )
+    assert found.kind == "scale"
+
+
+@pytest.mark.parametrize("unit", ["cm", "mm", "ft"])
+def test_units_of_positions_show_on_ice_where_wheels_hardly_tell_the_way(unit: str) -> None:
+    path = data_folder() / "drive_runs" / "warthog_ice_train.csv"
+    if not path.is_file():
+        pytest.skip(f"there is no {path}")
+    log = read_log(path).on_one_clock()
+    found = faults_of(scaled(WAYS[unit], "x", "y")({"t": log.t, **log.columns})).named
+    assert {("sign", ("gyro_z",))} == {(f.kind, f.columns) for f in found if f.kind != "scale"}
+    assert any(f.kind == "scale" and "x" in f.columns for f in found) == (
+        unit != "ft"
+    )  # of which ice hides a factor of three
 
 
 def test_two_signals_that_contradict_each_other_are_both_named() -> None:

@@ -49,6 +49,11 @@ MISTAKES = {
     f"{FIT} --held-out traj4": "cannot be held out",
     f"{FIT} --objective horizon --horizons 500": "no window",
     f"{FIT} --profile profile.toml --out .": "has a profile.toml already, which would be lost",
+    f"{FIT} --out others": "has a fit.png already, which would be lost",
+    "compare traj4 --out others": "has a compare.json already, which would be lost",
+    "robots check husky --out others": "has a robot.png already, which would be lost",
+    "tune pid --out others": "has a checkpoint.npz already, which would be lost",
+    "study runs drive.csv --out others": "has a drive.toml already, which would be lost",
     f"{FIT} --yaw-weight -1": "yaw_weight",
     "fit kinematic --to bare.csv --input wheels": "no column enc_left, enc_right",
     "fit kinematic --to traj4@kinematic --held-out ring.csv": "error: ring.csv: ",
@@ -127,6 +132,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("log.txt", "log.bag", "file", "profile.toml"):
         (folder / name).touch()
     (folder / "bad.toml").write_text("name = 1")
+    (folder / "others").mkdir()
+    for name in ("fit.png", "compare.json", "robot.png", "checkpoint.npz", "drive.toml"):
+        (folder / "others" / name).write_text("of somebody else")
     write_csv(in_the_air(), folder / "up.csv")
     write_csv({"t": 0.05 * np.arange(200), "x": np.zeros(200), "battery": np.ones(200)}, folder / "drive.csv")
     bag = write(folder, "ros1", poses_at())

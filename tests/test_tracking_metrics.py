@@ -13,6 +13,8 @@ from ssmr.control.references import circle, eight, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import command_measures, cross_track_max
 from tests.conftest import ROUNDOFF
+from validation.bench import tracked
+from validation.track import track
 
 
 def off(waypoints: Waypoints, xy: np.ndarray, t: np.ndarray, reach: float = 3.0) -> float:
@@ -58,3 +60,15 @@ def test_the_jerk_is_the_second_derivative(bend: float, slope: float, period: fl
     t = period * np.arange(40)
     _, jerk = command_measures(np.column_stack([0.5 * bend * t**2 + slope * t, np.zeros(40)]), period)
     assert jerk == pytest.approx(abs(bend), abs=1e-9 / period**2)
+
+
+def test_a_long_run_is_shown_by_some_of_its_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
+    report = track("pid", "line", plant="linear")
+    whole = report.robots[0]
+    monkeypatch.setattr(tracked, "MOST_SHOWN", 100)
+    shown = whole.thinned()
+    assert 90 < len(shown.run.t) <= 102
+    assert len(whole.run.t) > 1000
+    assert shown.run.t[-1] == whole.run.t[-1]
+    np.testing.assert_array_equal(shown.target.t, shown.run.t[: len(shown.target.t)])
+    assert report.figure().axes  # what is drawn is that

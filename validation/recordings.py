@@ -46,6 +46,8 @@ class LogOptions(cli.Common):
     columns: cli.Columns = field(default_factory=dict)
     limits: cli.Limits = USUAL
     robot: cli.AnyRobot = None
+    seed: Annotated[int, tyro.conf.Suppress, tyro.conf.Fixed] = 0
+    workers: Annotated[None, tyro.conf.Suppress, tyro.conf.Fixed] = None
 
     @property
     def radius(self) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +63,8 @@ TRACK_METRICS: Mapping[str, Metric] = {
     )},
 }  # fmt: skip
 """Metrics of a robot that follows a reference, by name: those of its path, then those of the loop."""
+MOST_SHOWN = 60_000
+"""Most ticks of a robot in a picture or recording: all of eight minutes."""
 MOST_BESIDE = 5
 """Greatest number of robots that can be told apart in one picture or recording."""
 OF_THE_PATH = ("d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "sync_rms_m", "yaw_rms_rad", "cross_track_max_m")
@@ -123,6 +125,15 @@ class TrackedRobot:
         """Simulated over wall time; infinite where no time was taken."""
         simulated = float(self.run.t[-1]) if len(self.run.t) else 0.0
         return simulated / self.wall_s if self.wall_s > 0.0 else math.inf
+
+    def thinned(self) -> TrackedRobot:
+        """Return it as it is shown, with `MOST_SHOWN` ticks and the last one of a long run."""
+        n, w = len(self.run.t), self.target
+        if n <= MOST_SHOWN:
+            return self
+        rows = np.append(np.arange(0, n - 1, math.ceil(n / MOST_SHOWN)), n - 1)
+        target = Trajectory(*(values[rows[rows < len(w)]] for values in (w.t, w.pose, w.twist, w.wheels)))
+        return replace(self, run=replace(self.run, t=self.run.t[rows], table=self.run.table[rows]), target=target)
 
     def failure(self) -> SsmrError | None:
         """Return the error that says when and where the robot was lost; None for one that came to the end."""

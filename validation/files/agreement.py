@@ -33,6 +33,8 @@ _ALIKE = 0.65
 """Size of a correlation from which two signals tell of the same motion."""
 _SURE, _UNLIKE = 0.8, 0.3
 """Correlations of signals that surely tell of one motion, and of a signal that tells of none."""
+_FAR = math.log(3.0)
+"""Logarithm of the factor beyond what can be from which signals contradict each other that are only alike, as on ice."""
 _MEDIAN, _LEAST_SLIP = 60.0, 85.0
 """Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip make smaller, as on ice."""
 _GAIN, _GAIN_OF_UNITS = 0.5, 0.8
@@ -273,7 +275,7 @@ def _agree(a: _Measure, b: _Measure, share: float) -> float:
     ratio = math.log(max(float(np.percentile(np.abs(x[moving] / y[moving]), share)), 1e-9))
     beyond = max(0.0, math.log(a.least / b.most) - ratio, ratio - math.log(a.most / b.least))
     unusual = abs(ratio - math.log(a.usual / b.usual))  # so that of several units the most usual one is taken
-    impossible = min(1.0, 20.0 * beyond) if abs(alike) > _SURE else 0.0  # another unit changes no likeness
+    impossible = min(1.0, 20.0 * beyond) if abs(alike) > _SURE or beyond > _FAR else 0.0  # units change no likeness
     return alike - impossible - 0.02 * min(5.0, unusual)
 
 
@@ -282,6 +284,9 @@ def contradictions(told: Channels, radius: float | None = None) -> list[LogFault
 
     `radius` is that of the wheels [m]; None where nobody knows it, as then their unit shows in how they turn alone.
     """
+    wheels, turns = COMMAND_COLUMNS["wheels"], np.abs(told.get("yaw", told.get("gyro_z", 0.0))) > _MOVES
+    if set(wheels) <= set(told) and np.array_equal(told[wheels[0]], told[wheels[1]]) and np.mean(turns) > 0.1:
+        return [LogFault("swapped", wheels, "enc_left and enc_right are the same numbers, although the robot turns")]
     found, now = list[LogFault](), _agreement(told, radius)
     for _ in range(_MOST_FAULTS):
         tried = [

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from ssmr.types import FloatArray
 from validation.files.limits import USUAL, LogLimits, find_time_fault
-from validation.files.log import RECORDED, Column, Group, Log, ReadOptions, column_of, is_column_name
+from validation.files.log import RECORDED, Column, Group, Log, ReadOptions, column_of, is_column_name, unwrapped
 from validation.files.reading import FileError, opened, quoted
 from validation.store import write_atomic
 
@@ -166,7 +166,7 @@ def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogL
         if name != "t":
             if time := find_time_fault(columns["t"][there], limits):
                 raise FileError(path, time.what, column=name)
-            found = np.unwrap(values[there]) if known.unit == "rad" else values[there]
+            found = unwrapped(values[there]) if known.unit == "rad" else values[there]
             own.setdefault(known.group, {})[name] = Group(path.name, columns["t"][there], {name: found})
     groups = {}
     for key, members in own.items():

@@ -207,6 +207,12 @@ class Topic:
     """Role that it is taken for; empty for none."""
 
 
+def unwrapped(angles: FloatArray) -> FloatArray:
+    """Return (M,) angles without jumps by a turn: of 2 pi, or of 360 where they are in degrees, which is a fault to name."""
+    steps = np.abs(np.diff(angles))
+    return np.unwrap(angles, period=360.0 if np.any((steps > 300.0) & (steps < 361.0)) else 2.0 * math.pi)
+
+
 @dataclass(frozen=True, eq=False)
 class Log:
     """A log of one robot."""
@@ -242,7 +248,7 @@ class Log:
             t = frozen_array(arrays.pop("t"), "t", (None,))
             for name, a in arrays.items():
                 known = column_of(name)
-                groups[known.group][name] = frozen_array(np.unwrap(a) if known.unit == "rad" else a, name, (len(t),))
+                groups[known.group][name] = frozen_array(unwrapped(a) if known.unit == "rad" else a, name, (len(t),))
         except ValueError as cause:
             raise FileError(path, str(cause)) from cause
         if np.any(t[1:] <= t[:-1]):

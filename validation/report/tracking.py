@@ -164,7 +164,7 @@ def followed_tracks(robots: Sequence[TrackedRobot]) -> list[Track]:
 
 
 def _draw(report: Tracked) -> Figure:
-    return draw_track(report.robots)
+    return draw_track([robot.thinned() for robot in report.robots])
 
 
 def write_track_recording(report: Tracked, path: Path) -> None:
@@ -176,11 +176,12 @@ def write_track_recording(report: Tracked, path: Path) -> None:
     """
     from validation.report.scene import Scene, Series, write_scene
 
-    *robots, target = followed_tracks(report.robots)
+    shown = [robot.thinned() for robot in report.robots]
+    *robots, target = followed_tracks(shown)
     (motion,), plots = target.pieces, dict[str, Series]()
     for quantity, unit, column in (("speed", "m/s", 0), ("yaw_rate", "rad/s", 2)):
         plots[f"{quantity}/reference"] = Series([f"reference [{unit}]"], [GREY], motion.t[:-1], motion.twist[:-1, column])
-    for r in report.robots:
+    for r in shown:
         for quantity, unit, wanted, commanded in (
             ("speed", "m/s", "u_ref", "v_cmd"),
             ("yaw_rate", "rad/s", "w_ref", "w_cmd"),

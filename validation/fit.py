@@ -138,10 +138,6 @@ class Fit(Searching):
         """Return the folder that the files are written to."""
         return Path("runs") / "fit" / file_name(f"{self.model}-{Path(next(iter(self.names), '')).stem}")
 
-    def writes(self) -> tuple[str, ...]:
-        """Return the names of the files that it writes into its folder."""
-        return (*super().writes(), "profile.toml", "checkpoint.npz")
-
     @property
     def names(self) -> list[str]:
         """The sources that it is fitted to, as the user named them."""

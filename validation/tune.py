@@ -87,10 +87,6 @@ class Tune(Searching):
         """Return the folder that the files are written to."""
         return Path("runs") / "tune" / f"{self.controller}-{'-'.join(self.plants)}"
 
-    def writes(self) -> tuple[str, ...]:
-        """Return the names of the files that it writes into its folder."""
-        return (*super().writes(), "gains.toml", "checkpoint.npz")
-
     def cases(self, wanted: Iterable[tuple[str, float | None]], robots: Sequence[ClosedLoopRobot]) -> tuple[TuneCase, ...]:
         """Return every robot on every reference, which are names and speeds [m/s]; `speed` where there is none."""
         loop, out = LoopSettings(self.feedback if self.noise else "truth", disturbance=self.noise), []

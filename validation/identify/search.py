@@ -75,6 +75,11 @@ class Searching(cli.Common):
         """File in the folder `out` in which the search's state is kept; None where no folder is named."""
         return None if self.out is None else self.out / CHECKPOINT
 
+    def writes(self) -> tuple[str, ...]:
+        """Return the names of the files that it writes into its folder."""
+        found = "profile.toml" if self.folder().parts[1] == "fit" else "gains.toml"
+        return (*super().writes(), found, CHECKPOINT)
+
     def settings(self, population: int, generations: int) -> JdeSettings:
         """Return the optimiser's settings, with these sizes where none are given; a ValueError says what is out of range."""
         size = population if self.population is None else self.population

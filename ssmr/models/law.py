@@ -32,12 +32,6 @@ class PlanarRobot(NamedTuple):
     constants: Any  # what `PlanarLaw.constants` returned
 
 
-class NoConstants(NamedTuple):
-    """The constants of a law that derives none: compiled functions cannot take an empty tuple as numbers."""
-
-    unused: float = 0.0
-
-
 class Advanced(NamedTuple):
     """The velocities after a step."""
 
@@ -64,9 +58,10 @@ class PlanarLaw:
     """Compiled function that advances the velocities by one step."""
     rotation_centre: Callable[[Vehicle, Any], float] = lambda vehicle, parameters: 0.0
     """Function of vehicle and parameters that returns x_ICR [m]; 0 by default (Sec. 2.2.3)."""
-    constants: Callable[[Any, Any, float], Any] = lambda body, parameters, dt: NoConstants()
+    constants: Callable[[Any, Any, float], Any] = lambda body, parameters, dt: parameters
     """Function of the `VehicleBody`, the packed parameters and the physics step [s]. It returns, as named numbers,
-    what the law would otherwise derive at every step: reciprocals, exponentials. A step is fast without divisions."""
+    what the law would otherwise derive at every step: reciprocals, exponentials. A step is fast without divisions. A law
+    that derives nothing has its parameters once more."""
     vehicle: tuple[str, ...] = ("mass", "yaw_inertia", "wheel_radius", "radius_difference", "effective_half_track")
     """Fields of the vehicle that a fit may move: those that the law uses, less what is surely known."""
     colour: str = "#808080"

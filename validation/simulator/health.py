@@ -131,16 +131,11 @@ def run_health(model: mujoco.MjModel, motions: Sequence[Trajectory], *, given_ra
     """
     verdicts = [check_health(m.channels["wheel_load_N"]) for m in motions]
     weight = float(model.body_subtreemass[model.body("base").id]) * GRAVITY
-    excess = np.concatenate([_after_start(m) for m in motions]) - weight
+    judged = [m.t - m.t[0] >= min(START_TIME, 0.5 * float(m.t[-1] - m.t[0])) for m in motions]
+    sums = [m.channels["wheel_load_N"].sum(axis=1)[late] for m, late in zip(motions, judged, strict=True)]
+    excess = np.concatenate(sums) - weight
     peak = max(float(np.abs(m.channels["torque_N_m"]).max()) for m in motions)
     return Health(
         min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts), apparent_mass(model),
         None if given_rates else peak, float(np.sqrt(np.mean(excess**2))), weight,
     )  # fmt: skip
-
-
-def _after_start(motion: Trajectory) -> FloatArray:
-    """Return the loads' sum [N] after the start of a run."""
-    since = motion.t - motion.t[0]
-    total: FloatArray = motion.channels["wheel_load_N"].sum(axis=1)
-    return total[since >= min(START_TIME, 0.5 * since[-1])]

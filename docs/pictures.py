@@ -8,6 +8,7 @@ takes. `quick` names all that take less than two minutes and need no recording, 
 from __future__ import annotations
 
 import argparse
+import re
 import runpy
 import shlex
 import shutil
@@ -29,6 +30,11 @@ TILE, GRASS, RAISED, WARTHOG = (
     f"{name}_train.csv" for name in ("husky_tile", "husky_wet_grass", "husky_wheels_up", "warthog_grass")
 )
 
+RUNS = (
+    TILE, GRASS, "husky_unnamed_train.csv", f"{WARTHOG}@warthog",
+    *(f"warthog_{name}_train.csv@warthog" for name in ("grass_2", "asphalt", "asphalt_slow", "gravel_fast", "ice")),
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -45,7 +51,7 @@ class Picture:
 
     def recordings(self) -> list[str]:
         """Return the names of the recordings that it needs."""
-        return [word for word in shlex.split(self.command) if word.endswith("_train.csv")]
+        return re.findall(r"\w+_train\.csv", self.command)
 
 
 PICTURES = {
@@ -59,6 +65,9 @@ PICTURES = {
     "references": Picture("make_references_figure.py", 0.1),
     "results": Picture("replicate", 60.0, "replicate.png", unsigned=False),
     "robot": Picture("robots check warthog", 0.2, "robot.png"),
+    "runs": Picture(
+        f"study runs {' '.join(RUNS)} --robot husky --plants kinematic,four_wheel", 3.0, "study.png", unsigned=False
+    ),
     "sideways_drift": Picture("make_contact_figures.py", 1.0),
     "tile": Picture("make_identification_figures.py", 0.1),
     "track": Picture("track lqr-scheduled generic --gains tuned --plant improved,mujoco", 0.5, "track.png", unsigned=False),
@@ -111,7 +120,8 @@ def draw(name: str, data: Path | None) -> None:
     made = PICTURES[name]
     words = shlex.split(made.command)
     for recording in made.recordings():
-        words[words.index(recording)] = str(next((data or Path()).rglob(recording)))
+        there = str(next((data or Path()).rglob(recording)))
+        words = [word.replace(recording, there) if word.startswith(recording) else word for word in words]
     with tempfile.TemporaryDirectory() as folder:
         if words[0].endswith(".py"):
             run_script([*words, *([folder] if made.written else [])])

@@ -194,16 +194,6 @@ def test_bending_energy_of_a_standing_robot_is_zero(still: FloatArray):
     assert bending_energy(still) == 0.0
 
 
-@quick
-@given(seed=seeds, n=st.integers(2, 300))
-def test_bending_energy_of_a_straight_line_is_zero(seed: int, n: int):
-    rng = np.random.default_rng(seed)
-    along = np.cumsum(rng.exponential(0.03, n) * rng.integers(0, 2, n))
-    angle = rng.uniform(0.0, 2.0 * np.pi)
-    xy = along[:, None] * [np.cos(angle), np.sin(angle)] + rng.uniform(-5.0, 5.0, 2)
-    assert bending_energy(xy) < ROUNDOFF
-
-
 # The metrics together ------------------------------------------------------------------------------------------------------
 
 

@@ -12,6 +12,7 @@ import pytest
 from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
 from tests.robots import HUSKY
+from tests.test_log_faults import drive
 from tests.test_objective import scenario
 from validation.fit import fit
 from validation.identify.objective import FitCost, PathRater, path_offsets
@@ -56,6 +57,18 @@ def test_least_squares_alone_begin_with_the_profile(lab: Profile) -> None:
     )
     assert away.cost < 1e-4
     assert away.course.stopped_by == "least squares"
+
+
+def test_least_squares_leave_the_start_on_a_log_in_which_the_robot_mostly_stands(tmp_path: Path) -> None:
+    """The weak prior has more rows the longer a log is, and all are zero at the start."""
+    columns = drive()
+    late = {name: np.append(np.full(6, columns[name][0]), columns[name][:-6]) for name in ("x", "y", "yaw")}
+    rest = {name: values[-1] if name in late else 0.0 for name, values in (columns | late).items()}
+    held = {name: np.append(values, np.full(6000, rest[name])) for name, values in (columns | late).items()}
+    held["t"] = 0.05 * np.arange(len(held["t"]))
+    np.savetxt(tmp_path / "still.csv", np.column_stack([*held.values()]), delimiter=",", header=",".join(held), comments="")
+    found = fit("kinematic", tmp_path / "still.csv", robot="husky", input="wheels", search="lsq")
+    assert {p.name: p.value for p in found.parameters}["yaw_late"] == pytest.approx(0.3, abs=0.1)
 
 
 def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: Path, monkeypatch: Any) -> None:

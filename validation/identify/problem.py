@@ -51,7 +51,9 @@ class FitProblem:
         ]
 
         seconds = sum(piece.commands.duration for piece, _, _ in self._pieces)
-        self._priors = max(1, round(seconds / PRIOR_S)) if self.robust else 0  # copies, each as small as other errors
+        rows = sum(len(rater.blocks) for _, _, rater in self._pieces)
+        most = 2 * rows // (3 * len(space.names))  # where a robot mostly stands, the median of all errors is one of the data
+        self._priors = max(1, min(round(seconds / PRIOR_S), most)) if self.robust else 0  # copies as small as other errors
         self._prior = PRIOR_M / max(self._priors, 1) * self.robust
         values = np.array([find(model, name, base.robot).read(base) for name in space.names])
         self._usual = space.points(np.clip(values, space.lower, space.upper)[None])[0]

@@ -206,7 +206,7 @@ PRICES = {
     "validation/engines": (931, "second opinions by ODE and Drake"),
     "validation/identify": (1_571, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (674, "reinforcement learning on the robot: Gymnasium and dm_control"),
-    "validation/files": (2_391, "any log is read as one form, its faults are found, and it is written in any format"),
+    "validation/files": (2_395, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (811, "every plant declared once, and profiles"),
     "validation/replicate": (1_139, "the thesis beside us, row by row"),
     "validation/report": (2_489, "tables, pictures and rerun recordings of all programs"),
@@ -226,7 +226,7 @@ PRICES = {
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""
-MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_422, 190, 17_500
+MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_426, 190, 17_500
 MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 52_000, 1_100
 
 

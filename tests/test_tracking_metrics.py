@@ -63,12 +63,9 @@ def test_the_jerk_is_the_second_derivative(bend: float, slope: float, period: fl
 
 
 def test_a_long_run_is_shown_by_some_of_its_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
-    report = track("pid", "line", plant="linear")
-    whole = report.robots[0]
+    whole = track("pid", "line", plant="linear").robots[0]
     monkeypatch.setattr(tracked, "MOST_SHOWN", 100)
     shown = whole.thinned()
-    assert 90 < len(shown.run.t) <= 102
-    assert len(whole.run.t) > 1000
+    assert 90 < len(shown.run.t) <= 102 < len(whole.run.t)
     assert shown.run.t[-1] == whole.run.t[-1]
     np.testing.assert_array_equal(shown.target.t, shown.run.t[: len(shown.target.t)])
-    assert report.figure().axes  # what is drawn is that

@@ -45,6 +45,8 @@ JUMP_RAD = 0.2
 _CLOCKS_S, _BIN_S = 1.0, 0.1
 """Time around a step in which the wheels' fastest motion counts [s], for clocks of a log may be that far apart; and the
 width of the bins in which it is looked for [s]."""
+_SLIDES_S, _SLIDES_V = 2.0, 2.0
+"""Time for which a robot may slide on ice after its wheels slow down [s], and speed from which it does so for long [m/s]."""
 _STALL_S = 4.0  # time in which a localiser may stall and then catch up [s]
 _STAMPS_S, _SLOW = 0.4, 0.9
 """Error of a localiser's stamps [s], and rate above which a robot is fast: late poses look like jumps [m/s, rad/s]."""
@@ -200,10 +202,11 @@ def find_jumps(log: Log) -> Jumps | None:
     middle, about = np.interp(0.5 * (t[1:] + t[:-1]), stamps, rim), np.interp(0.5 * (t[1:] + t[:-1]), stamps, turning)
     driven = (middle > 0.5 * np.percentile(rim, 90.0)) & (middle > 0.0)
     larger = max(1.0, float(np.median(metres[driven] / dt[driven] / middle[driven]))) if np.any(driven) else 1.0
+    near, slid = (larger * _greatest_around(t, stamps, rim, back) for back in (_CLOCKS_S, _SLIDES_S))
     skids = min(1.0, float(radians.sum() / max((about * dt).sum(), 1e-9)))  # it turns by less than the wheels say
     sizes = (
-        (metres, larger * _greatest_around(t, stamps, rim), larger * middle, JUMP_M),
-        (radians, _greatest_around(t, stamps, turning), skids * about, JUMP_RAD),
+        (metres, np.where(slid > _SLIDES_V, slid, near), larger * middle, JUMP_M),
+        (radians, _greatest_around(t, stamps, turning, _CLOCKS_S), skids * about, JUMP_RAD),
     )
     piece = np.cumulative_sum(np.diff(group.t) > group.longest_step(), include_initial=True)[new]
     beyond, jumped, stalled = np.zeros((3, len(dt)), dtype=bool)
@@ -227,14 +230,15 @@ def _missed(t: FloatArray, wanted: FloatArray, told: FloatArray) -> FloatArray:
     return so_far[:-1] - so_far[np.searchsorted(t[:-1], t[:-1] - _STALL_S)]
 
 
-def _greatest_around(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the (K - 1,) greatest of (M,) values at `stamps` within `_CLOCKS_S` of the steps between (K,) instants [s]."""
+def _greatest_around(t: FloatArray, stamps: FloatArray, values: FloatArray, back: float) -> FloatArray:
+    """Return (K - 1,) largest values at `stamps` from `back` before steps between (K,) instants to `_CLOCKS_S` after [s]."""
     from scipy import ndimage  # here: it takes a tenth of a second to import
 
     bins = ((stamps - stamps[0]) / _BIN_S).astype(np.intp)
     greatest = np.zeros(bins[-1] + 1)
     np.maximum.at(greatest, bins, values)
-    around = ndimage.maximum_filter1d(greatest, 2 * round(_CLOCKS_S / _BIN_S) + 3, mode="nearest")
+    after, earlier = (round(seconds / _BIN_S) for seconds in (_CLOCKS_S, back - _CLOCKS_S))
+    around = ndimage.maximum_filter1d(greatest, 2 * after + 3 + earlier, mode="nearest", origin=earlier // 2)
     at = np.clip((t - stamps[0]) / _BIN_S, 0, bins[-1]).astype(np.intp)
     ends = np.maximum(around[at], np.interp(t, stamps, values))
     return np.maximum(ends[:-1], ends[1:])

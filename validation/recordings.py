@@ -195,12 +195,16 @@ def convert(o: Convert) -> LogReport:
 # ------------------------------------------------------------------------------------------ tables and sentences
 def _next_step(o: Info, log: Log, faults: Faults) -> str:
     path, name = shlex.quote(str(o.source)), getattr(o.robot, "name", o.robot) or "ROBOT"
+    columns = ",".join(f"{ours}={theirs}{':' * bool(unit)}{unit}" for ours, (theirs, unit) in o.columns.items())
+    path += f" --columns {shlex.quote(columns)}" * bool(columns)
     if faults.named:
         return "next: correct the faults in the log, for every comparison and fit believes its columns"
     if not log.has(POSE_COLUMNS):
         return f"there is no pose, so no prediction of one can be judged; {_without_pose(log)}"
     if log.has(COMMAND_COLUMNS["wheels"]):
         return f"next: python -m validation.calibrate {path} --robot {name}"
+    if not log.has(COMMAND_COLUMNS["twist"]) and not log.has(("odom_v", "odom_w")):
+        return "there are neither wheel rates nor commands, so nothing says how to drive a simulation; record one of them"
     return f"next: python -m validation.compare {path} --robot {name} --input commands"
 
 

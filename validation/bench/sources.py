@@ -162,6 +162,10 @@ def source_of(
     if kind == "twist" and not log.has(names) and log.has(("odom_v", "odom_w")):
         names = ("odom_v", "odom_w")
         sentences.append("no commands were recorded, so the odometry's speeds, odom_v and odom_w, drive the plants instead")
+    if not log.has(POSE_COLUMNS):
+        lack = [column for column in POSE_COLUMNS if not log.has([column])]
+        use = "`recordings info` says what its gyro and wheels tell without"
+        raise ValueError(f"log {log.name} has no column {', '.join(lack)}, the pose by which predictions are judged; {use}")
     inputs, pose, gyro = log.table(names), log.table(POSE_COLUMNS), log.columns.get("gyro_z")
     sides = COMMAND_COLUMNS["wheels"]
     wheels = log.table(sides) if log.has(sides) else np.zeros((len(pose), 2))

@@ -66,7 +66,7 @@ PICTURES = {
     "results": Picture("replicate", 60.0, "replicate.png", unsigned=False),
     "robot": Picture("robots check warthog", 0.2, "robot.png"),
     "runs": Picture(
-        f"study runs {' '.join(RUNS)} --robot husky --plants kinematic,four_wheel", 3.0, "study.png", unsigned=False
+        f"study runs {' '.join(RUNS)} --robot husky --plants kinematic,four_wheel,mujoco", 20.0, "study.png", unsigned=False
     ),
     "sideways_drift": Picture("make_contact_figures.py", 1.0),
     "tile": Picture("make_identification_figures.py", 0.1),

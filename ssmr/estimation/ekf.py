@@ -139,8 +139,10 @@ def filter_log(log: SensorLog, numbers: Any, belief: Belief, out: FloatArray) ->
     for k in range(len(log.t)):
         filter_step(belief, SensorSample(log.left[k], log.right[k], log.gyro[k]), log.t[k] - now, numbers)
         now = log.t[k]
-        out[k, :n], out[k, n : 2 * n] = belief.mean, np.sqrt(np.diag(belief.covariance))
-        out[k, 2 * n :] = np.ravel(belief.covariance[:3, :3])
+        for i in range(n):
+            out[k, i], out[k, n + i] = belief.mean[i], np.sqrt(belief.covariance[i, i])
+        for i in range(9):
+            out[k, 2 * n + i] = belief.covariance[i // 3, i % 3]
 
 
 def initial_belief(state: State) -> Belief:

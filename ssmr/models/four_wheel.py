@@ -220,7 +220,7 @@ def sliding_velocity(motion: FloatArray, rolling: float, i: int, robot: FourWhee
 def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
     """Put the robot into a state, (8,) as `ssmr.State` has it, with loads as at rest and tyres bent as in steady rolling."""
     tyre, (w, w_l, w_r) = tyre_of(robot), (start[5], start[6], start[7])
-    body.motion[:3] = start[:3]
+    body.motion[0], body.motion[1], body.motion[2] = start[0], start[1], start[2]
     body.motion[3], body.motion[4], body.motion[5] = start[3] - w * robot.com_y, start[4] + w * robot.com_x, w
     body.shift[0], body.shift[1] = robot.com_x / robot.half_base, robot.com_y / robot.half_track
     for i in range(4):
@@ -347,11 +347,12 @@ acceleration, its least and greatest value since the last sample, loads, forces 
 def write_sample(body: Body, row: FloatArray, robot: FourWheels) -> None:
     """Write the state into a row of `SAMPLE_COLUMNS` numbers, but for the range of the yaw acceleration."""
     motion, w = body.motion, body.motion[5]
-    row[:3] = motion[:3]
+    row[0], row[1], row[2] = motion[0], motion[1], motion[2]
     row[3], row[4], row[5] = motion[3] + w * robot.com_y, motion[4] - w * robot.com_x, w
     row[6], row[7] = 0.5 * (body.spin[0] + body.spin[2]), 0.5 * (body.spin[1] + body.spin[3])
     row[8], row[9], row[10] = body.torque[0] + body.torque[2], body.torque[1] + body.torque[3], body.turn[0]
-    row[13:17], row[17:21], row[21:25] = body.load, body.force_x, body.force_y
+    for i in range(4):
+        row[13 + i], row[17 + i], row[21 + i] = body.load[i], body.force_x[i], body.force_y[i]
 
 
 @jit_alone

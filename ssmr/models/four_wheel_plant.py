@@ -123,14 +123,13 @@ def _placed(state: State, robot: FourWheels) -> FloatArray:
 def _advance_all(
     references: FloatArray, pushes: FloatArray, robots: FloatArray, rows: FloatArray, now: FloatArray, failed: Any
 ) -> None:
-    """Advance S robots in place; write (S, 25) samples of their ends, and where they failed.
+    """Advance S robots in place; write (S, 2, 25) samples of their starts and ends, and where they failed.
 
     This is one thread's work: a period of the position loop is too short for threads to be worth their start.
     """
     for i in range(len(robots)):
-        robot, out = named_like(TEMPLATE, robots[i]), np.empty((2, SAMPLE_COLUMNS))
-        failed[i] = run_wheels(references[i], pushes[i], len(references[i]), robot, body_of(rows[i]), out)
-        now[i] = out[1]
+        robot = named_like(TEMPLATE, robots[i])
+        failed[i] = run_wheels(references[i], pushes[i], len(references[i]), robot, body_of(rows[i]), now[i])
 
 
 class FourWheelBodies:
@@ -140,9 +139,9 @@ class FourWheelBodies:
         """Put every robot into `state`."""
         robots = [four_wheels(model.parameters, model.drive, dt) for model in models]
         self._robots, self._rows = np.array(robots, dtype=np.float64), np.array([_placed(state, r) for r in robots])
-        self._failed, self._now = np.full(len(robots), -1), np.zeros((len(robots), SAMPLE_COLUMNS))
+        self._failed, self._now = np.full(len(robots), -1), np.zeros((len(robots), 2, SAMPLE_COLUMNS))
         for row, robot, now in zip(self._rows, robots, self._now, strict=True):
-            write_sample(body_of(row), now, robot)
+            write_sample(body_of(row), now[1], robot)
 
     @property
     def gave_up(self) -> NDArray[np.bool_]:
@@ -151,7 +150,7 @@ class FourWheelBodies:
 
     def states(self) -> FloatArray:
         """Return (S, 10) the fields of `ssmr.control.tick.Truth`."""
-        return np.ascontiguousarray(self._now[:, :10])
+        return np.ascontiguousarray(self._now[:, 1, :10])
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
         """Take (S, n, 2) references [rad/s] and (S, n) yaw accelerations [rad/s2] through n physics steps."""

@@ -39,11 +39,9 @@ _MEDIAN, _LEAST_SLIP = 60.0, 85.0
 """Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip make smaller, as on ice."""
 _GAIN, _GAIN_OF_UNITS = 0.5, 0.8
 """Gains of agreement from which a correction names a fault: of signals that were unlike, and of one in another unit."""
-_TIE = 0.1
-"""Difference of two gains below which both corrections are as good."""
+_TIE = 0.1  # difference of two gains below which both corrections are as good
 _MOST_FAULTS = 4
-_MOVES = 0.1
-"""Rate from which a robot moves [m/s, rad/s]."""
+_MOVES = 0.1  # rate from which a robot moves [m/s, rad/s]
 _FROZEN = 0.2
 """Share of the windows with motion from which a column that keeps its value is frozen [1]; localisers stall for less."""
 _RADIUS = 0.165  # radius of a wheel where nobody says it [m], a Husky's
@@ -212,11 +210,8 @@ def _measures(told: Channels, radius: float | None) -> tuple[list[_Measure], lis
     Commands of turning are not what the body does, nor is the odometry of wheels that skid.
     """
     left, right = wheels = COMMAND_COLUMNS["wheels"]
-    turning, forward = list[_Measure](), list[_Measure]()
-    if "gyro_z" in told:
-        turning.append(_Measure(("gyro_z",), told["gyro_z"], 0.93, 1.0, 1.07))
-    if "yaw" in told:
-        turning.append(_Measure(("yaw",), told["yaw"], 0.93, 1.0, 1.07))
+    turning = [_Measure((name,), told[name], 0.93, 1.0, 1.07) for name in ("gyro_z", "yaw") if name in told]
+    forward = list[_Measure]()
     if all(name in told for name in POSE_COLUMNS):
         along = told["x"] * np.cos(told["heading"]) + told["y"] * np.sin(told["heading"])
         forward.append(_Measure(("x", "y"), along, 0.85, 1.0, 1.18))
@@ -239,10 +234,9 @@ def _measures(told: Channels, radius: float | None) -> tuple[list[_Measure], lis
 
 def _agreement(told: Channels, radius: float | None) -> float:
     """Return how well the signals agree: a sum over pairs, 1 where they agree and -1 where they contradict each other."""
-    shares = _MEDIAN, _LEAST_SLIP
     total = sum(
         _agree(a, b, share)
-        for measures, share in zip(_measures(told, radius), shares, strict=True)
+        for measures, share in zip(_measures(told, radius), (_MEDIAN, _LEAST_SLIP), strict=True)
         for a, b in combinations(measures, 2)
     )
     if all(name in told for name in POSE_COLUMNS):
@@ -264,6 +258,11 @@ def _likeness(x: FloatArray, y: FloatArray) -> float:
     return float(x @ y) / size if size > 1e-9 else 0.0
 
 
+def _percentile(values: FloatArray, percent: float) -> float:
+    """Return a percentile of (N,) finite numbers, linear between ranks: numpy's own takes ten times as long for so few."""
+    return float(np.interp(0.01 * percent * (len(values) - 1), np.arange(len(values)), np.sort(values)))
+
+
 def _agree(a: _Measure, b: _Measure, share: float) -> float:
     """Return how well two measures of one rate agree: their likeness, less 1 if this percentile of their ratio cannot be."""
     both = np.isfinite(a.values) & np.isfinite(b.values)
@@ -271,8 +270,9 @@ def _agree(a: _Measure, b: _Measure, share: float) -> float:
     alike = _likeness(x, y)
     if abs(alike) < _ALIKE or len(x) < _FEWEST:
         return 0.0
-    moving = (np.abs(y) >= np.percentile(np.abs(y), 60.0)) & (y != 0.0)
-    ratio = math.log(max(float(np.percentile(np.abs(x[moving] / y[moving]), share)), 1e-9))
+    size = np.abs(y)
+    moving = (size >= _percentile(size, 60.0)) & (size > 0.0)
+    ratio = math.log(max(_percentile(np.abs(x[moving] / y[moving]), share), 1e-9))
     beyond = max(0.0, math.log(a.least / b.most) - ratio, ratio - math.log(a.most / b.least))
     unusual = abs(ratio - math.log(a.usual / b.usual))  # so that of several units the most usual one is taken
     impossible = min(1.0, 20.0 * beyond) if abs(alike) > _SURE or beyond > _FAR else 0.0  # units change no likeness

@@ -19,6 +19,7 @@ from hypothesis import settings
 
 from ssmr.metrics.declared import METRICS, Metrics
 from ssmr.types import Plant
+from tests.workers import *  # noqa: F403 - pytest's hooks
 from validation import cli
 from validation.engines.body import EngineMissingError
 from validation.plants.profile import Profile, ProfileError, load_profile, make_plant
@@ -47,20 +48,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in a script's backgroun
 settings.register_profile("repeat", derandomize=True, database=None, deadline=None)  # the same examples for everybody
 settings.register_profile("explore", max_examples=2000, deadline=None)  # new ones: pytest --hypothesis-profile=explore
 settings.load_profile("repeat")
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """The whole suite takes all cores, at most four; files that are named run in this process and start at once."""
-    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
-    return min(4, os.cpu_count() or 1) if whole else 0
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_testnodedown(node: Any, error: object | None) -> None:
-    """A worker that dies fails the run, also where it had no test to fail."""
-    if error:
-        node.config.pluginmanager.get_plugin("session").testsfailed += 1
 
 
 def data_folder() -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
-import subprocess
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,28 +15,12 @@ import pytest
 
 from ssmr.robot.localiser import Localiser
 from ssmr.types import State
-from tests.conftest import data_folder, exit_status
+from tests.conftest import exit_status
 from validation import cli
 from validation.bench.sources import drive, horizons_of, open_source
 from validation.compare import compare
 from validation.files.csv_logs import write_csv
 from validation.plants.profile import Profile, load_profile, make_plant
-
-ROOT = Path(__file__).resolve().parents[1]
-TILE = data_folder() / "husky_tile" / "husky_tile_train.csv"
-
-
-def run(*args: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """`python -m validation.compare ARGS` as a process of its own."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(
-        [sys.executable, "-m", "validation.compare", *args],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        env=environment,
-        timeout=300,
-    )
 
 
 def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False) -> Path:
@@ -64,12 +48,6 @@ def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False)
 
 
 # ------------------------------------------------------------------------------- as a library
-
-
-def test_the_lab_husky_is_near_the_published_model_on_trajectory_4(lab: Profile) -> None:
-    found = compare("traj4@improved", lab, ("mujoco",))
-    assert found.reference_name == "improved"
-    assert found.plants["mujoco"].metrics["d_rms_m"] <= 0.03
 
 
 @pytest.mark.parametrize("plant", ["improved", "mujoco", "kinematic"])
@@ -106,72 +84,39 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
     assert 0.02 < error < 0.4
 
 
-def test_the_document_is_the_contracts(lab: Profile) -> None:
+def test_the_document_says_how_it_was_made_and_how_long_it_took(lab: Profile) -> None:
+    """Its other keys are those of the golden files."""
     document = compare("traj3", lab, ("improved",)).as_dict()
     assert document["schema"] == "ssmr.compare/1"
     assert {"source", "profile", "reference", "seed", "versions", "plants"} <= set(document)
-    wanted = {
-        "d_rms_m",
-        "d_haus_m",
-        "d_ratio",
-        "e_bend_ratio",
-        "d_rms_symmetric_m",
-        "d_haus_symmetric_m",
-        "sync_rms_m",
-        "yaw_rms_rad",
-        "yaw_rate_rms_rad_s",
-        "yaw_acceleration_rms_rad_s2",
-        "torque_rms_N_m",
-    }
-    for plant in document["plants"].values():
-        assert wanted | {"wall_s", "real_time_factor"} <= set(plant)
-    json.dumps(document, allow_nan=False)
+    assert {"wall_s", "real_time_factor"} <= set(document["plants"]["improved"])
 
 
 # ------------------------------------------------------------------------------- as a program
 
 
-def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Path) -> None:
+def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorded(lab, "improved", tmp_path)
-    done = run(
-        "drive.csv",
-        "--plants",
-        "improved,kinematic",
-        "--profile",
-        "thesis-lab",
-        "--horizons",
-        "2,6",
-        "--no-rerun",
-        cwd=tmp_path,
-    )
-    assert done.returncode == 0, done.stderr
+    monkeypatch.chdir(tmp_path)
+    words = "drive.csv --plants improved,kinematic --profile thesis-lab --horizons 2,6 --no-rerun"
+    assert exit_status(compare.command(), *words.split()) == 0
     document: dict[str, Any] = json.loads((tmp_path / "runs/compare/drive/compare.json").read_text())
     assert document["reference"] == "recording"
     assert set(document["plants"]["improved"]["horizons"]) == {"2", "6"}
     assert not (tmp_path / "runs/compare/drive/compare.rrd").exists()
 
 
-@pytest.mark.skipif(not TILE.is_file(), reason=f"no recording at {TILE}; set SSMR_DATA to the folder that has husky_tile")
-@pytest.mark.parametrize(("kind", "position"), [("wheels", 0.08), ("twist", 0.11)])
-def test_the_tile_profile_predicts_a_real_husky(kind: str, position: float) -> None:
-    """The last 150 s, which no parameter has seen: median error after 6 s [m]."""
-    source = open_source(str(TILE), kind, 500.0)  # type: ignore[arg-type]
-    found = compare(source, load_profile("husky-tile"), ("mujoco", "kinematic"), horizons=(6.0,))
-    assert found.plants["mujoco"].horizons[6.0].position_median_m <= position
-    assert found.plants["mujoco"].horizons[6.0].n >= 20
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="interrupts are sent otherwise there")
-def test_an_interrupt_in_mid_run_leaves_nothing(lab: Profile, tmp_path: Path) -> None:
+def test_an_interrupt_in_mid_run_leaves_nothing(
+    lab: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     recorded(lab, "improved", tmp_path)
-    program = "import os, signal; from validation import cli; import validation.compare as program; real = program.drive; "
-    program += "program.drive = lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]; "
-    program += "cli.run(program.compare.command(), 'compare', ['drive.csv', '--out', 'out'])"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", program]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120)
-    assert done.returncode == cli.EXIT_INTERRUPTED, done.stderr
-    assert done.stderr.splitlines()[-1] == "interrupted"
+    monkeypatch.chdir(tmp_path)
+    program = sys.modules["validation.compare"]
+    real = program.drive
+    monkeypatch.setattr(program, "drive", lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1])
+    assert exit_status(compare.command(), "drive.csv", "--out", "out") == cli.EXIT_INTERRUPTED
+    assert capsys.readouterr().err.splitlines()[-1] == "interrupted"
     assert not (tmp_path / "out").exists()
 
 

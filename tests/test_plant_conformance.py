@@ -129,12 +129,12 @@ def test_periods_that_physics_does_not_divide_are_refused(make: Make) -> None:
 def test_whole_turns_are_counted_however_seldom_one_looks(make: Make) -> None:
     """At some 1.5 rad/s three seconds are more than half a turn."""
     plant = make()
-    spin = Commands(0.05, np.tile([0.0, 1.6], (360, 1)))
+    spin = Commands(0.05, np.tile([0.0, 1.6], (240, 1)))
     seldom, often = plant.run(spin, State(yaw=9.0), 3.0), plant.run(spin, State(yaw=9.0), 0.05)
-    assert often.yaw[-1] - 9.0 > 4 * np.pi
+    assert often.yaw[-1] - 9.0 > 2 * np.pi
     assert np.abs(seldom.yaw - often.yaw[::60]).max() <= SYMMETRY
     plant.reset(State(yaw=9.0))
-    stepped = [plant.step((0.0, 1.6), 3.0).yaw for _ in range(6)]
+    stepped = [plant.step((0.0, 1.6), 3.0).yaw for _ in range(4)]
     assert np.abs(stepped - often.yaw[60::60]).max() <= SYMMETRY
 
 

@@ -2,45 +2,28 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.bag_factory import circle, write
-from tests.conftest import data_folder
+from tests.conftest import data_folder, exit_status
 from validation.bench.sources import open_source
 from validation.files.csv_logs import read_csv
 from validation.files.formats import SHIPPED_LOGS, log_path, read_log
-
-ROOT = Path(__file__).resolve().parents[1]
-
-
-def run(*args: object) -> subprocess.CompletedProcess[str]:
-    """`python -m validation.recordings ARGS` as a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-m", "validation.recordings", *map(str, args)],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        timeout=300,
-    )
+from validation.recordings import PROGRAM
 
 
 # ------------------------------------------------------------------------------------------- what it writes
-def test_info_and_convert_as_processes(tmp_path: Path) -> None:
-    bag = write(tmp_path, "ros1", circle())
-    told = run("info", bag)
-    assert told.returncode == 0, told.stderr
+def test_info_and_convert_as_they_are_called(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag = str(write(tmp_path, "ros1", circle()))
+    assert exit_status(PROGRAM, "info", bag) == 0
+    told = capsys.readouterr().out
     for words in ("/husky_velocity_controller/odom", "Odometry", "20.0", "not read", "latitude", "wheels"):
-        assert words in told.stdout
+        assert words in told
     out = tmp_path / "folder" / "drive.csv"
-    done = run("convert", bag, "--out", out, "--from", 1, "--until", 2, "--rate", 50)
-    assert done.returncode == 0, done.stderr
+    assert exit_status(PROGRAM, "convert", bag, "--out", str(out), *"--from 1 --until 2 --rate 50".split()) == 0
     recording = read_csv(out)
     assert np.median(np.diff(recording.t)) == pytest.approx(0.02)
     assert recording.t[0] >= 1.0

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,10 +24,23 @@ from validation.tune import tune
 ROOT = Path(validation.__file__).parent
 
 
-def call(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Call the command in a process of its own, as its script in the environment does."""
-    program = "import sys; sys.argv[0] = '/bin/ssmr'; from validation.cli.__main__ import main; sys.exit(main())"
-    return subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, cwd=cwd, timeout=300)
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """What calls the command with arguments, as its script does; returns exit status, output and errors."""
+
+    def called(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["/bin/ssmr", *arguments])
+        status = 0
+        try:
+            ssmr.main()
+        except SystemExit as left:
+            status = int(left.code or 0)
+        return status, *capsys.readouterr()
+
+    return called
 
 
 def test_every_program_is_there() -> None:
@@ -36,10 +50,10 @@ def test_every_program_is_there() -> None:
 
 
 @pytest.mark.parametrize("arguments", [(), ("--help",)])
-def test_help_lists_the_programs_with_a_line_each(arguments: tuple[str, ...]) -> None:
-    done = call(*arguments)
-    assert done.returncode == 0, done.stderr
-    text = " ".join(done.stdout.replace("│", " ").split())
+def test_help_lists_the_programs_with_a_line_each(arguments: tuple[str, ...], call: Call) -> None:
+    status, output, _ = call(*arguments)
+    assert status == 0
+    text = " ".join(output.replace("│", " ").split())
     for name, says in ssmr.PROGRAMS.items():
         assert f"{name} {says}" in text
 
@@ -60,7 +74,14 @@ def test_help_fits_a_narrow_terminal_and_breaks_lines_between_words(
 
 
 def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
-    done = call("compare", "traj2", "--plants", "kinematic,linear", "--reference", "linear", "--no-rerun", cwd=tmp_path)
+    program = "import sys; sys.argv[0] = '/bin/ssmr'; from validation.cli.__main__ import main; sys.exit(main())"
+    command = [
+        sys.executable,
+        "-c",
+        program,
+        *"compare traj2 --plants kinematic,linear --reference linear --no-rerun".split(),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
     assert done.returncode == 0, done.stderr
     assert set(json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]) == {"kinematic", "linear"}
 
@@ -75,18 +96,18 @@ def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
         (("completion", "fish"), "error: invalid choice 'fish'"),
     ],
 )
-def test_a_mistake_is_one_line(arguments: tuple[str, ...], said: str) -> None:
-    done = call(*arguments)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith(said)
-    assert done.stderr.count("\n") == 1
+def test_a_mistake_is_one_line(arguments: tuple[str, ...], said: str, call: Call) -> None:
+    status, output, errors = call(*arguments)
+    assert (status, output) == (2, "")
+    assert errors.startswith(said)
+    assert errors.count("\n") == 1
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash here")
-def test_bash_completes_programs_studies_and_options(tmp_path: Path) -> None:
-    script = call("completion", "bash")
-    assert script.returncode == 0, script.stderr
-    (tmp_path / "complete.sh").write_text(script.stdout)
+def test_bash_completes_programs_studies_and_options(tmp_path: Path, call: Call) -> None:
+    status, script, _ = call("completion", "bash")
+    assert status == 0
+    (tmp_path / "complete.sh").write_text(script)
 
     def completed(*words: str) -> set[str]:
         ask = f"source complete.sh; COMP_WORDS=({' '.join(words)} ''); COMP_CWORD={len(words)}"

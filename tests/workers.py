@@ -1,0 +1,38 @@
+"""How many processes run the tests, in which order, and what becomes of a run that loses one."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from typing import Any
+
+import pytest
+
+FIRST = ("test_closed_loop.py", "test_lanes.py")
+"""Of two workers one compiles the control loop while the other compiles the models, which neither then does again."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The order below is kept."""
+    config.option.loadscopereorder = False
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """After the files that compile come those with the most tests, so that no worker is left with a long one at the end."""
+    sizes = Counter(item.path for item in items)
+    items.sort(key=lambda item: (item.path.name not in FIRST, -sizes[item.path], item.path))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """The whole suite takes all cores, at most four; files that are named run in this process and start at once."""
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    return min(4, os.cpu_count() or 1) if whole else 0
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any, error: object | None) -> None:
+    """A worker that dies fails the run, also where it had no test to fail."""
+    if error:
+        node.config.pluginmanager.get_plugin("session").testsfailed += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import insort
+from bisect import bisect_right, insort
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any
@@ -81,7 +81,7 @@ class FakeNode(Node):
         until = self.clock() + timeout
         if not self.coming or self.coming[0][0] > self.clock():
             self.clock.now = min(self.coming[0][0], until) if self.coming else until
-        count = sum(arrival <= self.clock() for arrival, *_ in self.coming)
+        count = bisect_right(self.coming, self.clock(), key=lambda c: c[0])
         came, self.coming = self.coming[:count], self.coming[count:]
         return [
             (topic, message)
@@ -111,8 +111,9 @@ class RobotNode(FakeNode):
     def _take(self, timeout: float) -> list[tuple[str, Any]]:
         while 0.02 * self.tick <= self.clock() + timeout - 100.0:
             t = 0.02 * self.tick
-            told = [msg.read_twist(m) for at, m in self.of(self.command) if at <= t - self.dead_time][-1:]
-            wanted = np.array(told[0] if told and not self.blocked(t) else msg.STAND_STILL)
+            heard = (m for name, at, m in reversed(self.sent) if name == self.command and at - 100.0 <= t - self.dead_time)
+            told = next(heard, None)
+            wanted = np.array(msg.STAND_STILL if told is None or self.blocked(t) else msg.read_twist(told))
             self.speeds = self.speeds + 0.3 * (wanted - self.speeds)
             (v, w), yaw = self.speeds.tolist(), self.pose[2]
             self.pose = self.pose + 0.02 * np.array([v * np.cos(yaw), v * np.sin(yaw), w])

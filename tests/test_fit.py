@@ -130,12 +130,21 @@ def test_a_bound_that_was_reached_is_flagged(tmp_path: Path) -> None:
     assert any("alpha_l ended at its upper bound, 0.9" in note for note in found["notes"])
 
 
+LONG = "improved --to traj4@coulomb --seed 3 --generations 25 --population 30 --patience 99".split()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The end of a fit that nobody breaks off."""
+    return fitted(tmp_path_factory.mktemp("through"), *LONG)
+
+
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_a_broken_off_fit_resumes_to_the_same_end(how: signal.Signals, tmp_path: Path, launch: Launch) -> None:
-    args = "improved --to traj4@coulomb --seed 3 --generations 25 --population 30 --patience 99".split()
+def test_a_broken_off_fit_resumes_to_the_same_end(
+    how: signal.Signals, whole: dict[str, Any], tmp_path: Path, launch: Launch
+) -> None:
     broken = tmp_path / "broken"
-    whole = fitted(tmp_path / "through", *args)
-    command = [sys.executable, "-m", "validation.fit", *args, "--out", str(broken)]
+    command = [sys.executable, "-m", "validation.fit", *LONG, "--out", str(broken)]
     child = launch(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120.0
     while not (broken / "checkpoint.npz").exists() and time.monotonic() < deadline and child.poll() is None:
@@ -149,7 +158,7 @@ def test_a_broken_off_fit_resumes_to_the_same_end(how: signal.Signals, tmp_path:
         assert stopped["status"] == "interrupted"
         assert stopped["parameters"]["gain"]["standard_error"] is None
         assert load_profile(str(broken / "profile.toml")).provenance["improved"]["status"] == "interrupted"
-    resumed = fitted(broken, *args, "--resume")
+    resumed = fitted(broken, *LONG, "--resume")
     for key in ("parameters", "cost", "evaluations", "generations"):
         assert resumed[key] == whole[key], key
 

@@ -18,7 +18,6 @@ from ssmr.metrics.declared import METRICS, SIGNALS, compare_paths, compare_piece
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     LENGTH_FLOOR,
-    PathMeasures,
     bend_ratio_kernel,
     bending_energy,
     measure_paths,
@@ -50,14 +49,9 @@ def nearest_distances(points: FloatArray, path: FloatArray) -> FloatArray:
     return np.sqrt(nearest_squared(points, path))
 
 
-def measured(candidate: FloatArray, reference: FloatArray) -> PathMeasures:
-    """All measures of two paths, (N, 2) and (M, 2), or more columns."""
-    return measure_paths(candidate, reference)
-
-
 def geometric(candidate: FloatArray, reference: FloatArray) -> tuple[float, ...]:
     """Its measures of paths; those at equal times are left out."""
-    m = measured(candidate, reference)
+    m = measure_paths(candidate, reference)
     return m.d_rms, m.d_haus, *m.lengths, *m.bendings, m.d_rms_symmetric, m.d_haus_symmetric
 
 
@@ -292,9 +286,6 @@ def test_stamps_that_differ_by_rounding_are_the_same():
     assert sync_rms(a, shifted) < 1.0 * TIME_TOLERANCE  # it moves at less than 1 m/s
 
 
-# Relative pose errors ------------------------------------------------------------------------------------------------------
-
-
 # evo as oracle -------------------------------------------------------------------------------------------------------------
 
 
@@ -376,7 +367,7 @@ def test_the_parts_are_those_of_the_whole() -> None:
         np.cumsum(rng.normal(0.01, 0.02, (300, 2)), axis=0),
         np.full((3, 2), np.nan),
     ):
-        whole = measured(candidate, reference)
+        whole = measure_paths(candidate, reference)
         if np.isnan(whole.d_rms):
             assert np.all(np.isnan(one_sided_kernel(candidate, reference, path_length(reference))))
             continue

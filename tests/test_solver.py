@@ -43,7 +43,7 @@ def same_motion(calibration: Calibration, drive: Drive, scenario: str) -> str:
     return mujoco.mjtSolver(plant.model.opt.solver).name.removeprefix("mjSOL_")
 
 
-@pytest.mark.parametrize("scenario", list(TRAJECTORIES))
+@pytest.mark.parametrize("scenario", ["traj1", "traj4"])
 @pytest.mark.parametrize("name", [name for name in shipped() if name != "thesis-printed"])
 def test_profiles_drive_the_same_paths_with_either_solver(name: str, scenario: str) -> None:
     section = load_profile(name).plants["mujoco"]

@@ -236,20 +236,18 @@ class Driver:
     def __init__(self, drive: Drive, dt: float, state: State) -> None:
         """Start at rest commands: delay lines hold zeros; ramp and lag start from the state's wheels."""
         self._drive = drive_numbers(drive, dt, dt)  # one command a physics step
-        self._samples: list[tuple[float, float]] = []
+        self._samples = np.empty((0, 2))
         self._asked = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), self._drive)
 
     def references(self, command: tuple[float, float], n: int) -> FloatArray:
         """Return the (n, 2) references of the next `n` physics steps, while `command` (v [m/s], omega [rad/s]) is held."""
-        step = len(self._samples)
-        self._samples.extend([command] * n)
-        values = np.array(self._samples, dtype=np.float64)
-        out = np.empty((n, 2))
-        self._asked = continue_references(values, self._drive, (0.0, 0.0), self._asked, step, out)
+        out, step = np.empty((n, 2)), len(self._samples)
+        self._samples = np.concatenate([self._samples, np.tile(command, (n, 1))])
+        self._asked = continue_references(self._samples, self._drive, (0.0, 0.0), self._asked, step, out)
         hold = self._drive.hold
         spare = len(self._samples) - max(self._drive.delay_v, self._drive.delay_w) - 2 * hold
         if spare > 1000:  # no delay reaches these samples any more; whole holds are dropped
-            del self._samples[: spare // hold * hold]
+            self._samples = self._samples[spare // hold * hold :]
         return out
 
 

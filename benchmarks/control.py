@@ -1,4 +1,4 @@
-"""What closed loops and episodes for learning cost, on one thread: `python -m benchmarks.control [--out FILE.json]`."""
+"""Cost of closed loops and of episodes for learning, on one thread: `python -m benchmarks.control [--out FILE.json]`."""
 
 from __future__ import annotations
 

@@ -44,15 +44,15 @@ class Run:
 
     def residuals(self, points: FloatArray, workers: int = THREADS) -> FloatArray:
         """(S, K) residuals [m] of (S, n) points of the unit cube; a kilometre in all for one that is impossible."""
-        found = self.problem.residuals(np.clip(points, 0.0, 1.0), workers)
-        found = np.where(np.isfinite(found), found, 1e3 / np.sqrt(found.shape[1]))
+        residuals = self.problem.residuals(np.clip(points, 0.0, 1.0), workers)
+        residuals = np.where(np.isfinite(residuals), residuals, 1e3 / np.sqrt(residuals.shape[1]))
         self.motions += len(points)
-        self.least = min(self.least, float(np.linalg.norm(found, axis=1).min()))
-        return found
+        self.least = min(self.least, float(np.linalg.norm(residuals, axis=1).min()))
+        return residuals
 
 
 def by_jde(run: Run, generations: int = 14) -> Jde:
-    """jDE/best/2 with the start in its first population of 20; 14 generations make as many motions as the hybrid search."""
+    """Run jDE/best/2 with the start in its first population of 20; 14 generations make as many motions as the hybrid."""
     jde = Jde(len(run.start), JdeSettings(population=20, generations=generations), run.seed, run.start[None])
     while not jde.finished:
         jde.tell(np.linalg.norm(run.residuals(jde.ask()), axis=1))
@@ -60,13 +60,13 @@ def by_jde(run: Run, generations: int = 14) -> Jde:
 
 
 def by_hybrid(run: Run) -> None:
-    """The search of `validation.fit --search hybrid`, with the sizes that it has for simulated bodies."""
+    """Run the search of `validation.fit --search hybrid`, with the sizes that it has for simulated bodies."""
     jde = by_jde(run, generations=4)
     list(arrivals(run, jde.population, jde.costs, STARTS, Remembered(), THREADS, lambda: None))
 
 
 def by_sysid(run: Run) -> None:
-    """mujoco.sysid's own least squares; a MissingError says that it is not installed."""
+    """Run mujoco.sysid's own least squares; a MissingError says that it is not installed."""
     try:
         sysid: Any = importlib.import_module("mujoco.sysid")
         made = {n: sysid.Parameter(n, x, 0.0, 1.0) for n, x in zip(run.problem.space.names, run.start, strict=True)}
@@ -81,7 +81,7 @@ def by_sysid(run: Run) -> None:
 
 
 def by_scipy(run: Run) -> None:
-    """Bounded least squares of scipy, with its own tolerances."""
+    """Run bounded least squares of scipy, with its own tolerances."""
     inside, slopes = np.clip(run.start, 1e-6, 1.0 - 1e-6), lambda x: error_slopes(run.residuals, x)[1]
     least_squares(lambda x: run.residuals(x[None])[0], inside, jac=slopes, bounds=(0.0, 1.0))
 
@@ -89,7 +89,7 @@ def by_scipy(run: Run) -> None:
 SEARCHES: dict[str, Callable[[Run], object]] = {"hybrid": by_hybrid, "jDE": by_jde, "scipy": by_scipy, "sysid": by_sysid}
 
 
-def tried(name: str, problem: FitProblem, seeds: Iterable[int]) -> list[Row]:
+def rows_of(name: str, problem: FitProblem, seeds: Iterable[int]) -> list[Row]:
     """Return what a search finds from each start, and what it takes."""
     rows = list[Row]()
     for run in (Run(problem, seed) for seed in seeds):
@@ -112,7 +112,7 @@ def main(out: Path = Path("runs/benchmarks/fit.json"), starts: int = 5, quick: b
     targets, cost = open_targets(["traj4@improved"], profile)[0], FitCost("sync", yaw_weight=0.2)
     problem = FitProblem(model, profile.plants[model], make_space(model, free, {}, profile.robot), targets, cost)
     for name in SEARCHES:
-        rows += optional(quick, partial(tried, name, problem, seeds)) or []
+        rows += optional(quick, partial(rows_of, name, problem, seeds)) or []
     report(f"benchmarks/fit: {model} on trajectory 4", rows, out)
 
 

@@ -26,7 +26,7 @@ THERE, BACK, KIND = "/there", "/back", "nav_msgs/msg/Odometry"
 
 
 def connect(name: str, domain: int, sent: str, heard: str) -> Node:
-    """A node that sends odometry on one topic and hears it on another."""
+    """Return a node that sends odometry on one topic and receives it on another."""
     try:
         node = Node(name, Graph(domain=domain))
     except ValueError as error:
@@ -51,7 +51,7 @@ def echo(domain: int) -> None:
 
 @contextlib.contextmanager
 def running(codes: Sequence[str]) -> Iterator[None]:
-    """Processes of Python that run these lines, killed at the end."""
+    """Yield processes of Python that run these lines, killed at the end."""
     started = [subprocess.Popen([sys.executable, "-c", code]) for code in codes]
     try:
         yield
@@ -73,12 +73,12 @@ def round_trips(node: Node, count: int, busy: int) -> Row:
                 trips += [time.monotonic() - stamp for _, stamp in node.receive(left) if stamp >= start]
         spent = 1e3 * (time.process_time() - began) / count
     median, p95 = 1e3 * np.percentile(trips or [np.inf], [50.0, 95.0])
-    found = {"median_ms": median, "p95_ms": p95, "lost": count - len(trips), "processor_ms": spent}
-    return {"busy_processes": busy, "load": os.getloadavg()[0], "messages": count, **found}
+    row = {"median_ms": median, "p95_ms": p95, "lost": count - len(trips), "processor_ms": spent}
+    return {"busy_processes": busy, "load": os.getloadavg()[0], "messages": count, **row}
 
 
 def measure(count: int, loads: Sequence[int]) -> list[Row]:
-    """A row for each number of processes that take all of a processor."""
+    """Return a row for each number of processes that take all of a processor."""
     domain = 1 + os.getpid() % 100  # one that is hardly taken
     node = connect("sender", domain, THERE, BACK)
     with running([f"from benchmarks.ros import echo; echo({domain})"]):

@@ -1,4 +1,4 @@
-"""What the benchmarks share: timing side by side, rows of a table, and the file."""
+"""Parts that the benchmarks share: timing side by side, rows of a table, and the file."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
 
 def ratio(what: str, above_s: float, below_s: float, most: float = np.inf, least: float = 0.0) -> Row:
     """Return the row of one time over another, which must lie within two bounds."""
-    found, asked = above_s / below_s, f"<= {most:g}" if most < np.inf else f">= {least:g}"
-    kept = "yes" if least <= found <= most else "FALLS SHORT"
-    return {"what": what, "above_ms": 1e3 * above_s, "below_ms": 1e3 * below_s, "ratio": found, "asked": asked, "kept": kept}
+    value, limit = above_s / below_s, f"<= {most:g}" if most < np.inf else f">= {least:g}"
+    ok = "yes" if least <= value <= most else "FALLS SHORT"
+    return {"what": what, "above_ms": 1e3 * above_s, "below_ms": 1e3 * below_s, "ratio": value, "asked": limit, "kept": ok}
 
 
 def report(title: str, rows: Sequence[Row], out: Path) -> None:

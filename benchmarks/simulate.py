@@ -1,4 +1,4 @@
-"""How fast the parts are beside what else does the same, in one run: `python -m benchmarks.simulate [--out FILE.json]`.
+"""Speed of the parts beside what else does the same, in one run: `python -m benchmarks.simulate [--out FILE.json]`.
 
 Ratios count, not seconds: machines are shared. Each pair is timed alternately, and the ratio is of the fastest times.
 """
@@ -59,7 +59,7 @@ def lane_row(name: str, commands: Commands, repeats: int) -> Row:
 
 
 def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
-    """The Husky as a plant, bare mujoco.rollout of the same model, and real time."""
+    """Return rows of the Husky as a plant, bare mujoco.rollout of the same model, and real time."""
     section = LAB.plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
     control = controls(plant.model, wheel_references(commands, section.drive, plant.dt, State()))

@@ -21,7 +21,7 @@ from validation import load_robot
 from validation.bench.sources import drive, open_source
 from validation.plants.profile import PlantProfile, load_profile
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, TURNED, spin
-from validation.study.contact import Setting, tried_settings
+from validation.study.contact import Setting, all_settings
 
 _ROBOT = load_robot("husky")
 WHEELBASE, TRACK = _ROBOT.geometry.wheelbase, _ROBOT.geometry.track
@@ -125,7 +125,7 @@ def draw_speed(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> No
 def main() -> None:
     """Draw the three panels."""
     section = load_profile("thesis-lab").plants["mujoco"]
-    found = tried_settings()
+    found = all_settings()
     print(f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m")
     figure = Figure(figsize=(12.6, 3.9), dpi=120, layout="constrained")
     panels = figure.subplots(1, 3, width_ratios=(1.15, 0.85, 1.15))

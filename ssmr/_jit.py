@@ -91,16 +91,16 @@ def jit(function: F) -> F:
     return compiled
 
 
-_keeps = bool(_FOLDER)
+_saves = bool(_FOLDER)
 
 
-def keep_no_more() -> None:
+def stop_saving() -> None:
     """Keep nothing on disk that this process compiles from now on: it may call code whose file is no source of ours."""
-    global _keeps
-    _keeps = False
+    global _saves
+    _saves = False
 
 
-def _kept(decorate: Callable[..., Any], function: Callable[..., Any], **how: Any) -> Any:
+def _saved(decorate: Callable[..., Any], function: Callable[..., Any], **how: Any) -> Any:
     """Return a function as numba's `decorate` compiles it, kept in this project's folder where there is one."""
     before = config.CACHE_DIR
     try:
@@ -112,17 +112,17 @@ def _kept(decorate: Callable[..., Any], function: Callable[..., Any], **how: Any
 
 def jit_alone(function: F) -> F:
     """Compile like `jit` a function that Python calls, or a long loop: it is not inlined, and is kept on disk."""
-    compiled: F = _kept(_njit, function, nogil=True, error_model="numpy")
+    compiled: F = _saved(_njit, function, nogil=True, error_model="numpy")
     if _FOLDER:
         cache: Any = compiled._cache  # type: ignore[attr-defined]  # numba's
         save = cache.save_overload
-        cache.save_overload = lambda signature, data: save(signature, data) if _keeps else None
+        cache.save_overload = lambda signature, data: save(signature, data) if _saves else None
     return compiled
 
 
 def compiled_for_c(signature: Any) -> Callable[[F], Any]:
     """Return what compiles a function of a numba signature for callers in C; kept on disk with what it closes over."""
-    return partial(_kept, _cfunc, sig=signature)
+    return partial(_saved, _cfunc, sig=signature)
 
 
 def share_among_threads(work: Callable[[int, int], object], count: int, workers: int) -> None:
@@ -192,8 +192,6 @@ def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
 
 @built_in
 def _bits(typing: Any, x: Any) -> Any:
-    """Return the 64 bits of a number as a whole number."""
-
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.bitcast(arguments[0], ir.IntType(64))
 

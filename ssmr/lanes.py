@@ -50,10 +50,10 @@ class _State(NamedTuple):
     w: float
     integral_left: float
     integral_right: float
-    asked_v: float
-    asked_w: float
-    asked_left: float
-    asked_right: float
+    held_v: float
+    held_w: float
+    held_left: float
+    held_right: float
 
 
 _STATE = _State(*(0.0,) * len(_State._fields))
@@ -126,30 +126,29 @@ def _robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRob
     at += len(kind.motor)
     if plain is not None:
         motor = Motor(motor.limit, 0.0, 0.0, 0.0, 0.0, 0.0)
-    x_icr, drift, obeys = rows[i + at * LANES], rows[i + (at + 1) * LANES], rows[i + (at + 2) * LANES] != 0.0
+    x_icr, drift, ideal = rows[i + at * LANES], rows[i + (at + 1) * LANES], rows[i + (at + 2) * LANES] != 0.0
     vehicle, constants = _lane(kind.vehicle, rows, _ROBOT, i), _lane(kind.constants, rows, at + 3, i)
-    return PlanarRobot(vehicle, parameters, motor, x_icr, drift, obeys, constants)
+    return PlanarRobot(vehicle, parameters, motor, x_icr, drift, ideal, constants)
 
 
 @jit
 def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int, dt: float) -> None:
-    """Advance lane i by one physics step."""
     now = _lane(_STATE, rows, 0, i)
     v, w = rows[i + _HELD * LANES], rows[i + (_HELD + 1) * LANES]
-    asked = DriveState(now.asked_v, now.asked_w, v, w)
+    held = DriveState(now.held_v, now.held_w, v, w)
     if prescribed is None:
         drive = _lane(DRIVE_TEMPLATE, rows, _DRIVE, i)
-        asked = drive_on(
+        held = drive_on(
             v,
             w,
             drive,
             drive.share if plain is None else 1.0,
-            DriveState(now.asked_v, now.asked_w, now.asked_left, now.asked_right),
+            DriveState(now.held_v, now.held_w, now.held_left, now.held_right),
         )
     before = PlanarMotion(now.x, now.y, now.yaw, now.v, now.w, 0.0, 0.0, now.integral_left, now.integral_right)
-    then = move(before, Sides(asked.left, asked.right), 0.0, dt, _robot(kind, plain, rows, i))
+    then = move(before, Sides(held.left, held.right), 0.0, dt, _robot(kind, plain, rows, i))
     left, right = then.integral_left, then.integral_right
-    after = _State(then.x, then.y, then.yaw, then.v, then.w, left, right, asked.v, asked.w, asked.left, asked.right)
+    after = _State(then.x, then.y, then.yaw, then.v, then.w, left, right, held.v, held.w, held.left, held.right)
     for k, number in enumerate(after):
         rows[i + k * LANES] = number
 
@@ -264,9 +263,9 @@ def run_population(
 
 def _row(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list[float]:
     """Return the numbers of one lane: its state, two that are held, its driver and its robot, as `_robot` reads it."""
-    asked = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
-    state = _State(start.x, start.y, start.yaw, start.v_x, start.yaw_rate, 0.0, 0.0, *asked)
-    numbers = *robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, robot.drift, float(robot.obeys), *robot.constants
+    held = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
+    state = _State(start.x, start.y, start.yaw, start.v_x, start.yaw_rate, 0.0, 0.0, *held)
+    numbers = *robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, robot.drift, float(robot.ideal), *robot.constants
     return [*state, 0.0, 0.0, *drive[:_DRIVEN], *numbers]
 
 

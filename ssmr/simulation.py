@@ -65,7 +65,7 @@ def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot:
     aside = fused(0.5 * robot.drift, v_twice, robot.x_icr) * w_twice
     x = fused(half, fused(v_twice, c, aside * s), now.x)  # Eq. 2.13
     y = fused(half, fused(v_twice, s, -aside * c), now.y)
-    if robot.motor.integral_gain > 0.0 and not robot.obeys:
+    if robot.motor.integral_gain > 0.0 and not robot.ideal:
         mean = side_rates(0.5 * v_twice, 0.5 * w_twice, robot.vehicle)
         left = advance_integral(left, wheels.left - mean.left, robot.motor)
         right = advance_integral(right, wheels.right - mean.right, robot.motor)
@@ -81,8 +81,8 @@ def sideways(v: float, w: float, robot: PlanarRobot) -> float:
 
 @jit
 def turning_wheels(now: PlanarMotion, wheels: Sides, robot: PlanarRobot) -> Sides:
-    """Return the wheel rates [rad/s]: the references `wheels` of a robot that obeys them, or of its motion (Eq. 2.9)."""
-    if robot.obeys:
+    """Return the wheel rates [rad/s]: the references `wheels` of a robot with ideal wheels, or of its motion (Eq. 2.9)."""
+    if robot.ideal:
         return Sides(wheels.left, wheels.right)
     return side_rates(now.v, now.w, robot.vehicle)
 
@@ -161,7 +161,7 @@ class PlanarModel:
         law, body, parameters = law_of(self.parameters), _body(self.vehicle), packed(self.parameters)
         x_icr, drift = float(law.rotation_centre(self.vehicle, self.parameters)), float(law.drift(self.parameters))
         motor, constants = motor_numbers(self.drive, dt), law.constants(body, parameters, dt)
-        return PlanarRobot(body, parameters, motor, x_icr, drift, law.obeys, constants)
+        return PlanarRobot(body, parameters, motor, x_icr, drift, law.ideal, constants)
 
     def prescribed(self) -> PlanarModel:
         """Return the model for given wheel rates, which the wheels keep whatever torque that takes.
@@ -170,7 +170,7 @@ class PlanarModel:
         radius for each side.
         """
         law = law_of(self.parameters)
-        if law.obeys:
+        if law.ideal:
             return self
         c_eff, x_icr = self.vehicle.effective_half_track, law.rotation_centre(self.vehicle, self.parameters)
         uneven = 0.5 * self.vehicle.radius_difference / self.vehicle.wheel_radius
@@ -198,7 +198,6 @@ class PlanarPlant:
     def _advance(
         self, references: FloatArray, disturbance: FloatArray, stride: int, start: PlanarMotion, robot: PlanarRobot
     ) -> tuple[FloatArray, PlanarMotion]:
-        """Run the fused loop; return its samples and the end."""
         out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
         failed, end = run_planar(references, disturbance, self.dt, stride, robot, start, out)
         if failed >= 0:

@@ -335,7 +335,7 @@ def test_a_robot_that_stays_is_lost_when_its_target_has_gone_too_far_wherever_to
         assert np.isfinite(run.table).all()
         assert len(run.t) == len(run.table) == len(run.motion)
         with pytest.raises(LostError) as caught:
-            run.require_kept("an idle robot")
+            run.require_complete("an idle robot")
         text, evidence = str(caught.value), caught.value.evidence
         assert text.startswith(f"an idle robot left its bounds at t = {run.t[-1]:.2f} s: x = ")
         assert f"{np.hypot(*(run.columns('target_x', 'target_y')[-1] - run.columns('x', 'y')[-1])):.2f} m from its" in text
@@ -371,4 +371,4 @@ def test_a_husky_whose_simulation_gives_up_is_lost_and_does_not_begin_again(husk
         assert run.lost
         assert len(run.t) == 1
         with pytest.raises(LostError, match="left its bounds"):
-            run.require_kept("it")
+            run.require_complete("it")

@@ -25,13 +25,13 @@ from validation.study.contact import (
     Bench,
     Setting,
     Trial,
+    all_settings,
     chosen_settings,
     make_bench,
     study_contact,
-    tried_settings,
 )
 
-EVERY = tried_settings()
+EVERY = all_settings()
 PYRAMIDAL, DEFAULT = "cone: pyramidal", "impedance: MuJoCo's default"
 HOPELESS = "hopeless: no step"
 """A step that the drive's periods are no multiple of."""

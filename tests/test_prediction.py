@@ -179,21 +179,21 @@ def test_a_python_copy_of_a_compiled_law_drives_alike(plant: str, name: str, fee
 def test_an_object_that_observes_is_called_at_every_tick_and_keeps_what_it_likes() -> None:
     class Diary:
         def __init__(self, mission: Mission) -> None:
-            self.mission, self.seen, self.asked = mission, [], []
+            self.mission, self.seen, self.held = mission, [], []
             made.append(self)
 
         def observe(self, now: ControllerInput) -> None:
             self.seen.append(now.seen_at)
 
         def command(self, now: ControllerInput) -> tuple[float, float]:
-            self.asked.append((now.t, now.past[-1].tolist()))
-            return 0.1 * len(self.asked) % 0.5, 0.0
+            self.held.append((now.t, now.past[-1].tolist()))
+            return 0.1 * len(self.held) % 0.5, 0.0
 
     made: list[Any] = []
     run = drive(linear(STRONG), PythonController("diary", Diary, A, B, STRONG), line(0.5, 0.5))
     (diary,) = made
     np.testing.assert_allclose(diary.seen, run.t)
-    times, past = zip(*diary.asked, strict=True)
+    times, past = zip(*diary.held, strict=True)
     np.testing.assert_allclose(times, 0.05 * np.arange(len(times)))
     assert list(past[1:]) == [[0.1 * (k + 1) % 0.5, 0.0] for k in range(len(past) - 1)]
     assert diary.mission.dead_time == 0.2

@@ -121,7 +121,7 @@ def test_what_a_file_leaves_out_is_estimated_and_graded_as_assumed() -> None:
 @pytest.mark.parametrize("name", shipped_robots())
 def test_a_shipped_robot_says_where_its_numbers_are_from(name: str) -> None:
     robot = load_robot(name)
-    for key in robot.said:
+    for key in robot.given:
         grade, where = robot.source(key)
         assert grade in GRADES, key
         assert where not in ("", "no source is given"), key

@@ -157,7 +157,7 @@ def gap_m(motion, reference):
     return float(abs(motion.xy[-1, 0] - reference.xy[-1, 0]))
 
 
-LAW = PlanarLaw("slip", SlipParameters, advance, obeys=True)
+LAW = PlanarLaw("slip", SlipParameters, advance, ideal=True)
 
 @dataclass(frozen=True)
 class OtherParameters(SlipParameters):
@@ -172,7 +172,7 @@ TAKEN = PlanarLaw("linear", SlipParameters, advance)
 @pytest.fixture
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The file of a model, whose plants are known to this test alone; what is compiled later is kept as before."""
-    monkeypatch.setattr(_jit, "_keeps", _jit._keeps)
+    monkeypatch.setattr(_jit, "_saves", _jit._saves)
     with patch.dict(OWN_MODELS):
         yield written(tmp_path, MODEL)
     plant_kind.cache_clear()
@@ -192,7 +192,7 @@ def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: P
         assert found.tables[0].rows[1]["gap_m"] == found.plants["slip"].metrics["gap_m"] > 0.0
         ways.append(float(np.hypot(*np.diff(found.plants["slip"].pieces[0].xy, axis=0).T).sum()))
     assert ways == pytest.approx([ways[0], 0.9 * ways[0], 0.8 * ways[0]], rel=1e-9)
-    assert not _jit._keeps, "what calls a user's code is not kept on disk, where it would outlive an edit"
+    assert not _jit._saves, "what calls a user's code is not kept on disk, where it would outlive an edit"
 
 
 @pytest.mark.slow

@@ -77,26 +77,23 @@ def _label(f: Fitted) -> str:
 
 
 def _scores(f: Fitted) -> dict[str, Scored]:
-    """Return the scores on what was held out."""
     return {"before": f.unfitted[0], "after": f.held_out[0]}
 
 
 def _as_dict(f: Fitted) -> dict[str, Any]:
-    """Return numbers and scores as calibrate.json has them."""
     numbers = {p.name: {k: getattr(p, k) for k in ("value", "unit", "standard_error")} for p in f.parameters}
     errors = {when: {f"{h:g}": asdict(e.summary()) for h, e in s.windows.items()} for when, s in _scores(f).items()}
     return {"input": f.options["input"], "parameters": numbers, **errors, "better": f.better}
 
 
 def _verdict(f: Fitted) -> str:
-    """Return a sentence that says what a fit has gained."""
-    said = []
+    errors = []
     for scored in _scores(f).values():
         horizon = min(scored.windows, key=lambda h: abs(h - HEADLINE_HORIZON))
         e = scored.windows[horizon].summary()
-        said.append(f"{e.position_median_m:.3f} m and {math.degrees(e.yaw_median_rad):.2f} deg")
+        errors.append(f"{e.position_median_m:.3f} m and {math.degrees(e.yaw_median_rad):.2f} deg")
     kept = "has the new numbers" if f.better else "keeps the old numbers: the fit is no better"
-    return f"{_label(f)}: {said[1]} off after {horizon:g} s of new data, {said[0]} before. profile.toml {kept}."
+    return f"{_label(f)}: {errors[1]} off after {horizon:g} s of new data, {errors[0]} before. profile.toml {kept}."
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -197,23 +194,22 @@ def _inputs(o: Calibrate, log: Log, faults: Faults) -> tuple[list[Input], list[s
 
 def begin_at(plant: str, free: Sequence[str], profile: Profile) -> dict[str, float]:
     """Return what the baseline's numbers say of a simulated plant's, within its bounds, to begin a fit with."""
-    said = profile.section(FIRST_FITTED)
-    radius, p = said.vehicle.wheel_radius, said.parameters
+    section = profile.section(FIRST_FITTED)
+    radius, p = section.vehicle.wheel_radius, section.parameters
     numbers = {"wheel_radius": 0.5 * radius * (p.alpha_l + p.alpha_r), "radius_difference": radius * (p.alpha_l - p.alpha_r)}
-    of_first = [find(FIRST_FITTED, name, said.robot) for name in free if name not in numbers]
-    numbers |= {s.name: s.read(said) for s in of_first}
-    return {s.name: min(max(numbers[s.name], s.lower), s.upper) for s in (find(plant, name, said.robot) for name in free)}
+    of_first = [find(FIRST_FITTED, name, section.robot) for name in free if name not in numbers]
+    numbers |= {s.name: s.read(section) for s in of_first}
+    return {s.name: min(max(numbers[s.name], s.lower), s.upper) for s in (find(plant, name, section.robot) for name in free)}
 
 
 def _report(o: Calibrate, fits: Sequence[Fitted], faults: Sequence[LogFault], notes: Sequence[str]) -> Calibrated:
-    """Return the report: verdicts first."""
     plants: dict[str, dict[str, Any]] = {}
     for f in fits:
-        if plants.setdefault(f.model, found := _as_dict(f)) is not found:
-            plants[f.model]["commands"] = found
+        if plants.setdefault(f.model, entry := _as_dict(f)) is not entry:
+            plants[f.model]["commands"] = entry
     profile = fits[-1].profile
     faulty = [f"The log: {fault.sentence}." for fault in faults]
-    said = [f"{_label(s)}: {note}" for s in fits for note in s.notes()[not s.better :]]
+    remarks = [f"{_label(s)}: {note}" for s in fits for note in s.notes()[not s.better :]]
     errors = [
         (h, f"{_label(s)}, {w}", e.summary()) for s in fits for w, one in _scores(s).items() for h, e in one.windows.items()
     ]
@@ -227,7 +223,7 @@ def _report(o: Calibrate, fits: Sequence[Fitted], faults: Sequence[LogFault], no
         document={"schema": "ssmr.calibrate/1", "log": str(o.log), "robot": profile.robot.name, "seed": o.seed,
                   "faults": [asdict(fault) for fault in faults], "plants": plants},
         draw=_draw,
-        sentences=[one_line(n) for n in dict.fromkeys([*faulty, *(_verdict(s) for s in fits), *notes, *said])],
+        sentences=[one_line(n) for n in dict.fromkeys([*faulty, *(_verdict(s) for s in fits), *notes, *remarks])],
         options={"plants": o.plants, "held_out": None if o.held_out is None else str(o.held_out), "trust": o.trust},
         status=fits[-1].status,
         has_text=True,

@@ -120,7 +120,7 @@ class Compare(cli.Filmed):
 
 @dataclass(frozen=True, eq=False)
 class _Comparing:
-    """What a comparison needs, checked."""
+    """Inputs of a comparison, checked."""
 
     source: Source
     profile: Profile
@@ -140,7 +140,7 @@ class _Comparing:
         driven, recorded = self._drive_all(), self.reference == RECORDING
         truth = truth if recorded else tuple(driven[self.reference][0])
         gyro = find_gyro_judge(source) if recorded else None
-        results = {name: self._result(name, *found, truth, gyro) for name, found in driven.items()}
+        results = {name: self._result(name, *outcome, truth, gyro) for name, outcome in driven.items()}
         scoring = {horizon: scoring_windows(source, horizon) for horizon in o.horizons} if recorded else {}
         headline = headline_horizon(scoring)
         unsure = _without_band([name for name, r in results.items() if o.bands and r.band is None], profile.name, o.input)
@@ -221,8 +221,8 @@ class _Comparing:
         )
 
     def _metrics(self, pieces: Sequence[Trajectory], truth: Sequence[Trajectory]) -> Metrics:
-        found = Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)})
-        return found if self.metric is None else self.metric.added(found, pieces, truth)
+        metrics = Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)})
+        return metrics if self.metric is None else self.metric.added(metrics, pieces, truth)
 
     def _drive_all(self) -> dict[str, tuple[list[Trajectory], float, Health | None]]:
         """Return each plant's motions, wall time and health; plants run side by side, the pieces of one after another."""

@@ -37,10 +37,10 @@ from validation.bench.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.files.log import ReadOptions
-from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure, with_errors
 from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
+from validation.identify.report import SearchReport, bound_sentences, ending, fitted_parameters, search_figure, with_errors
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
 from validation.identify.uncertainty import estimate, sentences
@@ -172,7 +172,6 @@ class Scored:
 
 
 def _built(model: str, plant: PlantProfile) -> Plant:
-    """Return the plant of these numbers; a ValueError says why there is none."""
     return make_plant(Profile("with these values", "", {model: plant}, {}), model)
 
 
@@ -252,12 +251,12 @@ def fit(o: Fit) -> Fitted:
     simulated = o.model in SIMULATED
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
     settings = o.settings(*(_JAGGED if jagged else _SIZES[o.search, simulated]))
-    found = search_for(problem, settings, o, start, _STARTS[o.search])
-    if found.starts and not found.interrupted:
-        found.refine(problem, o.threads)
-    total = settings.generations + 1 + found.starts
+    search = search_for(problem, settings, o, start, _STARTS[o.search])
+    if search.starts and not search.interrupted:
+        search.refine(problem, o.threads)
+    total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
-    return _report(o, problem, base, found, before, held_out)
+    return _report(o, problem, base, search, before, held_out)
 
 
 def _first_points(o: Fit, space: ParameterSpace, before: FloatArray, occasion: Occasion) -> FloatArray | None:
@@ -287,21 +286,21 @@ def _require_possible(problem: FitProblem, given: Container[str]) -> None:
 
 
 def _report(
-    o: Fit, problem: FitProblem, base: Profile, found: Search, before: FloatArray, held_out: Sequence[FitTarget]
+    o: Fit, problem: FitProblem, base: Profile, search: Search, before: FloatArray, held_out: Sequence[FitTarget]
 ) -> Fitted:
     """Estimate how sure the numbers are, score the fitted plant on all sources, and return the report."""
-    point, space, notes = found.best, problem.space, list[str]()
+    point, space, notes = search.best, problem.space, list[str]()
     fitted = problem.candidate(point)
     assert fitted is not None
-    parameters, correlation, method = found_parameters(space, point, before), None, ""
+    parameters, correlation, method = fitted_parameters(space, point, before), None, ""
     if o.profile is None and o.robot is None:
-        notes += [said for target in problem.targets for said in stranger_sentences(target.source, base.robot)]
+        notes += [sentence for target in problem.targets for sentence in stranger_sentences(target.source, base.robot)]
     for target in (*problem.targets, *held_out):
         notes += [*target.source.warnings, *standing_sentences(target.source, HEADLINE_HORIZON)]
     notes += bound_sentences(space, point)
-    if not found.interrupted:
+    if not search.interrupted:
         try:
-            sure = estimate(problem, point, o.threads, found.driven)
+            sure = estimate(problem, point, o.threads, search.driven)
             parameters, correlation = with_errors(parameters, sure.standard_error, sure.interval), sure.correlation
             notes, method = [*notes, *sentences(problem, sure)], sure.method
             notes.append(f"Standard errors come from: {method}.")
@@ -327,10 +326,10 @@ def _report(
         document={},
         draw=_draw,
         sentences=[one_line(note) for note in dict.fromkeys([*worse, *notes])],
-        options={**o.chosen(found.jde.settings), "objective": problem.cost.objective},
-        **ending(found, worse),
-        course=found,
-        cost=found.cost,
+        options={**o.chosen(search.jde.settings), "objective": problem.cost.objective},
+        **ending(search, worse),
+        course=search,
+        cost=search.cost,
         cost_name=str(problem.cost.objective),
         parameters=parameters,
         model=o.model,

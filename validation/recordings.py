@@ -36,7 +36,7 @@ _OURS, _MOST_OURS = b'"ssmr.info/1"', 1 << 26
 # ------------------------------------------------------------------------------------------ options
 @dataclass(frozen=True)
 class LogOptions(cli.Common):
-    """How a log is opened, whatever is done with it."""
+    """Options by which a log is opened, whatever is done with it."""
 
     source: Annotated[str | Path, cli.text_of("SOURCE"), tyro.conf.Positional]
     """Path of a log (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a shipped one: sample, husky or warthog."""
@@ -94,7 +94,7 @@ class Convert(LogOptions):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LogReport(Report):
-    """What was found in a log, or made of it."""
+    """Report on a log: what is in it, or was made of it."""
 
     program: str = "recordings"
     log: Log
@@ -210,17 +210,16 @@ def _next_step(o: Info, log: Log, faults: Faults) -> str:
 
 def _without_pose(log: Log) -> str:
     """Return what wheels and gyro say of a robot without a pose."""
-    told = channels(log) or {}
-    if not {"gyro_z", *COMMAND_COLUMNS["wheels"]} <= set(told):
+    signals = channels(log) or {}
+    if not {"gyro_z", *COMMAND_COLUMNS["wheels"]} <= set(signals):
         return "with a gyro and wheel rates, how the robot turns could be said"
-    left, right = (told[name] for name in COMMAND_COLUMNS["wheels"])
-    ratio = float((right - left) @ told["gyro_z"] / (told["gyro_z"] @ told["gyro_z"]))
+    left, right = (signals[name] for name in COMMAND_COLUMNS["wheels"])
+    ratio = float((right - left) @ signals["gyro_z"] / (signals["gyro_z"] @ signals["gyro_z"]))
     track = f"an effective track of {ratio:.2f} wheel radii, such as for wheel_separation of a driver"
     return f"gyro and wheels say that right less left is {ratio:.2f} times the yaw rate: {track}"
 
 
 def _contents(log: Log) -> Table:
-    """Return the topics of a log, or its groups of columns where its format has no topics."""
     topics = [
         {"topic": topic.name, "type": topic.type.rpartition("/")[2], **_sampling(topic.t), "taken for": topic.role or "–",
          "columns": "not read" if topic.columns is None else ", ".join(topic.columns)}
@@ -252,16 +251,16 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
 def _sentences(log: Log, rest: Rest | None) -> list[str]:
     """Return what gaps there are, and what the gyro shows at rest."""
     gaps = {group.source: group.gaps() for group in log.groups.values()}
-    found = [
+    notes = [
         f"{source}: {len(some)} gap{'s' * (len(some) > 1)}, the first from {some[0][0]:.3f} to {some[0][1]:.3f} s"
         for source, some in gaps.items()
         if some
     ]
     if rest is not None:
         bias = f"{rest.bias:+.5f} rad/s ({DEGREES.text(rest.bias)}°/s)"
-        return [*found, f"gyro at rest, {rest.seconds:.1f} s in all: mean {bias}, standard deviation {rest.std:.5f} rad/s"]
+        return [*notes, f"gyro at rest, {rest.seconds:.1f} s in all: mean {bias}, standard deviation {rest.std:.5f} rad/s"]
     unknown = f"gyro: its bias is unknown, because the wheels never stand for {REST_LEAST:g} s in all"
-    return [*found, unknown] if "imu" in log.groups else found
+    return [*notes, unknown] if "imu" in log.groups else notes
 
 
 # ------------------------------------------------------------------------------------------ the command line
@@ -277,11 +276,11 @@ def _command(program: cli.Program[Any, Any], option: str, ending: str = "") -> C
                 check_apart(named, o.source)
                 if exists(named) and not o.overwrite and _OURS not in read_file(named, _MOST_OURS):
                     raise FileError(named, "there is such a file already; name another, or replace it by --overwrite")
-            found: LogReport = program.function(o)
+            info: LogReport = program.function(o)
             if target is not None:
                 with cli.writes(option, target):
-                    found.write(target)
-        cli.report_result(found, [] if target is None else [target])
+                    info.write(target)
+        cli.report_result(info, [] if target is None else [target])
 
     main.__doc__ = (inspect.getdoc(program.function) or "").partition("\n\nRaises:")[0]
     main.__annotations__ = {"o": program.options}

@@ -81,7 +81,7 @@ class CheckRobot(cli.Common):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RobotCheck(Report):
-    """Whether a robot can be as its file describes it, with the numbers that show it."""
+    """Report on whether a robot can be as its file describes it, with the numbers that show it."""
 
     robot: Robot
     """The robot."""
@@ -108,23 +108,23 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         RobotError: there is no such robot, or its file cannot be read. What can be read and cannot be is advice.
     """
     robot = _loaded(o.robot)
-    spot, found = spot_turn(robot), None
+    spot, measured = spot_turn(robot), None
     try:
-        found = measure_robot(robot)
+        measured = measure_robot(robot)
     except ValueError as error:
         failed = f"no model can be built of it: {one_line(error)}"
     except DivergedError as error:
         failed = f"its simulation fails: {one_line(error)}; are masses, inertia and gain what they should be?"
-    faults, questions = advise(robot, spot, found or failed)
+    faults, questions = advise(robot, spot, measured or failed)
     verdict = _verdict(robot, len(faults), len(questions))
     still = [float(share) * robot.masses.total * GRAVITY for share in load_shares(robot)]
-    loads = still if found is None else list(found.loads)
+    loads = still if measured is None else list(measured.loads)
     return RobotCheck(
         program="robot",
         title=one_line(robot.title or robot.name),
         tables=[_numbers(robot)],
         sentences=[verdict, *(f"FAULT: {text}" for text in faults), *(f"question: {text}" for text in questions)],
-        document=_document(robot, spot, found, loads)
+        document=_document(robot, spot, measured, loads)
         | {"ok": not faults, "advice": [*faults, *questions], "faults": len(faults), "guessed": guessed(robot)},
         draw=_draw,
         failure=SsmrError(verdict) if faults else None,
@@ -148,7 +148,7 @@ def _loaded(robot: str | Path | Robot) -> Robot:
     return robot if isinstance(robot, Robot) else load_robot(robot)
 
 
-def _document(robot: Robot, spot: SkidTurn | None, found: Measured | None, loads: Sequence[float]) -> dict[str, Any]:
+def _document(robot: Robot, spot: SkidTurn | None, measured: Measured | None, loads: Sequence[float]) -> dict[str, Any]:
     """Return what robot.json holds; None stands for what no model could show."""
     g, mu, drive = robot.geometry, robot.simulation.friction, robot.drive
     return {
@@ -159,11 +159,11 @@ def _document(robot: Robot, spot: SkidTurn | None, found: Measured | None, loads
         "wheelbase_m": g.wheelbase,
         "track_m": g.track,
         "wheel_radius_m": g.wheel_radius,
-        "turning_multiplier": None if found is None else found.multiplier,
+        "turning_multiplier": None if measured is None else measured.multiplier,
         "closed_form": None if spot is None else spot.multiplier,
-        "yaw_ripple": None if found is None else found.ripple,
+        "yaw_ripple": None if measured is None else measured.ripple,
         "static_loads_N": loads,
-        "apparent_mass_kg": None if found is None else found.apparent_mass,
+        "apparent_mass_kg": None if measured is None else measured.apparent_mass,
         "friction": mu,
         "side_torque_needed_N_m": None if spot is None else mu * turning_torque(robot, spot) + drive.gear_loss,
         "side_torque_N_m": 2.0 * drive.torque_limit,
@@ -175,9 +175,9 @@ def _every_number(robot: Robot) -> dict[str, Any]:
     """Return what there is to say of a robot, by `section.key`: all but what concerns planar models only."""
     parts: dict[str, Any] = {"geometry": robot.geometry, "mass": robot.masses, "drive": robot.drive}
     parts |= {"simulation": robot.simulation, "vehicle": robot.vehicle}
-    said = {f"{section}.{f.name}": getattr(part, f.name) for section, part in parts.items() for f in fields(part)}
+    values = {f"{section}.{f.name}": getattr(part, f.name) for section, part in parts.items() for f in fields(part)}
     seldom = ("drive.", "vehicle.")
-    return {key: value for key, value in said.items() if not key.startswith(seldom) or key in {*robot.said, *_ALWAYS}}
+    return {key: value for key, value in values.items() if not key.startswith(seldom) or key in {*robot.given, *_ALWAYS}}
 
 
 def _numbers(robot: Robot) -> Table:
@@ -306,8 +306,8 @@ def _save(text: str, target: Path) -> None:
 
 
 def _print(tables: Sequence[Table], sentences: Sequence[str] = ()) -> None:
-    said: Any = SimpleNamespace(grids=lambda: [table.grid() for table in tables], notes=lambda: sentences)
-    cli.report_result(said)
+    shown: Any = SimpleNamespace(grids=lambda: [table.grid() for table in tables], notes=lambda: sentences)
+    cli.report_result(shown)
 
 
 @dataclass(frozen=True)
@@ -344,8 +344,8 @@ def export_robot(robot: str | Path | Robot, to: ExportFormat = "urdf", profile: 
         section = numbers.section("mujoco")
         return mjcf_text(section.parameters, section.drive)
     if to == "diff-drive" and profile is not None:
-        found, g = numbers.section("kinematic"), chosen.geometry
-        p, share = found.parameters, found.vehicle.wheel_radius / g.wheel_radius
+        kinematic, g = numbers.section("kinematic"), chosen.geometry
+        p, share = kinematic.parameters, kinematic.vehicle.wheel_radius / g.wheel_radius
         return diff_drive_yaml(chosen, (p.y_l - p.y_r) / g.track, share * p.alpha_l, share * p.alpha_r)
     if to == "diff-drive":
         spot = spot_turn(chosen)

@@ -39,7 +39,6 @@ from validation.words import file_name
 
 
 def _pose(text: str) -> tuple[float, ...]:
-    """Return the three numbers of a pose."""
     try:
         numbers = tuple(map(float, text.split(",")))
     except ValueError:
@@ -177,11 +176,11 @@ def track(o: TrackOptions) -> Tracked:
     driven = []
     for k, robot in enumerate(robots):
         o.progress(Progress(k, len(robots), f"{robot.name} drives"))
-        found = _driven(o, robot, law, gains, label, waypoints, profile)
+        tracked = _driven(o, robot, law, gains, label, waypoints, profile)
         if metric is not None:
-            whole = reference_of(found.run, waypoints, whole=True)
-            found = replace(found, metrics=metric.added(found.metrics, [found.run.motion], [whole]))
-        driven.append(found)
+            whole = reference_of(tracked.run, waypoints, whole=True)
+            tracked = replace(tracked, metrics=metric.added(tracked.metrics, [tracked.run.motion], [whole]))
+        driven.append(tracked)
     return tracking_report(driven, remarks, alarms=remarks)
 
 
@@ -204,7 +203,7 @@ def _driven(
     (run,) = run_robots([robot], [law], [around], waypoints, [o.seed], o.workers, start)
     wall = time.perf_counter() - began
     if not len(run.t):
-        run.require_kept(f"{law.name} on {label} with the plant {robot.name}")
+        run.require_complete(f"{law.name} on {label} with the plant {robot.name}")
     return TrackedRobot(
         controller=law.name,
         gains_name=gains.name if gains else "none",

@@ -20,7 +20,7 @@ from validation.bench.gains import DEFAULT, GainSet, dump_gains, load_gains, nam
 from validation.bench.loops import ClosedLoopRobot, demand_of, make_controller, make_robot, require_practicable
 from validation.bench.tracked import lost_text
 from validation.bench.waypoint_files import open_reference, split_speed
-from validation.identify.found import SearchReport, bound_sentences, ending, found_parameters, search_figure
+from validation.identify.report import SearchReport, bound_sentences, ending, fitted_parameters, search_figure
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.tuning import RatedRun, TuneCase, TuneCost, TuneMeasure, TuneProblem, make_tuning_space
 from validation.plants.profile import Profile, choose_profile, odometry_of
@@ -164,9 +164,9 @@ def tune(o: Tune) -> Tuned:
     cost = TuneCost(o.cost, o.guard, (o.seed,) if o.seeds is None else tuple(o.seeds), k_u=law.k_u)
     problem = TuneProblem(profile, base, space, cases, cost)
     start = None if begun is None else space.points([begun[name] for name in space.names])[None]
-    found = search_for(problem, settings, o, start)
+    search = search_for(problem, settings, o, start)
     o.progress(Progress(settings.generations + 1, settings.generations + 1, "tuned and earlier gains on every reference"))
-    return _report(o, problem, found, held_out)
+    return _report(o, problem, search, held_out)
 
 
 def _base_gains(o: Tune, profile: Profile) -> GainSet:
@@ -182,13 +182,13 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
     return base
 
 
-def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[TuneCase]) -> Tuned:
+def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[TuneCase]) -> Tuned:
     """Keep the better of what was found and what it began with, drive it beside other gains, and return the report."""
     base, space, profile, threads = problem.base, problem.space, problem.profile, o.threads
     known = [origin_sentence(base, profile.name)]
     known += [demand_of(case.waypoints, case.robot, profile.name, case.reference) for case in problem.cases]
     notes = [sentence for sentence in known if sentence is not None]
-    point, cost, before = found.best, found.cost, problem.cost_of(base, threads)
+    point, cost, before = search.best, search.cost, problem.cost_of(base, threads)
     kept = problem.gains(point)
     if not o.from_scratch:
         least = problem.cost_of(base, threads, guarded=True)
@@ -209,12 +209,12 @@ def _report(o: Tune, problem: TuneProblem, found: Search, held_out: Sequence[Tun
         tables=(),
         document={"seed": o.seed, "source": source},
         draw=_draw,
-        options={**asdict(problem.cost), **o.chosen(found.jde.settings), "noise_seeds": list(problem.cost.seeds)},
-        **ending(found),
-        course=found,
+        options={**asdict(problem.cost), **o.chosen(search.jde.settings), "noise_seeds": list(problem.cost.seeds)},
+        **ending(search),
+        course=search,
         cost=cost,
         cost_name=problem.cost.cost,
-        parameters=found_parameters(space, point, [base.values[name] for name in space.names]),
+        parameters=fitted_parameters(space, point, [base.values[name] for name in space.names]),
         problem=problem,
         gain_set=kept,
         baseline_cost=before,

@@ -301,7 +301,7 @@ class ClosedRun:
         """State of the robot at the last tick."""
         return State(*map(float, self.table[-1, :8]))
 
-    def require_kept(self, what: str) -> ClosedRun:
+    def require_complete(self, what: str) -> ClosedRun:
         """Return the run itself.
 
         Raises:

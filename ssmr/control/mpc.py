@@ -241,9 +241,9 @@ class Mpc:
             self._solver.setup(h, f, self._steps, above, below, np.zeros(len(above), dtype=np.int32))
         else:
             self._solver.update(H=h, f=f, bupper=above, blower=below)
-        found, _, flag, _ = self._solver.solve()
-        if flag > 0 and np.isfinite(found).all():
-            return np.asarray(found, dtype=np.float64).reshape(-1, 2).clip(-self._limits, self._limits)
+        solution, _, flag, _ = self._solver.solve()
+        if flag > 0 and np.isfinite(solution).all():
+            return np.asarray(solution, dtype=np.float64).reshape(-1, 2).clip(-self._limits, self._limits)
         self.failures += 1
         kept = plan.copy()
         kept[0] = np.clip(np.clip(kept[0], lower[0], upper[0]), -self._limits, self._limits)

@@ -212,7 +212,7 @@ class PlanarBodies:
         self._states, self._failed = np.empty((len(models), 10)), np.full(len(models), -1)
         self.advance(np.empty((len(models), 0, 2)), np.zeros((len(models), 1)))
         for row, robot in zip(self._states, self._robots, strict=True):
-            if robot.obeys:
+            if robot.ideal:
                 row[6:8] = state.wheel_left, state.wheel_right
 
     @property

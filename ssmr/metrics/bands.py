@@ -170,15 +170,15 @@ def _variances(growth: FloatArray, error: FloatArray) -> FloatArray:
     design = growth[:3].reshape(-1, _CAUSES)
     squares = np.square(error.T).ravel()
     expected = np.repeat(np.square(error).mean(axis=0) + 1e-12, len(error))
-    found = np.zeros(_CAUSES)
+    variances = np.zeros(_CAUSES)
     usual, ones = math.sqrt(_WEIGHT) * np.eye(_CAUSES), np.full(_CAUSES, math.sqrt(_WEIGHT))
     for _ in range(_ROUNDS):
         clipped = np.minimum(squares, _MOST_SQUARES * expected)
         rows = np.vstack([design * _USUAL**2 / expected[:, None], usual])
-        found = nnls(rows, np.concatenate([clipped / expected, ones]))[0] * _USUAL**2
-        found[:2] = np.maximum(found[:2], _LEAST)
-        expected = design @ found
-    return found
+        variances = nnls(rows, np.concatenate([clipped / expected, ones]))[0] * _USUAL**2
+        variances[:2] = np.maximum(variances[:2], _LEAST)
+        expected = design @ variances
+    return variances
 
 
 def estimated_band(windows: Sequence[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]) -> Band:

@@ -168,14 +168,14 @@ def compare_signals(candidates: Sequence[Trajectory], references: Sequence[Traje
         ValueError: not as many candidates as references, or a span without a stamp of the reference.
     """
     pairs = list(zip(candidates, references, strict=True))
-    samples, found = [len(r) for r in references], Metrics()
+    samples, metrics = [len(r) for r in references], Metrics()
     for name, metric in SIGNALS.items():
         signals = [(metric.of(c), metric.of(r)) for c, r in pairs]
         known = [(a, b) for a, b in signals if a is not None and b is not None]
         if known and len(known) == len(pairs):
             parts = [_signal_rms(c.t, a, r.t, b) for (c, r), (a, b) in zip(pairs, known, strict=True)]
-            found[name] = _mean_square(parts, samples)
-    return found
+            metrics[name] = _mean_square(parts, samples)
+    return metrics
 
 
 def _signal_rms(t: FloatArray, candidate: FloatArray, stamps: FloatArray, reference: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""Whether one of several candidates is better than another, or chance made it look so.
+"""Paired comparison of candidates: is one better than another, or did chance make it look so?
 
 Errors of all candidates belong to the same windows of one recording, so what is hard for both counts for neither.
 Neighbouring windows share data, so whole blocks of them are resampled. Of many pairs some differ by chance, so probabilities
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from ssmr.types import FloatArray, frozen_array, increasing_times
 
-TOLD_APART = 0.05
+SIGNIFICANCE = 0.05
 """Corrected probability below which two candidates are told apart [1]."""
 _DRAWS, _FEWEST_BLOCKS = 1000, 4
 
@@ -55,6 +55,6 @@ def corrected(chances: Sequence[float]) -> FloatArray:
     p = np.asarray(chances, dtype=np.float64)
     order = np.argsort(p)
     raised = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
-    found = np.empty(len(p))
-    found[order] = np.minimum(raised, 1.0)
-    return found
+    adjusted = np.empty(len(p))
+    adjusted[order] = np.minimum(raised, 1.0)
+    return adjusted

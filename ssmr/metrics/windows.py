@@ -192,7 +192,7 @@ class WindowErrors:
         from scipy.special import ndtri, stdtrit  # here: they take long to import
 
         n, block = len(self.position), math.ceil(max(self.horizon, SHORTEST_BLOCK_S) / EVERY_S)
-        blocks, tail, found = n / block, 0.5 * (1.0 + SHARE), list[float]()
+        blocks, tail, numbers = n / block, 0.5 * (1.0 + SHARE), list[float]()
         for values in (self.position, self.yaw):
             median, spread = float(np.median(values)), values
             if blocks >= FEWEST_BLOCKS:
@@ -202,5 +202,5 @@ class WindowErrors:
                 wider = stdtrit(blocks - 1.0, tail) / ndtri(tail) * math.sqrt(blocks / (blocks - 1.0))
                 spread = median + wider * (drawn - median)
             low, high = np.percentile(spread, _TAILS)
-            found += [median, min(max(float(low), 0.0), median), max(float(high), median)]
-        return OverlappingErrors(n, *found)
+            numbers += [median, min(max(float(low), 0.0), median), max(float(high), median)]
+        return OverlappingErrors(n, *numbers)

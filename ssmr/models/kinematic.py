@@ -85,6 +85,6 @@ LAW = PlanarLaw(
     _constants,
     vehicle=("wheel_radius",),
     colour="#cc79a7",
-    obeys=True,
+    ideal=True,
     drift=lambda parameters: parameters.drift,
 )

@@ -28,7 +28,7 @@ class PlanarRobot(NamedTuple):
     motor: Motor  # the motor of a side
     x_icr: float  # longitudinal coordinate of the centre of rotation at rest [m]: v_y = -(x_ICR + k v) omega (Eq. 2.10)
     drift: float  # its shift with speed, k [s]
-    obeys: bool  # whether the wheels turn exactly as they are told, see `PlanarLaw.obeys`
+    ideal: bool  # whether the wheels turn exactly as they are told, see `PlanarLaw.ideal`
     constants: Any  # what `PlanarLaw.constants` returned
 
 
@@ -66,7 +66,7 @@ class PlanarLaw:
     """Fields of the vehicle that a fit may move: those that the law uses, less what is surely known."""
     colour: str = "#808080"
     """Colour in pictures and recordings, as #rrggbb."""
-    obeys: bool = False
+    ideal: bool = False
     """Whether the wheels turn exactly as they are told. Otherwise their rates follow from the body's motion (Eq. 2.9)."""
     drift: Callable[[Any], float] = lambda parameters: 0.0
     """Function of the parameters that returns the outward drift k [s] of v_y = -(x_ICR + k v) omega; the thesis has none."""

@@ -170,11 +170,11 @@ def continue_references(
 
     `last` holds the references of the step before `first`.
     """
-    asked = last
+    held = last
     for k in range(len(out)):
-        asked = follow(values, first + k, drive, before, asked)
-        out[k, 0], out[k, 1] = asked.left, asked.right
-    return asked
+        held = follow(values, first + k, drive, before, held)
+        out[k, 0], out[k, 1] = held.left, held.right
+    return held
 
 
 @lru_cache(maxsize=64)
@@ -219,14 +219,14 @@ def reference_chunks(commands: Commands, drive: Drive, dt: float, state: State, 
     """Yield what `wheel_references` returns, piece by piece: (`size`, 2) arrays, the last one shorter."""
     period = whole_steps(commands.dt, dt, "the command period")
     numbers = drive_numbers(drive, commands.dt, dt) if commands.kind == "twist" else DRIVE_TEMPLATE
-    asked = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), numbers) if commands.kind == "twist" else None
+    held = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), numbers) if commands.kind == "twist" else None
     for first in range(0, commands.n * period, size):
         n = min(size, commands.n * period - first)
-        if asked is None:
+        if held is None:
             yield commands.values[np.arange(first, first + n) // period]
         else:
             out = np.empty((n, 2))
-            asked = continue_references(commands.values, numbers, commands.before, asked, first, out)
+            held = continue_references(commands.values, numbers, commands.before, held, first, out)
             yield out
 
 

@@ -95,19 +95,19 @@ def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) 
         trace = np.trace(curvature, axis1=1, axis2=2)[:, None, None]  # rank 2 where all contacts slide one way
         step = -np.linalg.solve(curvature + 1e-9 * trace * np.eye(3), slope.T[:, :, None])[:, :, 0].T
         size = np.abs(step).max(axis=0)
-        found = size < np.maximum(exact[moving], _ROUNDOFF * (1.0 + np.abs(twist[:2, moving]).max(axis=0)))
-        moving, slope, step = moving[~found], slope[:, ~found], step[:, ~found]
+        converged = size < np.maximum(exact[moving], _ROUNDOFF * (1.0 + np.abs(twist[:2, moving]).max(axis=0)))
+        moving, slope, step = moving[~converged], slope[:, ~converged], step[:, ~converged]
         if not len(moving):
             break
         gain, share = (slope * step).sum(axis=0), np.ones(len(moving))
         for _ in range(_HALVINGS):
-            tried = twist[:, moving] + share * step / length[:, None]
-            new = _potential(rates[:, moving], tried, geometry, scale)
+            trial = twist[:, moving] + share * step / length[:, None]
+            new = _potential(rates[:, moving], trial, geometry, scale)
             worse = new > value[moving] + 1e-4 * share * gain + 1e-14 * (1.0 + value[moving])
             if not worse.any():
                 break
             share[worse] *= 0.5
-        twist[:, moving], value[moving] = np.where(worse, twist[:, moving], tried), np.where(worse, value[moving], new)
+        twist[:, moving], value[moving] = np.where(worse, twist[:, moving], trial), np.where(worse, value[moving], new)
         moving = moving[~worse]  # nothing is lower any more, to rounding
     return twist
 

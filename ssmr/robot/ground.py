@@ -37,7 +37,7 @@ class SkidTurn:
     track: float
     """Distance of the sides [m]."""
     slip: float
-    """What friction of 1 dissipates over the weight [m/s]: the mean speed at which tyres slide, weighted by their loads."""
+    """Power that friction of 1 dissipates, over the weight [m/s]: the tyres' mean sliding speed by their loads."""
 
     @property
     def multiplier(self) -> float:
@@ -83,9 +83,9 @@ def turn_on_the_spot(
         f_x, f_y = load * s_x / size, load * ratio**2 * s_y / size
         return float(load @ size), np.array([f_x.sum(), f_y.sum(), (at_x * f_y - at_y * f_x).sum()])
 
-    found = minimize(power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10})
-    forward, across, rate = (float(value) for value in found.x)
-    return SkidTurn(forward, across, rate / unit, track, float(found.fun))
+    minimum = minimize(power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10})
+    forward, across, rate = (float(value) for value in minimum.x)
+    return SkidTurn(forward, across, rate / unit, track, float(minimum.fun))
 
 
 DIFFERENTIATED_OVER = 0.1

@@ -108,6 +108,6 @@ class Localiser:
             columns = [np.interp(stamps - late, clock, column) for column in values.reshape(len(values), -1).T]
             return np.column_stack(columns).reshape(len(stamps), *values.shape[1:])
 
-        told = np.concatenate([at(pose[:, :2], self.position_late), at(pose[:, 2:], self.yaw_late)], axis=1)
+        poses = np.concatenate([at(pose[:, :2], self.position_late), at(pose[:, 2:], self.yaw_late)], axis=1)
         channels = {name: at(values) for name, values in motion.channels.items()}
-        return Trajectory(stamps, told, at(twist), at(motion.wheels), channels)
+        return Trajectory(stamps, poses, at(twist), at(motion.wheels), channels)

@@ -194,11 +194,11 @@ class Jde:
         """
         if not self._asked:
             raise ValueError("costs are told, but no points were asked for")
-        told = np.asarray(costs, dtype=np.float64)
-        if told.shape != self._costs.shape:
-            raise ValueError(f"costs have shape {told.shape}, wanted {self._costs.shape}")
-        won = replaces(told, self._costs)
-        self._costs = np.where(won, told, self._costs)
+        new_costs = np.asarray(costs, dtype=np.float64)
+        if new_costs.shape != self._costs.shape:
+            raise ValueError(f"costs have shape {new_costs.shape}, wanted {self._costs.shape}")
+        won = replaces(new_costs, self._costs)
+        self._costs = np.where(won, new_costs, self._costs)
         if self._history:
             self._population = np.where(won[:, np.newaxis], self._trials, self._population)
             self._f, self._cr = np.where(won, self._trial_f, self._f), np.where(won, self._trial_cr, self._cr)

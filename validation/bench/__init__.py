@@ -1,1 +1,1 @@
-"""What programs drive and judge: sources, references, gains, controllers, and robots in open and closed loops."""
+"""Things that programs drive and judge: sources, references, gains, controllers, and robots in open and closed loops."""

@@ -62,8 +62,8 @@ class GainSet:
 
 def names(controller: str | None = None) -> list[str]:
     """Return the names of the shipped sets, CONTROLLER-NAME each; only those of `controller`, if given."""
-    found = sorted(p.name.removesuffix(".toml") for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
-    return found if controller is None else [name for name in found if name.rpartition("-")[0] == controller]
+    known = sorted(p.name.removesuffix(".toml") for p in _FOLDER.iterdir() if p.name.endswith(".toml"))
+    return known if controller is None else [name for name in known if name.rpartition("-")[0] == controller]
 
 
 def profile_sets(controller: str) -> list[str]:
@@ -85,8 +85,8 @@ def shipped_gains(controller: str, profile: str) -> GainSet | None:
 
 def origin_sentence(gains: GainSet, profile: str) -> str | None:
     """Return a sentence on gains that were found on another profile than this; None where they were not, or do not say."""
-    found = gains.provenance.get("profile")
-    known = found if isinstance(found, list) else [found]
+    origin = gains.provenance.get("profile")
+    known = origin if isinstance(origin, list) else [origin]
     if profile in known or not known or not isinstance(known[0], str):
         return None
     own = f"; there are {profile} gains of its own" if profile in profile_sets(gains.controller) else ""

@@ -43,7 +43,7 @@ class GyroJudge:
 
     @property
     def sentence(self) -> str:
-        """What the rule says, in words."""
+        """Sentence that says what the rule chose and why."""
         who, why = ("gyro", "more than") if self.first else ("localiser", "no more than")
         return (
             f"Gyro and localiser differ by {self.apart:.3f} rad after {_WINDOW_S:g} s in the median, {why} "
@@ -54,10 +54,10 @@ class GyroJudge:
         """Return the source with headings by the gyro in place of the localiser's, told as `late` as those [s]."""
         pieces = []
         for piece, heading in zip(source.pieces, self.headings, strict=True):
-            told = piece.reference
-            assert told is not None
-            yaw = np.interp(told.t - late, told.t, heading)
-            pieces.append(replace(piece, reference=replace(told, pose=np.column_stack([told.pose[:, :2], yaw]))))
+            reference = piece.reference
+            assert reference is not None
+            yaw = np.interp(reference.t - late, reference.t, heading)
+            pieces.append(replace(piece, reference=replace(reference, pose=np.column_stack([reference.pose[:, :2], yaw]))))
         return replace(source, pieces=tuple(pieces))
 
 
@@ -67,30 +67,30 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     The localiser tells the sign. The bias is the mean at rest or, where the robot never stands, the median of how gyro and
     localiser drift apart.
     """
-    log, told = source.log, [(piece, piece.reference) for piece in source.pieces if piece.reference is not None]
+    log, pairs = source.log, [(piece, piece.reference) for piece in source.pieces if piece.reference is not None]
     if log is None or "gyro_z" not in log.columns:
         return None
-    windows = [piece.windows(overlapping_windows, motion.t, _WINDOW_S) for piece, motion in told]
+    windows = [piece.windows(overlapping_windows, motion.t, _WINDOW_S) for piece, motion in pairs]
 
     def turned(values: Sequence[FloatArray]) -> FloatArray:
         """Return by how much values of the pieces grow over all windows."""
         return np.concatenate([v[j] - v[i] for v, (i, j) in zip(values, windows, strict=True)])
 
-    raw, pose = [integral(m.t, m.twist[:, 2]) for _, m in told], turned([m.pose[:, 2] for _, m in told])
+    raw, pose = [integral(m.t, m.twist[:, 2]) for _, m in pairs], turned([m.pose[:, 2] for _, m in pairs])
     gyro = turned(raw)
     alike = float(gyro @ pose) / max(float(np.sqrt((gyro @ gyro) * (pose @ pose))), 1e-9)
     if abs(alike) < _ALIKE:
         return None
     sign, rest = float(np.sign(alike)), find_rest(log)
-    found = estimate_offsets(log.changed("imu", {"gyro_z": sign * log.columns["gyro_z"]}))
-    late = {o.late: o.seconds for o in found if o.late == "pose_yaw" or o.correlation > _SAME_MOTION}
+    offsets = estimate_offsets(log.changed("imu", {"gyro_z": sign * log.columns["gyro_z"]}))
+    late = {o.late: o.seconds for o in offsets if o.late == "pose_yaw" or o.correlation > _SAME_MOTION}
 
     def put(by: str, bias: float) -> tuple[FloatArray, ...]:
         """Return the headings on the clock of wheels or poses."""
-        right = ((m.t, sign * (heading - bias * (m.t - m.t[0]))) for (_, m), heading in zip(told, raw, strict=True))
+        right = ((m.t, sign * (heading - bias * (m.t - m.t[0]))) for (_, m), heading in zip(pairs, raw, strict=True))
         return tuple(np.interp(t - late.get(by, 0.0), t, heading) for t, heading in right)
 
-    drift = (turned(put("pose_yaw", 0.0)) - pose) / turned([m.t for _, m in told])
+    drift = (turned(put("pose_yaw", 0.0)) - pose) / turned([m.t for _, m in pairs])
     bias = sign * float(np.median(drift)) if rest is None else rest.bias
     apart = turned(put("pose_yaw", bias)) - pose
     return GyroJudge(put("wheels", bias), float(np.median(np.abs(apart))))

@@ -141,7 +141,7 @@ def run_robots(
     Raises:
         ValueError: several kinds of plant in one population, or settings that do not go together.
     """
-    told = [c.on(r.known or r.drive) for r, c in zip(robots, controllers, strict=True)]
+    designed = [c.on(r.known or r.drive) for r, c in zip(robots, controllers, strict=True)]
     planar = [r.body for r in robots if isinstance(r.body, PlanarModel)]
     threads = workers or os.cpu_count() or 1
     huskies = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
@@ -151,14 +151,14 @@ def run_robots(
     if huskies:
         return run_bodies(
             lambda state: MujocoBodies(huskies, threads, state),
-            [plant.drive for plant in huskies], huskies[0].dt, told, settings, waypoints, seeds, start,
+            [plant.drive for plant in huskies], huskies[0].dt, designed, settings, waypoints, seeds, start,
         )  # fmt: skip
     if tyred:
         return run_bodies(
             lambda state: FourWheelBodies(tyred, state),
-            [model.drive for model in tyred], FOUR_WHEEL_DT, told, settings, waypoints, seeds, start,
+            [model.drive for model in tyred], FOUR_WHEEL_DT, designed, settings, waypoints, seeds, start,
         )  # fmt: skip
-    return run_loops(planar, told, settings, waypoints, seeds, start, threads)
+    return run_loops(planar, designed, settings, waypoints, seeds, start, threads)
 
 
 # ------------------------------------------------------------------------------------------ what a reference asks for
@@ -208,8 +208,8 @@ def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: 
     speed, demands = _possible(waypoints, robot, 1.0)
     if not demands:
         return None
-    asks = f"{what} at {waypoints.speed:.3g} m/s asks {robot.name} of {profile} for {' and '.join(demands)}"
-    return f"{asks}; at {speed:.2f} m/s it could be followed."
+    demand = f"{what} at {waypoints.speed:.3g} m/s asks {robot.name} of {profile} for {' and '.join(demands)}"
+    return f"{demand}; at {speed:.2f} m/s it could be followed."
 
 
 def within_reach(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> Waypoints:

@@ -25,7 +25,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, Plant, State, Trajectory
-from validation.files.faults import ASKS_FOR_MOTION, WHEELS_MEAN_S, WHEELS_TURN, find_faults
+from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN, find_faults
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
 from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Log, ReadOptions
 from validation.files.reading import exists
@@ -78,11 +78,11 @@ class Piece:
 
         Windows in which the robot stands throughout are left out; with `standing` they alone are returned.
         """
-        found = []
+        bounds = []
         for a, b in pairwise((0, *self.jumps, len(t))):
             starts, ends = cut(t[a:b], horizon, None if self.fresh is None else self.fresh[a:b])
-            found.append((a + starts, a + ends))
-        starts, ends = (np.concatenate([each[end] for each in found]) for end in (0, 1))
+            bounds.append((a + starts, a + ends))
+        starts, ends = (np.concatenate([each[end] for each in bounds]) for end in (0, 1))
         moved = np.arange(len(t) + 1) if self.moves is None else np.cumulative_sum(self.moves, include_initial=True)
         kept = (moved[ends + 1] == moved[starts]) == standing
         return starts[kept], ends[kept]
@@ -169,7 +169,7 @@ def source_of(
     inputs, pose, gyro = log.table(names), log.table(POSE_COLUMNS), log.columns.get("gyro_z")
     sides = COMMAND_COLUMNS["wheels"]
     wheels = log.table(sides) if log.has(sides) else np.zeros((len(pose), 2))
-    every, moves = fresh_poses(log.t, pose), np.abs(inputs).max(axis=1) > ASKS_FOR_MOTION
+    every, moves = fresh_poses(log.t, pose), np.abs(inputs).max(axis=1) > LEAST_COMMAND
     if log.has(sides):
         moves = np.abs([moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0) > WHEELS_TURN
     jumps = np.empty(0, dtype=np.intp) if faults.jumps is None else faults.jumps.index
@@ -279,15 +279,15 @@ def window_errors_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[f
 
 def _errors_of(driven: DrivenSources, horizon: float, windows: WindowCut) -> tuple[FloatArray, FloatArray] | None:
     """Return (W,) position errors [m] and yaw errors [rad] over all windows; None where there is none."""
-    found = [
+    errors = [
         relative_pose_error(motion.pose, piece.reference.pose, *piece.windows(windows, piece.t, horizon))
         for source, motions in driven
         for motion, piece in zip(motions, source.pieces, strict=True)
         if piece.reference is not None and piece.t is not None
     ]
-    if not sum(len(position) for position, _ in found):
+    if not sum(len(position) for position, _ in errors):
         return None
-    return np.concatenate([position for position, _ in found]), np.concatenate([yaw for _, yaw in found])
+    return np.concatenate([position for position, _ in errors]), np.concatenate([yaw for _, yaw in errors])
 
 
 def signed_windows(driven: DrivenSources, horizon: float) -> list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]:
@@ -296,7 +296,7 @@ def signed_windows(driven: DrivenSources, horizon: float) -> list[tuple[FloatArr
     Each has the (M, 3) path of the plant, (W,) starts and ends, and (W, 3) errors: the plant's motion less the recorded one,
     x, y [m] in the frame of the start, and yaw [rad].
     """
-    found = []
+    signed = []
     for source, motions in driven:
         for motion, piece in zip(motions, source.pieces, strict=True):
             if piece.reference is None or piece.t is None:
@@ -305,8 +305,8 @@ def signed_windows(driven: DrivenSources, horizon: float) -> list[tuple[FloatArr
             p, q = motion.pose, piece.reference.pose
             error = relative(p[i], p[j]) - relative(q[i], q[j])
             error[:, 2] = wrap_angle(error[:, 2])
-            found.append((p, i, j, error))
-    return found
+            signed.append((p, i, j, error))
+    return signed
 
 
 def coverage_of(driven: DrivenSources, horizons: Sequence[float], band: Band) -> dict[float, dict[str, float]]:
@@ -347,11 +347,11 @@ def stranger_sentences(source: Source, robot: Robot) -> list[str]:
     """
     if source.reference != RECORDING or source.name in SHIPPED_LOGS:
         return []
-    said = f"{source.title}: taken for a {robot.title or robot.name}, because neither --robot nor --profile names another"
-    told = [p.reference for p in source.pieces if p.reference is not None and np.any(p.reference.wheels)]
-    if not told:
-        return [said]
-    wheels, twist = (np.concatenate([getattr(m, name) for m in told]) for name in ("wheels", "twist"))
+    note = f"{source.title}: taken for a {robot.title or robot.name}, because neither --robot nor --profile names another"
+    motions = [p.reference for p in source.pieces if p.reference is not None and np.any(p.reference.wheels)]
+    if not motions:
+        return [note]
+    wheels, twist = (np.concatenate([getattr(m, name) for m in motions]) for name in ("wheels", "twist"))
     mean, difference, g = wheels.mean(axis=1), np.diff(wheels)[:, 0], robot.geometry
     radius = float(twist[:, 0] @ mean / max(mean @ mean, 1e-9))
     width = radius * float(difference @ difference / max(abs(twist[:, 2] @ difference), 1e-9))  # the sign is the gyro's
@@ -365,9 +365,9 @@ def stranger_sentences(source: Source, robot: Robot) -> list[str]:
         if np.abs(rates).max() > WHEELS_TURN and not low < size / own < high
     ]
     if odd:
-        said += f"; but the log shows {' and '.join(odd)}. Name the robot"
-        _logger.warning("%s", said)
-    return [said]
+        note += f"; but the log shows {' and '.join(odd)}. Name the robot"
+        _logger.warning("%s", note)
+    return [note]
 
 
 def standing_sentences(source: Source, horizon: float) -> list[str]:

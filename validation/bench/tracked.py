@@ -138,7 +138,7 @@ class TrackedRobot:
     def failure(self) -> SsmrError | None:
         """Return the error that says when and where the robot was lost; None for one that came to the end."""
         try:
-            self.run.require_kept(f"{self.controller} on {self.reference} with the plant {self.plant}")
+            self.run.require_complete(f"{self.controller} on {self.reference} with the plant {self.plant}")
         except SsmrError as error:
             return error
         return None
@@ -150,12 +150,12 @@ class TrackedRobot:
 
 def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]:
     """Return (M,) whether a torque or a command was at its limit; `limits` are the options of a result."""
-    found = np.zeros(len(run.t), dtype=np.bool_)
+    at_limit = np.zeros(len(run.t), dtype=np.bool_)
     for name, columns in _LIMITED.items():
         limit = limits.get(name)
         if isinstance(limit, int | float):
-            found |= (np.abs(run.columns(*columns)) >= _AT_LIMIT * limit).any(axis=1)
-    return found
+            at_limit |= (np.abs(run.columns(*columns)) >= _AT_LIMIT * limit).any(axis=1)
+    return at_limit
 
 
 def reference_of(run: ClosedRun, waypoints: Waypoints, *, whole: bool = False) -> Trajectory:

@@ -50,7 +50,7 @@ class UserLaw:
 
     def __call__(self, mission: Mission) -> Any:
         """Return the object for a mission; a ControllerError says in a line that it cannot be made, or has no `command`."""
-        with _told(self.path, f"in {self.name}.__init__"):
+        with _errors_as(self.path, f"in {self.name}.__init__"):
             made = self.kind(mission)
         if not callable(getattr(made, "command", None)):
             raise ControllerError(f"{self.place(self.kind)}: {self.name} has no method command(self, now)")
@@ -73,7 +73,7 @@ class _Guarded:
             self.observe = lambda now: self._call("observe", see, now, now.seen_at)
 
     def _call(self, name: str, method: Callable[[ControllerInput], Any], now: ControllerInput, t: float) -> Any:
-        with _told(self._law.path, f"in {self._law.name}.{name} at t = {t:.2f} s"):
+        with _errors_as(self._law.path, f"in {self._law.name}.{name} at t = {t:.2f} s"):
             return method(now)
 
     def command(self, now: ControllerInput) -> tuple[float, float]:
@@ -91,7 +91,7 @@ class _Guarded:
 
 
 @contextlib.contextmanager
-def _told(path: Path, where: str, kind: type[Exception] = ControllerError) -> Iterator[None]:
+def _errors_as(path: Path, where: str, kind: type[Exception] = ControllerError) -> Iterator[None]:
     """Within, whatever the user's code raises is an error of a kind, in one line with the file's line and `where` it was."""
     try:
         yield
@@ -106,8 +106,8 @@ def _fault(path: Path, error: BaseException) -> str:
     if isinstance(error, SyntaxError) and error.filename == str(path):
         lines, what = [error.lineno or 1], error.msg
     plain = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
-    if found := re.search(rf'([^\n]+)\n\s*File "[^"]*{re.escape(path.name)}", line (\d+)', plain):  # numba's words
-        return f"{path}:{found[2]}: {shortened(found[1].strip(), 160)}"
+    if match := re.search(rf'([^\n]+)\n\s*File "[^"]*{re.escape(path.name)}", line (\d+)', plain):  # numba's words
+        return f"{path}:{match[2]}: {shortened(match[1].strip(), 160)}"
     words = f"{type(error).__name__}: {what}" if str(what) else type(error).__name__
     return f"{path}:{lines[-1] if lines else 1}: {shortened(words, 160)}"
 
@@ -179,7 +179,7 @@ def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     if not isinstance(law, PlanarLaw):
         raise ValueError(f"{path}: {given} is {_shown(law)}, wanted a PlanarLaw")
     add_model(law)
-    with _told(path, f"model {law.name}", ValueError):  # also what numba cannot compile
+    with _errors_as(path, f"model {law.name}", ValueError):  # also what numba cannot compile
         PlanarPlant(PlanarModel(law.parameters(), Vehicle(), Drive())).run(
             Commands(0.05, np.full((2, 2), 0.1)), State(), 0.05
         )
@@ -199,7 +199,7 @@ class UserMetric:
 
     def added(self, metrics: Metrics, motions: Sequence[Trajectory], references: Sequence[Trajectory]) -> Metrics:
         """Return metrics with this one, its mean over all pieces by their samples; an SsmrError says that it failed."""
-        with _told(self.path, f"in {self.name}", SsmrError):
+        with _errors_as(self.path, f"in {self.name}", SsmrError):
             values = [float(self.rate(motion, wanted)) for motion, wanted in zip(motions, references, strict=True)]
             value = float(np.average(values, weights=[len(wanted) for wanted in references]))
         if not math.isfinite(value):

@@ -83,7 +83,7 @@ def _require_columns(table: CsvTable, names: Sequence[str], wanted: Sequence[str
 
 
 def generic(speed: float) -> Waypoints:
-    """The generic trajectory: a lab's tight corners, practicable at 0.25 m/s and hardly at 0.5 (docs/references.md).
+    """Return the generic trajectory: a lab's tight corners, practicable at 0.25 m/s and hardly at 0.5 (docs/references.md).
 
     The thesis' own (Fig. 4.5) is lost. The reference speed is in m/s.
 

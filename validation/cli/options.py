@@ -84,10 +84,10 @@ def _parts(text: str) -> list[str]:
 
 
 def _names(text: str) -> tuple[str, ...]:
-    found = tuple(_parts(text))
-    if len(set(found)) != len(found):
+    names = tuple(_parts(text))
+    if len(set(names)) != len(names):
         raise UserError(f"a name stands twice in '{text}'")
-    return found
+    return names
 
 
 def _increasing(text: str) -> tuple[float, ...]:
@@ -104,16 +104,16 @@ def _pairs(read: Callable[[str], T], form: str) -> Callable[[str], dict[str, T]]
     """Return a function that reads NAME=SOMETHING,... as a dictionary, and refuses another form and a name twice."""
 
     def parse(text: str) -> dict[str, T]:
-        found: dict[str, T] = {}
+        values: dict[str, T] = {}
         for part in _parts(text):
             name, equals, value = (piece.strip() for piece in part.partition("="))
             try:
-                if not equals or not name or name in found:
+                if not equals or not name or name in values:
                     raise ValueError
-                found[name] = read(value)
+                values[name] = read(value)
             except ValueError as error:
                 raise UserError(f"'{part}' must be {form}, each name once") from error
-        return found
+        return values
 
     return parse
 

@@ -63,33 +63,33 @@ def run(
     """
     main = getattr(main, "command", lambda: main)()  # of a `Program`
     _prepare()
-    said, status = "", 0
+    message, status = "", 0
     try:
         called, options = _parse(main, program, arguments)
         called(options)
         sys.stdout.flush()
         return
     except UserError as error:
-        said, status = f"error: {error}", EXIT_USER_ERROR
+        message, status = f"error: {error}", EXIT_USER_ERROR
     except SsmrError as error:
-        said, status = f"run failed: {error}", EXIT_FAILED_RUN
+        message, status = f"run failed: {error}", EXIT_FAILED_RUN
     except BrokenPipeError:  # a reader that has gone, as `| head` does, is no failure
         with contextlib.suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
-        said, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
+        message, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
     except MemoryError:
-        said, status = "run failed: there is not enough memory", EXIT_FAILED_RUN
+        message, status = "run failed: there is not enough memory", EXIT_FAILED_RUN
     except KeyboardInterrupt:
         exec("")  # nosec B102 # else Python ends by a signal where an interrupt passed through code that numba made
-        said, status = "interrupted", EXIT_INTERRUPTED
+        message, status = "interrupted", EXIT_INTERRUPTED
     except Exception:  # noqa: BLE001 - the last resort
         traceback.print_exc()
         versions = ", ".join(f"{name} {version}" for name, version in store.versions().items())
-        said, status = f"{program} has a fault; please send its makers the lines above ({versions})", EXIT_FAULT
-    if said:
-        say(said)
+        message, status = f"{program} has a fault; please send its makers the lines above ({versions})", EXIT_FAULT
+    if message:
+        say(message)
     sys.exit(status)
 
 
@@ -155,10 +155,10 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
         words[at : at + 2] = ["--view-web"]
     if isinstance(main, Mapping) and words and not words[0].startswith("-") and words[0] not in main:
         raise UserError(f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}")
-    said, shown = io.StringIO(), io.StringIO()
+    errors, shown = io.StringIO(), io.StringIO()
     read = functools.partial(tyro.cli, prog=program, args=words, config=(tyro.conf.DisallowNone,), registry=NUMBERS)
     try:
-        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(shown):
+        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(shown):
             if isinstance(main, Mapping):
                 options = read(options_type(main))
                 return next(function for function in main.values() if _options_of(function) is type(options)), options
@@ -168,7 +168,7 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
             return (lambda ready: ready()), read(read_only)
     except SystemExit as left:
         if left.code:
-            raise UserError(_mistake_in(said.getvalue())) from None
+            raise UserError(_mistake_in(errors.getvalue())) from None
         print("\n".join(map(_folded, shown.getvalue().splitlines())))
         raise
 
@@ -185,8 +185,8 @@ def _mistake_in(box: str) -> str:
     lines = [line.strip("│|+ ") for line in _COLOUR.sub("", box).strip().splitlines()[1:]]
     rule = [set(line) <= {"─", "-"} for line in lines]
     start = rule.index(False) if False in rule else 0
-    said = itertools.takewhile(lambda line: not set(line) <= {"─", "-"} or not line, lines[start:])
-    text = one_line(" ".join(said))
+    message = itertools.takewhile(lambda line: not set(line) <= {"─", "-"} or not line, lines[start:])
+    text = one_line(" ".join(message))
     return re.sub(r"^Error parsing ([^ :]+):", r"\1:", text) or "the command line cannot be read; see --help"
 
 

@@ -1,4 +1,4 @@
-"""What a rigid-body engine needs to know of a robot, and what it must be able to do to become a plant."""
+"""The interface of a rigid-body engine: what it is given of a robot, and what it must do to become a plant."""
 
 from __future__ import annotations
 

@@ -171,10 +171,10 @@ class _Diagram:
 
     def loads(self) -> FloatArray:
         """Return the (4,) normal forces on the wheels [N]."""
-        found, results = np.zeros(len(WHEELS)), self._results.Eval(self._mine)
+        loads, results = np.zeros(len(WHEELS)), self._results.Eval(self._mine)
         for i in range(results.num_point_pair_contacts()):
             pair = results.point_pair_contact_info(i)
             k = self._index.get(pair.bodyB_index(), self._index.get(pair.bodyA_index()))
             if k is not None:
-                found[k] += abs(pair.contact_force()[2])
-        return found
+                loads[k] += abs(pair.contact_force()[2])
+        return loads

@@ -64,7 +64,7 @@ _quick = threading.Lock()  # the quick solver's random numbers belong to the pro
 
 @dataclass(frozen=True)
 class OdeSettings:
-    """How ODE computes physics; the defaults are the best that were found (docs/why_drift.md)."""
+    """Settings of ODE's physics; the defaults are the best that were found (docs/why_drift.md)."""
 
     friction_law: FrictionLaw = "cone"
     """Law of friction, see above."""
@@ -190,7 +190,7 @@ class OdeBody:
                 lib.dGeomSetOffsetQuaternion(tyre, Vector(math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0))
             self._tyres.append(tyre)
         bounds = 0 if s.friction_law == "gazebo_box" else APPROX1  # without it, they are forces
-        self._contact, self._found = Contact(mode=bounds | MU2 | FDIR1), (ContactGeom * _MOST_CONTACTS)()
+        self._contact, self._geoms = Contact(mode=bounds | MU2 | FDIR1), (ContactGeom * _MOST_CONTACTS)()
         if s.soft:
             self._contact.mode |= SOFT_ERP | SOFT_CFM
             damped = n.dt * kp + kd  # of a spring with a damper; Gazebo takes these formulas too
@@ -257,19 +257,18 @@ class OdeBody:
             lib.dWorldStep(self._world, dt)
         self._steps += 1
         lib.dJointGroupEmpty(self._contacts)
-        self._loads = [sum(f.f1[2] for f in found[:m]) for found, m in zip(self._feedback, self._points, strict=True)]
+        self._loads = [sum(f.f1[2] for f in feedback[:m]) for feedback, m in zip(self._feedback, self._points, strict=True)]
 
     def _touch(self, k: int) -> None:
-        """Add the contacts of the wheel with index `k`."""
-        lib, found, contact = self._ode, self._found, self._contact
-        count = lib.dCollide(self._tyres[k], self._floor, _MOST_CONTACTS, found, ctypes.sizeof(ContactGeom))
+        lib, geoms, contact = self._ode, self._geoms, self._contact
+        count = lib.dCollide(self._tyres[k], self._floor, _MOST_CONTACTS, geoms, ctypes.sizeof(ContactGeom))
         self._points[k] = count
         for i in range(count):
-            contact.geom = found[i]
+            contact.geom = geoms[i]
             if self._settings.friction_law == "cone":
-                self._along_slip(k, found[i], count)
+                self._along_slip(k, geoms[i], count)
             else:
-                self._along_axes(k, found[i])
+                self._along_axes(k, geoms[i])
             joint = lib.dJointCreateContact(self._world, self._contacts, ctypes.byref(contact))
             lib.dJointAttach(joint, self._wheels[k], None)
             lib.dJointSetFeedback(joint, ctypes.byref(self._feedback[k][i]))

@@ -74,9 +74,9 @@ class EnginePlant:
         self._body.place(start)
         for _ in range(round(SETTLE_TIME / self.dt)):
             self._body.advance_turning(np.zeros(len(WHEELS)), 0.0)
-        found, self._rest_loads = self._body.motion(), self._body.wheel_loads()
-        turned = yaw_to_quat_wxyz(-_yaw(found.quat_wxyz))
-        return float(found.position[2]), _product(turned, found.quat_wxyz)
+        rest, self._rest_loads = self._body.motion(), self._body.wheel_loads()
+        turned = yaw_to_quat_wxyz(-_yaw(rest.quat_wxyz))
+        return float(rest.position[2]), _product(turned, rest.quat_wxyz)
 
     def reset(self, state: State) -> State:
         """Start from `state`, at rest on its tyres, with empty delay lines and no memory of former runs."""
@@ -116,10 +116,10 @@ class EnginePlant:
             errors = []
             for k, group in enumerate(self._numbers.groups):
                 wheels = list(group)
-                asked = wanted.left if _LEFT[wheels[0]] else wanted.right
+                set_point = wanted.left if _LEFT[wheels[0]] else wanted.right
                 rate = float(self._rates[wheels].mean())
-                errors.append(asked - rate)
-                torque = side_torque(asked, rate, self._integrals[k], self.calibration.gain, self._motor)
+                errors.append(set_point - rate)
+                torque = side_torque(set_point, rate, self._integrals[k], self.calibration.gain, self._motor)
                 self._torques[wheels] = 0.5 * torque
             self._body.advance(self._torques, turning)
             self._read()

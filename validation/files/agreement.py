@@ -76,12 +76,12 @@ class _Correction(NamedTuple):
     turned: float = 0.0
     """Angle that is added to the heading after that [rad]."""
 
-    def applied(self, told: Channels) -> dict[str, FloatArray]:
+    def applied(self, signals: Channels) -> dict[str, FloatArray]:
         """Return the channels without the mistake."""
-        changed = {name: factor * told[source] for name, (source, factor) in self.sources.items()}
+        changed = {name: factor * signals[source] for name, (source, factor) in self.sources.items()}
         if self.turned:
             changed["heading"] = changed["heading"] + self.turned
-        return {**told, **changed}
+        return {**signals, **changed}
 
 
 def _times(factor: float, *names: str) -> dict[str, tuple[str, float]]:
@@ -90,7 +90,6 @@ def _times(factor: float, *names: str) -> dict[str, tuple[str, float]]:
 
 
 def _corrections(radius: float) -> Iterator[_Correction]:
-    """Yield every correction that is tried, for wheels of this radius [m]."""
     left, right = wheels = COMMAND_COLUMNS["wheels"]
     for signed in (wheels, *((name,) for name in (*_RATES, "yaw"))):
         yield _Correction("sign", signed, "have the wrong sign", _times(-1.0, *signed))
@@ -135,36 +134,36 @@ def channels(log: Log) -> Channels | None:
     if len(groups) < 2 or (stop - start - 2.0 * margin) < _FEWEST * step or min(g.period for g in groups) > 0.5 * step:
         return None
     middles = start + margin + step * np.arange(min(_MOST, math.floor((stop - start - 2.0 * margin) / step)))
-    found, known, explaining = dict[str, FloatArray](), np.ones(len(middles), dtype=bool), list[FloatArray]()
+    means, known, explaining = dict[str, FloatArray](), np.ones(len(middles), dtype=bool), list[FloatArray]()
     for group in groups:
         sums = _sums(group)
-        lag = unit * _lag(sums, middles, explaining, unit) if found else 0.0
-        found |= _means(sums, middles + lag, unit)
+        lag = unit * _lag(sums, middles, explaining, unit) if means else 0.0
+        means |= _means(sums, middles + lag, unit)
         for edge in (-0.5, 0.0, 0.5):
             known &= ~group.in_gaps(middles + lag + edge * unit)
-        if found and not explaining:
-            rates = np.column_stack(list(found.values()))
+        if means and not explaining:
+            rates = np.column_stack(list(means.values()))
             products = np.einsum("ni,nj->nij", rates, rates).reshape(len(rates), -1)
             explaining = [np.linalg.qr(basis)[0] for basis in (rates, products)]
-    return {name: values[known] for name, values in found.items()} if np.count_nonzero(known) >= _FEWEST else None
+    return {name: values[known] for name, values in means.items()} if np.count_nonzero(known) >= _FEWEST else None
 
 
 def _sums(group: Group) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Return stamps [s] of a group's new samples by column, and the way since the first: integrals of rates; x, y, yaw."""
-    found, pose = dict[str, tuple[FloatArray, FloatArray]](), group.table(POSE_COLUMNS)
+    sums, pose = dict[str, tuple[FloatArray, FloatArray]](), group.table(POSE_COLUMNS)
     for name in (n for n in group.columns if n in (*POSE_COLUMNS, *_RATES)):
         values = group.columns[name][:, None]
         new = fresh_poses(group.t, values if pose is None else pose) if name in POSE_COLUMNS else refreshed(group.t, values)
         t, way = group.t[new], values[new, 0]
-        found[name] = t, way if name in POSE_COLUMNS else integral(t, way)
-    return found
+        sums[name] = t, way if name in POSE_COLUMNS else integral(t, way)
+    return sums
 
 
 def _means(sums: Mapping[str, tuple[FloatArray, FloatArray]], middles: FloatArray, window: float) -> dict[str, FloatArray]:
     """Return the channels over a `window` [s] around the (N,) middles [s]."""
     low, high = middles - 0.5 * window, middles + 0.5 * window
-    found = {name: (np.interp(high, t, way) - np.interp(low, t, way)) / window for name, (t, way) in sums.items()}
-    return found | ({"heading": np.interp(middles, *sums["yaw"])} if "yaw" in sums else {})
+    means = {name: (np.interp(high, t, way) - np.interp(low, t, way)) / window for name, (t, way) in sums.items()}
+    return means | ({"heading": np.interp(middles, *sums["yaw"])} if "yaw" in sums else {})
 
 
 def _lag(
@@ -181,10 +180,10 @@ def _lag(
 
     best, most = 0.0, 0.0
     for lag in _LAGS:
-        told = _means(sums, middles + unit * lag, unit)
-        explained = sum(share(a, explaining[0]) for name, a in told.items() if name not in ("x", "y", "heading"))
-        if "x" in told and "y" in told:
-            explained += share(told["x"] ** 2 + told["y"] ** 2, explaining[1])
+        means = _means(sums, middles + unit * lag, unit)
+        explained = sum(share(a, explaining[0]) for name, a in means.items() if name not in ("x", "y", "heading"))
+        if "x" in means and "y" in means:
+            explained += share(means["x"] ** 2 + means["y"] ** 2, explaining[1])
         if explained > most:
             best, most = float(lag), explained
     return best
@@ -202,7 +201,7 @@ class _Measure(NamedTuple):
     most: float
 
 
-def _measures(told: Channels, radius: float | None) -> tuple[list[_Measure], list[_Measure]]:
+def _measures(signals: Channels, radius: float | None) -> tuple[list[_Measure], list[_Measure]]:
     """Return what tells the yaw rate and the forward speed, the surest first.
 
     The difference of the wheels' rates is 2 alpha b / r times the yaw rate, with alpha from 1.3 on where wheels skid: 6 to 9
@@ -210,37 +209,37 @@ def _measures(told: Channels, radius: float | None) -> tuple[list[_Measure], lis
     Commands of turning are not what the body does, nor is the odometry of wheels that skid.
     """
     left, right = wheels = COMMAND_COLUMNS["wheels"]
-    turning = [_Measure((name,), told[name], 0.93, 1.0, 1.07) for name in ("gyro_z", "yaw") if name in told]
+    turning = [_Measure((name,), signals[name], 0.93, 1.0, 1.07) for name in ("gyro_z", "yaw") if name in signals]
     forward = list[_Measure]()
-    if all(name in told for name in POSE_COLUMNS):
-        along = told["x"] * np.cos(told["heading"]) + told["y"] * np.sin(told["heading"])
+    if all(name in signals for name in POSE_COLUMNS):
+        along = signals["x"] * np.cos(signals["heading"]) + signals["y"] * np.sin(signals["heading"])
         forward.append(_Measure(("x", "y"), along, 0.85, 1.0, 1.18))
-    if "odom_w" in told:
-        turning.append(_Measure(("odom_w",), told["odom_w"], 0.6, 1.0, 4.0))
-    if "odom_v" in told:
-        forward.append(_Measure(("odom_v",), told["odom_v"], 0.6, 1.0, 1.7))
-    if left in told and right in told:
+    if "odom_w" in signals:
+        turning.append(_Measure(("odom_w",), signals["odom_w"], 0.6, 1.0, 4.0))
+    if "odom_v" in signals:
+        forward.append(_Measure(("odom_v",), signals["odom_v"], 0.6, 1.0, 1.7))
+    if left in signals and right in signals:
         least = 3.2 if radius is None else 2.0
-        turning.append(_Measure(wheels, told[right] - told[left], least, 6.3, 25.0))
+        turning.append(_Measure(wheels, signals[right] - signals[left], least, 6.3, 25.0))
         around = (1.7, 1.0 / _RADIUS, 33.0) if radius is None else (0.75 / radius, 1.0 / radius, 1.25 / radius)
-        forward.append(_Measure(wheels, 0.5 * (told[left] + told[right]), *around))
-    asked = np.any([told[name] != 0.0 for name in COMMAND_COLUMNS["twist"] if name in told], axis=0)  # else by joystick
-    if "cmd_w" in told:
-        turning.append(_Measure(("cmd_w",), np.where(asked, told["cmd_w"], math.nan), 0.6, 2.3, 15.0))
-    if "cmd_v" in told:
-        forward.append(_Measure(("cmd_v",), np.where(asked, told["cmd_v"], math.nan), 0.6, 1.05, 2.7))
+        forward.append(_Measure(wheels, 0.5 * (signals[left] + signals[right]), *around))
+    commanded = np.any([signals[n] != 0.0 for n in COMMAND_COLUMNS["twist"] if n in signals], axis=0)  # else by joystick
+    if "cmd_w" in signals:
+        turning.append(_Measure(("cmd_w",), np.where(commanded, signals["cmd_w"], math.nan), 0.6, 2.3, 15.0))
+    if "cmd_v" in signals:
+        forward.append(_Measure(("cmd_v",), np.where(commanded, signals["cmd_v"], math.nan), 0.6, 1.05, 2.7))
     return turning, forward
 
 
-def _agreement(told: Channels, radius: float | None) -> float:
+def _agreement(signals: Channels, radius: float | None) -> float:
     """Return how well the signals agree: a sum over pairs, 1 where they agree and -1 where they contradict each other."""
     total = sum(
         _agree(a, b, share)
-        for measures, share in zip(_measures(told, radius), (_MEDIAN, _LEAST_SLIP), strict=True)
+        for measures, share in zip(_measures(signals, radius), (_MEDIAN, _LEAST_SLIP), strict=True)
         for a, b in combinations(measures, 2)
     )
-    if all(name in told for name in POSE_COLUMNS):
-        total += _alignment(told["x"] + 1j * told["y"], told["heading"])
+    if all(name in signals for name in POSE_COLUMNS):
+        total += _alignment(signals["x"] + 1j * signals["y"], signals["heading"])
     return total
 
 
@@ -279,39 +278,39 @@ def _agree(a: _Measure, b: _Measure, share: float) -> float:
     return alike - impossible - 0.02 * min(5.0, unusual)
 
 
-def contradictions(told: Channels, radius: float | None = None) -> list[LogFault]:
+def contradictions(signals: Channels, radius: float | None = None) -> list[LogFault]:
     """Return the faults of signs, places, frames and units that the channels of a log show.
 
     `radius` is that of the wheels [m]; None where nobody knows it, as then their unit shows in how they turn alone.
     """
-    wheels, turns = COMMAND_COLUMNS["wheels"], np.abs(told.get("yaw", told.get("gyro_z", 0.0))) > _MOVES
-    if set(wheels) <= set(told) and np.array_equal(told[wheels[0]], told[wheels[1]]) and np.mean(turns) > 0.1:
+    wheels, turns = COMMAND_COLUMNS["wheels"], np.abs(signals.get("yaw", signals.get("gyro_z", 0.0))) > _MOVES
+    if set(wheels) <= set(signals) and np.array_equal(signals[wheels[0]], signals[wheels[1]]) and np.mean(turns) > 0.1:
         return [LogFault("swapped", wheels, "enc_left and enc_right are the same numbers, although the robot turns")]
-    found, now = list[LogFault](), _agreement(told, radius)
+    faults, now = list[LogFault](), _agreement(signals, radius)
     for _ in range(_MOST_FAULTS):
-        tried = [
-            (_agreement(correction.applied(told), radius) - now, correction)
+        corrected = [
+            (_agreement(correction.applied(signals), radius) - now, correction)
             for correction in _corrections(radius or _RADIUS)
-            if all(name in told for name in correction.sources)
+            if all(name in signals for name in correction.sources)
         ]
         least = {"scale": _GAIN_OF_UNITS, "clock": _GAIN_OF_UNITS}
-        tried = [pair for pair in tried if pair[0] > least.get(pair[1].kind, _GAIN)]
-        tried.sort(key=lambda pair: -pair[0])
-        if not tried:
+        corrected = [pair for pair in corrected if pair[0] > least.get(pair[1].kind, _GAIN)]
+        corrected.sort(key=lambda pair: -pair[0])
+        if not corrected:
             break
-        good = {c.columns: c for gain, c in reversed(tried) if gain > tried[0][0] - _TIE}  # the best of each columns
+        good = {c.columns: c for gain, c in reversed(corrected) if gain > corrected[0][0] - _TIE}  # the best of each columns
         best, *others = reversed(good.values())
-        told = best.applied(told)
-        now = _agreement(told, radius)
+        signals = best.applied(signals)
+        now = _agreement(signals, radius)
         columns = tuple(dict.fromkeys(name for names in (best, *others) for name in names.columns))
-        said = ", or ".join(f"{_seem(c.columns)} to {c.what}" for c in (best, *others))
-        found.append(LogFault(best.kind, columns, f"{said}; as it stands, the log contradicts itself"))
-    return found + list(_strangers(told, radius))
+        words = ", or ".join(f"{_seem(c.columns)} to {c.what}" for c in (best, *others))
+        faults.append(LogFault(best.kind, columns, f"{words}; as it stands, the log contradicts itself"))
+    return faults + list(_strangers(signals, radius))
 
 
-def _strangers(told: Channels, radius: float | None) -> Iterator[LogFault]:
+def _strangers(signals: Channels, radius: float | None) -> Iterator[LogFault]:
     """Yield a fault for each signal that resembles none of the others, although they resemble one another."""
-    for measures in _measures(told, radius):
+    for measures in _measures(signals, radius):
         measured = [m for m in measures if not set(m.columns) <= set(COMMAND_COLUMNS["twist"])]
         for m in measured:
             others = [o.values for o in measured if o is not m]
@@ -325,16 +324,16 @@ def _seem(columns: Sequence[str]) -> str:
     return f"{' and '.join(columns)} seem{'s' * (len(columns) == 1)}"
 
 
-def frozen(told: Channels) -> Iterator[LogFault]:
+def frozen(signals: Channels) -> Iterator[LogFault]:
     """Yield a fault if columns keep their value for long while others say that the robot moves."""
-    turning, forward = _measures(told, None)
-    found, wheels = dict[str, float](), COMMAND_COLUMNS["wheels"]
-    for name in (n for n in told if n in (*POSE_COLUMNS, "gyro_z", *wheels)):
+    turning, forward = _measures(signals, None)
+    shares, wheels = dict[str, float](), COMMAND_COLUMNS["wheels"]
+    for name in (n for n in signals if n in (*POSE_COLUMNS, "gyro_z", *wheels)):
         kinds = [turning] if name in ("yaw", "gyro_z") else [forward] if name in ("x", "y") else [turning, forward]
         others = [np.nan_to_num(m.values) / m.usual for measures in kinds for m in measures if name not in m.columns]
         if not others:
             continue
-        rate = told[name]
+        rate = signals[name]
         change = np.abs(np.diff(rate, prepend=math.nan))
         moves = np.median(np.abs(others), axis=0) > _MOVES
         if name not in POSE_COLUMNS:  # a rate may stay the same where the others do
@@ -342,10 +341,10 @@ def frozen(told: Channels) -> Iterator[LogFault]:
             moves &= varies | (rate == 0.0)
         kept = moves & (rate == 0.0 if name in POSE_COLUMNS else change < 1e-12)
         if name in wheels:  # where both are kept, they may be set points, or the robot stands and its localiser does not
-            other = told.get(wheels[name == wheels[0]], rate)
+            other = signals.get(wheels[name == wheels[0]], rate)
             kept &= np.abs(np.diff(other, prepend=math.nan)) > 1e-12
         if np.count_nonzero(kept) > max(_FEWEST // 4, _FROZEN * np.count_nonzero(moves)):
-            found[name] = 100.0 * np.count_nonzero(kept) / np.count_nonzero(moves)
-    if found:
-        said = ", ".join(f"{name} for {share:.0f} %" for name, share in found.items())
-        yield LogFault("frozen", tuple(found), f"the same value in much of the time in which the robot moves: {said}")
+            shares[name] = 100.0 * np.count_nonzero(kept) / np.count_nonzero(moves)
+    if shares:
+        words = ", ".join(f"{name} for {share:.0f} %" for name, share in shares.items())
+        yield LogFault("frozen", tuple(shares), f"the same value in much of the time in which the robot moves: {words}")

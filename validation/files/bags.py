@@ -46,7 +46,7 @@ _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563  # semi-major axis [m] an
 
 
 class Role(NamedTuple):
-    """What a topic must be for a role."""
+    """Requirements that a topic meets for a role."""
 
     columns: tuple[str, ...]
     """Columns that it must have."""
@@ -170,8 +170,8 @@ def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
         _check_files(path)
         # the type store serves bags that do not contain their message types: ROS 2 before Iron
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            found = _messages(path, reader, options.limits)
-            used = {topic for topic, _, _ in found}
+            collected = _messages(path, reader, options.limits)
+            used = {topic for topic, _, _ in collected}
             counts: dict[tuple[str, str], int] = {}
             for c in reader.connections:
                 if c.topic not in used and c.msgcount:
@@ -181,11 +181,11 @@ def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
     except (AnyReaderError, ReaderError1, ReaderError2, SerdeError, TypesysError, apsw.Error, *DAMAGE) as cause:
         what = shortened(cause, 200) or type(cause).__name__
         raise FileError(path, f"this is no bag that can be read, or a damaged one: {what}") from cause
-    if not found and not counts:
+    if not collected and not counts:
         raise FileError(path, "the bag is empty: there is no message in it")
-    clocks = {key: found[key].stamps() for key in sorted(found)}
+    clocks = {key: collected[key].stamps() for key in sorted(collected)}
     epoch = min((int(ns.min()) for ns, _ in clocks.values()), default=0)
-    topics = [_topic(*key, found[key], *clock, epoch) for key, clock in clocks.items()]
+    topics = [_topic(*key, collected[key], *clock, epoch) for key, clock in clocks.items()]
     return [*topics, *(Topic(*key, np.broadcast_to(0.0, many), None) for key, many in counts.items())]
 
 
@@ -200,21 +200,21 @@ def _check_files(path: Path) -> None:
 
 def _messages(path: Path, reader: Any, limits: LogLimits) -> _Collected:
     """Return all messages that can be read; a FileError says that there are more than the limits allow."""
-    found: _Collected = {}
+    collected: _Collected = {}
     known = [c for c in reader.connections if c.msgtype in READERS]
     for count, (connection, ns, raw) in enumerate(reader.messages(known) if known else ()):
-        for name, many in (("samples", count + 1), ("columns", len(found))):
+        for name, many in (("samples", count + 1), ("columns", len(collected))):
             if many > getattr(limits, name):
                 raise FileError(path, f"there are too many messages or topics: {limits.says(name)}")
         if not 0 <= ns < _LATEST_NS:
             raise ValueError(f"a message was written at {ns} ns")
         kind = connection.msgtype
         if row := READERS[kind](reader.deserialize(raw, kind)):
-            messages = found.setdefault((connection.topic, kind, tuple(row[1])), _Messages())
+            messages = collected.setdefault((connection.topic, kind, tuple(row[1])), _Messages())
             messages.written_ns.append(ns)
             messages.header_ns.append(row[0])
             messages.numbers.extend(row[1].values())
-    return found
+    return collected
 
 
 def _topic(
@@ -253,7 +253,7 @@ def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str])
         if not ROLES[role].fits(topic):
             wanted = f"wanted {' or '.join(ROLES[role].columns)}, as of {ROLES[role].types[0]}"
             raise FileError(path, f"topic {name} of {topic.type} cannot be {role}: {wanted}")
-    return {role: found for role in ROLES if (found := chosen.get(role)) is not None}
+    return {role: pick for role in ROLES if (pick := chosen.get(role)) is not None}
 
 
 def _guess(topics: Sequence[Topic], role: Role) -> Topic | None:
@@ -283,10 +283,10 @@ def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) 
         if len(t) < 2:
             raise FileError(path, f"topic {topic.name} has fewer than two samples")
         with np.errstate(all="ignore"):  # what is not finite then is refused below
-            found = _converted(role, columns)
+            converted = _converted(role, columns)
         if role in ("pose", "odom") and ROLES["pose"].fits(topic):
-            found |= {f"{prefix}{n}": np.unwrap(columns[n]) if n == "yaw" else columns[n] for n in POSE_COLUMNS}
-        group = Group(topic.name, t, found)
+            converted |= {f"{prefix}{n}": np.unwrap(columns[n]) if n == "yaw" else columns[n] for n in POSE_COLUMNS}
+        group = Group(topic.name, t, converted)
         check_group(path, group, limits)
     except FileError as fault:
         raise FileError(path, f"{fault.what}; topics {role}=none leaves it out") from fault
@@ -294,7 +294,6 @@ def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) 
 
 
 def _converted(role: str, columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-    """Return the columns of a group that a role has besides a pose."""
     if role in ("cmd", "odom"):
         return {f"{role}_v": columns["v"], f"{role}_w": columns["w"]}
     if role == "imu":
@@ -336,8 +335,8 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
     chosen = choose_topics(path, topics, options.topics)
     if not chosen:
         there = ", ".join(f"{s.name} ({s.type})" for s in topics if s.columns is not None)
-        found = there or "no topic of a type that can be read"
-        raise FileError(path, f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {found}")
+        unread = there or "no topic of a type that can be read"
+        raise FileError(path, f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {unread}")
     prefixes = {"odom": "odom_"} if "pose" in chosen else {}
     groups = {role: _group(path, role, t, prefixes.get(role, ""), options.limits) for role, t in chosen.items()}
     roles = {id(topic): role for role, topic in chosen.items()}

@@ -89,7 +89,6 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
 
 
 def _number(cell: str) -> float:
-    """Return the number that a cell holds, NaN where it holds none."""
     try:
         return math.nan if "_" in cell else float(cell)  # Python reads 1_0 as 10, which no logger writes
     except ValueError:
@@ -166,8 +165,8 @@ def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogL
         if name != "t":
             if time := find_time_fault(columns["t"][there], limits):
                 raise FileError(path, time.what, column=name)
-            found = unwrapped(values[there]) if known.unit == "rad" else values[there]
-            own.setdefault(known.group, {})[name] = Group(path.name, columns["t"][there], {name: found})
+            samples = unwrapped(values[there]) if known.unit == "rad" else values[there]
+            own.setdefault(known.group, {})[name] = Group(path.name, columns["t"][there], {name: samples})
     groups = {}
     for key, members in own.items():
         t = np.unique(np.concatenate([g.t for g in members.values()]))

@@ -35,7 +35,7 @@ WHEELS_MEAN_S = 0.25
 """Time before and after an instant over which wheel rates are averaged, against the noise of encoders [s]."""
 WHEELS_TURN = 0.1
 """Wheel rate above which a wheel turns [rad/s]: 16 mm/s of a Husky, well above the noise of means of encoders."""
-ASKS_FOR_MOTION = 0.01
+LEAST_COMMAND = 0.01
 """Size of a command above which it asks for motion [m/s, rad/s]."""
 JUMP_M = 0.2
 """Step of position beyond what the wheels explain from which it is a jump [m]: over twenty times the noise of lidar odometry
@@ -158,19 +158,19 @@ class Faults:
 
     def sentences(self, *, named: bool = True) -> list[str]:
         """Return what is wrong with the log, a sentence each, with or without the `named` faults; none for a sound one."""
-        found = [fault.sentence for fault in self.named if named]
+        notes = [fault.sentence for fault in self.named if named]
         if self.jumps is not None and (n := self.jumps.caught_up):
-            found.append(f"the localiser stalls and catches up {n} times: its poses are late there, and no jumps")
+            notes.append(f"the localiser stalls and catches up {n} times: its poses are late there, and no jumps")
         if self.jumps is not None and (n := len(self.jumps.t)):
             worst = f"up to {self.jumps.metres.max():.2f} m and {self.jumps.radians.max():.2f} rad"
             what = "once" if n == 1 else f"{n} times"
-            found.append(f"the localiser jumps {what}, {worst}, first at {self.jumps.t[0]:.2f} s: no window spans a jump")
+            notes.append(f"the localiser jumps {what}, {worst}, first at {self.jumps.t[0]:.2f} s: no window spans a jump")
         if (share := self.uncommanded_share) is not None and share >= 0.01:
             percent = f"{100.0 * share:.0f} %"
-            found.append(f"the wheels turn with no command for {percent} of the log (joystick?); use --input wheels")
+            notes.append(f"the wheels turn with no command for {percent} of the log (joystick?); use --input wheels")
         if unsaid := [name for name in self.dead_columns if not any(name in fault.columns for fault in self.named)]:
-            found.append(f"{_DEAD}: {', '.join(unsaid)}")
-        return found
+            notes.append(f"{_DEAD}: {', '.join(unsaid)}")
+        return notes
 
 
 def find_faults(log: Log, radius: float | None = None) -> Faults:
@@ -210,11 +210,11 @@ def find_jumps(log: Log) -> Jumps | None:
     )
     piece = np.cumulative_sum(np.diff(group.t) > group.longest_step(), include_initial=True)[new]
     beyond, jumped, stalled = np.zeros((3, len(dt)), dtype=bool)
-    for told, most, expected, least in sizes:
-        stalled |= told < 0.5 * expected * dt
-        excess = told - _FASTER * most * dt - least
+    for change, most, expected, least in sizes:
+        stalled |= change < 0.5 * expected * dt
+        excess = change - _FASTER * most * dt - least
         beyond |= excess > 0.0
-        late_by = _missed(t, expected * dt, told) + _STAMPS_S * (most - _SLOW)
+        late_by = _missed(t, expected * dt, change) + _STAMPS_S * (most - _SLOW)
         jumped |= excess > np.where(most > _SLOW, late_by, 0.0)
     inside = np.diff(piece) == 0
     at, caught = np.flatnonzero(jumped & inside), beyond & ~jumped & inside
@@ -224,9 +224,9 @@ def find_jumps(log: Log) -> Jumps | None:
     return Jumps(new[at + 1], t[at + 1], metres[at], radians[at], int(np.count_nonzero(caught)), late)
 
 
-def _missed(t: FloatArray, wanted: FloatArray, told: FloatArray) -> FloatArray:
+def _missed(t: FloatArray, wanted: FloatArray, change: FloatArray) -> FloatArray:
     """Return (K - 1,) how much of the wanted a stall left out in `_STALL_S` before each step between (K,) instants [s]."""
-    so_far = np.cumulative_sum(np.where(told < 0.5 * wanted, wanted - told, 0.0), include_initial=True)
+    so_far = np.cumulative_sum(np.where(change < 0.5 * wanted, wanted - change, 0.0), include_initial=True)
     return so_far[:-1] - so_far[np.searchsorted(t[:-1], t[:-1] - _STALL_S)]
 
 
@@ -260,7 +260,7 @@ def _uncommanded_share(log: Log) -> float | None:
         return None
     t, rate = wheels
     stamps, v, w = command
-    since, until = nearest(stamps[np.maximum(np.abs(v), np.abs(w)) > ASKS_FOR_MOTION], t)
+    since, until = nearest(stamps[np.maximum(np.abs(v), np.abs(w)) > LEAST_COMMAND], t)
     quiet = (since > AFTER_COMMAND_S + WHEELS_MEAN_S) & (until > _BEFORE_COMMAND_S)
     return float(np.mean(quiet & (rate > WHEELS_TURN)))
 
@@ -273,22 +273,22 @@ def _dead_columns(log: Log) -> tuple[str, ...]:
     moved = posed and max(np.ptp(there["x"]), np.ptp(there["y"])) > 0.5
     wheels_turn = twist is not None and np.ptp(integral(twist[0], twist[2])) > _TURNED
     turned = wheels_turn or (posed and np.ptp(there["yaw"]) > _TURNED)
-    asked = any(np.abs(there[name]).max() > ASKS_FOR_MOTION for name in COMMAND_COLUMNS["twist"] if name in there)
+    commanded = any(np.abs(there[name]).max() > LEAST_COMMAND for name in COMMAND_COLUMNS["twist"] if name in there)
     noisy = [name for name, known in COLUMNS.items() if known.usual < math.inf and known.group in ("odom", "channels")]
     suspects = [
         (COMMAND_COLUMNS["twist"], drives or moved),
-        *(((name,), moved or asked) for name in COMMAND_COLUMNS["wheels"]),
+        *(((name,), moved or commanded) for name in COMMAND_COLUMNS["wheels"]),
         (("gyro_z",), turned),
         (("x", "y"), drives),
         (("yaw",), wheels_turn),
         *(((name,), drives or moved) for name in noisy),
     ]
     zero = {name for names in COMMAND_COLUMNS.values() for name in names}  # a robot may be driven, but not by nothing
-    found = list[str]()
+    dead = list[str]()
     for names, moves in suspects:
         if moves and log.has(names) and all(np.ptp(there[n]) == 0.0 and not (n in zero and there[n][0]) for n in names):
-            found += names
-    return tuple(found)
+            dead += names
+    return tuple(dead)
 
 
 def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
@@ -298,15 +298,15 @@ def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
         often = f"{1.0 / log.groups[fast[0]].period:.4g} samples a second"
         yield LogFault("clock", ("t",), f"{fast[0]} has {often}, as no robot has: t may not be in seconds")
         return
-    told, found = channels(log), list[LogFault]()
-    if told is not None:
-        found = [*contradictions(told, radius), *frozen(told)]
+    signals, faults = channels(log), list[LogFault]()
+    if signals is not None:
+        faults = [*contradictions(signals, radius), *frozen(signals)]
     dead = tuple(name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"])  # joysticks command nothing
-    if unsaid := tuple(name for name in dead if not any(name in fault.columns for fault in found)):
-        found.append(LogFault("frozen", unsaid, f"{_DEAD}: {', '.join(unsaid)}"))
-    yield from found
+    if unsaid := tuple(name for name in dead if not any(name in fault.columns for fault in faults)):
+        faults.append(LogFault("frozen", unsaid, f"{_DEAD}: {', '.join(unsaid)}"))
+    yield from faults
     for name, values in log.columns.items():
         known, greatest = COLUMNS.get(name, ANY_COLUMN), float(np.abs(values).max())
-        if greatest > known.usual and not any(name in fault.columns for fault in found):
+        if greatest > known.usual and not any(name in fault.columns for fault in faults):
             more = f"more than {known.usual:g}: it may be in {known.others}"
             yield LogFault("scale", (name,), f"{name} reaches {greatest:.4g} {known.unit}, {more}")

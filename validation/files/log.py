@@ -26,7 +26,7 @@ from validation.files.signals import TIME_ROUNDOFF, fresh_poses, held, refreshed
 
 
 class Column(NamedTuple):
-    """What is known of a column by its name."""
+    """Properties of a column that is known by its name."""
 
     unit: str
     group: str
@@ -253,7 +253,7 @@ class Log:
             raise FileError(path, str(cause)) from cause
         if np.any(t[1:] <= t[:-1]):
             raise FileError(path, f"t must increase; it does not after sample {int(np.argmax(t[1:] <= t[:-1]))}")
-        return cls(path, {name: Group(path.name, t, found) for name, found in groups.items() if found}, limits=limits)
+        return cls(path, {name: Group(path.name, t, own) for name, own in groups.items() if own}, limits=limits)
 
     @property
     def name(self) -> str:
@@ -299,10 +299,10 @@ class Log:
         """Return the samples between gaps of a log on one clock, but for lone ones; a ValueError says if there is none."""
         t, longest = self.t, next(iter(self.groups.values())).longest_step()
         edges = [0, *(np.flatnonzero(np.diff(t) > longest) + 1).tolist(), len(t)]
-        found = [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]
-        if not found:
+        pieces = [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]
+        if not pieces:
             raise ValueError(f"log {self.name} is nothing but gaps between {t[0]:g} and {t[-1]:g} s")
-        return found
+        return pieces
 
     def on_one_clock(self, rate: float | None = None) -> Log:
         """Return the log with all groups on one clock.
@@ -333,8 +333,8 @@ class Log:
             raise FileError(self.path, f"nothing is left between the gaps: {_spans(self.groups.values())}")
         t, period = t[keep], float(np.median(np.diff(t[keep])))
         groups = {
-            name: Group(self.groups[name].source, t, {n: a[keep] for n, a in found.items()}, period)
-            for name, found in columns.items()
+            name: Group(self.groups[name].source, t, {n: a[keep] for n, a in arrays.items()}, period)
+            for name, arrays in columns.items()
         }
         return replace(self, groups=groups)
 
@@ -361,11 +361,11 @@ class Log:
         """Return the samples from `start` to `stop` [s], None for an end; empty groups drop out. A FileError if all do."""
         low, high = (-math.inf if start is None else start), (math.inf if stop is None else stop)
         within = {name: (g.t >= low) & (g.t <= high) for name, g in self.groups.items()}
-        found = {name: self.groups[name].where(keep) for name, keep in within.items() if np.count_nonzero(keep) > 1}
-        if not found:
+        groups = {name: self.groups[name].where(keep) for name, keep in within.items() if np.count_nonzero(keep) > 1}
+        if not groups:
             what = f"nothing was logged in {low:g} to {high:g} s; there is {_spans(self.groups.values())}"
             raise FileError(self.path, what)
-        return replace(self, groups=found)
+        return replace(self, groups=groups)
 
 
 def check_group(path: Path, group: Group, limits: LogLimits) -> None:

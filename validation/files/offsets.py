@@ -68,10 +68,10 @@ class _Signal:
 
     def known(self, grid: FloatArray) -> NDArray[np.bool_]:
         """Return (N,) whether it tells anything at instants `grid` [s]."""
-        found = ~self.group.in_gaps(grid)
+        known = ~self.group.in_gaps(grid)
         for start, stop in self.jumps:
-            found[np.searchsorted(grid, start) : np.searchsorted(grid, stop)] = False
-        return found
+            known[np.searchsorted(grid, start) : np.searchsorted(grid, stop)] = False
+        return known
 
     def at(self, grid: FloatArray) -> FloatArray:
         """Return the (N,) rates at instants `grid` [s]."""
@@ -156,18 +156,18 @@ def estimate_offsets(log: Log) -> list[Offset]:
     poses = _Poses.of(log)
     turning, speeds = _signals(log, poses)
     reference, *others = list(turning) or [""]
-    found: list[Offset] = []
+    offsets: list[Offset] = []
     for name in others:
         lag = _lag(turning[reference], turning[name])
         if lag is not None:
-            found.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
-    position = None if poses is None or not speeds else _position_offset(*next(iter(speeds.items())), poses, found)
-    return found if position is None else [*found, position]
+            offsets.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
+    position = None if poses is None or not speeds else _position_offset(*next(iter(speeds.items())), poses, offsets)
+    return offsets if position is None else [*offsets, position]
 
 
-def _position_offset(wheels: str, speed: _Signal, poses: _Poses, found: Sequence[Offset]) -> Offset | None:
+def _position_offset(wheels: str, speed: _Signal, poses: _Poses, offsets: Sequence[Offset]) -> Offset | None:
     """Return the delay of positions behind the first clock, or behind the wheels where those have no delay."""
-    delays = {offset.late: offset for offset in found}
+    delays = {offset.late: offset for offset in offsets}
     own = delays.get(wheels)
     yaw_delay = delays["pose_yaw"].seconds - (own.seconds if own else 0.0) if "pose_yaw" in delays else 0.0
     late, steps = yaw_delay, poses.slopes()

@@ -192,10 +192,10 @@ class HorizonRater(Rater):
 
     def __init__(self, truth: Trajectory, piece: Piece, cost: FitCost, counts: Sequence[int], block: int) -> None:
         """Cut the windows; `counts` are the windows of all pieces by horizon, `block` the piece's first block of time."""
-        found = [piece.windows(overlapping_windows, truth.t, horizon) for horizon in cost.horizons]
-        self._starts, self._ends = (np.concatenate([f[end] for f in found]) for end in (0, 1))
+        windows = [piece.windows(overlapping_windows, truth.t, horizon) for horizon in cost.horizons]
+        self._starts, self._ends = (np.concatenate([f[end] for f in windows]) for end in (0, 1))
         self._wanted = relative(truth.pose[self._starts], truth.pose[self._ends])
-        weight = np.concatenate([np.full(len(f[0]), 1.0 / (n * len(found))) for f, n in zip(found, counts, strict=True)])
+        weight = np.concatenate([np.full(len(f[0]), 1.0 / (n * len(windows))) for f, n in zip(windows, counts, strict=True)])
         super().__init__(truth, cost, weight, block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S))
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:

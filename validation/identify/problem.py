@@ -25,7 +25,7 @@ from validation.plants.searchable import find, with_values
 from validation.plants.table import plant_kind
 
 OnShare = Callable[[float], object] | None
-"""What is called, from any thread, with the share of a generation that is rated."""
+"""Callback from any thread, with the share of a generation that is rated."""
 
 
 IGNORANCE = 12.0**-0.5
@@ -35,7 +35,7 @@ PRIOR_S, PRIOR_M = 6.0, 0.05
 
 
 class FitProblem:
-    """How well candidates of one plant make the targets' motions."""
+    """Problem of a fit: candidates of one plant are rated by how well they make the targets' motions."""
 
     def __init__(
         self, model: str, base: PlantProfile, space: ParameterSpace, targets: Sequence[FitTarget], cost: FitCost
@@ -134,8 +134,8 @@ class FitProblem:
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             every = range(which.stop - which.start)
-            found = [rater.residuals(population.poses(every, piece, dt), threads) for piece, dt, rater in self._pieces]
-            return np.concatenate([*found, np.tile(pulls[which], self._priors)], axis=1)
+            residuals = [rater.residuals(population.poses(every, piece, dt), threads) for piece, dt, rater in self._pieces]
+            return np.concatenate([*residuals, np.tile(pulls[which], self._priors)], axis=1)
 
         return self._side_by_side(rate, points, workers)
 

@@ -127,15 +127,15 @@ def error_slopes(
     steps = np.where(point + STEP <= 1.0, STEP, -STEP)
     back = np.where((point - steps >= 0.0) & (point - steps <= 1.0), -steps, 0.0) if central else np.zeros(len(point))
     ends = [point + np.diag(steps), *([point + np.diag(back)] if central else [])]
-    found = errors_at(np.vstack([point, *ends]))
-    dead = ~np.isfinite(found[1 : len(point) + 1]).all(axis=1) & (point - steps >= 0.0) & (point - steps <= 1.0)
+    errors = errors_at(np.vstack([point, *ends]))
+    dead = ~np.isfinite(errors[1 : len(point) + 1]).all(axis=1) & (point - steps >= 0.0) & (point - steps <= 1.0)
     if dead.any():  # an impossible neighbour, such as dynamic friction above static: the other side tells the slope
-        found[1 + np.flatnonzero(dead)] = errors_at((point - np.diag(steps))[dead])
+        errors[1 + np.flatnonzero(dead)] = errors_at((point - np.diag(steps))[dead])
         steps, back = np.where(dead, -steps, steps), np.where(dead, 0.0, back)
         if central:
-            found[1 + len(point) + np.flatnonzero(dead)] = found[0]
-    ahead, behind = found[1 : len(point) + 1], found[len(point) + 1 :] if central else found[:1]
-    return found[0], ((ahead - behind) / (steps - back)[:, None]).T
+            errors[1 + len(point) + np.flatnonzero(dead)] = errors[0]
+    ahead, behind = errors[1 : len(point) + 1], errors[len(point) + 1 :] if central else errors[:1]
+    return errors[0], ((ahead - behind) / (steps - back)[:, None]).T
 
 
 def descend(
@@ -155,10 +155,10 @@ def descend(
 
     def errors_at(points: FloatArray) -> FloatArray:
         before = len(driven)
-        found = driven.look_up(points, lambda new: problem.residuals(new, workers))
+        errors = driven.look_up(points, lambda new: problem.residuals(new, workers))
         if len(driven) > before:
             on_step()
-        return found
+        return errors
 
     def errors(point: FloatArray) -> FloatArray:
         return np.asarray(errors_at(point[None])[0])

@@ -77,8 +77,8 @@ class Searching(cli.Common):
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
-        found = "profile.toml" if self.folder().parts[1] == "fit" else "gains.toml"
-        return (*super().writes(), found, CHECKPOINT)
+        result = "profile.toml" if self.folder().parts[1] == "fit" else "gains.toml"
+        return (*super().writes(), result, CHECKPOINT)
 
     def settings(self, population: int, generations: int) -> JdeSettings:
         """Return the optimiser's settings, with these sizes where none are given; a ValueError says what is out of range."""
@@ -158,7 +158,7 @@ class Search:
         try:
             while not self.jde.finished and (most is None or len(self.jde.history) <= most):
                 self.jde.tell(problem.costs(self.jde.ask(), self.jde.costs, threads, tell))
-                self._keep(zero)
+                self._save(zero)
                 tell(0.0)
         except KeyboardInterrupt:
             self.interrupted = True
@@ -172,7 +172,7 @@ class Search:
             points, costs = points[:1], costs[:1]
 
         def step() -> None:
-            self._keep(zero)
+            self._save(zero)
             text = f"least squares, start {self.ends + 1} of {self.starts}: cost {self.cost:.5g}"
             self.progress(Progress(before + self.ends, before + self.starts, f"{text}, {len(self.driven)} motions"))
 
@@ -186,7 +186,7 @@ class Search:
             self.interrupted = True
         self.wall_s = time.perf_counter() - zero
 
-    def _keep(self, zero: float) -> None:
+    def _save(self, zero: float) -> None:
         """Note the time since `zero` on the clock, and write the checkpoint if there is one."""
         self.wall_s = time.perf_counter() - zero
         if self.checkpoint is not None:

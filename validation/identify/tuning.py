@@ -85,11 +85,11 @@ def costs_of(runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: 
         apart = np.hypot(*np.moveaxis(poses[:, : len(target.t), :2] - target.pose[None, : poses.shape[1], :2], 2, 0))
         d_rms, d_haus = np.sqrt(np.mean(apart**2, axis=1)), apart.max(axis=1)
     u_rms = np.array([np.sqrt(np.mean(runs[i].column("v_x") ** 2)) for i in kept]) / max(speed, 1e-9)
-    found = cost.k_rms * d_rms + cost.k_haus * d_haus + cost.k_ratio * np.abs(1.0 - measures[:, 2])
-    found += cost.k_u * np.abs(1.0 - u_rms)
+    costs = cost.k_rms * d_rms + cost.k_haus * d_haus + cost.k_ratio * np.abs(1.0 - measures[:, 2])
+    costs += cost.k_u * np.abs(1.0 - u_rms)
     if bending_energy(target.xy) >= BENDING_FLOOR:  # a straight reference has no ratio
-        found += cost.k_bend * np.abs(1.0 - measures[:, 3])
-    out[kept] = np.where(np.isfinite(found), found, np.inf)
+        costs += cost.k_bend * np.abs(1.0 - measures[:, 3])
+    out[kept] = np.where(np.isfinite(costs), costs, np.inf)
     return out
 
 
@@ -118,7 +118,7 @@ def make_tuning_space(
             raise ValueError(f"{controller} has no gain '{name}' to tune; there are: {', '.join(known)}")
         if name not in names:
             raise ValueError(f"bounds are given for {name}, which is not free")
-    found = []
+    parameters = []
     for name in names:
         usual = declared(known[name], bounds.get(name))
         value = usual.lower if start is None else start[name]
@@ -130,8 +130,8 @@ def make_tuning_space(
                 )
             low, high = (float(f"{share * value:.2g}") for share in (0.5, 1.5))  # two digits, for tables and pictures
             usual = replace(usual, lower=min(usual.lower, low), upper=max(usual.upper, high))
-        found.append(usual)
-    return ParameterSpace(tuple(found))
+        parameters.append(usual)
+    return ParameterSpace(tuple(parameters))
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +169,7 @@ def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
 
 
 class TuneProblem:
-    """How well candidates for a controller's gains follow references."""
+    """Problem of a tuning: candidates for a controller's gains are rated by how well they follow references."""
 
     def __init__(
         self, profile: Profile, base: GainSet, space: ParameterSpace, cases: Sequence[TuneCase], cost: TuneCost
@@ -184,8 +184,8 @@ class TuneProblem:
 
     def gains(self, point: FloatArray) -> GainSet:
         """Return all gains that an (n,) point of the unit cube stands for."""
-        found = dict(zip(self.space.names, map(float, self.space.values(point)), strict=True))
-        return GainSet(self.base.controller, "tuned", {**self.base.values, **found})
+        values = dict(zip(self.space.names, map(float, self.space.values(point)), strict=True))
+        return GainSet(self.base.controller, "tuned", {**self.base.values, **values})
 
     def costs(
         self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1, on_share: OnShare = None
@@ -214,18 +214,18 @@ class TuneProblem:
     def _case_costs(self, k: int, laws: Sequence[AnyController], workers: int, searching: bool = True) -> FloatArray:
         """Return the (S,) costs of candidates on one case, means over the seeds; in a search the guard counts."""
         case, late, n = self.cases[k], self._late[k], len(laws)
-        found = np.zeros(n)
+        costs = np.zeros(n)
         for seed in self.cost.seeds:
             runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, [seed], workers)
-            found += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers) / len(self.cost.seeds)
-        kept = [i for i in range(n) if np.isfinite(found[i])]
+            costs += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers) / len(self.cost.seeds)
+        kept = [i for i in range(n) if np.isfinite(costs[i])]
         if late is not None and searching and kept:
             some, around = [laws[i] for i in kept], [case.settings] * len(kept)
             runs = run_robots([late] * len(kept), some, around, case.waypoints, self.cost.seeds[:1], workers)
             for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
-                    found[i] = np.inf
-        return found
+                    costs[i] = np.inf
+        return costs
 
     def cost_of(self, gains: GainSet, workers: int, guarded: bool = False) -> float:
         """Return the cost of gains, by default without the guard; infinite where they lose a reference or fail the guard."""

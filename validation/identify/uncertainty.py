@@ -56,7 +56,7 @@ def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: R
         return remembered.look_up(points, lambda new: problem.residuals(new, workers))
 
     k = len(problem.blocks)  # the prior is no observation; what nobody observed gets the bounds' own uncertainty below
-    errors, one_sided = (found[:k] for found in error_slopes(errors_at, point))
+    errors, one_sided = (part[:k] for part in error_slopes(errors_at, point))
     slopes = error_slopes(errors_at, point, central=True)[1][:k]
     known = np.array(np.isfinite(slopes).all(axis=0) & np.isfinite(errors).all())
     covariance, blocks = np.full((n, n), np.nan), 0
@@ -84,31 +84,31 @@ def _widest(errors: FloatArray, slopes: FloatArray, one_sided: FloatArray, probl
         pull, stiffness = errors / np.sqrt(q), q**-1.5
     curvature, gradients = (slopes * stiffness[:, None]).T @ slopes, slopes * pull[:, None]
     size = np.maximum((slopes**2).sum(axis=0), 1e-300)
-    doubt = (((one_sided - slopes) ** 2).sum(axis=0) / size) ** 2 * np.diag(curvature)
+    curvature_error = (((one_sided - slopes) ** 2).sum(axis=0) / size) ** 2 * np.diag(curvature)
     _, member = np.unique(problem.blocks, return_inverse=True)
-    found: list[tuple[FloatArray, int]] = []
-    while (count := int(member.max()) + 1) >= _FEWEST_BLOCKS or not found:
+    covariances: list[tuple[FloatArray, int]] = []
+    while (count := int(member.max()) + 1) >= _FEWEST_BLOCKS or not covariances:
         sums = np.zeros((count, len(curvature)))
         np.add.at(sums, member, gradients)
-        found.append((_sandwich(curvature, doubt, sums), count))
+        covariances.append((_sandwich(curvature, curvature_error, sums), count))
         member = member // 2
-    return max(found, key=lambda one: float(np.trace(one[0])))
+    return max(covariances, key=lambda one: float(np.trace(one[0])))
 
 
-def _sandwich(curvature: FloatArray, doubt: FloatArray, sums: FloatArray) -> FloatArray:
+def _sandwich(curvature: FloatArray, curvature_error: FloatArray, sums: FloatArray) -> FloatArray:
     """Return the (n, n) covariance in the unit cube of the curvature and the (B, n) sums of gradients in each block.
 
     The curvature of the ignorance, R = (noise / IGNORANCE^2) 1, is added to H, and the ignorance itself to the scatter: a
     direction that no error sees gets IGNORANCE, one that all see is not touched, and none gets more: where the scatter
-    of a few blocks claims more than the bounds allow, the bounds say more than it. The (n,) `doubt` in the curvature, from
-    finite differences of the second order whose relative error is about the square of that of the first, counts alike:
+    of a few blocks claims more than the bounds allow, the bounds say more than it. The (n,) `curvature_error` is that of
+    finite differences of the second order, whose relative error is about the square of that of the first. It counts alike:
     otherwise numbers that the data cannot tell apart would be told apart by errors of the derivatives.
     """
     blocks = len(sums)
     centred = sums - sums.mean(axis=0)  # at an optimum of least squares the mean is nothing
     scatter = centred.T @ centred * (blocks / max(blocks - 1, 1))
     noise = float(np.trace(scatter)) / max(float(np.trace(curvature)), 1e-300)
-    ridge = np.diag(np.maximum(max(noise, 1e-300) / IGNORANCE**2, doubt))
+    ridge = np.diag(np.maximum(max(noise, 1e-300) / IGNORANCE**2, curvature_error))
     inverse = np.linalg.inv(curvature + ridge)
     spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * IGNORANCE) ** 2) @ inverse)
     return np.asarray((axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T)

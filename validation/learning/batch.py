@@ -36,7 +36,7 @@ class EpisodeRows(NamedTuple):
     """(S,) number of ticks so far."""
     drives: FloatArray
     """(S, 13) `DriveNumbers`."""
-    asked: FloatArray
+    held: FloatArray
     """(S, 4) states of the drives."""
     before: FloatArray
     """(S, 2) command until the beginning [m/s, rad/s]."""
@@ -55,12 +55,12 @@ def plan_ticks(rows: EpisodeRows, which: Any, actions: FloatArray, references: F
         i = which[j]
         drive = named_like(DRIVE_TEMPLATE, rows.drives[i])
         rows.commands[i, rows.ticks[i], 0], rows.commands[i, rows.ticks[i], 1] = actions[j, 0], actions[j, 1]
-        asked = named_like(_DRIVEN, rows.asked[i])
+        held = named_like(_DRIVEN, rows.held[i])
         before = (rows.before[i, 0], rows.before[i, 1])
         for n in range(references.shape[1]):
-            asked = follow(rows.commands[i], rows.ticks[i] * drive.period + n, drive, before, asked)
-            references[j, n, 0], references[j, n, 1] = asked.left, asked.right
-        rows.asked[i, 0], rows.asked[i, 1], rows.asked[i, 2], rows.asked[i, 3] = asked.v, asked.w, asked.left, asked.right
+            held = follow(rows.commands[i], rows.ticks[i] * drive.period + n, drive, before, held)
+            references[j, n, 0], references[j, n, 1] = held.left, held.right
+        rows.held[i, 0], rows.held[i, 1], rows.held[i, 2], rows.held[i, 3] = held.v, held.w, held.left, held.right
         rows.ticks[i] += 1
 
 
@@ -123,7 +123,7 @@ def observe_rows(
 
 
 class Ticked(NamedTuple):
-    """What a tick of all rows brought."""
+    """Result of one tick of all rows."""
 
     observations: FloatArray
     """(S, n) in SI units, within `EpisodeSource.bounds`."""
@@ -166,7 +166,7 @@ class TrackBatch:
         self._rows = EpisodeRows(
             ticks=np.zeros(count, dtype=np.int64),
             drives=np.zeros((count, 13)),
-            asked=np.zeros((count, 4)),
+            held=np.zeros((count, 4)),
             before=np.zeros((count, 2)),
             commands=np.zeros((count, most, 2)),
             targets=np.zeros((count, most + 1 + max(AHEAD_TICKS), ERRORS)),
@@ -236,7 +236,7 @@ class TrackBatch:
             starts.append(episode.start)
             numbers = drive_numbers(episode.drive, VELOCITY_PERIOD, self._plants[i].dt)
             rows.drives[i], rows.ticks[i] = numbers, 0
-            rows.asked[i] = rolling(Sides(episode.start.wheel_left, episode.start.wheel_right), numbers)
+            rows.held[i] = rolling(Sides(episode.start.wheel_left, episode.start.wheel_right), numbers)
             rows.before[i] = episode.before
             rows.targets[i, : len(episode.targets)] = episode.targets
             rows.noise[i, : len(episode.noise)] = episode.noise

@@ -72,4 +72,4 @@ class Tracking(dm_env.Environment):
 
 
 tracking = Tracking
-"""What makes the environment, under the name that it is imported by."""
+"""Constructor of the environment, under the name that it is imported by."""

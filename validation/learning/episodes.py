@@ -47,7 +47,7 @@ SPEED_SHARE = 0.8
 
 @dataclass(frozen=True)
 class TrackTask:
-    """What the episodes of an environment are about."""
+    """Task that the episodes of an environment set."""
 
     profiles: str | None = None
     """Names or paths of profiles, comma-separated; each episode takes one at random. None for `thesis-lab`, or the robot's

@@ -104,8 +104,8 @@ def declare(name: str) -> PlantKind:
         "commands": (*own, "wheel_radius", "effective_half_track", *_DRIVEN, "tracked_y", *SEEN),
         "wheels": (*_ROLLING, "tracked_y", *SEEN),
     }
-    drive = tuple(n for n in described(Drive) if n != "torque_limit" or not law.obeys)
-    chosen = _KINEMATIC if law.obeys else free
+    drive = tuple(n for n in described(Drive) if n != "torque_limit" or not law.ideal)
+    chosen = _KINEMATIC if law.ideal else free
     usual = partial(defaults, law.parameters)
     return PlantKind(
         name, law.parameters, usual, lambda section, *_: PlanarPlant(model_of(section)), PlanarPopulation, chosen,

@@ -49,7 +49,7 @@ class ProfileError(ValueError):
 
 @dataclass(frozen=True)
 class Pace:
-    """How fast motions are: what a robot in motion stays below for 95 % of the time."""
+    """Pace of motions: what a robot in motion stays below for 95 % of the time."""
 
     speed: float = 0.0
     """Speed [m/s]."""
@@ -219,11 +219,11 @@ def _parse(document: Mapping[str, Any]) -> Profile:
         {"schema", "name", "description", "robot", "vehicle", "drive", "plants", "provenance", "fitted_at"},
         "the top level",
     )
-    said = document.get("robot", USUAL_ROBOT)
-    if not isinstance(said, str | dict):
-        raise ValueError(f"robot is {reprlib.repr(said)}, wanted a name or a table")
+    entry = document.get("robot", USUAL_ROBOT)
+    if not isinstance(entry, str | dict):
+        raise ValueError(f"robot is {reprlib.repr(entry)}, wanted a name or a table")
     try:
-        robot = load_robot(said) if isinstance(said, str) else parse_robot(said)
+        robot = load_robot(entry) if isinstance(entry, str) else parse_robot(entry)
     except ValueError as error:
         raise ValueError(f"[robot] {error}") from error
     vehicle = _fill(robot.vehicle, document.get("vehicle", {}), "vehicle")

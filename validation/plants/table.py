@@ -7,7 +7,7 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from ssmr._jit import keep_no_more
+from ssmr._jit import stop_saving
 from ssmr.models.law import OWN_MODELS, PLANAR_MODELS, PlanarLaw
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def add_model(law: PlanarLaw) -> None:
     """
     if law.name in ALL_PLANTS or not law.name.isidentifier():
         raise ValueError(f"a model cannot be named '{law.name}'; take another name than {', '.join(ALL_PLANTS)}")
-    keep_no_more()
+    stop_saving()
     OWN_MODELS[law.name] = law
     plant_kind.cache_clear()
 

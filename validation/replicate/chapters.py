@@ -20,7 +20,7 @@ from validation.words import markdown
 
 
 class Budget(NamedTuple):
-    """How much is searched and repeated."""
+    """Amount of searching and repeating."""
 
     fit: tuple[int, int] = (50, 300)
     """Candidates and greatest number of generations of a fit (Tab. 3.7, 3.10, 3.13)."""
@@ -39,7 +39,7 @@ QUICK = Budget((20, 25), (20, 12), 1, 2, 1)
 
 
 class Task(NamedTuple):
-    """What a section needs to run."""
+    """Inputs of a section."""
 
     budget: Budget
     """How much it may compute."""
@@ -53,7 +53,7 @@ class Task(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """What a section found."""
+    """Results of a section."""
 
     tables: Mapping[str, Rows]
     """Tables by their number in the thesis, or by its section or figure where it has no table."""
@@ -110,20 +110,20 @@ class Chapter(NamedTuple):
         return [*lines, *self.text.splitlines()]
 
 
-def chapter_of(section: Section, found: Findings) -> Chapter:
+def chapter_of(section: Section, findings: Findings) -> Chapter:
     """Return what a section found as a chapter."""
-    title, *lines = template(section.key.partition("-")[0]).format_map(dict(found.words)).strip().splitlines()
+    title, *lines = template(section.key.partition("-")[0]).format_map(dict(findings.words)).strip().splitlines()
     tables = []
     for line in lines:
         if line.startswith("## "):
             numbers, _, caption = line.removeprefix("## ").partition(": ")
             first, _, last = numbers.partition("–")
-            shown = [n for n in found.tables if order_of(first) <= order_of(n) <= order_of(last or first)]
-            tables.append(_side_by_side(f"{named(numbers)}. {caption}", {n: found.tables[n] for n in shown}))
+            shown = [n for n in findings.tables if order_of(first) <= order_of(n) <= order_of(last or first)]
+            tables.append(_side_by_side(f"{named(numbers)}. {caption}", {n: findings.tables[n] for n in shown}))
     text = "\n".join(line for line in lines if not line.startswith("## ")).strip()
     several = [named(t) for t in section.tables]
     where = f"{several[0]}–{section.tables[-1]}" if len(several) > 2 else ", ".join(several)
-    return Chapter(f"{title.removeprefix('# ')} ({where})", [*tables, *found.more], text)
+    return Chapter(f"{title.removeprefix('# ')} ({where})", [*tables, *findings.more], text)
 
 
 def named(number: str) -> str:
@@ -138,8 +138,8 @@ def order_of(number: str) -> tuple[int, ...]:
 
 def judged(number: str, rows: Rows) -> dict[str, tuple[dict[str, Verdict], Verdict]]:
     """Return by row the verdicts on its numbers by metric, and that on the whole row."""
-    found = {row: {m: judge(number, row, m, pair) for m, pair in pairs.items()} for row, pairs in rows.items()}
-    return {row: (verdicts, judge_row(rows[row], verdicts)) for row, verdicts in found.items()}
+    verdicts_of_rows = {row: {m: judge(number, row, m, pair) for m, pair in pairs.items()} for row, pairs in rows.items()}
+    return {row: (verdicts, judge_row(rows[row], verdicts)) for row, verdicts in verdicts_of_rows.items()}
 
 
 def is_printed(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> bool:
@@ -185,7 +185,7 @@ def _wide(metric: str, pair: Pair, within: Sequence[float] | None) -> Row:
     """Return columns named after the metric; a number with a spread has an interval of one such to either side."""
     ending = ending_of(metric)
     supposed = pair.supposed
-    found = {
+    columns = {
         "printed": pair.published,
         **_words(within),
         "ours": _interval(pair.ours, pair.spread),
@@ -193,7 +193,7 @@ def _wide(metric: str, pair: Pair, within: Sequence[float] | None) -> Row:
         "supposed": None if supposed is None else _interval(supposed.value, supposed.spread),
     }
     stem = metric.removesuffix(ending)
-    return {f"{stem} {name.replace('_', ' ')}{ending}": value for name, value in found.items()}
+    return {f"{stem} {name.replace('_', ' ')}{ending}": value for name, value in columns.items()}
 
 
 def _interval(value: float | None, spread: float | None) -> float | tuple[float, float, float] | None:

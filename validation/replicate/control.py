@@ -79,19 +79,19 @@ def _tuned(controller: str, task: Task) -> Findings:
     population, generations = task.budget.tune or (None, None)
     searches = []
     for seed in range(task.seed, task.seed + task.budget.searches):
-        found = tune(
+        search = tune(
             controller, ("generic@0.25",), _PROFILE, plants=("improved",), held_out=(), gains="published", from_scratch=True,
             guard=0.0, seeds=(0,), population=population, generations=generations, seed=seed, workers=task.workers,
             progress=task.progress,
         ).as_dict()  # fmt: skip
-        if found["status"] == "interrupted":
+        if search["status"] == "interrupted":
             raise KeyboardInterrupt
-        searches.append(found)
-    best = min(searches, key=lambda found: float(found["cost"]))
+        searches.append(search)
+    best = min(searches, key=lambda search: float(search["cost"]))
     words = {
         "law": controller.upper(),
         "number": TUNED_TABLES[controller],
-        "costs": ", ".join(f"{found['cost']:.3f}" for found in searches),
+        "costs": ", ".join(f"{search['cost']:.3f}" for search in searches),
         "baseline": math.nan if best["baseline_cost"] is None else best["baseline_cost"],
         "generations": best["generations"],
     }
@@ -100,11 +100,11 @@ def _tuned(controller: str, task: Task) -> Findings:
 
 def gain_rows(controller: str, searches: Sequence[Mapping[str, Any]]) -> Rows:
     """Return the thesis' gains beside those of the search with the lowest cost, as tune.json has them, and the cost."""
-    best = min(searches, key=lambda found: float(found["cost"]))
+    best = min(searches, key=lambda search: float(search["cost"]))
     rows: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table(TUNED_TABLES[controller])["rows"].items():
         name, unit = GAIN_NAMES[controller][row], printed["unit"]
-        spread = _deviation([found["gains"][name] for found in searches])
+        spread = _deviation([search["gains"][name] for search in searches])
         obstacle = "" if spread is not None else "a single search has no spread"
         if name not in best["parameters"]:
             obstacle = "set by hand in the thesis; taken over"
@@ -113,7 +113,7 @@ def gain_rows(controller: str, searches: Sequence[Mapping[str, Any]]) -> Rows:
         beside = {"set_by_hand_in_the_thesis": float(printed["manual"])} if "manual" in printed else {}
         ours = best["gains"][name]
         rows[row] = {"optimised": Pair(theirs, ours, "spread", unit, spread, beside, obstacle, None, searched, searched)}
-    spread, baseline = _deviation([found["cost"] for found in searches]), best["baseline_cost"]
+    spread, baseline = _deviation([search["cost"] for search in searches]), best["baseline_cost"]
     beside = {} if baseline is None else {"with_the_published_gains": baseline}
     return rows | {"cost": {"optimised": Pair(None, best["cost"], "none", "1", spread, beside)}}
 
@@ -160,11 +160,11 @@ class TrackedTables:
         if theirs["comparison"] == "reference_vs_simulated":
             wanted = reference_of(simulated[0], open_reference(*where)[1], whole=True)
             motions = [supposed_path(s.motion) if supposed else s.motion for s in simulated if not s.lost]
-            found = [compare_paths(motion, wanted) for motion in motions]
+            measured = [compare_paths(motion, wanted) for motion in motions]
         else:
             both = zip(simulated, self._drive(gains, *where, "mujoco"), strict=True)
-            found = [compare_paths(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
-        return np.array([[m[name] for name in RULE_OF] for m in found]).reshape(-1, len(RULE_OF))
+            measured = [compare_paths(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
+        return np.array([[m[name] for name in RULE_OF] for m in measured]).reshape(-1, len(RULE_OF))
 
     def _mean(self, values: FloatArray) -> tuple[float | None, float | None]:
         """Return mean and standard deviation; None where every seed lost the reference, or there is one seed."""
@@ -174,12 +174,12 @@ class TrackedTables:
 
     def rows(self, number: str) -> Rows:
         """Return a table of the thesis beside ours, which are means over the seeds that kept the reference."""
-        theirs, found, text = published.table(number), self.compared(number), supposition(number)
+        theirs, measured, text = published.table(number), self.compared(number), supposition(number)
         printed: Mapping[str, float] = next(iter(theirs["rows"].values()), {})
-        under = self.compared(number, supposed=True) if text else found[:0]
+        under = self.compared(number, supposed=True) if text else measured[:0]
         pairs = {}
         for k, (metric, rule) in enumerate(RULE_OF.items()):
-            ours, spread = self._mean(found[:, k])
+            ours, spread = self._mean(measured[:, k])
             supposed, by = self._mean(under[:, k])
             pairs[metric] = Pair(
                 printed.get(metric), ours, rule, "m" if metric.endswith("_m") else "1", spread,
@@ -213,25 +213,23 @@ def supposition(number: str) -> str:
 
 
 def _tracked(task: Task) -> Findings:
-    made, found = TrackedTables(load_profile(_PROFILE), task.budget.draws, task.workers), dict[str, Rows]()
+    made, tables = TrackedTables(load_profile(_PROFILE), task.budget.draws, task.workers), dict[str, Rows]()
     for number in CONTROL_TABLES:
-        found[number] = made.rows(number)
-        task.progress(Progress(len(found), len(CONTROL_TABLES), f"Tab. {number}"))
+        tables[number] = made.rows(number)
+        task.progress(Progress(len(tables), len(CONTROL_TABLES), f"Tab. {number}"))
     both: dict[tuple[str, str], Mapping[str, Pair]] = {}
-    for number, rows in found.items():
+    for number, rows in tables.items():
         if published.table(number)["comparison"] == "simulated_vs_real":
             both |= {(published.table(number)["controller"], row): pairs for row, pairs in rows.items()}
     repeated = {
         row: {m: replace(pair, published=float(printed[m])) for m, pair in both[tuple(row.split("_", 1))].items()}
         for row, printed in published.table("4.37")["rows"].items()
     }
-    panels = _drawn({n: found[n] for n in CONTROL_TABLES})
-    return Findings({**found, "4.37": repeated}, {"seeds": task.budget.draws}, panels=panels)
+    panels = _drawn({n: tables[n] for n in CONTROL_TABLES})
+    return Findings({**tables, "4.37": repeated}, {"seeds": task.budget.draws}, panels=panels)
 
 
 def _drawn(tables: Mapping[str, Rows]) -> list[Row]:
-    """Return printed and own d_rms of each table, both comparisons side by side."""
-
     def draw(comparison: str, title: str, ax: Axes) -> None:
         some = {n: rows for n, rows in tables.items() if published.table(n)["comparison"] == comparison}
         labels = []

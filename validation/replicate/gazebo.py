@@ -62,15 +62,15 @@ def starts(n: int) -> list[tuple[float, float]]:
     return [(yaw, _SAMPLE / (50 - n // 2 + k)) for k, yaw in enumerate(np.linspace(-_TURNED, _TURNED, n).tolist())]
 
 
-def straight_share(motion: Trajectory, asked: FloatArray) -> float:
+def straight_share(motion: Trajectory, commanded: FloatArray) -> float:
     """Return the share of the time in which a robot drives straight while its wheels ask for a hard turn [1].
 
     Args:
         motion: the motion.
-        asked: (M,) yaw rate that the wheels ask for [rad/s].
+        commanded: (M,) yaw rate that the wheels ask for [rad/s].
     """
-    hard = np.abs(asked) >= _HARD * np.abs(asked).max()
-    return float((np.abs(motion.twist[hard, 2]) < _STRAIGHT * np.abs(asked[hard])).mean())
+    hard = np.abs(commanded) >= _HARD * np.abs(commanded).max()
+    return float((np.abs(motion.twist[hard, 2]) < _STRAIGHT * np.abs(commanded[hard])).mean())
 
 
 def driven_on_trajectory_3(law: FrictionLaw, direction: FrictionDirection, start: tuple[float, float]) -> GazeboRun:
@@ -92,26 +92,26 @@ def driven_on_trajectory_3(law: FrictionLaw, direction: FrictionDirection, start
     plant = EnginePlant("ode", lambda body: OdeBody(body, settings), numbers, section.drive)
     motion = drive(plant, piece, section.localiser, _SAMPLE)
     improved = drive(make_plant(profile, "improved"), piece, profile.plants["improved"].localiser, _SAMPLE)
-    asked = 0.5 * numbers.wheel_radius / numbers.half_track * np.diff(motion.wheels, axis=1)[:, 0]
+    commanded = 0.5 * numbers.wheel_radius / numbers.half_track * np.diff(motion.wheels, axis=1)[:, 0]
     on = motion.t >= _LEAD
     return GazeboRun(
-        straight_share(motion, asked),
-        float(np.sqrt(np.mean(motion.twist[on, 2] ** 2) / np.mean(asked[on] ** 2))),
+        straight_share(motion, commanded),
+        float(np.sqrt(np.mean(motion.twist[on, 2] ** 2) / np.mean(commanded[on] ** 2))),
         float(np.mean(np.prod(motion.wheels, axis=1) < 0.0)),
         float(motion.twist[on, 0].max()) / STRAIGHT_SPEED - 1.0,
         compare_paths(motion, improved)["d_rms_m"],
     )
 
 
-_Found = Mapping[tuple[str, FrictionDirection], Sequence[GazeboRun]]
+_Driven = Mapping[tuple[str, FrictionDirection], Sequence[GazeboRun]]
 
 
-def _rows(found: _Found) -> dict[str, dict[str, Pair]]:
+def _rows(driven: _Driven) -> dict[str, dict[str, Pair]]:
     """Return what the thesis says in words of each friction model, beside ours over all starts and both directions."""
 
     def pair(law: str, what: Callable[[GazeboRun], float], unit: str = "1") -> Pair:
         rule: Rule = "none" if law == "cone" else "words"  # of the cone alone the thesis says nothing
-        wheel, world = ([what(run) for run in found[law, direction]] for direction in _DIRECTIONS)
+        wheel, world = ([what(run) for run in driven[law, direction]] for direction in _DIRECTIONS)
         spread = float(np.std(wheel, ddof=1)) if len(wheel) > 1 else None
         beside = {"world": float(np.median(world))}
         return Pair(None, float(np.median(wheel)), rule, unit, spread, beside)
@@ -125,7 +125,7 @@ def _rows(found: _Found) -> dict[str, dict[str, Pair]]:
         }
         for law in _LAWS
     }
-    far = {key: float(np.median([run.d_rms for run in runs])) for key, runs in found.items()}
+    far = {key: float(np.median([run.d_rms for run in runs])) for key, runs in driven.items()}
     worse = {d: far["box", d] / max(far["pyramid", d], far["cone", d]) for d in _DIRECTIONS}
     rows["box"]["times_the_others"] = Pair(None, worse["wheel"], "words", beside={"world": worse["world"]})
     return rows
@@ -139,13 +139,13 @@ def _gazebo(task: Task) -> Findings:
     except EngineMissingError as error:
         gone = Pair(None, None, "words", obstacle=str(error))
         return Findings({"Sec. 3.7": {law: {"straight_share": gone} for law in _LAWS}}, words)
-    found: dict[tuple[str, FrictionDirection], list[GazeboRun]] = {}
+    driven: dict[tuple[str, FrictionDirection], list[GazeboRun]] = {}
     every, done = starts(task.budget.starts), 0
     for name, law in _LAWS.items():
         for direction in _DIRECTIONS:
             for start in every:
                 task.progress(Progress(done, len(_LAWS) * len(_DIRECTIONS) * len(every), name))
-                found.setdefault((name, direction), []).append(driven_on_trajectory_3(law, direction, start))
+                driven.setdefault((name, direction), []).append(driven_on_trajectory_3(law, direction, start))
                 done += 1
     rows = [
         {
@@ -154,14 +154,14 @@ def _gazebo(task: Task) -> Findings:
             "faster_than_commanded_share": _range([run.excess for run in runs]),
             "d_rms_m": _range([run.d_rms for run in runs]),
         }
-        for (name, direction), runs in found.items()
+        for (name, direction), runs in driven.items()
     ]  # fmt: skip
-    closest = {d: np.argmin([[run.d_rms for run in found[n, d]] for n in _LAWS], axis=0) for d in _DIRECTIONS}
+    closest = {d: np.argmin([[run.d_rms for run in driven[n, d]] for n in _LAWS], axis=0) for d in _DIRECTIONS}
     cone = list(_LAWS).index("cone")
     words |= {"closest": sum(int(np.sum(k == cone)) for k in closest.values()), "cases": len(_DIRECTIONS) * len(every)}
     units = {"d_rms_m": METRES}
     more = [Table("The same by direction: median over the starts, least and greatest", rows, units=units)]
-    return Findings({"Sec. 3.7": _rows(found)}, words, more)
+    return Findings({"Sec. 3.7": _rows(driven)}, words, more)
 
 
 def _range(values: Sequence[float]) -> tuple[float, float, float]:

@@ -83,7 +83,7 @@ def late(motion: Trajectory, seen: Trajectory, jitter: float, rng: np.random.Gen
 def _noise(task: Task) -> Findings:
     """Find the variances of Tab. 3.4 in the simulated lab: as it is, with wrong stamps, and of what the thesis simulates."""
     seeds, cases = range(task.budget.draws), {case: published.table("3.3")["rows"][case] for case in _STRAIGHT}
-    found: dict[tuple[str, str], list[dict[str, float]]] = {}
+    variances: dict[tuple[str, str], list[dict[str, float]]] = {}
     for number, (case, commands) in enumerate(cases.items()):
         motion, drive = _driven(commands)
         (x, y, yaw), (v, _, w) = motion.pose[0].tolist(), motion.twist[0].tolist()
@@ -94,11 +94,11 @@ def _noise(task: Task) -> Findings:
             added = measure(motion, SensorNoise(), rng, _RATE)
             ways = {"exact": filtered, "wrong": late(motion, filtered, _JITTER, rng), "added": added}
             for way, each in ways.items():
-                found.setdefault((way, case), []).append(_variances(each))
+                variances.setdefault((way, case), []).append(_variances(each))
     rows = {}
     for name, printed in published.table("3.4")["rows"].items():
         regular, jittered, again = (
-            np.mean([[each[name] for each in found[way, case]] for case in _STRAIGHT], axis=0)
+            np.mean([[each[name] for each in variances[way, case]] for case in _STRAIGHT], axis=0)
             for way in ("exact", "wrong", "added")
         )
         spread = float(np.std(regular, ddof=1)) if len(regular) > 1 else None

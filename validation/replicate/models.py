@@ -35,32 +35,32 @@ _JUDGED = ("coulomb", "improved")
 def _fitted(model: str, task: Task) -> Findings:
     """Fit a model's parameters as Sec. 3.5.4-3.5.6 did."""
     (population, generations), (parameters, distances) = task.budget.fit, _FITS[model]
-    found = fit(
+    fitted = fit(
         model, "traj4@mujoco", _PROFILE, held_out=("traj1", "traj2", "traj3"), objective="path", population=population,
         generations=generations, search="jde", seed=task.seed, workers=task.workers, progress=task.progress,
     ).as_dict()  # fmt: skip
-    if found["status"] == "interrupted":
+    if fitted["status"] == "interrupted":
         raise KeyboardInterrupt
     words = {
         "called": "Coulomb" if model == "coulomb" else model,
         "parameters": parameters,
         "distances": distances,
         "population": population,
-        **{name: found[name] for name in ("evaluations", "generations", "cost", "seed")},
+        **{name: fitted[name] for name in ("evaluations", "generations", "cost", "seed")},
     }
     return Findings(
-        {parameters: parameter_rows(parameters, model, found), distances: distance_rows(distances, found)}, words
+        {parameters: parameter_rows(parameters, model, fitted), distances: distance_rows(distances, fitted)}, words
     )
 
 
 def parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
     """Return the thesis' parameters beside those of fit.json."""
-    found: Mapping[str, Mapping[str, Any]] = fitted["parameters"]
+    numbers: Mapping[str, Mapping[str, Any]] = fitted["parameters"]
     rows: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table(number)["rows"].items():
         unit, value = printed["unit"], float(printed["value"])
         if row in _NAMES:
-            p = found[_NAMES[row]]
+            p = numbers[_NAMES[row]]
             error, bounds = p["standard_error"], (float(p["lower"]), float(p["upper"]))
             obstacle = "no standard error could be estimated" if error is None else ""
             searched = printed.get("search", ())

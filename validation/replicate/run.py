@@ -71,7 +71,7 @@ class Replicate(cli.Common):
 class Replication(Report):
     """Every table of the thesis beside ours, with verdicts."""
 
-    found: Mapping[str, Findings]
+    findings: Mapping[str, Findings]
     """Findings by section, in the order of the report."""
     chapters: Sequence[Chapter]
     """The same as the report shows it."""
@@ -95,19 +95,19 @@ def replicate(o: Replicate) -> Replication:
         SsmrError: a section failed.
         ValueError: `only` names what no section answers for.
     """
-    sections, found, status = chosen_sections(ALL_SECTIONS, o.only), dict[str, Findings](), FINISHED
+    sections, findings, status = chosen_sections(ALL_SECTIONS, o.only), dict[str, Findings](), FINISHED
     for section in sections:
         try:
-            found[section.key] = section.run(_task(o, section.key, len(found), len(sections)))
+            findings[section.key] = section.run(_task(o, section.key, len(findings), len(sections)))
         except KeyboardInterrupt:
-            if not found:
+            if not findings:
                 raise
             status = INTERRUPTED
             break
-    chapters = [chapter_of(section, found[section.key]) for section in sections if section.key in found]
-    tables = {number: rows for each in found.values() for number, rows in each.tables.items()}
+    chapters = [chapter_of(section, findings[section.key]) for section in sections if section.key in findings]
+    tables = {number: rows for each in findings.values() for number, rows in each.tables.items()}
     verdicts = {number: judged(number, rows) for number, rows in tables.items()}
-    counts = [_tally(each.tables, verdicts) for each in found.values()]
+    counts = [_tally(each.tables, verdicts) for each in findings.values()]
     summary = [
         {"section": c.title, **{s: sum(n for (_, status), n in count.items() if status == s) for s in STATUSES}}
         for c, count in zip(chapters, counts, strict=True)
@@ -138,9 +138,9 @@ def replicate(o: Replicate) -> Replication:
         draw=_draw,
         has_text=True,
         status=status,
-        found=found,
+        findings=findings,
         chapters=chapters,
-        lead=_lead(o.quick, found, unexplained, every),
+        lead=_lead(o.quick, findings, unexplained, every),
     )
 
 
@@ -177,8 +177,8 @@ def _unexplained(tables: Mapping[str, Rows], verdicts: _Verdicts) -> list[str]:
     ]
 
 
-def _lead(quick: bool, found: Container[str], unexplained: Sequence[str], every: Counter[tuple[Evidence, Status]]) -> str:
-    missing = [s.key for s in ALL_SECTIONS if s.key not in found]
+def _lead(quick: bool, findings: Container[str], unexplained: Sequence[str], every: Counter[tuple[Evidence, Status]]) -> str:
+    missing = [s.key for s in ALL_SECTIONS if s.key not in findings]
     status = {s: sum(every[e, s] for e in EVIDENCE) for s in STATUSES}
     agreeing = {e: every[e, "agrees"] + every[e, "agrees if"] for e in EVIDENCE}
     words: dict[str, Any] = {
@@ -233,5 +233,5 @@ def _draw(result: Replication) -> Figure:
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(STATUSES), frameon=False)
 
     heading = text_row(0.35, partial(draw_section, result.title))
-    panels = [row for found in result.found.values() for row in found.panels]
+    panels = [row for findings in result.findings.values() for row in findings.panels]
     return put_together([heading, side_by_side(1.1 + 0.3 * len(rows), [bars]), *panels])

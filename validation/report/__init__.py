@@ -1,1 +1,1 @@
-"""What every program gives: tables of rows, notes, pictures and recordings, put together in one `Report`."""
+"""The result of every program: tables of rows, notes, pictures and recordings, put together in one `Report`."""

@@ -121,8 +121,8 @@ def _windows(comparison: Comparison) -> tuple[str, list[tuple[int, int, int]]]:
     words, windows = "whole pieces", [(i, 0, len(piece) - 1) for i, piece in enumerate(reference.pieces)]
     for horizon in sorted({*comparison.scoring} or {HEADLINE_HORIZON}, key=lambda h: abs(h - HEADLINE_HORIZON)):
         cuts = list(comparison.scoring.get(horizon, ())) or [horizon_windows(p.t, horizon) for p in reference.pieces]
-        if found := [(i, int(a), int(b)) for i, ends in enumerate(cuts) for a, b in zip(*ends, strict=True)]:
-            words, windows = f"windows of {horizon:g} s", found
+        if all_windows := [(i, int(a), int(b)) for i, ends in enumerate(cuts) for a, b in zip(*ends, strict=True)]:
+            words, windows = f"windows of {horizon:g} s", all_windows
             break
 
     def moves(window: tuple[int, int, int]) -> bool:
@@ -158,7 +158,6 @@ def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes)
 
 
 def _span(comparison: Comparison) -> tuple[float, float]:
-    """Return the first and the last stamp [s]."""
     return float(comparison.reference[0].t[0]), float(comparison.reference[-1].t[-1])
 
 

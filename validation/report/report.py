@@ -23,7 +23,7 @@ FINISHED, INTERRUPTED = "finished", "interrupted"
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Report:
-    """What a program found. A program that gives more than this to Python derives from it and adds fields."""
+    """Result of a program. A program that gives more than this to Python derives from it and adds fields."""
 
     program: str
     """Name of the program and of its files: `compare` for compare.json, compare.png and compare.rrd."""
@@ -149,13 +149,12 @@ class Report:
 
     @property
     def made_by(self) -> str:
-        """How it was made, in one line for the footer of a picture."""
+        """Options and versions that it was made with, in one line for the footer of a picture."""
         used = [f"{name} {self.versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in self.versions]
         chosen = [f"{name} {option_text(value)}" for name, value in self.options.items() if value not in (None, False, ())]
         return " · ".join([*chosen, *used])
 
     def _repr_markdown_(self) -> str:
-        """Return its tables as a notebook shows them."""
         blocks = ["\n".join([f"**{markdown(grid.title)}**", "", *markdown_table(grid)]) for grid in self.grids()]
         return "\n\n".join([*blocks, *map(markdown, self.notes())])
 

@@ -90,7 +90,7 @@ class Table:
         ]
         groups = [
             tuple(zip(*(self._column(key, list(rows), units[key]) for key in keys), strict=True))
-            for rows in ([*found] for _, found in groupby(self.rows, lambda row: row.get(self.group or "")))
+            for rows in ([*alike] for _, alike in groupby(self.rows, lambda row: row.get(self.group or "")))
         ]
         trailing = next((n for n, word in enumerate(reversed(words[left:])) if not word), 0)
         return Grid(tuple(header), tuple(groups), left, self.title, self.caption, trailing)
@@ -123,7 +123,6 @@ def _numbers(values: Iterable[Any]) -> list[float]:
 
 
 def _text(value: Any, unit: Unit) -> str:
-    """Return a value as it is written in a column of this unit."""
     if isinstance(value, tuple):
         median, low, high = (unit.text(v) for v in value)
         return f"{median} ({low}–{high})"

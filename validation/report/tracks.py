@@ -101,7 +101,7 @@ class Track:
     terrain: Terrain = FLAT
     """Ground under the robot."""
     robot: Robot = field(default_factory=load_robot)
-    """What the robot looks like, and where its wheels are."""
+    """Description of the robot: its looks, and where its wheels are."""
 
     @cached_property
     def t(self) -> FloatArray:

@@ -33,7 +33,7 @@ def _control(options: Control) -> None:
         robot = report.robots[0]
         folder = options.out or Path("runs") / "ros" / file_name(f"{robot.controller}-{robot.reference}")
         cli.report_result(report, report.save(cli.output_folder(folder), recording=False))
-    report.require_kept()
+    report.require_complete()
     if report.status == INTERRUPTED:
         raise KeyboardInterrupt
 

@@ -125,8 +125,7 @@ class ControlNode:
                             self._follower.track(*value)
 
     def _wait(self) -> None:
-        """Wait until the robot listens and the follower is ready to drive."""
-        began, said, o = self._clock(), "", self._options
+        began, logged, o = self._clock(), "", self._options
         _logger.info("waiting for the robot on %s", o.odometry)
         while self._follower.phase == "waiting":
             heard = self._node.subscribers(o.command) > 0
@@ -135,8 +134,8 @@ class ControlNode:
                 raise StoppedError(f"no robot to drive after {o.patience:g} s: {why}")
             came = self._node.receive(0.1)  # what comes before somebody listens is old when it counts
             self._take(came if heard else ())
-            if why != said and self._clock() > began + 1.0:
-                said = why
+            if why != logged and self._clock() > began + 1.0:
+                logged = why
                 self._node.say("waiting", f"still waiting: {why}", logging.INFO)
 
     def _refusals(self) -> str:

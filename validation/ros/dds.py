@@ -47,7 +47,7 @@ _LOG_PERIOD = 1.0
 _LONGEST = 300
 """Most characters of a line in the log: it may hold foreign text."""
 _UNREADABLE = (struct.error, ValueError, TypeError, IndexError, OverflowError, MemoryError)
-"""What decoding raises of bytes that are no message of their type."""
+"""Errors that decoding raises of bytes that are no message of their type."""
 _CONFIGURATION = (
     "<CycloneDDS><Domain Id='any'><General><Interfaces><NetworkInterface {}/></Interfaces></General>"
     "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>{}"
@@ -187,8 +187,8 @@ class Node:
             qos = dds.qos.Qos(policy.Userdata(b"enclave=/;"), policy.EntityName(name))
             self._participant = dds.domain.DomainParticipant(domain, qos=qos)
         except dds.core.DDSException as error:
-            tried = f"interface {graph.interface}" if graph.interface else f"CYCLONEDDS_URI {os.environ['CYCLONEDDS_URI']}"
-            raise ValueError(f"no ROS 2 graph in domain {domain} by {tried}: {error.msg}") from None
+            where = f"interface {graph.interface}" if graph.interface else f"CYCLONEDDS_URI {os.environ['CYCLONEDDS_URI']}"
+            raise ValueError(f"no ROS 2 graph in domain {domain} by {where}: {error.msg}") from None
         self._waitset = dds.core.WaitSet(self._participant)
         self._writers: dict[str, list[tuple[Any, str]]] = {}
 
@@ -244,30 +244,30 @@ class Node:
 
         `read` returns what the node needs of a message, and raises a ValueError if that cannot be.
         """
-        found, core = _Subscription(read, depth), self._dds.core
-        self._subscriptions[topic] = found
+        subscription, core = _Subscription(read, depth), self._dds.core
+        self._subscriptions[topic] = subscription
         states = core.ViewState.Any | core.InstanceState.Any | core.SampleState.Any
         for form, place in self._topics(topic, kind):
             qos = self._qos(form, depth, reliable=form not in _SENSORS)
             reader = self._dds.sub.DataReader(self._participant, place, qos=qos)
             self._waitset.attach(core.ReadCondition(reader, states))
-            found.readers.append(reader)
+            subscription.readers.append(reader)
 
     def receive(self, timeout: float = 0.0) -> list[tuple[str, Any]]:
         """Return what came, topic and value, by subscriptions; if nothing did, wait for at most `timeout` [s].
 
         A message that cannot be is logged, and changes nothing.
         """
-        found = []
+        messages = []
         for topic, message in self._take(timeout):
             subscription = self._subscriptions[topic]
             try:
-                found.append((topic, subscription.read(message)))
+                messages.append((topic, subscription.read(message)))
                 subscription.refused = 0
             except ValueError as error:
                 subscription.refused, subscription.why = subscription.refused + 1, str(error)
                 self.say(topic, f"{topic}: {error}; ignored")
-        return found
+        return messages
 
     def refusals(self, topic: str) -> str:
         """Return how many messages of a topic were refused since its last good one, and why; empty if none was."""
@@ -275,7 +275,6 @@ class Node:
         return f"{s.refused} messages on {topic} were refused, the last one because {s.why}" if s.refused else ""
 
     def _take(self, timeout: float) -> list[tuple[str, Any]]:
-        """Return the messages that came, as they are."""
         if not self._waitset.wait(self._dds.util.duration(seconds=timeout)):
             return []
         return [
@@ -286,7 +285,7 @@ class Node:
         ]
 
     def _samples(self, topic: str, reader: Any, depth: int) -> list[Any]:
-        found = []
+        samples = []
         for _ in range(depth):  # one by one: of a batch, one that cannot be decoded would lose all
             try:
                 came = reader.take()
@@ -299,8 +298,8 @@ class Node:
             if sample.sample_info.instance_state == self._dds.core.InstanceState.NotAliveNoWriters:
                 self.say(f"left {topic}", f"{topic}: nobody sends any more")
             if not isinstance(sample, self._dds.internal.InvalidSample):  # the last message, or the end alone
-                found.append(sample)
-        return found
+                samples.append(sample)
+        return samples
 
     def close(self) -> None:
         """Leave the domain; what was sent last is still delivered."""

@@ -34,7 +34,7 @@ _MOVING = 0.05
 """A robot faster than this is not taken over [m/s, rad/s]."""
 _SAME_CLOCK = 5.0
 """Greatest difference between the stamps of a tracking system and of the feedback, if they are of one clock [s]."""
-_OBEYS = 0.25
+_SHARE = 0.25
 """Least share of the commanded motion by which a robot counts as one that obeys [1]."""
 _ANSWER = 0.5
 """Time after its dead time within which a robot begins to do what it is told [s]."""
@@ -53,7 +53,7 @@ class StoppedError(SsmrError):
     """The robot was stopped before the reference's end; the message says why."""
 
 
-class _Obeyed(NamedTuple):
+class _LastResponse(NamedTuple):
     """The follower at the last message by which the robot did what it was told."""
 
     stamp: float  # of the message [s]
@@ -115,7 +115,7 @@ class PathFollower:
         self._sent, self._asked, self._first, self._least_age = Command(*STAND_STILL), math.inf, 0.0, math.inf
         self._arrival = self._stamp = -math.inf
         self._fresh, self._repeated, self._begin, self._at = 0, 0, 0.0, INITIAL_STATE.seen
-        self._obeyed: _Obeyed
+        self._response: _LastResponse
         self._to_reference, self._yaw = np.zeros(3), 0.0
         self._times, self._rows = list[float](), list[FloatArray]()
         self._poses = list[tuple[float, float, float, float]]()
@@ -200,13 +200,13 @@ class PathFollower:
 
     def _is_held(self, stamp: float, seen: Observation) -> bool:
         """Return whether the target waits, and take back what came since the robot did not obey."""
-        half, told = self.controller.drive.command_half_track, self._sent
-        asked, moved = math.hypot(told.v, half * told.w), math.hypot(seen.v, half * seen.w)
-        last, within = self._obeyed, max(self.controller.drive.delay_v, self.controller.drive.delay_w) + _ANSWER
+        half, sent = self.controller.drive.command_half_track, self._sent
+        demand, moved = math.hypot(sent.v, half * sent.w), math.hypot(seen.v, half * seen.w)
+        last, within = self._response, max(self.controller.drive.delay_v, self.controller.drive.delay_w) + _ANSWER
         way = math.hypot(seen.x - last.seen.x, seen.y - last.seen.y) + half * abs(wrap_angle(seen.yaw - last.seen.yaw))
-        if not self.emergency_stop and (asked < _MOVING or moved > _OBEYS * asked or way > _OBEYS * asked * within):
+        if not self.emergency_stop and (demand < _MOVING or moved > _SHARE * demand or way > _SHARE * demand * within):
             self.held, t = "", stamp - self._begin - self.held_time
-            self._obeyed = _Obeyed(stamp, t, seen, len(self._rows), len(self._poses))
+            self._response = _LastResponse(stamp, t, seen, len(self._rows), len(self._poses))
             return False
         waited = stamp - last.stamp
         if self.emergency_stop or waited > 0.5 * within:
@@ -226,9 +226,9 @@ class PathFollower:
         self._least_age = min(self._least_age, now - stamp)
         self.late = max(self.late, now - stamp - self._least_age)
         drive = self.controller.drive
-        if not math.isfinite(self._asked) or abs(seen.v) <= _OBEYS * self._first:
+        if not math.isfinite(self._asked) or abs(seen.v) <= _SHARE * self._first:
             return
-        expected = drive.delay_v + _OBEYS * self._first / drive.acceleration_v
+        expected = drive.delay_v + _SHARE * self._first / drive.acceleration_v
         self.late, self._asked = max(self.late, now - self._asked - expected), math.nan
 
     def _start_if_settled(self, seen: Observation, dt: float) -> None:
@@ -246,7 +246,7 @@ class PathFollower:
         origin = np.array([start.x, start.y, start.yaw])
         self._to_reference = compose(origin, invert(np.array([seen.x, seen.y, seen.yaw])))
         self._yaw, self._begin, self.phase, self._at = seen.yaw, self._stamp, "driving", seen
-        self._obeyed = _Obeyed(self._stamp, 0.0, seen, 0, len(self._poses))
+        self._response = _LastResponse(self._stamp, 0.0, seen, 0, len(self._poses))
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
             self._pose_to_reference = compose(origin, invert(self._poses[0][1:]))
 

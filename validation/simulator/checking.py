@@ -1,4 +1,4 @@
-"""Whether a robot can be as its file describes it: by mechanics, without any simulation, and as its MuJoCo model moves."""
+"""Checks of a robot against its file's description: by mechanics, without any simulation, and as its MuJoCo model moves."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def robot_outline(robot: Robot) -> FloatArray:
 # ------------------------------------------------------------------------------------------- in MuJoCo
 @dataclass(frozen=True)
 class Measured:
-    """What a robot's MuJoCo model shows."""
+    """Measurements on a robot's MuJoCo model."""
 
     multiplier: float | None
     """Yaw rate that the wheels ask for over that of the body, turning on the spot [1]; None without a whole turn."""
@@ -121,26 +121,26 @@ def measure_robot(robot: Robot) -> Measured:
     free = Drive(
         math.inf, math.inf, 0.0, 0.0, 0.05, command_half_track=half_track, command_radius=radius, torque_limit=math.inf
     )
-    found = measure_spin(spin(MujocoPlant(stiff, free), 0.05 * math.ceil((SPIN_LEAD + turn) / 0.05), rate), stiff)
+    spun = measure_spin(spin(MujocoPlant(stiff, free), 0.05 * math.ceil((SPIN_LEAD + turn) / 0.05), rate), stiff)
     return Measured(
-        found.get("multiplier"), found.get("ripple"), found["lifted_share"], tuple(map(float, loads)),
+        spun.get("multiplier"), spun.get("ripple"), spun["lifted_share"], tuple(map(float, loads)),
         apparent_mass(own.model),
     )  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------- advice
-def advise(robot: Robot, spot: SkidTurn | None, found: Measured | str) -> tuple[list[str], list[str]]:
+def advise(robot: Robot, spot: SkidTurn | None, measured: Measured | str) -> tuple[list[str], list[str]]:
     """Return what is wrong with a robot and what would be right, and what deserves a second look; a sentence for each.
 
     Args:
         robot: the robot.
         spot: its turn on the spot by mechanics.
-        found: what its model shows, or why there is none.
+        measured: what its model shows, or why there is none.
     """
     faults = _parts_faults(robot) | ({} if spot is None else _motor_faults(robot, spot))
-    faults |= {found: True} if isinstance(found, str) else _moving_faults(spot, found)
-    wrong, asked = ([text for text, applies in each.items() if applies] for each in (faults, _questions(robot, spot)))
-    return wrong, asked
+    faults |= {measured: True} if isinstance(measured, str) else _moving_faults(spot, measured)
+    wrong, questions = ([text for text, applies in each.items() if applies] for each in (faults, _questions(robot, spot)))
+    return wrong, questions
 
 
 def guessed(robot: Robot) -> list[str]:
@@ -189,17 +189,17 @@ def _motor_faults(robot: Robot, spot: SkidTurn) -> dict[str, bool]:
     }
 
 
-def _moving_faults(spot: SkidTurn | None, found: Measured) -> dict[str, bool]:
+def _moving_faults(spot: SkidTurn | None, measured: Measured) -> dict[str, bool]:
     """Return the same of how the model moves."""
-    multiplier, expected = found.multiplier or math.nan, math.nan if spot is None else spot.multiplier
+    multiplier, expected = measured.multiplier or math.nan, math.nan if spot is None else spot.multiplier
     return {
         "the simulated robot did not turn once on the spot in twice the time that mechanics allows it": (
-            found.multiplier is None
+            measured.multiplier is None
         ),
         f"the simulated robot turns with a multiplier of {multiplier:.3f}, and mechanics says {expected:.3f}: keep the "
         "usual wheel_shape and timestep": abs(multiplier / expected - 1.0) > MULTIPLIER_LIMIT,
-        f"a wheel leaves the ground in {100.0 * found.lifted_share:.0f} % of a slow turn on the spot: move the centre "
-        "of mass to the middle and down, or lower the friction": found.lifted_share > 0.0,
+        f"a wheel leaves the ground in {100.0 * measured.lifted_share:.0f} % of a slow turn on the spot: move the centre "
+        "of mass to the middle and down, or lower the friction": measured.lifted_share > 0.0,
     }
 
 

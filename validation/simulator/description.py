@@ -1,4 +1,4 @@
-"""What a robot is: one short TOML file of geometry, masses, drive and sources, from which everything else is built.
+"""The description of a robot: one short TOML file of geometry, masses, drive and sources; everything else is built from it.
 
 A robot that comes with the package is `models/NAME.toml`; a user's own is any such file. Nothing outside a robot's file
 knows its numbers. A profile adds what was fitted to one robot on one ground.
@@ -140,7 +140,7 @@ class Masses:
 
 @dataclass(frozen=True)
 class Simulation:
-    """What the simulated robot has besides: tyres and motors. What is not said follows from the robot's size."""
+    """Tyres and motors of the simulated robot. A number that is not given follows from the robot's size."""
 
     friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True)
     """Sliding friction of tyre on ground [1]."""
@@ -183,7 +183,7 @@ class Robot:
     """One sentence that says which robot is meant."""
     sources: tuple[tuple[str, str], ...] = ()
     """Section or `section.key`, and its grade and source."""
-    said: tuple[str, ...] = field(default=(), compare=False)
+    given: tuple[str, ...] = field(default=(), compare=False)
     """The numbers that the file says, as `section.key`; the others were estimated."""
     mjcf: str = ""
     """Path of a hand-made MJCF of this robot, from the folder of shipped models unless it is absolute; empty where the model
@@ -200,7 +200,7 @@ class Robot:
         document: dict[str, Any] = {"schema": SCHEMA, **texts}
         parts = {"geometry": self.geometry, "mass": self.masses, "simulation": self.simulation}
         parts |= {"drive": self.drive, "vehicle": self.vehicle}
-        for key in self.said:
+        for key in self.given:
             section, _, name = key.partition(".")
             value = getattr(parts[section], name)
             document.setdefault(section, {})[name] = list(value) if isinstance(value, tuple) else value
@@ -223,7 +223,7 @@ class Robot:
         """The drive of a simulated robot: its speed loops have an integral part unless the file says `integral_gain`."""
         time = INTEGRAL_TIME * math.sqrt(self.geometry.wheel_radius / GRAVITY)
         usual = {"integral_gain": self.simulation.gain / time, "dc_stiffness": math.inf}
-        return self.drive if "drive.integral_gain" in self.said else replace(self.drive, **usual)
+        return self.drive if "drive.integral_gain" in self.given else replace(self.drive, **usual)
 
     @property
     def motors(self) -> Mapping[str, tuple[str, ...]]:
@@ -252,7 +252,7 @@ class Robot:
     def source(self, key: str) -> tuple[str, str]:
         """Return the grade and the source of a number, `section.key`; one that the file does not say is assumed."""
         sources = dict(self.sources)
-        if key not in self.said:
+        if key not in self.given:
             return "assumed", "estimated from the other numbers"
         grade, _, where = sources.get(key, sources.get(key.partition(".")[0], "assumed: no source is given")).partition(":")
         return grade.strip(), where.strip()
@@ -340,7 +340,7 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     if texts["mjcf"] and (own := (folder / texts["mjcf"]).resolve()).is_file():
         texts["mjcf"] = own.name if own.parent == models_folder() else str(own)
     parts = {"geometry": geometry, "mass": masses, "simulation": simulation, "drive": drive}
-    said = tuple(
+    own_keys = tuple(
         f"{section}.{key}"
         for section, numbers in given.items()
         for key, number in numbers.items()
@@ -350,7 +350,7 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     )
     robot = Robot(
         geometry=geometry, masses=masses, simulation=simulation, drive=drive, vehicle=Vehicle(),
-        sources=sources, said=said, **texts,
+        sources=sources, given=own_keys, **texts,
     )  # fmt: skip
     half = 0.5 * geometry.wheelbase
     planar = {"mass": masses.total, "yaw_inertia": robot.yaw_inertia, "wheel_radius": radius, "a": half, "b": half}
@@ -436,13 +436,13 @@ def _wanted(kind: type, name: str) -> str:
 def _sources(section: Any) -> tuple[tuple[str, str], ...]:
     allowed = {*SECTIONS, *(f"{name}.{f.name}" for name, kind in SECTIONS.items() for f in fields(kind))}
     reading.require_known(section, allowed, "sources")
-    found = []
+    sources = []
     for key, value in section.items():
         if not isinstance(value, str) or value.partition(":")[0].strip() not in GRADES or len(value) > _MOST_WORDS:
             grades = ", ".join(GRADES)
             raise ValueError(f"sources.{key} is {reprlib.repr(value)}, wanted 'GRADE: source', with GRADE of {grades}")
-        found.append((key, one_line(value)))
-    return tuple(found)
+        sources.append((key, one_line(value)))
+    return tuple(sources)
 
 
 def with_robot(profile: str, robot: str) -> str:

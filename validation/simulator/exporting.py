@@ -23,7 +23,6 @@ _LYING = (0.5 * math.pi, 0.0, 0.0)
 
 
 def _element(tag: str, *inside: str, **attributes: str) -> str:
-    """Return an XML element of attributes and what is inside of it."""
     opened = "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
     return f"<{tag}{opened}>{''.join(inside)}</{tag}>\n" if inside else f"<{tag}{opened}/>\n"
 

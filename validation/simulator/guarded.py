@@ -43,7 +43,7 @@ def own_files(text: str, folder: Path) -> dict[str, bytes]:
     Raises:
         ValueError: one lies elsewhere, is no regular file or no XML, or they are too many or too large.
     """
-    found, folder = dict[str, bytes](), folder.resolve()
+    files, folder = dict[str, bytes](), folder.resolve()
     waiting, places = [text], {""}
     while waiting:
         root = xml_tree(waiting.pop())
@@ -55,13 +55,13 @@ def own_files(text: str, folder: Path) -> dict[str, bytes]:
             path = next((p for p in paths if p.is_relative_to(folder) and p.is_file()), None)
             if path is None:
                 raise ValueError(f"there is no file '{name}' in its folder, and files from elsewhere are not read")
-            if name not in found:
-                size = path.stat().st_size + sum(map(len, found.values()))
-                if size > _MOST_SIZE or len(found) >= _MOST_FILES:
+            if name not in files:
+                size = path.stat().st_size + sum(map(len, files.values()))
+                if size > _MOST_SIZE or len(files) >= _MOST_FILES:
                     raise ValueError(f"it brings more than {_MOST_FILES} files or {_MOST_SIZE >> 20} MiB")
-                found[name] = path.read_bytes()
-                waiting += [found[name].decode("utf-8", "replace")] if tag == "include" else []
-    return found
+                files[name] = path.read_bytes()
+                waiting += [files[name].decode("utf-8", "replace")] if tag == "include" else []
+    return files
 
 
 def require_readable(text: str, files: Mapping[str, bytes] = {}) -> None:

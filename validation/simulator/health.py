@@ -1,4 +1,4 @@
-"""Whether a run of a MuJoCo robot can be believed: wheel loads, inertia and torque."""
+"""Health of a run: wheel loads, inertia and torque say whether a MuJoCo robot can be believed."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ class Health:
     @property
     def advice(self) -> str:
         """Text that says what is wrong and what to change; empty if all is well."""
-        found = []
+        sentences = []
         if not self.ok:
             lifted = f"a wheel left the ground (least load {100 * self.lowest_load_share:.1f} % of its mean)"
             rough = (
                 f"wheel loads are not smooth (deviation {100 * self.load_deviation:.1f} % of the mean, "
                 f"at most {100 * DEVIATION_LIMIT:.0f} %)"
             )
-            found.append(
+            sentences.append(
                 f"{lifted if self.lowest_load_share < LIFT_SHARE else rough}: keep the soft contact that follows from the "
                 "size of the wheels, an elliptic cone and a time step of at most 5 ms; if they are as shipped, lower the "
                 "gain, raise the armature or limit the acceleration"
@@ -82,11 +82,11 @@ class Health:
                 else "let the driver go over from each command to the next (command_ramp), let its reference lag, "
                 "lower the gain, or raise the armature, which makes the robot heavier to push"
             )
-            found.append(
+            sentences.append(
                 f"wheel loads tremble (their sum deviates from the weight by {self.load_sum_rms_N:.1f} N rms, "
                 f"at most {TREMBLE_SHARE * (self.weight_N or 0.0):.1f} N): {remedy}"
             )
-        return "; ".join(found)
+        return "; ".join(sentences)
 
     def as_dict(self) -> dict[str, Any]:
         """Return all that is known, with the verdict and the advice, as JSON files have it."""

@@ -99,7 +99,7 @@ def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[st
     document = _document(name, description, entries)
     robot = parse_robot(document)
     spot = spot_turn(robot)
-    if "drive.torque_limit" not in robot.said and spot is not None:
+    if "drive.torque_limit" not in robot.given and spot is not None:
         torque = float(f"{0.5 * SURE_FRICTION * turning_torque(robot, spot):.3g}")
         source = f"assumed: enough to turn on the spot on ground of friction {SURE_FRICTION:g}"
         document = _document(name, description, {**entries, "drive.torque_limit": (torque, source)})
@@ -261,7 +261,6 @@ class _Import:
         mujoco.mj_kinematics(self.model, self.data)
 
     def _four_joints(self) -> list[int]:
-        """Return the joints of four wheels."""
         model, axes = self.model, self.data.xaxis
         four = [j for j in range(model.njnt) if not model.jnt_limited[j] and abs(axes[j, 1]) > _PARALLEL]
         if len(four) != 4:
@@ -319,8 +318,8 @@ class _Import:
 
     def read(self, key: str, value: float | FloatArray, where: str) -> None:
         """Say a number that the file says."""
-        said = value if isinstance(value, float) else value.tolist()
-        self.entries[key] = said, f"published: {self.file}, {where}"
+        plain = value if isinstance(value, float) else value.tolist()
+        self.entries[key] = plain, f"published: {self.file}, {where}"
 
     def say_wheels(self, radius: float | None, width: float | None) -> None:
         """Say radius and width of the tyres: given, or those of their cylinders of collision.
@@ -328,17 +327,17 @@ class _Import:
         Raises:
             ValueError: neither.
         """
-        model, found = self.model, []
+        model, sizes = self.model, []
         for wheel in self.wheels:
             drums = [g for g in range(model.ngeom) if model.geom_bodyid[g] == wheel]
             drums = [g for g in drums if model.geom_type[g] == mjtGeom.mjGEOM_CYLINDER]
             drums = [g for g in drums if abs(self.data.geom_xmat[g].reshape(3, 3)[1, 2]) > _PARALLEL]
-            found += [model.geom_size[g] for g in sorted(drums, key=lambda g: -float(model.geom_size[g, 0]))[:1]]
+            sizes += [model.geom_size[g] for g in sorted(drums, key=lambda g: -float(model.geom_size[g, 0]))[:1]]
         for key, given, column, twice in (("wheel_radius", radius, 0, 1.0), ("wheel_width", width, 1, 2.0)):
             if given is not None:
                 self.entries[f"geometry.{key}"] = given, "measured: given to `import`"
-            elif found:
-                self.read(f"geometry.{key}", twice * float(np.mean(found, axis=0)[column]), "cylinders of the tyres")
+            elif sizes:
+                self.read(f"geometry.{key}", twice * float(np.mean(sizes, axis=0)[column]), "cylinders of the tyres")
             else:
                 raise ValueError("its tyres are no cylinders: measure them, and give --wheel-radius and --wheel-width")
 

@@ -114,11 +114,11 @@ def _callback() -> Any:
         at = int(number(own, first))
         wanted = number(data + control, int(number(own, first + 1)))
         error = wanted - number(data + rate, int(number(own, first + 2)))
-        integral, asked, most = number(data + rest, at), number(data + rest, at + 1), number(own, first + 5)
+        integral, set_point, most = number(data + rest, at), number(data + rest, at + 1), number(own, first + 5)
         later = integral + (number(own, first + 3) * integral + number(own, first + 4) * error)
         steps = number(own, first + 7)  # of a second
         set_number(data + change, at, (min(max(later, -most), most) - integral) * steps)
-        set_number(data + change, at + 1, (number(own, first + 6) * wanted + integral - asked) * steps)
+        set_number(data + change, at + 1, (number(own, first + 6) * wanted + integral - set_point) * steps)
         return 0.0  # of an actuator with one activation
 
     return activations.ctypes

@@ -1,4 +1,4 @@
-"""Where the parts of a robot lie in the arrays of a compiled model, and what it means where MuJoCo gives up."""
+"""Indices: where the parts of a robot lie in the arrays of a compiled model, and what it means where MuJoCo gives up."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How physics is computed: the constraint solver, MuJoCo's stopwatch, and settings that override those of a robot's MJCF.
+"""Settings of physics: the constraint solver, MuJoCo's stopwatch, and settings that override those of a robot's MJCF.
 
 These are not calibrated: they say how the physics is computed, not which robot is meant. `robot_model` applies
 them once, after the calibration, so what a fit moves and what a study of settings moves never meet.

@@ -1,4 +1,4 @@
-"""How a robot rests on level ground: found by Newton's method, not by letting it settle.
+"""Rest of a robot on level ground, computed by Newton's method and not by letting it settle.
 
 Height, roll and pitch are such that its contacts neither lift nor tilt it. That takes some ten evaluations of the forces
 instead of hundreds of steps, and the result does not hang on how long it had to settle.
@@ -88,13 +88,13 @@ def _search(model: mujoco.MjModel, data: mujoco.MjData, place: FloatArray, reach
         return np.array(data.qacc[_DOFS])
 
     for _ in range(_STEPS):
-        found = pull(0.0)
-        size = float(np.abs(found).max())
+        residual = pull(0.0)
+        size = float(np.abs(residual).max())
         if size > _SLOW * last or last == np.inf:
             for k, probe in enumerate(np.diag(_PROBE * reach)):
-                jacobian[:, k] = (pull(probe) - found) / (_PROBE * reach[k])
+                jacobian[:, k] = (pull(probe) - residual) / (_PROBE * reach[k])
         last = size
-        change = np.linalg.solve(jacobian, -found)
+        change = np.linalg.solve(jacobian, -residual)
         far = float(np.max(np.abs(change) / reach))
         if not far < np.inf:
             return None

@@ -139,7 +139,6 @@ def _callback() -> Any:
 
 
 def _two_balls() -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return a model whose contacts show where MuJoCo keeps them."""
     spec = mujoco.MjSpec()
     spec.option.cone, spec.option.jacobian = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtJacobian.mjJAC_DENSE
     spec.add_numeric(name=_NUMERIC, size=1)

@@ -74,10 +74,10 @@ def parse_terrain(text: str) -> Terrain:
     Raises:
         ValueError: it is not understood, or a number is outside its range; the message says what would be right.
     """
-    found = _RAMP.fullmatch(text)
+    ramp = _RAMP.fullmatch(text)
     try:
-        if found is None and text != "flat":
+        if ramp is None and text != "flat":
             raise ValueError(f"wanted {USAGE}")
-        return FLAT if found is None else Terrain(*(math.radians(float(n or 0.0)) for n in found.groups()))
+        return FLAT if ramp is None else Terrain(*(math.radians(float(n or 0.0)) for n in ramp.groups()))
     except ValueError as error:
         raise ValueError(f"terrain '{shortened(text, 60)}' is not understood: {error}") from error

@@ -1,4 +1,4 @@
-"""What physics settings and engines do to the simulated robot (docs/why_drift.md).
+"""Contact study: what physics settings and engines do to the simulated robot (docs/why_drift.md).
 
 The thesis tried friction models, iterations, steps and contact layers of ODE in Gazebo (Sec. 3.7) without success. These are
 the settings of MuJoCo that correspond to them, and ODE and Drake themselves. How deep tyres are pressed into the ground
@@ -94,7 +94,7 @@ class Setting(NamedTuple):
         return MujocoPlant(c, section.drive, terrain=terrain, settings=s)
 
 
-def tried_settings(robot: Robot | None = None) -> dict[str, Setting]:
+def all_settings(robot: Robot | None = None) -> dict[str, Setting]:
     """Return what is tried, by name, of which the words before a colon are the group.
 
     The maker's centre of mass is that of a Husky's description, at the same place between the wheels of any robot. Near ODE,
@@ -137,7 +137,7 @@ def tried_settings(robot: Robot | None = None) -> dict[str, Setting]:
 
 def chosen_settings(only: Sequence[str], robot: Robot | None = None) -> dict[str, Setting]:
     """Return the baseline and the settings of some groups, all of MuJoCo if none is named; a ValueError lists the groups."""
-    every = tried_settings(robot)
+    every = all_settings(robot)
     groups = dict.fromkeys(name.partition(":")[0] for name in every if name != BASELINE)
     if unknown := [name for name in only if name not in groups]:
         raise ValueError(f"unknown group '{', '.join(unknown)}' in only; there are: {', '.join(groups)}")
@@ -159,7 +159,7 @@ class ContactStudy(StudyOptions):
 
 
 class Bench(NamedTuple):
-    """What all settings have in common."""
+    """Inputs that all settings have in common."""
 
     lab: PlantProfile  # muJoCo robot that stands for the lab's robot
     pieces: Mapping[str, Piece]  # trajectories 1-4
@@ -199,11 +199,11 @@ class Trial:
 
     def spot(self) -> Row:
         """Return what whole turns on the spot show."""
-        found = measure_spin(spin(self.plant()), self.uncorrected[0])
-        known = {"ripple_share": found.get("ripple"), "glide_share": found["glide"]}
-        if "multiplier" in found:
-            known["off_closed_form_share"] = found["multiplier"] / found["multiplier_expected"] - 1.0
-        return {**known, **{k: found.get(k) for k in ("multiplier", "lifted_share", "wander_m", "drift_m")}}
+        measured = measure_spin(spin(self.plant()), self.uncorrected[0])
+        known = {"ripple_share": measured.get("ripple"), "glide_share": measured["glide"]}
+        if "multiplier" in measured:
+            known["off_closed_form_share"] = measured["multiplier"] / measured["multiplier_expected"] - 1.0
+        return {**known, **{k: measured.get(k) for k in ("multiplier", "lifted_share", "wander_m", "drift_m")}}
 
     def slope(self) -> Row:
         """Return what standing on a slope shows."""

@@ -1,4 +1,4 @@
-"""What a real robot's driver, friction, losses and inertia are, by the commands, wheel rates and currents in its logs.
+"""Drive-train study: a real robot's driver, friction, losses and inertia, from commands, rates and currents in its logs.
 
 docs/drivetrain.md explains it. A log of wheels in the air tells the driver and, with currents, the inertia; one of the
 ground tells friction, losses and slip.
@@ -102,33 +102,33 @@ def _parameters(
     What currents tell are currents where they are the motors', and torques where they are the battery's; the torque constant
     `k` [N m/A] makes one of the other.
     """
-    found = {} if currents is None else _of_currents(currents, chassis, k)
+    rows = {} if currents is None else _of_currents(currents, chassis, k)
     if inertia is not None:
         value, error = inertia.value, inertia.standard_error
-        found["inertia_current"] = _row(value, error, "A s²/rad", "inertia on one side over torque constant")
+        rows["inertia_current"] = _row(value, error, "A s²/rad", "inertia on one side over torque constant")
         if k is not None:
-            found["rotor_inertia"] = _row(k * value, k * error, "kg m²", "inertia on one side, at its wheels")
+            rows["rotor_inertia"] = _row(k * value, k * error, "kg m²", "inertia on one side, at its wheels")
     if driver is not None:
         for (key, words), value, error in zip(_DRIVER.items(), driver.law, driver.errors, strict=True):
             if key != "yaw_rate_limit" or driver.limit_reached:
-                found[f"driver_{key}"] = _row(value, error, *words)
-    return found
+                rows[f"driver_{key}"] = _row(value, error, *words)
+    return rows
 
 
 def _of_currents(fit: CurrentFit, chassis: Chassis, k: float | None) -> dict[str, Row]:
-    found, x, e = dict[str, Row](), fit.numbers, fit.errors
+    rows, x, e = dict[str, Row](), fit.numbers, fit.errors
     motor = fit.kind == "motor"
     ampere, torque = (1.0, k) if motor else (None if k is None else 1.0 / k, 1.0)
     for key, (as_current, as_torque, meaning) in _FRICTION.items():
         if ampere is not None:
-            found[as_current] = _row(ampere * x[key], ampere * e[key], "A", f"{meaning}, over torque constant")
+            rows[as_current] = _row(ampere * x[key], ampere * e[key], "A", f"{meaning}, over torque constant")
         if torque is not None:
-            found[as_torque] = _row(torque * x[key], torque * e[key], "N m", meaning)
+            rows[as_torque] = _row(torque * x[key], torque * e[key], "N m", meaning)
     if torque is not None:
         share = torque / (0.5 * chassis.mass * GRAVITY * chassis.geometry.radius)
         words = f"friction coefficient with {chassis.mass:g} kg"
-        found["friction"] = _row(share * x["friction"], share * e["friction"], "1", words)
-    return found | {key: _row(x[key], e[key], *words) for key, words in _MORE.items() if key in x}
+        rows["friction"] = _row(share * x["friction"], share * e["friction"], "1", words)
+    return rows | {key: _row(x[key], e[key], *words) for key, words in _MORE.items() if key in x}
 
 
 def _row(value: float, error: float, unit: str, meaning: str) -> Row:
@@ -217,7 +217,6 @@ _RATES = (
 
 
 def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None) -> list[str]:
-    """Return what was supposed, and what stays unknown."""
     says = []
     if o.robot is None and o.profile is None:
         says.append(f"No robot was named: the logs are taken for those of a {chassis.name}.")

@@ -1,4 +1,4 @@
-"""What logs tell of a drive train: the driver, friction and losses, and the inertia of what turns.
+"""Fits of a drive train to logs: the driver, friction and losses, and the inertia of what turns.
 
 The driver makes set points, or the measured rates, of held commands (`ssmr.robot.drivetrain.rim_speeds`).
 
@@ -73,7 +73,7 @@ _INERTIAS = np.linspace(0.0, 1.2, 49)  # values of J / K that are tried [A s^2/r
 # -------------------------------------------------------------------------------------------------------- driver
 
 
-class _Obeyed(NamedTuple):
+class _CommandLog(NamedTuple):
     """A log with the commands that count, and how its rates are written."""
 
     log: DriveLog  # the log
@@ -95,7 +95,7 @@ class _Obeyed(NamedTuple):
         return np.array([off[:, start:stop].mean() for start, stop in self.held])
 
 
-def _obeyed(log: DriveLog, least: int = 0) -> _Obeyed:
+def _command_log(log: DriveLog, least: int = 0) -> _CommandLog:
     """Return a log with the commands that are held; a ValueError says that they are fewer than `least`."""
     held = held_commands(log)
     if log.commands is None or len(held) < least:
@@ -107,11 +107,11 @@ def _obeyed(log: DriveLog, least: int = 0) -> _Obeyed:
     commands = log.commands[:, np.searchsorted(log.t, grid, side="right") - 1].T
     seen = np.searchsorted(grid + _GRID, log.t - message_ages(log), side="right") - 1
     commands = np.ascontiguousarray(commands)
-    return _Obeyed(log, held, rate_evidence(log).step_rad_s, commands, np.clip(seen, 0, len(grid) - 1))
+    return _CommandLog(log, held, rate_evidence(log).step_rad_s, commands, np.clip(seen, 0, len(grid) - 1))
 
 
 def _fit_law(
-    case: _Obeyed, chassis: Chassis, weights: FloatArray | None = None, start: SetPointLaw | None = None
+    case: _CommandLog, chassis: Chassis, weights: FloatArray | None = None, start: SetPointLaw | None = None
 ) -> SetPointLaw:
     """Return the driver that predicts best, in the mean square over held commands; each counts once without weights."""
     begin = np.array(_settled(case, chassis) if start is None else start)
@@ -126,7 +126,7 @@ def _fit_law(
     return SetPointLaw(*np.abs(minimize(cost, begin, method="Nelder-Mead", options=options).x).tolist())
 
 
-def _settled(case: _Obeyed, chassis: Chassis) -> SetPointLaw:
+def _settled(case: _CommandLog, chassis: Chassis) -> SetPointLaw:
     """Return a driver with gain, half-track and saturation from the ends of the held commands, and usual times."""
     assert case.log.commands is not None
     ends = [stop - 1 for _, stop in case.held]
@@ -164,16 +164,16 @@ def fit_driver(
     Raises:
         ValueError: too few commands were held and obeyed.
     """
-    whole = _obeyed(log, LEAST_COMMANDS if held_out else 2 * LEAST_COMMANDS)
+    whole = _command_log(log, LEAST_COMMANDS if held_out else 2 * LEAST_COMMANDS)
     law = _fit_law(whole, chassis)
     if held_out:
-        judged, cases = law, [(log.name, False, whole), *((x.name, True, _obeyed(x, 1)) for x in held_out)]
+        judged, cases = law, [(log.name, False, whole), *((x.name, True, _command_log(x, 1)) for x in held_out)]
     else:
-        first, last = (_obeyed(part, LEAST_COMMANDS // 2)._replace(step=whole.step) for part in log.divided())
+        first, last = (_command_log(part, LEAST_COMMANDS // 2)._replace(step=whole.step) for part in log.divided())
         judged = _fit_law(first, chassis)
         cases = [(f"{log.name}, first two thirds", False, first), (f"{log.name}, last third", True, last)]
     case = cases[1][2]
-    cases += [(x.name, False, _obeyed(x)) for x in others if held_commands(x)]
+    cases += [(x.name, False, _command_log(x)) for x in others if held_commands(x)]
     scores, square, count = list[dict[str, Any]](), 0.0, 0
     for name, out, some in cases:
         rms = math.sqrt(some.errors(judged, chassis).mean())
@@ -251,15 +251,15 @@ def _fit_rule(
         named = dict(zip(rule.numbers, x.tolist(), strict=True))
         return _predicted(named, samples, sensor, geometry) - samples.current
 
-    found = least_squares(
+    solution = least_squares(
         residuals, begin, bounds=(low, high), x_scale=typical, loss="soft_l1", diff_step=1e-3, max_nfev=40,
         f_scale=_ROBUST * max(float(np.std(samples.current)), 1e-6),
     )  # fmt: skip
-    return dict(zip(rule.numbers, found.x.tolist(), strict=True))
+    return dict(zip(rule.numbers, solution.x.tolist(), strict=True))
 
 
 class CurrentFit(NamedTuple):
-    """What currents on the ground tell, under the rule that explains most of what was held out."""
+    """Numbers from currents on the ground, under the rule that explains most of what was held out."""
 
     log: str  # name of the log
     sensor: Sensor  # what the log shows of its sensor
@@ -289,17 +289,17 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, 
         if (count := len(np.unique(samples.current))) < _LEAST_SAMPLES:
             raise ValueError(f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more")
     scores, best, rule, numbers = list[dict[str, Any]](), dict[str, Any](), _READING_RULES[0], dict[str, float]()
-    for tried in _READING_RULES:
-        if sensor.signed and "rho" in tried.numbers:
+    for candidate in _READING_RULES:
+        if sensor.signed and "rho" in candidate.numbers:
             continue
-        own = _fit_rule(tried, fitted, sensor, geometry)
-        row: dict[str, Any] = {"rule": tried.name, "kind": tried.kind}
+        own = _fit_rule(candidate, fitted, sensor, geometry)
+        row: dict[str, Any] = {"rule": candidate.name, "kind": candidate.kind}
         for part, some in (("fitted", fitted), ("held_out", judged), ("samples", rows)):
             off = _predicted(own, some, sensor, geometry) - some.current
             row[part] = float(1.0 - np.mean(off**2) / np.var(some.current))  # R^2
         scores.append(row)
         if not best or row["held_out"] > best["held_out"]:
-            best, rule, numbers = row, tried, own
+            best, rule, numbers = row, candidate, own
     shown = [(s.current, _predicted(numbers, s, sensor, geometry)) for s in (fitted, judged)]
     final = numbers if held_out else _fit_rule(rule, whole, sensor, geometry, numbers)
     rng = np.random.default_rng([seed, 2])
@@ -342,10 +342,10 @@ def fit_inertia(
     The currents are taken for the motors'. How fast the wheels change speed is what the driver `law` says; `rho` is the
     motors' resistance over voltage constant [rad/s per A].
     """
-    rng, found = np.random.default_rng([seed, 3]), _transients(log, law, chassis, rho)
+    rng, transients = np.random.default_rng([seed, 3]), _transients(log, law, chassis, rho)
     estimates: dict[str, tuple[float, float]] = {}
     for name in ("speed_ups", "reversals"):
-        some = [x for x in found if x.way == name]
+        some = [x for x in transients if x.way == name]
         if len(some) >= _LEAST_TRANSIENTS:
             off = np.stack([x.off for x in some], axis=1) / _OUTLIER
             commands, costs = np.array([x.command for x in some]), np.sqrt(1.0 + off**2) - 1.0
@@ -357,7 +357,7 @@ def fit_inertia(
         return None
     values, errors = np.array(list(estimates.values())).T
     error = math.hypot(float(np.ptp(values)) / 2.0, float(np.sqrt(np.sum(errors**2))) / len(errors))
-    return InertiaFit(float(values.mean()), error, estimates, len(found))
+    return InertiaFit(float(values.mean()), error, estimates, len(transients))
 
 
 def _transients(log: DriveLog, law: SetPointLaw, chassis: Chassis, rho: float) -> list[_Transient]:
@@ -366,7 +366,7 @@ def _transients(log: DriveLog, law: SetPointLaw, chassis: Chassis, rho: float) -
     assert log.commands is not None
     standing = np.abs(log.rates).sum(axis=0) < 1e-6
     offset = float(np.median(currents[:, standing])) if standing.any() else 0.0
-    found = []
+    transients = []
     for number, (start, stop) in enumerate(held_commands(log)):
         t = log.t - log.t[start]
         before, after = (t > -_STEADY_BEFORE) & (t <= 0.0), (t > _AFTER) & (np.arange(len(t)) < stop)
@@ -392,8 +392,8 @@ def _transients(log: DriveLog, law: SetPointLaw, chassis: Chassis, rho: float) -
             read = [bridge_reading(loss + x * slope, rates[side], rho, 0.0) for x in _INERTIAS]
             predicted: FloatArray = np.trapezoid(np.array(read) + offset, fine, axis=1)
             passed = float(np.trapezoid(current[inside], t[inside]))
-            found.append(_Transient(number, "reversals" if reversal else "speed_ups", predicted - passed))
-    return found
+            transients.append(_Transient(number, "reversals" if reversal else "speed_ups", predicted - passed))
+    return transients
 
 
 def _least(costs: FloatArray) -> float:

@@ -18,7 +18,7 @@ from validation.plants.profile import Profile
 
 FIT_SHARE = 2.0 / 3.0
 """Share of a log that is fitted where no other log is held out."""
-HELD, _OBEYED, _USED = 5.0, 0.5, 5.9
+HELD, _RESPONSE_S, _USED = 5.0, 0.5, 5.9
 """A command counts if it is held so long and the wheels' rates change so soon after it; so much of it is used [s]."""
 _LATE = 2.0  # wheel rates have settled so long after a command [s]
 _NO_SCATTER = 1e-6  # standard deviation of a rate that is logged again and again [rad/s]: rounding
@@ -114,15 +114,15 @@ def held_commands(log: DriveLog) -> list[tuple[int, int]]:
     if log.commands is None:
         return []
     new = np.any(np.diff(log.commands, axis=1) != 0.0, axis=0)
-    found = []
+    held = []
     for i, j in pairwise([0, *(np.flatnonzero(new) + 1).tolist(), len(log.t)]):
         t = log.t[i:j] - log.t[i]
-        if not log.commands[:, i].any() or t[-1] < HELD or np.diff(t).max() > _OBEYED:
+        if not log.commands[:, i].any() or t[-1] < HELD or np.diff(t).max() > _RESPONSE_S:
             continue
         moved = np.flatnonzero(np.any(np.diff(log.rates[:, i:j], axis=1) != 0.0, axis=0))
-        if len(moved) and t[moved[0] + 1] < _OBEYED:
-            found.append((i, i + int(np.searchsorted(t, _USED))))
-    return found
+        if len(moved) and t[moved[0] + 1] < _RESPONSE_S:
+            held.append((i, i + int(np.searchsorted(t, _USED))))
+    return held
 
 
 def message_ages(log: DriveLog) -> FloatArray:
@@ -145,7 +145,7 @@ def message_ages(log: DriveLog) -> FloatArray:
 
 
 class RateEvidence(NamedTuple):
-    """What says whether the wheel rates of a log were measured."""
+    """Evidence on whether the wheel rates of a log were measured."""
 
     log: str  # name of the log
     commands: int  # number of commands that were held
@@ -180,7 +180,7 @@ def _step_of(rates: FloatArray) -> float | None:
 
 
 class Sensor(NamedTuple):
-    """What a log shows of its currents' sensor without a fit."""
+    """Properties of a log's current sensor that show without a fit."""
 
     ripple: float  # standard deviation of a steady current about its mean [A]
     idle: float  # mean reading of a bridge that does not drive [A]
@@ -220,16 +220,16 @@ class CurrentSamples(NamedTuple):
 
 def steady_windows(log: DriveLog) -> list[NDArray[np.bool_]]:
     """Return the windows of a log in which the wheels turn steadily, each as (M,) bool without its beginning."""
-    t, rates, found, i = log.t, log.rates, [], 0
+    t, rates, windows, i = log.t, log.rates, [], 0
     while i < len(t) - 1:
         stop = int(np.searchsorted(t, t[i] + _MOST, side="right"))
         moved = np.abs(rates[:, i:stop] - rates[:, i : i + 1]).max(axis=0) >= _STEADY_RATE
         moved[1:] |= np.diff(t[i:stop]) >= _LONG_STEP
         j = i + (int(np.argmax(moved)) if moved.any() else len(moved)) - 1
         if t[j] - t[i] >= _SETTLE + _LEAST and np.abs(rates[:, i]).sum() > _STANDING:
-            found.append((t >= t[i] + _SETTLE) & (t <= t[j]))
+            windows.append((t >= t[i] + _SETTLE) & (t <= t[j]))
         i = j + 1
-    return found
+    return windows
 
 
 def window_samples(log: DriveLog, *, means: bool = True) -> CurrentSamples:

@@ -99,11 +99,11 @@ def _measure(o: RunsStudy, run: Run) -> Row:
     """
     folder = store.make_folder(o.out or o.folder())
     kept = folder / f"{run.name}.json"
-    asked = {
+    request = {
         "schema": SCHEMA, "plants": list(o.plants), "seed": o.seed, "versions": dict(store.versions()),
         "log": hashlib.sha256(log_path(run.log).read_bytes()).hexdigest(), "robot": run.profile.robot.name,
     }  # fmt: skip
-    if kept.is_file() and (before := json.loads(kept.read_text(encoding="utf-8"))).get("asked") == asked:
+    if kept.is_file() and (before := json.loads(kept.read_text(encoding="utf-8"))).get("asked") == request:
         return {"found": before}
     pieces = open_source(run.log, "wheels").pieces
     in_motion = [piece.t[piece.moves] for piece in pieces if piece.t is not None and piece.moves is not None]
@@ -132,11 +132,11 @@ def _measure(o: RunsStudy, run: Run) -> Row:
         for horizon, e in result.overlapping.items()
     ]  # fmt: skip
     alike, judge = judged.document["alike"], judged.document.get("heading_judge", "localiser")
-    told = {"alike": alike, "told": alike_sentences(judged.plants, alike), "heading_judge": judge}
-    found = {"asked": asked, "rows": rows, "numbers": numbers, **told}
+    summary = {"alike": alike, "told": alike_sentences(judged.plants, alike), "heading_judge": judge}
+    answer = {"asked": request, "rows": rows, "numbers": numbers, **summary}
     profile.save(folder / f"{run.name}.toml")
-    store.write_json(kept, found)
-    return {"found": found}
+    store.write_json(kept, answer)
+    return {"found": answer}
 
 
 @cli.program(RunsStudy)
@@ -158,24 +158,24 @@ def study_runs(o: RunsStudy) -> Report:
     minutes = sum(_COSTS.get(plant, _COST) for plant in o.plants) * seconds / 60.0
     o.progress(Progress(0, len(runs), f"at most {math.ceil(minutes)} minutes of one processor"))
     swept = sweep(runs, {"fit and judgement": partial(_measure, o)}, workers=o.workers, progress=o.progress)
-    found = {row["variant"]: row["found"] for row in swept.rows if "found" in row}
-    rows = [row for one in found.values() for row in one["rows"]]
+    logs = {row["variant"]: row["found"] for row in swept.rows if "found" in row}
+    rows = [row for one in logs.values() for row in one["rows"]]
     return Report(
         program="study",
-        title=f"{len(found)} logs, each fitted on its first half and judged on its second",
+        title=f"{len(logs)} logs, each fitted on its first half and judged on its second",
         tables=[
-            *(_table(name, one["rows"], one["heading_judge"]) for name, one in found.items()),
-            *(Table(f"{p} on each ground", [{"log": n, **f["numbers"][p]} for n, f in found.items()]) for p in o.plants),
+            *(_table(name, one["rows"], one["heading_judge"]) for name, one in logs.items()),
+            *(Table(f"{p} on each ground", [{"log": n, **f["numbers"][p]} for n, f in logs.items()]) for p in o.plants),
         ],
-        sentences=[*swept.notes, *(f"{name}: {said}" for name, one in found.items() for said in one["told"])],
+        sentences=[*swept.notes, *(f"{name}: {sentence}" for name, one in logs.items() for sentence in one["told"])],
         status=swept.status,
         document={
             "schema": SCHEMA,
             "study": "runs",
             "rows": rows,
-            **{key: {n: one[of] for n, one in found.items()} for key, of in (("winners", "alike"), ("numbers", "numbers"))},
+            **{key: {n: one[of] for n, one in logs.items()} for key, of in (("winners", "alike"), ("numbers", "numbers"))},
         },
-        draw=partial(_draw, found),
+        draw=partial(_draw, logs),
         has_text=True,
     )
 
@@ -203,11 +203,11 @@ def _table(name: str, rows: list[Row], judge: str) -> Table:
     return Table(one_line(name), shown, caption, group="horizon_s", units=units)
 
 
-def _draw(found: dict[str, Any], report: Report) -> Figure:
+def _draw(logs: dict[str, Any], report: Report) -> Figure:
     """Return the picture: the median error of position over the horizon, a panel for each log."""
 
     def panel(name: str, ax: Axes) -> None:
-        rows = found[name]["rows"]
+        rows = logs[name]["rows"]
         for plant in dict.fromkeys(row["plant"] for row in rows):
             keys = ("horizon_s", "position_median_m", "position_low_m", "position_high_m")
             t, median, low, high = ([row[key] for row in rows if row["plant"] == plant] for key in keys)
@@ -217,9 +217,9 @@ def _draw(found: dict[str, Any], report: Report) -> Figure:
         ax.set(xscale="log", yscale="log", title=shortened(name, 40), xlabel="horizon [s]", ylabel="position error [m]")
         drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 6.0))
         drawing.plain_ticks(ax.yaxis, (1.0, 3.0))
-        if name == next(iter(found)):
+        if name == next(iter(logs)):
             ax.legend(frameon=False, fontsize=8.0)
 
-    names = list(found)
+    names = list(logs)
     groups = [names[k : k + _ACROSS] for k in range(0, len(names), _ACROSS)]
     return picture(report, [drawing.side_by_side(3.0, [partial(panel, name) for name in group]) for group in groups])

@@ -1,4 +1,4 @@
-"""What studies share: options, one loop that measures every variant and keeps what was finished, and a picture."""
+"""Parts that studies share: options, one loop that measures every variant and keeps what was finished, and a picture."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class StudyOptions(AnyStudy):
 
 @dataclass(frozen=True)
 class Swept:
-    """What a sweep found."""
+    """Result of a sweep."""
 
     rows: Sequence[dict[str, Any]]
     """A row for each variant that was measured, in the order of the variants, its name in the column `variant`."""

@@ -1,4 +1,4 @@
-"""Whether an analytic model chooses the right controller for the MuJoCo robot (docs/controllers.md).
+"""Transfer study: does an analytic model choose the right controller for the MuJoCo robot (docs/controllers.md)?
 
 Every controller follows every reference on every plant, under the same noise. MuJoCo is the judge: it stands for the robot.
 """
@@ -79,7 +79,7 @@ def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
     Raises:
         ValueError: an unknown controller, gains or file, one name for two, or fewer than two contenders.
     """
-    found: dict[str, tuple[AnyController, GainSet]] = {}
+    contenders: dict[str, tuple[AnyController, GainSet]] = {}
     for named in o.controllers:
         controller, colon, wanted = named.partition(":")
         kinds = [name.removeprefix(f"{controller}-") for name in names(controller)] or [DEFAULT]
@@ -87,25 +87,25 @@ def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
             own = kind == "tuned" and profile.name in profile_sets(controller)
             gains = load_gains(controller, profile.name if own else kind)
             name = controller if kind == DEFAULT else f"{controller} {Path(kind).stem}"
-            if name in found:
+            if name in contenders:
                 raise ValueError(f"two controllers are called '{name}'; leave out '{named}', or rename it")
-            found[name] = make_controller(profile, gains), gains
-    if len(found) < 2:
-        raise ValueError(f"there is no choice among {', '.join(found) or 'no controllers'}; name two or more")
-    return found
+            contenders[name] = make_controller(profile, gains), gains
+    if len(contenders) < 2:
+        raise ValueError(f"there is no choice among {', '.join(contenders) or 'no controllers'}; name two or more")
+    return contenders
 
 
 def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Waypoints]]:
     """Return the references by name, each at every speed, or as fast as the robot can drive it; a ValueError lists them."""
-    found: dict[tuple[str, float], Waypoints] = {}
+    missions: dict[tuple[str, float], Waypoints] = {}
     for named in o.references or _USUAL_REFERENCES[: 3 if o.quick else None]:
         name, own = split_speed(named)
         if name not in REFERENCES:
             raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}")
         for speed in _USUAL_SPEEDS[-1 if o.quick else 0 :] if own is None else (own,):
             slowed = within_reach(REFERENCES[name](speed), robot, PRACTICABLE)
-            found.setdefault((name, round(slowed.speed, 3)), slowed)
-    return [(name, waypoints) for (name, _), waypoints in found.items()]
+            missions.setdefault((name, round(slowed.speed, 3)), slowed)
+    return [(name, waypoints) for (name, _), waypoints in missions.items()]
 
 
 Scores = Mapping[str, float | int | None]
@@ -195,7 +195,7 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
     costs = {plant: table_of(plant) for plant in drives[0]["scores"]}
     truth, plants = costs[JUDGE], dict[str, Any]()
     for plant, own in costs.items():
-        found = agreement(own, truth)
+        ranks = agreement(own, truth)
         kept = np.isfinite(own).all(axis=0) & np.isfinite(truth).all(axis=0)
         means = {m: mean_costs(table_of(plant, m)).tolist() for m in ("cost", "d_rms_m", "sync_rms_m")}
         each = {
@@ -206,7 +206,7 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
             "by_reference": [[row["scores"][plant][name] for row in drives] for name in names],
         }
         plants[plant] = {
-            "all": {**found, "chosen": names[found["chosen"]]},
+            "all": {**ranks, "chosen": names[ranks["chosen"]]},
             "tau_with": {other: rank_correlation(own, costs[other]) for other in costs},
             "contenders": {name: {key: values[k] for key, values in each.items()} for k, name in enumerate(names)},
         }
@@ -219,24 +219,24 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
     }
 
 
-def _ranked(found: Mapping[str, Any]) -> list[str]:
-    judged = found["plants"][JUDGE]["contenders"]
+def _ranked(result: Mapping[str, Any]) -> list[str]:
+    judged = result["plants"][JUDGE]["contenders"]
     return sorted(judged, key=lambda name: judged[name]["place"])
 
 
-def _tables(label: str, found: Mapping[str, Any]) -> list[Table]:
-    plants, choices, costs = found["plants"], list[Row](), list[Row]()
+def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
+    plants, choices, costs = result["plants"], list[Row](), list[Row]()
     for plant, own in plants.items():
         agreed = own["all"]
         row = {"plant": plant, "tau": agreed["tau"], "same_winner": agreed["same_winner"]}
         choices.append({**row, "regret_share": agreed["regret"], "chooses": agreed["chosen"]})
-    for name in _ranked(found):
+    for name in _ranked(result):
         means = {plant: own["contenders"][name]["cost"] for plant, own in plants.items()}
         beside = {m: plants[JUDGE]["contenders"][name][m] for m in ("d_rms_m", "sync_rms_m")}
         lost = sum(own["contenders"][name]["lost"] for own in plants.values())
         costs.append({"controller": name, **means, **beside, "lost_runs": lost})
     caption = (
-        f"{len(costs)} controllers, {len(found['references'])} references. tau: Kendall's rank correlation with {JUDGE}.\n"
+        f"{len(costs)} controllers, {len(result['references'])} references. tau: Kendall's rank correlation with {JUDGE}.\n"
         f"same winner: number of references on which the plant chooses as {JUDGE} does.\n"
         f"regret: what the choice over all references costs more on {JUDGE}; none where it loses runs there."
     )
@@ -270,25 +270,25 @@ def study_transfer(o: TransferStudy) -> Report:
         return {"reference": name, "speed_m_s": waypoints.speed, "scores": named}
 
     swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)  # a drive is a population on all threads
-    found = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
+    result = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
     label = with_robot(profile.name, profile.robot.name)
     return Report(
         program="study", title=f"Transfer, {label}: {len(swept.rows)} references", has_text=True,
-        tables=_tables(label, found), sentences=swept.notes, status=swept.status, draw=partial(_draw, label, found),
+        tables=_tables(label, result), sentences=swept.notes, status=swept.status, draw=partial(_draw, label, result),
         options={"judge": JUDGE, "seed": o.seed},
         document={
             "schema": "ssmr.study/1", "study": "transfer", "judge": JUDGE, "robot": profile.robot.name,
-            "seeds": [o.seed], "profiles": {profile.name: found},
+            "seeds": [o.seed], "profiles": {profile.name: result},
         },
     )  # fmt: skip
 
 
-def _draw(label: str, found: Mapping[str, Any], study: Report) -> Figure:
-    order = _ranked(found)
+def _draw(label: str, result: Mapping[str, Any], study: Report) -> Figure:
+    order = _ranked(result)
 
     def draw(ax: Axes) -> None:
         drawing.inset(ax, left=1.15)
-        for plant, own in found["plants"].items():
+        for plant, own in result["plants"].items():
             ink, marker = drawing.ink_of(plant), "D" if plant == JUDGE else "o"
             for row, name in enumerate(order):
                 each = own["contenders"][name]

@@ -115,7 +115,7 @@ class _About:
 
 @dataclass(frozen=True, kw_only=True)
 class Criterion(_About):
-    """What rows are evidence of, and what words of the thesis on them are taken to mean."""
+    """Criterion of rows: what they are evidence of, and what words of the thesis on them are taken to mean."""
 
     evidence: Evidence
     """What their agreement would be evidence of."""
@@ -167,8 +167,8 @@ def criteria() -> tuple[Criterion, ...]:
 
 def criterion_of(table: str, row: str) -> Criterion:
     """Return what is declared of a row; what nothing is declared of is the record of a number that the thesis lacks."""
-    found = (c for c in criteria() if c.concerns(table, row))
-    return next(found, Criterion(tables=(table,), rows=(row,), evidence="impossible"))
+    matching = (c for c in criteria() if c.concerns(table, row))
+    return next(matching, Criterion(tables=(table,), rows=(row,), evidence="impossible"))
 
 
 def at_bound(value: float, bounds: Sequence[float]) -> bool:
@@ -216,8 +216,8 @@ def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason]
         return Verdict(status)
     if status == "not told apart":
         return Verdict(status, "ours is too uncertain")
-    found = next((r for r in about if not r.when or status in r.when), None)
-    return Verdict(status, found.text, found.see) if found else Verdict(status, UNEXPLAINED)
+    entry = next((r for r in about if not r.when or status in r.when), None)
+    return Verdict(status, entry.text, entry.see) if entry else Verdict(status, UNEXPLAINED)
 
 
 def judge_row(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> Verdict:

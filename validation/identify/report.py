@@ -1,4 +1,4 @@
-"""What a search found, as fits and tunings report it: numbers within their bounds, the course of the search, its picture."""
+"""Report of a search, as fits and tunings give it: numbers within their bounds, the course of the search, its picture."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class FittedParameter:
         return ", ".join(["at bound"] * self.at_bound + ["uncertain"] * (high - low > _VAGUE_SHARE))
 
 
-def found_parameters(space: ParameterSpace, point: FloatArray, before: Iterable[float]) -> tuple[FittedParameter, ...]:
+def fitted_parameters(space: ParameterSpace, point: FloatArray, before: Iterable[float]) -> tuple[FittedParameter, ...]:
     """Return the parameters at an (n,) point of the unit cube, with the values of before and no errors."""
     rows = zip(space.parameters, space.values(point).tolist(), before, space.at_bound(point).tolist(), strict=True)
     return tuple(
@@ -156,34 +156,34 @@ def ending(search: Search, alarms: Sequence[str] = ()) -> dict[str, Any]:
     """Return the fields of a report that say whether its search was interrupted, and how to go on; others' alarms first."""
     if not search.interrupted:
         return {"status": FINISHED, "alarms": tuple(alarms)}
-    said = f"the search is kept in {search.checkpoint}; the same command with --resume goes on from there"
-    return {"status": INTERRUPTED, "alarms": (*alarms, said) if search.checkpoint else tuple(alarms)}
+    sentence = f"the search is kept in {search.checkpoint}; the same command with --resume goes on from there"
+    return {"status": INTERRUPTED, "alarms": (*alarms, sentence) if search.checkpoint else tuple(alarms)}
 
 
-def search_figure(found: SearchReport, ink: Ink, before: str, rows: Sequence[Row] = ()) -> Figure:
+def search_figure(report: SearchReport, ink: Ink, before: str, rows: Sequence[Row] = ()) -> Figure:
     """Draw a search, 1600 px wide: course, values within their bounds, further rows and notes.
 
     Args:
-        found: the report.
+        report: the report.
         ink: colour of what was found.
         before: name of the values of before.
         rows: further rows of panels.
     """
-    height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(found.parameters))
-    course, strips = partial(_draw_course, found, ink), partial(_draw_strips, found, ink, before)
-    first = ((0.36, course), (0.64, strips)) if len(found.course.jde.history) > 1 else ((1.0, strips),)
+    height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(report.parameters))
+    course, strips = partial(_draw_course, report, ink), partial(_draw_strips, report, ink, before)
+    first = ((0.36, course), (0.64, strips)) if len(report.course.jde.history) > 1 else ((1.0, strips),)
     page = [
-        drawing.text_row(0.3, partial(drawing.draw_section, shortened(found.title, 110))),
-        drawing.text_row(0.25, partial(drawing.draw_footer, f"{found.effort} · seed {found.document['seed']}")),
+        drawing.text_row(0.3, partial(drawing.draw_section, shortened(report.title, 110))),
+        drawing.text_row(0.25, partial(drawing.draw_footer, f"{report.effort} · seed {report.document['seed']}")),
         Row(height, first),
         *rows,
-        *drawing.note_rows(found.notes()),
+        *drawing.note_rows(report.notes()),
     ]
     return drawing.put_together(page)
 
 
-def _draw_course(found: SearchReport, ink: Ink, ax: Axes) -> None:
-    costs = found.course.jde.history
+def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
+    costs = report.course.jde.history
     known = costs[np.isfinite(costs)]
     ax.plot(np.arange(len(costs)), np.where(np.isfinite(costs), costs, np.nan), color=ink, marker="o", markersize=2.5)
     if known.min() > 0.0 and known.max() > 10.0 * known.min():
@@ -193,16 +193,16 @@ def _draw_course(found: SearchReport, ink: Ink, ax: Axes) -> None:
     ax.set(title="Least cost by generation", xlabel="generation")
 
 
-def _draw_strips(found: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
+def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
     """Draw the parameters within their bounds, a strip each: value, 95 % interval and value of before."""
     drawing.inset(ax, left=1.3, right=1.0)
-    ax.set(xlim=(0.0, 1.0), ylim=(len(found.parameters) - 0.45, -0.6), xticks=[])
+    ax.set(xlim=(0.0, 1.0), ylim=(len(report.parameters) - 0.45, -0.6), xticks=[])
     ax.set_title(f"Values within their bounds, 95 % intervals (bars) and {before} (ticks)")
-    ax.set_yticks(range(len(found.parameters)), [p.name for p in found.parameters])
+    ax.set_yticks(range(len(report.parameters)), [p.name for p in report.parameters])
     ax.tick_params(length=0.0, pad=46.0)
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)
-    for row, p in enumerate(found.parameters):
+    for row, p in enumerate(report.parameters):
         colour: Ink = ALARM if p.at_bound else ink
         low, high, was, x = (
             min(max(p.share(value), 0.0), 1.0) for value in (*(p.interval_95 or (p.value, p.value)), p.before, p.value)

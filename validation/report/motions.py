@@ -13,7 +13,7 @@ import numpy as np
 
 from ssmr.metrics.bands import Band
 from ssmr.metrics.declared import METRICS, SIGNALS, Metric, Metrics
-from ssmr.metrics.paired import TOLD_APART, chance_of_difference, corrected
+from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, corrected
 from ssmr.metrics.windows import EVERY_S, SHORTEST_BLOCK_S, HorizonErrors, OverlappingErrors, WindowErrors
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, FloatArray, IndexArray, Trajectory
@@ -96,9 +96,9 @@ class PlantResult:
             for horizon, overlapping in self.overlapping.items():
                 entry["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(overlapping)
                 if horizon in self.by_gyro:
-                    told = asdict(self.by_gyro[horizon].summary())
-                    told = {k.replace("yaw", "yaw_gyro"): value for k, value in told.items() if k.startswith("yaw")}
-                    entry["horizons"][f"{horizon:g}"]["overlapping"] |= told
+                    by_gyro = asdict(self.by_gyro[horizon].summary())
+                    by_gyro = {k.replace("yaw", "yaw_gyro"): value for k, value in by_gyro.items() if k.startswith("yaw")}
+                    entry["horizons"][f"{horizon:g}"]["overlapping"] |= by_gyro
             for horizon, shares in self.coverage.items():
                 entry["horizons"].setdefault(f"{horizon:g}", {})["coverage_90"] = dict(shares)
         if self.health is not None:
@@ -225,7 +225,6 @@ def _band_table(plants: Mapping[str, PlantResult]) -> Table:
 
 
 def _load_table(plants: Mapping[str, PlantResult]) -> Table:
-    """Return the wheel loads of the plants that know them."""
     rows: list[Row] = []
     captions = []
     for name, result in plants.items():
@@ -282,8 +281,8 @@ def alike_plants(plants: Mapping[str, PlantResult], gyro_first: bool = False) ->
         times = {name: EVERY_S * np.arange(len(values)) for name, values in errors.items()}
         chances = corrected([chance_of_difference(errors[a], errors[b], times[a], block) for a, b in pairs])
         for pair, chance in zip(pairs, chances.tolist(), strict=True):
-            told = sorted(pair, key=lambda name: float(np.median(errors[name])))
-            (better if chance < TOLD_APART else alike[what]).append(told if chance < TOLD_APART else list(pair))
+            ranked = sorted(pair, key=lambda name: float(np.median(errors[name])))
+            (better if chance < SIGNIFICANCE else alike[what]).append(ranked if chance < SIGNIFICANCE else list(pair))
     return {"horizon_s": horizon, **alike}
 
 
@@ -314,9 +313,9 @@ def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
     points = {name: (r.localiser.tracked_x, r.localiser.tracked_y) for name, r in plants.items()}
     if len({*points.values()}) == 1:
         return []
-    said = [f"{name} ({1e3 * x:.0f}, {1e3 * y:.0f}) mm" for name, (x, y) in points.items()]
+    spots = [f"{name} ({1e3 * x:.0f}, {1e3 * y:.0f}) mm" for name, (x, y) in points.items()]
     return [
-        f"Paths are those of points on the robot, ahead and to the left of the middle between its axles: {', '.join(said)}."
+        f"Paths are those of points on the robot, ahead and to the left of the middle between its axles: {', '.join(spots)}."
     ]
 
 
@@ -376,11 +375,11 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
     if c.commands:
         t, values = (np.concatenate(parts) for parts in zip(*given_commands(c), strict=True))
         if c.commands[0].kind == "wheels":
-            names = ["left commanded [rad/s]", "right commanded [rad/s]"]
-            plots["wheel_rate/commanded"] = Series(names, shades_of(_COMMANDED), t, values, held=True)
+            names = ["left commanded", "right commanded"]
+            plots["wheel_rate/commanded"] = Series(names, "rad/s", shades_of(_COMMANDED), t, values, held=True)
         else:
             for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
-                series = Series([f"commanded [{unit}]"], [_COMMANDED], t, values[:, column], held=True)
+                series = Series(["commanded"], unit, [_COMMANDED], t, values[:, column], held=True)
                 plots[f"{quantity}/commanded"] = series
     scene = Scene(
         program="compare",

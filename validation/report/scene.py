@@ -1,6 +1,6 @@
 """Robots in motion as a rerun recording that carries its own layout: one scene for every program that has motions.
 
-Everything is in metres, seconds and radians, z up, on the timeline `sim_time`:
+The world is in metres, z up, on the timeline `sim_time`; lines over time are in the units of the picture:
 
 - `world/NAME/robot`: the reference point on the ground over time; below it `base` and the four wheels;
 - `world/NAME/path`, `.../end`: the whole path, and the robot's name where it ends;
@@ -32,6 +32,7 @@ except ImportError as missing:
 
 from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, wrap_angle, yaw_to_quat_wxyz
 from ssmr.types import FloatArray
+from validation.report.columns import Unit, length_unit
 from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
 from validation.report.tracks import GROUND, Extent, Solid, Track, bright, extent_of, looks_of, tinted
 from validation.simulator.description import WHEELS
@@ -47,19 +48,19 @@ _BELOW = 0.004  # the ground is drawn so much too low, so that lines on it show 
 _MOST_SAMPLES = 45_000  # of a line over time: twenty for each point of a screen's width
 _VIEWS = (
     {
-        "position_error": "Position error [mm]",
-        "yaw_error": "Yaw error [deg]",
-        "e_rho": "e_rho: distance to the target [m]",
-        "e_y": "e_y: its offset to the left [m]",
-        "e_alpha": "e_alpha: error of heading [rad]",
+        "position_error": "Position error",
+        "yaw_error": "Yaw error",
+        "e_rho": "e_rho: distance to the target",
+        "e_y": "e_y: its offset to the left",
+        "e_alpha": "e_alpha: error of heading",
     },
     {
-        "yaw_rate": "Yaw rate [rad/s]",
-        "yaw_acceleration": "Yaw acceleration [rad/s²]",
-        "speed": "Speed [m/s]",
-        "wheel_rate": "Commanded wheel rates [rad/s]",
+        "yaw_rate": "Yaw rate",
+        "yaw_acceleration": "Yaw acceleration",
+        "speed": "Speed",
+        "wheel_rate": "Commanded wheel rates",
     },
-    {"wheel_load": "Wheel loads [N]", "torque": "Motor torques on each side [N m]"},
+    {"wheel_load": "Wheel loads", "torque": "Motor torques on each side"},
 )
 """Groups of plots above one another, a tab each: titles by the quantity, which is the beginning of their entities."""
 
@@ -68,7 +69,9 @@ class Series(NamedTuple):
     """Lines of one entity: k values over the same stamps."""
 
     names: Sequence[str]
-    """k names, with unit."""
+    """k names."""
+    unit: str
+    """Symbol of their unit."""
     colours: Sequence[Rgb]
     t: FloatArray
     """(M,) [s]."""
@@ -80,7 +83,7 @@ class Series(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene:
-    """What a recording shows."""
+    """Contents of a recording."""
 
     program: str
     """Program that made it; recordings of one program share a layout in the viewer."""
@@ -131,8 +134,8 @@ def write_scene(scene: Scene, path: Path) -> None:
 
 
 def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
-    """Send everything to a recording."""
-    plots = {entity: series for track in scene.tracks for entity, series in plots_of(track).items()} | dict(scene.plots)
+    unit = length_unit([float(np.hypot(*t.seen[:, :2].T).max()) for t in scene.tracks if t.reference is not None])
+    plots = {name: line for track in scene.tracks for name, line in plots_of(track, unit).items()} | dict(scene.plots)
     extent = extent_of(scene.tracks)
     recording.send_blueprint(_layout(scene, plots, extent))
     recording.send_recording_name(one_line(scene.title))
@@ -185,7 +188,6 @@ def _send_transforms(
 
 
 def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> Any:
-    """Return solids of one kind as rerun has them."""
     own = track.name == "mujoco"
     colours = [s.rgba if own else tinted(s.rgba, bright(track.name), 0.25 if opaque else 0.6) for s in solids]
     look: dict[str, Any] = {
@@ -235,7 +237,8 @@ def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -
 def _write_series(recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray) -> None:
     """Send the samples, thinned where there are very many; at each instant of `gaps` [s] the lines are interrupted."""
     mode = rr.components.InterpolationMode.StepAfter if series.held else rr.components.InterpolationMode.Linear
-    style = rr.SeriesLines(names=list(series.names), colors=list(series.colours), interpolation_mode=mode)
+    names = [f"{name} [{series.unit}]" for name in series.names]
+    style = rr.SeriesLines(names=names, colors=list(series.colours), interpolation_mode=mode)
     recording.log(entity, style, static=True)
     step = math.ceil(len(series.t) / _MOST_SAMPLES)
     time = rr.TimeColumn(_TIMELINE, duration=series.t[::step])
@@ -245,8 +248,8 @@ def _write_series(recording: rr.RecordingStream, entity: str, series: Series, ga
         recording.send_columns(entity, [time], rr.Clear.columns(is_recursive=[False] * len(gaps)))
 
 
-def plots_of(track: Track) -> dict[str, Series]:
-    """Return the lines over time of one robot by entity: velocities, errors, torques and wheel loads that it has."""
+def plots_of(track: Track, length: Unit) -> dict[str, Series]:
+    """Return the lines over time of one robot by entity: velocities, errors (in `length`), torques and wheel loads."""
     twist, plots = np.concatenate([p.twist for p in track.pieces]), dict[str, Series]()
     ink = bright(track.name)
     single: dict[str, tuple[str, FloatArray | None]] = {
@@ -255,21 +258,21 @@ def plots_of(track: Track) -> dict[str, Series]:
         "yaw_acceleration": ("rad/s²", track.channel("yaw_acceleration_rad_s2")),
     }
     if track.reference is not None:
-        single["position_error"] = "mm", 1e3 * np.hypot(track.seen[:, 0], track.seen[:, 1])
+        single["position_error"] = length.symbol, length.scale * np.hypot(track.seen[:, 0], track.seen[:, 1])
         single["yaw_error"] = "deg", np.degrees(wrap_angle(track.seen[:, 2]))
     for quantity, (unit, values) in single.items():
         if values is not None:
-            plots[f"{quantity}/{track.name}"] = Series([f"{track.name} [{unit}]"], [ink], track.t, values)
+            plots[f"{quantity}/{track.name}"] = Series([track.name], unit, [ink], track.t, values)
     if (torque := track.channel("torque_N_m")) is not None:
-        names = [f"{track.name} {side} [N m]" for side in ("left", "right")]
-        plots[f"torque/{track.name}"] = Series(names, shades_of(ink), track.t, torque)
+        names = [f"{track.name} {side}" for side in ("left", "right")]
+        plots[f"torque/{track.name}"] = Series(names, "N m", shades_of(ink), track.t, torque)
     inks = [colour(name) for name in ("mujoco", "improved", "coulomb", "linear")]  # four that can be told apart
     for channel, words in (("wheel_load_N", ""), (QUASI_STATIC, " quasi-static")):
         if (loads := track.channel(channel)) is not None:
-            names = [f"{wheel.replace('_', ' ')}{words} [N]" for wheel in WHEELS]
+            names = [f"{wheel.replace('_', ' ')}{words}" for wheel in WHEELS]
             shades = [mix(ink, WHITE, 0.5 if words else 0.0) for ink in inks]
             entity = f"wheel_load/{track.name}{words.replace(' ', '_').replace('-', '_')}"
-            plots[entity] = Series(names, shades, track.t, loads)
+            plots[entity] = Series(names, "N", shades, track.t, loads)
     return plots
 
 
@@ -285,21 +288,21 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
     """Return looks at the robots and the report on the left, plots on the right; it plays at once."""
     first, scale, distance = scene.tracks[0], extent.scale, max(3.0 * extent.scale, 0.9 * extent.reach)
     across = np.array([-extent.along[1], extent.along[0]])
-    aside = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
+    overview = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
     behind = np.append(shift_reference(first.pose[0], (-1.5 * scale, -1.2 * scale))[:2], 1.15 * scale)
     hull = looks_of(first.robot).solids["base"][0].kind
     names = [f"- /world/{track.name}/end/**" for track in scene.tracks]
     start = np.append(first.pose[0][:2], 0.2 * scale)
-    whole = _view("Scene (grid 1 m)", [], position=aside, look_target=np.append(extent.middle, 0.0))
-    followed = f"/world/{first.name}/robot/base/{hull}"
-    close = _view(f"Following {first.name}", names, position=behind, look_target=start, tracking_entity=followed)
+    whole = _view("Scene (grid 1 m)", [], position=overview, look_target=np.append(extent.middle, 0.0))
+    tracked = f"/world/{first.name}/robot/base/{hull}"
+    close = _view(f"Following {first.name}", names, position=behind, look_target=start, tracking_entity=tracked)
     report = rrb.TextDocumentView(origin="/report", name="Report")
-    there, corner = {entity.partition("/")[0] for entity in plots}, rrb.Corner2D.RightTop
+    units, corner = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}, rrb.Corner2D.RightTop
     tabs = [
         [
-            rrb.TimeSeriesView(origin=f"/plots/{q}", name=title, plot_legend=corner)
+            rrb.TimeSeriesView(origin=f"/plots/{q}", name=f"{title} [{units[q]}]", plot_legend=corner)
             for q, title in group.items()
-            if q in there
+            if q in units
         ]
         for group in _VIEWS
     ]

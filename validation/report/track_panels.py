@@ -42,7 +42,6 @@ _WANTED, _COMMAND, _SATURATED = "0.2", "0.65", "#d9534f"
 
 
 def _draw_header(robots: Sequence[TrackedRobot], ax: Axes) -> None:
-    """Draw the title, and the legend of robots and lines."""
     first, alone = robots[0], len(robots) == 1
     title = f"{headline(first)} · {f'plant {first.plant}' if alone else f'{len(robots)} plants'}"
     if lost := [r for r in robots if r.run.lost]:
@@ -127,18 +126,23 @@ def _draw_paths(robots: Sequence[TrackedRobot], ax: Axes) -> None:
     ax.set(title="Paths [m] (ring: start; square: end)", xlabel="x [m]", ylabel="y [m]")
 
 
+def error_units(robots: Sequence[TrackedRobot]) -> dict[str, Unit]:
+    """Return the units of the errors that controllers see, by column, for picture and recording."""
+    reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in robots if len(r.run.t)]
+    length = length_unit([float(max(reach, default=0.0))])
+    return {"e_rho": length, "e_y": length, "e_alpha": DEGREES}
+
+
 def draw_track(robots: Sequence[TrackedRobot]) -> Figure:
     """Return the picture of robots that followed one reference, 1600 px wide.
 
     It shows paths, speed and yaw rate with what the position loop wanted and what was commanded, and the three errors of up
     to five robots. Lines carry their plant as gid, or `PLANT wanted`, `reference`.
     """
-    reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in robots if len(r.run.t)]
-    length = length_unit([float(max(reach, default=0.0))])
+    titles, units = ("distance to the target", "offset to the left", "heading"), error_units(robots)
     errors = side_by_side(2.0, [
-        partial(_draw_error, robots, "e_rho: distance to the target", "e_rho", length, 0.01),
-        partial(_draw_error, robots, "e_y: offset to the left", "e_y", length, 0.01),
-        partial(_draw_error, robots, "e_alpha: heading", "e_alpha", DEGREES, math.radians(1.0)),
+        partial(_draw_error, robots, f"{column}: {title}", column, unit, math.radians(1.0) if unit is DEGREES else 0.01)
+        for title, (column, unit) in zip(titles, units.items(), strict=True)
     ])  # fmt: skip
     speeds = [partial(_draw_speed, robots, *speed) for speed in _SPEEDS]
     paths = partial(_draw_paths, robots)

@@ -25,7 +25,7 @@ from validation.report.columns import REAL_TIME, declare
 from validation.report.palette import BLACK, GREY, WHITE, mix
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.report.track_panels import draw_track
+from validation.report.track_panels import draw_track, error_units
 from validation.report.tracks import Track, bright
 from validation.simulator.terrain import FLAT
 from validation.words import one_line
@@ -48,7 +48,7 @@ class Tracked(Report):
         """Metrics of the first robot by name, such as `metrics["d_rms_m"]`."""
         return self.robots[0].metrics
 
-    def require_kept(self) -> None:
+    def require_complete(self) -> None:
         """Do nothing if every robot came to the end of its reference.
 
         Raises:
@@ -155,7 +155,7 @@ def track_notes(robots: Sequence[TrackedRobot]) -> list[str]:
     return notes
 
 
-def followed_tracks(robots: Sequence[TrackedRobot]) -> list[Track]:
+def scene_tracks(robots: Sequence[TrackedRobot]) -> list[Track]:
     """Return the robots and, last, the target that they follow."""
     ground = next((r.terrain for r in robots if r.terrain != FLAT), FLAT)  # planar models stand on none
     longest = max(robots, key=lambda r: len(r.target)).target
@@ -177,22 +177,22 @@ def write_track_recording(report: Tracked, path: Path) -> None:
     from validation.report.scene import Scene, Series, write_scene
 
     shown = [robot.thinned() for robot in report.robots]
-    *robots, target = followed_tracks(shown)
+    *robots, target = scene_tracks(shown)
     (motion,), plots = target.pieces, dict[str, Series]()
     for quantity, unit, column in (("speed", "m/s", 0), ("yaw_rate", "rad/s", 2)):
-        plots[f"{quantity}/reference"] = Series([f"reference [{unit}]"], [GREY], motion.t[:-1], motion.twist[:-1, column])
+        plots[f"{quantity}/reference"] = Series(["reference"], unit, [GREY], motion.t[:-1], motion.twist[:-1, column])
     for r in shown:
         for quantity, unit, wanted, commanded in (
             ("speed", "m/s", "u_ref", "v_cmd"),
             ("yaw_rate", "rad/s", "w_ref", "w_cmd"),
         ):
             pale, dark = mix(bright(r.plant), WHITE, 0.5), mix(bright(r.plant), BLACK, 0.3)
-            names = [f"{r.plant} {word} [{unit}]" for word in ("wanted", "command")]
+            names = [f"{r.plant} {word}" for word in ("wanted", "command")]
             both = r.run.columns(wanted, commanded)
-            plots[f"{quantity}/{r.plant}_wanted"] = Series(names, [pale, dark], r.run.t, both, held=True)
-        for error, unit in (("e_rho", "m"), ("e_y", "m"), ("e_alpha", "rad")):
-            series = Series([f"{r.plant} [{unit}]"], [bright(r.plant)], r.run.t, r.run.column(error))
-            plots[f"{error}/{r.plant}"] = series
+            plots[f"{quantity}/{r.plant}_wanted"] = Series(names, unit, [pale, dark], r.run.t, both, held=True)
+        for error, shown_in in error_units(shown).items():
+            values = shown_in.scale * r.run.column(error)
+            plots[f"{error}/{r.plant}"] = Series([r.plant], shown_in.symbol, [bright(r.plant)], r.run.t, values)
     title = f"{report.title}, profile {report.robots[0].profile_label}"
     scene = Scene(program="track", title=title, tracks=robots, report=report.markdown(), plots=plots, target=target)
     write_scene(scene, path)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import math
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 
 import ssmr
+import validation
 from validation import load_profile
 from validation.compare import compare
 from validation.fit import fit
@@ -31,7 +34,8 @@ def test_every_exported_name_resolves(package: str) -> None:
     assert module.__all__
     assert set(module.__all__) <= set(dir(module))
     for name in module.__all__:
-        assert not isinstance(getattr(module, name), ModuleType), f"{package}.{name} is hidden by a module"
+        exported = getattr(module, name)
+        assert callable(exported) or not isinstance(exported, ModuleType), f"{package}.{name} is hidden by a module"
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -48,7 +52,7 @@ def test_an_import_is_quick_and_loads_no_engine(package: str) -> None:
 def test_results_and_profiles_can_be_pickled() -> None:
     lab, small = load_profile("thesis-lab"), {"generations": 1, "population": 6}
     results = (
-        compare("traj4", lab, plants=("linear",), reference="improved"),
+        validation.compare("traj4", lab, plants=("linear",), reference="improved"),
         track("pid", "circle", profile=lab, plant="linear"),
         fit("linear", "traj4@linear", profile=lab, search="jde", **small),
         tune("lqr", "circle@0.5", lab, plants=("linear",), held_out=(), **small),
@@ -56,6 +60,14 @@ def test_results_and_profiles_can_be_pickled() -> None:
     assert pickle.loads(pickle.dumps(lab)).as_dict() == lab.as_dict()  # noqa: S301 - our own
     for result in results:
         assert str(pickle.loads(pickle.dumps(result)).table()) == str(result.table())  # noqa: S301 - our own
+
+
+@pytest.mark.parametrize("name", ["calibrate", "compare", "fit", "replicate", "track", "tune"])
+def test_help_and_completion_have_every_option_and_what_it_means(name: str) -> None:
+    module = getattr(validation, name)
+    program = getattr(module, name)
+    for option in inspect.signature(module).parameters:
+        assert re.search(rf"^    {option}: \w", program.__doc__, re.MULTILINE), option
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import Annotated, Any, Literal
 
 import tyro
+from rich.text import Text
 
 from validation import cli, store
 from validation.cli.options import NUMBERS
@@ -28,7 +29,7 @@ PROGRAMS: Mapping[str, str] = {
     "robots": "List and check robots, write the file of a new one, import one from a URDF.",
     "ros": "Run a simulated robot or a path controller as a ROS 2 node.",
 }
-"""What each program does; `ssmr PROGRAM --help` says more."""
+"""Work of each program, in one sentence; `ssmr PROGRAM --help` says more."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,9 @@ def main() -> None:
     first, *rest = sys.argv[1:] or ["--help"]
     everything = {**PROGRAMS, "completion": "Print what a shell needs to complete programs and options."}
     if first in ("--help", "-h"):
-        print("usage: ssmr PROGRAM [OPTIONS]; ssmr PROGRAM --help says more; ssmr --version\n")
-        print("\n".join(f"{name:<12}{says}" for name, says in everything.items()))
+        usage = "usage: ssmr PROGRAM [OPTIONS]; ssmr PROGRAM --help says more; ssmr --version\n"
+        lines = [usage, *(f"{name:<12}{says}" for name, says in everything.items())]
+        cli.report_console().print(Text("\n".join(lines)), soft_wrap=True)
     elif first == "--version":
         print(f"ssmr-testbed {store.versions()['ssmr-testbed']}")
     elif first in everything:

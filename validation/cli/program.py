@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import inspect
 import os
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, Generic, ParamSpec, TypeVar
+from types import ModuleType
+from typing import Annotated, Any, Generic, ParamSpec, TypeVar, get_type_hints
 
 import tyro
 from rich.console import Console
@@ -77,6 +79,17 @@ class Filmed(Common):
             raise UserError("the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun")
 
 
+class _ProgramModule(ModuleType):
+    """A module that is called as the program whose name it has: `validation.compare("traj4")`."""
+
+    @property
+    def __signature__(self) -> inspect.Signature:
+        return inspect.signature(vars(self)[self.__name__.rpartition(".")[2]])
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return vars(self)[self.__name__.rpartition(".")[2]](*args, **kwargs)
+
+
 class Program(Generic[P, R]):
     """A program: called with its options it returns its report; `main` runs it from the command line."""
 
@@ -86,8 +99,11 @@ class Program(Generic[P, R]):
         self.function = function
         self.__name__, self.__module__ = function.__name__, function.__module__
         self.__signature__ = inspect.signature(options)
-        documents = [f"    {f.name}: {field_text(self.options, f.name) or ''}" for f in fields(self.options)]
+        kinds = get_type_hints(options, include_extras=True)
+        documents = [f"    {name}: {_help_of(options, name, kinds[name])}" for name in self.__signature__.parameters]
         self.__doc__ = "\n".join([inspect.getdoc(function) or "", "", "Options:", *documents])
+        if (module := sys.modules.get(f"validation.{self.__name__}")) is not None:
+            module.__class__ = _ProgramModule
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Return the report of a run with these options."""
@@ -116,6 +132,11 @@ class Program(Generic[P, R]):
     def main(self) -> None:
         """Run the program with the command line of this process, and leave with the exit status that says how it went."""
         run(self.command(), f"python -m validation.{self.__name__}")
+
+
+def _help_of(options: Any, name: str, kind: Any) -> str:
+    texts = [getattr(marker, "help", None) for marker in getattr(kind, "__metadata__", ())]
+    return next(filter(None, reversed(texts)), None) or field_text(options, name) or ""
 
 
 def program(options: Callable[P, Options]) -> Callable[[Callable[[Options], R]], Program[P, R]]:

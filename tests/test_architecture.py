@@ -226,7 +226,7 @@ PRICES = {
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""
-MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_434, 190, 17_500
+MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_434, 190, 17_489
 MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 52_000, 1_100
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ssmr.robot.localiser import Localiser
-from ssmr.types import State
+from ssmr.types import Commands, State
 from tests.conftest import exit_status
 from validation import cli
 from validation.bench.sources import drive, horizons_of, open_source
@@ -25,22 +25,15 @@ from validation.plants.profile import Profile, load_profile, make_plant
 
 def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False) -> Path:
     """A recording of a plant that weaves for 16 s, as CSV; with a gap of 1 s in the middle if asked for."""
-    from ssmr.types import Commands
-
     t = np.arange(320) * 0.05
     driving = (t >= 1.0)[:, None]  # it stands at first: what was commanded before a log begins nobody knows
     commands = Commands(0.05, np.column_stack([0.3 + 0.1 * np.sin(t), np.sin(0.7 * t)]) * driving)
     motion = make_plant(profile, plant).run(commands, State(), 0.05)
     pose = profile.plants[plant].localiser.seen_pose(motion.pose)
     held = np.vstack([commands.values, commands.values[-1:]])
-    columns = {
-        "t": motion.t,
-        "cmd_v": held[:, 0],
-        "cmd_w": held[:, 1],
-        "enc_left": motion.wheels[:, 0],
-        "enc_right": motion.wheels[:, 1],
-    }
-    columns |= {"x": pose[:, 0], "y": pose[:, 1], "yaw": pose[:, 2], "gyro_z": motion.twist[:, 2]}
+    columns = {"t": motion.t, "cmd_v": held[:, 0], "cmd_w": held[:, 1], "gyro_z": motion.twist[:, 2]}
+    columns |= {"enc_left": motion.wheels[:, 0], "enc_right": motion.wheels[:, 1]}
+    columns |= dict(zip(("x", "y", "yaw"), pose.T, strict=True))
     keep = (motion.t < 8.0) | (motion.t > 9.0) if gap else np.full(len(motion), fill_value=True)
     path = tmp_path / "drive.csv"
     write_csv({name: values[keep] for name, values in columns.items()}, path)

@@ -16,7 +16,7 @@ from tests.robots import husky
 from validation.compare import compare
 from validation.plants.profile import Profile
 from validation.simulator.calibration import Calibration
-from validation.simulator.health import START_TIME, Health, apparent_mass, check_health, run_health
+from validation.simulator.health import START_TIME, Health, apparent_mass, run_health
 from validation.simulator.model import GRAVITY, resting_depth, robot_model
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
@@ -133,12 +133,6 @@ def test_a_limit_that_is_passed_is_named_in_the_advice(model: mujoco.MjModel) ->
     assert given.peak_torque_N_m is None
     assert "smooth the given wheel rates" in given.advice
     assert "gain" not in given.advice
-
-
-def test_a_gate_of_loads_alone_says_nothing_of_what_it_does_not_know() -> None:
-    health = check_health(np.full((100, 4), 180.0))
-    assert health.advice == ""
-    assert set(health.as_dict()) == {"lowest_load_share", "load_deviation", "ok", "advice"}
 
 
 # ------------------------------------------------------------------------------- in a comparison

@@ -33,25 +33,6 @@ IMU_AHEAD = HUSKY.geometry.imu[0]
 STIFF = Drive(delay_v=0.0, delay_w=0.0, v_max=5.0, w_max=5.0, torque_limit=math.inf, command_half_track=0.5 * TRACK * 1.8)
 
 
-def test_the_default_contact_would_hop() -> None:
-    """What the soft contact is for.
-
-    With MuJoCo's default impedance the multiplier is far off and depends on the time
-    step.
-    """
-    found = []
-    for dt in (0.001, 0.005):
-        plant = MujocoPlant(
-            husky(friction=0.8, armature=0.3, timestep=dt, wheel_shape="cylinder"), STIFF, settings=MUJOCO_CONTACT
-        )
-        motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (120, 1))), State(), 0.01)
-        tail = motion.t > 3.0
-        found.append(0.1651 * np.mean(np.diff(motion.wheels[tail])) / (TRACK * motion.twist[tail, 2].mean()))
-        assert not check_health(motion.channels["wheel_load_N"]).ok
-    assert found[1] > 1.3 * (1.0 + (WHEELBASE / TRACK) ** 2)
-    assert abs(found[0] - found[1]) > 0.05 * found[0]
-
-
 @pytest.mark.parametrize("scenario", list(TRAJECTORIES))
 def test_the_shipped_lab_profile_is_healthy_and_converged(scenario: str, lab: object) -> None:
     section = lab.plants["mujoco"]  # type: ignore[attr-defined]
@@ -156,7 +137,7 @@ def test_the_health_gate_tells_a_bad_run_and_what_to_change() -> None:
     run = plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), 0.01)
     assert "soft contact" in check_health(run.channels["wheel_load_N"]).advice
     smooth = np.full((100, 4), 180.0)
-    assert check_health(smooth).ok
+    assert set(check_health(smooth).as_dict().items()) >= {("ok", True), ("advice", "")}
     lifted = smooth.copy()
     lifted[50, 2] = 0.0
     assert check_health(lifted).lowest_load_share < LIFT_SHARE

@@ -198,19 +198,6 @@ def test_heun_is_of_second_order_where_forces_are_smooth() -> None:
     assert np.all(np.abs(orders - 2.0) < 0.15), orders
 
 
-def test_a_population_is_its_members_and_workers_do_not_matter() -> None:
-    rng = np.random.default_rng(5)
-    commands = hold(0.5, 0.7, 3.0)
-    models = [
-        PlanarModel(ImprovedParameters(gain=float(g)), VEHICLE, Drive(delay_v=float(d)))
-        for g, d in zip(rng.uniform(60, 120, 7), rng.uniform(0, 0.3, 7), strict=True)
-    ]
-    one, many = (run_population(models, commands, [State()] * len(models), 0.01, workers=n) for n in (1, 3))
-    alone = np.array([PlanarPlant(m).run(commands, State(), 0.01).pose for m in models])
-    assert np.abs(one - many).max() == EXACT
-    assert np.abs(one - alone).max() == EXACT
-
-
 def test_divergence_is_named() -> None:
     """A loop stiffer than the step can follow leaves the finite numbers, and the run says when."""
     plant = PlanarPlant(PlanarModel(CoulombParameters(gain=1e6), VEHICLE, LOOSE))

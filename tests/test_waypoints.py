@@ -238,15 +238,3 @@ def test_errors_do_not_depend_on_the_frame(
     after = errors(*moved)
     assert np.allclose(after[:2], before[:2], atol=FRAME)
     assert abs(wrap_angle(after[2] - before[2])) < FRAME
-
-
-@given(angles, angles)
-def test_the_error_of_heading_turns_the_robot_to_the_segment(yaw: float, phi: float) -> None:
-    _, _, e_alpha = errors((0.0, 0.0, yaw), (0.0, 0.0, phi))
-    assert -math.pi < e_alpha <= math.pi
-    assert np.allclose([math.cos(yaw + e_alpha), math.sin(yaw + e_alpha)], [math.cos(phi), math.sin(phi)], atol=ROUNDOFF)
-
-
-def test_heading_does_not_matter_beyond_the_switch() -> None:
-    assert errors((0.0, 0.0, 0.0), (0.5, 0.0, 1.0), switch=0.5)[2] == 1.0
-    assert errors((0.0, 0.0, 0.0), (0.5, 0.0, 1.0), switch=0.499)[2] == 0.0

@@ -25,7 +25,7 @@ _ROUNDS = 30
 _MOST_SQUARES = 9.0
 """Squares of errors beyond so many variances count as these: a few odd windows must not widen the band everywhere."""
 _PARTS = 4
-"""Number of parts of a log each of which is judged by the variances of the others."""
+"""Number of parts of the windows each of which is judged by the variances of the others."""
 _UNSEEN = 2.25
 """Factor of the lasting causes beyond what a log shows of them: a fit has taken its own log's lasting errors away, and those
 of the ground that comes next are others. On seven public runs, fitted on their first halves, bands with this factor hold
@@ -182,14 +182,15 @@ def _variances(growth: FloatArray, error: FloatArray) -> FloatArray:
 
 
 def estimated_band(windows: Sequence[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]) -> Band:
-    """Return the band of a plant from its errors over windows of a log, of several lengths, in the order of time.
+    """Return the band of a plant from its errors over windows of several lengths.
 
-    Each part of the log is judged by the variances of the other parts, and the part that is predicted worst sets the reach:
-    what comes next is another part still, and the ground changes from part to part.
+    Each quarter of the windows is judged by the variances of the other three, and the quarter that is predicted worst sets
+    the reach. Shorter windows stand before longer ones, so a length at which errors are greater than the causes say widens
+    the band.
 
     Args:
-        windows: for each gap-free piece its (M, 3) predicted path, (W,) starts and ends, and (W, 3) errors x, y [m] in the
-            frame of the start and yaw [rad], predicted less true.
+        windows: for each length, the shortest first, and each gap-free piece: its (M, 3) predicted path, (W,) starts and
+            ends, and (W, 3) errors x, y [m] in the frame of the start and yaw [rad], predicted less true.
 
     Raises:
         ValueError: there are fewer than `FEWEST_WINDOWS` windows.

@@ -40,7 +40,8 @@ BAD_FILES: dict[str, tuple[str | bytes, int | None, str | None, str]] = {
     "no time below blank lines": ("\n\ncmd_v,cmd_w\n0,0\n1,1\n", 3, None, "no column t among 'cmd_v', 'cmd_w'"),
     "nothing known": ("t,foo,bar\n0,1,2\n1,1,2\n", 1, None, "no known column among 't', 'foo', 'bar'"),
     "same name twice": ("t,x,foo, x\n0,0,0,0\n1,0,0,0\n", 1, "x", "twice"),
-    "column without a name": ("t,,x\n0,0,0\n1,0,0\n", 1, "number 2", "'' names no column"),
+    "tabs": ("t\tx\n0\t0\n", 1, None, "tabs separate the columns; wanted commas"),
+    "other names": ("stamp,x\n0,0\n", 1, None, "--columns t=NAME,x=NAME says which columns have other names"),
     "text for a number": (HEADER + "0,0,0,0,0,0\n1,0,abc,0,0,0\n", 3, "cmd_w", "'abc', wanted a finite number [rad/s]"),
     "grouped digits": (HEADER + "0,0,0,0,0,0\n1,1_0,0,0,0,0\n", 3, "cmd_v", "'1_0'"),
     "nothing": (HEADER + "0,0,0,0,0,0\n1,0,0,0, ,0\n", 3, "y", "there is nothing, wanted a finite number [m]"),
@@ -97,6 +98,9 @@ def test_mark_line_endings_blank_lines_and_spaces_are_fine(tmp_path: Path) -> No
         "x": [1.0, 5.0], "y": [2.0, 6.0], "yaw": [3.0, pytest.approx(turned)], "acc_x": [4.0, 8.0],
     }  # fmt: skip
     assert list(log.groups) == ["pose", "channels"]
+    assert list(read_csv(on_file(tmp_path, ",t,x,\n0,0.0,1,\n1,0.5,2,\n")).columns) == [
+        "x"
+    ]  # pandas' index, and a last comma
 
 
 @pytest.mark.parametrize("cells", [("a", "b", "c"), ("1", "hm", "3"), ("1", "nan", "3"), ("1", "2", "-inf")])

@@ -8,12 +8,8 @@ import logging
 import math
 import os
 import re
-import signal
-import socket
 import subprocess
 import sys
-import time
-import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +23,7 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, Trajectory
-from tests.conftest import Launch, metrics_of
+from tests.conftest import metrics_of
 from validation.report import scene, tracks
 from validation.report.motions import Comparison, PlantResult
 from validation.report.motions import write_comparison as write_recording
@@ -310,40 +306,6 @@ def test_the_viewer_listens_on_loopback_or_its_absence_is_logged(
     assert bool(caplog.text) != opened
     if fate != "missing":
         assert viewer.command[viewer.command.index("--bind") + 1] == "127.0.0.1"
-
-
-@pytest.mark.skipif(not Path("/proc/net/tcp").is_file(), reason="only Linux says who listens where in /proc")
-def test_a_browser_is_served_on_loopback_until_an_interrupt(tmp_path: Path, launch: Launch) -> None:
-    """The program says where; what it says can be fetched; after Ctrl-C nobody listens there any more."""
-    if answers(9090) or answers(9876):
-        pytest.skip("another program listens on rerun's ports")
-    words = "traj2 --plants linear --reference linear --view web"
-    command = [sys.executable, "-m", "validation.compare", *words.split()]
-    program = launch(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert program.stderr is not None
-    page, data = 9090, 9876
-    assert any(f"http://127.0.0.1:{page}" in COLOUR.sub("", line) for line in program.stderr), "rerun says where the page is"
-    until = time.monotonic() + 60.0
-    while not answers(page) and time.monotonic() < until:
-        time.sleep(0.1)
-    with urllib.request.urlopen(f"http://127.0.0.1:{page}/", timeout=60) as answer:
-        assert b"rerun" in answer.read().lower()
-    others = {line.split()[1] for line in Path("/proc/net/tcp").read_text().splitlines()[1:] if line.split()[3] == "0A"}
-    assert {f"0100007F:{port:04X}" for port in (page, data)} <= others
-    assert not {f"00000000:{port:04X}" for port in (page, data)} & others
-    program.send_signal(signal.SIGINT)
-    _, said = program.communicate(timeout=120)
-    assert program.returncode == 130, said
-    until = time.monotonic() + 60.0
-    while any(answers(port) for port in (page, data)) and time.monotonic() < until:
-        time.sleep(0.1)
-    assert not any(answers(port) for port in (page, data))
-
-
-def answers(port: int) -> bool:
-    """Whether somebody listens there."""
-    with socket.socket() as trial:
-        return trial.connect_ex(("127.0.0.1", port)) == 0
 
 
 # --- the robot's looks ---

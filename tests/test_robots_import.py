@@ -162,6 +162,7 @@ REFUSED = {
         "can be steered by joint 'knuckle_joint'",
     ),
     "tyres of meshes": (UrdfRobot(drums=False).text(), "give --wheel-radius and --wheel-width"),
+    "tyres of two sizes": (WHEELS.replace('radius="0.15"', 'radius="0.2"', 1), "from 0.15 to 0.2 m"),
     "no masses": (WHEELS.replace('<mass value="40.0"/>', '<mass value="0"/>'), "its body has no mass"),
     "not XML": ("schema = 1", "this is no XML"),
     "xacro": ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="a"/><xacro:a/></robot>', "expand it first"),

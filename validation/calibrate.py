@@ -35,7 +35,7 @@ from validation.report.report import FINISHED, Report
 from validation.robots import export_robot
 from validation.words import file_name, one_line
 
-REFUSED = ("sign", "swapped", "scale", "handedness")
+REFUSED = ("sign", "swapped", "scale", "handedness", "clock")
 """Kinds of faults with which no fit makes sense."""
 TRAINED = 2.0 / 3.0
 """Share of a log that is fitted to, from its beginning, where no other log is held out [1]."""

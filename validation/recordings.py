@@ -19,7 +19,7 @@ from validation.files.agreement import channels
 from validation.files.faults import REST_LEAST, Faults, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, read_log, write_log
 from validation.files.limits import USUAL
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
+from validation.files.log import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
 from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.reading import FileError, exists, read_file
 from validation.report.columns import DEGREES, Unit
@@ -199,8 +199,10 @@ def _next_step(o: Info, log: Log, faults: Faults) -> str:
     path += f" --columns {shlex.quote(columns)}" * bool(columns)
     if faults.named:
         return "next: correct the faults in the log, for every comparison and fit believes its columns"
-    if not log.has(POSE_COLUMNS):
-        return f"there is no pose, so no prediction of one can be judged; {_without_pose(log)}"
+    if missing := [name for name in POSE_COLUMNS if not log.has((name,))]:
+        others = ", ".join(name for name in log.columns if name not in COLUMNS)
+        known = f"; if one of {others} is it, --columns {missing[0]}=NAME says so" * bool(others)
+        return f"there is no {', '.join(missing)}, so no prediction of a pose can be judged{known}; {_without_pose(log)}"
     if log.has(COMMAND_COLUMNS["wheels"]):
         return f"next: python -m validation.calibrate {path} --robot {name}"
     if not log.has(COMMAND_COLUMNS["twist"]) and not log.has(("odom_v", "odom_w")):

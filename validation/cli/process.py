@@ -151,8 +151,6 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
         SystemExit: it asked for help.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    for at in [i for i, pair in enumerate(itertools.pairwise(words)) if pair == ("--view", "web")]:
-        words[at : at + 2] = ["--view-web"]
     if isinstance(main, Mapping) and words and not words[0].startswith("-") and words[0] not in main:
         raise UserError(f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}")
     errors, shown = io.StringIO(), io.StringIO()

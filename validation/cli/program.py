@@ -66,14 +66,12 @@ class Filmed(Common):
 
     view: Annotated[Flag, option(default="off")] = False
     """Open the recording in the rerun viewer afterwards."""
-    view_web: Annotated[Flag, option(default="off")] = False
-    """Serve the recording to a browser on this machine afterwards, until Ctrl-C; --view web is the same."""
     no_rerun: Annotated[Flag, option(default="off")] = False
     """Do not write the rerun recording (.rrd)."""
 
     def check(self) -> None:
         """Raise a UserError where a recording is to be shown that is not written, or to be written without rerun."""
-        if (self.view or self.view_web) and self.no_rerun:
+        if self.view and self.no_rerun:
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
         if not self.no_rerun and find_spec("rerun") is None:
             raise UserError("the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun")
@@ -151,10 +149,10 @@ def finish(report: Report, options: Common, folder: Path) -> None:
     for sentence in report.alarms:
         warn(sentence)
     report_result(report, written)
-    if film is not None and (film.view or film.view_web):
-        from validation.report.viewer import open_viewer, serve_viewer
+    if film is not None and film.view:
+        from validation.report.viewer import open_viewer
 
-        (open_viewer if film.view else serve_viewer)(folder / f"{report.program}.rrd")
+        open_viewer(folder / f"{report.program}.rrd")
     if report.failure is not None:
         raise report.failure
     if report.status == INTERRUPTED:

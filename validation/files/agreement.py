@@ -31,11 +31,20 @@ _FEWEST, _MOST = 20, 4000
 """Number of windows that say anything of signals, and number of them that suffices."""
 _ALIKE = 0.65
 """Size of a correlation from which two signals tell of the same motion."""
-_SURE, _UNLIKE = 0.8, 0.3
-"""Correlations of signals that surely tell of one motion, and of a signal that tells of none."""
+_SURE, _LESS_ALIKE, _SLIPS = 0.8, 0.3, 0.7
+"""Correlation of signals that surely tell of one motion, and how much less a signal has that tells of none, or wheels that
+slip."""
+_SAME, _SUM, _CLEARLY = 0.9, 0.97, 0.2
+"""Correlations of signals that differ by noise alone, and of one with a sum of others; and the logarithm of a factor beyond
+what can be that is no noise."""
+_SIDES_DIFFER, _TOGETHER = 1.5, 8.0
+"""Factor by which one side of wheels may count for more than the other in how the robot turns, 1.1 on ice; and ratio of the
+singular values of their rates from which they turn together too much to tell."""
+_MOST_LAG, _CLOCKS_GAIN = 120, 0.1
+"""Longest difference of two clocks that is looked for, in steps, and what correlation must gain by it [1]."""
 _FAR = math.log(3.0)
 """Logarithm of the factor beyond what can be from which signals contradict each other that are only alike, as on ice."""
-_MEDIAN, _LEAST_SLIP = 60.0, 85.0
+_SHARES = 60.0, 85.0
 """Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip make smaller, as on ice."""
 _GAIN, _GAIN_OF_UNITS = 0.5, 0.8
 """Gains of agreement from which a correction names a fault: of signals that were unlike, and of one in another unit."""
@@ -128,10 +137,11 @@ def channels(log: Log) -> Channels | None:
     """Return the channels of a log, each brought to the time of the first; None where there is too little to compare."""
     groups = [g for name in ("wheels", "odom", "imu", "cmd", "pose") if (g := log.groups.get(name)) is not None]
     start, stop = max((g.t[0] for g in groups), default=0.0), min((g.t[-1] for g in groups), default=0.0)
-    unit = float(min(1.0, max(0.0, stop - start) / _SHORT_S))
+    period = min((g.period for g in groups), default=0.0)
+    unit = max(min(1.0, max(0.0, stop - start) / _SHORT_S), 2.0 * period / _STEP_S)
     margin = unit * (_WINDOW_S + float(_LAGS[-1]))
     step = unit * _STEP_S
-    if len(groups) < 2 or (stop - start - 2.0 * margin) < _FEWEST * step or min(g.period for g in groups) > 0.5 * step:
+    if len(groups) < 2 or (stop - start - 2.0 * margin) < _FEWEST * step:
         return None
     middles = start + margin + step * np.arange(min(_MOST, math.floor((stop - start - 2.0 * margin) / step)))
     means, known, explaining = dict[str, FloatArray](), np.ones(len(middles), dtype=bool), list[FloatArray]()
@@ -189,6 +199,29 @@ def _lag(
     return best
 
 
+def apart(log: Log) -> Iterator[LogFault]:
+    """Yield a fault if headings come so much earlier or later than gyro or wheels that no delay can be taken out."""
+    sums = {name: way for group in log.groups.values() for name, way in _sums(group).items()}
+    left, right = (sums.get(name) for name in COMMAND_COLUMNS["wheels"])
+    if left and right:
+        sums["wheels"] = left[0], np.interp(left[0], *right) - left[1]
+    first, yaw = next((name for name in ("gyro_z", "wheels") if name in sums), ""), sums.get("yaw")
+    if not first or not yaw:
+        return
+    (t, way), start = sums[first], max(sums[first][0][0], yaw[0][0])
+    grid = np.arange(start, min(t[-1], yaw[0][-1], start + _MOST), _STEP_S)
+    a, b = (np.diff(np.interp(grid, *each)) for each in ((t, way), yaw))
+    most = min(_MOST_LAG, len(a) // 3)
+    alike = [
+        abs(_likeness(a[max(0, -k) : len(a) - max(0, k)], b[max(0, k) : len(b) + min(0, k)])) for k in range(-most, most + 1)
+    ]
+    near = round(_LAGS[-1] / _STEP_S)
+    late = _STEP_S * (int(np.argmax(alike)) - most)
+    if max(alike) > max(_SAME, max(alike[max(0, most - near) : most + near + 1]) + _CLOCKS_GAIN):
+        what = f"yaw tells of turns about {abs(late):.1f} s {'after' if late > 0.0 else 'before'} {first}"
+        yield LogFault("clock", ("t",), f"{what}: their clocks differ, and no delay so long is taken out")
+
+
 # ------------------------------------------------------------------------------------------ do they agree
 class _Measure(NamedTuple):
     """One signal of a rate, with how many times the true rate it is: at least, usually and at most."""
@@ -235,7 +268,7 @@ def _agreement(signals: Channels, radius: float | None) -> float:
     """Return how well the signals agree: a sum over pairs, 1 where they agree and -1 where they contradict each other."""
     total = sum(
         _agree(a, b, share)
-        for measures, share in zip(_measures(signals, radius), (_MEDIAN, _LEAST_SLIP), strict=True)
+        for measures, share in zip(_measures(signals, radius), _SHARES, strict=True)
         for a, b in combinations(measures, 2)
     )
     if all(name in signals for name in POSE_COLUMNS):
@@ -262,17 +295,27 @@ def _percentile(values: FloatArray, percent: float) -> float:
     return float(np.interp(0.01 * percent * (len(values) - 1), np.arange(len(values)), np.sort(values)))
 
 
-def _agree(a: _Measure, b: _Measure, share: float) -> float:
-    """Return how well two measures of one rate agree: their likeness, less 1 if this percentile of their ratio cannot be."""
+def _compared(a: _Measure, b: _Measure, share: float) -> tuple[float, float, float]:
+    """Return how two measures of one rate compare, zeros where there is too little of them.
+
+    These are their likeness, the logarithm of the percentile `share` of their ratio, and by how much it cannot be.
+    """
     both = np.isfinite(a.values) & np.isfinite(b.values)
     x, y = a.values[both], b.values[both]
     alike = _likeness(x, y)
     if abs(alike) < _ALIKE or len(x) < _FEWEST:
-        return 0.0
+        return 0.0, 0.0, 0.0
     size = np.abs(y)
     moving = (size >= _percentile(size, 60.0)) & (size > 0.0)
     ratio = math.log(max(_percentile(np.abs(x[moving] / y[moving]), share), 1e-9))
-    beyond = max(0.0, math.log(a.least / b.most) - ratio, ratio - math.log(a.most / b.least))
+    return alike, ratio, max(0.0, math.log(a.least / b.most) - ratio, ratio - math.log(a.most / b.least))
+
+
+def _agree(a: _Measure, b: _Measure, share: float) -> float:
+    """Return how well two measures of one rate agree: their likeness, less 1 if this percentile of their ratio cannot be."""
+    alike, ratio, beyond = _compared(a, b, share)
+    if not alike:
+        return 0.0
     unusual = abs(ratio - math.log(a.usual / b.usual))  # so that of several units the most usual one is taken
     impossible = min(1.0, 20.0 * beyond) if abs(alike) > _SURE or beyond > _FAR else 0.0  # units change no likeness
     return alike - impossible - 0.02 * min(5.0, unusual)
@@ -305,19 +348,52 @@ def contradictions(signals: Channels, radius: float | None = None) -> list[LogFa
         columns = tuple(dict.fromkeys(name for names in (best, *others) for name in names.columns))
         words = ", or ".join(f"{_seem(c.columns)} to {c.what}" for c in (best, *others))
         faults.append(LogFault(best.kind, columns, f"{words}; as it stands, the log contradicts itself"))
-    return faults + list(_strangers(signals, radius))
+    return [*faults, *_strangers(signals, radius), *_unlike_sides(signals)]
 
 
 def _strangers(signals: Channels, radius: float | None) -> Iterator[LogFault]:
     """Yield a fault for each signal that resembles none of the others, although they resemble one another."""
-    for measures in _measures(signals, radius):
+    for measures, share in zip(_measures(signals, radius), _SHARES, strict=True):
         measured = [m for m in measures if not set(m.columns) <= set(COMMAND_COLUMNS["twist"])]
         for m in measured:
             others = [o.values for o in measured if o is not m]
-            sure = len(others) > 1 and all(_likeness(a, b) > _SURE for a, b in combinations(others, 2))
-            if sure and all(abs(_likeness(m.values, o)) < _UNLIKE for o in others) and np.any(m.values):
+            sure = min((_likeness(a, b) for a, b in combinations(others, 2)), default=0.0)
+            less = _SLIPS if m.columns == COMMAND_COLUMNS["wheels"] else _LESS_ALIKE
+            unlike = all(abs(_likeness(m.values, o)) < sure - less for o in others)
+            if sure > _SURE and unlike and np.any(m.values):
                 what = "be another axis or quantity: the other columns resemble one another, and not this"
                 yield LogFault("swapped", m.columns, f"{_seem(m.columns)} to {what}")
+        for a, b in combinations(measured, 2):
+            alike, ratio, beyond = _compared(a, b, share)
+            moves = max(_percentile(np.abs(m.values) / m.usual, 60.0) for m in (a, b)) > _MOVES
+            if abs(alike) > _SURE and beyond > _CLEARLY and moves:
+                factor = math.exp(ratio) * b.usual / a.usual
+                one, other = (" and ".join(m.columns) for m in (a, b))
+                words = f"{one} {_tell(a)} {factor:.2g} times the motion that {other} {_tell(b)}"
+                yield LogFault("scale", (*a.columns, *b.columns), f"{words}: one of them, or t, is in another unit")
+
+
+def _unlike_sides(signals: Channels) -> Iterator[LogFault]:
+    """Yield a fault if a rate of one side's wheels counts for much more than one of the other's in how the robot turns."""
+    wheels = COMMAND_COLUMNS["wheels"]
+    turning = next((signals[name] for name in ("yaw", "gyro_z") if name in signals), None)
+    if turning is None or not set(wheels) <= set(signals):
+        return
+    rates = np.column_stack([signals[name] for name in wheels])
+    (left, right), _, _, (most, least) = np.linalg.lstsq(rates, turning)
+    explained = _likeness(rates @ (left, right), turning)
+    if (
+        explained > _SUM
+        and least * _TOGETHER > most
+        and left < 0.0 < right
+        and not 1.0 / _SIDES_DIFFER < -left / right < _SIDES_DIFFER
+    ):
+        what = f"a rate of enc_left turns the robot {-left / right:.2g} times as much as one of enc_right"
+        yield LogFault("scale", wheels, f"{what}: one of them is in another unit, or loses samples")
+
+
+def _tell(m: _Measure) -> str:
+    return "tell" + "s" * (len(m.columns) == 1)
 
 
 def _seem(columns: Sequence[str]) -> str:

@@ -20,6 +20,9 @@ from validation.files.log import RECORDED, Column, Group, Log, ReadOptions, colu
 from validation.files.reading import FileError, opened, quoted
 from validation.store import write_atomic
 
+_SEPARATORS = {";": "semicolons separate", "\t": "tabs separate", "#": "a comment stands before", " ": "spaces separate"}
+"""Signs in a first line without a comma, and what they do there."""
+
 _logger = logging.getLogger(__name__)
 
 
@@ -64,9 +67,9 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
         raise FileError(path, "the file is empty; wanted a header line with the names of columns, and lines of numbers")
     if "\0" in "".join(header):
         raise FileError(path, "there is a NUL byte; wanted a CSV file, which is plain UTF-8 text", header_line)
-    if width == 1 and ";" in header[0]:
-        what = "semicolons separate the columns; wanted commas between them, and points in numbers"
-        raise FileError(path, what, header_line)
+    if width == 1:
+        what = next((said for sign, said in _SEPARATORS.items() if sign in header[0]), "nothing separates")
+        raise FileError(path, f"{what} the columns; wanted commas between them, and points in numbers", header_line)
     if width > limits.columns:
         raise FileError(path, f"there are {width} columns, but {limits.says('columns')}", header_line)
     most = min(limits.samples, limits.cells // width)
@@ -111,7 +114,7 @@ def _rows(path: Path, limits: LogLimits) -> Iterator[tuple[int, list[str]]]:
 
 
 def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
-    """Read a log. A column besides `t` and `RECORDED` that is not made of numbers throughout is left out with a warning.
+    """Read a log. Columns without a name are left out; with a warning those of other names that are not numbers throughout.
 
     Raises:
         FileError: the file cannot be read, is no valid log or is beyond the limits.
@@ -123,6 +126,8 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     _check_names(table)
     columns: dict[str, FloatArray] = {}
     for place, name in enumerate(table.header):
+        if not name:  # an index, as pandas writes it, or a comma at the end of each line
+            continue
         empty = np.isnan(table.columns[place])
         if name != "t" and table.bad[place] is None and np.any(empty) and np.count_nonzero(~empty) > 1:
             columns[name] = table.columns[place]
@@ -187,11 +192,12 @@ def _check_names(table: CsvTable) -> None:
     for wanted, some in (("column t", ("t",)), ("known column", RECORDED)):
         if not any(n in some for n in names):
             what = f"there is no {wanted} among {quoted(names)}; a log's header names t and any of {', '.join(RECORDED)}"
+            what += "; --columns t=NAME,x=NAME says which columns have other names"
             raise FileError(path, what, line)
     for k, name in enumerate(names):
-        if not is_column_name(name):
+        if name and not is_column_name(name):
             raise FileError(path, f"{quoted([name])} names no column; wanted printable text", line, f"number {k + 1}")
-        if name in names[:k]:
+        if name and name in names[:k]:
             raise FileError(path, "the header names this column twice; each needs a name of its own", line, name)
 
 

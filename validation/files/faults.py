@@ -18,7 +18,7 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import integral
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
-from validation.files.agreement import LogFault, channels, contradictions, frozen
+from validation.files.agreement import LogFault, apart, channels, contradictions, frozen
 from validation.files.log import ANY_COLUMN, COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
 from validation.files.reading import FileError
 from validation.files.signals import TIME_ROUNDOFF, fresh_poses, moving_mean, nearest
@@ -300,7 +300,7 @@ def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
         return
     signals, faults = channels(log), list[LogFault]()
     if signals is not None:
-        faults = [*contradictions(signals, radius), *frozen(signals)]
+        faults = [*apart(log), *contradictions(signals, radius), *frozen(signals)]
     dead = tuple(name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"])  # joysticks command nothing
     if unsaid := tuple(name for name in dead if not any(name in fault.columns for fault in faults)):
         faults.append(LogFault("frozen", unsaid, f"{_DEAD}: {', '.join(unsaid)}"))

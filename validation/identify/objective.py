@@ -223,8 +223,10 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
         return [make(r, cost, s / sum(seconds), b) for (_, r), s, b in zip(pieces, seconds, blocks, strict=True)]
     counts = np.sum([[len(p.windows(overlapping_windows, r.t, h)[0]) for h in cost.horizons] for p, r in pieces], axis=0)
     if not counts.all():
+        if not any(piece.moves is None or piece.moves.any() for piece, _ in pieces):
+            raise ValueError("the robot stands all the time, so nothing tells how it moves; record a drive")
         raise ValueError(
             f"no window of {cost.horizons[int(np.argmin(counts))]:g} s in which the robot moves fits between gaps and "
-            f"jumps; the longest stretch without a gap has {max(seconds):.1f} s; name shorter horizons"
+            f"jumps; the longest stretch without a gap has {max(seconds):.1f} s: record a longer drive"
         )
     return [HorizonRater(r, p, cost, list(counts), b) for (p, r), b in zip(pieces, blocks, strict=True)]

@@ -33,6 +33,8 @@ _LEAST_MASS = 1e-9
 """Mass that MuJoCo gives to bodies without one [kg], so that it takes them."""
 _PARALLEL, _UPRIGHT = 0.985, 0.9
 """Least share of y in the axis of a wheel (ten degrees), and of z in that of a joint that steers [1]."""
+_SAME_SIZE = 0.02
+"""Greatest difference of two tyres of one size, over the larger [1]."""
 _ASKEW = 0.05
 """Greatest distance of a wheel from the corner of a rectangle, over its shorter side [1]."""
 _SIDEWAYS_WORDS = re.compile(r"mecanum|omni_?wheel|swedish")
@@ -325,7 +327,7 @@ class _Import:
         """Say radius and width of the tyres: given, or those of their cylinders of collision.
 
         Raises:
-            ValueError: neither.
+            ValueError: neither, or cylinders of different sizes.
         """
         model, sizes = self.model, []
         for wheel in self.wheels:
@@ -337,7 +339,11 @@ class _Import:
             if given is not None:
                 self.entries[f"geometry.{key}"] = given, "measured: given to `import`"
             elif sizes:
-                self.read(f"geometry.{key}", twice * float(np.mean(sizes, axis=0)[column]), "cylinders of the tyres")
+                each = twice * np.array(sizes)[:, column]
+                if np.ptp(each) > _SAME_SIZE * each.max():
+                    what = f"from {each.min():.4g} to {each.max():.4g} m; here all four have the same"
+                    raise ValueError(f"its tyres have a {key} {what}: give --{key.replace('_', '-')}")
+                self.read(f"geometry.{key}", float(each.mean()), "cylinders of the tyres")
             else:
                 raise ValueError("its tyres are no cylinders: measure them, and give --wheel-radius and --wheel-width")
 

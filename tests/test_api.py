@@ -52,7 +52,7 @@ def test_an_import_is_quick_and_loads_no_engine(package: str) -> None:
 def test_results_and_profiles_can_be_pickled() -> None:
     lab, small = load_profile("thesis-lab"), {"generations": 1, "population": 6}
     results = (
-        validation.compare("traj4", lab, plants=("linear",), reference="improved"),
+        validation.compare("traj4", lab, plants="linear", reference="improved"),
         track("pid", "circle", profile=lab, plant="linear"),
         fit("linear", "traj4@linear", profile=lab, search="jde", **small),
         tune("lqr", "circle@0.5", lab, plants=("linear",), held_out=(), **small),

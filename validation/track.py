@@ -117,11 +117,6 @@ class TrackOptions(cli.Filmed):
         """Encoders and gyro of the state filter."""
         return SensorModel(gyro_bias=self.gyro_bias)
 
-    @property
-    def plants(self) -> tuple[str, ...]:
-        """Names of the plants."""
-        return (self.plant,) if isinstance(self.plant, str) else tuple(self.plant)
-
     def names(self) -> tuple[str | type, Waypoints | str | Path]:
         """Return controller and reference, see `cli.controller_and_reference`."""
         if isinstance(self.reference, Waypoints):
@@ -150,7 +145,7 @@ def track(o: TrackOptions) -> Tracked:
         ValueError: a name that there is not, a file that cannot be read, a reference that no wheel can follow, or values
             that do not go together.
     """
-    plants = o.plants
+    plants = tuple(o.plant)
     if not 1 <= len(set(plants)) == len(plants) <= MOST_BESIDE:
         named = ", ".join(plants) or "none"
         raise ValueError(f"plant must name 1 to {MOST_BESIDE} different plants, got {named}")

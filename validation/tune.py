@@ -156,7 +156,7 @@ def tune(o: Tune) -> Tuned:
     law, robots = LAWS[o.controller], [make_robot(profile, name) for name in o.plants]
     simulated = any(name in SIMULATED for name in o.plants)
     settings = o.settings(*(_SIMULATED_SIZE if simulated else (law.population, law.generations)))
-    wanted = list(map(split_speed, [o.references] if isinstance(o.references, str) else o.references))
+    wanted = list(map(split_speed, o.references))
     cases = o.cases(wanted, robots)
     fastest, tuned_on = max(case.waypoints.speed for case in cases), [name for name, _ in wanted]
     usual = [(name, fastest) for name in HELD_OUT if name not in tuned_on]

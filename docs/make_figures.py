@@ -291,7 +291,7 @@ def draw() -> None:
         form = turn_on_the_spot(WHEELBASE, TRACK, half_width=HALF_WIDTH[shape]).multiplier
         name = "a point" if shape == "ellipsoid" else "a line"
         left.axhline(form, color="black", lw=0.8, ls=style, label=f"formula for {name}: {form:.3f}")
-    left.set(xscale="log", xlabel="time step [ms]", ylabel="wheels' yaw rate over the robot's", ylim=(1.7, 2.9))
+    left.set(xscale="log", xlabel="time step [ms]", ylabel="wheels' yaw rate over the robot's", ylim=(1.7, 3.5))
     left.set_xticks([1e3 * dt for dt in steps], [f"{1e3 * dt:g}" for dt in steps], minor=False)
     left.minorticks_off()
     left.legend(fontsize=8, frameon=False, loc="upper left")

@@ -109,11 +109,11 @@ def observe_rows(
         yaw = math.atan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
         v = math.cos(yaw) * qvel[i, 0] + math.sin(yaw) * qvel[i, 1]
         seen = Observation(x + off[0], y + off[1], yaw + off[2], v + off[3], qvel[i, 5] + off[4])
-        for p in range(len(ahead)):
-            seen_targets[p] = rows.targets[i, k + ahead[p]]
-        for m in range(len(past)):
+        for p, c in np.ndindex(seen_targets.shape):
+            seen_targets[p, c] = rows.targets[i, k + ahead[p], c]
+        for m, c in np.ndindex(past.shape):
             since = k - len(past) + m
-            past[m] = rows.commands[i, since] if since >= 0 else rows.before[i]
+            past[m, c] = rows.commands[i, since, c] if since >= 0 else rows.before[i, c]
         write_view(seen, seen_targets, past, out[i])
         for n in range(len(bounds)):
             number = out[i, n]

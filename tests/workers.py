@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 FIRST = ("test_closed_loop.py", "test_lanes.py", "test_faults.py")
-"""Of two workers one compiles the control loop while the other compiles the models, which neither then does again; the longest
-of all tests comes next."""
+"""Of two workers one compiles the control loop while the other compiles the models, and neither does the other's work again.
+The longest of all tests comes next."""
 
 
 def pytest_configure(config: pytest.Config) -> None:

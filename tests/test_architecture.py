@@ -149,11 +149,6 @@ PROTOCOL = {
     "T": "a type variable",
 }
 """Public names that several modules share on purpose, and why."""
-TO_BE_RENAMED = {
-    *("METRICS", "STRETCH", "Series", "as_document", "Row", "P", "FINISHED", "INTERRUPTED", "Report", "Table"),
-    *("grid", "headline", "markdown", "report_markdown", "side_by_side", "stacked", "option"),
-}
-"""Public names that still mean several things; none may join them."""
 
 
 def functions(name: str) -> list[ast.FunctionDef]:
@@ -190,7 +185,7 @@ def test_a_public_name_means_one_thing() -> None:
                     if isinstance(known, str) and not known.startswith("_"):
                         homes.setdefault(known, set()).add(name)
     shared = {known: sorted(places) for known, places in homes.items() if len(places) > 1}
-    assert {known: places for known, places in shared.items() if known not in PROTOCOL and known not in TO_BE_RENAMED} == {}
+    assert {known: places for known, places in shared.items() if known not in PROTOCOL} == {}
 
 
 def test_public_functions_say_what_they_do() -> None:

@@ -17,7 +17,7 @@ class Progress(NamedTuple):
     """The step under way in a few words, such as `traj4, mujoco` or `cost 0.0031`."""
 
 
-Report = Callable[[Progress], object]
+Progressing = Callable[[Progress], object]
 """A callback that takes each `Progress` as it happens. It is called from one thread at a time."""
 
 

@@ -48,7 +48,7 @@ class Common:
     out: Annotated[Path | None, option(metavar="DIR", default="runs/PROGRAM/...", help="Folder for the files.")] = None
     overwrite: Flag = False
     """Replace files that are there already."""
-    progress: Annotated[progress.Report, tyro.conf.Suppress, tyro.conf.Fixed] = progress.silent
+    progress: Annotated[progress.Progressing, tyro.conf.Suppress, tyro.conf.Fixed] = progress.silent
     """Called as the work goes on."""
 
     def folder(self) -> Path:
@@ -219,7 +219,7 @@ def writes(option: str, path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def shown(title: str) -> Iterator[progress.Report]:
+def shown(title: str) -> Iterator[progress.Progressing]:
     """Within, a progress bar on standard error; yield the callback that moves it.
 
     Where standard error is no terminal, a line every few seconds says the same: how much is done, what, and the time left.

@@ -17,7 +17,7 @@ from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.identify.search import Search
 from validation.report import drawing
-from validation.report.drawing import ALARM, Ink, Row
+from validation.report.drawing import ALARM, Ink, PanelRow
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
 from validation.words import shortened
@@ -160,7 +160,7 @@ def ending(search: Search, alarms: Sequence[str] = ()) -> dict[str, Any]:
     return {"status": INTERRUPTED, "alarms": (*alarms, sentence) if search.checkpoint else tuple(alarms)}
 
 
-def search_figure(report: SearchReport, ink: Ink, before: str, rows: Sequence[Row] = ()) -> Figure:
+def search_figure(report: SearchReport, ink: Ink, before: str, rows: Sequence[PanelRow] = ()) -> Figure:
     """Draw a search, 1600 px wide: course, values within their bounds, further rows and notes.
 
     Args:
@@ -175,7 +175,7 @@ def search_figure(report: SearchReport, ink: Ink, before: str, rows: Sequence[Ro
     page = [
         drawing.text_row(0.3, partial(drawing.draw_section, shortened(report.title, 110))),
         drawing.text_row(0.25, partial(drawing.draw_footer, f"{report.effort} · seed {report.document['seed']}")),
-        Row(height, first),
+        PanelRow(height, first),
         *rows,
         *drawing.note_rows(report.notes()),
     ]

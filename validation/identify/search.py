@@ -26,7 +26,7 @@ from validation.files import reading
 from validation.identify.problem import FitProblem
 from validation.identify.refine import Remembered, arrivals
 from validation.identify.tuning import TuneProblem
-from validation.progress import Progress, Report, silent
+from validation.progress import Progress, Progressing, silent
 
 CHECKPOINT = "checkpoint.npz"
 """Name of the file in the folder of the results that a search's state is kept in."""
@@ -101,7 +101,7 @@ class Search:
     """Digests of all that decides the outcome, by what they are digests of."""
     checkpoint: Path | None = None
     """File that the state is written to after every generation."""
-    progress: Report = silent
+    progress: Progressing = silent
     """Called as the search goes on."""
     wall_s: float = 0.0
     """Time that the search took [s], over all its runs."""

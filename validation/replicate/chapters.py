@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any, NamedTuple
 
-from validation.progress import Report as Progressing
+from validation.progress import Progressing
 from validation.report.columns import Unit, ending_of
-from validation.report.drawing import Row as PanelRow
+from validation.report.drawing import PanelRow
 from validation.report.table import Row, Table, markdown_table
 from validation.thesis.verdicts import Pair, Rows, Verdict, criterion_of, judge, judge_row
 from validation.words import markdown

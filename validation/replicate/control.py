@@ -29,7 +29,7 @@ from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress
 from validation.replicate.chapters import Findings, Section, Task, judged
-from validation.report.drawing import Row, draw_section, inset, plain_ticks, side_by_side, text_row
+from validation.report.drawing import PanelRow, draw_section, inset, plain_ticks, side_by_side, text_row
 from validation.report.palette import VERDICT_INKS
 from validation.thesis import published
 from validation.thesis.verdicts import RULE_OF, Pair, Rows, Rule, Supposed
@@ -229,7 +229,7 @@ def _tracked(task: Task) -> Findings:
     return Findings({**tables, "4.37": repeated}, {"seeds": task.budget.draws}, panels=panels)
 
 
-def _drawn(tables: Mapping[str, Rows]) -> list[Row]:
+def _drawn(tables: Mapping[str, Rows]) -> list[PanelRow]:
     def draw(comparison: str, title: str, ax: Axes) -> None:
         some = {n: rows for n, rows in tables.items() if published.table(n)["comparison"] == comparison}
         labels = []

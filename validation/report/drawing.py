@@ -218,7 +218,7 @@ def draw_footer(text: str, ax: Axes) -> None:
 
 
 @dataclass(frozen=True)
-class Row:
+class PanelRow:
     """Panels side by side."""
 
     height: float
@@ -239,17 +239,17 @@ class Row:
             x += share * room
 
 
-def side_by_side(height: float, panels: Sequence[Panel]) -> Row:
+def side_by_side(height: float, panels: Sequence[Panel]) -> PanelRow:
     """Return a row of panels of equal width."""
-    return Row(height, tuple((1.0 / len(panels), panel) for panel in panels))
+    return PanelRow(height, tuple((1.0 / len(panels), panel) for panel in panels))
 
 
-def text_row(height: float, panel: Panel) -> Row:
+def text_row(height: float, panel: Panel) -> PanelRow:
     """Return a row without axes."""
-    return Row(height, ((1.0, panel),), bare=True)
+    return PanelRow(height, ((1.0, panel),), bare=True)
 
 
-def footer_row(profile: str, terrain: Terrain, words: Iterable[str], versions: Mapping[str, str]) -> Row:
+def footer_row(profile: str, terrain: Terrain, words: Iterable[str], versions: Mapping[str, str]) -> PanelRow:
     """Return a line that says how robots were driven: by which profile, on which ground, by which versions."""
     ground = [] if terrain == FLAT else [f"terrain {terrain.spec}"]
     used = [f"{name} {versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in versions]
@@ -257,7 +257,7 @@ def footer_row(profile: str, terrain: Terrain, words: Iterable[str], versions: M
     return text_row(0.22, partial(draw_footer, shortened(" · ".join(parts), 170)))
 
 
-def note_rows(notes: Sequence[str]) -> list[Row]:
+def note_rows(notes: Sequence[str]) -> list[PanelRow]:
     """Return sentences below a heading, as many lines as they need, each behind a bullet; nothing for none."""
     lines = [line for note in notes for line in textwrap.wrap(note, _WRAP, initial_indent="• ", subsequent_indent="   ")]
     if not lines:
@@ -271,7 +271,7 @@ def note_rows(notes: Sequence[str]) -> list[Row]:
     return [text_row(_SECTION_IN, partial(draw_section, "Notes")), text_row(0.08 + _LINE_IN * len(lines), draw)]
 
 
-def put_together(rows: Sequence[Row]) -> Figure:
+def put_together(rows: Sequence[PanelRow]) -> Figure:
     """Draw rows from top to bottom into a figure 1600 px wide.
 
     The figure is drawn once, so that its ticks have this style too; `save_figure` writes that drawing.

@@ -27,7 +27,7 @@ from validation.report.drawing import (
     QUIET,
     Dashes,
     HorizonMarks,
-    Row,
+    PanelRow,
     at_least,
     corner_note,
     draw_dart,
@@ -246,9 +246,9 @@ def draw_loads(comparison: Comparison, motion: Track, ax: Axes) -> None:
 # --- all of it ---
 
 
-def _panels(comparison: Comparison) -> list[Row]:
+def _panels(comparison: Comparison) -> list[PanelRow]:
     """Return the panels below the paths, row by row; those without data are left out."""
-    motions, rows = compared_tracks(comparison), list[Row]()
+    motions, rows = compared_tracks(comparison), list[PanelRow]()
     if shown := {n: r for n, r in comparison.plants.items() if r.horizons}:
         marks = [HorizonMarks(n, ink_of(n), _MARKERS.get(n, "o"), r.horizons, r.overlapping) for n, r in shown.items()]
         rows.append(side_by_side(2.3, [partial(draw_horizons, marks, "position"), partial(draw_horizons, marks, "yaw")]))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import groupby
 from typing import Any
 
 import rich.table
 from rich import box
 from rich.cells import cell_len
-from rich.console import Console
+from rich.console import Console, Group
 from rich.measure import Measurement
 from rich.text import Text
 
@@ -141,8 +141,8 @@ _LABEL, _PROSE = 16, 30
 """Widths down to which a column of labels and one of sentences are wrapped."""
 
 
-def rich_table(grid: Grid, width: int | None = None) -> rich.table.Table:
-    """Draw a grid for the terminal. Foreign texts go in as they are, never as markup.
+def rich_table(grid: Grid, width: int | None = None) -> Group:
+    """Draw a grid for the terminal, its caption below. Foreign texts go in as they are, never as markup.
 
     Args:
         grid: what to draw.
@@ -160,13 +160,14 @@ def rich_table(grid: Grid, width: int | None = None) -> rich.table.Table:
         shown.remove(missing[0])
     names = ", ".join(one_line(grid.header[k][0]) for k in missing)
     left_out = f"left out for want of room: {names}\n" if missing else ""
-    return _drawn(replace(grid, caption=(left_out + grid.caption).rstrip()), shown)
+    caption = (left_out + grid.caption).rstrip()
+    return Group(_drawn(grid, shown), *([Text(each_line(caption), style="table.caption")] if caption else []))
 
 
 def _drawn(grid: Grid, shown: Iterable[int]) -> rich.table.Table:
     table = rich.table.Table(
-        box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, title_justify="left", caption_justify="left",
-        title=Text(each_line(grid.title), style="bold"), caption=Text(each_line(grid.caption)),
+        box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, title_justify="left",
+        title=Text(each_line(grid.title), style="bold"),
     )  # fmt: skip
     last = len(grid.header) - 1
     for k in shown:

@@ -18,7 +18,7 @@ from validation.report.drawing import (
     NARROW,
     REFERENCE_DASHES,
     REFERENCE_INK,
-    Row,
+    PanelRow,
     at_least,
     draw_dart,
     draw_header,
@@ -151,7 +151,7 @@ def draw_track(robots: Sequence[TrackedRobot]) -> Figure:
     if width > _WIDE * height:
         above = [side_by_side(float(np.clip(12.0 * height / width + 0.75, 1.5, 2.25)), [paths]), side_by_side(2.0, speeds)]
     else:
-        above = [Row(3.6, ((0.3, paths), (0.35, speeds[0]), (0.35, speeds[1])))]
+        above = [PanelRow(3.6, ((0.3, paths), (0.35, speeds[0]), (0.35, speeds[1])))]
     lost = [f"{r.plant} was {lost_text(r.run)}" for r in robots if r.run.lost]
     first = robots[0]
     gains = " · ".join(f"{name} {value:.4g}" for name, value in first.gains.items())

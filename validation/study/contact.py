@@ -302,4 +302,4 @@ def _draw(study: Report) -> Figure:
         (0.2, "to_improved_m", "to improved [m]"),
     )
     bars = tuple((share, partial(draw, column, title, k == 0)) for k, (share, column, title) in enumerate(panels))
-    return picture(study, [drawing.Row(1.2 + 0.22 * len(rows), bars)])
+    return picture(study, [drawing.PanelRow(1.2 + 0.22 * len(rows), bars)])

@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 from ssmr.errors import SsmrError
 from validation import cli
 from validation.plants.profile import Profile, choose_profile
-from validation.progress import Progress, silent
-from validation.progress import Report as Progressing
+from validation.progress import Progress, Progressing, silent
 from validation.report import drawing
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.words import one_line
@@ -112,7 +111,7 @@ def sweep(
     return Swept([rows[name] for name in variants if name in rows], notes, status)
 
 
-def picture(study: Report, rows: Sequence[drawing.Row]) -> Figure:
+def picture(study: Report, rows: Sequence[drawing.PanelRow]) -> Figure:
     """Return rows of panels as a figure, with the title, the notes and the footer of a study."""
     title = drawing.text_row(0.3, partial(drawing.draw_section, study.title))
     footer = drawing.text_row(0.26, partial(drawing.draw_footer, study.made_by))

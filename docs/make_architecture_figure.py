@@ -41,12 +41,12 @@ def reduced(graph: Graph) -> Graph:
 
 def heights(graph: Graph) -> dict[str, int]:
     """Return the floor of each room, from 0: directly above the highest room that it imports."""
-    found: dict[str, int] = {}
+    entries: dict[str, int] = {}
 
     def of(room: str) -> int:
-        if room not in found:
-            found[room] = 1 + max((of(other) for other in graph[room]), default=-1)
-        return found[room]
+        if room not in entries:
+            entries[room] = 1 + max((of(other) for other in graph[room]), default=-1)
+        return entries[room]
 
     return {room: of(room) for room in sorted(graph)}
 

@@ -48,8 +48,8 @@ def draw() -> None:
     above.set(xlim=(0.38, -0.38), ylim=(-0.42, 0.5))
     along = np.linspace(-0.1, 0.1, 81)
     for ratio, style in ((1.0, "-"), (0.947, "--")):
-        found = [multiplier(float(x), 0.0, ratio) for x in along]
-        law.plot(along, found, style, color="0.3", lw=1.2, label=f"on the long axis, friction across/along {ratio:g}")
+        measured = [multiplier(float(x), 0.0, ratio) for x in along]
+        law.plot(along, measured, style, color="0.3", lw=1.2, label=f"on the long axis, friction across/along {ratio:g}")
     law.axhspan(RECORDED - 2.0 * ERROR, RECORDED + 2.0 * ERROR, color="0.85", label=f"recording: {RECORDED}, 95 %")
     law.set(
         xlabel="centre of mass ahead of the middle [m]",

@@ -60,7 +60,7 @@ def by_heading(setting: Setting, section: PlantProfile) -> tuple[np.ndarray, np.
     return (np.arange(BINS) + 0.5) * 90.0 / BINS, rates
 
 
-def draw_theory(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> None:
+def draw_theory(section: PlantProfile, result: dict[str, Setting], ax: Axes) -> None:
     """Draw yaw rate over heading for a friction circle and a friction polygon, in theory and in MuJoCo."""
     headings = np.linspace(0.0, 90.0, 181)
     y = whole_robot(-0.085, section)
@@ -77,7 +77,7 @@ def draw_theory(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> N
             ls=(0, (4, 2)),
             label=f"friction circle, {words}",
         )
-        measured = by_heading(found[key], section)
+        measured = by_heading(result[key], section)
         ax.plot(*measured, "o", color=colour, ms=3.5)
     ax.set(
         xlabel="heading relative to the friction axes [deg]",
@@ -94,10 +94,10 @@ def draw_theory(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> N
     print(f"circle: centre of rotation {turn.forward / turn.yaw_rate:.3f} m to the left")
 
 
-def draw_paths(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> None:
+def draw_paths(section: PlantProfile, measured: dict[str, Setting], ax: Axes) -> None:
     """Draw the path of the robot's middle while it turns on the spot."""
     for key, (colour, words) in LADDER.items():
-        motion = spin(found[key].plant(section))
+        motion = spin(measured[key].plant(section))
         tail = motion.t >= SPIN_LEAD
         xy, turned = motion.xy[tail] - motion.xy[tail][0], float(np.ptp(motion.yaw[tail]))
         last = words.endswith("middle")
@@ -108,11 +108,11 @@ def draw_paths(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> No
     ax.set_title("Path of the robot's middle, 36 s of turning", fontsize=10)
 
 
-def draw_speed(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> None:
+def draw_speed(section: PlantProfile, measured: dict[str, Setting], ax: Axes) -> None:
     """Draw the speed along trajectory 3, on ground turned by 45 degrees."""
     piece = replace(open_source("traj3").pieces[0], start=State(yaw=TURNED))
     for key, (colour, words) in LADDER.items():
-        motion: Trajectory = drive(found[key].plant(section), piece, section.localiser, SAMPLE)
+        motion: Trajectory = drive(measured[key].plant(section), piece, section.localiser, SAMPLE)
         ax.plot(motion.t, motion.twist[:, 0], color=colour, lw=1.0, label=words)
         print(f"{words}: up to {motion.twist[motion.t > 3.0, 0].max():.3f} m/s on trajectory 3")
     ax.axhline(0.5, color="black", lw=0.8, ls=":")
@@ -125,12 +125,12 @@ def draw_speed(section: PlantProfile, found: dict[str, Setting], ax: Axes) -> No
 def main() -> None:
     """Draw the three panels."""
     section = load_profile("thesis-lab").plants["mujoco"]
-    found = all_settings()
+    measured = all_settings()
     print(f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m")
     figure = Figure(figsize=(12.6, 3.9), dpi=120, layout="constrained")
     panels = figure.subplots(1, 3, width_ratios=(1.15, 0.85, 1.15))
     for draw, ax in zip((draw_theory, draw_paths, draw_speed), panels, strict=True):
-        draw(section, found, ax)
+        draw(section, measured, ax)
         ax.spines[["top", "right"]].set_visible(False)
     figure.savefig(OUT)
 

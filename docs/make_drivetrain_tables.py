@@ -71,8 +71,8 @@ def main(path: str) -> None:
             return bridge_reading(x[0] * effort + loss, samples.rate, x[3], sensor.ripple, sensor.idle) - samples.current
 
         bounds = ([1.0, -2.0, -2.0, 0.03], [60.0, 9.0, 9.0, 0.5])
-        found = least_squares(off, [12.0, 2.4, 3.0, 0.15], bounds=bounds, loss="soft_l1", f_scale=1.3)
-        return float(1.0 - np.mean(off(found.x) ** 2) / np.var(samples.current))
+        solution = least_squares(off, [12.0, 2.4, 3.0, 0.15], bounds=bounds, loss="soft_l1", f_scale=1.3)
+        return float(1.0 - np.mean(off(solution.x) ** 2) / np.var(samples.current))
 
     print("| contacts | R² | nearest slip scale | creep on a slope [mm/s] |\n|---|---:|---:|---:|")
     print(f"| Coulomb | {explains(law_shares(rates, COULOMB_SCALE)):.2f} | 0 | |")

@@ -207,9 +207,9 @@ def draw_thrust(ax: Axes) -> None:
     """Draw longitudinal slip over thrust."""
     shares = np.linspace(0.0, 0.999, 300)
     for n in ("mujoco", *STIFFNESSES[:3]):
-        found = np.array([thrust(n, s)[:2] for s in THRUSTS])
+        measured = np.array([thrust(n, s)[:2] for s in THRUSTS])
         words = "MuJoCo" if isinstance(n, str) else f"tyres, C = {n:g}"
-        ax.plot(found[:, 0], 100.0 * found[:, 1], "o", color=_COLOURS[n], ms=4.5, label=words)
+        ax.plot(measured[:, 0], 100.0 * measured[:, 1], "o", color=_COLOURS[n], ms=4.5, label=words)
         if not isinstance(n, str):
             ax.plot(shares, [100.0 * brush_slip(s, n) for s in shares], color=_COLOURS[n], lw=1.0)
             _draw_slipping(

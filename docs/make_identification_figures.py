@@ -40,8 +40,8 @@ OUT = Path(__file__).parent / "img" / "tile.png"
 
 
 def _provenance(plant: str) -> Mapping[str, Any]:
-    found: Mapping[str, Any] = load_profile("husky-tile").provenance[plant]
-    return found
+    measured: Mapping[str, Any] = load_profile("husky-tile").provenance[plant]
+    return measured
 
 
 def draw_tile() -> None:
@@ -99,14 +99,14 @@ def draw_tile() -> None:
 
 def _overlapping(t: FloatArray, fresh: NDArray[np.bool_] | None, horizon: float) -> tuple[IndexArray, IndexArray]:
     """Return the windows that begin every second."""
-    found: set[tuple[int, int]] = set()
+    entries: set[tuple[int, int]] = set()
     for offset in np.arange(0.0, horizon, 1.0):
         first = int(np.searchsorted(t, t[0] + offset - 1e-9))
         if first >= len(t) - 1:
             break
         starts, ends = horizon_windows(t[first:], horizon, None if fresh is None else fresh[first:])
-        found |= {(first + int(a), first + int(b)) for a, b in zip(starts, ends, strict=True)}
-    pairs = np.array(sorted(found), dtype=np.intp).reshape(-1, 2)
+        entries |= {(first + int(a), first + int(b)) for a, b in zip(starts, ends, strict=True)}
+    pairs = np.array(sorted(entries), dtype=np.intp).reshape(-1, 2)
     return pairs[:, 0], pairs[:, 1]
 
 

@@ -61,12 +61,12 @@ def print_agreement() -> None:
     print("\ntrajectory; final yaws: improved, mujoco [rad]; d_rms, d_haus [mm]; published; v_y, a omega [m/s]; demand")
     for scenario, motion in TRAJECTORIES.items():
         model, robot = driven(scenario, "improved"), driven(scenario, "mujoco")
-        found = compare_paths(model, robot)
+        metrics = compare_paths(model, robot)
         rate = float(np.abs(robot.twist[:, 2]).max())
         cells = (
             scenario,
             f"{model.yaw[-1]:.3f}, {robot.yaw[-1]:.3f}",
-            f"{1e3 * found['d_rms_m']:.0f}, {1e3 * found['d_haus_m']:.0f}",
+            f"{1e3 * metrics['d_rms_m']:.0f}, {1e3 * metrics['d_haus_m']:.0f}",
             f"{1e3 * published.value('3.12', scenario, 'd_rms_m'):.1f}",
             f"{np.abs(robot.twist[:, 1]).max():.3f}, {AXLE * rate:.3f}",
             f"{0.5 * np.abs(motion.commands().values[:, 1]).max():.3f}",
@@ -90,14 +90,14 @@ def draw_path(scenario: str, ax: Axes) -> None:
     model, robot = driven(scenario, "improved"), driven(scenario, "mujoco")
     for motion, plant, words in ((model, "improved", "improved model"), (robot, "mujoco", "the same numbers in MuJoCo")):
         ax.plot(*motion.xy.T, color=np.array(colour(plant)) / 255.0, lw=1.5, label=words)
-    found = compare_paths(model, robot)
+    metrics = compare_paths(model, robot)
     ax.set_aspect("equal")
     ax.set(xlim=(-0.2, 9.8), ylim=(-0.4, 4.0))
     ax.set_title(f"Trajectory {scenario[-1]}", fontsize=9.5, loc="left")
     words = (
         f"final yaws {model.yaw[-1]:.3f} and {robot.yaw[-1]:.3f} rad\n"
         f"sideways at up to {np.abs(robot.twist[:, 1]).max():.2f} m/s\n"
-        f"paths {1e3 * found['d_rms_m']:.0f} mm apart"
+        f"paths {1e3 * metrics['d_rms_m']:.0f} mm apart"
     )
     ax.text(0.0, 3.95, words, fontsize=8.5, va="top")
 

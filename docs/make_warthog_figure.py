@@ -47,15 +47,15 @@ def moving_windows(piece: Piece, horizon: float) -> tuple[IndexArray, IndexArray
 
 def signed_errors(source: Source, poses: list[FloatArray], horizon: float) -> FloatArray:
     """Return (W, 3) errors ahead, to the left [m] and of the heading [rad] over the moving windows of all pieces."""
-    found = []
+    rows = []
     for piece, pose in zip(source.pieces, poses, strict=True):
         assert piece.reference is not None
         starts, ends = moving_windows(piece, horizon)
         true, made = (relative(p[starts], p[ends]) for p in (piece.reference.pose, pose))
         error = relative(true, made)
         error[:, 2] = wrap_angle(error[:, 2])
-        found.append(error)
-    return np.concatenate(found)
+        rows.append(error)
+    return np.concatenate(rows)
 
 
 def window_errors(source: Source, profile: Profile, plant: str) -> WindowErrors:
@@ -68,7 +68,7 @@ def window_errors(source: Source, profile: Profile, plant: str) -> WindowErrors:
 
 def gyro_errors(source: Source) -> tuple[float, FloatArray]:
     """Return the delay of the localiser's heading behind the gyro [s], and (W,) errors of the gyro after 6 s [rad]."""
-    found = []
+    rows = []
     for late in np.arange(0.2, 0.5, 0.02):
         off = []
         for piece in source.pieces:
@@ -79,8 +79,8 @@ def gyro_errors(source: Source) -> tuple[float, FloatArray]:
             heading = integral(t, rate)
             turned = np.interp(t[ends] - late, t, heading) - np.interp(t[starts] - late, t, heading)
             off.append(np.abs(turned - (piece.reference.pose[ends, 2] - piece.reference.pose[starts, 2])))
-        found.append((float(late), np.concatenate(off)))
-    return min(found, key=lambda pair: float(pair[1].mean()))
+        rows.append((float(late), np.concatenate(off)))
+    return min(rows, key=lambda pair: float(pair[1].mean()))
 
 
 class Drift:
@@ -105,27 +105,27 @@ class Drift:
             steps = rotate_body_to_world(np.column_stack([v, -k * v * w]), yaw[:-1] + 0.5 * w * dt) * dt
             path = np.cumulative_sum(steps, axis=0, include_initial=True)
             path = path + rotate_body_to_world(np.tile([t_x, t_y], (len(path), 1)), yaw)
-            told, clock = piece.t - piece.t[0] - late, dt * np.arange(len(yaw))
-            columns = [np.interp(told, clock, c) for c in (*path.T, yaw + t_yaw)]
+            reported, clock = piece.t - piece.t[0] - late, dt * np.arange(len(yaw))
+            columns = [np.interp(reported, clock, c) for c in (*path.T, yaw + t_yaw)]
             poses.append(np.column_stack(columns))
         return signed_errors(self._source, poses, horizon)
 
     def cost(self, x: FloatArray) -> float:
         """Return the mean size of position errors [m] plus that of yaw errors [rad], over the horizons."""
-        found = [self.errors(x, h) for h in self._horizons]
-        return float(np.mean([np.hypot(e[:, 0], e[:, 1]).mean() + np.abs(e[:, 2]).mean() for e in found]))
+        measured = [self.errors(x, h) for h in self._horizons]
+        return float(np.mean([np.hypot(e[:, 0], e[:, 1]).mean() + np.abs(e[:, 2]).mean() for e in measured]))
 
     def fit(self, drifts: bool) -> FloatArray:
         """Return the numbers with the least cost; k is 0 unless the robot `drifts`."""
         x, free = self.START.copy(), np.eye(len(self.START))[: None if drifts else -1]
         for _ in range(_ROUNDS):
-            found = [self.errors(x, h) for h in self._horizons]
-            weight = [np.stack([1 / np.maximum(np.hypot(e[:, 0], e[:, 1]), _SMALL)] * 2, 1) for e in found]
+            measured = [self.errors(x, h) for h in self._horizons]
+            weight = [np.stack([1 / np.maximum(np.hypot(e[:, 0], e[:, 1]), _SMALL)] * 2, 1) for e in measured]
             weight = [
-                np.column_stack([p, 1 / np.maximum(np.abs(e[:, 2]), _SMALL)]) for p, e in zip(weight, found, strict=True)
+                np.column_stack([p, 1 / np.maximum(np.abs(e[:, 2]), _SMALL)]) for p, e in zip(weight, measured, strict=True)
             ]
             scale = np.concatenate([np.sqrt(p / len(p)).ravel() for p in weight])
-            now = np.concatenate([e.ravel() for e in found])
+            now = np.concatenate([e.ravel() for e in measured])
             there = [np.concatenate([self.errors(x + 1e-4 * d, h).ravel() for h in self._horizons]) for d in free]
             slope = np.column_stack([(e - now) * 1e4 for e in there])
             step = np.linalg.lstsq(slope * scale[:, None], -now * scale, rcond=None)[0] @ free
@@ -173,8 +173,8 @@ def main(path: str) -> None:
             x = kinematics.fit(drifts)
             e = kinematics.errors(x, 6.0)
             medians = f"{np.median(np.hypot(e[:, 0], e[:, 1])):.3f} m, {np.median(np.abs(e[:, 2])):.3f} rad"
-            found = ", ".join(f"{label} {value:.4f}" for label, value in zip(Drift.NAMES, x, strict=True))
-            print(f"  kinematics fitted to this part: cost {kinematics.cost(x):.4f}, {medians}; {found}")
+            measured = ", ".join(f"{label} {value:.4f}" for label, value in zip(Drift.NAMES, x, strict=True))
+            print(f"  kinematics fitted to this part: cost {kinematics.cost(x):.4f}, {medians}; {measured}")
         late, off = gyro_errors(source)
         print(f"  the gyro's heading, {late:.2f} s late: median {np.median(off):.3f} rad, mean {off.mean():.3f} rad")
     figure = Figure(figsize=(11.0, 6.4), layout="constrained")

@@ -96,15 +96,15 @@ class Turns:
 
 def moving(source: Source, horizon: float = HORIZON) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Return starts and ends of the windows in which wheels turn, piece by piece; none spans a gap or a jump."""
-    found = []
+    rows = []
     for piece in source.pieces:
         assert piece.t is not None
         assert piece.reference is not None
         starts, ends = piece.windows(overlapping_windows, piece.t, horizon)
         way = np.cumulative_sum(np.abs(piece.reference.wheels[:-1]).max(axis=1) * np.diff(piece.t), include_initial=True)
         turns = way[ends] - way[starts] > _MOVES
-        found.append((starts[turns], ends[turns]))
-    return found
+        rows.append((starts[turns], ends[turns]))
+    return rows
 
 
 def turns_of(source: Source) -> Turns:
@@ -126,27 +126,27 @@ def turns_of(source: Source) -> Turns:
 
 def fit_sides(turns: Turns, which: NDArray[np.intp] | None = None, start: Sides = START) -> Sides:
     """Return the numbers that make the sum of absolute errors of the windows least, all or those of `which`."""
-    rows, found, step = slice(None) if which is None else which, start, 0.02
+    rows, measured, step = slice(None) if which is None else which, start, 0.02
     for _ in range(_ROUNDS):
-        left, right = turns.wheels(found.late)
-        early, later = turns.wheels(found.late - step), turns.wheels(found.late + step)
-        slope = (found.right * (later - early)[1] - found.left * (later - early)[0]) / (2.0 * step)
+        left, right = turns.wheels(measured.late)
+        early, later = turns.wheels(measured.late - step), turns.wheels(measured.late + step)
+        slope = (measured.right * (later - early)[1] - measured.left * (later - early)[0]) / (2.0 * step)
         matrix = np.column_stack([-left, right, slope])[rows]
-        error = turns.errors(found)[rows]
+        error = turns.errors(measured)[rows]
         weight = 1.0 / np.sqrt(np.maximum(np.abs(error), _SMALL))
         change = np.linalg.lstsq(matrix * weight[:, None], -error * weight, rcond=None)[0]
-        found = Sides(*(np.array(found) + np.clip(change, -0.05, 0.05)))
-    return found
+        measured = Sides(*(np.array(measured) + np.clip(change, -0.05, 0.05)))
+    return measured
 
 
-def scatter(turns: Turns, found: Sides, seed: int = 0) -> tuple[float, float, float]:
+def scatter(turns: Turns, measured: Sides, seed: int = 0) -> tuple[float, float, float]:
     """Return standard errors of gain [1], radius difference [m] and delay [s] by resampled blocks of windows."""
     rng, n = np.random.default_rng(seed), len(turns.turned)
     drawn = []
     for _ in range(_DRAWS):
         begins = rng.integers(0, n, -(-n // _BLOCK))
         which = ((begins[:, None] + np.arange(_BLOCK)) % n).ravel()[:n]
-        again = fit_sides(turns, which, found)
+        again = fit_sides(turns, which, measured)
         drawn.append((again.gain, again.difference, again.late))
     gain, difference, late = np.std(drawn, axis=0)
     return float(gain), float(difference), float(late)
@@ -160,12 +160,12 @@ def interval(errors: FloatArray) -> OverlappingErrors:
 def scored(plant: PlantProfile, model: str, source: Source) -> OverlappingErrors:
     """Return how well a plant predicts headings in the windows of a recording that moves."""
     made = make_plant(Profile("", "", {model: plant}, {}), model)
-    found = []
+    rows = []
     for piece, (starts, ends) in zip(source.pieces, moving(source), strict=True):
         assert piece.reference is not None
         motion = drive(made, piece, plant.localiser, source.sample_dt)
-        found.append(relative_pose_error(motion.pose, piece.reference.pose, starts, ends)[1])
-    return interval(np.concatenate(found))
+        rows.append(relative_pose_error(motion.pose, piece.reference.pose, starts, ends)[1])
+    return interval(np.concatenate(rows))
 
 
 def text(errors: OverlappingErrors) -> str:
@@ -188,16 +188,16 @@ class Part(NamedTuple):
 
 def print_sides(turns: dict[str, Turns]) -> dict[str, Part]:
     """Print what headings say about the sides in each part, and return it."""
-    found = {}
+    entries = {}
     for name, part in turns.items():
         sides = fit_sides(part)
-        p = found[name] = Part(sides, *scatter(part, sides))
+        p = entries[name] = Part(sides, *scatter(part, sides))
         print(
             f"{name:18s} {len(part.turned):4d} windows: gain {sides.gain:.4f} ± {p.gain:.4f}, radius difference "
             f"{1e3 * sides.difference:+.1f} ± {1e3 * p.difference:.1f} mm, late {sides.late:+.3f} ± {p.late:.3f} s, "
             f"left over {text(interval(part.errors(sides)))}"
         )
-    return found
+    return entries
 
 
 def variants() -> dict[str, dict[str, Profile]]:
@@ -217,7 +217,7 @@ def variants() -> dict[str, dict[str, Profile]]:
     }
 
 
-def print_scores(rest: dict[str, Source], found: dict[str, Part], turns: dict[str, Turns]) -> Scores:
+def print_scores(rest: dict[str, Source], measured: dict[str, Part], turns: dict[str, Turns]) -> Scores:
     """Print the medians of the heading errors on the part of each log that no profile was fitted to, and return them.
 
     The last row of each ground is the floor: two radii over the track and a delay, fitted to that part itself.
@@ -229,7 +229,7 @@ def print_scores(rest: dict[str, Source], found: dict[str, Part], turns: dict[st
                 errors = scores[ground, name, model] = scored(profile.plants[model], model, rest[ground])
                 print(f"{ground:10s} {name:36s} {model:10s} {text(errors)}")
         own = turns[f"{ground}, rest"]
-        floor = scores[ground, FLOOR, ""] = interval(own.errors(found[f"{ground}, rest"].sides))
+        floor = scores[ground, FLOOR, ""] = interval(own.errors(measured[f"{ground}, rest"].sides))
         print(f"{ground:10s} {FLOOR:47s} {text(floor)}")
     return scores
 
@@ -247,8 +247,8 @@ def print_commands(path: str) -> None:
     source = open_source(path, "twist", SPLIT["wet grass"])
     for name in ("husky-tile", "husky-wet-grass"):
         for model in ("kinematic", "mujoco"):
-            found = scored(load_profile(name).plants[model], model, source)
-            print(f"wet grass from commands {name:24s} {model:10s} {text(found)}")
+            measured = scored(load_profile(name).plants[model], model, source)
+            print(f"wet grass from commands {name:24s} {model:10s} {text(measured)}")
 
 
 def print_frictions(source: Source) -> None:
@@ -259,13 +259,13 @@ def print_frictions(source: Source) -> None:
         print(f"friction {friction}: {text(scored(other, 'mujoco', source))}")
 
 
-def draw(found: dict[str, Part], scores: Scores) -> None:
+def draw(measured: dict[str, Part], scores: Scores) -> None:
     """Draw what the headings say about the sides, and how well each profile predicts them."""
     figure = Figure(figsize=(13.0, 4.4), dpi=120, layout="constrained")
     gain, difference, medians = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.5))
-    names = list(found)[::-1]
+    names = list(measured)[::-1]
     for row, name in enumerate(names):
-        part, colour = found[name], COLOURS[name.partition(",")[0]]
+        part, colour = measured[name], COLOURS[name.partition(",")[0]]
         bar = {"fmt": "o", "color": colour, "capsize": 3, "mfc": colour if name.endswith("whole") else "white"}
         gain.errorbar(part.sides.gain, row, xerr=1.96 * part.gain, **bar)
         difference.errorbar(1e3 * part.sides.difference, row, xerr=1.96e3 * part.difference, **bar)
@@ -311,8 +311,8 @@ def main(paths: Sequence[str]) -> None:
     parts = {f"{g}, {w}": turns_of(s[g]) for g in SPLIT for w, s in (("first part", first), ("rest", rest))}
     wholes = {f"{g}, whole": turns_of(open_source(p, "wheels")) for g, p in logs.items()}
     turns = {name: {**parts, **wholes}[name] for name in sorted({**parts, **wholes}, key=lambda n: n.startswith("wet"))}
-    found = print_sides(turns)
-    draw(found, print_scores(rest, found, turns))
+    measured = print_sides(turns)
+    draw(measured, print_scores(rest, measured, turns))
     print_tracks(turns["wet grass, rest"])
     print_commands(logs["wet grass"])
     print_frictions(rest["wet grass"])

@@ -84,8 +84,8 @@ PICTURES = {
 
 def sign(picture: Path) -> None:
     """Add a line with the versions below a picture."""
-    found = store.versions()
-    text = " · ".join(f"{name} {found[name]}" for name in ("ssmr-testbed", "mujoco"))
+    measured = store.versions()
+    text = " · ".join(f"{name} {measured[name]}" for name in ("ssmr-testbed", "mujoco"))
     drawn = Image.open(picture).convert("RGB")
     size = max(11, drawn.width // 120)
     page = Image.new("RGB", (drawn.width, drawn.height + 2 * size), "white")
@@ -142,17 +142,17 @@ def main() -> None:
     parser.add_argument("names", nargs="*", choices=[*PICTURES, "quick", "all"], metavar="NAME")
     parser.add_argument("--data", type=Path, help="folder with the recordings")
     parser.add_argument("--list", action="store_true", help="say how each picture is made, and draw nothing")
-    asked = parser.parse_args()
+    commanded = parser.parse_args()
     quick = [name for name, made in PICTURES.items() if made.minutes < 2.0 and not made.recordings()]
     groups = {"quick": quick, "all": list(PICTURES)}
-    names = dict.fromkeys(one for name in asked.names for one in groups.get(name, [name]))
-    if asked.list or not names:
+    names = dict.fromkeys(one for name in commanded.names for one in groups.get(name, [name]))
+    if commanded.list or not names:
         for name, made in PICTURES.items():
             print(f"{name:20} {made.minutes:5.1f} min  {made.command}")
         return
     for name in names:
         print(name, flush=True)
-        draw(name, asked.data)
+        draw(name, commanded.data)
 
 
 if __name__ == "__main__":

@@ -45,8 +45,8 @@ def driven(plant, names="", factor=1.0, more=0.0):
 def differences(variant):
     """Return the greatest of each measure between the robot as it is and the changed ones."""
     plant, names, changes = variant
-    as_it_is, found = driven(plant), [driven(plant, names, *change) for change in changes]
-    pairs = [{**compare_paths(motion, as_it_is), **compare_signals([motion], [as_it_is])} for motion in found]
+    as_it_is, measured = driven(plant), [driven(plant, names, *change) for change in changes]
+    pairs = [{**compare_paths(motion, as_it_is), **compare_signals([motion], [as_it_is])} for motion in measured]
     columns = ("d_rms_m", "sync_rms_m", "yaw_rms_rad", "yaw_rate_rms_rad_s", "yaw_acceleration_rms_rad_s2", "torque_rms_N_m")
     return {key: max(measures[key] for measures in pairs) for key in columns}
 

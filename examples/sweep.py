@@ -13,8 +13,8 @@ def errors(friction):
     """Return the columns of one row."""
     slippery = replace(section, parameters=replace(section.parameters, friction=friction))
     profile = replace(lab, plants={**lab.plants, "mujoco": slippery})
-    found = compare("traj4", profile, plants=("mujoco",), reference="improved")
-    return {"friction": friction, "sync_rms_m": found.plants["mujoco"].metrics["sync_rms_m"]}
+    comparison = compare("traj4", profile, plants=("mujoco",), reference="improved")
+    return {"friction": friction, "sync_rms_m": comparison.plants["mujoco"].metrics["sync_rms_m"]}
 
 
 for row in sweep({f"{mu:g}": mu for mu in (0.3, 0.4, 0.5, 0.6)}, {"traj4": errors}).rows:

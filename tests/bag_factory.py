@@ -124,15 +124,15 @@ def message_of(types: Any, kind: str, fields: Any) -> Any:
     """Return a message of a type of a rosbags type store; fields that are not given are zero or empty."""
     from rosbags.interfaces import Nodetype
 
-    found = {}
+    entries = {}
     for name, (node, detail) in types.fielddefs[kind][1]:
         given = fields.get(name)
         if node is Nodetype.NAME:
-            found[name] = message_of(types, detail, given or {})
+            entries[name] = message_of(types, detail, given or {})
         elif node is Nodetype.BASE:
-            found[name] = given or ("" if detail[0] == "string" else 0)
+            entries[name] = given or ("" if detail[0] == "string" else 0)
         elif detail[0][0] is Nodetype.NAME:
-            found[name] = [message_of(types, detail[0][1], each) for each in given or ()]
+            entries[name] = [message_of(types, detail[0][1], each) for each in given or ()]
         else:
-            found[name] = np.zeros(detail[1]) if given is None else given
-    return types.types[kind](**found)
+            entries[name] = np.zeros(detail[1]) if given is None else given
+    return types.types[kind](**entries)

@@ -112,8 +112,8 @@ class RobotNode(FakeNode):
         while 0.02 * self.tick <= self.clock() + timeout - 100.0:
             t = 0.02 * self.tick
             heard = (m for name, at, m in reversed(self.sent) if name == self.command and at - 100.0 <= t - self.dead_time)
-            told = next(heard, None)
-            wanted = np.array(msg.STAND_STILL if told is None or self.blocked(t) else msg.read_twist(told))
+            reported = next(heard, None)
+            wanted = np.array(msg.STAND_STILL if reported is None or self.blocked(t) else msg.read_twist(reported))
             self.speeds = self.speeds + 0.3 * (wanted - self.speeds)
             (v, w), yaw = self.speeds.tolist(), self.pose[2]
             self.pose = self.pose + 0.02 * np.array([v * np.cos(yaw), v * np.sin(yaw), w])

@@ -84,9 +84,9 @@ def test_mujocos_dynamics_are_those_of_a_robot_on_rigid_tyres_and_of_no_other(la
     wanted = FourWheelPlant(FourWheelModel(rigid, tyred.drive)).run(commands, State(), 0.008)
     body, drive = OTHER_ROBOTS[change]
     plant = MujocoPlant(replace(section.parameters, **body), replace(section.drive, **drive))
-    found = plant.run(commands, State(), 0.008)
-    late = np.sqrt(np.mean((found.yaw - wanted.yaw) ** 2) / np.mean(wanted.twist[:, 2] ** 2))
-    torque = compare_signals([found], [wanted])["torque_rms_N_m"] / (2.0 * section.drive.torque_limit)
+    motion = plant.run(commands, State(), 0.008)
+    late = np.sqrt(np.mean((motion.yaw - wanted.yaw) ** 2) / np.mean(wanted.twist[:, 2] ** 2))
+    torque = compare_signals([motion], [wanted])["torque_rms_N_m"] / (2.0 * section.drive.torque_limit)
     assert (late < LATE and torque < TORQUE) == (change == "none")
 
 

@@ -61,36 +61,36 @@ def run(program: Any, name: str, out: Path, *arguments: str) -> dict[str, Any]:
     """Run a program in this process for a robot; return its document, which names the robot."""
     assert exit_status(program, *arguments, "--robot", name, "--out", str(out)) == 0
     (path,) = (path for path in out.glob("*.json") if path.stem in ("compare", "track", "tune", "fit", "study"))
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    assert found["robot"] == load_robot(name).name
-    return found
+    document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    assert document["robot"] == load_robot(name).name
+    return document
 
 
 def test_compare(robot: str, tmp_path: Path) -> None:
-    found = run(compare, robot, tmp_path, "traj4", "--no-rerun")
-    for name, plant in found["plants"].items():
+    document = run(compare, robot, tmp_path, "traj4", "--no-rerun")
+    for name, plant in document["plants"].items():
         assert plant["d_rms_m"] < 0.6, name  # of 10 m of path; without the slip of turns it is more than a metre
-    assert found["plants"]["mujoco"]["health"]["ok"]
-    assert found["parameters"]["mujoco"]["parameters"]["mass"] == load_robot(robot).masses.total
+    assert document["plants"]["mujoco"]["health"]["ok"]
+    assert document["parameters"]["mujoco"]["parameters"]["mass"] == load_robot(robot).masses.total
 
 
 def test_track(robot: str, tmp_path: Path) -> None:
-    found = run(track, robot, tmp_path, "lqr-scheduled", "circle", "--plant", "improved,mujoco", "--no-rerun")
-    assert found["metrics"]["d_rms_m"] < 0.15
-    assert found["beside"]["mujoco"]["d_rms_m"] < 0.15
+    document = run(track, robot, tmp_path, "lqr-scheduled", "circle", "--plant", "improved,mujoco", "--no-rerun")
+    assert document["metrics"]["d_rms_m"] < 0.15
+    assert document["beside"]["mujoco"]["d_rms_m"] < 0.15
 
 
 def test_fit_of_a_planar_model(tmp_path: Path) -> None:
     """The fitted profile keeps its robot, also one that no other machine knows."""
     robot = str(stranger(tmp_path))
     short = ["--population", "16", "--generations", "8", "--start", "profile", "--seed", "1"]
-    found = run(fit, robot, tmp_path / "out", "improved", "--to", "traj4@mujoco", *short)
+    document = run(fit, robot, tmp_path / "out", "improved", "--to", "traj4@mujoco", *short)
     before = compare("traj4", plants=("improved",), reference="mujoco", robot=robot).plants["improved"].metrics["d_rms_m"]
-    assert found["train"]["d_rms_m"] < 0.7 * before
+    assert document["train"]["d_rms_m"] < 0.7 * before
     fitted = load_profile(str(tmp_path / "out" / "profile.toml"))
     assert fitted.robot == load_robot(robot)
     again = compare("traj4", fitted, plants=("improved",), reference="mujoco")
-    assert again.plants["improved"].metrics["d_rms_m"] == pytest.approx(found["train"]["d_rms_m"], rel=1e-9)
+    assert again.plants["improved"].metrics["d_rms_m"] == pytest.approx(document["train"]["d_rms_m"], rel=1e-9)
     assert again.robot == load_robot(robot)
 
 
@@ -102,8 +102,8 @@ def test_recordings(robot: str, tmp_path: Path) -> None:
     names = ("t", "x", "y", "yaw", "enc_left", "enc_right", "cmd_v", "cmd_w")
     columns = np.column_stack([motion.t, motion.pose, motion.wheels, given])
     write_csv(dict(zip(names, columns.T, strict=True)), log)
-    found = run(compare, robot, tmp_path / "out", str(log), "--no-rerun")
-    errors = {name: plant["horizons"]["6"]["position_median_m"] for name, plant in found["plants"].items()}
+    document = run(compare, robot, tmp_path / "out", str(log), "--no-rerun")
+    errors = {name: plant["horizons"]["6"]["position_median_m"] for name, plant in document["plants"].items()}
     assert errors["mujoco"] < min(0.1, *(error for name, error in errors.items() if name != "mujoco"))
 
 

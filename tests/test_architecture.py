@@ -196,25 +196,25 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 PRICES = {
-    "ssmr": (8_088, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
+    "ssmr": (8_087, "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on"),
     "validation/cli": (868, "options, help, exit status, progress of every program, and its call by the name of its module"),
     "validation/engines": (930, "second opinions by ODE and Drake"),
     "validation/identify": (1_573, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
-    "validation/learning": (674, "reinforcement learning on the robot: Gymnasium and dm_control"),
+    "validation/learning": (681, "reinforcement learning on the robot: Gymnasium and dm_control"),
     "validation/files": (2_474, "any log is read as one form, its faults are found, and it is written in any format"),
     "validation/plants": (811, "every plant declared once, and profiles"),
     "validation/replicate": (1_132, "the thesis beside us, row by row"),
     "validation/report": (2_464, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_471, "the robot and its controller on a ROS 2 graph"),
     "validation/simulator": (3_407, "a robot's description becomes a MuJoCo model that moves"),
-    "validation/study": (1_928, "answers: contact and engines, transfer, drive train"),
+    "validation/study": (1_927, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (278, "the thesis' numbers"),
     "validation/bench": (
         1_441,
         "scenarios and logs that plants are driven along; references, gains, controllers around any robot",
     ),
     "validation/.": (
-        2_487,
+        2_476,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": (473, "speed beside other libraries"),

@@ -135,11 +135,11 @@ def refused(path: Path, **options: object) -> str:
 
 @pytest.mark.parametrize("case", FAULTS)
 def test_what_cannot_be_used_is_refused_with_the_way_round(tmp_path: Path, case: str) -> None:
-    messages, said = FAULTS[case]
+    messages, message = FAULTS[case]
     for kind in ("ros1", "mcap"):
         named = {"topics": {"pose": "/pose"}} if case == "one sample" else {}
         path = write(tmp_path, kind, messages)
-        assert said in refused(path, **named)
+        assert message in refused(path, **named)
 
 
 def test_late_samples_are_sorted_and_stamps_of_another_clock_or_one_that_jumps_are_not_believed(tmp_path: Path) -> None:

@@ -92,14 +92,14 @@ def logs(band: Band, n: int, seed: int) -> list[tuple[FloatArray, IndexArray, In
 
 def test_a_band_is_found_again_and_holds_more_than_nine_tenths_where_nothing_changes() -> None:
     true = replace(NOTHING, position_noise=0.01, yaw_noise=0.008, way_walk=0.03, turn_walk=0.02, turn_scale=0.02)
-    found = estimated_band(logs(true, 60, 1))
+    measured = estimated_band(logs(true, 60, 1))
     for name in ("position_noise", "yaw_noise", "way_walk", "turn_walk"):
-        assert getattr(found, name) == pytest.approx(getattr(true, name), rel=0.3), name
-    assert found.turn_scale == pytest.approx(2.25 * true.turn_scale, rel=0.3)  # on new ground lasting errors are others
-    sizes = [found.sizes(*window) for window in logs(true, 60, 2)]
+        assert getattr(measured, name) == pytest.approx(getattr(true, name), rel=0.3), name
+    assert measured.turn_scale == pytest.approx(2.25 * true.turn_scale, rel=0.3)  # on new ground lasting errors are others
+    sizes = [measured.sizes(*window) for window in logs(true, 60, 2)]
     for inside in (np.concatenate(part) <= 1.0 for part in zip(*sizes, strict=True)):
         assert 0.93 < inside.mean() < 0.999  # nothing changes from this log to the next, and bands are for what does
-    assert astuple(found)[8:] == pytest.approx(astuple(NOTHING)[8:], rel=0.25)
+    assert astuple(measured)[8:] == pytest.approx(astuple(NOTHING)[8:], rel=0.25)
 
 
 def test_too_few_windows_are_refused() -> None:

@@ -34,14 +34,14 @@ def test_a_quick_run_ends_well(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "said"), [("--foo", "Unrecognized options: --foo"), ("--repeats=x", "'x' must be a whole")]
+    ("option", "message"), [("--foo", "Unrecognized options: --foo"), ("--repeats=x", "'x' must be a whole")]
 )
-def test_a_mistyped_option_is_one_line(option: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mistyped_option_is_one_line(option: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
         cli.run(simulate.main, "python -m benchmarks.simulate", [option])
     assert left.value.code == cli.EXIT_USER_ERROR
     (line,) = capsys.readouterr().err.splitlines()
-    assert said in line
+    assert message in line
 
 
 def test_only_a_quick_run_goes_on_without_what_is_missing() -> None:

@@ -37,22 +37,24 @@ def calibrated(log: Path, out: Path, *arguments: str) -> dict[str, Any]:
 
 
 def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> None:
-    found = calibrated(log, tmp_path, "--robot", "husky", "--profile", "thesis-lab")["plants"]["kinematic"]
-    assert found["better"]
+    document = calibrated(log, tmp_path, "--robot", "husky", "--profile", "thesis-lab")["plants"]["kinematic"]
+    assert document["better"]
     for name, value in TRUTH.items():
-        assert found["parameters"][name]["value"] == pytest.approx(value, abs=0.02), name
-    before, after = found["before"]["6"], found["after"]["6"]
+        assert document["parameters"][name]["value"] == pytest.approx(value, abs=0.02), name
+    before, after = document["before"]["6"], document["after"]["6"]
     assert after["position_median_m"] < 0.2 * before["position_median_m"]
     assert after["position_low_m"] <= after["position_median_m"] <= after["position_high_m"]
     profile = load_profile(tmp_path / "profile.toml").plants["kinematic"]
-    assert profile.parameters.drift == found["parameters"]["drift"]["value"]
+    assert profile.parameters.drift == document["parameters"]["drift"]["value"]
     assert profile.drive.delay_v == pytest.approx(load_profile("thesis-lab").plants["kinematic"].drive.delay_v, abs=0.02)
     lines = (tmp_path / "diff_drive.yaml").read_text().splitlines()
-    told = {name.strip(): value for name, _, value in (line.partition(": ") for line in lines)}
-    track = float(told["wheel_separation"]) * float(told["wheel_separation_multiplier"])
-    assert (float(told["wheel_separation"]), track) == pytest.approx((load_robot("husky").geometry.track, 0.97), abs=0.02)
+    reported = {name.strip(): value for name, _, value in (line.partition(": ") for line in lines)}
+    track = float(reported["wheel_separation"]) * float(reported["wheel_separation_multiplier"])
+    assert (float(reported["wheel_separation"]), track) == pytest.approx(
+        (load_robot("husky").geometry.track, 0.97), abs=0.02
+    )
     for side in ("l", "r"):
-        told_ratio = float(told[f"{'left' if side == 'l' else 'right'}_wheel_radius_multiplier"])
+        told_ratio = float(reported[f"{'left' if side == 'l' else 'right'}_wheel_radius_multiplier"])
         assert told_ratio == pytest.approx(TRUTH[f"alpha_{side}"], abs=0.02)
     assert (tmp_path / "calibrate.md").is_file()
 
@@ -66,9 +68,9 @@ def test_what_is_no_better_is_not_kept(log: Path, tmp_path: Path) -> None:
     np.savetxt(bad, rows.T, delimiter=",", header=",".join(sound.dtype.names), comments="")
     true = tmp_path / "true"
     calibrated(log, true, "--profile", "thesis-lab")
-    found = calibrated(bad, tmp_path / "out", "--profile", str(true / "profile.toml"))
-    assert found["plants"]["kinematic"]["better"] is False
-    assert any("keeps the old numbers" in note for note in found["notes"])
+    document = calibrated(bad, tmp_path / "out", "--profile", str(true / "profile.toml"))
+    assert document["plants"]["kinematic"]["better"] is False
+    assert any("keeps the old numbers" in note for note in document["notes"])
     kept, was = (load_profile(folder / "profile.toml").plants["kinematic"] for folder in (tmp_path / "out", true))
     assert kept.parameters == was.parameters
 
@@ -84,8 +86,8 @@ def test_a_log_that_contradicts_itself_is_refused_unless_it_is_trusted(
     )
     arguments = [str(swapped), "--robot", "husky", "--plants", "kinematic", "--out", str(tmp_path / "out")]
     assert exit_status(calibrate, *arguments) == 2
-    said = capsys.readouterr().err
-    assert "enc_left" in said
+    message = capsys.readouterr().err
+    assert "enc_left" in message
     assert not (tmp_path / "out" / "calibrate.json").exists()
     trusted = calibrated(swapped, tmp_path / "out", "--robot", "husky", "--trust")
     assert [fault["kind"] for fault in trusted["faults"]] == ["swapped"]

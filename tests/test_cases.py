@@ -96,8 +96,8 @@ def steady(case: Table) -> Table:
         f_x, f_y = (-case["ground"]["friction"] * load * part / np.hypot(a, b) for part in (a, b))
         return [f_x.sum() - force[0], f_y.sum() - force[1], ((x - x_c) * f_y - (y - y_c) * f_x).sum()]
 
-    found = fsolve(left_over, [np.mean(rims), 0.0, 0.5 * (rims[1] - rims[0]) / r["track_m"]], xtol=1e-13)
-    return dict(zip(("v_x_m_s", "v_y_m_s", "yaw_rate_rad_s"), map(float, found), strict=True))
+    solution = fsolve(left_over, [np.mean(rims), 0.0, 0.5 * (rims[1] - rims[0]) / r["track_m"]], xtol=1e-13)
+    return dict(zip(("v_x_m_s", "v_y_m_s", "yaw_rate_rad_s"), map(float, solution), strict=True))
 
 
 def on_the_spot(case: Table, answer: Table) -> Table:
@@ -179,8 +179,8 @@ def test_the_librarys_closed_form_of_a_turn_has_the_same_answers() -> None:
         case, answer = ANSWERS[name]
         r, width = case["robot"], 0.5 * case["robot"]["wheel_width_m"] if "lines" in name else 0.0
         ratio = answer.get("friction_ratio", 1.0)
-        found = turn_on_the_spot(r["wheelbase_m"], r["track_m"], ratio=ratio, half_width=width)
-        assert found.multiplier == pytest.approx(answer["multiplier"], rel=1e-5)
+        measured = turn_on_the_spot(r["wheelbase_m"], r["track_m"], ratio=ratio, half_width=width)
+        assert measured.multiplier == pytest.approx(answer["multiplier"], rel=1e-5)
 
 
 # ----------------------------------------------------------------------------------------------- the plants, from the files
@@ -261,8 +261,8 @@ def spun(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
 
 def rolled(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
     """Drive with given rims; the mean twist of the last second, at the place where a lagging contact takes it."""
-    r, asked = case["robot"], case["motion"]
-    rims = np.array([asked["rim_speed_left_m_s"], asked["rim_speed_right_m_s"]])
+    r, commanded = case["robot"], case["motion"]
+    rims = np.array([commanded["rim_speed_left_m_s"], commanded["rim_speed_right_m_s"]])
     rates = rims / r["wheel_radius_m"]
     start = State(v_x=float(rims.mean()), wheel_left=float(rates[0]), wheel_right=float(rates[1]))
     motion = driven(plant, name, [rates] * 60, "wheels", dt, start)
@@ -294,14 +294,14 @@ def held(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
 
 def stepped(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
     """Ask for a step of the wheel rates; straight ahead with the integral part, on the spot at the limit without it."""
-    asked, straight = case["motion"], answer["name"] == "straight"
-    loop = {"gain": asked["gain_N_m_s_rad"], "torque_limit": 0.5 * asked["limit_N_m"]}
+    commanded, straight = case["motion"], answer["name"] == "straight"
+    loop = {"gain": commanded["gain_N_m_s_rad"], "torque_limit": 0.5 * commanded["limit_N_m"]}
     loop |= (
-        {"integral_gain": asked["integral_gain_N_m_rad"], "dc_stiffness": asked["dc_stiffness_N_m_s_rad"]}
+        {"integral_gain": commanded["integral_gain_N_m_rad"], "dc_stiffness": commanded["dc_stiffness_N_m_s_rad"]}
         if straight
         else {}
     )
-    twist = [asked["wanted_rate_rad_s"] * case["robot"]["wheel_radius_m"], 0.0] if straight else [0.0, 20.0]
+    twist = [commanded["wanted_rate_rad_s"] * case["robot"]["wheel_radius_m"], 0.0] if straight else [0.0, 20.0]
     motion = driven(plant, name, [twist] * (32 if straight else 2), dt=dt, **loop)
     if straight:
         return {"rate_rad_s": motion.wheels[np.round(np.array(answer["t_s"]) / dt).astype(int)].mean(axis=1)}
@@ -310,9 +310,9 @@ def stepped(plant: str, name: str, case: Table, answer: Table, dt: float) -> Tab
 
 def worked(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
     """Start and brake; the work of the motors less what the answer says of it, and the greatest that it says."""
-    asked, half = case["motion"], round(case["motion"]["brake_at_s"] / 0.05)
-    twists = [[asked["speed_m_s"], 0.0]] * half + [[0.0, 0.0]] * half
-    motion = driven(plant, name, twists, dt=dt, acceleration_v=asked["acceleration_m_s2"], gain=40.0)
+    commanded, half = case["motion"], round(case["motion"]["brake_at_s"] / 0.05)
+    twists = [[commanded["speed_m_s"], 0.0]] * half + [[0.0, 0.0]] * half
+    motion = driven(plant, name, twists, dt=dt, acceleration_v=commanded["acceleration_m_s2"], gain=40.0)
     power = motion.channels["torque_N_m"][1:] * 0.5 * (motion.wheels[1:] + motion.wheels[:-1])
     work = np.concatenate([[0.0], np.cumsum(power.sum(axis=1)) * dt])
     wanted = 0.5 * answer["moved_mass_kg"] * motion.twist[:, 0] ** 2 + answer["resistance_N"] * motion.pose[:, 0]
@@ -329,11 +329,11 @@ DRIVES = {
 def errors(name: str, plant: str, dt: float) -> dict[str, tuple[float, float]]:
     """The greatest error of each number of an answer as a plant has it, and how great it may be."""
     case, answer = ANSWERS[name]
-    found, out = DRIVES[name.split(".")[0]](plant, name, case, answer, dt), {}
+    measured, out = DRIVES[name.split(".")[0]](plant, name, case, answer, dt), {}
     for key, limit in case["tolerance"].items():
         if key in answer or key == "work":
             wanted = np.array(answer.get(key, 1.0), dtype=np.float64)
-            off = np.abs(np.array(found[key]) - wanted) / (np.abs(wanted) if "relative" in limit else 1.0)
+            off = np.abs(np.array(measured[key]) - wanted) / (np.abs(wanted) if "relative" in limit else 1.0)
             out[key] = float(off.max()), float(next(iter(limit.values())))
     return out
 

@@ -106,10 +106,10 @@ def test_a_main_job_that_fails_is_told_and_hides_nothing_else(house: Path) -> No
 
 
 def test_tests_that_skipped_for_the_newcomer_run_for_the_maintainer(house: Path) -> None:
-    said = (
+    message = (
         "SKIPPED tests/test_b.py::test_c[a b] - why\nSKIPPED tests/test_a.py - why\nSKIPPED tests/test_b.py::test_c[d] - why"
     )
-    readme = README.replace('&& echo "==', f'&& echo "{said}" && echo "==')
+    readme = README.replace('&& echo "==', f'&& echo "{message}" && echo "==')
     calls = ci(house, "true", readme)[2]
     assert "python -m pytest -q tests/test_a.py tests/test_b.py::test_c" in calls
 
@@ -130,13 +130,13 @@ def test_the_root_of_a_new_machine_goes_however_its_command_ends(
 
 
 @pytest.mark.parametrize(
-    ("death", "said"),
+    ("death", "message"),
     [
         ("def test_dies():\n    os.abort()", "1 failed"),
         ("if os.environ.get('PYTEST_XDIST_WORKER') == 'gw1':\n    os.abort()", "no tests ran"),
     ],
 )
-def test_a_worker_that_dies_fails_the_run_and_nobody_waits_for_it(death: str, said: str, tmp_path: Path) -> None:
+def test_a_worker_that_dies_fails_the_run_and_nobody_waits_for_it(death: str, message: str, tmp_path: Path) -> None:
     for name in ("first", "second"):
         (tmp_path / f"test_{name}.py").write_text("def test_one(): pass\ndef test_two(): pass\n")
     (tmp_path / "test_last.py").write_text(f"import os\n{death}\n")
@@ -144,7 +144,7 @@ def test_a_worker_that_dies_fails_the_run_and_nobody_waits_for_it(death: str, sa
     command += ["-p", "no:cacheprovider", "--rootdir", str(tmp_path), str(tmp_path)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=100, check=False)
-    assert (done.returncode, said in done.stdout.splitlines()[-1]) == (1, True), done.stdout
+    assert (done.returncode, message in done.stdout.splitlines()[-1]) == (1, True), done.stdout
 
 
 def test_the_readme_has_both_commands() -> None:

@@ -51,8 +51,8 @@ def test_a_signal_ends_the_work_and_keeps_the_result(start: Launch, number: sign
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
     process.send_signal(number)
-    _, said = process.communicate(timeout=30)
-    assert (process.returncode, said) == (130, "interrupted\n")
+    _, message = process.communicate(timeout=30)
+    assert (process.returncode, message) == (130, "interrupted\n")
     assert [p.name for p in tmp_path.iterdir()] == ["kept.txt"]
 
 
@@ -72,9 +72,9 @@ def test_a_reader_that_leaves_is_no_failure(start: Launch) -> None:
     assert process.stdout is not None
     process.stdout.close()
     assert process.stderr is not None
-    said = process.stderr.read()
+    message = process.stderr.read()
     process.stderr.close()
-    assert (process.wait(60), said) == (0, "")
+    assert (process.wait(60), message) == (0, "")
 
 
 def test_a_fault_of_the_program_is_told_from_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,9 +85,9 @@ def test_a_fault_of_the_program_is_told_from_a_mistake(capsys: pytest.CaptureFix
     with pytest.raises(SystemExit) as left:
         cli.run(main, "program", [])
     assert left.value.code == cli.EXIT_FAULT
-    said = capsys.readouterr().err
-    assert "Traceback" in said
-    assert said.splitlines()[-1].startswith("program has a fault; ")
+    message = capsys.readouterr().err
+    assert "Traceback" in message
+    assert message.splitlines()[-1].startswith("program has a fault; ")
 
 
 @pytest.mark.parametrize(
@@ -139,8 +139,8 @@ def test_ctrl_c_while_a_program_is_loaded_is_no_traceback_and_stays_as_it_is_for
     assert process.stdout is not None
     process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=20)
-    assert (process.returncode, "KeyboardInterrupt" in said) == (-signal.SIGINT, name == "mine")
+    _, message = process.communicate(timeout=20)
+    assert (process.returncode, "KeyboardInterrupt" in message) == (-signal.SIGINT, name == "mine")
 
 
 # ------------------------------------------------------------------------------------------- memory

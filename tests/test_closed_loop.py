@@ -234,10 +234,10 @@ def test_the_lag_of_a_pid_dies_out_as_its_equation_says(k_p: float, k_i: float) 
     law = controller("pid", k_p_rho=k_p, k_i_rho=k_i, k_p_u=0.0, k_i_u=0.0)
     run = drive(IDEAL, law, line(0.25, 10.8))
     begin = 5.0 / k_p
-    found = decay(run, begin, min(begin + 2.0 * k_p / k_i, 40.0))
+    measured = decay(run, begin, min(begin + 2.0 * k_p / k_i, 40.0))
     slow = np.roots([1.0, k_p, k_i]).max()
-    assert found == pytest.approx(-1.0 / slow, rel=0.02)  # commands are held for 0.05 s of some 2 to 24
-    assert found == pytest.approx(k_p / k_i, rel=0.02 + k_i / k_p**2)  # what the first order leaves out
+    assert measured == pytest.approx(-1.0 / slow, rel=0.02)  # commands are held for 0.05 s of some 2 to 24
+    assert measured == pytest.approx(k_p / k_i, rel=0.02 + k_i / k_p**2)  # what the first order leaves out
 
 
 @pytest.mark.parametrize("disturbed", [False, True])
@@ -252,11 +252,11 @@ def test_published_gains_on_the_published_model_reproduce_the_published_line(
     way, gains = line(speed), PidGains(**load_gains("pid", "published").values)
     settings = LoopSettings() if disturbed else TRUTH
     run = drive(model("improved"), Controller(gains, A, B), way, settings)
-    found = compare_paths(run.motion, way.trajectory(float(run.t[1])))
+    metrics = compare_paths(run.motion, way.trajectory(float(run.t[1])))
     gap = way.length - run.state.x
-    assert found["d_ratio"] == pytest.approx(published.value(number, row, "d_ratio"), abs=0.001)
-    assert found["d_haus_m"] == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
-    assert found["d_haus_m"] == pytest.approx(gap, rel=0.01)
+    assert metrics["d_ratio"] == pytest.approx(published.value(number, row, "d_ratio"), abs=0.001)
+    assert metrics["d_haus_m"] == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
+    assert metrics["d_haus_m"] == pytest.approx(gap, rel=0.01)
     predicted = speed / gains.k_p_rho * math.exp(-gains.k_i_rho / gains.k_p_rho * way.duration)
     assert predicted == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
     if not disturbed:  # noise moves the end by some millimetres

@@ -47,21 +47,21 @@ def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False)
 def test_a_plant_is_found_again_in_its_own_recording(lab: Profile, plant: str, tmp_path: Path) -> None:
     """Through CSV and back: what is left is the estimated speed of the start, and interpolation."""
     source = open_source(str(recorded(lab, plant, tmp_path)))
-    found = compare(source, lab, (plant,), horizons=(2.0, 6.0))
-    assert found.plants[plant].metrics["sync_rms_m"] < 0.01
-    assert found.plants[plant].horizons[6.0].position_median_m < 0.01
-    assert found.plants[plant].horizons[2.0].n == 8
+    comparison = compare(source, lab, (plant,), horizons=(2.0, 6.0))
+    assert comparison.plants[plant].metrics["sync_rms_m"] < 0.01
+    assert comparison.plants[plant].horizons[6.0].position_median_m < 0.01
+    assert comparison.plants[plant].horizons[2.0].n == 8
 
 
 def test_gaps_are_not_bridged(lab: Profile, tmp_path: Path) -> None:
     source = open_source(str(recorded(lab, "improved", tmp_path, gap=True)))
     assert len(source.pieces) == 2
-    found = compare(source, lab, ("improved",), horizons=(2.0, 6.0, 7.5, 60.0))
-    windows = found.plants["improved"].horizons
+    comparison = compare(source, lab, ("improved",), horizons=(2.0, 6.0, 7.5, 60.0))
+    windows = comparison.plants["improved"].horizons
     assert windows[2.0].n == 3 + 3
     assert windows[6.0].n == 2
     assert 60.0 not in windows
-    for piece in found.plants["improved"].pieces:
+    for piece in comparison.plants["improved"].pieces:
         assert np.diff(piece.t).max() < 0.06
 
 

@@ -72,9 +72,9 @@ GOOD = {
 
 
 def test_what_is_shipped_is_right_in_everything(small: Report) -> None:
-    found = of(small, BASELINE)
+    result = of(small, BASELINE)
     for column, most in GOOD.items():
-        assert abs(found[column]) <= most, column
+        assert abs(result[column]) <= most, column
 
 
 def test_pyramids_know_the_worlds_axes_and_do_not_converge(small: Report) -> None:
@@ -112,10 +112,10 @@ def test_each_robot_has_its_own_closed_form(
     lab: Profile, changes: dict[str, float | str], settings: PhysicsSettings, error: float
 ) -> None:
     plant = Setting(settings, changes).plant(lab.plants["mujoco"])
-    found = measure_spin(spin(plant, 20.0), plant.calibration)
-    assert found["multiplier"] == pytest.approx(found["multiplier_expected"], rel=error)
-    assert abs(found["multiplier_expected"] - 1.0 - (0.512 / TRACK) ** 2) > 0.02
-    assert found["ripple"] < 1e-3
+    result = measure_spin(spin(plant, 20.0), plant.calibration)
+    assert result["multiplier"] == pytest.approx(result["multiplier_expected"], rel=error)
+    assert abs(result["multiplier_expected"] - 1.0 - (0.512 / TRACK) ** 2) > 0.02
+    assert result["ripple"] < 1e-3
 
 
 def test_the_sideways_drift_is_shown_and_cured(lab: Profile) -> None:
@@ -139,14 +139,14 @@ def test_few_asymmetric_iterations_make_a_straight_drive_veer(lab: Profile) -> N
 
 
 def test_creep_falls_as_one_over_impratio(lab: Profile) -> None:
-    found = []
+    rows = []
     for ratio in (1.0, 10.0):
         plant = Setting(PhysicsSettings(impratio=ratio), {}).plant(lab.plants["mujoco"])
         assert isinstance(plant, MujocoPlant)
         gravity = np.array(plant.model.opt.gravity)
-        found.append(creep(plant))
+        rows.append(creep(plant))
         assert np.array_equal(plant.model.opt.gravity, gravity)
-    assert found[0] / found[1] == pytest.approx(10.0, rel=0.02)
+    assert rows[0] / rows[1] == pytest.approx(10.0, rel=0.02)
 
 
 def test_what_cannot_be_driven_says_why(small: Report) -> None:

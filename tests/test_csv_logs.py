@@ -110,9 +110,9 @@ def test_columns_that_are_no_numbers_throughout_are_left_out_with_a_warning(
     path = on_file(tmp_path, "t,x,note,acc_x\n" + "".join(f"{k},0,{cell},{k}\n" for k, cell in enumerate(cells)))
     with caplog.at_level(logging.WARNING, logger="validation.files"):
         assert list(read_csv(path).columns) == ["x", "acc_x"]
-    (said,) = caplog.messages
-    assert "column note: there is" in said
-    assert said.endswith("the column is left out")
+    (message,) = caplog.messages
+    assert "column note: there is" in message
+    assert message.endswith("the column is left out")
 
 
 def test_an_empty_cell_is_no_sample(tmp_path: Path) -> None:
@@ -204,10 +204,10 @@ def test_columns_with_other_names_and_units_are_read_as_ours(tmp_path: Path) -> 
     np.savetxt(theirs, rows, delimiter=",", header=",".join(names.values()), comments="", fmt="%.12g")
     read = {"t": ("stamp", "ms"), "x": ("pos_x", "mm"), "y": ("pos_y", ""), "yaw": ("heading", "deg"),
             "enc_left": ("wl", "m/s"), "cmd_v": ("v", "km/h")}  # fmt: skip
-    wanted, found = read_csv(ours), read_csv(theirs, ReadOptions(columns=read, radius=0.15))
-    assert set(found.columns) == set(wanted.columns)
+    wanted, measured = read_csv(ours), read_csv(theirs, ReadOptions(columns=read, radius=0.15))
+    assert set(measured.columns) == set(wanted.columns)
     for name, values in wanted.columns.items():
-        assert np.allclose(found.columns[name], values, rtol=1e-9, atol=1e-9), name
+        assert np.allclose(measured.columns[name], values, rtol=1e-9, atol=1e-9), name
     for wrong, message in (
         ({"x": ("lost", "")}, "no column 'lost'"),
         ({"yaw": ("heading", "km/h")}, "yaw cannot be in 'km/h'; its units are rad, deg"),

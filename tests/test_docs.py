@@ -47,7 +47,7 @@ GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fit
 
 def tables(page: str) -> dict[str, list[list[str]]]:
     """Rows of all tables of a page by the heading they stand under; header rows and rulers left out."""
-    found: dict[str, list[list[str]]] = {}
+    entries: dict[str, list[list[str]]] = {}
     heading, header = "", True
     for line in (DOCS / page).read_text(encoding="utf-8").splitlines():
         if line.startswith("#"):
@@ -57,8 +57,8 @@ def tables(page: str) -> dict[str, list[list[str]]]:
         elif header:
             header = False
         elif not line.startswith("|---"):
-            found.setdefault(heading, []).append([cell.strip() for cell in line.strip("|").split("|")])
-    return found
+            entries.setdefault(heading, []).append([cell.strip() for cell in line.strip("|").split("|")])
+    return entries
 
 
 def matches(written: str, value: object) -> bool:
@@ -122,13 +122,13 @@ def without_code(text: str) -> str:
 
 def anchors(page: Path) -> set[str]:
     """What headings of a page are linked by, as GitHub makes it: letters, digits, hyphens, a hyphen for every blank."""
-    found: set[str] = set()
+    entries: set[str] = set()
     text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     for heading in re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE):
         slug = re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
-        copies = sum(name == slug or re.fullmatch(re.escape(slug) + r"-\d+", name) is not None for name in found)
-        found.add(f"{slug}-{copies}" if copies else slug)
-    return found
+        copies = sum(name == slug or re.fullmatch(re.escape(slug) + r"-\d+", name) is not None for name in entries)
+        entries.add(f"{slug}-{copies}" if copies else slug)
+    return entries
 
 
 def links(page: Path) -> list[tuple[str, str]]:
@@ -162,8 +162,10 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     equations = (tmp_path / "site" / "equations.html").read_text(encoding="utf-8")
     assert equations.count('display="block"') == (DOCS / "equations.md").read_text(encoding="utf-8").count("```math")
     for page in (tmp_path / "site").glob("*.html"):  # it works without a network
-        asked = re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=\"(?:https?:)?//[^\"]+", page.read_text(encoding="utf-8"))
-        assert not asked, page
+        commanded = re.findall(
+            r"<(?:script|link|img)[^>]+(?:src|href)=\"(?:https?:)?//[^\"]+", page.read_text(encoding="utf-8")
+        )
+        assert not commanded, page
 
 
 def test_the_picture_of_the_rooms_is_what_the_imports_say() -> None:

@@ -66,11 +66,11 @@ KNOWN_BY_POWER = {
 
 
 def test_known_numbers_of_a_husky_are_found(husky: Report) -> None:
-    found = numbers(husky)
+    measured = numbers(husky)
     for name, (true, within) in KNOWN.items():
-        assert found[name] == pytest.approx(true, rel=within), name
+        assert measured[name] == pytest.approx(true, rel=within), name
     # dead time and lag can stand in for each other; their sum is known to a quarter of the log's period
-    assert found["driver_dead_time"] + found["driver_lag"] == pytest.approx(LAW.dead_time + LAW.lag, abs=0.0125)
+    assert measured["driver_dead_time"] + measured["driver_lag"] == pytest.approx(LAW.dead_time + LAW.lag, abs=0.0125)
 
 
 def test_a_husky_is_seen_for_what_it_is(husky: Report) -> None:
@@ -90,18 +90,18 @@ def test_a_husky_is_seen_for_what_it_is(husky: Report) -> None:
 
 
 def test_power_fixes_the_torques_of_a_warthog(warthog: Report) -> None:
-    document, found = warthog.as_dict(), numbers(warthog)
+    document, measured = warthog.as_dict(), numbers(warthog)
     for name, (true, within) in KNOWN_BY_POWER.items():
-        assert found[name] == pytest.approx(true, rel=within), name
+        assert measured[name] == pytest.approx(true, rel=within), name
     assert (document["current_is"], document["wheel_rates_are"], document["samples"]["kind"]) == (
         "battery",
         "measured",
         "values",
     )
     assert document["inertia"] is None
-    assert not {"friction_current", "driver_yaw_rate_limit"} & set(found)  # no command reaches that limit
+    assert not {"friction_current", "driver_yaw_rate_limit"} & set(measured)  # no command reaches that limit
     light = study_drivetrain(**{**HEAVY, "mass": 235.0})
-    assert numbers(light)["friction"] == pytest.approx(2.0 * found["friction"])
+    assert numbers(light)["friction"] == pytest.approx(2.0 * measured["friction"])
 
 
 def test_a_torque_constant_makes_torques_of_currents(husky: Report) -> None:

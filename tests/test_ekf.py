@@ -244,11 +244,11 @@ def test_the_gyro_saves_the_yaw_where_the_wheels_slip() -> None:
     left, right, gyro = exact_sensors(len(t), 0.8, 1.3, slipping)
     start = State(v_x=0.8, yaw_rate=1.3)
     sound, alone = (SensorLog(t, left, right, g) for g in (gyro, np.full(len(t), np.nan)))
-    turned, wrong, told = run_ekf(sound, STOCK, start), run_ekf(alone, STOCK, start), run_ekf(alone, slipping, start)
+    turned, wrong, reported = run_ekf(sound, STOCK, start), run_ekf(alone, STOCK, start), run_ekf(alone, slipping, start)
     assert turned.yaw[-1] == pytest.approx(pose[-1, 2], rel=0.002)  # a thousandth of 0.8
     assert wrong.yaw[-1] == pytest.approx(0.5 / 0.275 * pose[-1, 2], rel=0.02)  # it takes some samples to believe the wheels
-    assert told.yaw[-1] == pytest.approx(pose[-1, 2], rel=1e-9)
-    assert told.channels["pose_std"][-1, 2] > 3.0 * turned.channels["pose_std"][-1, 2]
+    assert reported.yaw[-1] == pytest.approx(pose[-1, 2], rel=1e-9)
+    assert reported.channels["pose_std"][-1, 2] > 3.0 * turned.channels["pose_std"][-1, 2]
 
 
 def test_wheels_of_infinite_variance_are_not_used_and_nan_is_no_sample() -> None:

@@ -41,9 +41,9 @@ def multiplier(plant: EnginePlant) -> tuple[float, float]:
 def test_gazebo_s_cone_turns_as_a_cone_does(lab: Profile) -> None:
     """Its bounds split Coulomb's friction by the slip's direction, whatever axes they refer to."""
     settings = OdeSettings("gazebo_cone", "world", "quick", 50)
-    found, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, settings)))
+    measured, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, settings)))
     expected = turn_on_the_spot(lab.robot.geometry.wheelbase, lab.robot.geometry.track).multiplier
-    assert found == pytest.approx(expected, rel=1e-2)
+    assert measured == pytest.approx(expected, rel=1e-2)
     assert ripple < 1e-2
 
 

@@ -112,14 +112,14 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def problems(status: int, error: str, before: set[Path], folder: Path) -> list[str]:
     """Return what is wrong with the end of a program that began with these files in its folder."""
-    found = [f"status {status}"] if status not in (0, 1, 2, *STOPPED) else []
+    measured = [f"status {status}"] if status not in (0, 1, 2, *STOPPED) else []
     lines = [line for line in error.splitlines() if line.startswith(("error: ", "run failed: "))]
     if "Traceback" in error or (status in (1, 2) and (len(lines) != 1 or not error.rstrip().endswith(lines[0]))):
-        found.append(f"no clear line: {error[-300:]}")
+        measured.append(f"no clear line: {error[-300:]}")
     written = {path for path in folder.rglob("*") if path.is_file()} - before
     if status == 2 and written:
-        found.append(f"wrote {sorted(map(str, written))} on a mistake")
-    return found + [f"{path.name}: {why}" for path in written if (why := damage(path))]
+        measured.append(f"wrote {sorted(map(str, written))} on a mistake")
+    return measured + [f"{path.name}: {why}" for path in written if (why := damage(path))]
 
 
 def damage(path: Path) -> str:
@@ -173,8 +173,8 @@ def test_what_users_meet(
         words = [*command.replace("FILE", read).split(), *OPTIONS.get(option, "").split()]
         status, error = call(words, capfd, monkeypatch)
         wanted = {0} if file == "well" and not option else {0, 2} if file in MAY_BE_READ else {2}
-        found = problems(status, error, before, folder) + ([f"status {status}"] if status not in wanted else [])
-        bad += [f"{name}, {file} {option}: {'; '.join(found)}"] * bool(found)
+        measured = problems(status, error, before, folder) + ([f"status {status}"] if status not in wanted else [])
+        bad += [f"{name}, {file} {option}: {'; '.join(measured)}"] * bool(measured)
         shutil.rmtree(folder)
     assert bad == [], "\n".join(bad)
 

@@ -38,11 +38,11 @@ def fitted(folder: Path, *arguments: str) -> dict[str, Any]:
 
 
 def test_known_parameters_come_back(tmp_path: Path) -> None:
-    found = fitted(tmp_path, "coulomb", "--to", "traj4@coulomb", "--free", "u_x,mu_c,gain", "--seed", "1", *QUICK)
+    measured = fitted(tmp_path, "coulomb", "--to", "traj4@coulomb", "--free", "u_x,mu_c,gain", "--seed", "1", *QUICK)
     truth = load_profile("thesis-lab").plants["coulomb"].parameters
-    assert found["status"] == "finished"
-    assert found["train"]["sync_rms_m"] < 1e-3
-    for name, p in found["parameters"].items():
+    assert measured["status"] == "finished"
+    assert measured["train"]["sync_rms_m"] < 1e-3
+    for name, p in measured["parameters"].items():
         assert p["value"] == pytest.approx(getattr(truth, name), rel=0.02)
         assert p["lower"] < p["value"] < p["upper"]
         assert not p["at_bound"]
@@ -53,9 +53,9 @@ def test_ctrl_c_leaves_a_result(lab: Profile) -> None:
         if progress.done == 2.0:
             raise KeyboardInterrupt
 
-    found = fit("kinematic", "traj4@kinematic", lab, free=("alpha_l",), population=8, generations=9, progress=stop)
-    assert (found.status, found.document["stopped_by"], found.document["generations"]) == ("interrupted", "interrupt", 0)
-    assert found.correlation is None
+    result = fit("kinematic", "traj4@kinematic", lab, free=("alpha_l",), population=8, generations=9, progress=stop)
+    assert (result.status, result.document["stopped_by"], result.document["generations"]) == ("interrupted", "interrupt", 0)
+    assert result.correlation is None
 
 
 def test_a_log_is_fitted_by_its_wheels_and_judged_on_what_was_cut_off(tmp_path: Path) -> None:
@@ -63,17 +63,17 @@ def test_a_log_is_fitted_by_its_wheels_and_judged_on_what_was_cut_off(tmp_path: 
     write_csv(recorded(load_profile("thesis-lab"), "kinematic", 40.0), log)
     args = ["kinematic", "--to", str(log), "--until", "25", "--held-out", str(log), "--input", "wheels", "--horizons", "2"]
     free = ["--free", "y_l,y_r,alpha_l", "--profile", "thesis-lab", "--generations", "40", "--population", "24"]
-    found = fitted(out, *args, *free)
-    assert set(found["train_by_source"]) == set(found["held_out"]) == {str(log)}
-    train, test = (found[part][str(log)]["horizons"]["2"] for part in ("train_by_source", "held_out"))
+    measured = fitted(out, *args, *free)
+    assert set(measured["train_by_source"]) == set(measured["held_out"]) == {str(log)}
+    train, test = (measured[part][str(log)]["horizons"]["2"] for part in ("train_by_source", "held_out"))
     assert max(train["position_median_m"], test["position_median_m"]) < 0.01
     assert train["n"] > test["n"]
-    assert found["parameters"]["y_l"]["value"] == pytest.approx(0.275, abs=0.01)
+    assert measured["parameters"]["y_l"]["value"] == pytest.approx(0.275, abs=0.01)
     again = load_profile(str(out / "profile.toml"))
-    assert again.plants["kinematic"].parameters.y_l == found["parameters"]["y_l"]["value"]
+    assert again.plants["kinematic"].parameters.y_l == measured["parameters"]["y_l"]["value"]
     assert again.plants["mujoco"] == load_profile("thesis-lab").plants["mujoco"]
     provenance = again.provenance["kinematic"]
-    assert (provenance["seed"], provenance["cost"]) == (0, found["cost"])
+    assert (provenance["seed"], provenance["cost"]) == (0, measured["cost"])
     assert set(provenance["standard_errors"]) == {"y_l", "y_r", "alpha_l"}
 
 
@@ -85,12 +85,12 @@ def test_what_a_log_hardly_excites_stays_where_it_was(tmp_path: Path) -> None:
     columns = {"t": t, "x": x, "y": y, "yaw": yaw, "enc_left": wheels, "enc_right": wheels}
     write_csv(Log.of_columns("a.csv", columns), tmp_path / "a.csv")
     args = ["kinematic", "--to", str(tmp_path / "a.csv"), "--robot", "husky", "--input", "wheels", "--search", "lsq"]
-    found = fitted(tmp_path / "out", *args)["parameters"]
+    measured = fitted(tmp_path / "out", *args)["parameters"]
     for name in ("y_l", "y_r", "drift", "position_late", "yaw_late"):
-        p = found[name]
+        p = measured[name]
         assert abs(p["value"] - p["before"]) < 0.05 * (p["upper"] - p["lower"]), name
         assert p["standard_error"] > VAGUE * (p["upper"] - p["lower"]), name
-    assert 0.5 * (found["alpha_l"]["value"] + found["alpha_r"]["value"]) == pytest.approx(0.9, abs=0.01)
+    assert 0.5 * (measured["alpha_l"]["value"] + measured["alpha_r"]["value"]) == pytest.approx(0.9, abs=0.01)
 
 
 def test_a_fit_that_is_worse_on_held_out_data_keeps_the_old_numbers(tmp_path: Path) -> None:
@@ -101,33 +101,33 @@ def test_a_fit_that_is_worse_on_held_out_data_keeps_the_old_numbers(tmp_path: Pa
     write_csv(bad, tmp_path / "bad.csv")
     args = ["kinematic", "--to", str(tmp_path / "bad.csv"), "--held-out", str(log), "--input", "wheels", "--search", "lsq"]
     options = [*args, "--profile", "thesis-lab", "--free", "alpha_l,alpha_r", "--horizons", "2"]
-    found = fitted(tmp_path / "kept", *options)
-    assert found["better"] is False
-    assert "larger than before" in found["notes"][0]
+    measured = fitted(tmp_path / "kept", *options)
+    assert measured["better"] is False
+    assert "larger than before" in measured["notes"][0]
     assert load_profile(tmp_path / "kept" / "profile.toml").plants["kinematic"] == lab.plants["kinematic"]
     fitted(tmp_path / "forced", *options, "--even-if-worse")
     forced = load_profile(tmp_path / "forced" / "profile.toml").plants["kinematic"].parameters
-    assert forced.alpha_l == found["parameters"]["alpha_l"]["value"] != lab.plants["kinematic"].parameters.alpha_l
+    assert forced.alpha_l == measured["parameters"]["alpha_l"]["value"] != lab.plants["kinematic"].parameters.alpha_l
 
 
 def test_what_the_data_cannot_tell_is_said(tmp_path: Path) -> None:
     """Two numbers of which only the quotient matters, and one that does nothing here."""
     args = ["kinematic", "--to", "traj4@kinematic", "--free", "wheel_radius,alpha_l,alpha_r,acceleration_w", *QUICK]
-    found = fitted(tmp_path, *args, "--bounds", "acceleration_w=5:20,alpha_l=0.8:1.1,alpha_r=0.8:1.1")
-    told = " ".join(found["notes"])
-    assert "cannot tell" in told
-    assert "wheel_radius" in told
-    assert "hardly determine acceleration_w" in told
-    p = found["parameters"]["acceleration_w"]
+    measured = fitted(tmp_path, *args, "--bounds", "acceleration_w=5:20,alpha_l=0.8:1.1,alpha_r=0.8:1.1")
+    reported = " ".join(measured["notes"])
+    assert "cannot tell" in reported
+    assert "wheel_radius" in reported
+    assert "hardly determine acceleration_w" in reported
+    p = measured["parameters"]["acceleration_w"]
     assert p["standard_error"] > VAGUE * (p["upper"] - p["lower"]) * 0.5
 
 
 def test_a_bound_that_was_reached_is_flagged(tmp_path: Path) -> None:
     args = ["kinematic", "--to", "traj4@kinematic", "--free", "alpha_l,alpha_r", "--bounds", "alpha_l=0.8:0.9"]
-    found = fitted(tmp_path, *args, "--population", "16", "--generations", "40")
-    assert found["parameters"]["alpha_l"]["at_bound"]
-    assert not found["parameters"]["alpha_r"]["at_bound"]
-    assert any("alpha_l ended at its upper bound, 0.9" in note for note in found["notes"])
+    measured = fitted(tmp_path, *args, "--population", "16", "--generations", "40")
+    assert measured["parameters"]["alpha_l"]["at_bound"]
+    assert not measured["parameters"]["alpha_r"]["at_bound"]
+    assert any("alpha_l ended at its upper bound, 0.9" in note for note in measured["notes"])
 
 
 LONG = "improved --to traj4@coulomb --seed 3 --generations 25 --population 30 --patience 99".split()
@@ -175,9 +175,9 @@ def test_a_checkpoint_of_another_fit_is_refused(tmp_path: Path, capsys: pytest.C
         settings = [] if "--generations" in change else ["--generations", "2"]
         capsys.readouterr()
         assert exit_status(fit, *args, *settings, *change, "--resume") == 2
-        told = capsys.readouterr().err.strip()
-        assert f"checkpoint of another search: it differs in {what};" in told
-        assert "\n" not in told
+        reported = capsys.readouterr().err.strip()
+        assert f"checkpoint of another search: it differs in {what};" in reported
+        assert "\n" not in reported
 
 
 def test_a_fit_is_kept_whose_errors_or_scores_cannot_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,7 +196,7 @@ def test_a_fit_is_kept_whose_errors_or_scores_cannot_be_had(monkeypatch: pytest.
 
     monkeypatch.setattr(program, "estimate", fail)
     monkeypatch.setattr(program, "drive", diverge)
-    found = fit("kinematic", "traj4@kinematic", held_out=("traj1",), **options)
-    assert (found.cost, found.parameters[0].standard_error, found.held_out) == (whole.cost, None, ())
-    assert "Standard errors could not be estimated: Singular matrix." in found.notes()
-    assert any("cannot be driven along traj1, which was held out" in note for note in found.notes())
+    result = fit("kinematic", "traj4@kinematic", held_out=("traj1",), **options)
+    assert (result.cost, result.parameters[0].standard_error, result.held_out) == (whole.cost, None, ())
+    assert "Standard errors could not be estimated: Singular matrix." in result.notes()
+    assert any("cannot be driven along traj1, which was held out" in note for note in result.notes())

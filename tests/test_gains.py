@@ -160,6 +160,6 @@ def test_gains_of_a_profile_cost_what_their_file_says(controller: str, profile: 
     settings = LoopSettings(filter=odometry_of(robot.drive))
     runs = run_robots([robot], [make_controller(chosen, gains)], [settings], waypoints, options["noise_seeds"])
     cost = TuneCost(**{k: options[k] for k in ("k_rms", "k_haus", "k_ratio", "k_bend", "k_u")})
-    found = costs_of(runs, waypoints.trajectory(0.008), waypoints.rms_speed, cost)[0]
-    said = gains.provenance["followed"]["circle at 0.5 m/s, improved"]["cost"]
-    assert found == pytest.approx(said, rel=1e-3)  # other processors round otherwise, and noise makes that grow
+    measured = costs_of(runs, waypoints.trajectory(0.008), waypoints.rms_speed, cost)[0]
+    message = gains.provenance["followed"]["circle at 0.5 m/s, improved"]["cost"]
+    assert measured == pytest.approx(message, rel=1e-3)  # other processors round otherwise, and noise makes that grow

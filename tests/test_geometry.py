@@ -75,5 +75,5 @@ def test_the_order_of_a_quaternion_is_in_its_name() -> None:
 
 def test_the_integral_of_straight_rates_is_exact() -> None:
     t = np.linspace(2.0, 5.0, 301) ** 1.1
-    found = integral(t, np.column_stack([2.0 * t, np.full(len(t), -3.0)]))
-    assert np.abs(found - np.column_stack([t**2 - t[0] ** 2, -3.0 * (t - t[0])])).max() <= 1e-10
+    measured = integral(t, np.column_stack([2.0 * t, np.full(len(t), -3.0)]))
+    assert np.abs(measured - np.column_stack([t**2 - t[0] ** 2, -3.0 * (t - t[0])])).max() <= 1e-10

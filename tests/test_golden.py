@@ -135,11 +135,11 @@ def made_on() -> str:
     return ", ".join([platform.machine(), blas, " ".join(platform.libc_ver()), *versions])
 
 
-def _agree(golden: Any, found: Any, same: Mapping[str, float]) -> bool:
+def _agree(golden: Any, measured: Any, same: Mapping[str, float]) -> bool:
     """Whether two numbers agree within tolerances, or two words, truth values or nothings are equal."""
-    if isinstance(golden, float | int) and isinstance(found, float | int):
-        return math.isclose(golden, found, **same) or (math.isnan(golden) and math.isnan(found))
-    return bool(golden == found)
+    if isinstance(golden, float | int) and isinstance(measured, float | int):
+        return math.isclose(golden, measured, **same) or (math.isnan(golden) and math.isnan(measured))
+    return bool(golden == measured)
 
 
 def _cases() -> Iterator[Any]:
@@ -155,12 +155,12 @@ def test_program_says_the_same_numbers(case: Mapping[str, Any], tmp_path: Path, 
     if "needs" in case and find_library(case["needs"]) is None:
         pytest.skip(f"the library {case['needs']} is not installed")
     monkeypatch.chdir(tmp_path)
-    found, golden = said_by(case["command"], tmp_path), case["numbers"]
+    measured, golden = said_by(case["command"], tmp_path), case["numbers"]
     same = SAME if case["made_on"] == made_on() else ELSEWHERE
     different = [
-        f"{key}: golden {number}, found {found.get(key, 'nothing')}"
+        f"{key}: golden {number}, found {measured.get(key, 'nothing')}"
         for key, number in golden.items()
-        if not _agree(number, found.get(key, "nothing"), same)
+        if not _agree(number, measured.get(key, "nothing"), same)
     ]
     if different:
         pytest.fail(

@@ -137,8 +137,8 @@ def test_a_limit_that_is_passed_is_named_in_the_advice(model: mujoco.MjModel) ->
 
 # ------------------------------------------------------------------------------- in a comparison
 def test_compare_tells_inertia_torque_and_trembling(lab: Profile) -> None:
-    found = compare("traj4", lab, ("mujoco", "improved"), noise=True)
-    health = found.as_dict()["plants"]["mujoco"]["health"]
+    comparison = compare("traj4", lab, ("mujoco", "improved"), noise=True)
+    health = comparison.as_dict()["plants"]["mujoco"]["health"]
     section = lab.plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
     motion = plant.run(TRAJECTORIES["traj4"].commands(), State(), 0.008)
@@ -148,8 +148,8 @@ def test_compare_tells_inertia_torque_and_trembling(lab: Profile) -> None:
     after = motion.t >= START_TIME
     total = motion.channels["wheel_load_N"][after].sum(axis=1)
     assert health["load_sum_rms_N"] == pytest.approx(np.sqrt(np.mean((total - health["weight_N"]) ** 2)), rel=0.05)
-    assert "health" not in found.as_dict()["plants"]["improved"]
-    text = found.table()
+    assert "health" not in comparison.as_dict()["plants"]["improved"]
+    text = comparison.table()
     assert f"{health['apparent_mass_kg']:.1f}" in text
     assert f"{health['peak_torque_N_m']:.1f}" in text
     assert f"{health['load_sum_rms_N']:.1f}" in text

@@ -187,11 +187,11 @@ def test_a_restored_search_goes_on_bit_for_bit() -> None:
     settings = SHORT
     whole = finish(Jde(4, settings, 9))
     for stop in range(16):
-        for asked in (False, True):
+        for commanded in (False, True):
             search = Jde(4, settings, 9)
             for _ in range(stop):
                 search.tell(sphere(search.ask()))
-            if asked:
+            if commanded:
                 search.ask()
             restored = Jde.restore(saved(search.state()))
             assert restored.settings == settings

@@ -52,7 +52,7 @@ DRIVES = {"plain": {}, "special": {**WIND_UP, "wheel_lag": 0.1, "command_ramp": 
 def candidates(kind: type, count: int, special: dict[str, float]) -> list[PlanarModel]:
     """Return robots of which no number is like another's: delays, limits, half-tracks, masses, the law's own."""
     rng = np.random.default_rng(3)
-    found = []
+    rows = []
     for _ in range(count):
         own = {n: (getattr(kind(), n) or 0.05) * rng.uniform(0.9, 1.1) for n in described(kind)}
         vehicle = Vehicle(mass=rng.uniform(60, 90), effective_half_track=rng.uniform(0.3, 0.5), x_icr=rng.uniform(-0.1, 0.1))
@@ -60,8 +60,8 @@ def candidates(kind: type, count: int, special: dict[str, float]) -> list[Planar
             delay_v=rng.uniform(0.0, 0.3), delay_w=rng.uniform(0.0, 0.3), acceleration_v=rng.uniform(0.5, 5.0),
             command_half_track=rng.uniform(0.25, 0.4), torque_limit=rng.uniform(3.0, 8.0), **special,
         )  # fmt: skip
-        found.append(PlanarModel(kind(**own), replace(vehicle, radius_difference=rng.uniform(-0.01, 0.01)), drive))
-    return found
+        rows.append(PlanarModel(kind(**own), replace(vehicle, radius_difference=rng.uniform(-0.01, 0.01)), drive))
+    return rows
 
 
 def inputs(kind: str = "twist") -> Commands:
@@ -73,8 +73,8 @@ def inputs(kind: str = "twist") -> Commands:
 
 
 def alone(models: list[PlanarModel], commands: Commands, starts: list[State]) -> FloatArray:
-    found = [PlanarPlant(m).run(commands, s, SAMPLE_DT) for m, s in zip(models, starts, strict=True)]
-    return np.array([motion.pose for motion in found])
+    measured = [PlanarPlant(m).run(commands, s, SAMPLE_DT) for m, s in zip(models, starts, strict=True)]
+    return np.array([motion.pose for motion in measured])
 
 
 @pytest.mark.parametrize("special", DRIVES)

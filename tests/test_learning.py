@@ -201,11 +201,11 @@ def pair() -> tuple[Any, Any]:
 )  # fmt: skip
 def test_an_action_that_cannot_be_is_one_error_and_nothing_has_moved(pair: tuple[Any, Any], action: Any) -> None:
     """An environment that was told nonsense in between goes on like one that was not."""
-    told, spared = pair
+    reported, spared = pair
     with pytest.raises(ValueError, match=r"^action must be \(2,\) finite numbers") as refused:
-        told.step(action)
+        reported.step(action)
     assert str(refused.value).isprintable()
-    after, expected = (environment.step(np.array([0.4, 0.3])) for environment in (told, spared))
+    after, expected = (environment.step(np.array([0.4, 0.3])) for environment in (reported, spared))
     assert after.reward == expected.reward
     for name, value in expected.observation.items():
         np.testing.assert_array_equal(after.observation[name], value)
@@ -251,7 +251,7 @@ def test_the_policy_of_the_page_learns(tmp_path: Path) -> None:
     policy, weights, history = module.learn(20, every=20)
     assert history[0]["reward"] < 0.1
     assert history[-1]["reward"] > 0.5
-    found = module.judge(policy, weights, ("sine@0.5",), 1)
-    assert not found["sine"]["learnt"]["lost"]
-    module.draw(history, module.pid_reward(8), found, tmp_path / "learning.png")
+    measured = module.judge(policy, weights, ("sine@0.5",), 1)
+    assert not measured["sine"]["learnt"]["lost"]
+    module.draw(history, module.pid_reward(8), measured, tmp_path / "learning.png")
     assert (tmp_path / "learning.png").stat().st_size > 10_000

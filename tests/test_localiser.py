@@ -51,11 +51,11 @@ def test_a_twist_is_the_slope_of_the_pose_in_the_tracked_frame(lab: Profile) -> 
 def test_position_and_heading_have_delays_of_their_own(lab: Profile) -> None:
     body = curve(lab)
     stamps = 7.0 + body.t
-    told = replace(PLACED, position_late=0.3, yaw_late=-0.1).seen(body, stamps)
+    reported = replace(PLACED, position_late=0.3, yaw_late=-0.1).seen(body, stamps)
     at_once = PLACED.seen(body, stamps)
-    np.testing.assert_allclose(told.xy[60:], at_once.xy[30 : len(told) - 30], atol=1e-9)
-    np.testing.assert_allclose(told.yaw[:-10], at_once.yaw[10:], atol=1e-9)
-    np.testing.assert_array_equal(told.twist, at_once.twist)
+    np.testing.assert_allclose(reported.xy[60:], at_once.xy[30 : len(reported) - 30], atol=1e-9)
+    np.testing.assert_allclose(reported.yaw[:-10], at_once.yaw[10:], atol=1e-9)
+    np.testing.assert_array_equal(reported.twist, at_once.twist)
 
 
 def test_every_number_can_be_fitted(lab: Profile) -> None:

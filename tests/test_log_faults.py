@@ -68,30 +68,30 @@ def with_jumps(columns: dict[str, FloatArray], jumps: dict[float, float], name: 
 
 
 def test_a_sound_log_has_no_faults() -> None:
-    found = faults_of(drive())
-    assert found.sentences() == []
-    assert found.jumps is not None
-    assert len(found.jumps.t) == 0
-    assert found.uncommanded_share == 0.0
+    measured = faults_of(drive())
+    assert measured.sentences() == []
+    assert measured.jumps is not None
+    assert len(measured.jumps.t) == 0
+    assert measured.uncommanded_share == 0.0
 
 
 @pytest.mark.parametrize(("name", "size"), [("x", 3.0 * JUMP_M), ("y", -2.0 * JUMP_M), ("yaw", 2.0 * JUMP_RAD)])
 def test_jumps_are_found_where_they_are(name: str, size: float) -> None:
     at = [7.3, 20.0, 20.1, 41.5]
-    found = faults_of(with_jumps(drive(), dict.fromkeys(at, size), name)).jumps
-    assert found is not None
-    np.testing.assert_allclose(found.t, at)
-    steps = found.radians if name == "yaw" else found.metres
+    measured = faults_of(with_jumps(drive(), dict.fromkeys(at, size), name)).jumps
+    assert measured is not None
+    np.testing.assert_allclose(measured.t, at)
+    steps = measured.radians if name == "yaw" else measured.metres
     np.testing.assert_allclose(steps, abs(size), atol=0.13)  # the robot itself drives up to 0.06 m; noise of both poses
 
 
 def test_a_localiser_that_stalls_and_catches_up_does_not_jump() -> None:
     columns, creep = drive(speed=5.0), 1e-6 * np.arange(1200)  # while it stalls, its poses are new ones
     since = np.where(columns["t"] % 6.0 < 1.0, np.round((columns["t"] % 6.0) / DT), 0.0).astype(int)
-    found = faults_of({**columns, **{name: columns[name][np.arange(1200) - since] + creep for name in ("x", "y")}}).jumps
-    assert found is not None
-    assert len(found.t) == 0
-    assert found.caught_up >= 5
+    measured = faults_of({**columns, **{name: columns[name][np.arange(1200) - since] + creep for name in ("x", "y")}}).jumps
+    assert measured is not None
+    assert len(measured.t) == 0
+    assert measured.caught_up >= 5
 
 
 def test_a_fast_robot_slides_on_when_its_wheels_stop(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,9 +105,9 @@ def test_a_fast_robot_slides_on_when_its_wheels_stop(monkeypatch: pytest.MonkeyP
 def test_motion_through_a_gap_is_no_jump() -> None:
     columns = drive()
     keep = (columns["t"] < 20.0) | (columns["t"] > 24.0)
-    found = faults_of({n: a[keep] for n, a in columns.items()}).jumps
-    assert found is not None
-    assert len(found.t) == 0
+    measured = faults_of({n: a[keep] for n, a in columns.items()}).jumps
+    assert measured is not None
+    assert len(measured.t) == 0
 
 
 def test_commands_say_how_fast_a_robot_without_encoders_is() -> None:
@@ -209,8 +209,8 @@ def test_mistakes_of_loggers_are_named_and_a_sound_log_is_not_blamed(name: str) 
     assert faults_of(columns).named == ()
     missed = set()
     for mistake, (kind, names, spoil) in mistakes(0.3 if name == "warthog" else EkfSettings.radius).items():
-        found = faults_of(spoil(dict(columns))).named
-        if not any(f.kind == kind and set(names.split()) & set(f.columns) for f in found):
+        measured = faults_of(spoil(dict(columns))).named
+        if not any(f.kind == kind and set(names.split()) & set(f.columns) for f in measured):
             missed.add(mistake)
     assert missed == UNSEEN.get(name, set())
 
@@ -244,14 +244,14 @@ def test_units_of_positions_show_on_ice_where_wheels_hardly_tell_the_way() -> No
         pytest.skip(f"there is no {path}")
     log = read_log(path).on_one_clock()
     for unit in ("cm", "mm"):
-        found = faults_of(scaled(WAYS[unit], "x", "y")({"t": log.t, **log.columns})).named
-        assert {(f.kind, f.columns) for f in found} == {("sign", ("gyro_z",)), ("scale", ("x", "y"))}
+        measured = faults_of(scaled(WAYS[unit], "x", "y")({"t": log.t, **log.columns})).named
+        assert {(f.kind, f.columns) for f in measured} == {("sign", ("gyro_z",)), ("scale", ("x", "y"))}
 
 
 def test_two_signals_that_contradict_each_other_are_both_named() -> None:
     columns = {n: a for n, a in drive().items() if n in ("t", *WHEELS, *POSE_COLUMNS)}
-    (found,) = faults_of(swapped(*WHEELS)(columns)).named
-    assert {*WHEELS, "yaw"} <= set(found.columns)
+    (measured,) = faults_of(swapped(*WHEELS)(columns)).named
+    assert {*WHEELS, "yaw"} <= set(measured.columns)
 
 
 def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -262,9 +262,9 @@ def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path,
         write_csv(with_jumps(drive(), jumps), path)
         compared = compare(str(path), plants=("kinematic",), workers=1, **settings)
         fitted = fit("kinematic", path, input="wheels", free=("wheel_radius",), population=5, generations=1, workers=1)
-        said = (caplog.messages, compared.notes(), compared.as_dict()["notes"], fitted.as_dict()["notes"])
-        warned = [any("jumps 2 times" in sentence for sentence in sentences) for sentences in said]
-        assert warned == [name == "jumped"] * len(said)
+        message = (caplog.messages, compared.notes(), compared.as_dict()["notes"], fitted.as_dict()["notes"])
+        warned = [any("jumps 2 times" in sentence for sentence in sentences) for sentences in message]
+        assert warned == [name == "jumped"] * len(message)
         errors.append(compared.plants["kinematic"].horizons[6.0].position_p95_m)
         costs.append(fitted.cost)
     assert abs(errors[1] - errors[0]) < 0.5  # of 5 m
@@ -274,14 +274,14 @@ def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path,
 def test_info_writes_what_it_found(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     write_csv({**with_jumps(drive(), {10.0: 5.0}), "gyro_z": np.zeros(1200)}, path)
-    found = info(path)
-    found.write(tmp_path / "new" / "info.json")
+    report = info(path)
+    report.write(tmp_path / "new" / "info.json")
     document = json.loads((tmp_path / "new" / "info.json").read_text())
     assert document["schema"] == "ssmr.info/1"
     assert document["pose_jumps"] == 1
     assert document["uncommanded_share"] == 0.0
     assert document["dead_columns"] == ["gyro_z"]
     assert set(document["offsets_s"]) == {"wheels", "pose_yaw", "position"}
-    assert "gyro_z" in found.table()
+    assert "gyro_z" in report.table()
     with pytest.raises(ValueError, match="the log itself"):
-        found.write(path)
+        report.write(path)

@@ -73,7 +73,7 @@ T = 0.05 * np.arange(1200)
 
 
 @pytest.mark.parametrize(
-    ("t", "line", "said"),
+    ("t", "line", "message"),
     [
         (
             T * 1e9,
@@ -91,11 +91,11 @@ T = 0.05 * np.arange(1200)
         (4.0 * np.arange(250_000), 250_001, "the log spans 999996 s, but the limit span is 864000 s"),
     ],
 )
-def test_what_is_no_time_in_seconds_is_refused_with_its_line(tmp_path: Path, t: np.ndarray, line: int, said: str) -> None:
+def test_what_is_no_time_in_seconds_is_refused_with_its_line(tmp_path: Path, t: np.ndarray, line: int, message: str) -> None:
     with pytest.raises(FileError) as refused:
         read_csv(drive(tmp_path, t))
     assert (refused.value.line, refused.value.column) == (line, "t")
-    assert said in str(refused.value)
+    assert message in str(refused.value)
 
 
 @pytest.mark.parametrize("t", [(-1e308, -1e308), (1e308, -1e308, 1e308), (-1.7e308, 1.7e308)])
@@ -143,14 +143,14 @@ def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("t", "x", "said"),
+    ("t", "x", "message"),
     [
         (T, 1e9 * T, "drive.odd, 0.150 s: x is 1.5e+08 m, more than 1e+08"),
         (1e9 * T, T, "drive.odd, sample 1: the median step is 5e+07 s"),
     ],
 )
 def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, t: np.ndarray, x: np.ndarray, said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, t: np.ndarray, x: np.ndarray, message: str
 ) -> None:
     def read(path: Path, options: ReadOptions) -> Log:
         return Log.of_columns(path, {"t": t, "x": x}, options.limits)
@@ -159,7 +159,7 @@ def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
     (tmp_path / "drive.odd").touch()
     with pytest.raises(FileError) as refused:
         read_log(tmp_path / "drive.odd")
-    assert said in str(refused.value)
+    assert message in str(refused.value)
 
 
 # --------------------------------------------------------------------------------------------------- the limits themselves

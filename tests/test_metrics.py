@@ -121,9 +121,9 @@ def winding(step: float, amplitude: float = 1.5, wave: float = 4.0, waves: int =
 @quick
 @given(points=paths, path=paths)
 def test_nearest_distances_are_those_of_the_search_over_all_pairs(points: FloatArray, path: FloatArray):
-    found = nearest_distances(points, path)
-    assert np.array_equal(found, all_pairs(points, path))
-    np.testing.assert_allclose(found, cKDTree(path).query(points)[0], rtol=ROUNDOFF, atol=ROUNDOFF)
+    measured = nearest_distances(points, path)
+    assert np.array_equal(measured, all_pairs(points, path))
+    np.testing.assert_allclose(measured, cKDTree(path).query(points)[0], rtol=ROUNDOFF, atol=ROUNDOFF)
 
 
 @quick
@@ -147,11 +147,11 @@ def test_nearest_distances_where_the_bound_is_tight(step: float):
     for out in range(1, 120):
         along = np.concatenate([10.0 + np.arange(out), np.arange(10.0 + out, 8.0, -1.0), np.arange(10.0, 200.0)])
         path = step * np.column_stack([along, np.zeros(len(along))])
-        for asked in (path, path[::-1]):
+        for commanded in (path, path[::-1]):
             # The first batches of points lie at the end of the path, so that the search begins there.
-            points = np.concatenate([np.tile(asked[-1], (64, 1)), np.zeros((1, 2))])
+            points = np.concatenate([np.tile(commanded[-1], (64, 1)), np.zeros((1, 2))])
             for some in (points, points[-1:]):
-                assert np.array_equal(nearest_distances(some, asked), all_pairs(some, asked))
+                assert np.array_equal(nearest_distances(some, commanded), all_pairs(some, commanded))
 
 
 # Length and bending energy -------------------------------------------------------------------------------------------------
@@ -371,13 +371,13 @@ def test_the_parts_are_those_of_the_whole() -> None:
         if np.isnan(whole.d_rms):
             assert np.all(np.isnan(one_sided_kernel(candidate, reference, path_length(reference))))
             continue
-        found = {name: METRICS[name].pool([METRICS[name].of(whole, (0.0, 0.0))], [400]) for name in METRICS}
+        measured = {name: METRICS[name].pool([METRICS[name].of(whole, (0.0, 0.0))], [400]) for name in METRICS}
         assert one_sided_kernel(candidate, reference, path_length(reference)) == (
-            found["d_rms_m"],
-            found["d_haus_m"],
-            found["d_ratio"],
+            measured["d_rms_m"],
+            measured["d_haus_m"],
+            measured["d_ratio"],
         )
-        assert bend_ratio_kernel(candidate, reference) == found["e_bend_ratio"]
+        assert bend_ratio_kernel(candidate, reference) == measured["e_bend_ratio"]
 
 
 # Declarations and pieces ---------------------------------------------------------------------------------------------------
@@ -407,11 +407,11 @@ def test_signals_at_equal_times_see_a_late_robot_that_paths_do_not() -> None:
     """A sine of frequency w that comes s later differs by a cosine of amplitude 2 sin(w s / 2)."""
     t, w, late = 0.01 * np.arange(2000), math.pi, 0.04
     on_time, delayed = turning(np.sin(w * t), 3.0), turning(np.sin(w * (t - late)), 5.0)
-    found = compare_signals([delayed], [on_time])
+    metrics = compare_signals([delayed], [on_time])
     wanted = math.sqrt(2.0) * math.sin(0.5 * w * late)
-    assert found["yaw_rate_rms_rad_s"] == pytest.approx(wanted, rel=1e-3)
-    assert found["yaw_acceleration_rms_rad_s2"] == pytest.approx(w * wanted, rel=1e-2)
-    assert found["torque_rms_N_m"] == pytest.approx(2.0)
+    assert metrics["yaw_rate_rms_rad_s"] == pytest.approx(wanted, rel=1e-3)
+    assert metrics["yaw_acceleration_rms_rad_s2"] == pytest.approx(w * wanted, rel=1e-2)
+    assert metrics["torque_rms_N_m"] == pytest.approx(2.0)
     assert set(compare_signals([on_time], [on_time]).values()) == {0.0}
     assert compare_paths(delayed, on_time)["d_rms_m"] == 0.0
 

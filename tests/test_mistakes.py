@@ -154,10 +154,10 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(
     before = {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()}
     with pytest.raises(SystemExit) as left:
         cli.run(program_named(program), f"python -m validation.{program}", arguments)
-    said = capsys.readouterr().err
+    message = capsys.readouterr().err
     assert left.value.code == cli.EXIT_USER_ERROR
-    assert said.startswith("error: ")
-    assert said.count("\n") == 1
-    assert MISTAKES[command] in said
+    assert message.startswith("error: ")
+    assert message.count("\n") == 1
+    assert MISTAKES[command] in message
     assert {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()} == before
     shutil.rmtree(place / "runs", ignore_errors=True)

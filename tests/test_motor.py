@@ -114,8 +114,8 @@ def test_the_integral_part_takes_the_droop_out_of_every_planar_model(parameters:
     motion = PlanarPlant(PlanarModel(parameters, Vehicle(), drive)).run(
         Commands(0.05, np.tile([0.5, 0.3], (400, 1))), State(), 0.05
     )
-    asked = side_rates(0.5, 0.3, vehicle_body(packed(Vehicle())))
-    assert np.array(asked) - motion.wheels[-1] == pytest.approx(np.full(2, 4.0 / (60.0 + 1900.0)), rel=1e-3)
+    commanded = side_rates(0.5, 0.3, vehicle_body(packed(Vehicle())))
+    assert np.array(commanded) - motion.wheels[-1] == pytest.approx(np.full(2, 4.0 / (60.0 + 1900.0)), rel=1e-3)
 
 
 @pytest.mark.parametrize("parameters", SMOOTH)
@@ -125,10 +125,10 @@ def test_sides_of_different_radius_turn_a_robot_that_is_told_to_drive_straight(p
         Commands(0.05, np.tile([0.5, 0.0], (400, 1))), State(), 0.05
     )
     assert motion.twist[-1, 2] == pytest.approx(-0.008 * 0.5 / 0.1651 / (2 * 0.275), rel=1e-2)
-    told = PlanarPlant(PlanarModel(parameters, vehicle, drive)).run(
+    reported = PlanarPlant(PlanarModel(parameters, vehicle, drive)).run(
         Commands(0.05, [[3.0, 3.0]] * 9, "wheels"), State(), 0.05
     )
-    assert told.twist[-1] == pytest.approx([3.0 * 0.1651, 0.0, -3.0 * 0.008 / (2 * 0.275)])
+    assert reported.twist[-1] == pytest.approx([3.0 * 0.1651, 0.0, -3.0 * 0.008 / (2 * 0.275)])
 
 
 def hung(drive: Drive, calibration: Calibration) -> tuple[mujoco.MjModel, mujoco.MjData]:

@@ -79,9 +79,9 @@ RUNS: dict[str, tuple[Main, tuple[str, ...]]] = {
 def test_a_program_works_and_lets_nothing_raw_out(name: str, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     before, (main, arguments) = set(folder.rglob("*")), RUNS[name]
     assert exit_status(main, *arguments) == 0
-    said = capfd.readouterr()
-    assert not harmful(said.out, "\n")
-    assert not harmful(said.err, "\n")
+    message = capfd.readouterr()
+    assert not harmful(message.out, "\n")
+    assert not harmful(message.err, "\n")
     written = {path for path in folder.rglob("*") if path.is_file()} - before
     assert written or name == "info"
     for path in written:

@@ -60,11 +60,11 @@ def error_beyond(offset: Offset, true: float) -> bool:
 
 @pytest.mark.parametrize(("wheels", "position", "yaw"), [(0.2, 0.1, 0.22), (0.0, 0.15, -0.05), (-0.1, -0.1, 0.3)])
 def test_each_delay_is_recovered(wheels: float, position: float, yaw: float) -> None:
-    found = found_in(made(wheels, position, yaw))
+    measured = found_in(made(wheels, position, yaw))
     for name, true in (("wheels", wheels), ("position", position), ("pose_yaw", yaw)):
-        assert found[name].behind == "imu"
-        assert not error_beyond(found[name], true), found[name]
-        assert found[name].standard_error < 0.02
+        assert measured[name].behind == "imu"
+        assert not error_beyond(measured[name], true), measured[name]
+        assert measured[name].standard_error < 0.02
 
 
 def with_group(log: Log, name: str, columns: dict[str, np.ndarray]) -> Log:
@@ -72,12 +72,12 @@ def with_group(log: Log, name: str, columns: dict[str, np.ndarray]) -> Log:
 
 
 def test_standard_errors_are_as_large_as_the_errors() -> None:
-    errors, told = [], []
+    errors, rows = [], []
     for seed in range(8):
-        found = found_in(made(0.0, 0.1, 0.2, seed))
-        errors.append([found["position"].seconds - 0.1, found["pose_yaw"].seconds - 0.2])
-        told.append([found["position"].standard_error, found["pose_yaw"].standard_error])
-    ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(np.square(told), axis=0))
+        measured = found_in(made(0.0, 0.1, 0.2, seed))
+        errors.append([measured["position"].seconds - 0.1, measured["pose_yaw"].seconds - 0.2])
+        rows.append([measured["position"].standard_error, measured["pose_yaw"].standard_error])
+    ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(np.square(rows), axis=0))
     assert np.all((ratio > 0.3) & (ratio < 2.0)), ratio  # eight draws: a standard deviation is known to a quarter
 
 
@@ -87,9 +87,9 @@ def test_jumps_of_the_localiser_move_no_offset() -> None:
     jumps = sum(3.0 * (t >= at) for at in (20.0, 33.0, 71.0))
     lost = (t >= 50.0) & (t < 52.0)  # for two seconds it looks somewhere else
     jumped = {**columns, "x": columns["x"] + jumps, "yaw": columns["yaw"] - 0.8 * lost}
-    found = found_in(with_group(log, "pose", jumped))
-    assert not error_beyond(found["position"], 0.1)
-    assert not error_beyond(found["pose_yaw"], 0.22)
+    measured = found_in(with_group(log, "pose", jumped))
+    assert not error_beyond(measured["position"], 0.1)
+    assert not error_beyond(measured["pose_yaw"], 0.22)
 
 
 def test_sync_takes_each_delay_out() -> None:

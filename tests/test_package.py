@@ -77,8 +77,8 @@ def wanted(version: str) -> list[Requirement]:
         *PROJECT["dependencies"],
         *(r for name in extras for r in extras[name] if not r.startswith(PROJECT["name"])),
     ]
-    found = [Requirement(text) for text in everything]
-    return [r for r in found if r.marker is None or r.marker.evaluate({"python_version": version})]
+    measured = [Requirement(text) for text in everything]
+    return [r for r in measured if r.marker is None or r.marker.evaluate({"python_version": version})]
 
 
 def test_the_main_job_runs_without_dm_control_and_rerun(tmp_path: Path) -> None:

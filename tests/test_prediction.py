@@ -143,15 +143,15 @@ def test_a_controller_does_not_know_of_a_delay_that_its_drive_does_not_tell() ->
     robot = make_robot(lab, "improved")
     late = delayed(robot, 0.1)
     law = make_controller(lab, load_gains("lqr-scheduled+predictor"))
-    told: list[float] = []
+    rows: list[float] = []
 
     def spy(mission: Mission) -> CompiledSteering:
-        told.append(mission.dead_time)
+        rows.append(mission.dead_time)
         assert isinstance(law, Controller)
         return CompiledSteering(law, mission)
 
     run_robots([robot, late], [PythonController("spy", spy, law.a, law.b)] * 2, [TRUTH] * 2, line(0.5, 1.0), [0])
-    assert told == [robot.drive.delay_v] * 2
+    assert rows == [robot.drive.delay_v] * 2
     assert late.drive.delay_v == pytest.approx(robot.drive.delay_v + 0.1)
 
 

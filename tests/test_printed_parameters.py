@@ -74,9 +74,9 @@ def test_it_slides_out_of_its_curves(scenario: str) -> None:
     across, rate = robot.twist[late, 1], robot.twist[late, 2]
     assert np.mean(across * rate) < -0.2 * AXLE * np.mean(rate**2)
     swing = AXLE * np.abs(rate).max()
-    asked = motion.amplitude * math.hypot(motion.speed, 2.0 * math.pi * motion.frequency * AXLE)
-    assert (asked < 0.0409 * GRAVITY) == (scenario in ("traj2", "traj3"))
-    if asked < 0.0409 * GRAVITY:
+    commanded = motion.amplitude * math.hypot(motion.speed, 2.0 * math.pi * motion.frequency * AXLE)
+    assert (commanded < 0.0409 * GRAVITY) == (scenario in ("traj2", "traj3"))
+    if commanded < 0.0409 * GRAVITY:
         assert np.abs(across).max() == pytest.approx(swing, rel=0.05)
     else:
         assert np.abs(across).max() > 0.7 * swing

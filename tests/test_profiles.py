@@ -94,8 +94,8 @@ def test_what_is_clearly_faster_than_the_fit_is_told_with_both_numbers(capsys: p
     assert (pace.speed, pace.lateral_acceleration) == (2.0, 1.0)
     lab = load_profile("thesis-lab")
     assert replace(lab, fitted_at=Pace(1.05, 1.0)).too_fast(pace, "it") == []
-    (said,) = replace(lab, fitted_at=Pace(0.9, 1.0)).too_fast(pace, "it")
-    assert re.search(r"2 m/s .* 0\.9 m/s", said)
-    found = compare("husky", replace(lab, fitted_at=Pace(0.1, 0.1)), plants=("kinematic",))
-    assert "fitted at 0.1 m/s" in found.sentences[0]
-    assert found.sentences[0] in capsys.readouterr().err
+    (message,) = replace(lab, fitted_at=Pace(0.9, 1.0)).too_fast(pace, "it")
+    assert re.search(r"2 m/s .* 0\.9 m/s", message)
+    comparison = compare("husky", replace(lab, fitted_at=Pace(0.1, 0.1)), plants=("kinematic",))
+    assert "fitted at 0.1 m/s" in comparison.sentences[0]
+    assert comparison.sentences[0] in capsys.readouterr().err

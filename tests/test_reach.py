@@ -26,20 +26,20 @@ def test_a_settled_motion_of_a_robot_without_slip_is_the_command(lab: Profile) -
 def test_the_tile_husky_turns_at_less_than_an_eight_asks_for(plant: str) -> None:
     """Told 2 rad/s it turns at 0.9 rad/s: half as wide as its track is what its driver reckons with."""
     robot = make_robot(load_profile("husky-tile"), plant)
-    said = demand_of(eight(0.5), robot, "husky-tile", "eight")
+    message = demand_of(eight(0.5), robot, "husky-tile", "eight")
     asks = f"eight at 0.5 m/s asks {plant} of husky-tile for a yaw rate of 1.20 rad/s"
-    found = re.fullmatch(asks + r" where (0.\d\d) rad/s are possible; at (0.\d\d) m/s it could be followed.", said or "")
-    assert found is not None, said
-    possible, speed = map(float, found.groups())
+    match = re.fullmatch(asks + r" where (0.\d\d) rad/s are possible; at (0.\d\d) m/s it could be followed.", message or "")
+    assert match is not None, message
+    possible, speed = map(float, match.groups())
     assert 0.85 < possible < 1.0
     assert speed == pytest.approx(0.5 * possible / 1.2, abs=0.011)
     assert demand_of(eight(speed - 0.02), robot, "husky-tile", "eight") is None
 
 
 def test_it_is_said_at_the_start_and_kept_in_the_result() -> None:
-    found = track("lqr", "eight@0.5", "improved", "husky-tile", "tuned")
-    origin, demand, fast = found.alarms
+    tracked = track("lqr", "eight@0.5", "improved", "husky-tile", "tuned")
+    origin, demand, fast = tracked.alarms
     assert origin.startswith("The gains lqr-tuned were found on the profile thesis-lab, not on husky-tile")
     assert demand.startswith("eight at 0.5 m/s asks improved of husky-tile")
     assert "husky-tile was fitted at 0.35 m/s" in fast
-    assert {origin, demand, fast} <= set(found.as_dict()["notes"])
+    assert {origin, demand, fast} <= set(tracked.as_dict()["notes"])

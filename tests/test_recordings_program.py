@@ -19,9 +19,9 @@ from validation.recordings import PROGRAM
 def test_info_and_convert_as_they_are_called(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = str(write(tmp_path, "ros1", circle()))
     assert exit_status(PROGRAM, "info", bag) == 0
-    told = capsys.readouterr().out
+    reported = capsys.readouterr().out
     for words in ("/husky_velocity_controller/odom", "Odometry", "20.0", "not read", "latitude", "wheels"):
-        assert words in told
+        assert words in reported
     out = tmp_path / "folder" / "drive.csv"
     assert exit_status(PROGRAM, "convert", bag, "--out", str(out), *"--from 1 --until 2 --rate 50".split()) == 0
     recording = read_csv(out)

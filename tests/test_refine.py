@@ -49,9 +49,9 @@ def test_a_short_search_arrives_at_the_numbers_that_made_the_motion(lab: Profile
 
 
 def test_least_squares_alone_begin_with_the_profile(lab: Profile) -> None:
-    found = fit("improved", "traj4@improved", lab, free=FREE, objective="sync", search="lsq")
-    assert found.cost < 1e-6  # these are the profile's own numbers
-    assert found.course.jde.generation == 0
+    result = fit("improved", "traj4@improved", lab, free=FREE, objective="sync", search="lsq")
+    assert result.cost < 1e-6  # these are the profile's own numbers
+    assert result.course.jde.generation == 0
     away = fit(
         "improved", "traj4@improved", lab, free=FREE, objective="sync", search="lsq", start={"delay": 0.3, "gain": 60.0}
     )
@@ -67,8 +67,8 @@ def test_least_squares_leave_the_start_on_a_log_in_which_the_robot_mostly_stands
     held = {name: np.append(values, np.full(6000, rest[name])) for name, values in (columns | late).items()}
     held["t"] = 0.05 * np.arange(len(held["t"]))
     np.savetxt(tmp_path / "still.csv", np.column_stack([*held.values()]), delimiter=",", header=",".join(held), comments="")
-    found = fit("kinematic", tmp_path / "still.csv", robot="husky", input="wheels", search="lsq")
-    assert {p.name: p.value for p in found.parameters}["yaw_late"] == pytest.approx(0.3, abs=0.1)
+    result = fit("kinematic", tmp_path / "still.csv", robot="husky", input="wheels", search="lsq")
+    assert {p.name: p.value for p in result.parameters}["yaw_late"] == pytest.approx(0.3, abs=0.1)
 
 
 def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: Path, monkeypatch: Any) -> None:

@@ -71,8 +71,8 @@ def test_every_template_has_a_caption_for_each_of_its_tables() -> None:
 
 def test_files_hold_every_number_beside_ours_with_a_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("validation.replicate.run.QUICK", SMALL.budget)
-    found = replicate(quick=True, only=("3.9",), workers=2)
-    assert [p.name for p in found.save(tmp_path)] == ["replicate.png", "replicate.md", "replicate.json"]
+    report = replicate(quick=True, only=("3.9",), workers=2)
+    assert [p.name for p in report.save(tmp_path)] == ["replicate.png", "replicate.md", "replicate.json"]
     document = json.loads((tmp_path / "replicate.json").read_text(encoding="utf-8"))
     assert (document["schema"], document["quick"]) == ("ssmr.replicate/1", True)
     assert list(document["tables"]) == ["3.8", "3.9"]
@@ -98,9 +98,9 @@ def test_an_interrupt_keeps_the_sections_that_are_finished() -> None:
         if "accelerations" in now.text:
             raise KeyboardInterrupt
 
-    found = replicate(quick=True, only=("noise", "accelerations"), progress=stop)
-    assert found.status == "interrupted"
-    assert list(found.found) == ["noise"]
+    report = replicate(quick=True, only=("noise", "accelerations"), progress=stop)
+    assert report.status == "interrupted"
+    assert list(report.found) == ["noise"]
     with pytest.raises(KeyboardInterrupt):
         replicate(quick=True, only=("accelerations",), progress=stop)
     assert exit_status(replicate, "--only", "5.1") == 2
@@ -111,8 +111,8 @@ def test_an_interrupt_keeps_the_sections_that_are_finished() -> None:
 
 def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis() -> None:
     """White noise of the printed variances leaves the share that the filter lets pass; wrong stamps are noise of X alone."""
-    found = section("noise").run(SMALL._replace(budget=QUICK._replace(draws=3)))
-    for name, pairs in found.tables["3.4"].items():
+    measured = section("noise").run(SMALL._replace(budget=QUICK._replace(draws=3)))
+    for name, pairs in measured.tables["3.4"].items():
         pair = pairs["variance"]
         assert pair.ours is not None
         assert pair.beside["of what is simulated"] == pytest.approx(0.623 * (pair.published or 0.0), rel=0.15), name
@@ -165,12 +165,12 @@ def test_the_supposed_path_has_its_rate_and_both_ends() -> None:
 
 def test_a_robot_that_turns_as_its_wheels_ask_never_drives_straight() -> None:
     """Half of the hard turns without any yaw rate is half of them, and soft turns do not count."""
-    asked = np.array([1.0, 1.0, -1.0, -1.0, 0.1, 0.1])
-    wheels = np.column_stack([3.0 - asked, 3.0 + asked])
+    commanded = np.array([1.0, 1.0, -1.0, -1.0, 0.1, 0.1])
+    wheels = np.column_stack([3.0 - commanded, 3.0 + commanded])
     for share, kept in ((0.0, np.ones(6)), (0.5, np.array([1.0, 0.0, 1.0, 0.0, 0.0, 0.0]))):
-        twist = np.column_stack([np.ones(6), np.zeros(6), 0.4 * asked * kept])
+        twist = np.column_stack([np.ones(6), np.zeros(6), 0.4 * commanded * kept])
         motion = Trajectory(0.1 * np.arange(6), np.zeros((6, 3)), twist, wheels)
-        assert gazebo.straight_share(motion, 0.57 * asked) == pytest.approx(share)
+        assert gazebo.straight_share(motion, 0.57 * commanded) == pytest.approx(share)
 
 
 def test_sixteen_starts_differ_a_little_and_one_is_the_thesis_own() -> None:
@@ -187,19 +187,19 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytes
         raise EngineMissingError("install it")
 
     monkeypatch.setattr(gazebo, "ode", missing)
-    found: Findings = section("gazebo").run(SMALL)
-    assert {row["straight_share"].obstacle for row in found.tables["Sec. 3.7"].values()} == {"install it"}
-    assert "install it" in "\n".join(chapter_of(section("gazebo"), found).markdown())
+    measured: Findings = section("gazebo").run(SMALL)
+    assert {row["straight_share"].obstacle for row in measured.tables["Sec. 3.7"].values()} == {"install it"}
+    assert "install it" in "\n".join(chapter_of(section("gazebo"), measured).markdown())
 
 
 @pytest.mark.slow
 def test_gazebo_s_pyramid_along_the_worlds_axes_is_as_fast_as_the_thesis_saw_and_never_turns(lab: Profile) -> None:
     """Sec. 3.7 describes a run that turns, and ours does not, so the lost direction is a conjecture (docs/why_drift.md)."""
     installed_plant(lab, "ode")
-    found = gazebo.driven_on_trajectory_3("pyramid", "world", gazebo.starts(1)[0])
-    assert 0.4 < found.excess < 0.5
-    assert found.turning_share < 0.01
-    assert found.opposite_share < 0.02
+    measured = gazebo.driven_on_trajectory_3("pyramid", "world", gazebo.starts(1)[0])
+    assert 0.4 < measured.excess < 0.5
+    assert measured.turning_share < 0.01
+    assert measured.opposite_share < 0.02
 
 
 # --- the high-pass filter of Sec. 3.4.4 against its definition ---

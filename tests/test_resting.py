@@ -60,9 +60,9 @@ def lie(qpos: np.ndarray) -> np.ndarray:
 )
 def test_a_robot_rests_as_it_settles(change: dict[str, Any]) -> None:
     plant = MujocoPlant(Calibration.of(load_robot(change["robot"])) if "robot" in change else husky(**change), Drive())
-    found = level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
-    assert found is not None
-    assert np.abs(lie(found) - settled(plant, 4.0)).max() <= SETTLED
+    measured = level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
+    assert measured is not None
+    assert np.abs(lie(measured) - settled(plant, 4.0)).max() <= SETTLED
 
 
 def test_what_the_body_does_at_rest_is_nothing() -> None:

@@ -38,7 +38,7 @@ def changed(**sections: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"schema": "ssmr.robot/9"}, r"schema is 'ssmr.robot/9', wanted 'ssmr.robot/1'"),
         ({"name": "my robot"}, r"name is 'my robot', wanted letters, digits"),
@@ -70,8 +70,8 @@ def changed(**sections: Any) -> dict[str, Any]:
         ({"sources": {"geometry.colour": "assumed: red"}}, r"sources has unknown keys geometry.colour; there are:"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_section_and_key(wrong: dict[str, Any], said: str) -> None:
-    with pytest.raises(ValueError, match=said) as failed:
+def test_what_is_wrong_is_said_with_its_section_and_key(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as failed:
         parse_robot(changed(**wrong))
     assert "\n" not in str(failed.value)
 
@@ -86,7 +86,7 @@ def test_what_must_be_said_is_named(key: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         ({"geometry": {"wheel_radius": 0.25}}, r"front and rear tyres touch: .* it must be less than 0.25"),
         ({"geometry": {"wheel_width": 0.6}}, r"left and right tyres touch: .* it must be more than 0.3"),
@@ -95,10 +95,10 @@ def test_what_must_be_said_is_named(key: str) -> None:
         ({"mass": {"wheel_inertia": [0.01, 0.05]}}, r"mass.wheel_inertia .*no rigid body"),
     ],
 )
-def test_a_robot_that_cannot_be_is_not_built(wrong: dict[str, Any], said: str) -> None:
+def test_a_robot_that_cannot_be_is_not_built(wrong: dict[str, Any], message: str) -> None:
     """Its file can be read, so that a program can show what is wrong with it."""
     robot = parse_robot(changed(**wrong))
-    with pytest.raises(ValueError, match=said) as failed:
+    with pytest.raises(ValueError, match=message) as failed:
         robot_model(Calibration.of(robot))
     assert "\n" not in str(failed.value)
 

@@ -96,15 +96,15 @@ def motion(document: dict[str, Any], drive: dict[str, float], length: float, mas
     commands = Commands(0.05 * time, twists * [time, 1.0 / time])
     if given_rates:
         commands = Commands(0.05 * time, 4.0 / time * np.column_stack([twists[:, 0], twists[:, 0] + twists[:, 1]]), "wheels")
-    found = plant.run(commands, State(), 0.05 * time)
+    measured = plant.run(commands, State(), 0.05 * time)
     radius, weight = robot.geometry.wheel_radius, calibration.mass * 9.81
     return np.column_stack(
         [
-            found.xy / radius,
-            found.yaw,
-            found.wheels * math.sqrt(radius),
-            found.channels["wheel_load_N"] / (0.25 * weight),
-            found.channels["torque_N_m"].sum(axis=1) / (weight * radius),
+            measured.xy / radius,
+            measured.yaw,
+            measured.wheels * math.sqrt(radius),
+            measured.channels["wheel_load_N"] / (0.25 * weight),
+            measured.channels["torque_N_m"].sum(axis=1) / (weight * radius),
         ]
     )
 
@@ -139,12 +139,14 @@ def test_the_composed_husky_is_the_hand_made_one(profile: str) -> None:
 
 def check_turn(calibration: Calibration) -> None:
     """Compare a turn on the spot with mechanics, and two time steps with each other."""
-    found = [measures.turn(replace(calibration, timestep=dt)) for dt in (calibration.timestep, 0.5 * calibration.timestep)]
-    for turned in found:
+    measured = [
+        measures.turn(replace(calibration, timestep=dt)) for dt in (calibration.timestep, 0.5 * calibration.timestep)
+    ]
+    for turned in measured:
         assert abs(turned.error) <= (TURN_ERROR if turned.sensitivity <= CALM else SOFTNESS + turned.sensitivity)
         assert turned.ripple < RIPPLE
         assert turned.load_deviation < LOAD_DEVIATION
-    assert found[1].multiplier == pytest.approx(found[0].multiplier, rel=STEP_SPREAD)
+    assert measured[1].multiplier == pytest.approx(measured[0].multiplier, rel=STEP_SPREAD)
 
 
 def check_rest(calibration: Calibration) -> None:
@@ -183,8 +185,8 @@ def test_small_wheels_get_short_steps() -> None:
         geometry = {"wheelbase": 2.5 * radius, "track": 3.0 * radius, "wheel_radius": radius, "wheel_width": 0.4 * radius}
         document = {"schema": "ssmr.robot/1", "name": "small", "geometry": geometry, "mass": {"total": 20.0}}
         assert parse_robot(document).simulation.timestep == step
-        said = parse_robot({**document, "simulation": {"timestep": 0.004}})
-        assert said.simulation.timestep == 0.004
+        message = parse_robot({**document, "simulation": {"timestep": 0.004}})
+        assert message.simulation.timestep == 0.004
 
 
 # ------------------------------------------------------------------------------------------- a motor for each wheel
@@ -244,8 +246,8 @@ def test_a_shipped_robot_that_is_told_to_stand_on_ten_degrees_stands(name: str) 
 def test_a_shipped_robot_is_as_heavy_to_push_as_the_rule_of_its_rotors_says(name: str) -> None:
     robot = load_robot(name)
     mass, radius, (_, spin) = robot.masses.total, robot.geometry.wheel_radius, robot.masses.wheel_inertia
-    found = apparent_mass(MujocoPlant(Calibration.of(robot), robot.motor_drive).model)
-    assert found == pytest.approx(mass * (1.0 + 4.0 * ROTOR_SHARE) + 4.0 * spin / radius**2, rel=0.01)
-    assert 1.45 < found / mass < 1.55
+    measured = apparent_mass(MujocoPlant(Calibration.of(robot), robot.motor_drive).model)
+    assert measured == pytest.approx(mass * (1.0 + 4.0 * ROTOR_SHARE) + 4.0 * spin / radius**2, rel=0.01)
+    assert 1.45 < measured / mass < 1.55
     untold = parse_robot({**robot.as_document(), "sources": {}, "simulation": {"friction": 0.3}}).simulation
     assert untold.armature == pytest.approx(ROTOR_SHARE * mass * radius**2)

@@ -72,10 +72,10 @@ def test_a_calibrated_mjcf_drives_the_same_path_in_plain_mujoco(name: str) -> No
     plant = make_plant(profile, "mujoco")
     drive, commands = profile.section("mujoco").drive, TRAJECTORIES["traj4"].commands()
     text = export_robot(profile.robot, "mjcf", profile if given else None)
-    found = in_plain_mujoco(text, wheel_references(commands, drive, plant.dt, State()))
+    measured = in_plain_mujoco(text, wheel_references(commands, drive, plant.dt, State()))
     wanted = plant.run(commands, State(), plant.dt)
-    np.testing.assert_allclose(found[:, :2], wanted.xy, atol=1e-3)
-    np.testing.assert_allclose(np.unwrap(found[:, 2]), wanted.yaw, atol=1e-3)
+    np.testing.assert_allclose(measured[:, :2], wanted.xy, atol=1e-3)
+    np.testing.assert_allclose(np.unwrap(measured[:, 2]), wanted.yaw, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", shipped_robots())
@@ -130,8 +130,8 @@ def test_an_sdf_read_by_drake_is_the_robot(name: str) -> None:
     np.testing.assert_allclose(central, robot.masses.inertia, rtol=1e-9)
     for wheel, place in zip(WHEELS, places(robot), strict=True):
         body = plant.GetBodyByName(f"{wheel}_wheel_link")
-        found = plant.EvalBodyPoseInWorld(context, body).translation()
-        np.testing.assert_allclose(found - [0.0, 0.0, height], place, atol=1e-12)
+        measured = plant.EvalBodyPoseInWorld(context, body).translation()
+        np.testing.assert_allclose(measured - [0.0, 0.0, height], place, atol=1e-12)
         (shape,) = plant.GetCollisionGeometriesForBody(body)
         properties = scene.model_inspector().GetProximityProperties(shape)
         friction = properties.GetProperty("material", "coulomb_friction")

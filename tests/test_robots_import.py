@@ -61,8 +61,8 @@ def robots(draw: st.DrawFn) -> UrdfRobot:
 def test_what_was_written_is_found(tmp_path_factory: pytest.TempPathFactory, made: UrdfRobot) -> None:
     with pytest.MonkeyPatch.context() as here:  # another process for each would take a minute
         here.setattr(guarded, "require_readable", lambda text: None)
-        found = imported(made, tmp_path_factory.mktemp("urdf")).robot
-    g, m = found.geometry, found.masses
+        robot = imported(made, tmp_path_factory.mktemp("urdf")).robot
+    g, m = robot.geometry, robot.masses
     wanted = (made.wheelbase, made.track, made.radius, made.width, made.axle)
     np.testing.assert_allclose(
         [g.wheelbase, g.track, g.wheel_radius, g.wheel_width, g.axle_height], wanted, rtol=DIGITS, atol=1e-9
@@ -71,8 +71,8 @@ def test_what_was_written_is_found(tmp_path_factory: pytest.TempPathFactory, mad
     np.testing.assert_allclose(m.com, made.com, rtol=DIGITS, atol=1e-7)
     np.testing.assert_allclose(m.wheel_inertia, made.spin(), rtol=DIGITS)
     np.testing.assert_allclose(m.inertia, made.inertia, rtol=1e-5)
-    assert found.source("geometry.wheelbase")[0] == "published"
-    assert found.source("drive.torque_limit")[0] == "assumed"
+    assert robot.source("geometry.wheelbase")[0] == "published"
+    assert robot.source("drive.torque_limit")[0] == "assumed"
 
 
 def test_the_file_is_one_that_checks_without_a_fault(tmp_path: Path) -> None:
@@ -81,8 +81,8 @@ def test_the_file_is_one_that_checks_without_a_fault(tmp_path: Path) -> None:
     path.write_text(drafted.text)
     assert load_robot(path) == drafted.robot
     assert check_robot(path).ok
-    said = tomllib.loads(path.read_text())["sources"]
-    assert said["geometry.link"].startswith("assumed: ")
+    message = tomllib.loads(path.read_text())["sources"]
+    assert message["geometry.link"].startswith("assumed: ")
     assert any("geometry.link" in remark for remark in drafted.remarks)
 
 
@@ -100,19 +100,19 @@ def test_rockers_are_no_wheels(tmp_path: Path) -> None:
             )
     assert text.count('<parent link="left_rocker"/>') == 2
     (tmp_path / "rockers.urdf").write_text(text)
-    found = import_robot(tmp_path / "rockers.urdf").robot
-    assert found.geometry.wheelbase == pytest.approx(0.5)
-    assert "front_left_joint, front_right_joint, rear_left_joint, rear_right_joint" in found.source("geometry.track")[1]
+    robot = import_robot(tmp_path / "rockers.urdf").robot
+    assert robot.geometry.wheelbase == pytest.approx(0.5)
+    assert "front_left_joint, front_right_joint, rear_left_joint, rear_right_joint" in robot.source("geometry.track")[1]
 
 
 def test_an_arm_and_a_lidar_are_lumped_into_the_body(tmp_path: Path) -> None:
     arm = extra_wheel("shoulder", 0.1, 0.0, axis="0 0 1", kind="revolute") + extra_wheel(
         "elbow", 0.1, 0.0, "shoulder", kind="revolute"
     )
-    found = imported(UrdfRobot(more=arm + extra_wheel("laser", 0.0, 0.0, axis="0 0 1")), tmp_path).robot
-    assert found.masses.total == pytest.approx(40.0 + 8.0 + 3.0)
+    robot = imported(UrdfRobot(more=arm + extra_wheel("laser", 0.0, 0.0, axis="0 0 1")), tmp_path).robot
+    assert robot.masses.total == pytest.approx(40.0 + 8.0 + 3.0)
     x = (40.0 * 0.02 + 1.0 * 0.1 + 1.0 * 0.2) / 43.0
-    assert found.masses.com[0] == pytest.approx(x)
+    assert robot.masses.com[0] == pytest.approx(x)
 
 
 def box(size: str, z: float) -> str:
@@ -144,9 +144,9 @@ MOTOR = {
 def test_four_motorised_wheels_are_four_motors(tmp_path: Path, kind: str, count: int, link: str) -> None:
     """As of a Scout; a robot of which two wheels have motors has belts."""
     more = "".join(MOTOR[kind].format(name) for name in UrdfRobot().names[:count])
-    found = imported(UrdfRobot(more=more), tmp_path).robot
-    assert found.geometry.link == link
-    assert found.source("geometry.link")[0] == ("published" if link == "none" else "assumed")
+    robot = imported(UrdfRobot(more=more), tmp_path).robot
+    assert robot.geometry.link == link
+    assert robot.source("geometry.link")[0] == ("published" if link == "none" else "assumed")
 
 
 WHEELS = UrdfRobot().text()

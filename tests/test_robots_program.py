@@ -60,8 +60,8 @@ def test_every_shipped_robot_is_without_a_fault(name: str, tmp_path: Path, capsy
     apparent = robot.masses.total + 4.0 * turning / robot.geometry.wheel_radius**2
     assert document["apparent_mass_kg"] == pytest.approx(apparent, rel=0.01)
     assert (tmp_path / "robot.png").read_bytes().startswith(b"\x89PNG")
-    said = capsys.readouterr().out
-    assert all(key in said for key in document["numbers"])
+    message = capsys.readouterr().out
+    assert all(key in message for key in document["numbers"])
 
 
 @pytest.mark.parametrize("com", [(0.0, 0.0), (0.15, 0.1), (-0.3, 0.0)])
@@ -70,8 +70,8 @@ def test_the_simulated_robot_needs_the_torque_that_mechanics_says(com: tuple[flo
     robot = changed(mass={"com": [*com, 0.1]}, drive={"torque_limit": 1000.0, "command_half_track": 0.56821})
     spot = spot_turn(robot)
     assert spot is not None
-    found = spin(MujocoPlant(Calibration.of(robot), robot.drive), 20.0, 0.4)
-    torque = np.abs(found.channels["torque_N_m"][found.t > 8.0]).mean(axis=0)
+    motion = spin(MujocoPlant(Calibration.of(robot), robot.drive), 20.0, 0.4)
+    torque = np.abs(motion.channels["torque_N_m"][motion.t > 8.0]).mean(axis=0)
     np.testing.assert_allclose(torque, robot.simulation.friction * turning_torque(robot, spot), rtol=0.03)
 
 
@@ -94,15 +94,15 @@ FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_is_told_with_what_would_be_right(name: str) -> None:
     sections, wrong, right = FAULTS[name]
-    found = check_robot(changed(**sections))
-    assert not found.ok
-    (sentence,) = [text for text in found.faults if wrong in text]
+    check = check_robot(changed(**sections))
+    assert not check.ok
+    (sentence,) = [text for text in check.faults if wrong in text]
     assert right in sentence
     assert "\n" not in sentence
-    document = json.loads(json.dumps(found.as_dict(), allow_nan=False))
+    document = json.loads(json.dumps(check.as_dict(), allow_nan=False))
     assert document["ok"] is False
     assert sentence in document["advice"]
-    assert document["faults"] == len(found.faults)
+    assert document["faults"] == len(check.faults)
     assert len(document["static_loads_N"]) == 4
 
 
@@ -119,10 +119,10 @@ HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
 @pytest.mark.parametrize("name", HINTS)
 def test_a_hint_is_no_fault(name: str) -> None:
     sections, words = HINTS[name]
-    found = check_robot(changed(**sections))
-    assert any(words in text for text in found.document["advice"]), found.document["advice"]
-    assert found.ok
-    assert not any("nothing is wrong" in sentence for sentence in found.sentences)
+    check = check_robot(changed(**sections))
+    assert any(words in text for text in check.document["advice"]), check.document["advice"]
+    assert check.ok
+    assert not any("nothing is wrong" in sentence for sentence in check.sentences)
 
 
 def test_nothing_is_wrong_only_where_nothing_was_guessed() -> None:
@@ -154,9 +154,9 @@ def test_a_new_robot_has_what_was_measured_and_says_the_rest(tmp_path: Path, mon
     monkeypatch.chdir(tmp_path)
     numbers = "--wheelbase 0.5 --track 0.6 --wheel-radius 0.15 --wheel-width 0.1 --mass 60"
     run("new", "mine", *numbers.split())
-    said = capsys.readouterr().out
-    assert "next: python -m validation.robots check mine.toml" in said
-    assert "weigh each of the four wheels" in said
+    message = capsys.readouterr().out
+    assert "next: python -m validation.robots check mine.toml" in message
+    assert "weigh each of the four wheels" in message
     text = Path("mine.toml").read_text()
     document = tomllib.loads(text)
     assert document["geometry"]["wheelbase"] == 0.5

@@ -96,10 +96,10 @@ class Peer:
 def wait_for(true: Callable[[], Any], what: str) -> Any:
     """Return what `true` says once it says something."""
     until = time.monotonic() + PATIENCE
-    while not (found := true()):
+    while not (measured := true()):
         assert time.monotonic() < until, f"{what}: waited {PATIENCE:g} s in vain"
         time.sleep(0.02)
-    return found
+    return measured
 
 
 # --- names, types and bytes: no DDS ---

@@ -281,23 +281,23 @@ def with_robot(lab: Profile, name: str = "pid", **robot: float) -> tuple[Control
     return ControlNode(node, follower, Control("pid", **topics), node.clock), node, follower
 
 
-@pytest.mark.parametrize("said", [True, False])
+@pytest.mark.parametrize("text", [True, False])
 @pytest.mark.parametrize("name", ["pid", "lqr-scheduled+predictor", "mpc"])
 def test_after_an_emergency_stop_the_robot_goes_on_gently(
-    lab: Profile, name: str, said: bool, caplog: pytest.LogCaptureFixture
+    lab: Profile, name: str, text: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Whether the stop has a topic or not: the target waits where the robot stopped, and nothing has to be caught up."""
     loop, node, follower = with_robot(lab, name)
     node.blocked = lambda t: 3.0 <= t < 9.0
-    for at, on in ((3.0, True), (9.0, False)) if said else ():
+    for at, on in ((3.0, True), (9.0, False)) if text else ():
         node.plan(msg.STOP_TOPIC, at, message({"data": on}))
     with caplog.at_level(logging.WARNING, "validation"):
         loop.run()
-    assert ("the emergency stop is on" in caplog.text, "the robot obeys again" in caplog.text) == (said, True)
+    assert ("the emergency stop is on" in caplog.text, "the robot obeys again" in caplog.text) == (text, True)
     assert follower.phase == "arrived"
     assert follower.held_time == pytest.approx(6.0, abs=0.6)
     t, sent = commands(node)
-    if said:
+    if text:
         assert np.all(sent[(t > 3.1) & (t < 9.0)] == 0.0)
     assert np.all(np.abs(sent[t > 3.8]).max(axis=0) <= np.array(AT_MOST) + 1e-3)
     run = follower.run()
@@ -385,8 +385,8 @@ class Drive:
 
     def document(self) -> dict[str, Any]:
         """Return what track.json holds."""
-        found: dict[str, Any] = json.loads((self.out / "track.json").read_text(encoding="utf-8"))
-        return found
+        measured: dict[str, Any] = json.loads((self.out / "track.json").read_text(encoding="utf-8"))
+        return measured
 
 
 @pytest.fixture
@@ -414,10 +414,10 @@ def test_a_drive_that_arrives_or_has_to_be_stopped_is_kept(drive: Drive, capsys:
     drive.node.clock.now = 100.0
     drive.speak(3.0)
     assert drive.run() == 1
-    found = drive.document()
-    assert found["status"] == "stopped"
-    assert "no feedback" in found["stopped_because"]
-    assert capsys.readouterr().err.strip().splitlines()[-1] == f"run failed: {found['stopped_because']}"
+    document = drive.document()
+    assert document["status"] == "stopped"
+    assert "no feedback" in document["stopped_because"]
+    assert capsys.readouterr().err.strip().splitlines()[-1] == f"run failed: {document['stopped_because']}"
     assert stood(drive.node)
 
 
@@ -431,14 +431,14 @@ def test_signals_stop_the_robot_and_keep_the_drive(
     drive.interrupt_at(4.0, number, signal.SIGINT, signal.SIGTERM)
     assert drive.run() == cli.EXIT_INTERRUPTED
     signal.signal(signal.SIGINT, before)
-    found = drive.document()
-    assert (found["status"], found["schema"]) == ("interrupted", "ssmr.track/1")
-    assert math.isfinite(found["metrics"]["d_rms_m"])
+    document = drive.document()
+    assert (document["status"], document["schema"]) == ("interrupted", "ssmr.track/1")
+    assert math.isfinite(document["metrics"]["d_rms_m"])
     assert (drive.out / "track.png").is_file()
     assert stood(drive.node)
-    said = capsys.readouterr()
-    assert "ended before the reference did (interrupted)" in " ".join(said.out.split())
-    assert said.err.strip().splitlines()[-1] == "interrupted"
+    text = capsys.readouterr()
+    assert "ended before the reference did (interrupted)" in " ".join(text.out.split())
+    assert text.err.strip().splitlines()[-1] == "interrupted"
 
 
 def test_who_was_never_driven_leaves_nothing(drive: Drive, capsys: pytest.CaptureFixture[str]) -> None:

@@ -104,15 +104,15 @@ def test_whatever_a_field_holds_a_message_is_read_as_plausible_numbers_or_refuse
     came = message(as_fields(whole))
     for path in data.draw(st.lists(st.sampled_from(sorted(numeric_fields(came))), min_size=1, max_size=3)):
         put(came, path, data.draw(ANYTHING))
-    found, why = None, ""
+    measured, why = None, ""
     try:
-        found = read(came)
+        measured = read(came)
     except ValueError as error:
         why = str(error)
     assert why.isprintable()
-    if found is None:
+    if measured is None:
         return
-    numbers = np.concatenate([np.ravel(np.array(part, dtype=np.float64)) for part in found])
+    numbers = np.concatenate([np.ravel(np.array(part, dtype=np.float64)) for part in measured])
     known = numbers[~np.isnan(numbers)] if read is msg.read_pose else numbers  # speeds are not known there
     assert np.all(np.abs(known) <= 2.0**32)
 

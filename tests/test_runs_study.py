@@ -19,8 +19,8 @@ COLUMNS = {
 
 
 def test_a_log_is_fitted_judged_and_not_fitted_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = study_runs(("husky",), plants=("kinematic",), out=tmp_path)
-    found.save(tmp_path)
+    report = study_runs(("husky",), plants=("kinematic",), out=tmp_path)
+    report.save(tmp_path)
     rows = json.loads((tmp_path / "study.json").read_text())["rows"]
     assert {frozenset(row) for row in rows} == {frozenset(COLUMNS)}
     assert [row["horizon_s"] for row in rows][:2] == [2.0, 6.0]
@@ -31,7 +31,7 @@ def test_a_log_is_fitted_judged_and_not_fitted_again(tmp_path: Path, monkeypatch
     assert "wheels" in load_profile(tmp_path / "husky.toml").plants["kinematic"].bands
     monkeypatch.setattr(runs, "fit", None)
     again = study_runs(("husky",), plants=("kinematic",), out=tmp_path)
-    assert again.document["rows"] == found.document["rows"]
+    assert again.document["rows"] == report.document["rows"]
     assert 0.8 < again.document["numbers"]["husky"]["kinematic"]["alpha_l"] < 1.05
 
 

@@ -91,8 +91,8 @@ def expected(stiffness: float) -> tuple[FloatArray, FloatArray]:
     rate, integral, way, rows = 0.0, 0.0, 0.0, []
     for reference in wheel_references(COMMANDS, d, DT, State())[:, 0]:
         for _ in range(few):
-            asked = Wanted(float(reference), float(reference), integral, integral)
-            torque = motor_torques(asked, Sides(rate, rate), GAIN, motor).left
+            commanded = Wanted(float(reference), float(reference), integral, integral)
+            torque = motor_torques(commanded, Sides(rate, rate), GAIN, motor).left
             before, rate = rate, rate + DT / few * (torque - gear_loss(rate, motor)) / inertia
             integral = advance_integral(integral, float(reference) - 0.5 * (before + rate), motor)
             way += DT / few * RADIUS * 0.5 * (before + rate)
@@ -145,8 +145,8 @@ def apart(lab: Profile, trajectory: str, limit: float, stiffness: float, dt: flo
     left, right, path = 0.0, 0.0, [data.qpos[:2].copy()]
     for reference in wheel_references(commands, plant.drive, plant.dt, State()):
         rates = Sides(*(float(data.qvel[dofs].mean()) for dofs in plant.wheel_dofs))
-        asked = Wanted(*reference.tolist(), left, right)
-        torques = motor_torques(asked, rates, section.parameters.gain, motor)
+        commanded = Wanted(*reference.tolist(), left, right)
+        torques = motor_torques(commanded, rates, section.parameters.gain, motor)
         for dofs, torque in zip(plant.wheel_dofs, torques, strict=True):
             data.qfrc_applied[dofs] = 0.5 * torque
         left = advance_integral(left, reference[0] - rates.left, motor)

@@ -43,6 +43,6 @@ def test_a_polygon_is_the_same_after_a_quarter_turn_and_a_square_is_a_turned_dia
 
 def test_a_square_along_the_worlds_axes_turns_by_1_00_to_1_90_over_heading_and_1_396_in_the_mean() -> None:
     headings = np.radians(np.arange(0.25, 90.0, 0.5))
-    found = np.array([polygonal_turn("square", h, WHEELBASE, TRACK).multiplier for h in headings])
-    assert (found.min(), found.max()) == pytest.approx((1.00, 1.90), abs=0.015)
-    assert found.mean() == pytest.approx(1.396, abs=1e-3)
+    measured = np.array([polygonal_turn("square", h, WHEELBASE, TRACK).multiplier for h in headings])
+    assert (measured.min(), measured.max()) == pytest.approx((1.00, 1.90), abs=0.015)
+    assert measured.mean() == pytest.approx(1.396, abs=1e-3)

@@ -111,8 +111,8 @@ def test_the_yaw_acceleration_is_that_of_mujocos_sensor(lab_section: PlantProfil
     steps = wheel_references(commands, lab_section.drive, plant.dt, State())
     _, sensors = rollout.rollout(full, mujoco.MjData(full), plant.placed(State())[None], controls(full, steps)[None])
     sensed = sensors[0][:: round(SAMPLE_DT / plant.dt), full.sensor("angular_acceleration").adr[0] + 2]
-    told = plant.run(commands, State(), SAMPLE_DT).channels["yaw_acceleration_rad_s2"]
-    assert np.abs(told[: len(sensed)] - sensed).max() <= SENSED * np.abs(sensed).max()
+    motion = plant.run(commands, State(), SAMPLE_DT).channels["yaw_acceleration_rad_s2"]
+    assert np.abs(motion[: len(sensed)] - sensed).max() <= SENSED * np.abs(sensed).max()
 
 
 def test_the_imu_is_mujocos_own_and_reading_it_changes_nothing(lab_section: PlantProfile) -> None:

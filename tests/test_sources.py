@@ -137,8 +137,8 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
         columns[name] = np.where(stands, columns[name][600], columns[name])
     kept = columns if wheels else {n: v for n, v in columns.items() if not n.startswith("enc")}
     source, sound = (source_of(Log.of_columns("log.csv", c), "log") for c in (kept, drive()))
-    (said,) = standing_sentences(source, 6.0)
-    share = float(re.search(r"throughout (\d+) % of the windows of 6 s", said)[1])
+    (message,) = standing_sentences(source, 6.0)
+    share = float(re.search(r"throughout (\d+) % of the windows of 6 s", message)[1])
     assert share == pytest.approx(2400.0 / 54.0, abs=5.0)
     assert standing_sentences(source, 100.0) == standing_sentences(sound, 6.0) == []
     piece, reference = source.pieces[0], source.pieces[0].reference
@@ -160,10 +160,10 @@ def test_the_gyro_judges_headings_whatever_its_sign_and_bias(sign: float, stalls
     source = source_of(Log.of_columns("log.csv", {**columns, **pose, "gyro_z": sign * rate + 0.02}), "log")
     judge = find_gyro_judge(source)
     assert judge.first == stalls
-    told, t = source.pieces[0].reference, columns["t"]
+    reported, t = source.pieces[0].reference, columns["t"]
     right = np.interp(t - 0.3, t, integral(t, columns["cmd_w"]))
-    told = replace(told, pose=np.column_stack([told.pose[:, :2], right]))
-    by_gyro, by_pose = (window_errors_of([(s, [told])], (6.0,))[6.0].yaw for s in (judge.judging(source, 0.3), source))
+    reported = replace(reported, pose=np.column_stack([reported.pose[:, :2], right]))
+    by_gyro, by_pose = (window_errors_of([(s, [reported])], (6.0,))[6.0].yaw for s in (judge.judging(source, 0.3), source))
     assert np.median(by_gyro) < 0.01 < np.median(by_pose)
 
 

@@ -87,7 +87,7 @@ def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (("compere", "traj4"), "error: there is no 'ssmr compere'; there are: compare, fit,"),
         (("study", "contacts"), "error: there is no 'ssmr study contacts'; there are: "),
@@ -96,10 +96,10 @@ def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
         (("completion", "fish"), "error: invalid choice 'fish'"),
     ],
 )
-def test_a_mistake_is_one_line(arguments: tuple[str, ...], said: str, call: Call) -> None:
+def test_a_mistake_is_one_line(arguments: tuple[str, ...], message: str, call: Call) -> None:
     status, output, errors = call(*arguments)
     assert (status, output) == (2, "")
-    assert errors.startswith(said)
+    assert errors.startswith(message)
     assert errors.count("\n") == 1
 
 

@@ -23,8 +23,8 @@ START = (README, *(DOCS / f"{name}.md" for name in ("first_comparison", "your_ro
 def commands(page: Path) -> list[list[str]]:
     """The words behind `python -m validation.` of each command of a page that a reader can copy, in their order."""
     text = page.read_text(encoding="utf-8").replace("\\\n", " ")
-    found = re.findall(r"^(?: {4}|\S*&& )*python -m validation\.(.*)$", text, re.MULTILINE)
-    return [shlex.split(line, comments=True) for line in found if not re.search(r"[$…&]|\bMODEL\b", line)]
+    match = re.findall(r"^(?: {4}|\S*&& )*python -m validation\.(.*)$", text, re.MULTILINE)
+    return [shlex.split(line, comments=True) for line in match if not re.search(r"[$…&]|\bMODEL\b", line)]
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_a_start_page_runs_from_top_to_bottom(page: Path, tmp_path: Path, monkey
     if page == README:  # which says robot.urdf and drive.csv for what its reader has
         assert exit_status(program_named("robots"), "export", "husky", "--to", "urdf", "--out", "robot.urdf") == 0
         shutil.copy(log_path("husky"), "drive.csv")
-    found = [shlex.split(text) for text in dict.fromkeys(shortened(words) for words in commands(page))]
-    assert len(found) > 4
-    for name, *words in found:
+    measured = [shlex.split(text) for text in dict.fromkeys(shortened(words) for words in commands(page))]
+    assert len(measured) > 4
+    for name, *words in measured:
         assert exit_status(program_named(name), *words) == 0, (name, words)

@@ -54,11 +54,11 @@ def test_what_was_finished_is_kept(study: str, tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     own = {field.name: getattr(options, field.name) for field in fields(options)}
-    found: Any = study_named(study)(**{**own, "workers": 1, "progress": press})
-    assert found.status == "interrupted"
-    assert cases(found) == 1
-    for path in found.save(tmp_path):
+    report: Any = study_named(study)(**{**own, "workers": 1, "progress": press})
+    assert report.status == "interrupted"
+    assert cases(report) == 1
+    for path in report.save(tmp_path):
         assert path.stat().st_size
     assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"
     assert "interrupted; only what was finished before is here." in (tmp_path / "study.md").read_text(encoding="utf-8")
-    assert found.table()
+    assert report.table()

@@ -40,9 +40,9 @@ def test_the_first_key_may_be_left_out() -> None:
 
 @pytest.mark.parametrize("text", ["hill", "ramp", "ramp:steep", "ramp:nan", "ramp:60", "ramp:5,5", "flat:1", "hill\nside"])
 def test_mistakes_are_told(text: str) -> None:
-    with pytest.raises(ValueError, match=r"^terrain '.*' is not understood: ") as told:
+    with pytest.raises(ValueError, match=r"^terrain '.*' is not understood: ") as reported:
         parse_terrain(text)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(reported.value)
 
 
 def test_a_ramp_without_slope_changes_nothing(lab: Profile) -> None:
@@ -62,13 +62,13 @@ def test_a_ramp_that_rises_to_the_left_mirrors_one_that_rises_to_the_right(lab: 
 
 
 def test_programs_drive_on_it(tmp_path: Path) -> None:
-    asked = ("traj4", "--plants", "improved", "--terrain", "ramp:3", "--out", str(tmp_path / "c"))
-    assert exit_status(compare, *asked) == 0
+    commanded = ("traj4", "--plants", "improved", "--terrain", "ramp:3", "--out", str(tmp_path / "c"))
+    assert exit_status(compare, *commanded) == 0
     document = json.loads((tmp_path / "c" / "compare.json").read_text())
     assert document["options"]["terrain"] == "ramp:slope_deg=3,toward_deg=0"
     loads = document["plants"]["mujoco"]["wheel_loads"]
     assert loads["mean_N"][2] > loads["mean_N"][0]  # uphill the rear carries more
     assert "health" not in document["plants"]["mujoco"]
-    asked = ("lqr", "line", "--plant", "mujoco", "--terrain", "ramp:2", "--out", str(tmp_path / "t"))
-    assert exit_status(track, *asked) == 0
+    commanded = ("lqr", "line", "--plant", "mujoco", "--terrain", "ramp:2", "--out", str(tmp_path / "t"))
+    assert exit_status(track, *commanded) == 0
     assert json.loads((tmp_path / "t" / "track.json").read_text())["options"]["terrain"].startswith("ramp:slope_deg=2")

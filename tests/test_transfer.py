@@ -83,10 +83,10 @@ def test_who_loses_more_is_placed_behind(tables: tuple[FloatArray, FloatArray]) 
 def test_rank_correlation_and_regret_of_a_hand_made_table() -> None:
     truth = np.array([[1.0, 2.0, 4.0], [3.0, 4.0, 6.0]])
     model = np.array([[2.0, 1.0, 9.0]] * 2)
-    found = agreement(model, truth)
-    assert found["tau"] == pytest.approx(1.0 / 3.0, rel=ROUNDOFF), "one pair of three is turned round"
-    assert (found["chosen"], found["same_winner"]) == (1, 0)
-    assert found["regret"] == pytest.approx(3.0 / 2.0 - 1.0, rel=ROUNDOFF)
+    measured = agreement(model, truth)
+    assert measured["tau"] == pytest.approx(1.0 / 3.0, rel=ROUNDOFF), "one pair of three is turned round"
+    assert (measured["chosen"], measured["same_winner"]) == (1, 0)
+    assert measured["regret"] == pytest.approx(3.0 / 2.0 - 1.0, rel=ROUNDOFF)
     assert rank_correlation(-model, truth) == pytest.approx(-1.0 / 3.0, rel=ROUNDOFF)
     lost = np.array([[1.0, math.inf, 4.0], [3.0, 1.0, 6.0]])
     assert places(lost).tolist() == [0, 2, 1]

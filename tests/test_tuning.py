@@ -152,23 +152,23 @@ def test_a_tuning_that_finds_nothing_better_keeps_what_it_began_with(lab: Profil
     """One gain, in bounds that hold the start at their end and beyond it only what is worse."""
     start = load_gains("lqr", "published").values["r_v"]
     options = {"plants": ("linear",), "free": ("r_v",), "bounds": {"r_v": (start, 400.0)}, "held_out": ("line@0.5",)}
-    found = tune("lqr", "circle@0.5", lab, noise=False, population=8, generations=1, **options)
-    assert dict(found.gains) == dict(load_gains("lqr", "published").values)
-    assert found.cost == found.baseline_cost
-    assert found.as_dict()["worse_than_start"] is False
-    assert any("No candidate costs less than lqr-published" in note for note in found.notes())
-    assert found.parameters[0].value == start
+    tuned = tune("lqr", "circle@0.5", lab, noise=False, population=8, generations=1, **options)
+    assert dict(tuned.gains) == dict(load_gains("lqr", "published").values)
+    assert tuned.cost == tuned.baseline_cost
+    assert tuned.as_dict()["worse_than_start"] is False
+    assert any("No candidate costs less than lqr-published" in note for note in tuned.notes())
+    assert tuned.parameters[0].value == start
 
 
 def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
     options = {"plants": ("linear",), "free": ("q_x",), "population": 5, "generations": 1, "held_out": ("square@0.5",)}
-    found = tune("lqr", "circle@0.5", lab, noise=False, **options)
-    assert found.shipped is not None
-    assert found.shipped.name == "lqr-tuned"
-    (trained,), (held,) = found.train.values(), found.held_out.values()
-    assert found.shipped_cost == pytest.approx(trained["shipped"].cost, rel=ROUNDOFF)
-    document = found.as_dict()
-    assert document["shipped_cost"] == found.shipped_cost
+    tuned = tune("lqr", "circle@0.5", lab, noise=False, **options)
+    assert tuned.shipped is not None
+    assert tuned.shipped.name == "lqr-tuned"
+    (trained,), (held,) = tuned.train.values(), tuned.held_out.values()
+    assert tuned.shipped_cost == pytest.approx(trained["shipped"].cost, rel=ROUNDOFF)
+    document = tuned.as_dict()
+    assert document["shipped_cost"] == tuned.shipped_cost
     assert document["held_out"]["square at 0.5 m/s, linear"]["shipped"]["cost"] == held["shipped"].cost
     own = tune("lqr", ("circle@0.5",), lab, noise=False, gains="tuned", **options)
     assert "shipped" not in next(iter(own.train.values())), "the shipped gains are what it began with"

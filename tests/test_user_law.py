@@ -64,7 +64,7 @@ def test_a_users_class_drives_like_the_law_that_it_is(tmp_path: Path, name: str,
 
 
 @pytest.mark.parametrize(
-    ("text", "name", "said"),
+    ("text", "name", "message"),
     [
         (GOOD, "Yours", r"mine\.py has no 'Yours'; it has: Mine, make"),
         (GOOD, "number", r"mine\.py:number is 3, wanted a class"),
@@ -75,8 +75,8 @@ def test_a_users_class_drives_like_the_law_that_it_is(tmp_path: Path, name: str,
         (GOOD, "not a name", r"names nothing in a file; wanted FILE\.py:NAME"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, text: str, name: str, said: str) -> None:
-    with pytest.raises(ValueError, match=said) as caught:
+def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, text: str, name: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
         load_user_law(f"{written(tmp_path, text)}:{name}")
     assert "\n" not in str(caught.value)
 
@@ -101,10 +101,10 @@ def helper(now):
 """
 
 
-@pytest.mark.parametrize(("body", "said"), FAULTS)
-def test_a_fault_inside_is_said_with_its_line(tmp_path: Path, body: str, said: str) -> None:
+@pytest.mark.parametrize(("body", "message"), FAULTS)
+def test_a_fault_inside_is_said_with_its_line(tmp_path: Path, body: str, message: str) -> None:
     path = written(tmp_path, FAULTY.format(body))
-    with pytest.raises(ControllerError, match=said) as caught:
+    with pytest.raises(ControllerError, match=message) as caught:
         track(f"{path}:Mine", line(0.5, 1.0))
     assert "\n" not in str(caught.value)
 
@@ -184,13 +184,13 @@ def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: P
     for slip, times in ((0.0, "1.0"), (0.1, "1.0"), (0.1, "2.0")):
         written(own.parent, MODEL.replace("1.0 - robot", f"1.0 - {times} * robot"))
         file.write_text(f'schema = "ssmr.profile/1"\n[plants.slip.parameters]\nslip = {slip}\n')
-        found = compare(
+        comparison = compare(
             "traj4", file, ("kinematic",), "kinematic", own_model=f"{own}:LAW", own_metric=f"{own}:gap_m"
         )  # fmt: skip
-        assert list(found.plants) == ["kinematic", "slip"]
-        assert found.as_dict()["plants"]["kinematic"]["gap_m"] == 0.0
-        assert found.tables[0].rows[1]["gap_m"] == found.plants["slip"].metrics["gap_m"] > 0.0
-        ways.append(float(np.hypot(*np.diff(found.plants["slip"].pieces[0].xy, axis=0).T).sum()))
+        assert list(comparison.plants) == ["kinematic", "slip"]
+        assert comparison.as_dict()["plants"]["kinematic"]["gap_m"] == 0.0
+        assert comparison.tables[0].rows[1]["gap_m"] == comparison.plants["slip"].metrics["gap_m"] > 0.0
+        ways.append(float(np.hypot(*np.diff(comparison.plants["slip"].pieces[0].xy, axis=0).T).sum()))
     assert ways == pytest.approx([ways[0], 0.9 * ways[0], 0.8 * ways[0]], rel=1e-9)
     assert not _jit._saves, "what calls a user's code is not kept on disk, where it would outlive an edit"
 
@@ -212,10 +212,12 @@ def test_a_model_that_cannot_be_is_refused(own: Path, name: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("body", "said"), [("1 / 0", r"mine\.py:2: ZeroDivisionError"), ("float('nan')", "returned nan")])
-def test_a_metric_that_fails_is_said_with_its_line(tmp_path: Path, body: str, said: str) -> None:
+@pytest.mark.parametrize(
+    ("body", "message"), [("1 / 0", r"mine\.py:2: ZeroDivisionError"), ("float('nan')", "returned nan")]
+)
+def test_a_metric_that_fails_is_said_with_its_line(tmp_path: Path, body: str, message: str) -> None:
     path = written(tmp_path, f"def mine_m(motion, reference):\n    return {body}\n")
-    with pytest.raises(SsmrError, match=said):
+    with pytest.raises(SsmrError, match=message):
         track("pid", line(0.5, 1.0), own_metric=f"{path}:mine_m")
     with pytest.raises(ValueError, match="there is a metric d_rms_m already"):
         load_user_metric(f"{written(tmp_path, 'def d_rms_m(m, r): return 0.0')}:d_rms_m")

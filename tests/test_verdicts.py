@@ -139,9 +139,9 @@ def test_a_row_agrees_under_a_supposition_only_in_all_its_numbers() -> None:
         "agrees": {"d_haus_m": pairs["d_haus_m"]},
     }
     for status, row in rows.items():
-        found = judge_row(row, {m: judge("0.0", "row", m, pair, ()) for m, pair in row.items()})
-        assert found.status == status
-        assert status != "agrees if" or found == Verdict("agrees if", "it agrees if the floor was wet", "page.md")
+        measured = judge_row(row, {m: judge("0.0", "row", m, pair, ()) for m, pair in row.items()})
+        assert measured.status == status
+        assert status != "agrees if" or measured == Verdict("agrees if", "it agrees if the floor was wet", "page.md")
 
 
 def test_a_difference_without_reason_says_so_and_agreement_needs_none() -> None:

@@ -40,13 +40,13 @@ WANTED = [("mujoco", 0.11, 0.034), ("kinematic", 0.12, 0.033), ("four_wheel", 0.
 
 @pytest.mark.parametrize(("plant", "position", "yaw"), WANTED)
 def test_the_held_out_part_is_predicted_as_the_page_says(plant: str, position: float, yaw: float) -> None:
-    found = errors(plant, held_out=True)
-    assert len(found.position) == 38
-    assert np.median(found.position) < position
-    assert np.median(found.yaw) < yaw
+    measured = errors(plant, held_out=True)
+    assert len(measured.position) == 38
+    assert np.median(measured.position) < position
+    assert np.median(measured.yaw) < yaw
     kept = PROFILE.provenance[plant]["held_out"]["warthog_grass_train.csv (wheels)"]
-    assert np.median(found.position) == pytest.approx(kept["position_median_6s_m"], abs=0.002)
-    assert np.median(found.yaw) == pytest.approx(kept["yaw_median_6s_rad"], abs=0.001)
+    assert np.median(measured.position) == pytest.approx(kept["position_median_6s_m"], abs=0.002)
+    assert np.median(measured.yaw) == pytest.approx(kept["yaw_median_6s_rad"], abs=0.001)
 
 
 def test_mujoco_predicts_positions_better_because_it_drifts() -> None:
@@ -62,8 +62,8 @@ def test_a_speed_loop_with_an_integral_part_turns_the_wheels_as_slowly_as_the_ro
     part(False)
     off = {}
     for plant in ("mujoco", "coulomb", "linear", "kinematic"):
-        found = [page.wheel_rates(str(LOG), span, PROFILE, plant) for span in page.COMMANDED[1]]
-        off[plant] = np.mean([np.abs(motion.wheels - measured).mean() for _, measured, motion in found])
+        result = [page.wheel_rates(str(LOG), span, PROFILE, plant) for span in page.COMMANDED[1]]
+        off[plant] = np.mean([np.abs(motion.wheels - measured).mean() for _, measured, motion in result])
     assert max(off["mujoco"], off["coulomb"], off["linear"]) < 0.85 * off["kinematic"]
     assert off["mujoco"] == pytest.approx(0.176, abs=0.01)
 

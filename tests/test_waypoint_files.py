@@ -71,9 +71,9 @@ def test_a_speed_replaces_the_times_of_a_file(tmp_path: Path) -> None:
 
 def test_waypoints_at_one_place_are_a_wait_that_a_speed_leaves_as_long_as_it_is(tmp_path: Path) -> None:
     path = on_file(tmp_path, HEADER + "7,0,0\n9,3,4\n12,3,4\n13,3,5\n")
-    own, asked = read_waypoints(path), read_waypoints(path, 0.5)
+    own, commanded = read_waypoints(path), read_waypoints(path, 0.5)
     assert np.array_equal(own.t, [7.0, 9.0, 12.0, 13.0])
-    assert np.array_equal(asked.t, [0.0, 10.0, 13.0, 15.0])
+    assert np.array_equal(commanded.t, [0.0, 10.0, 13.0, 15.0])
     assert np.array_equal(own.moving, [True, False, True])
 
 
@@ -94,9 +94,9 @@ def test_a_file_gives_the_waypoints_back(
 
 
 @pytest.mark.parametrize("name", REFERENCES)
-@pytest.mark.parametrize(("asked", "driven"), [(0.5, 0.5), (None, 0.25)])
-def test_references_open_by_name_with_a_speed(name: str, asked: float | None, driven: float) -> None:
-    label, waypoints = open_reference(name, asked)
+@pytest.mark.parametrize(("commanded", "driven"), [(0.5, 0.5), (None, 0.25)])
+def test_references_open_by_name_with_a_speed(name: str, commanded: float | None, driven: float) -> None:
+    label, waypoints = open_reference(name, commanded)
     assert label == name
     assert waypoints.speed == pytest.approx(driven, rel=ROUNDOFF)
 

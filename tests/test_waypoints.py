@@ -172,8 +172,8 @@ def test_the_hint_changes_nothing_but_the_way(
     course, k = waypoints.course(), hint
     for share in shares:
         t = share * waypoints.duration
-        *found, k = target(course, t, k)
-        assert tuple(found) == at(waypoints, t)
+        *measured, k = target(course, t, k)
+        assert tuple(measured) == at(waypoints, t)
         assert 0 <= k < len(moves)
         assert course["t"][k] <= max(t, 0.0)
         assert k == len(moves) - 1 or t < course["t"][k + 1]

@@ -33,7 +33,7 @@ def log(ground: str, start: float | None = None) -> Source:
 
 def moving(source: Source) -> list[tuple[IndexArray, IndexArray, FloatArray]]:
     """Starts and ends of windows in which wheels turn, and the (2, M) rotation of the sides since the piece's begin."""
-    found = []
+    rows = []
     for piece in source.pieces:
         assert piece.t is not None
         assert piece.reference is not None
@@ -43,8 +43,8 @@ def moving(source: Source) -> list[tuple[IndexArray, IndexArray, FloatArray]]:
         way = np.concatenate([[0.0], np.cumsum(np.abs(rates[:-1]).max(axis=1) * steps[:, 0])])
         starts, ends = piece.windows(overlapping_windows, piece.t, HORIZON)
         moves = way[ends] - way[starts] > MOVES
-        found.append((starts[moves], ends[moves], turned.T))
-    return found
+        rows.append((starts[moves], ends[moves], turned.T))
+    return rows
 
 
 def heading_per_side(ground: str) -> tuple[float, float]:
@@ -68,12 +68,12 @@ def heading_per_side(ground: str) -> tuple[float, float]:
 def heading_errors(profile: str, model: str, ground: str) -> WindowErrors:
     """Errors of a profile's plant in the part of a log that the profile does not come from."""
     source, loaded = log(ground, SPLIT[ground]), load_profile(profile)
-    plant, found = make_plant(loaded, model), []
+    plant, rows = make_plant(loaded, model), []
     for piece, (starts, ends, _) in zip(source.pieces, moving(source), strict=True):
         assert piece.reference is not None
         motion = drive(plant, piece, loaded.plants[model].localiser, source.sample_dt)
-        found.append(relative_pose_error(motion.pose, piece.reference.pose, starts, ends)[1])
-    yaw = np.concatenate(found)
+        rows.append(relative_pose_error(motion.pose, piece.reference.pose, starts, ends)[1])
+    yaw = np.concatenate(rows)
     return WindowErrors(HORIZON, np.zeros(len(yaw)), np.abs(yaw))
 
 

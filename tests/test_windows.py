@@ -47,8 +47,8 @@ def test_intervals_hold_the_true_median_about_as_often_as_they_say() -> None:
     held = alone = 0
     for _ in range(trials):
         errors = moving_sums(rng, n, horizon)
-        found = WindowErrors(float(horizon), errors, errors).summary()
-        held += found.position_low_m <= truth <= found.position_high_m
+        measured = WindowErrors(float(horizon), errors, errors).summary()
+        held += measured.position_low_m <= truth <= measured.position_high_m
         draws = np.median(errors[rng.integers(0, n, (200, n))], axis=1)
         low, high = np.percentile(draws, (5.0, 95.0))
         alone += low <= truth <= high
@@ -61,8 +61,8 @@ def test_intervals_hold_the_median_of_what_comes_next_though_a_log_is_short() ->
     rng, held = np.random.default_rng(5), list[bool]()
     for _ in range(200):
         errors = moving_sums(rng, 240, 6)
-        found = WindowErrors(6.0, errors[:60], errors[:60]).summary()
-        held.append(found.position_low_m <= np.median(errors[60:]) <= found.position_high_m)
+        measured = WindowErrors(6.0, errors[:60], errors[:60]).summary()
+        held.append(measured.position_low_m <= np.median(errors[60:]) <= measured.position_high_m)
     assert 0.78 <= np.mean(held) <= 0.95
 
 
@@ -77,5 +77,5 @@ def test_an_interval_holds_its_median_and_repeats() -> None:
 
 def test_a_short_recording_gets_the_range_of_its_errors() -> None:
     errors = np.linspace(0.0, 1.0, 101)
-    found = WindowErrors(60.0, errors, errors).summary()
-    assert (found.position_low_m, found.position_high_m) == pytest.approx((0.05, 0.95))
+    measured = WindowErrors(60.0, errors, errors).summary()
+    assert (measured.position_low_m, measured.position_high_m) == pytest.approx((0.05, 0.95))

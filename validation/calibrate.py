@@ -233,7 +233,6 @@ def _report(o: Calibrate, fits: Sequence[Fitted], faults: Sequence[LogFault], no
 
 
 def _draw(c: Calibrated) -> Figure:
-    """Return the picture: errors before and after by horizon, and the verdicts."""
     marks = [
         drawing.HorizonMarks(
             f"{_label(s)}, {when}", drawing.ink_of(s.model) if when == "after" else drawing.BESIDE_INK,

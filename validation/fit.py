@@ -77,10 +77,6 @@ _WINDOWS = {"n": "windows", "n_standing": "standing"}
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
 
 
-def _start(text: str) -> dict[str, float]:
-    return {} if text == "profile" else cli.read_values(text)
-
-
 @dataclass(frozen=True)
 class Fit(Searching):
     """Options of `fit`."""
@@ -108,7 +104,7 @@ class Fit(Searching):
     limits: cli.Limits = USUAL
     start: Annotated[
         Mapping[str, float] | None,
-        cli.parsed(_start, "profile|NAME=X,..."),
+        cli.parsed(lambda text: {} if text == "profile" else cli.read_values(text), "profile|NAME=X,..."),
         cli.option(default="profile for recordings; for scenarios all are drawn at random"),
     ] = None
     """A candidate of the first population: the profile's numbers, or some that replace them, such as friction=0.4."""

@@ -251,7 +251,6 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
 
 
 def _sentences(log: Log, rest: Rest | None) -> list[str]:
-    """Return what gaps there are, and what the gyro shows at rest."""
     gaps = {group.source: group.gaps() for group in log.groups.values()}
     notes = [
         f"{source}: {len(some)} gap{'s' * (len(some) > 1)}, the first from {some[0][0]:.3f} to {some[0][1]:.3f} s"

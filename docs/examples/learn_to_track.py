@@ -98,10 +98,10 @@ def learn(generations: int, seed: int = 0, every: int = 10) -> tuple[Policy, Flo
                 f"generation {generation:4d}: reward {reward:.3f}, {1e3 * away:5.0f} mm away, {seconds:4.0f} s", flush=True
             )
         changes = rng.standard_normal((ROBOTS // 2, policy.size))
-        tried = weights + NOISE * np.concatenate([changes, -changes])
+        candidates = weights + NOISE * np.concatenate([changes, -changes])
         seeds = np.tile(rng.integers(10**6, size=ROBOTS // 2), 2)  # both of a pair have the same episode
-        found, _ = episode_rewards(batch, partial(policy, tried), seeds)
-        gain = found[: ROBOTS // 2] - found[ROBOTS // 2 :]
+        measured, _ = episode_rewards(batch, partial(policy, candidates), seeds)
+        gain = measured[: ROBOTS // 2] - measured[ROBOTS // 2 :]
         slope = gain @ changes / (np.abs(gain).mean() + 1e-9) / len(changes)
         drift, size = 0.9 * drift + 0.1 * slope, 0.99 * size + 0.01 * slope**2  # Adam
         steps = generation + 1
@@ -160,20 +160,20 @@ def judge(
     laws: dict[str, Any] = {name: make_controller(profile, load_gains(name)) for name in RULES}
     mpc = laws["mpc"]
     laws["learnt"] = PythonController("learnt", lambda m: Learnt(m, policy, weights, past), mpc.a, mpc.b, mpc.drive)
-    found: dict[str, dict[str, Any]] = {}
+    entries: dict[str, dict[str, Any]] = {}
     for reference in references:
         label, waypoints = open_reference(reference)
-        found[label] = {}
+        entries[label] = {}
         for name, law in laws.items():
             runs = run_robots([robot] * seeds, [law] * seeds, [LoopSettings()] * seeds, waypoints, range(seeds))
             rated = [track_metrics(run, waypoints, robot.limits) for run in runs]
-            found[label][name] = {
+            entries[label][name] = {
                 key: float(np.mean([r[key] for r in rated])) for key in ("sync_rms_m", "d_rms_m", "command_jerk")
             } | {"lost": any(run.lost for run in runs)}
-    return found
+    return entries
 
 
-def draw(history: list[dict[str, float]], pid: tuple[float, float], found: dict[str, dict[str, Any]], path: Path) -> None:
+def draw(history: list[dict[str, float]], pid: tuple[float, float], measured: dict[str, dict[str, Any]], path: Path) -> None:
     """Draw the curve, and the errors on the references that no training saw."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.0), layout="constrained")
     left.plot([h["generation"] for h in history], [h["reward"] for h in history], color="#0072b2", label="learnt policy")
@@ -184,9 +184,9 @@ def draw(history: list[dict[str, float]], pid: tuple[float, float], found: dict[
     left.legend(loc="lower right")
     names, width = [*RULES, "learnt"], 0.2
     for k, (name, colour) in enumerate(zip(names, ("#d55e00", "#009e73", "#cc79a7", "#0072b2"), strict=True)):
-        heights = [1e3 * of[name]["sync_rms_m"] for of in found.values()]
-        right.bar(np.arange(len(found)) + (k - 1.5) * width, heights, width, color=colour, label=name)
-    right.set_xticks(range(len(found)), list(found))
+        heights = [1e3 * of[name]["sync_rms_m"] for of in measured.values()]
+        right.bar(np.arange(len(measured)) + (k - 1.5) * width, heights, width, color=colour, label=name)
+    right.set_xticks(range(len(measured)), list(measured))
     right.set(ylabel="RMS distance to the moving target [mm]", title="References at 0.5 m/s that no training saw")
     right.set_ylim(0.0, 1.25 * right.get_ylim()[1])
     right.legend(ncols=len(names), loc="upper center")
@@ -197,13 +197,13 @@ def draw(history: list[dict[str, float]], pid: tuple[float, float], found: dict[
 def main(folder: Path, generations: int = 60) -> dict[str, Any]:
     """Learn, judge, write; return what was found."""
     policy, weights, history = learn(generations)
-    pid, found = pid_reward(), judge(policy, weights)
+    pid, measured = pid_reward(), judge(policy, weights)
     folder.mkdir(parents=True, exist_ok=True)
-    out = {"weights": weights.tolist(), "history": history, "pid": pid, "held_out": found}
+    out = {"weights": weights.tolist(), "history": history, "pid": pid, "held_out": measured}
     (folder / "policy.json").write_text(json.dumps(out, indent=1), encoding="utf-8")
-    draw(history, pid, found, folder / "learning.png")
+    draw(history, pid, measured, folder / "learning.png")
     print(f"PID in the same episodes: reward {pid[0]:.3f}, {1e3 * pid[1]:.0f} mm away")
-    for reference, of in found.items():
+    for reference, of in measured.items():
         print(
             reference,
             *(f"{name} {1e3 * m['sync_rms_m']:.0f} mm{' LOST' if m['lost'] else ''}" for name, m in of.items()),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import Parameter, Signature, signature
 from typing import Any
 
 import dm_env
@@ -12,6 +13,8 @@ from ssmr.types import FloatArray
 from validation.learning.batch import TrackBatch
 from validation.learning.episodes import TrackTask
 
+_SEED = Parameter("seed", Parameter.KEYWORD_ONLY, default=None)
+
 
 class Tracking(dm_env.Environment):
     """One robot that follows a moving target.
@@ -19,6 +22,8 @@ class Tracking(dm_env.Environment):
     An action is a command, v [m/s] and omega [rad/s], read every 50 ms. The reward is 1 / (1 + (distance / 0.1 m)^2). An
     episode ends with discount 0 where the robot is lost, and with discount 1 where its time is over.
     """
+
+    __signature__ = Signature([*signature(TrackTask).parameters.values(), _SEED])
 
     def __init__(self, *task: Any, seed: int | None = None, **more: Any) -> None:
         """Make the robot, and draw all episodes by a seed.

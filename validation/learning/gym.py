@@ -5,6 +5,7 @@ Importing this module registers it; `gymnasium.make("validation.learning.gym:ssm
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ class TrackEnv(gymnasium.Env):
     """One robot that follows a moving target; observations and actions are in shares of their bounds, in [-1, 1]."""
 
     metadata = {"render_modes": []}  # noqa: RUF012 # Gymnasium declares it without ClassVar
+    __signature__ = inspect.signature(TrackTask)
 
     def __init__(self, **task: Any) -> None:
         """Make the robot; `task` has the fields of `TrackTask`.

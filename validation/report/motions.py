@@ -241,7 +241,6 @@ def _load_table(plants: Mapping[str, PlantResult]) -> Table:
 
 
 def _health_table(plants: Mapping[str, PlantResult]) -> Table:
-    """Return inertia, torque and trembling of the plants that know them."""
     rows = [
         {
             "plant": name,

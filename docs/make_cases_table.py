@@ -23,10 +23,10 @@ def measured(name: str, plant: str) -> dict[str, tuple[float, float]]:
 
 def print_errors(name: str) -> None:
     """Print a line for each number of an answer."""
-    found = {plant: measured(name, plant) for plant in PLANTS}
+    answers = {plant: measured(name, plant) for plant in PLANTS}
     for key, limit in ANSWERS[name][0]["tolerance"].items():
-        if any(key in numbers for numbers in found.values()):
-            each = " | ".join(f"{numbers[key][0]:.5f}" if key in numbers else "–" for numbers in found.values())
+        if any(key in numbers for numbers in answers.values()):
+            each = " | ".join(f"{numbers[key][0]:.5f}" if key in numbers else "–" for numbers in answers.values())
             print(f"| {name} | {key} | {limit} | {each} |", flush=True)
 
 

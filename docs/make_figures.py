@@ -126,14 +126,14 @@ def table_turning() -> None:
             )
     print("\nratio of frictions (capsule, 0.4): measured, by contact radius, closed form")
     for ratio in (0.8, 1.0, 1.24, 1.5):
-        turn_shown = turn(husky(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
+        shown = turn(husky(friction=0.4, wheel_shape="capsule", friction_ratio=ratio))
         form = turn_on_the_spot(WHEELBASE, TRACK, ratio=ratio, half_width=CAPSULE).multiplier
-        print_row(ratio, f"{turn_shown.multiplier:.3f}", f"{turn_shown.by_contact_radius:.3f}", f"{form:.3f}")
+        print_row(ratio, f"{shown.multiplier:.3f}", f"{shown.by_contact_radius:.3f}", f"{form:.3f}")
     print("\nfriction: torque of a side, closed form with the contact's radius [N m]")
     for friction in (0.1, 0.3, 0.6, 0.8):
-        turn_shown = turn(husky(friction=friction))
-        form = turn_shown.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
-        print_row(friction, f"{turn_shown.torque:.2f}", f"{form:.2f}", f"depth {1e3 * turn_shown.depth:.2f} mm")
+        shown = turn(husky(friction=friction))
+        form = shown.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
+        print_row(friction, f"{shown.torque:.2f}", f"{form:.2f}", f"depth {1e3 * shown.depth:.2f} mm")
 
 
 def table_lift() -> None:
@@ -144,11 +144,11 @@ def table_lift() -> None:
             low, high, impedance = 0.05, 20.0, (d0, 0.95, 0.005, 0.5, 2.0)
             for _ in range(8):
                 rate = math.sqrt(low * high)
-                turn_shown = turn(husky(friction=friction), rate, impedance, 4.0)
-                if turn_shown.lowest_load < 0.01:
+                shown = turn(husky(friction=friction), rate, impedance, 4.0)
+                if shown.lowest_load < 0.01:
                     high = rate
                 else:
-                    low, last = rate, turn_shown
+                    low, last = rate, shown
             slip = last.rate * 0.5 * WHEELBASE * DIAGONAL / TRACK
             print_row(d0, friction, f"{friction * slip:.4f}")
 
@@ -158,8 +158,8 @@ def table_rise() -> None:
     print("\nfriction 0.3, mu v [m/s]: rise of the body [mm]")
     still = turn(husky(), 1e-3, None, 4.0).depth
     for product in (0.05, 0.1, 0.2, 0.4, 0.6, 0.7):
-        turn_shown = turn(husky(), product / 0.3 * TRACK / (0.5 * WHEELBASE * DIAGONAL), None, 4.0)
-        print_row(product, f"{1e3 * (still - turn_shown.depth):.2f}")
+        shown = turn(husky(), product / 0.3 * TRACK / (0.5 * WHEELBASE * DIAGONAL), None, 4.0)
+        print_row(product, f"{1e3 * (still - shown.depth):.2f}")
 
 
 def table_trembling() -> None:
@@ -267,13 +267,11 @@ def table_between() -> None:
     for friction in (0.14, 0.4):
         for gain in (60.0, 118.04, 400.0):
             for w in (0.25, 0.75):
-                turn_shown = turn(husky(friction=friction, gain=gain), w)
+                shown = turn(husky(friction=friction, gain=gain), w)
                 wheel = HALF_TRACK * w / RADIUS
-                load = turn_shown.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
-                reached = turn_shown.multiplier * TRACK * turn_shown.rate / (2.0 * RADIUS * wheel)
-                print_row(
-                    friction, gain, w, f"{reached:.4f}", f"{1.0 - load / gain / wheel:.4f}", f"{turn_shown.rate / w:.3f}"
-                )
+                load = shown.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
+                reached = shown.multiplier * TRACK * shown.rate / (2.0 * RADIUS * wheel)
+                print_row(friction, gain, w, f"{reached:.4f}", f"{1.0 - load / gain / wheel:.4f}", f"{shown.rate / w:.3f}")
 
 
 def draw() -> None:

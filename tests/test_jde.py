@@ -206,7 +206,7 @@ def test_a_restored_search_goes_on_bit_for_bit() -> None:
 # --- stop rules -----------------------------------------------------------------------------------------------------------
 
 
-def told(settings: JdeSettings, costs: list[float]) -> Jde:
+def searched(settings: JdeSettings, costs: list[float]) -> Jde:
     """A search that hears the same cost for all, generation by generation."""
     search = Jde(2, settings, 0)
     for cost in costs:
@@ -228,10 +228,10 @@ def test_it_stops_when_the_cost_no_longer_improves(sign: float) -> None:
     """A tenth, of the size the cost had two generations before."""
     rule = replace(SHORT, df=0.1, patience=2)
     base = 100.0 * sign
-    assert told(rule, [base, base - 8.0, base - 11.0]).finished == ""
-    assert told(rule, [base, base - 8.0, base - 10.0]).finished == "improvement"
-    assert told(replace(rule, patience=1), [base, base - 8.0]).finished == "improvement"
-    assert told(rule, [np.inf, np.inf, np.inf, base]).finished == "", "nothing known then, nothing to compare"
+    assert searched(rule, [base, base - 8.0, base - 11.0]).finished == ""
+    assert searched(rule, [base, base - 8.0, base - 10.0]).finished == "improvement"
+    assert searched(replace(rule, patience=1), [base, base - 8.0]).finished == "improvement"
+    assert searched(rule, [np.inf, np.inf, np.inf, base]).finished == "", "nothing known then, nothing to compare"
 
 
 # --- it finds what is there -----------------------------------------------------------------------------------------------

@@ -100,7 +100,7 @@ def test_an_interrupt_keeps_the_sections_that_are_finished() -> None:
 
     report = replicate(quick=True, only=("noise", "accelerations"), progress=stop)
     assert report.status == "interrupted"
-    assert list(report.found) == ["noise"]
+    assert list(report.findings) == ["noise"]
     with pytest.raises(KeyboardInterrupt):
         replicate(quick=True, only=("accelerations",), progress=stop)
     assert exit_status(replicate, "--only", "5.1") == 2

@@ -316,7 +316,7 @@ def process(tmp_path: Path, graph: Graph, *arguments: str) -> Iterator[tuple[sub
         running.wait()
 
 
-def said(log: Path) -> str:
+def text_of(log: Path) -> str:
     return " ".join(log.read_text(encoding="utf-8", errors="replace").split())
 
 
@@ -330,12 +330,12 @@ def test_a_robot_is_driven_along_a_line_and_ctrl_c_ends_it(tmp_path: Path, graph
         for _ in range(3):  # a machine that stalls for half a second has the robot stopped, as it should
             with process(tmp_path, graph, *control) as (controller, log):
                 status = controller.wait(2.0 * PATIENCE)
-            if status == 0 or "no feedback for" not in said(log):
+            if status == 0 or "no feedback for" not in text_of(log):
                 break
-        assert status == 0, said(log)
+        assert status == 0, text_of(log)
         robot.send_signal(signal.SIGINT)
         assert robot.wait(PATIENCE) == cli.EXIT_INTERRUPTED
-        assert "/cmd_vel commands" in said(said_by_robot)
+        assert "/cmd_vel commands" in text_of(said_by_robot)
     document = json.loads((out / "track.json").read_text(encoding="utf-8"))
     assert document["status"] == "arrived"
     assert document["options"]["judged_by"] == "/vrpn_mocap/husky/pose"
@@ -359,5 +359,5 @@ def test_a_killed_robot_stops_the_controller(tmp_path: Path, graph: Graph) -> No
             wait_for(half_a_second, "commands")
         robot.kill()
         assert controller.wait(PATIENCE) == 1
-    assert "no feedback for" in said(log)
+    assert "no feedback for" in text_of(log)
     assert json.loads((out / "track.json").read_text(encoding="utf-8"))["status"] == "stopped"

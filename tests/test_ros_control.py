@@ -194,7 +194,7 @@ def commands(node: FakeNode) -> tuple[np.ndarray, np.ndarray]:
     return np.array([t for t, _ in node.of(COMMAND)]), np.array([msg.read_twist(m) for _, m in node.of(COMMAND)])
 
 
-def stood(node: FakeNode) -> bool:
+def stands(node: FakeNode) -> bool:
     """Whether the robot was commanded to stand at the end, and for how long it should be."""
     return bool(np.all(commands(node)[1][-9:] == 0.0))
 
@@ -211,7 +211,7 @@ def test_commands_come_at_20_hz_to_who_listens_and_end_in_a_stop(lab: Profile) -
     assert np.count_nonzero(driving) >= 20.0 * BEND.duration - 2
     np.testing.assert_allclose(np.diff(t[driving]), VELOCITY_PERIOD, atol=1e-9)
     assert np.count_nonzero(np.all(sent == 0.0, axis=1)) >= 9
-    assert stood(node)
+    assert stands(node)
 
 
 NAN, FAR = math.nan, 1e300
@@ -238,7 +238,7 @@ def test_feedback_that_ends_or_cannot_be_used_stops_the_robot_and_the_reason_is_
     t, sent = commands(node) if node.sent else (np.zeros(0), np.zeros((0, 2)))
     if good:
         assert t[np.flatnonzero(np.any(sent != 0.0, axis=1))[-1]] < good + FRESH + 0.051
-        assert stood(node)
+        assert stands(node)
     else:
         assert not node.sent, "a robot that was not driven is not stopped either: somebody else may drive it"
 
@@ -266,7 +266,7 @@ def test_a_flood_of_odometry_delays_no_command(lab: Profile, caplog: pytest.LogC
         loop.run()
     assert np.diff(commands(node)[0]).max() <= 0.051
     assert len(caplog.records) <= 10
-    assert stood(node)
+    assert stands(node)
 
 
 # --- a robot that does not obey ---
@@ -310,7 +310,7 @@ def test_it_gives_up_on_a_robot_that_never_obeys(lab: Profile) -> None:
     node.blocked = lambda t: t > 2.0
     with pytest.raises(StoppedError, match=r"has not obeyed for 30 s \(it does not do what it is told\)"):
         loop.run()
-    assert stood(node)
+    assert stands(node)
     t, sent = commands(node)
     assert np.all(np.abs(sent[t > 2.8]).max(axis=0) <= np.array(AT_MOST) + 1e-3)
 
@@ -340,7 +340,7 @@ def test_a_pose_that_jumps_stops_the_robot(lab: Profile) -> None:
     node.jumped = lambda t: 2.0 if t > 3.0 else 0.0
     with pytest.raises(StoppedError, match=r"the pose jumped by 2\.\d\d m"):
         loop.run()
-    assert stood(node)
+    assert stands(node)
     t, sent = commands(node)
     assert t[np.flatnonzero(np.any(sent != 0.0, axis=1))[-1]] < 3.1
 
@@ -408,7 +408,7 @@ def test_a_drive_that_arrives_or_has_to_be_stopped_is_kept(drive: Drive, capsys:
     drive.speak(9.0)
     assert drive.run() == 0
     assert (drive.document()["status"], drive.document()["stopped_because"]) == ("arrived", "")
-    assert stood(drive.node)
+    assert stands(drive.node)
     assert drive.node.closed
     drive.node = FakeNode(drive.node.clock)
     drive.node.clock.now = 100.0
@@ -418,7 +418,7 @@ def test_a_drive_that_arrives_or_has_to_be_stopped_is_kept(drive: Drive, capsys:
     assert document["status"] == "stopped"
     assert "no feedback" in document["stopped_because"]
     assert capsys.readouterr().err.strip().splitlines()[-1] == f"run failed: {document['stopped_because']}"
-    assert stood(drive.node)
+    assert stands(drive.node)
 
 
 @pytest.mark.parametrize(("number", "background"), [*((n, False) for n in SIGNALS), (signal.SIGINT, True)])
@@ -435,7 +435,7 @@ def test_signals_stop_the_robot_and_keep_the_drive(
     assert (document["status"], document["schema"]) == ("interrupted", "ssmr.track/1")
     assert math.isfinite(document["metrics"]["d_rms_m"])
     assert (drive.out / "track.png").is_file()
-    assert stood(drive.node)
+    assert stands(drive.node)
     text = capsys.readouterr()
     assert "ended before the reference did (interrupted)" in " ".join(text.out.split())
     assert text.err.strip().splitlines()[-1] == "interrupted"

@@ -122,10 +122,10 @@ def test_a_row_has_the_class_that_its_numbers_deserve() -> None:
 
 
 @given(st.lists(st.sampled_from([s for s in STATUSES if s != "agrees if"]), min_size=1, max_size=4))
-def test_a_row_is_judged_by_its_worst_number(found: list[str]) -> None:
-    verdicts = {f"m{k}": Verdict(s, "" if s == "agrees" else f"because {s}") for k, s in enumerate(found)}  # type: ignore[arg-type]
+def test_a_row_is_judged_by_its_worst_number(statuses: list[str]) -> None:
+    verdicts = {f"m{k}": Verdict(s, "" if s == "agrees" else f"because {s}") for k, s in enumerate(statuses)}  # type: ignore[arg-type]
     row = judge_row(dict.fromkeys(verdicts, Pair(1.0, 2.0, "distance")), verdicts)
-    worst = next(s for s in ("differs", "nearer", "not told apart", "agrees", "not compared") if s in found)
+    worst = next(s for s in ("differs", "nearer", "not told apart", "agrees", "not compared") if s in statuses)
     assert row.status == worst
     assert worst not in ("differs", "nearer") or "not compared" not in row.reason
 

@@ -68,7 +68,7 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
     if "\0" in "".join(header):
         raise FileError(path, "there is a NUL byte; wanted a CSV file, which is plain UTF-8 text", header_line)
     if width == 1:
-        what = next((said for sign, said in _SEPARATORS.items() if sign in header[0]), "nothing separates")
+        what = next((meaning for sign, meaning in _SEPARATORS.items() if sign in header[0]), "nothing separates")
         raise FileError(path, f"{what} the columns; wanted commas between them, and points in numbers", header_line)
     if width > limits.columns:
         raise FileError(path, f"there are {width} columns, but {limits.says('columns')}", header_line)

@@ -159,7 +159,7 @@ def study_runs(o: RunsStudy) -> Report:
     o.progress(Progress(0, len(runs), f"at most {math.ceil(minutes)} minutes of one processor"))
     swept = sweep(runs, {"fit and judgement": partial(_measure, o)}, workers=o.workers, progress=o.progress)
     logs = {row["variant"]: row["found"] for row in swept.rows if "found" in row}
-    notes = {told: ", ".join(n for n in logs if told in logs[n]["told"]) for one in logs.values() for told in one["told"]}
+    notes = {note: ", ".join(n for n in logs if note in logs[n]["told"]) for one in logs.values() for note in one["told"]}
     return Report(
         program="study",
         title=f"{len(logs)} logs, each fitted on its first half and judged on its second",
@@ -167,7 +167,7 @@ def study_runs(o: RunsStudy) -> Report:
             *(_table(name, one["rows"], one["heading_judge"]) for name, one in logs.items()),
             *(Table(f"{p} on each ground", [{"log": n, **f["numbers"][p]} for n, f in logs.items()]) for p in o.plants),
         ],
-        sentences=[*swept.notes, *(f"{names}: {told}" for told, names in notes.items())],
+        sentences=[*swept.notes, *(f"{names}: {note}" for note, names in notes.items())],
         status=swept.status,
         document={
             "schema": SCHEMA,

@@ -210,6 +210,7 @@ def test_columns_with_other_names_and_units_are_read_as_ours(tmp_path: Path) -> 
         assert np.allclose(measured.columns[name], values, rtol=1e-9, atol=1e-9), name
     for wrong, message in (
         ({"x": ("lost", "")}, "no column 'lost'"),
+        ({"x": ("heading", ""), "yaw": ("heading", "")}, "takes one column for two"),
         ({"yaw": ("heading", "km/h")}, "yaw cannot be in 'km/h'; its units are rad, deg"),
         ({"enc_left": ("wl", "m/s")}, "needs the radius of the wheels"),
     ):  # fmt: skip

@@ -219,7 +219,9 @@ def test_mistakes_of_loggers_are_named_and_a_sound_log_is_not_blamed(name: str) 
 def test_a_known_radius_shows_the_unit_of_wheel_rates(unit: str) -> None:
     log, radius = read_log("husky").on_one_clock(), EkfSettings.radius
     spoiled = scaled(SPEEDS[unit] * radius, *WHEELS)({"t": log.t, **log.columns})
-    assert {fault.kind for fault in find_faults(Log.of_columns("log.csv", spoiled), radius).named} == {"scale"}
+    (found,) = find_faults(Log.of_columns("log.csv", spoiled), radius).named
+    assert found.kind == "scale"
+    assert "its wheels to be others than those of 0.165 m" in found.sentence
 
 
 @pytest.mark.parametrize("missing", [(), ("gyro_z",), TWIST, WHEELS, POSE_COLUMNS, ("gyro_z", *TWIST)])

@@ -166,6 +166,7 @@ REFUSED = {
     "no masses": (WHEELS.replace('<mass value="40.0"/>', '<mass value="0"/>'), "its body has no mass"),
     "not XML": ("schema = 1", "this is no XML"),
     "xacro": ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="a"/><xacro:a/></robot>', "expand it first"),
+    "left of xacro": (WHEELS.replace('<mass value="40.0"/>', '<mass value="${mass}"/>'), "expand it first"),
     "a bomb": (BOMB, "declares a document type or entities"),
     "a loop": (WHEELS.replace("</robot>", f"{LOOP}base_link{END}"), "no tree"),
     "a number": (WHEELS.replace('<mass value="40.0"/>', '<mass value="heavy"/>'), "bad format in attribute 'value'"),

@@ -117,6 +117,7 @@ def _corrections(radius: float) -> Iterator[_Correction]:
         {unit: factor for unit, (base, factor) in UNITS.items() if base == wanted} for wanted in ("rad/s", "m/s", "m", "rad")
     )
     rims = {**{unit: factor / radius for unit, factor in {"m/s": 1.0, **speeds}.items()}, **rates}
+    del rims["m/min"]  # nobody logs it, and of a Husky it is rpm within 4 %
     units: dict[tuple[str, ...], dict[str, float]] = {
         **dict.fromkeys((wheels, (left,), (right,)), rims),
         **dict.fromkeys((("gyro_z",), ("cmd_w",), ("odom_w",)), rates),
@@ -347,6 +348,8 @@ def contradictions(signals: Channels, radius: float | None = None) -> list[LogFa
         now = _agreement(signals, radius)
         columns = tuple(dict.fromkeys(name for names in (best, *others) for name in names.columns))
         words = ", or ".join(f"{_seem(c.columns)} to {c.what}" for c in (best, *others))
+        if radius is not None and best.kind == "scale" and {*wheels, "x"} & set(columns):
+            words += f", or its wheels to be others than those of {radius:.3g} m"
         faults.append(LogFault(best.kind, columns, f"{words}; as it stands, the log contradicts itself"))
     return [*faults, *_strangers(signals, radius), *_unlike_sides(signals)]
 

@@ -151,6 +151,8 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
 def _renamed(table: CsvTable, options: ReadOptions) -> CsvTable:
     """Return a table whose columns have our names and units, where the options say which they have."""
     header, columns = list(table.header), list(table.columns)
+    if len({theirs for theirs, _ in options.columns.values()}) < len(options.columns):
+        raise FileError(table.path, "--columns takes one column for two")
     for name, (theirs, unit) in options.columns.items():
         if theirs not in table.header:
             raise FileError(table.path, f"there is no column {quoted([theirs])} among {quoted(table.header)}")

@@ -20,6 +20,8 @@ MULTIPLIER_LIMIT = 0.02
 """Deviation of the multiplier from its closed form that a robot may have [1]."""
 DRIVER_LIMIT = 0.25
 """Deviation of the body's yaw rate from the commanded one that is not worth a word [1]."""
+DENSITIES = (30.0, 6000.0)
+"""Masses a cubic metre of hull between which robots are [kg/m³]: an empty box of sheet, and steel that fills most of it."""
 MOST_SPARE = 100.0
 """Torque of motors over what turns the robot on the spot on ground of friction 1, beyond which it is asked about [1]."""
 _RIM_SPEED = 0.13
@@ -210,7 +212,11 @@ def _questions(robot: Robot, spot: SkidTurn | None) -> dict[str, bool]:
     turned = drive.command_half_track * rims  # yaw rate over the wanted one
     endless, g = not math.isfinite(drive.torque_limit), robot.geometry
     length, width, height = g.body_size
+    density = (robot.masses.total - 4.0 * robot.masses.wheel) / (length * width * height)
     return {
+        f"the body has {density:.3g} kg a cubic metre of its hull, and water has 1000: are masses in kg and lengths in m?": (
+            not DENSITIES[0] < density < DENSITIES[1]
+        ),
         f"the hull of {length:.3g} x {width:.3g} x {height:.3g} m is smaller than a wheel: is it an antenna or a sensor? "
         "Measure the body, and say body_size and body_centre": (
             length < 2.0 * g.wheel_radius or width < g.wheel_width or height < 0.2 * g.wheel_radius

@@ -164,7 +164,7 @@ def _parsed(text: str) -> ElementTree.Element:
     root = guarded.xml_tree(text)
     if root.tag != "robot" or root.find("link") is None:
         raise ValueError("this is no URDF: there is no <robot> with a <link>")
-    if any("xacro" in element.tag for element in root.iter()):
+    if "${" in text or any("xacro" in element.tag for element in root.iter()):
         raise ValueError("this is a xacro file; expand it first: xacro FILE.xacro > FILE.urdf")
     if _SIDEWAYS_WORDS.search(text.lower()):
         raise ValueError("its wheels are mecanum or omni wheels, which roll sideways; a skid-steering robot has plain ones")

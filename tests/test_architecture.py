@@ -206,7 +206,7 @@ PRICES = {
     "validation/replicate": (1_132, "the thesis beside us, row by row"),
     "validation/report": (2_464, "tables, pictures and rerun recordings of all programs"),
     "validation/ros": (1_471, "the robot and its controller on a ROS 2 graph"),
-    "validation/simulator": (3_407, "a robot's description becomes a MuJoCo model that moves"),
+    "validation/simulator": (3_413, "a robot's description becomes a MuJoCo model that moves"),
     "validation/study": (1_927, "answers: contact and engines, transfer, drive train"),
     "validation/thesis": (278, "the thesis' numbers"),
     "validation/bench": (
@@ -221,7 +221,7 @@ PRICES = {
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""
-MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_493, 190, 17_489
+MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_495, 190, 17_489
 MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 52_000, 1_100
 
 

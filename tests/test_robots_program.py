@@ -112,7 +112,7 @@ HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
     "endless torque": ({"drive": {"torque_limit": 1e308}}, "is it that of a wheel, behind the gear, in N m?"),
     "an antenna": ({"geometry": {"body_size": [0.02, 0.02, 0.4]}}, "smaller than a wheel: is it an antenna"),
     "a guessed radius": ({"sources": {"geometry.wheel_radius": "assumed: by eye"}}, "wheel_radius is a guess: count"),
-    "grams": ({"mass": {"total": 70_000.0}}, "kg a cubic metre of its hull"),
+    "grams": ({"mass": {"total": 70_000.0}, "drive": {"torque_limit": 1e5}}, "kg a cubic metre of its hull"),
     "a guessed mass": ({"sources": {"mass.total": "assumed: by eye"}}, "mass.total is a guess: weigh"),
 }  # fmt: skip
 

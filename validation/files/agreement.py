@@ -372,7 +372,7 @@ def _strangers(signals: Channels, radius: float | None) -> Iterator[LogFault]:
             if abs(alike) > _SURE and beyond > _CLEARLY and moves:
                 factor = math.exp(ratio) * b.usual / a.usual
                 one, other = (" and ".join(m.columns) for m in (a, b))
-                words = f"{one} {_tell(a)} {factor:.2g} times the motion that {other} {_tell(b)}"
+                words = f"the motion by {one} is {factor:.2g} times that by {other}"
                 yield LogFault("scale", (*a.columns, *b.columns), f"{words}: one of them, or t, is in another unit")
 
 
@@ -384,19 +384,10 @@ def _unlike_sides(signals: Channels) -> Iterator[LogFault]:
         return
     rates = np.column_stack([signals[name] for name in wheels])
     (left, right), _, _, (most, least) = np.linalg.lstsq(rates, turning)
-    explained = _likeness(rates @ (left, right), turning)
-    if (
-        explained > _SUM
-        and least * _TOGETHER > most
-        and left < 0.0 < right
-        and not 1.0 / _SIDES_DIFFER < -left / right < _SIDES_DIFFER
-    ):
+    tells = _likeness(rates @ (left, right), turning) > _SUM and least * _TOGETHER > most
+    if tells and left < 0.0 < right and not 1.0 / _SIDES_DIFFER < -left / right < _SIDES_DIFFER:
         what = f"a rate of enc_left turns the robot {-left / right:.2g} times as much as one of enc_right"
         yield LogFault("scale", wheels, f"{what}: one of them is in another unit, or loses samples")
-
-
-def _tell(m: _Measure) -> str:
-    return "tell" + "s" * (len(m.columns) == 1)
 
 
 def _seem(columns: Sequence[str]) -> str:

@@ -74,6 +74,7 @@ make it jagged, so least squares go to the right place but not to the least cost
 HORIZONS = (2.0, 6.0, 30.0, 60.0)
 """Horizons of the relative pose errors in results [s]."""
 _WINDOWS = {"n": "windows", "n_standing": "standing"}
+_START = cli.parsed(lambda text: {} if text == "profile" else cli.read_values(text), "profile|NAME=X,...")
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
 
 
@@ -104,7 +105,7 @@ class Fit(Searching):
     limits: cli.Limits = USUAL
     start: Annotated[
         Mapping[str, float] | None,
-        cli.parsed(lambda text: {} if text == "profile" else cli.read_values(text), "profile|NAME=X,..."),
+        _START,
         cli.option(default="profile for recordings; for scenarios all are drawn at random"),
     ] = None
     """A candidate of the first population: the profile's numbers, or some that replace them, such as friction=0.4."""

@@ -50,7 +50,7 @@ CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
         "multiplier": "yaw rate that the wheels ask for over that of the body, turning on the spot",
         "off_closed_form_share": "deviation of the multiplier from its closed form",
         "ripple_share": "range of the yaw rate on the spot over its mean",
-        "lifted_share": "share of the time on the spot in which a wheel is off the ground",
+        "lifted_share": "share of the time on the spot in which a wheel is off the ground; if any, trust two digits",
         "glide_share": "greatest speed of the robot's middle on the spot over that of the wheels' rims",
         "wander_m": "greatest distance of the robot's middle from its first place in 36 s on the spot",
         "drift_m": "distance of the robot's middle from its place after a whole turn, mean",

@@ -61,7 +61,7 @@ class Calibrate(cli.Common):
     """Log to judge on; then the first one is fitted as a whole."""
     columns: cli.Columns = field(default_factory=dict)
     trust: cli.Flag = False
-    """Fit even where columns seem to have a wrong sign, place, unit or frame."""
+    """Fit even where columns seem to have a wrong sign, place, unit, frame or clock."""
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""

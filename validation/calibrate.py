@@ -35,7 +35,7 @@ from validation.report.report import FINISHED, Report
 from validation.robots import export_robot
 from validation.words import file_name, one_line
 
-REFUSED = ("sign", "swapped", "scale", "handedness", "clock")
+REFUSED = ("sign", "swapped", "scale", "handedness")
 """Kinds of faults with which no fit makes sense."""
 TRAINED = 2.0 / 3.0
 """Share of a log that is fitted to, from its beginning, where no other log is held out [1]."""
@@ -61,7 +61,7 @@ class Calibrate(cli.Common):
     """Log to judge on; then the first one is fitted as a whole."""
     columns: cli.Columns = field(default_factory=dict)
     trust: cli.Flag = False
-    """Fit even where columns seem to have a wrong sign, place, unit, frame or clock."""
+    """Fit even where columns seem to have a wrong sign, place, unit or frame."""
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""

@@ -24,10 +24,10 @@ from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, Trajectory
 from tests.conftest import metrics_of
-from validation.report import scene, tracks
+from validation.report import scene, scene_robots
 from validation.report.motions import Comparison, PlantResult
 from validation.report.motions import write_comparison as write_recording
-from validation.report.tracks import POSE_PERIOD, looks_of
+from validation.report.scene_robots import POSE_PERIOD, looks_of
 from validation.report.viewer import open_viewer
 from validation.simulator.description import WHEELS, load_robot
 
@@ -175,7 +175,7 @@ def test_the_poses_read_back_are_those_given(shown: tuple[Comparison, Path, Read
 
 
 def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(tracks, "MOST_POSES", 50)
+    monkeypatch.setattr(scene_robots, "MOST_POSES", 50)
     monkeypatch.setattr(scene, "_MOST_SAMPLES", 60)
     made, path = comparison([TWO_SECONDS], PLANTS[:2]), tmp_path / "long.rrd"
     write_recording(made, path)

@@ -46,7 +46,7 @@ from validation.report.drawing import (
     text_row,
 )
 from validation.report.motions import HEADLINE_HORIZON, Comparison, compared_tracks, given_commands, headline_error
-from validation.report.tracks import Track
+from validation.report.scene_robots import Track
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.words import shortened

@@ -20,8 +20,8 @@ from ssmr.types import Commands, FloatArray, IndexArray, Trajectory
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
 from validation.report.palette import Rgb
 from validation.report.report import Report
+from validation.report.scene_robots import Track
 from validation.report.table import Row, Table
-from validation.report.tracks import Track
 from validation.simulator.description import WHEELS, Robot, load_robot, with_robot
 from validation.simulator.health import Health
 from validation.simulator.terrain import FLAT, Terrain

@@ -34,7 +34,7 @@ from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, wrap_angle, yaw_to
 from ssmr.types import FloatArray
 from validation.report.columns import Unit, length_unit
 from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
-from validation.report.tracks import GROUND, Extent, Solid, Track, bright, extent_of, looks_of, tinted
+from validation.report.scene_robots import GROUND, Extent, Solid, Track, bright, extent_of, looks_of, tinted
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.store import write_atomic

@@ -24,9 +24,9 @@ from validation.bench.tracked import (
 from validation.report.columns import REAL_TIME, declare
 from validation.report.palette import BLACK, GREY, WHITE, mix
 from validation.report.report import Report
+from validation.report.scene_robots import Track, bright
 from validation.report.table import Row, Table
 from validation.report.track_panels import draw_track, error_units
-from validation.report.tracks import Track, bright
 from validation.simulator.terrain import FLAT
 from validation.words import one_line
 

@@ -33,6 +33,7 @@ from validation.files.signals import TIME_ROUNDOFF, fresh_poses, moving_mean, re
 from validation.plants.profile import Pace
 from validation.plants.table import ALL_PLANTS, STANDARD
 from validation.simulator.description import Robot
+from validation.words import one_line
 
 _logger = logging.getLogger(__name__)
 
@@ -184,7 +185,7 @@ def source_of(
         start = initial_state(t, pose[s], fresh, wheels[s][0])
         pieces.append(Piece(commands, start, t, motion, on_time[s], tuple(inside.tolist()), moves[s]))
     title = title or log.name
-    warnings = tuple(f"{title}: {sentence}" for sentence in [*faults.sentences(), *sentences])
+    warnings = tuple(one_line(f"{title}: {sentence}") for sentence in [*faults.sentences(), *sentences])
     for warning in warnings:
         _logger.warning("%s", warning)
     return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title, log)

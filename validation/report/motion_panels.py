@@ -202,7 +202,6 @@ def has_speed_commands(comparison: Comparison) -> bool:
 
 
 def _draw_error(comparison: Comparison, title: str, error: Callable[[Trajectory, Trajectory], FloatArray], ax: Axes) -> None:
-    """Draw an error of every plant against the reference at equal times."""
     reference, *others = compared_tracks(comparison)
     for motion in others:
         pairs = zip(motion.pieces, reference.pieces, strict=True)

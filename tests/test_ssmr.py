@@ -29,7 +29,7 @@ Call = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
-    """What calls the command with arguments, as its script does; returns exit status, output and errors."""
+    """Return a function that calls the command with arguments, and returns exit status, output and errors."""
 
     def called(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["/bin/ssmr", *arguments])

@@ -1,4 +1,4 @@
-"""How many processes run the tests, in which order, and what becomes of a run that loses one."""
+"""Settings of the test run: the number of its processes, the order of tests, and the end of a run that loses a process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 FIRST = ("test_closed_loop.py", "test_lanes.py", "test_faults.py")
-"""Of two workers one compiles the control loop while the other compiles the models, and neither does the other's work again.
+"""Files that begin: one worker compiles the control loop while the other compiles the models, and no work is done twice.
 The longest of all tests comes next."""
 
 

@@ -56,7 +56,7 @@ from validation.simulator.description import with_robot
 from validation.words import file_name, one_line, shortened
 
 Method = Literal["jde", "hybrid", "lsq"]
-"""How a fit searches: differential evolution; a short one, then least squares; or least squares from one start."""
+"""Searches of a fit: differential evolution; a short one, then least squares; or least squares from one start."""
 _SIZES: Mapping[tuple[Method, bool], tuple[int, int]] = {
     ("jde", False): (50, 300),
     ("jde", True): (32, 60),

@@ -88,7 +88,7 @@ class RobotCheck(Report):
     loads: Sequence[float]
     """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is none."""
     faults: Sequence[str]
-    """What is wrong, and what would be right."""
+    """Sentences on what is wrong and what would be right."""
 
     @property
     def ok(self) -> bool:

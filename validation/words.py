@@ -20,7 +20,7 @@ import unicodedata
 _HARMFUL = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 """Unicode categories that move a cursor, start an escape sequence or turn the reading direction around."""
 LONGEST_FILE_NAME = 100
-"""Of a name made from foreign text [bytes]: file systems take 255, and endings and temporary marks are put to it."""
+"""Length of a name made from foreign text, at most [bytes]: file systems take 255, and endings and marks are put to it."""
 _OF_SHELLS = "/\\:*?\"<>|$&;'`!"
 """Printable characters that file systems or shells read as something else than a part of a name."""
 

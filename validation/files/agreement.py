@@ -69,7 +69,7 @@ class LogFault:
     columns: tuple[str, ...]
     """Columns that it is in, or may be in."""
     sentence: str
-    """What is wrong."""
+    """Sentence that says what is wrong."""
 
 
 # ------------------------------------------------------------------------------------------ mistakes that loggers make
@@ -79,7 +79,7 @@ class _Correction(NamedTuple):
     kind: str
     columns: tuple[str, ...]
     what: str
-    """What the columns seem to do or be."""
+    """Words that say what the columns seem to do or be."""
     sources: Mapping[str, tuple[str, float]]
     """Channels that change: the channel that each is made of, and the factor [1]."""
     turned: float = 0.0

@@ -110,7 +110,7 @@ class Search:
     starts: int = 0
     """Number of starts of least squares that are to follow the optimiser."""
     driven: Remembered = field(default_factory=Remembered)
-    """What least squares have driven after the optimiser."""
+    """Errors of all candidates that least squares have driven after the optimiser."""
     refined: tuple[FloatArray, float] | None = None
     """The best point that least squares found, and its cost; None where they found none that is better."""
     ends: int = 0

@@ -41,7 +41,7 @@ class Uncertainty:
     share: FloatArray
     """(n,) standard error over the width of the bounds, in the unit cube [1]."""
     method: str
-    """How they were found, in words."""
+    """Sentence that says how they were found."""
 
 
 def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: Remembered | None = None) -> Uncertainty:

@@ -40,7 +40,7 @@ class PlantProfile:
     localiser: Localiser = Localiser()
     """Frame on the body whose motion is compared, and how late a log tells it."""
     bands: Mapping[str, Band] = field(default_factory=dict, hash=False)
-    """How sure a prediction is, by the input that drives the plant: `commands` or `wheels`."""
+    """Uncertainty of predictions, by the input that drives the plant: `commands` or `wheels`."""
 
     def numbers(self) -> dict[str, dict[str, Any]]:
         """Return the numbers of each part by name; the robot, which has a file of its own, is left out."""

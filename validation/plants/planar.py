@@ -25,7 +25,7 @@ _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
 _DRIVEN = ("delay", "acceleration_v", "acceleration_w")
 """Numbers of the driver, of which wheel rates say nothing."""
 _ROLLING = ("wheel_radius", "radius_difference", "effective_half_track")
-"""What is left of a dynamic model whose wheel rates are given."""
+"""Numbers that are left of a dynamic model whose wheel rates are given."""
 _CENTRES = ("alpha_l", "alpha_r", "y_l", "y_r")
 _KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": (*_CENTRES, "x_icr"),

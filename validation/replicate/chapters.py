@@ -42,7 +42,7 @@ class Task(NamedTuple):
     """Inputs of a section."""
 
     budget: Budget
-    """How much it may compute."""
+    """Amount of computing that it may do."""
     seed: int
     """First seed of its searches."""
     workers: int | None

@@ -76,7 +76,7 @@ class Replication(Report):
     chapters: Sequence[Chapter]
     """The same as the report shows it."""
     lead: str
-    """What stands before the chapters, as markdown."""
+    """Markdown that stands before the chapters."""
 
     def markdown(self) -> str:
         """Return the page: what the verdicts mean, how many rows have which, and every chapter."""

@@ -77,7 +77,7 @@ class PlantResult:
     windows: Mapping[float, WindowErrors] = field(default_factory=dict)
     """Errors over windows that begin every second, by horizon [s]; empty where the reference is a plant."""
     band: Band | None = None
-    """How sure the plant's predictions are; None where nobody asked, or the profile does not say."""
+    """Uncertainty of the plant's predictions; None where nobody asked, or the profile does not say."""
     coverage: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
     """Shares of windows that end inside the band, `position`, `yaw` and `yaw_gyro`, by horizon [s]."""
     by_gyro: Mapping[float, WindowErrors] = field(default_factory=dict)

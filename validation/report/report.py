@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 FINISHED, INTERRUPTED = "finished", "interrupted"
-"""How a program can end."""
+"""Ends that a program can have."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -28,17 +28,17 @@ class Report:
     program: str
     """Name of the program and of its files: `compare` for compare.json, compare.png and compare.rrd."""
     title: str
-    """What was done, in one line."""
+    """One line that says what was done."""
     tables: Sequence[Table]
     """Tables, the most important one first."""
     document: Mapping[str, Any]
-    """What the JSON file holds before its tables: the schema, and what was asked for and found."""
+    """Part of the JSON file before its tables: the schema, options and results."""
     draw: Callable[[Any], Figure] | None = None
     """Function of the report that draws its picture; None where it has none."""
     sentences: Sequence[str] = ()
     """Sentences below the tables."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """How it was made, by name."""
+    """Options that it was made with, by name."""
     versions: Mapping[str, str] = field(default_factory=store.versions)
     """Versions of this project, Python and the packages that decide numbers."""
     record: Callable[[Any, Path], object] | None = None
@@ -46,7 +46,7 @@ class Report:
     status: str = FINISHED
     """`finished`, or `interrupted`: then it holds what was finished before, and no more."""
     failure: Exception | None = None
-    """What went wrong although there is something to show, such as a lost robot: the program then fails after it saved."""
+    """Failure although there is something to show, such as a lost robot: the program then fails after it saved."""
     alarms: Sequence[str] = ()
     """Sentences that the command line says on standard error, too."""
     has_text: bool = False

@@ -130,7 +130,7 @@ class Track:
 
     @cached_property
     def shown(self) -> list[IndexArray]:
-        """Of each piece the indices of the samples that are shown: the first in every 20 ms or more, and the last."""
+        """Indices of the samples of each piece that are shown: the first in every 20 ms or more, and the last."""
         period = max(POSE_PERIOD, sum(float(p.t[-1] - p.t[0]) for p in self.pieces) / MOST_POSES)
         slots = [np.floor((p.t - p.t[0]) / period + 1e-6) for p in self.pieces]
         return [np.flatnonzero(np.r_[True, np.diff(s) > 0.0] | (np.arange(len(s)) == len(s) - 1)) for s in slots]

@@ -173,7 +173,7 @@ class Robot:
     simulation: Simulation
     """Tyres and motors; what the file left out is filled in."""
     drive: Drive
-    """What the robot does to a command, as its maker ships it."""
+    """Motor controller as the robot's maker ships it."""
     vehicle: Vehicle
     """Mass and geometry for the planar models. Where the file does not say it, the effective half-track is
     `Geometry.turning_half_track`."""

@@ -62,9 +62,9 @@ class RobotDraft(NamedTuple):
     robot: Robot
     """The robot that the file describes."""
     text: str
-    """What the file says."""
+    """The robot as the file describes it."""
     remarks: Sequence[str]
-    """What was estimated or guessed, and what to do next."""
+    """Sentences on what was estimated or guessed, and on what to do next."""
 
 
 def unit_of_key(key: str) -> str:

@@ -59,7 +59,7 @@ class MujocoPlant:
     drive: Drive
     """Saturation, delays and conversions between command and wheels."""
     settings: PhysicsSettings
-    """How physics is computed."""
+    """Settings of the physics engine."""
     wheel_dofs: tuple[list[int], ...]
     """Degrees of freedom of the left and of the right wheels."""
 

@@ -28,7 +28,7 @@ _PROBE = 1e-5
 _SLOW = 0.1
 """Reduction of the residual in a step from which on the Jacobian is computed anew."""
 _TOLERANCE, _ITERATIONS = 1e-14, 100
-"""Of the constraint solver, which must not limit the accuracy here."""
+"""Tolerance of the constraint solver, which must not limit the accuracy here."""
 
 
 def level_rest(model: mujoco.MjModel, data: mujoco.MjData, calibration: Calibration) -> FloatArray | None:

@@ -66,7 +66,7 @@ CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
         "to_linear_m": "d_rms from the linear model, mean over trajectories 1–4",
     },
 }
-"""What is measured, by table, and what it means."""
+"""Measures by table, and their meaning."""
 
 
 class Setting(NamedTuple):
@@ -245,7 +245,7 @@ CONTACT_DRIVES = {
     "slope": Trial.slope,
     "trajectories": Trial.trajectories,
 }
-"""What every setting goes through."""
+"""Measures that every setting goes through."""
 _UNITS = {
     "creep_m_s": Unit("mm/s", 1e3, 2),
     **{c: MILLIMETRES for some in CONTACT_MEASURES.values() for c in some if c.endswith("_m")},

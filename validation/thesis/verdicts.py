@@ -40,9 +40,9 @@ every number under one supposition about what the thesis does not print."""
 STATUSES: tuple[Status, ...] = get_args(Status)
 _WORSE: tuple[Status, ...] = ("not compared", "agrees", "not told apart", "nearer", "differs")
 Evidence = Literal["independent", "fitted", "recovered", "duplicate", "impossible"]
-"""What the agreement of a row would be evidence of. `independent`: nothing of ours was fitted to it. `fitted`: it rests on
-an assumption, or on numbers chosen with it in view. `recovered`: what was put in comes out. `duplicate`: it repeats another
-row. `impossible`: the thesis or this project has no number, or the path is unknown."""
+"""Classes of evidence of a row that agrees. `independent`: nothing of ours was fitted to it. `fitted`: it rests on an
+assumption, or on numbers chosen with it in view. `recovered`: what was put in comes out. `duplicate`: it repeats another row.
+`impossible`: the thesis or this project has no number, or the path is unknown."""
 EVIDENCE: tuple[Evidence, ...] = get_args(Evidence)
 UNEXPLAINED = "unexplained"
 """Reason of a difference for which no reason is known."""
@@ -118,7 +118,7 @@ class Criterion(_About):
     """Criterion of rows: what they are evidence of, and what words of the thesis on them are taken to mean."""
 
     evidence: Evidence
-    """What their agreement would be evidence of."""
+    """Class of evidence that their agreement would be."""
     within: Mapping[str, Sequence[float]] = field(default_factory=dict)
     """Least and greatest value by metric that the words are taken to mean."""
 

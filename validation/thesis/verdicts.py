@@ -41,7 +41,7 @@ STATUSES: tuple[Status, ...] = get_args(Status)
 _WORSE: tuple[Status, ...] = ("not compared", "agrees", "not told apart", "nearer", "differs")
 Evidence = Literal["independent", "fitted", "recovered", "duplicate", "impossible"]
 """Classes of evidence of a row that agrees. `independent`: nothing of ours was fitted to it. `fitted`: it rests on an
-assumption, or on numbers chosen with it in view. `recovered`: what was put in comes out. `duplicate`: it repeats another row.
+assumption, or on numbers chosen with it in view. `recovered`: what was put in comes out. `duplicate`: it repeats a row.
 `impossible`: the thesis or this project has no number, or the path is unknown."""
 EVIDENCE: tuple[Evidence, ...] = get_args(Evidence)
 UNEXPLAINED = "unexplained"

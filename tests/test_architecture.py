@@ -201,7 +201,10 @@ PRICES = {
     "validation/engines": (930, "second opinions by ODE and Drake"),
     "validation/identify": (1_573, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (681, "reinforcement learning on the robot: Gymnasium and dm_control"),
-    "validation/files": (2_470, "any log is read as one form, its faults are found, and it is written in any format"),
+    "validation/files": (
+        2_470,
+        "any log is read as one form, its faults (clocks and sides too) are named, and it is written",
+    ),
     "validation/plants": (811, "every plant declared once, and profiles"),
     "validation/replicate": (1_132, "the thesis beside us, row by row"),
     "validation/report": (2_463, "tables, pictures and rerun recordings of all programs"),
@@ -221,7 +224,7 @@ PRICES = {
 }
 """Budget of each room in lines, and what users get for it. A feature buys its room: what needs more takes it from something
 else in the same commit, or the table changes with a sentence on what users get for it."""
-MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_496, 190, 17_489
+MOST_PRODUCT, MOST_FILES, MOST_TEST_LINES = 30_496, 190, 17_369
 MOST_WORDS_OF_PAGES, MOST_WORDS_OF_README = 52_000, 1_100
 
 

@@ -201,10 +201,7 @@ PRICES = {
     "validation/engines": (930, "second opinions by ODE and Drake"),
     "validation/identify": (1_573, "what finds a plant's parameters and a controller's gains, with their uncertainty"),
     "validation/learning": (681, "reinforcement learning on the robot: Gymnasium and dm_control"),
-    "validation/files": (
-        2_470,
-        "any log is read as one form, its faults (clocks and sides too) are named, and it is written",
-    ),
+    "validation/files": (2_470, "any log is read as one form, its faults (also of clocks, sides) are named; it is written"),
     "validation/plants": (811, "every plant declared once, and profiles"),
     "validation/replicate": (1_132, "the thesis beside us, row by row"),
     "validation/report": (2_463, "tables, pictures and rerun recordings of all programs"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -203,10 +203,11 @@ class _Comparing:
             coverage = coverage_of(driven, horizons, band)
             for horizon, shares in coverage_of(by_gyro, horizons, band).items():
                 coverage[horizon]["yaw_gyro"] = shares["yaw"]
+        metrics = Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)})
         return PlantResult(
             name,
             tuple(pieces),
-            self._metrics(pieces, truth),
+            metrics if self.metric is None else self.metric.added(metrics, pieces, truth),
             horizons_of(driven, horizons),
             wall,
             sum(piece.commands.duration for piece in source.pieces) / wall,
@@ -219,10 +220,6 @@ class _Comparing:
             coverage,
             window_errors_of(by_gyro, horizons),
         )
-
-    def _metrics(self, pieces: Sequence[Trajectory], truth: Sequence[Trajectory]) -> Metrics:
-        metrics = Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)})
-        return metrics if self.metric is None else self.metric.added(metrics, pieces, truth)
 
     def _drive_all(self) -> dict[str, tuple[list[Trajectory], float, Health | None]]:
         """Return each plant's motions, wall time and health; plants run side by side, the pieces of one after another."""

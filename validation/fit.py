@@ -40,7 +40,7 @@ from validation.files.log import ReadOptions
 from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
-from validation.identify.report import SearchReport, bound_sentences, ending, fitted_parameters, search_figure, with_errors
+from validation.identify.report import SearchReport, bound_sentences, ending, fitted_parameters, search_figure
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
 from validation.identify.uncertainty import estimate, sentences
@@ -293,12 +293,13 @@ def _report(
     if o.profile is None and o.robot is None:
         notes += [sentence for target in problem.targets for sentence in stranger_sentences(target.source, base.robot)]
     for target in (*problem.targets, *held_out):
+        notes += [f"{target.source.title}: {target.gyro.sentence}"] if target.gyro else []
         notes += [*target.source.warnings, *standing_sentences(target.source, HEADLINE_HORIZON)]
     notes += bound_sentences(space, point)
     if not search.interrupted:
         try:
             sure = estimate(problem, point, o.threads, search.driven)
-            parameters, correlation = with_errors(parameters, sure.standard_error, sure.interval), sure.correlation
+            parameters, correlation = fitted_parameters(space, point, before, sure), sure.correlation
             notes, method = [*notes, *sentences(problem, sure)], sure.method
             notes.append(f"Standard errors come from: {method}.")
         except (SsmrError, np.linalg.LinAlgError) as error:

@@ -208,7 +208,9 @@ class Mpc:
         """Return the first command of the best plan."""
         t = now.t + self._mission.dead_time
         driver, times = now.driver, t + np.append(self._starts, self._ends[-1])
-        aims, headings = self._mission.preview(times)[:, :3], self._headings(times)
+        half = 0.5 * HEADING_TIME
+        turned = [np.interp(times + side, self._times, self._turned, left=np.nan, right=np.nan) for side in (-half, half)]
+        aims, headings = self._mission.preview(times)[:, :3], (turned[1] - turned[0]) / HEADING_TIME
         speeds = np.column_stack([np.hypot(*np.diff(aims[:, :2], axis=0).T), np.diff(headings)]) / self._lengths[:, None]
         wanted = np.clip(speeds * self._steady / (driver.gain_v, driver.gain_w), -self._limits, self._limits)
         aims[:, 2] = headings
@@ -223,12 +225,6 @@ class Mpc:
         h, f = condense(start, plan, aims[2:], wanted, now.past[-1].copy(), self._model, self._gains)
         self._plan = self._solved(h, f, plan, begun)
         return float(self._plan[0, 0]), float(self._plan[0, 1])
-
-    def _headings(self, times: FloatArray) -> FloatArray:
-        """Return the target's heading at mission times, averaged over `HEADING_TIME`."""
-        half = 0.5 * HEADING_TIME
-        turned = [np.interp(times + side, self._times, self._turned, left=np.nan, right=np.nan) for side in (-half, half)]
-        return np.asarray((turned[1] - turned[0]) / HEADING_TIME)
 
     def _solved(self, h: FloatArray, f: FloatArray, plan: FloatArray, begun: FloatArray) -> FloatArray:
         """Return the (N, 2) commands that solve the program; those of `plan`, within the limits, where the solver fails."""

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.identify.search import Search
+from validation.identify.uncertainty import Uncertainty
 from validation.report import drawing
 from validation.report.drawing import ALARM, Ink, PanelRow
 from validation.report.report import FINISHED, INTERRUPTED, Report
@@ -67,22 +68,20 @@ class FittedParameter:
         return ", ".join(["at bound"] * self.at_bound + ["uncertain"] * (high - low > _VAGUE_SHARE))
 
 
-def fitted_parameters(space: ParameterSpace, point: FloatArray, before: Iterable[float]) -> tuple[FittedParameter, ...]:
-    """Return the parameters at an (n,) point of the unit cube, with the values of before and no errors."""
-    rows = zip(space.parameters, space.values(point).tolist(), before, space.at_bound(point).tolist(), strict=True)
-    return tuple(
-        FittedParameter(p.name, p.unit, value, p.lower, p.upper, p.scale, float(was), bound) for p, value, was, bound in rows
-    )
-
-
-def with_errors(
-    parameters: Sequence[FittedParameter], errors: FloatArray, intervals: FloatArray
+def fitted_parameters(
+    space: ParameterSpace, point: FloatArray, before: Iterable[float], sure: Uncertainty | None = None
 ) -> tuple[FittedParameter, ...]:
-    """Return the parameters with their (n,) standard errors and (n, 2) intervals; NaN is none."""
-    return tuple(
-        replace(p, standard_error=float(e), interval_95=(float(ends[0]), float(ends[1]))) if np.isfinite(e) else p
-        for p, e, ends in zip(parameters, errors, intervals, strict=True)
-    )
+    """Return the parameters at an (n,) point of the unit cube, with the values of before, and with errors that are known."""
+    ends = space.values(point).tolist(), before, space.at_bound(point).tolist()
+    rows = [
+        FittedParameter(p.name, p.unit, value, p.lower, p.upper, p.scale, float(was), bound)
+        for p, value, was, bound in zip(space.parameters, *ends, strict=True)
+    ]
+    errors = zip(sure.standard_error.tolist(), sure.interval.tolist(), strict=True) if sure else []
+    for k, (error, (low, high)) in enumerate(errors):
+        if math.isfinite(error):
+            rows[k] = replace(rows[k], standard_error=error, interval_95=(low, high))
+    return tuple(rows)
 
 
 def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:

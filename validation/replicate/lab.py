@@ -58,12 +58,6 @@ def _driven(case: Mapping[str, float]) -> tuple[Trajectory, Drive]:
     return Trajectory(motion.t[kept], motion.pose[kept], motion.twist[kept], motion.wheels[kept]), drive
 
 
-def _variances(motion: Trajectory) -> dict[str, float]:
-    """Return the variance above 10 Hz of each signal of Tab. 3.4, as the thesis takes it."""
-    signals = zip(("dx", "dtheta", "X", "Y", "theta"), (*motion.twist[:, [0, 2]].T, *motion.pose.T), strict=True)
-    return {name: variance_above(values, _RATE) for name, values in signals}
-
-
 def late(motion: Trajectory, seen: Trajectory, jitter: float, rng: np.random.Generator) -> Trajectory:
     """Return an estimate whose samples were taken a little before or after their stamps: the pose has moved on meanwhile.
 
@@ -94,7 +88,9 @@ def _noise(task: Task) -> Findings:
             added = measure(motion, SensorNoise(), rng, _RATE)
             ways = {"exact": filtered, "wrong": late(motion, filtered, _JITTER, rng), "added": added}
             for way, each in ways.items():
-                variances.setdefault((way, case), []).append(_variances(each))
+                signals = zip(("dx", "dtheta", "X", "Y", "theta"), (*each.twist[:, [0, 2]].T, *each.pose.T), strict=True)
+                noises = {name: variance_above(values, _RATE) for name, values in signals}  # above 10 Hz
+                variances.setdefault((way, case), []).append(noises)
     rows = {}
     for name, printed in published.table("3.4")["rows"].items():
         regular, jittered, again = (

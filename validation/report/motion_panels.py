@@ -210,13 +210,9 @@ def _draw_error(comparison: Comparison, title: str, error: Callable[[Trajectory,
     at_least(ax, 1e-3)
 
 
-def _mean_load(wheel: int, piece: Trajectory) -> FloatArray:
+def _mean_load(channel: str, wheel: int, piece: Trajectory) -> FloatArray:
     size = max(1, round(_MEAN_TIME / float(np.median(np.diff(piece.t))))) if len(piece) > 1 else 1
-    return np.asarray(uniform_filter1d(piece.channels["wheel_load_N"][:, wheel], size, mode="nearest"))
-
-
-def _quasi_static_load(wheel: int, piece: Trajectory) -> FloatArray:
-    return piece.channels[QUASI_STATIC][:, wheel]
+    return np.asarray(uniform_filter1d(piece.channels[channel][:, wheel], size, mode="nearest"))
 
 
 def draw_loads(comparison: Comparison, motion: Track, ax: Axes) -> None:
@@ -224,10 +220,10 @@ def draw_loads(comparison: Comparison, motion: Track, ax: Axes) -> None:
     for k, wheel in enumerate(WHEELS):
         ink = ink_of(motion.name) if wheel.startswith("front") else "0.25"
         dashes = (0.0, (4.0, 1.5)) if wheel.endswith("right") else "solid"
-        _draw_over_time(comparison, [motion], partial(_mean_load, k), ax, color=ink, linestyle=dashes, gid=wheel,
-                        label=wheel.replace("_", " "))  # fmt: skip
+        _draw_over_time(comparison, [motion], partial(_mean_load, "wheel_load_N", k), ax, color=ink, linestyle=dashes,
+                        gid=wheel, label=wheel.replace("_", " "))  # fmt: skip
         if motion.channel(QUASI_STATIC) is not None:
-            _draw_over_time(comparison, [motion], partial(_quasi_static_load, k), ax, color=QUIET, linewidth=1.0,
+            _draw_over_time(comparison, [motion], partial(_mean_load, QUASI_STATIC, k), ax, color=QUIET, linewidth=1.0,
                             linestyle=(0.0, (1.0, 1.0)), gid=f"{wheel} quasi-static")  # fmt: skip
     ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=4, frameon=False, fontsize=9.0, handlelength=1.8,
               columnspacing=1.2, borderaxespad=0.0)  # fmt: skip

@@ -33,6 +33,8 @@ class GyroJudge:
 
     headings: tuple[FloatArray, ...]
     """(M,) heading of each piece of the source, from 0 on, on the clock of the wheels [rad]."""
+    late: tuple[FloatArray, ...]
+    """The same on the clock of the localiser's headings."""
     apart: float
     """Median difference between the turns by gyro and by localiser over 6 s [rad]."""
 
@@ -93,4 +95,4 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     drift = (turned(put("pose_yaw", 0.0)) - pose) / turned([m.t for _, m in pairs])
     bias = sign * float(np.median(drift)) if rest is None else rest.bias
     apart = turned(put("pose_yaw", bias)) - pose
-    return GyroJudge(put("wheels", bias), float(np.median(np.abs(apart))))
+    return GyroJudge(put("wheels", bias), put("pose_yaw", bias), float(np.median(np.abs(apart))))

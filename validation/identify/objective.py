@@ -16,6 +16,7 @@ from ssmr.metrics.paths import one_sided_kernel, path_length
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.parameters import require_within
 from ssmr.types import FloatArray, Trajectory
+from validation.bench.gyro import GyroJudge
 from validation.bench.sources import Piece, Source
 
 Objective = Literal["path", "sync", "horizon"]
@@ -71,6 +72,8 @@ class FitTarget:
     """Inputs, start and stamps."""
     truth: tuple[Trajectory, ...]
     """The true motion, piece by piece."""
+    gyro: GyroJudge | None = None
+    """Better judge of turns than the truth's headings; None where these are as good."""
 
 
 class Rater:
@@ -190,11 +193,18 @@ class PathRater(SyncRater):
 class HorizonRater(Rater):
     """The horizon objective: mean size of relative pose errors over windows that begin every second."""
 
-    def __init__(self, truth: Trajectory, piece: Piece, cost: FitCost, counts: Sequence[int], block: int) -> None:
-        """Cut the windows; `counts` are the windows of all pieces by horizon, `block` the piece's first block of time."""
+    def __init__(
+        self, truth: Trajectory, heading: FloatArray, piece: Piece, cost: FitCost, counts: Sequence[int], block: int
+    ) -> None:
+        """Cut the windows.
+
+        (M,) `heading` is what turns are compared with [rad]; `counts` are the windows of all pieces by horizon, `block` the
+        piece's first block of time.
+        """
         windows = [piece.windows(overlapping_windows, truth.t, horizon) for horizon in cost.horizons]
         self._starts, self._ends = (np.concatenate([f[end] for f in windows]) for end in (0, 1))
         self._wanted = relative(truth.pose[self._starts], truth.pose[self._ends])
+        self._wanted[:, 2] = heading[self._ends] - heading[self._starts]
         weight = np.concatenate([np.full(len(f[0]), 1.0 / (n * len(windows))) for f, n in zip(windows, counts, strict=True)])
         super().__init__(truth, cost, weight, block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S))
 
@@ -229,4 +239,5 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
             f"no window of {cost.horizons[int(np.argmin(counts))]:g} s in which the robot moves fits between gaps and "
             f"jumps; the longest stretch without a gap has {max(seconds):.1f} s: record a longer drive"
         )
-    return [HorizonRater(r, p, cost, list(counts), b) for (p, r), b in zip(pieces, blocks, strict=True)]
+    headings = [h for t in targets for h in (t.gyro.late if t.gyro else [motion.pose[:, 2] for motion in t.truth])]
+    return [HorizonRater(r, h, p, cost, list(counts), b) for (p, r), h, b in zip(pieces, headings, blocks, strict=True)]

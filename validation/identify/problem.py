@@ -66,6 +66,7 @@ class FitProblem:
             for piece, truth in zip(target.source.pieces, target.truth, strict=True):
                 for array in (piece.commands.values, truth.t, truth.pose):
                     data.update(np.ascontiguousarray(array).tobytes())
+            data.update(b"".join(heading.tobytes() for heading in (target.gyro.late if target.gyro else ())))
         return {
             "model": self.model,
             "parameters or bounds": self.space.limits(),

@@ -10,6 +10,7 @@ from typing import Literal
 
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
+from validation.bench.gyro import find_gyro_judge
 from validation.bench.sources import Source, drive, open_source
 from validation.files.log import PLAIN, ReadOptions
 from validation.identify.objective import FitTarget
@@ -59,7 +60,8 @@ def open_targets(
     train = []
     for name in names:
         source = open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], options)
-        train.append(truth_of(source, name))
+        judge = None if source.log is None else find_gyro_judge(source)
+        train.append(replace(truth_of(source, name), gyro=judge if judge and judge.first else None))
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
     judged = []
     for name in held_out:

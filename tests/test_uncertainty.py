@@ -60,3 +60,13 @@ def test_intervals_hold_the_truth(seconds: float, least: float, robust: bool) ->
         held[seed] = (interval[:, 0] <= [0.4, 0.6]) & ([0.4, 0.6] <= interval[:, 1])
     assert np.all(held.mean(axis=0) >= least)
     assert np.all(held.mean(axis=0) <= 0.995)
+
+
+def test_each_part_is_left_out_by_a_step_to_the_optimum_of_the_others() -> None:
+    """A level that differs in the last quarter: where errors are linear, the step goes to what the other quarters give."""
+    problem = Wave(0.1 * (T >= 0.75 * SECONDS) + 0.02 * np.random.default_rng(1).normal(size=len(T)), robust=False)
+    end, _ = descend(problem, np.array([0.5, 0.5]), driven := Remembered(), 1, lambda: None)
+    quarter = np.floor(4.0 * T / SECONDS)
+    for k, point in enumerate(estimate(cast("FitProblem", problem), end, 1, driven).without):
+        rest = quarter != k
+        assert point == pytest.approx(np.linalg.lstsq(problem.shape[rest], problem.seen[rest])[0], abs=1e-4)

@@ -10,7 +10,7 @@ variances can be estimated from the errors over windows of several lengths, all 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np
@@ -24,19 +24,16 @@ _ROUNDS = 30
 """Number of times that squares are weighted anew by the variances found so far."""
 _MOST_SQUARES = 9.0
 """Squares of errors beyond so many variances count as these: a few odd windows must not widen the band everywhere."""
-_PARTS = 4
-"""Number of parts of the windows each of which is judged by the variances of the others."""
-_UNSEEN = 2.25
-"""Factor of the lasting causes beyond what a log shows of them: a fit has taken its own log's lasting errors away, and those
-of the ground that comes next are others. On seven public runs, fitted on their first halves, bands with this factor hold
-82 % of positions and 80 % of headings in the second halves, without it 77 and 74 %; a greater one makes them too wide on
-steady ground."""
-_LASTING = np.array([False, False, False, True, False, True, False, True])
+QUARTERS = 4
+"""Number of parts of a log's time each of which is predicted by numbers that the others give."""
+_FEW = 2.353 / 1.645 * math.sqrt(1.0 - QUARTERS**-2)
+"""Factor of the reach, 1.385: an error that lasts as long as a part shows itself four times only, so Student's quantile of
+three degrees of freedom stands for the normal one. The root is what errors on new ground are to those of a part left out."""
 _USUAL = np.array([0.015, 0.01, 0.03, 0.02, 0.02, 0.015, 0.01, 0.002])
 """Usual standard deviations of the causes, in the order of `Band`: what a log hardly excites is as it is on public runs."""
-_WEIGHT = 10.0
+_WEIGHT = 2.0
 """Number of squares that what is usual counts for."""
-FEWEST_WINDOWS = 40
+_FEWEST_WINDOWS = 40
 """Fewest windows that a band is estimated from."""
 
 
@@ -160,50 +157,44 @@ _LEAST = np.square([1e-4, 1e-4])
 """Least variances of the noise of positions [m²] and headings [rad²]: a simulation without any has a band too."""
 
 
-def _variances(growth: FloatArray, error: FloatArray) -> FloatArray:
+def _variances(growth: FloatArray, error: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the (causes,) variances that explain squares of errors best, each square weighted by its own expectation.
 
-    What is usual counts as a few squares more.
+    Each of the windows counts as much as its `weight` (W,). What is usual counts as a few squares more.
     """
     from scipy.optimize import nnls  # here: it takes long to import, and few programs need it
 
     design = growth[:3].reshape(-1, _CAUSES)
     squares = np.square(error.T).ravel()
-    expected = np.repeat(np.square(error).mean(axis=0) + 1e-12, len(error))
+    expected, root = np.repeat(np.average(np.square(error), 0, weight) + 1e-12, len(error)), np.tile(np.sqrt(weight), 3)
     variances = np.zeros(_CAUSES)
     usual, ones = math.sqrt(_WEIGHT) * np.eye(_CAUSES), np.full(_CAUSES, math.sqrt(_WEIGHT))
     for _ in range(_ROUNDS):
         clipped = np.minimum(squares, _MOST_SQUARES * expected)
-        rows = np.vstack([design * _USUAL**2 / expected[:, None], usual])
-        variances = nnls(rows, np.concatenate([clipped / expected, ones]))[0] * _USUAL**2
+        rows = np.vstack([design * _USUAL**2 * (root / expected)[:, None], usual])
+        variances = nnls(rows, np.concatenate([clipped * root / expected, ones]))[0] * _USUAL**2
         variances[:2] = np.maximum(variances[:2], _LEAST)
         expected = design @ variances
     return variances
 
 
-def estimated_band(windows: Sequence[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]) -> Band:
-    """Return the band of a plant from its errors over windows of several lengths.
+def estimated_band(windows: Mapping[float, Sequence[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]]) -> Band | None:
+    """Return a plant's band from its errors over windows on ground that its numbers never saw; None of too few windows.
 
-    Each quarter of the windows is judged by the variances of the other three, and the quarter that is predicted worst sets
-    the reach. Shorter windows stand before longer ones, so a length at which errors are greater than the causes say widens
-    the band.
+    Windows of h seconds that begin every second overlap, so each counts as 1/h among the causes. The reach holds nine tenths
+    of the errors, each length counting alike, and is greater by `_FEW`, as there are few parts.
 
     Args:
-        windows: for each length, the shortest first, and each gap-free piece: its (M, 3) predicted path, (W,) starts and
-            ends, and (W, 3) errors x, y [m] in the frame of the start and yaw [rad], predicted less true.
-
-    Raises:
-        ValueError: there are fewer than `FEWEST_WINDOWS` windows.
+        windows: for each length [s] and each gap-free piece: its (M, 3) predicted path, (W,) starts and ends, and (W, 3)
+            errors x, y [m] in the frame of the start and yaw [rad], predicted less true.
     """
-    growth = np.concatenate([_growth(pose, i, j) for pose, i, j, _ in windows], axis=1)
-    error = np.concatenate([e for *_, e in windows])
-    if len(error) < FEWEST_WINDOWS:
-        raise ValueError(f"there are {len(error)} windows, and a band wants {FEWEST_WINDOWS}")
-    begins = np.concatenate([1e9 * k + np.asarray(i) for k, (_, i, _, _) in enumerate(windows)])
-    part = np.searchsorted(np.quantile(begins, np.arange(1, _PARTS) / _PARTS), begins, side="right")
-    reach = np.zeros(2)
-    for own in (part == k for k in range(_PARTS)):
-        sizes = _sizes(growth[:, own], _variances(growth[:, ~own], error[~own]), error[own])
-        reach = np.maximum(reach, np.quantile(sizes, SHARE, axis=1))
-    deviations = np.sqrt(_variances(growth, error)) * np.where(_LASTING, _UNSEEN, 1.0)
-    return Band(*deviations.tolist(), *reach.tolist())
+    pieces = [piece for length in windows.values() for piece in length]
+    counts = [sum(len(starts) for _, starts, _, _ in length) for length in windows.values()]
+    if sum(counts) < _FEWEST_WINDOWS:
+        return None
+    growth = np.concatenate([_growth(pose, i, j) for pose, i, j, _ in pieces], axis=1)
+    error = np.concatenate([e for *_, e in pieces])
+    variances = _variances(growth, error, 1.0 / np.repeat(np.maximum(list(windows), 1.0), counts))
+    alike, sizes = 1.0 / np.repeat(counts, counts), np.array(_sizes(growth, variances, error))
+    reach = _FEW * np.quantile(sizes, SHARE, axis=1, weights=alike, method="inverted_cdf")
+    return Band(*np.sqrt(variances).tolist(), *reach.tolist())

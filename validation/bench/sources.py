@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ssmr.geometry import relative, rotate_body_to_world, rotate_world_to_body, wrap_angle
-from ssmr.metrics.bands import FEWEST_WINDOWS, Band, estimated_band
+from ssmr.metrics.bands import Band, estimated_band
 from ssmr.metrics.windows import (
     HorizonErrors,
     WindowErrors,
@@ -321,10 +321,19 @@ def coverage_of(driven: DrivenSources, horizons: Sequence[float], band: Band) ->
     return shares
 
 
-def band_of(driven: DrivenSources) -> Band | None:
-    """Return the band of a plant from how it predicts logs, see `estimated_band`; None where there are too few windows."""
-    windows = [w for h in BAND_HORIZONS for w in signed_windows(driven, h) if len(w[1])]
-    return estimated_band(windows) if sum(len(i) for _, i, _, _ in windows) >= FEWEST_WINDOWS else None
+def band_of(parts: Sequence[DrivenSources]) -> Band | None:
+    """Return the band of a plant from how it predicts logs, see `estimated_band`; None where there are too few windows.
+
+    `parts` are the logs as driven by the numbers that the first, second, ... part of their time has no share in.
+    """
+    windows = {}
+    for horizon in BAND_HORIZONS:
+        drives = [signed_windows(driven, horizon) for driven in parts]
+        counts = [len(starts) for _, starts, _, _ in drives[0]]
+        part = np.split(np.arange(sum(counts)) * len(parts) // max(sum(counts), 1), np.cumsum(counts)[:-1])
+        own = [(w, which == k) for k, drive in enumerate(drives) for w, which in zip(drive, part, strict=False)]
+        windows[horizon] = [(p, i[its], j[its], error[its]) for (p, i, j, error), its in own]
+    return estimated_band(windows)
 
 
 def scoring_windows(source: Source, horizon: float) -> tuple[tuple[IndexArray, IndexArray], ...]:

@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import stdtrit
 
+from ssmr.metrics.bands import QUARTERS
 from ssmr.types import FloatArray
 from validation.identify.problem import IGNORANCE, PRIOR_M, PRIOR_S, FitProblem
 from validation.identify.refine import Remembered, error_slopes, median_size
@@ -42,6 +43,8 @@ class Uncertainty:
     """(n,) standard error over the width of the bounds, in the unit cube [1]."""
     method: str
     """Sentence that says how they were found."""
+    without: FloatArray
+    """(QUARTERS, n) points of the unit cube that the data give without their first, second, ... part of time."""
 
 
 def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: Remembered | None = None) -> Uncertainty:
@@ -56,8 +59,8 @@ def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: R
         return remembered.look_up(points, lambda new: problem.residuals(new, workers))
 
     k = len(problem.blocks)  # the prior is no observation; what nobody observed gets the bounds' own uncertainty below
-    errors, one_sided = (part[:k] for part in error_slopes(errors_at, point))
-    slopes = error_slopes(errors_at, point, central=True)[1][:k]
+    one_sided, (with_prior, all_slopes) = error_slopes(errors_at, point)[1][:k], error_slopes(errors_at, point, central=True)
+    errors, slopes = with_prior[:k], all_slopes[:k]
     known = np.array(np.isfinite(slopes).all(axis=0) & np.isfinite(errors).all())
     covariance, blocks = np.full((n, n), np.nan), 0
     if known.any():
@@ -73,15 +76,32 @@ def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: R
         correlation,
         share,
         f"derivatives of least squares and the scatter of {blocks} blocks of time, limited by the bounds",
+        _without(point, with_prior, all_slopes, problem),
     )
+
+
+def _soft(errors: FloatArray, robust: bool) -> tuple[FloatArray, FloatArray]:
+    """Return how errors pull and how stiffly they hold: derivatives of scipy's soft_l1 if robust, in the unit of squares."""
+    q = 1.0 + robust * (errors / median_size(errors)) ** 2
+    return errors / np.sqrt(q), q**-1.5
+
+
+def _without(point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem) -> FloatArray:
+    """Return (QUARTERS, n) points of the unit cube: where Newton's method steps to if a part of the time is left out."""
+    pull, stiffness = _soft(errors, problem.robust)
+    slopes, number = np.nan_to_num(slopes), np.unique(problem.blocks, return_inverse=True)[1]
+    part = np.pad(number * QUARTERS // (number.max() + 1), (0, len(errors) - len(number)), constant_values=-1)
+    gradients, points = slopes * pull[:, None], []
+    gradients -= gradients.mean(axis=0)  # nothing at an optimum; where a bound holds a number, no reason to go
+    for own in (part == k for k in range(QUARTERS)):
+        curvature = (slopes[~own] * stiffness[~own, None]).T @ slopes[~own]
+        points.append(point + np.linalg.lstsq(curvature, gradients[own].sum(axis=0))[0])
+    return np.clip(points, 0.0, 1.0)
 
 
 def _widest(errors: FloatArray, slopes: FloatArray, one_sided: FloatArray, problem: FitProblem) -> tuple[FloatArray, int]:
     """Return the (n, n) covariance in the unit cube of the length of blocks that makes it widest, and their number."""
-    pull, stiffness = errors, np.ones(len(errors))
-    if problem.robust:  # derivatives of scipy's soft_l1, in the unit of squares
-        q = 1.0 + (errors / median_size(errors)) ** 2
-        pull, stiffness = errors / np.sqrt(q), q**-1.5
+    pull, stiffness = _soft(errors, problem.robust)
     curvature, gradients = (slopes * stiffness[:, None]).T @ slopes, slopes * pull[:, None]
     size = np.maximum((slopes**2).sum(axis=0), 1e-300)
     curvature_error = (((one_sided - slopes) ** 2).sum(axis=0) / size) ** 2 * np.diag(curvature)

@@ -214,5 +214,5 @@ def test_a_fit_is_kept_whose_errors_or_scores_cannot_be_had(monkeypatch: pytest.
     monkeypatch.setattr(program, "drive", diverge)
     result = fit("kinematic", "traj4@kinematic", held_out=("traj1",), **options)
     assert (result.cost, result.parameters[0].standard_error, result.held_out) == (whole.cost, None, ())
-    assert "Standard errors could not be estimated: Singular matrix." in result.notes()
+    assert "How sure numbers and predictions are could not be estimated: Singular matrix." in result.notes()
     assert any("cannot be driven along traj1, which was held out" in note for note in result.notes())

@@ -15,6 +15,7 @@ import numpy as np
 import tyro
 
 from ssmr.metrics.declared import Metrics, compare_pieces, compare_signals
+from ssmr.metrics.windows import horizon_windows
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, Plant, State, Trajectory
@@ -28,7 +29,6 @@ from validation.bench.sources import (
     horizons_of,
     open_source,
     pace_of,
-    scoring_windows,
     standing_sentences,
     stranger_sentences,
     window_errors_of,
@@ -141,7 +141,8 @@ class _Comparing:
         truth = truth if recorded else tuple(driven[self.reference][0])
         gyro = find_gyro_judge(source) if recorded else None
         results = {name: self._result(name, *outcome, truth, gyro) for name, outcome in driven.items()}
-        scoring = {horizon: scoring_windows(source, horizon) for horizon in o.horizons} if recorded else {}
+        stamped = [(piece, piece.t) for piece in source.pieces if piece.t is not None]  # all pieces of a log
+        scoring = {h: tuple(piece.windows(horizon_windows, t, h) for piece, t in stamped) for h in o.horizons if recorded}
         headline = headline_horizon(scoring)
         unsure = _without_band([name for name, r in results.items() if o.bands and r.band is None], profile.name, o.input)
         standing = standing_sentences(source, headline) if headline else []

@@ -289,7 +289,7 @@ def _report(
     point, space, notes = search.best, problem.space, list[str]()
     fitted = problem.candidate(point)
     assert fitted is not None
-    parameters, correlation, method, without = fitted_parameters(space, point, before), None, "", point[None]
+    parameters, correlation, method = fitted_parameters(space, point, before), None, ""
     if o.profile is None and o.robot is None:
         notes += [sentence for target in problem.targets for sentence in stranger_sentences(target.source, base.robot)]
     for target in (*problem.targets, *held_out):
@@ -300,11 +300,14 @@ def _report(
         try:
             sure = estimate(problem, point, o.threads, search.driven)
             parameters, correlation = fitted_parameters(space, point, before, sure), sure.correlation
-            without = sure.without
             notes, method = [*notes, *sentences(problem, sure)], sure.method
             notes.append(f"Standard errors come from: {method}.")
+            logs = [target for target in problem.targets if target.source.reference == RECORDING]
+            plants = [problem.candidate(part) or fitted for part in sure.without]
+            if band := band_of([[(log.source, _scored(problem, plant, log).motion) for log in logs] for plant in plants]):
+                fitted = replace(fitted, bands={**fitted.bands, o.input: band})
         except (SsmrError, np.linalg.LinAlgError) as error:
-            notes.append(f"Standard errors could not be estimated: {error}.")
+            notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")
     judged, unfitted = [], []
     for target in held_out:
         try:
@@ -314,13 +317,6 @@ def _report(
             notes.append(f"The plant cannot be driven along {target.label}, which was held out: {error}.")
     worse = _worse(o, unfitted, judged)
     train = tuple(_scored(problem, fitted, target) for target in problem.targets)
-    logs = [target for target in problem.targets if target.source.reference == RECORDING]
-    try:
-        plants = [problem.candidate(point) or fitted for point in without]
-        band = band_of([[(log.source, _scored(problem, plant, log).motion) for log in logs] for plant in plants])
-        fitted = replace(fitted, bands={**fitted.bands, **({o.input: band} if band else {})})
-    except SsmrError as error:
-        notes.append(f"How sure predictions are could not be estimated: {error}.")
     source = ",".join(o.names)
     bare = Fitted(
         program="fit",

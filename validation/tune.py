@@ -71,8 +71,8 @@ class Tune(Searching):
     paths (Sec. 5)."""
     guard: Annotated[float, cli.option(metavar="SECONDS")] = 0.1
     """Stability guard: candidates that lose the reference with this much more delay are refused; 0 turns it off."""
-    seeds: Annotated[tuple[int, ...] | None, tyro.conf.Suppress, tyro.conf.Fixed] = None
-    """Seeds of noise and disturbance; the cost is the mean over them. None takes the seed of the search."""
+    noise_seed: Annotated[int | None, tyro.conf.Suppress, tyro.conf.Fixed] = None
+    """Seed of noise and disturbance. None takes the seed of the search."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range, or no plant or reference."""
@@ -161,7 +161,7 @@ def tune(o: Tune) -> Tuned:
     fastest, tuned_on = max(case.waypoints.speed for case in cases), [name for name, _ in wanted]
     usual = [(name, fastest) for name in HELD_OUT if name not in tuned_on]
     held_out = o.cases(usual if o.held_out is None else map(split_speed, o.held_out), robots)
-    cost = TuneCost(o.cost, o.guard, (o.seed,) if o.seeds is None else tuple(o.seeds), k_u=law.k_u)
+    cost = TuneCost(o.cost, o.guard, o.seed if o.noise_seed is None else o.noise_seed, k_u=law.k_u)
     problem = TuneProblem(profile, base, space, cases, cost)
     start = None if begun is None else space.points([begun[name] for name in space.names])[None]
     search = search_for(problem, settings, o, start)
@@ -209,7 +209,7 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
         tables=(),
         document={"seed": o.seed, "source": source},
         draw=_draw,
-        options={**asdict(problem.cost), **o.chosen(search.jde.settings), "noise_seeds": list(problem.cost.seeds)},
+        options={**asdict(problem.cost), **o.chosen(search.jde.settings), "noise_seed": problem.cost.seed},
         **ending(search),
         course=search,
         cost=cost,

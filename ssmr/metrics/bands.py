@@ -41,25 +41,25 @@ _FEWEST_WINDOWS = 40
 class Band:
     """Standard deviations of the causes of a prediction's error, and how many of them hold nine tenths of the errors."""
 
-    position_noise: float = parameter(unit="m", low=0.0)
+    position_noise: float = parameter(0.0, unit="m", low=0.0)
     """Error of the difference of two logged positions, whatever the way between them [m]."""
-    yaw_noise: float = parameter(unit="rad", low=0.0)
+    yaw_noise: float = parameter(0.0, unit="rad", low=0.0)
     """Error of the difference of two logged headings [rad]."""
-    way_walk: float = parameter(unit="m/m^0.5", low=0.0)
+    way_walk: float = parameter(0.0, unit="m/m^0.5", low=0.0)
     """Random walk of the position with the way driven: its deviation after a metre [m]."""
-    way_scale: float = parameter(unit="1", low=0.0)
+    way_scale: float = parameter(0.0, unit="1", low=0.0)
     """Lasting relative error of lengths [1]."""
-    turn_walk: float = parameter(unit="rad/rad^0.5", low=0.0)
+    turn_walk: float = parameter(0.0, unit="rad/rad^0.5", low=0.0)
     """Random walk of the heading with the angle turned: its deviation after a radian [rad]."""
-    turn_scale: float = parameter(unit="1", low=0.0)
+    turn_scale: float = parameter(0.0, unit="1", low=0.0)
     """Lasting relative error of angles [1]."""
-    bend_walk: float = parameter(unit="rad/m^0.5", low=0.0)
+    bend_walk: float = parameter(0.0, unit="rad/m^0.5", low=0.0)
     """Random walk of the heading with the way driven: its deviation after a metre [rad]."""
-    bend_scale: float = parameter(unit="rad/m", low=0.0)
+    bend_scale: float = parameter(0.0, unit="rad/m", low=0.0)
     """Lasting bend of a path that is meant to be straight [rad/m]."""
-    reach_position: float = parameter(unit="1", low=0.0)
+    reach_position: float = parameter(0.0, unit="1", low=0.0)
     """Size of the ellipse of positions that holds nine tenths of the errors, in standard deviations [1]."""
-    reach_yaw: float = parameter(unit="1", low=0.0)
+    reach_yaw: float = parameter(0.0, unit="1", low=0.0)
     """Half width of the headings' interval that holds nine tenths, in standard deviations [1]."""
 
     def __post_init__(self) -> None:
@@ -90,8 +90,6 @@ class Band:
         return position / self.reach_position, yaw / self.reach_yaw
 
 
-NO_BAND = Band(*[0.0] * len(fields(Band)))
-"""The band of a prediction that errs in nothing."""
 _CAUSES = len(fields(Band)) - 2
 
 

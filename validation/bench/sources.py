@@ -336,12 +336,6 @@ def band_of(parts: Sequence[DrivenSources]) -> Band | None:
     return estimated_band(windows)
 
 
-def scoring_windows(source: Source, horizon: float) -> tuple[tuple[IndexArray, IndexArray], ...]:
-    """Return starts and ends of the windows of `horizons_of`, piece by piece; none for a piece without stamps."""
-    nothing = np.empty(0, dtype=np.intp)
-    return tuple((nothing, nothing) if p.t is None else p.windows(horizon_windows, p.t, horizon) for p in source.pieces)
-
-
 def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:
     """Return the pace of motions; rates of wheels of a radius [m] tell the speed where there are any, as poses may jump."""
     v, w = (np.concatenate([m.twist[:, k] for m in motions]) for k in (0, 2))

@@ -103,11 +103,8 @@ class FitProblem:
     ) -> FloatArray:
         """Return the (S,) costs of (S, n) points of the unit cube; infinite for one that is impossible or fails.
 
-        Args:
-            points: the candidates.
-            limits: (S,) costs; a candidate whose partial sum exceeds its limit is abandoned, and that sum is returned.
-            workers: number of threads; the result does not depend on it.
-            on_share: called with the share of the work that is done.
+        A candidate whose partial sum exceeds its own of (S,) `limits` is abandoned, and that sum is returned. The result
+        does not depend on the number of threads, `workers`. `on_share` is called with the share of the work that is done.
         """
         bounds, away = np.full(len(points), np.inf) if limits is None else limits, (points - self._usual) / IGNORANCE
         total, done = sum(piece.commands.duration for piece, _, _ in self._pieces) * len(points), [0.0]

@@ -53,10 +53,7 @@ class FittedParameter:
     """95 % interval by the same estimate, within the bounds."""
 
     def share(self, value: float) -> float:
-        """Return where a value lies between the bounds, on the scale of the search: 0 at the lower, 1 at the upper bound.
-
-        On a logarithmic scale a value that is not positive lies infinitely far below.
-        """
+        """Return where a value lies on the scale of the search: 0 at the lower bound, 1 at the upper, -inf far below."""
         if self.scale == "log":
             return math.log(value / self.lower) / math.log(self.upper / self.lower) if value > 0.0 else -math.inf
         return (value - self.lower) / (self.upper - self.lower)
@@ -160,13 +157,9 @@ def ending(search: Search, alarms: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def search_figure(report: SearchReport, ink: Ink, before: str, rows: Sequence[PanelRow] = ()) -> Figure:
-    """Draw a search, 1600 px wide: course, values within their bounds, further rows and notes.
+    """Draw a search, 1600 px wide: course, values within their bounds, further rows of panels and notes.
 
-    Args:
-        report: the report.
-        ink: colour of what was found.
-        before: name of the values of before.
-        rows: further rows of panels.
+    What was found is drawn in `ink`; `before` is the name of the values of before.
     """
     height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(report.parameters))
     course, strips = partial(_draw_course, report, ink), partial(_draw_strips, report, ink, before)

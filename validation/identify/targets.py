@@ -60,7 +60,7 @@ def open_targets(
     train = []
     for name in names:
         source = open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], options)
-        judge = None if source.log is None else find_gyro_judge(source)
+        judge = find_gyro_judge(source)
         train.append(replace(truth_of(source, name), gyro=judge if judge and judge.first else None))
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
     judged = []

@@ -38,8 +38,8 @@ class TuneCost:
     paths (Sec. 5)."""
     guard: float = 0.1
     """Candidates that lose the reference with this much more delay are refused [s]; 0 turns this off."""
-    seeds: tuple[int, ...] = (0,)
-    """Seeds of noise and disturbance; the cost is the mean over them."""
+    seed: int = 0
+    """Seed of noise and disturbance."""
     k_rms: float = 100.0
     """Weight of d_rms, or of the RMS position error at equal times [1/m]; Tab. 4.3, 4.20."""
     k_haus: float = 15.0
@@ -56,7 +56,7 @@ class TuneCost:
         if self.cost not in get_args(TuneMeasure):
             raise ValueError(f"unknown cost '{self.cost}'; there are: {', '.join(get_args(TuneMeasure))}")
         require_within(self, ("guard",), 0.0, 10.0)
-        require_within(self, ("seeds",), 0, MOST_SEED, whole=True)
+        require_within(self, ("seed",), 0, MOST_SEED, whole=True)
 
 
 @jit_alone
@@ -212,16 +212,14 @@ class TuneProblem:
         return sums / len(self.cases)
 
     def _case_costs(self, k: int, laws: Sequence[AnyController], workers: int, searching: bool = True) -> FloatArray:
-        """Return the (S,) costs of candidates on one case, means over the seeds; in a search the guard counts."""
+        """Return the (S,) costs of candidates on one case; in a search the guard counts."""
         case, late, n = self.cases[k], self._late[k], len(laws)
-        costs = np.zeros(n)
-        for seed in self.cost.seeds:
-            runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, [seed], workers)
-            costs += costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers) / len(self.cost.seeds)
+        runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, [self.cost.seed], workers)
+        costs = costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers)
         kept = [i for i in range(n) if np.isfinite(costs[i])]
         if late is not None and searching and kept:
             some, around = [laws[i] for i in kept], [case.settings] * len(kept)
-            runs = run_robots([late] * len(kept), some, around, case.waypoints, self.cost.seeds[:1], workers)
+            runs = run_robots([late] * len(kept), some, around, case.waypoints, [self.cost.seed], workers)
             for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
                     costs[i] = np.inf
@@ -233,9 +231,9 @@ class TuneProblem:
         return float(np.mean([self._case_costs(k, [law], workers, guarded)[0] for k in range(len(self.cases))]))
 
     def rated(self, case: TuneCase, sets: Mapping[str, GainSet], workers: int) -> dict[str, RatedRun]:
-        """Drive one case with several sets of gains, with the first seed's noise; return their runs by the same names."""
+        """Drive one case with several sets of gains; return their runs by the same names."""
         laws, n = [make_controller(self.profile, gains) for gains in sets.values()], len(sets)
-        runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, self.cost.seeds[:1], workers)
+        runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, [self.cost.seed], workers)
         costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
         every = zip(sets, runs, costs, strict=True)
         limits = case.robot.limits

@@ -21,7 +21,7 @@ import numpy as np
 import tomli_w
 
 from ssmr.estimation.settings import EkfSettings
-from ssmr.metrics.bands import NO_BAND
+from ssmr.metrics.bands import Band
 from ssmr.models.law import OWN_MODELS
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive
@@ -243,7 +243,7 @@ def _parse(document: Mapping[str, Any]) -> Profile:
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
             robot,
             _fill(Localiser(), section.get("localiser", {}), f"{where}.localiser"),
-            {kind: _fill(NO_BAND, values, f"{where}.bands.{kind}") for kind, values in bands.items()},
+            {kind: _fill(Band(), values, f"{where}.bands.{kind}") for kind, values in bands.items()},
         )
     name, description = document.get("name", "unnamed"), document.get("description", "")
     provenance = document.get("provenance", {})

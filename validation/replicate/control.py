@@ -81,7 +81,7 @@ def _tuned(controller: str, task: Task) -> Findings:
     for seed in range(task.seed, task.seed + task.budget.searches):
         search = tune(
             controller, ("generic@0.25",), _PROFILE, plants=("improved",), held_out=(), gains="published", from_scratch=True,
-            guard=0.0, seeds=(0,), population=population, generations=generations, seed=seed, workers=task.workers,
+            guard=0.0, noise_seed=0, population=population, generations=generations, seed=seed, workers=task.workers,
             progress=task.progress,
         ).as_dict()  # fmt: skip
         if search["status"] == "interrupted":

@@ -22,7 +22,7 @@ from validation.calibrate import BODY, FIRST_FITTED, begin_at
 from validation.compare import compare
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.fit import fit
-from validation.plants.profile import Profile, choose_profile
+from validation.plants.profile import Profile, bare_profile, choose_profile
 from validation.plants.table import PLANTS
 from validation.progress import Progress
 from validation.report import drawing
@@ -77,7 +77,7 @@ class Run:
 
 
 def _runs(o: RunsStudy) -> dict[str, Run]:
-    """Return the runs by name, each log with its robot.
+    """Return the runs by name, each log with its robot and none of its fits: a shipped profile may know the second half.
 
     Raises:
         ValueError: a robot that there is not, or two logs of one name.
@@ -85,7 +85,7 @@ def _runs(o: RunsStudy) -> dict[str, Run]:
     runs: dict[str, Run] = {}
     for given in o.logs:
         log, _, robot = given.rpartition("@") if "@" in given and not Path(given).exists() else (given, "", "")
-        run = Run(log, choose_profile(None, robot or o.robot, profile_of_log(log)))
+        run = Run(log, bare_profile(choose_profile(None, robot or o.robot, profile_of_log(log)).robot))
         if run.name in runs:
             raise ValueError(f"two logs have the name {run.name}; give one of them another")
         runs[run.name] = run

@@ -292,14 +292,14 @@ def draw(measured: dict[str, Part], scores: Scores) -> None:
         labels.append(f"{name}{', ' * bool(model)}{model}")
     medians.set_yticks(range(len(labels)), labels, fontsize=8)
     medians.set(
-        title="Heading error after 6 s, part kept for the test", xlabel="median and 90 % interval [rad]", xlim=(0.0, 0.13)
+        title="Heading error after 6 s, part kept for the test", xlabel="median and 90 % interval [rad]", xlim=(0.0, 0.16)
     )
     for axes in (gain, difference, medians):
         axes.grid(axis="x", color="0.9")
         axes.set_axisbelow(True)
     for name, colour in COLOURS.items():
         medians.plot([], [], "o", color=colour, label=f"on {name}")
-    medians.legend(loc="lower right")
+    medians.legend(loc="upper right")
     figure.savefig(OUT)
 
 

@@ -34,7 +34,7 @@ class GyroJudge:
     headings: tuple[FloatArray, ...]
     """(M,) heading of each piece of the source, from 0 on, on the clock of the wheels [rad]."""
     late: tuple[FloatArray, ...]
-    """The same on the clock of the localiser's headings."""
+    """(M,) the same headings of each piece, delayed as the localiser's are, so that both can be compared [rad]."""
     apart: float
     """Median difference between the turns by gyro and by localiser over 6 s [rad]."""
 

@@ -196,9 +196,9 @@ class HorizonRater(Rater):
     def __init__(
         self, truth: Trajectory, heading: FloatArray, piece: Piece, cost: FitCost, counts: Sequence[int], block: int
     ) -> None:
-        """Cut the windows, whose turns are compared with an (M,) `heading` [rad].
+        """Cut the windows; the (M,) `heading` [rad] says how far the robot turned in each.
 
-        `counts` are the windows of all pieces by horizon, `block` the piece's first block of time.
+        `counts` are the numbers of windows of all pieces by horizon, and `block` is the piece's first block of time.
         """
         windows = [piece.windows(overlapping_windows, truth.t, horizon) for horizon in cost.horizons]
         self._starts, self._ends = (np.concatenate([f[end] for f in windows]) for end in (0, 1))

@@ -324,7 +324,7 @@ def coverage_of(driven: DrivenSources, horizons: Sequence[float], band: Band) ->
 def band_of(parts: Sequence[DrivenSources]) -> Band | None:
     """Return the band of a plant from how it predicts logs, see `estimated_band`; None where there are too few windows.
 
-    `parts` are the logs as driven by the numbers that the first, second, ... part of their time has no share in.
+    `parts` has the logs as a plant drives them whose numbers were found without their first, second, ... part of time.
     """
     windows = {}
     for horizon in BAND_HORIZONS:

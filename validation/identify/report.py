@@ -53,7 +53,7 @@ class FittedParameter:
     """95 % interval by the same estimate, within the bounds."""
 
     def share(self, value: float) -> float:
-        """Return where a value lies on the scale of the search: 0 at the lower bound, 1 at the upper, -inf far below."""
+        """Return a value's place between the bounds, 0 to 1 on the scale of the search; -inf where it has no logarithm."""
         if self.scale == "log":
             return math.log(value / self.lower) / math.log(self.upper / self.lower) if value > 0.0 else -math.inf
         return (value - self.lower) / (self.upper - self.lower)

@@ -10,15 +10,16 @@ cache folder. Where that cannot be written, every start compiles anew.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 import math
 import os
 import shutil
+import stat
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -26,6 +27,8 @@ import numba
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core import config as numba_config
+from numba.core.caching import FunctionCache
+from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 
 from ssmr.types import FloatArray
@@ -35,11 +38,14 @@ config: Any = numba_config
 _njit: Any = numba.njit
 _cfunc: Any = numba.cfunc
 _item_pointer: Any = cgutils.get_item_pointer
+_normalized: Any = normalize_signature
+_code_on_disk: Any = FunctionCache
 
 _SHARES = 4
 """Shares of a thread: one that is done early takes another."""
 _CACHE_LIFETIME = 7 * 24 * 3600.0
 """Time for which the cache of older sources is kept [s]."""
+_WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 _PER_QUARTER = 0.6366197723675814  # 2 / pi
 _QUARTER = 0.5 * math.pi
@@ -54,11 +60,12 @@ _log = logging.getLogger(__name__)
 
 
 def _cache_folder() -> str:
-    """Return the folder for compiled code, made if need be; an empty text where there is none that can be written."""
+    """Return the folder for compiled code, made if need be; an empty text where there is none to be trusted."""
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(path.read_bytes())
     mine = f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/ssmr-testbed"  # XDG Base Directory Specification
+    why = "no folder for it can be written"
     try:
         root = Path(config.CACHE_DIR or mine).expanduser()
         folder = root / f"numba-{digest.hexdigest()[:12]}"
@@ -68,12 +75,22 @@ def _cache_folder() -> str:
             for old in root.glob("numba-*"):
                 if time.time() - old.lstat().st_mtime > _CACHE_LIFETIME:
                     shutil.rmtree(old, ignore_errors=True)
-        if os.access(folder, os.W_OK):
+        if not (_is_mine_alone(root) and _is_mine_alone(folder)):
+            why = f"others can write to {root}, or it is theirs"
+        elif os.access(folder, os.W_OK):
             return str(folder)
     except (OSError, RuntimeError):  # RuntimeError: this user has no home
         pass
-    _log.warning("there is no folder where compiled code can be kept, so that every start compiles anew")
+    _log.warning("compiled code is not kept, so that every start compiles anew: %s", why)
     return ""
+
+
+def _is_mine_alone(folder: Path) -> bool:
+    """Return whether a folder belongs to this user and nobody else can write there; Windows does not say."""
+    if not hasattr(os, "geteuid"):
+        return True
+    status = folder.stat()
+    return status.st_uid == os.geteuid() and not status.st_mode & _WRITABLE_BY_OTHERS
 
 
 _FOLDER = _cache_folder()
@@ -100,29 +117,67 @@ def stop_saving() -> None:
     _saves = False
 
 
-def _saved(decorate: Callable[..., Any], function: Callable[..., Any], **how: Any) -> Any:
-    """Return a function as numba's `decorate` compiles it, kept in this project's folder where there is one."""
-    before = config.CACHE_DIR
-    try:
-        config.CACHE_DIR = _FOLDER
-        return decorate(cache=bool(_FOLDER), **how)(function)
-    finally:
-        config.CACHE_DIR = before
+class _Kept:
+    """Compiled code of one function on disk, in a folder of its own for each signature and processor.
+
+    numba keeps all signatures of a function in one index, which two processes that write at once can spoil: then a
+    signature has the code of another one. Here each is alone in its index, and what does not fit is compiled anew.
+    """
+
+    cache_path = _FOLDER
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        """Keep the code of a Python function."""
+        self._function = function
+        self._name = f"{function.__module__}.{function.__qualname__}"
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the code for a signature; None where it is missing, cannot be read or is another one's."""
+        folder = self._folder(sig, target_context.codegen())
+        try:
+            code = self._in(folder).load_overload(sig, target_context)
+        except Exception:  # noqa: BLE001 - what a damaged file raises when it is unpickled has no bounds
+            code = None
+        if code is not None and _described(code) == (self._name, _normalized(sig)[0]):
+            return code
+        shutil.rmtree(folder, ignore_errors=True)
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the code for a signature; where the disk is full it is compiled again next time."""
+        if _saves:
+            with contextlib.suppress(OSError):
+                self._in(self._folder(sig, data.codegen)).save_overload(sig, data)
+
+    def _folder(self, signature: Any, codegen: Any) -> Path:
+        key = f"{self._name} {signature} {codegen.magic_tuple()}"
+        return Path(_FOLDER, hashlib.sha256(key.encode()).hexdigest()[:16])
+
+    def _in(self, folder: Path) -> Any:
+        before = config.CACHE_DIR
+        try:
+            config.CACHE_DIR = str(folder)
+            return _code_on_disk(self._function)
+        finally:
+            config.CACHE_DIR = before
+
+
+def _described(code: Any) -> tuple[str, Any]:
+    return f"{code.fndesc.modname}.{code.fndesc.qualname}", code.signature.args
 
 
 def jit_alone(function: F) -> F:
     """Compile like `jit` a function that Python calls, or a long loop: it is not inlined, and is kept on disk."""
-    compiled: F = _saved(_njit, function, nogil=True, error_model="numpy")
+    compiled: F = _njit(nogil=True, error_model="numpy")(function)
     if _FOLDER:
-        cache: Any = compiled._cache  # type: ignore[attr-defined]  # numba's
-        save = cache.save_overload
-        cache.save_overload = lambda signature, data: save(signature, data) if _saves else None
+        compiled._cache = _Kept(function)  # type: ignore[attr-defined]  # numba's
     return compiled
 
 
 def compiled_for_c(signature: Any) -> Callable[[F], Any]:
-    """Return what compiles a function of a numba signature for callers in C; kept on disk with what it closes over."""
-    return partial(_saved, _cfunc, sig=signature)
+    """Return what compiles a function of a numba signature for callers in C."""
+    compiler: Callable[[F], Any] = _cfunc(signature)
+    return compiler
 
 
 def share_among_threads(work: Callable[[int, int], object], count: int, workers: int) -> None:

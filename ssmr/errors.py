@@ -1,4 +1,4 @@
-"""Errors of runs that began and failed. Bad input raises a plain `ValueError` instead."""
+"""Errors of runs that began and failed, and of numbers that no robot has. Other bad input raises a `ValueError`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ class SsmrError(RuntimeError):
         """Keep the message and, by name, the values that show what went wrong."""
         super().__init__(message)
         self.evidence = evidence
+
+
+class ParameterError(ValueError):
+    """A parameter lies outside its range, or parameters do not go together: there is no such plant."""
 
 
 class DivergedError(SsmrError):

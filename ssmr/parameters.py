@@ -21,6 +21,8 @@ from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any, Literal
 
+from ssmr.errors import ParameterError
+
 Scale = Literal["linear", "log"]
 """Spacing of a search: `log` where only the order of magnitude is known."""
 
@@ -91,7 +93,7 @@ def check_parameters(owner: object) -> None:
     """Check all declared numbers of a dataclass instance against their ranges.
 
     Raises:
-        ValueError: a number lies outside its range, or is not a number; the message names the parameter and the range.
+        ParameterError: a number lies outside its range, or is not a number; the message names the parameter and the range.
     """
     for name, d in described(type(owner)).items():
         require_in_range(owner, name, d.low, d.high, open_low=d.open_low)
@@ -103,12 +105,12 @@ def require_in_range(owner: object, name: str, low: float, high: float = math.in
     It is for ranges that depend on other numbers or are not declared at the field.
 
     Raises:
-        ValueError: the number lies outside the range, or is not a number; the message names the parameter and the range.
+        ParameterError: the number lies outside the range, or is not a number; the message names the parameter and the range.
     """
     value = getattr(owner, name)
     if math.isnan(value) or value > high or value < low or (open_low and value <= low):
         bracket = "(" if open_low else "["
-        raise ValueError(f"{type(owner).__name__}.{name} = {value} lies outside {bracket}{low}, {high}]")
+        raise ParameterError(f"{type(owner).__name__}.{name} = {value} lies outside {bracket}{low}, {high}]")
 
 
 MOST_SEED = 2**63 - 1

@@ -22,7 +22,7 @@ from ssmr.types import Plant
 from tests.workers import *  # noqa: F403 - pytest's hooks
 from validation import cli
 from validation.engines.body import EngineMissingError
-from validation.plants.profile import Profile, ProfileError, load_profile, make_plant
+from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.table import ALL_PLANTS
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 
@@ -98,10 +98,8 @@ def installed_plant(profile: Profile, name: str, settings: PhysicsSettings = SHI
     """The plant of that name; a test of an engine that is not installed skips with the line that says how to get it."""
     try:
         return make_plant(profile, name, settings=settings)
-    except ProfileError as error:
-        if isinstance(error.__cause__, EngineMissingError):
-            pytest.skip(str(error.__cause__))
-        raise
+    except EngineMissingError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture(params=ALL_PLANTS)

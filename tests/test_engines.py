@@ -15,7 +15,7 @@ from validation.engines import ode_library
 from validation.engines.body import EngineBody, EngineMissingError, RigidNumbers
 from validation.engines.ode import OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
-from validation.plants.profile import Profile, ProfileError, make_plant
+from validation.plants.profile import Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.simulator.description import GRAVITY
 from validation.simulator.terrain import Terrain
@@ -83,13 +83,12 @@ def test_loads_at_rest_are_the_weight(name: str, lab: Profile) -> None:
 def test_a_missing_engine_is_one_line_that_says_how_to_get_it(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
     ode_library.ode.cache_clear()
     monkeypatch.setattr(ode_library, "NAMES", ("libode_that_is_not.so.8",))
-    with pytest.raises(ProfileError, match=r"ODE is missing: install libode 0\.16") as caught:
+    with pytest.raises(EngineMissingError, match=r"ODE is missing: install libode 0\.16") as caught:
         make_plant(lab, "ode")
     assert "\n" not in str(caught.value)
-    assert isinstance(caught.value.__cause__, EngineMissingError)
     monkeypatch.setitem(__import__("sys").modules, "pydrake", None)
     monkeypatch.setitem(__import__("sys").modules, "pydrake.geometry", None)
-    with pytest.raises(ProfileError, match=r"Drake is missing: install it with pip install 'ssmr-testbed\[engines\]'"):
+    with pytest.raises(EngineMissingError, match=r"Drake is missing: install it with pip install 'ssmr-testbed\[engines\]'"):
         make_plant(lab, "drake")
     ode_library.ode.cache_clear()
 

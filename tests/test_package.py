@@ -56,7 +56,7 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     assert {*(f"validation/{name}" for name in data), *profiles} <= names
     assert not any(name.startswith(("tests/", "benchmarks/", "docs/")) or ".nbi" in name for name in names)
     (entries,) = site.glob("*.dist-info/entry_points.txt")
-    assert "ssmr = validation.cli.__main__:main" in entries.read_text()
+    assert "ssmr = validation.__main__:main" in entries.read_text()
     program = f"import sys; sys.path.insert(0, {str(site)!r}); import validation; print(validation.__file__)"
     program += "; from validation import cli; from validation.compare import compare"
     program += "; cli.run(compare.command(), 'compare', ['traj2', '--plants', 'mujoco,improved', '--no-rerun'])"

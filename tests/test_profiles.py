@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from validation.compare import compare
-from validation.plants.profile import PLANTS, Pace, ProfileError, load_profile, make_plant, shipped
+from validation.plants.profile import PLANTS, Pace, ProfileError, bare_profile, load_profile, make_plant, shipped
+from validation.plants.simulated import OneByOne
+from validation.simulator.description import load_robot
 
 HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
 
@@ -99,3 +101,24 @@ def test_what_is_clearly_faster_than_the_fit_is_told_with_both_numbers(capsys: p
     comparison = compare("husky", replace(lab, fitted_at=Pace(0.1, 0.1)), plants=("kinematic",))
     assert "fitted at 0.1 m/s" in comparison.sentences[0]
     assert comparison.sentences[0] in capsys.readouterr().err
+
+
+def test_numbers_that_do_not_go_together_are_the_profiles_and_a_fault_of_code_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A compiled call that fails can raise a ValueError too; blaming the profile would hide its cause."""
+    profile = bare_profile(load_robot("husky"))
+    mujoco = profile.section("mujoco")
+    heavy = replace(mujoco, parameters=replace(mujoco.parameters, yaw_inertia=1e4))
+    with pytest.raises(ProfileError, match="plant mujoco: yaw_inertia 10000 kg m2"):
+        make_plant(replace(profile, plants={"mujoco": heavy}), "mujoco")
+
+    def fail(*given: object) -> None:
+        raise ValueError("signal only works in main thread of the main interpreter")
+
+    monkeypatch.setattr("validation.plants.planar.PlanarPlant", fail)
+    with pytest.raises(ValueError, match="signal only works") as caught:
+        make_plant(profile, "kinematic")
+    assert type(caught.value) is ValueError
+    with pytest.raises(ValueError, match="signal only works"):
+        OneByOne(fail, [mujoco], 1)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from validation.interrupts import end_quietly
+
+    end_quietly()
+
 import itertools
 import threading
 import time
@@ -18,7 +23,7 @@ from ssmr.metrics.declared import Metrics, compare_pieces, compare_signals
 from ssmr.metrics.windows import horizon_windows
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import Commands, Plant, State, Trajectory
+from ssmr.types import Plant, Trajectory
 from validation import cli
 from validation.bench.gyro import GyroJudge, find_gyro_judge
 from validation.bench.sources import (
@@ -31,6 +36,7 @@ from validation.bench.sources import (
     pace_of,
     standing_sentences,
     stranger_sentences,
+    warm_up,
     window_errors_of,
 )
 from validation.bench.user_law import UserMetric, add_user_model, load_user_metric
@@ -58,9 +64,6 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT
 from validation.simulator.wheel_loads import resting_loads, summarise, with_quasi_static
 from validation.words import file_name, one_line
-
-WARM_UP = Commands(0.05, np.array([[0.1, 0.0]]))
-"""Commands driven once before the clock runs, so that wall times do not hold compilation."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +233,6 @@ class _Comparing:
         def one_plant(rank: int, name: str) -> tuple[list[Trajectory], float, Health | None]:
             nonlocal done
             plant, localiser, health = self.plants[name], self.profile.section(name).localiser, None
-            plant.run(WARM_UP, State(), 0.05)
             began, motions = time.perf_counter(), list[Trajectory]()
             for piece in self.source.pieces:
                 if not stop.is_set():
@@ -251,6 +253,8 @@ class _Comparing:
                 motions = [measure(m, SensorNoise(), rng) for m in motions]
             return motions, wall, health
 
+        for plant in self.plants.values():
+            warm_up(plant)
         with ThreadPoolExecutor(o.workers) as pool:
             try:
                 return dict(zip(self.plants, pool.map(one_plant, itertools.count(), self.plants), strict=True))

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from validation.interrupts import end_quietly
+
+    end_quietly()
+
 import datetime
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -16,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ssmr.errors import SsmrError
+from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.declared import Metrics, compare_pieces
 from ssmr.metrics.windows import HorizonErrors, WindowErrors
 from ssmr.parameters import require_within
@@ -45,7 +50,7 @@ from validation.identify.search import Search, Searching, search_for
 from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
 from validation.identify.uncertainty import estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
-from validation.plants.profile import Profile, choose_profile, make_plant
+from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import find, make_space, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress
@@ -53,6 +58,8 @@ from validation.report import drawing
 from validation.report.motions import HEADLINE_HORIZON, interval_table
 from validation.report.table import Table
 from validation.simulator.description import with_robot
+from validation.simulator.physics import SHIPPED
+from validation.simulator.terrain import FLAT
 from validation.words import file_name, one_line, shortened
 
 Method = Literal["jde", "hybrid", "lsq"]
@@ -169,7 +176,7 @@ class Scored:
 
 
 def _built(model: str, plant: PlantProfile) -> Plant:
-    return make_plant(Profile("with these values", "", {model: plant}, {}), model)
+    return plant_kind(model).build(plant, FLAT, SHIPPED)
 
 
 def _scored(problem: FitProblem, fitted: PlantProfile, target: FitTarget) -> Scored:
@@ -278,7 +285,7 @@ def _require_possible(problem: FitProblem, given: Container[str]) -> None:
     for end in ({}, *({p.name: end} for p in bodies for end in (p.lower, p.upper))):
         try:
             _built(problem.model, with_values(problem.model, problem.base, list(end), end.values()))
-        except ValueError as error:
+        except ParameterError as error:
             raise ValueError(f"{''.join(f'bounds of {name}: ' for name in end)}{error}") from error
 
 

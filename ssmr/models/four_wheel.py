@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
 from ssmr._jit import jit, jit_alone
+from ssmr.errors import ParameterError
 from ssmr.models.friction import (
     AlongAcross,
     Tyre,
@@ -95,11 +96,11 @@ class FourWheelParameters:
         check_parameters(self)
         require_in_range(self, "radius_difference", -self.wheel_radius, self.wheel_radius)
         if self.link not in get_args(_Link):
-            raise ValueError(f"unknown link '{self.link}'; there are: {', '.join(get_args(_Link))}")
+            raise ParameterError(f"unknown link '{self.link}'; there are: {', '.join(get_args(_Link))}")
         if abs(self.com_x) / (0.5 * self.wheelbase) + abs(self.com_y) / self.half_track >= 1.0:
-            raise ValueError(f"com_x {self.com_x:g} m and com_y {self.com_y:g} m leave a wheel without load")
+            raise ParameterError(f"com_x {self.com_x:g} m and com_y {self.com_y:g} m leave a wheel without load")
         if not _stiffness(self) <= MOST_STEPS_A_SECOND:
-            raise ValueError(
+            raise ParameterError(
                 "tyres are too stiff for so light a body or wheels: they swing too fast for any step that is worth its time"
             )
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ssmr._jit import jit
+from ssmr.errors import ParameterError
 from ssmr.models.friction import improved_friction, stop_at_zero_crossing
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
@@ -34,7 +35,7 @@ class ImprovedParameters:
         """Check the ranges, and that sliding does not grip more than standing."""
         check_parameters(self)
         if self.mu_d > self.mu_s:
-            raise ValueError(f"mu_d {self.mu_d:g} exceeds mu_s {self.mu_s:g}: sliding would grip more than standing")
+            raise ParameterError(f"mu_d {self.mu_d:g} exceeds mu_s {self.mu_s:g}: sliding would grip more than standing")
 
 
 class ImprovedConstants(NamedTuple):

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ssmr._jit import jit, jit_alone
+from ssmr.errors import ParameterError
 from ssmr.parameters import packed
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
@@ -41,11 +42,11 @@ def whole_steps(period: float, dt: float, what: str) -> int:
     """Return the number of physics steps of `dt` [s] that make up `period` [s]; `what` names the period in an error.
 
     Raises:
-        ValueError: not a whole number, less than one, or more than `MOST_STEPS`.
+        ParameterError: not a whole number, less than one, or more than `MOST_STEPS`.
     """
     steps = round(period / dt) if 0.0 < period / dt < MOST_STEPS else 0
     if steps < 1 or abs(period / dt - steps) > WHOLE_STEPS:
-        raise ValueError(f"{what} of {period} s is not a whole number of physics steps of {dt} s")
+        raise ParameterError(f"{what} of {period} s is not a whole number of physics steps of {dt} s")
     return steps
 
 

@@ -256,6 +256,11 @@ def drive(plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, pu
     return localiser.seen(plant.run(piece.commands, localiser.body_state(piece.start), sample_dt, push), piece.t)
 
 
+def warm_up(plant: Plant) -> None:
+    """Drive a plant for a moment, so that threads that drive it find its code compiled, and a fault of it shows itself."""
+    plant.run(Commands(0.05, np.array([[0.1, 0.0]])), State(), 0.05)
+
+
 DrivenSources = Sequence[tuple[Source, Sequence[Trajectory]]]
 """Sources, each with a plant's motion over its pieces."""
 

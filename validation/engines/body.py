@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from ssmr.errors import ParameterError
 from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
@@ -61,14 +62,14 @@ class RigidNumbers:
         """Return the numbers of a calibrated robot on even ground.
 
         Raises:
-            ValueError: friction that depends on direction, or an inertia that no body has.
+            ParameterError: friction that depends on direction, or an inertia that no body has.
         """
         if calibration.slip_compliance > 0.0:
-            raise ValueError(
+            raise ParameterError(
                 f"slip_compliance {calibration.slip_compliance:g}: this engine's tyres do not slip as they roll"
             )
         if calibration.friction_ratio != 1.0:
-            raise ValueError(f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one friction")
+            raise ParameterError(f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one friction")
         robot, c = calibration.robot, calibration
         axle, weight = robot.geometry.axle_height, c.mass * GRAVITY
         side_loss = c.rolling_resistance * 0.5 * weight * c.wheel_radius + drive.gear_loss

@@ -9,7 +9,7 @@ from dataclasses import astuple
 import mujoco
 import numpy as np
 
-from ssmr.errors import DivergedError
+from ssmr.errors import DivergedError, ParameterError
 from ssmr.geometry import yaw_to_quat_wxyz
 from ssmr.robot.drive import Driver, Sides, advance_integral, motor_numbers, side_torque, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
@@ -51,14 +51,14 @@ class EnginePlant:
 
         Raises:
             EngineMissingError: the engine is not installed.
-            ValueError: numbers that do not go together, or that the engine cannot have.
+            ParameterError: numbers that do not go together, or that the engine cannot have.
         """
         self.name, self.dt, self.drive, self.calibration = name, calibration.timestep, drive, calibration
         whole_steps(drive.hold, self.dt, "the drive's hold")
         self._numbers, self._motor = RigidNumbers.of(calibration, drive, terrain), motor_numbers(drive, self.dt)
         inertia = 2.0 * (calibration.armature + self._numbers.wheel_inertia[1])
         if calibration.gain * self.dt > MOST_GAIN * inertia:
-            raise ValueError(
+            raise ParameterError(
                 f"timestep {self.dt:g} s is too long for a gain of {calibration.gain:g} N m s/rad on wheels of "
                 f"{inertia:.3g} kg m2 a side: {name} needs at most {MOST_GAIN * inertia / calibration.gain:.2g} s"
             )

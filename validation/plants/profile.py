@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import numpy as np
 import tomli_w
 
+from ssmr.errors import ParameterError
 from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.bands import Band
 from ssmr.models.law import OWN_MODELS
@@ -293,5 +294,5 @@ def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT, settings: P
         raise ProfileError(str(error)) from None
     try:
         return kind.build(profile.section(name), terrain, settings)
-    except ValueError as error:
+    except ParameterError as error:
         raise ProfileError(f"profile {profile.name}, plant {name}: {error}") from error

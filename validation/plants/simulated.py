@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ssmr.errors import SsmrError
+from ssmr.errors import ParameterError, SsmrError
 from ssmr.types import FloatArray, Plant
 from validation.engines.body import EngineBody, RigidNumbers
 from validation.engines.drake import DrakeBody
@@ -46,7 +46,7 @@ class OneByOne:
         for candidate in candidates:
             try:
                 self._plants.append(None if candidate is None else build(candidate))
-            except ValueError:
+            except ParameterError:
                 self._plants.append(None)
 
     def poses(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:

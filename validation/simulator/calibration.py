@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, get_args
 
+from ssmr.errors import ParameterError
 from ssmr.parameters import check_parameters, parameter, require_in_range
 from validation.simulator.description import WHEELS, Robot, WheelShape
 
@@ -66,23 +67,27 @@ class Calibration:
         require_in_range(self, "radius_difference", -0.1 * self.wheel_radius, 0.1 * self.wheel_radius)
         base = self.robot.geometry
         if 2.0 * self.wheel_radius + abs(self.radius_difference) >= base.wheelbase:
-            raise ValueError(
+            raise ParameterError(
                 f"wheel_radius {self.wheel_radius:g} m makes front and rear tyres touch: "
                 f"with a wheelbase of {base.wheelbase:g} m it must be less than {0.5 * base.wheelbase:g}"
             )
         if 2.0 * self.half_track <= base.wheel_width:
-            raise ValueError(
+            raise ParameterError(
                 f"half_track {self.half_track:g} m makes left and right tyres touch: "
                 f"with tyres {base.wheel_width:g} m wide it must be more than {0.5 * base.wheel_width:g}"
             )
         if self.mass <= len(WHEELS) * self.robot.masses.wheel:
-            raise ValueError(f"mass {self.mass:g} kg is not more than that of four wheels of {self.robot.masses.wheel:g} kg")
+            raise ParameterError(
+                f"mass {self.mass:g} kg is not more than that of four wheels of {self.robot.masses.wheel:g} kg"
+            )
         if self.wheel_shape not in get_args(WheelShape):
-            raise ValueError(f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(get_args(WheelShape))}")
+            raise ParameterError(f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(get_args(WheelShape))}")
         if self.friction_ratio != 1.0 and self.slip_compliance > 0.0:
-            raise ValueError("tyres that slip (slip_compliance) have one friction: friction_ratio must be 1")
+            raise ParameterError("tyres that slip (slip_compliance) have one friction: friction_ratio must be 1")
         if self.friction_ratio != 1.0 and self.wheel_shape != "capsule":
-            raise ValueError(f"friction_ratio {self.friction_ratio} needs wheel_shape 'capsule', not '{self.wheel_shape}'")
+            raise ParameterError(
+                f"friction_ratio {self.friction_ratio} needs wheel_shape 'capsule', not '{self.wheel_shape}'"
+            )
 
     @classmethod
     def of(cls, robot: Robot, **changes: Any) -> Calibration:

@@ -12,6 +12,7 @@ import math
 import mujoco
 import numpy as np
 
+from ssmr.errors import ParameterError
 from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
@@ -130,7 +131,7 @@ def base_inertia(calibration: Calibration) -> FloatArray:
     Roll and pitch inertia scale with the base's mass; the yaw inertia is the whole robot's less that of the wheels.
 
     Raises:
-        ValueError: an inertia that is not positive, or that no rigid body has (each is at most the sum of the others).
+        ParameterError: an inertia that is not positive, or that no rigid body has (each is at most the sum of the others).
     """
     robot, half_track = calibration.robot, calibration.half_track
     masses = robot.masses
@@ -140,7 +141,7 @@ def base_inertia(calibration: Calibration) -> FloatArray:
     inertia = np.array([masses.inertia[0] * scale, masses.inertia[1] * scale, calibration.yaw_inertia - from_wheels])
     if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum() * (1.0 + 1e-9):
         low, high = abs(inertia[0] - inertia[1]) + from_wheels, inertia[0] + inertia[1] + from_wheels
-        raise ValueError(
+        raise ParameterError(
             f"yaw_inertia {calibration.yaw_inertia:g} kg m2 leaves the base {inertia.round(3)}, which no rigid body has; "
             f"with mass {calibration.mass:g} kg it must lie between {low:.3f} and {high:.3f}"
         )

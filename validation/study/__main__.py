@@ -5,6 +5,11 @@ A study NAME is the module `validation.study.NAME` with the program `study_NAME`
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from validation.interrupts import end_quietly
+
+    end_quietly()
+
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any

@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 
 from ssmr.models.law import PLANAR_MODELS
 from validation import cli, store
-from validation.bench.sources import open_source
+from validation.bench.sources import open_source, warm_up
 from validation.calibrate import BODY, FIRST_FITTED, begin_at
 from validation.compare import compare
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.fit import fit
-from validation.plants.profile import Profile, bare_profile, choose_profile
+from validation.plants.profile import Profile, bare_profile, choose_profile, make_plant
 from validation.plants.table import PLANTS
 from validation.progress import Progress
 from validation.report import drawing
@@ -154,6 +154,8 @@ def study_runs(o: RunsStudy) -> Report:
         SsmrError: no log could be fitted.
     """
     runs = _runs(o)
+    for plant in o.plants:
+        warm_up(make_plant(next(iter(runs.values())).profile, plant))
     seconds = sum(float(np.ptp(read_log(log_path(run.log)).t)) for run in runs.values())
     minutes = sum(_COSTS.get(plant, _COST) for plant in o.plants) * seconds / 60.0
     o.progress(Progress(0, len(runs), f"at most {math.ceil(minutes)} minutes of one processor"))

@@ -1,0 +1,3 @@
+from .run import replicate as replicate
+
+__all__ = ["replicate"]

@@ -207,8 +207,8 @@ class PlanarPlant:
 
     def reset(self, state: State) -> State:
         """Start from `state` with empty delay lines; v_y and wheel rates follow from v_x and yaw rate."""
-        self._now = _motion(state)
         self._driver = Driver(self._model.drive, self.dt, state)
+        self._now = _motion(state)
         out, _ = self._advance(np.empty((0, 2)), np.zeros(1), 1, self._now, self._robot)
         return State(*map(float, out[0, :8]))
 

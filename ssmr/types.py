@@ -10,8 +10,10 @@ Units are SI and radians. The world frame is fixed; the body frame has x forward
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from numbers import Real
 from types import MappingProxyType
 from typing import Literal, Protocol
 
@@ -38,6 +40,14 @@ def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) ->
         raise ValueError(f"{name} is not finite at index {first}")
     array.setflags(write=False)
     return array
+
+
+def is_finite_number(value: object) -> bool:
+    """Return whether a value is a number that a float can hold, and finite."""
+    try:
+        return isinstance(value, Real) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond the greatest float
+        return False
 
 
 def increasing_times(values: ArrayLike) -> FloatArray:
@@ -110,10 +120,10 @@ class State:
     """Rate of the right wheels [rad/s]."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a number that is not finite."""
+        """Raise a ValueError for what is no finite number."""
         for name, value in vars(self).items():
-            if not math.isfinite(value):
-                raise ValueError(f"State.{name} must be a finite number, got {value}")
+            if not is_finite_number(value):
+                raise ValueError(f"State.{name} must be a finite number, got {reprlib.repr(value)}")
 
 
 @dataclass(frozen=True, eq=False)

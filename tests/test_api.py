@@ -75,8 +75,8 @@ def test_help_and_completion_have_every_option_and_what_it_means(name: str) -> N
     [
         (lambda: ssmr.State(x=math.nan), r"State\.x must be a finite number"),
         (lambda: ssmr.Commands(0.05, np.zeros((2, 2)), before=(math.nan, 0.0)), "must be two finite numbers"),
-        (lambda: compare("traj4", profile={}), "profile is {}, wanted a name, a path or a Profile"),
-        (lambda: track("pid", "circle", seed=1.5), r"seed must be a whole number, got 1\.5"),
+        (lambda: compare("traj4", profile={}), "profile is {}, wanted Profile or a text or a path or None"),
+        (lambda: track("pid", "circle", seed=1.5), r"seed is 1\.5, wanted a whole number"),
     ],
 )
 def test_wrong_values_are_refused_by_name(make: Callable[[], object], message: str) -> None:

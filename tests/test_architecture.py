@@ -218,10 +218,10 @@ PRICES = {
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
     ),
     "validation/cli": Price(
-        6_400,
+        7_200,
         4,
-        30,
-        "options, help, exit status, progress of every program, and its call by the name of its module",
+        31,
+        "options, their check against their annotations, help, exit status, progress, and each program's call by its name",
     ),
     "validation/engines": Price(
         8_700,

@@ -103,12 +103,6 @@ class Compare(cli.Filmed):
     own_model: cli.OwnModel = None
     own_metric: cli.OwnMetric = None
 
-    def __post_init__(self) -> None:
-        """Raise a ValueError for horizons that are not positive and increasing."""
-        h = self.horizons
-        if any(not 0.0 < s < np.inf for s in h) or any(b <= a for a, b in itertools.pairwise(h)):
-            raise ValueError(f"horizons {h} must be positive numbers that increase, such as (2, 6, 30, 60)")
-
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
         ground = "" if self.terrain == FLAT else "-" + self.terrain.spec.replace(":", "-")
@@ -293,12 +287,12 @@ def compare(o: Compare) -> Comparison:
     elif o.start is not None or o.until is not None:
         raise ValueError("start and until cut a recording that is given by its path; cut yours before")
     reference = o.reference or source.reference
-    plants = PLANTS if tuple(o.plants) == ("all",) else o.plants or USUAL_PLANTS
+    plants = PLANTS if o.plants == ("all",) else o.plants
+    if not plants and not own:
+        raise ValueError(f"plants is empty; there are: {', '.join(known_plants())}")
     wanted = {*plants, *own, reference} - ({RECORDING} if source.reference == RECORDING else set())
     if unknown := sorted(wanted - set(known_plants())):
         raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(known_plants())}")
-    if not wanted:
-        raise ValueError(f"plants is empty; there are: {', '.join(known_plants())}")
     made = {name: make_plant(profile, name, o.terrain) for name in known_plants() if name in wanted}
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
     return _Comparing(source, profile, reference, made, o, metric).run()

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -81,7 +81,7 @@ make it jagged, so least squares go to the right place but not to the least cost
 HORIZONS = (2.0, 6.0, 30.0, 60.0)
 """Horizons of the relative pose errors in results [s]."""
 _WINDOWS = {"n": "windows", "n_standing": "standing"}
-_START = cli.parsed(lambda text: {} if text == "profile" else cli.read_values(text), "profile|NAME=X,...")
+_START = cli.parsed(lambda text: {} if text == "profile" else cli.read_values(text), "profile|NAME=X,...", cli.values_text)
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
 
 
@@ -132,10 +132,8 @@ class Fit(Searching):
     profile's numbers if it is not given."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for a number out of its range, or an unknown input."""
+        """Raise a ValueError for an option that is out of its range."""
         super().__post_init__()
-        if self.input not in get_args(Input):
-            raise ValueError(f"unknown input '{self.input}'; there are: {', '.join(get_args(Input))}")
         require_within(self, ("start_at", "until"), -MOST_TIME, MOST_TIME)
 
     def folder(self) -> Path:

@@ -93,6 +93,7 @@ class Convert(LogOptions):
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a rate that is not positive."""
+        super().__post_init__()
         if self.rate is not None and not 0.0 < self.rate < math.inf:
             raise ValueError(f"rate {self.rate} must be positive [Hz]")
 

@@ -53,6 +53,9 @@ def _pose(text: str) -> tuple[float, ...]:
     return numbers
 
 
+_POSE = cli.parsed(_pose, "X,Y,YAW", lambda pose: ",".join(map(repr, pose)))
+
+
 @dataclass(frozen=True)
 class TrackOptions(cli.Filmed):
     """Options of `track`."""
@@ -87,7 +90,7 @@ class TrackOptions(cli.Filmed):
     filter (EKF) on noisy encoders and gyro."""
     lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
     """Distance at which the robot keeps behind its target (Sec. 4.5)."""
-    start: Annotated[tuple[float, float, float], cli.parsed(_pose, "X,Y,YAW"), cli.option(default="0,0,0")] = (0.0, 0.0, 0.0)
+    start: Annotated[tuple[float, float, float], _POSE, cli.option(default="0,0,0")] = (0.0, 0.0, 0.0)
     """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left [m], yaw [rad], such as
     0,0.5,0.52."""
     no_noise: cli.Flag = False
@@ -101,6 +104,7 @@ class TrackOptions(cli.Filmed):
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a feedback, a look-ahead or a start that cannot be."""
+        super().__post_init__()
         x, y, yaw = self.start
         if not math.hypot(x, y) < LOST:
             raise ValueError(

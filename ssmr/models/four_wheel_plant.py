@@ -76,8 +76,8 @@ class FourWheelPlant:
 
     def reset(self, state: State) -> State:
         """Start from `state` with empty delay lines."""
-        self._row = _placed(state, self._robot)
         self._driver = Driver(self.model.drive, self.dt, state)
+        self._row = _placed(state, self._robot)
         out = self._run(np.empty((0, 2)), np.zeros(1), 1, self._robot, self._row)
         return State(*map(float, out[0, :8]))
 

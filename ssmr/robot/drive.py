@@ -20,6 +20,7 @@ that the thrust accelerates too.
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -30,7 +31,7 @@ from ssmr._jit import jit, jit_alone
 from ssmr.errors import ParameterError
 from ssmr.parameters import packed
 from ssmr.robot.vehicle import Drive
-from ssmr.types import Commands, FloatArray, State
+from ssmr.types import Commands, FloatArray, State, is_finite_number
 
 WHOLE_STEPS = 1e-6
 """Distance from a whole number of physics steps that is put down to rounding [steps]."""
@@ -236,12 +237,16 @@ class Driver:
 
     def __init__(self, drive: Drive, dt: float, state: State) -> None:
         """Start at rest commands: delay lines hold zeros; ramp and lag start from the state's wheels."""
+        if not isinstance(state, State):
+            raise ValueError(f"state is {reprlib.repr(state)}, must be a State")
         self._drive = drive_numbers(drive, dt, dt)  # one command a physics step
         self._samples = np.empty((0, 2))
         self._asked = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), self._drive)
 
     def references(self, command: tuple[float, float], n: int) -> FloatArray:
         """Return the (n, 2) references of the next `n` physics steps, while `command` (v [m/s], omega [rad/s]) is held."""
+        if np.shape(command) != (2,) or not all(map(is_finite_number, command)):
+            raise ValueError(f"command is {reprlib.repr(command)}, must be a finite speed [m/s] and yaw rate [rad/s]")
         out, step = np.empty((n, 2)), len(self._samples)
         self._samples = np.concatenate([self._samples, np.tile(command, (n, 1))])
         self._asked = continue_references(self._samples, self._drive, (0.0, 0.0), self._asked, step, out)

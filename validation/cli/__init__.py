@@ -1,5 +1,6 @@
 """Everything that the command lines of the programs share; only programs import it."""
 
+from validation.cli.checking import Checked as Checked
 from validation.cli.options import AnyProfile as AnyProfile
 from validation.cli.options import AnyRobot as AnyRobot
 from validation.cli.options import Bounds as Bounds
@@ -23,6 +24,7 @@ from validation.cli.options import parsed as parsed
 from validation.cli.options import profile_option as profile_option
 from validation.cli.options import read_values as read_values
 from validation.cli.options import text_of as text_of
+from validation.cli.options import values_text as values_text
 from validation.cli.process import EXIT_FAULT as EXIT_FAULT
 from validation.cli.process import EXIT_INTERRUPTED as EXIT_INTERRUPTED
 from validation.cli.process import EXIT_USER_ERROR as EXIT_USER_ERROR

@@ -144,6 +144,23 @@ def _column(text: str) -> tuple[str, str]:
     return name.strip(), unit.strip()
 
 
+def _digits(number: float) -> str:
+    return f"{number:.15g}"
+
+
+def values_text(values: Mapping[str, float]) -> str:
+    """Return numbers by name as the command line takes them."""
+    return ",".join(f"{name}={_digits(number)}" for name, number in values.items())
+
+
+def _bounds_text(bounds: Mapping[str, tuple[float, float]]) -> str:
+    return ",".join(f"{name}={_digits(low)}:{_digits(high)}" for name, (low, high) in bounds.items())
+
+
+def _columns_text(columns: Mapping[str, tuple[str, str]]) -> str:
+    return ",".join(f"{name}={column}:{unit}" for name, (column, unit) in columns.items())
+
+
 def _whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
     def parse(text: str) -> int:
         try:
@@ -183,23 +200,22 @@ def _number_rule(kind: tyro.constructors.PrimitiveTypeInfo) -> PrimitiveConstruc
 read_values = _pairs(_finite, "NAME=NUMBER such as friction=0.4")
 """Function that reads NAME=NUMBER,... as a dictionary."""
 _BOUNDS = _pairs(_span, "NAME=LOW:HIGH such as friction=0.2:0.8")
+_COLUMNS = _pairs(_column, "NAME=COLUMN or NAME=COLUMN:UNIT such as yaw=heading:deg")
 _TOPICS = _pairs(_some, "ROLE=TOPIC such as odom=/odometry/filtered")
 
 Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(prefix_name=False, help_behavior_hint="")]
 """An option without a value, off unless given."""
 Names = Annotated[tuple[str, ...], parsed(_names, "A,B,...", ",".join)]
 """Comma-separated names, none twice. The function that gets them knows which there are."""
-Numbers = Annotated[tuple[float, ...], parsed(_increasing, "X,Y,...", lambda v: ",".join(f"{x:g}" for x in v))]
+Numbers = Annotated[tuple[float, ...], parsed(_increasing, "X,Y,...", lambda v: ",".join(map(_digits, v)))]
 """Comma-separated positive numbers that increase."""
-Values = Annotated[
-    Mapping[str, float], parsed(read_values, "NAME=X,...", lambda v: ",".join(f"{k}={x:g}" for k, x in v.items()))
-]
+Values = Annotated[Mapping[str, float], parsed(read_values, "NAME=X,...", values_text)]
 """NAME=NUMBER,... as a mapping."""
-Bounds = Annotated[Mapping[str, tuple[float, float]], parsed(_BOUNDS, "NAME=LOW:HIGH,...", lambda v: ",".join(v))]
+Bounds = Annotated[Mapping[str, tuple[float, float]], parsed(_BOUNDS, "NAME=LOW:HIGH,...", _bounds_text)]
 """NAME=LOW:HIGH,... as a mapping to pairs."""
-Topics = Annotated[Mapping[str, str], parsed(_TOPICS, "ROLE=TOPIC,...", lambda v: ",".join(v))]
+Topics = Annotated[Mapping[str, str], parsed(_TOPICS, "ROLE=TOPIC,...", lambda v: ",".join(map("=".join, v.items())))]
 """ROLE=TOPIC,... as a mapping."""
-Number = Annotated[float | None, parsed(_finite, "X", lambda v: f"{v:g}")]
+Number = Annotated[float | None, parsed(_finite, "X", _digits)]
 """A finite number, or None where the option is not given."""
 Count = Annotated[int | None, parsed(_whole(1), "N")]
 """A whole number from 1 on, or None where the option is not given."""
@@ -222,7 +238,7 @@ Limits = Annotated[
 """NAME=NUMBER,... as limits of a log that replace the usual ones."""
 Columns = Annotated[
     Mapping[str, tuple[str, str]],
-    parsed(_pairs(_column, "NAME=COLUMN or NAME=COLUMN:UNIT such as yaw=heading:deg"), "NAME=COLUMN[:UNIT],...", ",".join),
+    parsed(_COLUMNS, "NAME=COLUMN[:UNIT],...", _columns_text),
     option(
         default="our names and units",
         help="Columns of a CSV file with other names or units: x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s.",

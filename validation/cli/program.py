@@ -18,8 +18,8 @@ import tyro
 from rich.console import Console
 from rich.text import Text
 
-from ssmr.parameters import MOST_SEED, require_within
 from validation import progress, store
+from validation.cli.checking import Checked
 from validation.cli.options import Flag, Seed, UserError, Workers, option
 from validation.cli.process import field_text, mistakes_are_users, run, say
 from validation.files.reading import read_file
@@ -40,7 +40,7 @@ _MOST_BYTES = 1 << 30  # of a file in which they are looked for
 
 
 @dataclass(frozen=True, kw_only=True)
-class Common:
+class Common(Checked):
     """Options that every program has."""
 
     seed: Seed = 0
@@ -77,9 +77,6 @@ class Filmed(Common):
             raise UserError("the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun")
 
 
-_NAMES = tuple[str, ...]  # for which a call from Python may say one text, as the command line does
-
-
 class _ProgramModule(ModuleType):
     """A module that is called as the program whose name it has: `validation.compare("traj4")`."""
 
@@ -101,8 +98,6 @@ class Program(Generic[P, R]):
         self.__name__, self.__module__ = function.__name__, function.__module__
         self.__signature__ = inspect.signature(options)
         kinds = get_type_hints(options, include_extras=True)
-        plain = get_type_hints(options)
-        self.lists = [name for name in self.__signature__.parameters if plain[name] in (_NAMES, _NAMES | None)]
         documents = [f"    {name}: {_help_of(options, name, kinds[name])}" for name in self.__signature__.parameters]
         self.__doc__ = "\n".join([inspect.getdoc(function) or "", "", "Options:", *documents])
         if (module := sys.modules.get(f"validation.{self.__name__}")) is not None:
@@ -110,10 +105,7 @@ class Program(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Return the report of a run with these options."""
-        options = self.options(*args, **kwargs)
-        require_within(options, ("seed",), 0, MOST_SEED, whole=True)
-        texts = {name: getattr(options, name) for name in self.lists if isinstance(getattr(options, name), str)}
-        return self.function(replace(options, **{name: tuple(text.split(",")) for name, text in texts.items()}))
+        return self.function(self.options(*args, **kwargs))
 
     def command(self) -> Callable[[Any], None]:
         """Return the function behind the command line: it shows progress, prints, saves and says what went wrong."""

@@ -80,6 +80,7 @@ class EnginePlant:
 
     def reset(self, state: State) -> State:
         """Start from `state`, at rest on its tyres, with empty delay lines and no memory of former runs."""
+        self._driver = Driver(self.drive, self.dt, state)
         height, attitude = self._rest
         c, s = math.cos(state.yaw), math.sin(state.yaw)
         velocity = np.array([c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y, 0.0])
@@ -89,7 +90,7 @@ class EnginePlant:
         self._body.place(Rigid(np.array([state.x, state.y, height]), quat, velocity, spin, wheels))
         self._integrals = [0.0] * len(self._numbers.groups)
         self._torques, self._spun, self._loads = np.zeros(len(WHEELS)), 0.0, self._rest_loads
-        self._yaw, self._driver = state.yaw, Driver(self.drive, self.dt, state)
+        self._yaw = state.yaw
         self._read()
         return self._state
 

@@ -62,6 +62,7 @@ class Searching(cli.Common):
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range."""
+        super().__post_init__()
         require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
         self.settings(JdeSettings.population, JdeSettings.generations)
 

@@ -56,7 +56,7 @@ _CONFIGURATION = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Graph:
+class Graph(cli.Checked):
     """A graph of ROS 2: the options of every node."""
 
     ros: Annotated[str, cli.option(metavar="2")] = "2"
@@ -71,9 +71,7 @@ class Graph:
     def domain_number(self) -> int:
         """Return the number of the domain; a ValueError says what cannot be: ROS, domain, namespace or interface."""
         if self.ros != "2":
-            raise ValueError(
-                f"--ros {shortened(self.ros, 20)}: nodes of ROS 1 are gone (tag 1.7 keeps them); there is ROS 2"
-            )
+            raise ValueError(f"--ros {shortened(self.ros, 20)}: nodes of ROS 1 are gone; there is ROS 2")
         number = os.environ.get("ROS_DOMAIN_ID") or "0" if self.domain is None else str(self.domain)
         if not number.isdecimal() or not number.isascii() or int(number[:9]) > _MOST_DOMAIN:
             raise ValueError(f"the domain (--domain, ROS_DOMAIN_ID) is {shortened(number, 20)}, must be 0 to {_MOST_DOMAIN}")

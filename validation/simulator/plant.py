@@ -159,10 +159,10 @@ class MujocoPlant:
     @mujoco_failures()
     def reset(self, state: State) -> State:
         """Start from `state`, resting on its tyres, with empty delay lines and no memory of former runs."""
+        self._driver = Driver(self.drive, self.dt, state)
         mujoco.mj_resetData(self.model, self._data)
         mujoco.mj_setState(self.model, self._data, self.placed(state), mujoco.mjtState.mjSTATE_FULLPHYSICS)
         self._turns = round((state.yaw - float(quat_wxyz_to_yaw(self._data.qpos[3:7]))) / (2.0 * math.pi))
-        self._driver = Driver(self.drive, self.dt, state)
         self._last = self._read()
         return self._last
 

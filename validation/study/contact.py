@@ -155,6 +155,7 @@ class ContactStudy(StudyOptions):
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown group."""
+        super().__post_init__()
         chosen_settings(self.only)
 
 

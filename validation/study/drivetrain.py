@@ -90,6 +90,7 @@ class DriveTrainStudy(StudyOptions):
 
     def __post_init__(self) -> None:
         """Raise a ValueError for numbers out of range."""
+        super().__post_init__()
         require_within(self, ("torque_constant", "mass"), 1e-6, 1e6)
         require_within(self, ("resamples",), 2, 100_000, whole=True)
 

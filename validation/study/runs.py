@@ -53,6 +53,7 @@ class RunsStudy(AnyStudy):
 
     def __post_init__(self) -> None:
         """Raise a ValueError where there is no log, or a plant that there is not."""
+        super().__post_init__()
         if not self.logs:
             raise ValueError("no log is named; name files such as grass.csv@warthog")
         if unknown := sorted(set(self.plants) - set(PLANTS)):

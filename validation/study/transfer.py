@@ -65,6 +65,7 @@ class TransferStudy(StudyOptions):
 
     def __post_init__(self) -> None:
         """Raise a ValueError where there is no plant besides MuJoCo."""
+        super().__post_init__()
         if not set(self.plants) - {JUDGE}:
             raise ValueError(f"plants names none besides {JUDGE}; name one that is to choose for it")
 

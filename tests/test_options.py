@@ -1,0 +1,125 @@
+"""Options are checked against their annotations, whoever gives them: a misspelt choice never runs something else."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import MISSING, Field, fields
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import numpy as np
+import pytest
+
+from ssmr.types import State
+from validation import cli
+from validation.calibrate import calibrate
+from validation.cli.checking import choices_of, hints_of, without_markers
+from validation.compare import Compare, compare
+from validation.files.limits import USUAL
+from validation.fit import fit
+from validation.plants.profile import load_profile, make_plant
+from validation.plants.table import PLANTS
+from validation.recordings import Info
+from validation.robots import CheckRobot
+from validation.ros.control import Control
+from validation.ros.simulation import Sim
+from validation.simulator.terrain import parse_terrain
+from validation.study.__main__ import STUDIES, study_named
+from validation.track import track
+from validation.tune import tune
+
+PROGRAMS = (compare, fit, calibrate, track, tune)
+OPTIONS = (
+    *(program.options for program in PROGRAMS),
+    *(study_named(name).options for name in STUDIES),
+    *(Info, CheckRobot, Control, Sim),
+)
+NEEDED = {"source": "traj4", "model": "linear", "to": "traj4", "log": "husky", "controller": "pid", "robot": "husky"}
+NEEDED |= {"logs": ("husky",), "recording": "husky", "reference": "circle", "own": None, "ground": "husky"}
+
+
+def made(options: Any, **changes: Any) -> Any:
+    required = [f for f in fields(options) if f.default is MISSING and f.default_factory is MISSING]
+    return options(**{**{f.name: NEEDED[f.name] for f in required}, **changes})
+
+
+def free_fields(options: Any) -> list[Field[Any]]:
+    return [f for f in fields(options) if f.name != "progress" and "Fixed" not in str(hints_of(options)[f.name])]
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=lambda kind: kind.__name__)
+def test_an_option_of_another_type_is_refused_by_its_name(options: Any) -> None:
+    made(options)
+    for option in free_fields(options):
+        with pytest.raises(ValueError, match=rf"\b{option.name}\b"):
+            made(options, **{option.name: object()})
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=lambda kind: kind.__name__)
+def test_a_misspelt_choice_is_refused_with_the_choices(options: Any) -> None:
+    hints = get_type_hints(options)
+    for option in fields(options):
+        choices = choices_of(without_markers(hints[option.name]))
+        if choices:
+            with pytest.raises(ValueError, match=f"unknown {option.name} 'lqs'; there are: {', '.join(choices)}"):
+                made(options, **{option.name: "lqs"})
+
+
+def test_a_text_is_what_the_command_line_makes_of_it() -> None:
+    given = made(
+        Compare, columns="yaw=heading:deg", limits="gap=1e4", terrain="ramp:5", plants="mujoco,linear", out="here",
+        horizons="2,6", start="3",
+    )  # fmt: skip
+    assert given.columns == {"yaw": ("heading", "deg")}
+    assert given.limits == USUAL.changed({"gap": 1e4})
+    assert given.terrain == parse_terrain("ramp:5")
+    assert (given.plants, given.out, given.horizons) == (("mujoco", "linear"), Path("here"), (2.0, 6.0))
+    assert given.start == 3.0
+    assert made(Compare, plants=["linear"], seed=np.int64(3)).plants == ("linear",)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"seed": -1}, "seed: '-1' must be a whole number"),
+        ({"seed": True}, "seed is True"),
+        ({"workers": 0}, "workers: '0' must be a whole number from 1 on"),
+        ({"horizons": (6.0, 2.0)}, "horizons: .* must be positive numbers that increase"),
+        ({"start": math.nan}, "start must be a finite number"),
+        ({"plants": ("linear", "linear")}, "plants: a name stands twice"),
+        ({"columns": "x"}, "columns: 'x' must be NAME=COLUMN"),
+        ({"terrain": "x"}, "terrain: terrain 'x' is not understood"),
+        ({"limits": {}}, "limits is {}, wanted LogLimits"),
+        ({"input": "wheel"}, "unknown input 'wheel'; there are: commands, wheels"),
+    ],
+)
+def test_what_an_option_cannot_be_is_one_line(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        made(Compare, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_plants_are_none() -> None:
+    with pytest.raises(ValueError, match="plants is empty"):
+        compare("traj4", plants=())
+
+
+def test_every_options_class_is_checked() -> None:
+    assert all(issubclass(options, cli.Checked) for options in OPTIONS)
+
+
+@pytest.mark.parametrize("value", [10**400, "1", None, math.nan])
+def test_a_state_has_finite_numbers(value: Any) -> None:
+    with pytest.raises(ValueError, match=r"State\.x must be a finite number, got "):
+        State(x=value)
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_plant_refuses_what_is_no_state_and_no_command(name: str) -> None:
+    plant = make_plant(load_profile("thesis-lab"), name)
+    with pytest.raises(ValueError, match="state is None, must be a State"):
+        plant.reset(None)  # type: ignore[arg-type]
+    plant.reset(State())
+    for command in (("a", 0.0), (0.1,), None, (math.nan, 0.0)):
+        with pytest.raises(ValueError, match=r"command is .*, must be a finite speed"):
+            plant.step(command, 0.05)  # type: ignore[arg-type]

@@ -220,7 +220,7 @@ PRICES = {
     "validation/cli": Price(
         7_200,
         4,
-        31,
+        33,
         "options, their check against their annotations, help, exit status, progress, and each program's call by its name",
     ),
     "validation/engines": Price(

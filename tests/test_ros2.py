@@ -361,3 +361,15 @@ def test_a_killed_robot_stops_the_controller(tmp_path: Path, graph: Graph) -> No
         assert controller.wait(PATIENCE) == 1
     assert "no feedback for" in text_of(log)
     assert json.loads((out / "track.json").read_text(encoding="utf-8"))["status"] == "stopped"
+
+
+def test_a_flood_of_malformed_packets_fills_no_log(graph: Graph, capfd: pytest.CaptureFixture[str]) -> None:
+    """Cyclone itself writes a line for each, and whoever reaches the port can send as many as they like."""
+    header = b"RTPS" + bytes([2, 5, 1, 16]) + bytes(12)
+    cut_short = bytes([0x15, 1, 255, 255]) + bytes(range(40))
+    with joined(graph) as node, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for _ in range(500):
+            sender.sendto(header + cut_short, ("127.0.0.1", 7400 + 250 * node.graph.domain_number() + 10))
+        time.sleep(0.3)  # a message that nobody prints cannot be waited for
+    written = capfd.readouterr().err
+    assert len(written) < 500, written[:300]

@@ -48,6 +48,8 @@ _LONGEST = 300
 """Most characters of a line in the log: it may hold foreign text."""
 _UNREADABLE = (struct.error, ValueError, TypeError, IndexError, OverflowError, MemoryError)
 """Errors that decoding raises of bytes that are no message of their type."""
+_FATAL = 1
+"""Cyclone's DDS_LC_FATAL: of its messages only those with which it ends."""
 _CONFIGURATION = (
     "<CycloneDDS><Domain Id='any'><General><Interfaces><NetworkInterface {}/></Interfaces></General>"
     "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>{}"
@@ -187,6 +189,8 @@ class Node:
         except dds.core.DDSException as error:
             where = f"interface {graph.interface}" if graph.interface else f"CYCLONEDDS_URI {os.environ['CYCLONEDDS_URI']}"
             raise ValueError(f"no ROS 2 graph in domain {domain} by {where}: {error.msg}") from None
+        # From here on whoever reaches the port could fill a log with warnings of malformed packets.
+        dds.internal.load_cyclonedds().dds_set_log_mask(_FATAL)
         self._waitset = dds.core.WaitSet(self._participant)
         self._writers: dict[str, list[tuple[Any, str]]] = {}
 

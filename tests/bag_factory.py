@@ -7,16 +7,25 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
 START = 1_700_000_000
 """Unix time of bags [s]."""
 KINDS = ("ros1", "sqlite", "mcap folder", "mcap")
-"""What `write` can make."""
+"""What most people record."""
+PACKINGS = {
+    "messages": CompressionMode.MESSAGE,
+    "file": CompressionMode.FILE,
+    "zstd": CompressionMode.STORAGE,
+    "lz4": CompressionMode.STORAGE,
+}
+PACKED_KINDS = ("ros1 bz2", "ros1 lz4", "sqlite messages", "sqlite file", "mcap zstd", "mcap lz4")
+"""Bags that are packed: whole, by chunk, or by message."""
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
 
 Made = tuple[str, Mapping[str, Any]]
@@ -73,17 +82,28 @@ def text(what: str) -> Made:
 
 
 def write(folder: Path, kind: str, messages: Sequence[Message], name: str = "drive") -> Path:
-    """A bag of messages."""
-    if kind == "ros1":
+    """A bag of messages, packed where the kind says how."""
+    storage, _, packed = kind.partition(" ")
+    if storage == "ros1":
         path = folder / f"{name}.bag"
-        with Writer1(path) as writer:
+        writer = Writer1(path)
+        if packed:
+            writer.set_compression(Writer1.CompressionFormat[packed.upper()])
+        with writer:
             _fill(writer, messages, ROS1, ROS1.serialize_ros1)
         return path
     path = folder / name
-    plugin = StoragePlugin.SQLITE3 if kind == "sqlite" else StoragePlugin.MCAP
-    with Writer2(path, version=9, storage_plugin=plugin) as writer2:
+    plugin = StoragePlugin.SQLITE3 if storage == "sqlite" else StoragePlugin.MCAP
+    writer2 = Writer2(path, version=9, storage_plugin=plugin)
+    if packed in PACKINGS:
+        writer2.set_compression(PACKINGS[packed], CompressionFormat.ZSTD)
+    with writer2:
+        if packed == "lz4":
+            chunks: Any = writer2.storage
+            chunks.compression = packed
+            chunks.compressor = lz4.frame.compress
         _fill(writer2, messages, ROS2, ROS2.serialize_cdr)
-    return next(path.glob("*.mcap")) if kind == "mcap" else path
+    return next(path.glob("*.mcap")) if storage == "mcap" and packed != "folder" else path
 
 
 def _fill(writer: Any, messages: Sequence[Message], types: Any, serialize: Any) -> None:

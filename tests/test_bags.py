@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests import bag_factory as make
@@ -17,7 +17,7 @@ from tests.conftest import ROUNDOFF
 from validation.bench.sources import open_source
 from validation.files.bags import choose_topics, read_topics, to_local
 from validation.files.formats import is_log, read_log
-from validation.files.log import RECORDED, Log, ReadOptions, Topic
+from validation.files.log import RECORDED, ReadOptions, Topic
 from validation.files.reading import FileError
 
 STAMP = 1e-6
@@ -160,36 +160,6 @@ def test_what_is_no_bag_is_said_so(tmp_path: Path) -> None:
     for name in ("text.bag", "text.mcap"):
         (tmp_path / name).write_text("hello, this is no bag at all")
         assert "no bag that can be read, or a damaged one" in refused(tmp_path / name)
-
-
-@pytest.mark.parametrize("kind", ["ros1", "mcap", "sqlite"])
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_damaged_bags_are_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, kind: str, data: st.DataObject
-) -> None:
-    if kind not in _WHOLE:
-        whole = write(tmp_path_factory.mktemp("whole"), kind, circle(8))
-        _WHOLE[kind] = next(whole.glob("*.db3")) if kind == "sqlite" else whole
-    whole = _WHOLE[kind]
-    damaged = bytearray(whole.read_bytes())
-    for _ in range(data.draw(st.integers(0, 4))):
-        damaged[data.draw(st.integers(0, len(damaged) - 1))] = data.draw(st.integers(0, 255))
-    damaged = damaged[: data.draw(st.one_of(st.just(len(damaged)), st.integers(0, len(damaged))))]
-    path = tmp_path_factory.mktemp("damaged") / whole.name
-    path.write_bytes(damaged)
-    if kind == "sqlite":
-        (path.parent / "metadata.yaml").write_bytes((whole.parent / "metadata.yaml").read_bytes())
-        path = path.parent
-    try:
-        log = read_log(path)
-    except FileError as fault:
-        assert "\n" not in str(fault)  # noqa: PT017
-    else:
-        assert isinstance(log, Log)
-
-
-_WHOLE: dict[str, Path] = {}
 
 
 # ------------------------------------------------------------------------------------------- geometry

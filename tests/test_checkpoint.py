@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,23 @@ def test_what_is_written_comes_back_and_what_is_damaged_is_refused(tmp_path: Pat
     for arrays in ({"a": np.zeros(3)}, {"identity": np.array([{}], dtype=object)}):
         np.savez(path, **arrays)
         refused(path)
+
+
+def test_a_checkpoint_that_says_it_is_packed_in_another_way_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint.npz"
+    Search(Jde(2, JdeSettings(6, 10), 1), IDENTITY).save(path)
+    whole = path.read_bytes()
+    chance = np.random.default_rng(0)
+    for method in (zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA):
+        for _ in range(300):
+            damaged = bytearray(whole)
+            for found in re.finditer(b"PK(?:\x01\x02|\x03\x04)", whole):
+                is_local = found.group()[2] == 3
+                damaged[found.start() + (8 if is_local else 10)] = method
+                if is_local:
+                    damaged[found.start() + 50 : found.start() + 90] = bytes(chance.integers(40, size=40).tolist())
+            path.write_bytes(damaged)
+            refused(path)
 
 
 def refused(path: Path) -> None:

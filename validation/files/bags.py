@@ -5,8 +5,6 @@ message has two stamps: the header's, when it was measured, and the bag's, when 
 Where there is none, or where it comes from another clock or one that jumps, the bag's is used. Times are counted from the
 bag's first stamp.
 
-From joint states only wheels are read: joints with `wheel` and `left` or `right` in their names, averaged over each side.
-
 Topics get roles, and become groups of columns: cmd_v, cmd_w from the role `cmd`; enc_left, enc_right from `wheels`; gyro_z
 from `imu`, about the vertical that its accelerometer shows; x, y, yaw from `pose` or, without one, from `odom`; odom_v and
 odom_w from `odom` (and odom_x, odom_y, odom_yaw where there is a `pose`); and gps_east, gps_north from `gps`, metres from
@@ -16,22 +14,23 @@ its first fix.
 from __future__ import annotations
 
 import math
-from array import array
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import FloatArray
+from validation.files import guarded
 from validation.files.limits import LogLimits
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, ReadOptions, Topic, check_group
-from validation.files.reading import DAMAGE, FileError, opened, quoted
-from validation.words import shortened
+from validation.files.messages import collect
+from validation.files.reading import FileError, opened, quoted
 
 _METADATA = "metadata.yaml"  # file that describes the folder of a ROS 2 bag
 _CLOCK_JUMP = 1.0
@@ -39,7 +38,11 @@ _CLOCK_JUMP = 1.0
 that is only written late differs by less, and is sorted."""
 _OTHER_CLOCK = 60.0
 """Median distance from the bag's stamps from which a header's clock is another one, such as the time since start-up [s]."""
-_LATEST_NS = 2**62  # greatest stamp of writing [ns], in the year 2116: differences of stamps stay within 64 bits
+_LATEST = 2**62  # greatest number of messages for which anybody can ask
+_SECONDS, _MEMORY, _DISK = 6.0, 2 << 30, 1 << 28
+"""Time [s], memory and size of an unpacked file [bytes] that reading a bag may take, besides what its size adds."""
+_SECONDS_PER_BYTE, _MEMORY_PER_BYTE, _DISK_PER_BYTE = 5e-6, 8, 32
+"""What each byte of a bag adds to these; a bag of small messages takes 0.06 s a megabyte, and packed ten times as much."""
 _GRAVITY_SPAN = (8.8, 10.8)
 """Range of a mean acceleration that is taken for gravity and shows the vertical [m/s2]; outside it, z is the vertical."""
 _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563  # semi-major axis [m] and flattening [1] of the WGS 84 ellipsoid
@@ -72,159 +75,69 @@ ROLES: Mapping[str, Role] = MappingProxyType(
 )
 """Roles that topics can have, in the order of their groups."""
 
-_Row = tuple[int, dict[str, float]] | None
-"""The header's stamp [ns] (0 for none), and the numbers by column; None for a message that says nothing."""
-
-
-# ------------------------------------------------------------------------------------------ messages
-def _header_ns(message: Any) -> int:
-    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-
-
-def _twist(twist: Any) -> dict[str, float]:
-    return {"v": twist.linear.x, "w": twist.angular.z}
-
-
-def _pose(position: Any, orientation: Any) -> dict[str, float]:
-    quat = [getattr(orientation, axis) for axis in "wxyz"]
-    # a quaternion of zeros is a field that nobody filled; not every driver normalises
-    yaw = float(quat_wxyz_to_yaw(quat)) if any(quat) and all(abs(q) < 1e3 for q in quat) else math.nan
-    return {"x": position.x, "y": position.y, "yaw": yaw}
-
-
-def _odometry(m: Any) -> _Row:
-    return _header_ns(m), _pose(m.pose.pose.position, m.pose.pose.orientation) | _twist(m.twist.twist)
-
-
-def _imu(m: Any) -> _Row:
-    rates = {f"gyro_{axis}": getattr(m.angular_velocity, axis) for axis in "xyz"}
-    return _header_ns(m), rates | {f"acc_{axis}": getattr(m.linear_acceleration, axis) for axis in "xyz"}
-
-
-def _joints(m: Any) -> _Row:
-    wheels = [(name.lower(), float(rate)) for name, rate in zip(m.name, m.velocity, strict=False) if "wheel" in name.lower()]
-    sides = [[rate for joint, rate in wheels if side in joint] for side in ("left", "right")]
-    if len(m.velocity) != len(m.name) or not all(sides):
-        return None
-    return _header_ns(m), {n: sum(side) / len(side) for n, side in zip(COMMAND_COLUMNS["wheels"], sides, strict=True)}
-
-
-def _fix(m: Any) -> _Row:
-    has_fix = m.status.status >= 0  # STATUS_FIX and better
-    return (_header_ns(m), {"latitude": m.latitude, "longitude": m.longitude}) if has_fix else None
-
-
-READERS: Mapping[str, Callable[[Any], _Row]] = MappingProxyType(
-    {
-        "geometry_msgs/msg/Twist": lambda m: (0, _twist(m)),
-        "geometry_msgs/msg/TwistStamped": lambda m: (_header_ns(m), _twist(m.twist)),
-        "geometry_msgs/msg/PoseStamped": lambda m: (_header_ns(m), _pose(m.pose.position, m.pose.orientation)),
-        "nav_msgs/msg/Odometry": _odometry,
-        "sensor_msgs/msg/Imu": _imu,
-        "sensor_msgs/msg/JointState": _joints,
-        "sensor_msgs/msg/NavSatFix": _fix,
-    }
-)
-"""Functions that read a message, by its type; for a further type, add a line."""
-
 
 # ------------------------------------------------------------------------------------------ topics
-@dataclass
-class _Messages:
-    """Messages of one topic and type that have the same columns, in the order of writing."""
-
-    written_ns: array[int] = field(default_factory=lambda: array("q"))
-    """Stamps of writing [ns]."""
-    header_ns: array[int] = field(default_factory=lambda: array("q"))
-    """Stamps of measuring [ns], 0 for none."""
-    numbers: array[float] = field(default_factory=lambda: array("d"))
-    """Numbers, message by message."""
-
-    def stamps(self) -> tuple[NDArray[np.int64], str]:
-        """Return the (M,) stamps [ns] of the messages, or of writing, and then why."""
-        bag, header = (np.array(ns, dtype=np.int64) for ns in (self.written_ns, self.header_ns))
-        if not header.all():
-            return bag, "the messages have no stamps"
-        if abs(float(np.median(header - bag))) * 1e-9 > _OTHER_CLOCK:
-            return bag, "the messages' clock is another one than the bag's"
-        jump = float(np.max(np.abs(np.diff(header) - np.diff(bag)), initial=0)) * 1e-9
-        return (header, "") if jump < _CLOCK_JUMP else (bag, f"the messages' clock jumps by {jump:.3f} s")
-
-
-_Collected = dict[tuple[str, str, tuple[str, ...]], _Messages]
-"""Messages by topic, type and columns."""
-
-
 def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
     """Read the topics of a bag; a FileError says that there is none, or that it is damaged, empty or beyond the limits."""
+    if find_spec("rosbags") is None:
+        raise FileError(path, "reading bags needs rosbags: pip install rosbags")
+    allowed = _allowance(path)
+    limits = options.limits
+    most = int(min(limits.samples, _LATEST))
     try:
-        import apsw  # here: these imports take a fifth of a second
-        from rosbags.highlevel import AnyReader, AnyReaderError
-        from rosbags.rosbag1 import ReaderError as ReaderError1
-        from rosbags.rosbag2 import ReaderError as ReaderError2
-        from rosbags.serde import SerdeError
-        from rosbags.typesys import Stores, TypesysError, get_typestore
-    except ImportError as missing:
-        raise FileError(path, f"reading bags needs rosbags: pip install rosbags ({missing})") from None
-    try:
-        _check_files(path)
-        # the type store serves bags that do not contain their message types: ROS 2 before Iron
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-            collected = _messages(path, reader, options.limits)
-            used = {topic for topic, _, _ in collected}
-            counts: dict[tuple[str, str], int] = {}
-            for c in reader.connections:
-                if c.topic not in used and c.msgcount:
-                    counts[c.topic, c.msgtype] = counts.get((c.topic, c.msgtype), 0) + max(0, int(c.msgcount))
-    except FileError:
-        raise
-    except (AnyReaderError, ReaderError1, ReaderError2, SerdeError, TypesysError, apsw.Error, *DAMAGE) as cause:
-        what = shortened(cause, 200) or type(cause).__name__
-        raise FileError(path, f"this is no bag that can be read, or a damaged one: {what}") from cause
-    if not collected and not counts:
+        (count, kinds, others), parts = guarded.ask(collect, [os.path.abspath(path), most + 1], allowed)
+    except ValueError as error:
+        raise FileError(path, f"this is no bag that can be read, or a damaged one: {error}") from error
+    for name, many in (("samples", count), ("columns", len(kinds))):
+        if many > getattr(limits, name):
+            raise FileError(path, f"there are too many messages or topics: {limits.says(name)}")
+    if not kinds and not others:
         raise FileError(path, "the bag is empty: there is no message in it")
-    clocks = {key: collected[key].stamps() for key in sorted(collected)}
-    epoch = min((int(ns.min()) for ns, _ in clocks.values()), default=0)
-    topics = [_topic(*key, collected[key], *clock, epoch) for key, clock in clocks.items()]
-    return [*topics, *(Topic(*key, np.broadcast_to(0.0, many), None) for key, many in counts.items())]
+    stamps = [np.frombuffer(part, np.int64) for part in parts]
+    clocks = [_clock(written, header) for written, header in zip(stamps[::3], stamps[1::3], strict=True)]
+    epoch = min((int(ns.min()) for ns, _ in clocks), default=0)
+    topics = [_topic(*read, epoch) for read in zip(kinds, parts[2::3], clocks, strict=True)]
+    unread = [Topic(name, kind, np.broadcast_to(0.0, many), None) for name, kind, many in others]
+    return [*topics, *unread]
 
 
-def _check_files(path: Path) -> None:
-    """Refuse what is no bag by its files, before any library opens them."""
+def _allowance(path: Path) -> guarded.Allowance:
+    """Return what reading a bag may use, by the size of its files, before any library opens them.
+
+    Raises:
+        FileError: this is no bag by its files.
+    """
     if path.is_dir() and not (path / _METADATA).exists():
         raise FileError(path, f"this folder is no ROS 2 bag: there is no {_METADATA} in it")
+    size = 0
     for file in sorted(p for p in path.iterdir() if not p.is_dir()) if path.is_dir() else [path]:
-        with opened(file):
-            pass
+        with opened(file) as stream:
+            size += os.fstat(stream.fileno()).st_size
+    return guarded.Allowance(
+        _SECONDS + _SECONDS_PER_BYTE * size, _MEMORY + _MEMORY_PER_BYTE * size, _DISK + _DISK_PER_BYTE * size
+    )
 
 
-def _messages(path: Path, reader: Any, limits: LogLimits) -> _Collected:
-    """Return all messages that can be read; a FileError says that there are more than the limits allow."""
-    collected: _Collected = {}
-    known = [c for c in reader.connections if c.msgtype in READERS]
-    for count, (connection, ns, raw) in enumerate(reader.messages(known) if known else ()):
-        for name, many in (("samples", count + 1), ("columns", len(collected))):
-            if many > getattr(limits, name):
-                raise FileError(path, f"there are too many messages or topics: {limits.says(name)}")
-        if not 0 <= ns < _LATEST_NS:
-            raise ValueError(f"a message was written at {ns} ns")
-        kind = connection.msgtype
-        if row := READERS[kind](reader.deserialize(raw, kind)):
-            messages = collected.setdefault((connection.topic, kind, tuple(row[1])), _Messages())
-            messages.written_ns.append(ns)
-            messages.header_ns.append(row[0])
-            messages.numbers.extend(row[1].values())
-    return collected
+def _clock(written: NDArray[np.int64], header: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
+    """Return the (M,) stamps [ns] of messages, or of writing, and then why."""
+    if not header.all():
+        return written, "the messages have no stamps"
+    if abs(float(np.median(header - written))) * 1e-9 > _OTHER_CLOCK:
+        return written, "the messages' clock is another one than the bag's"
+    jump = float(np.max(np.abs(np.diff(header) - np.diff(written)), initial=0)) * 1e-9
+    return (header, "") if jump < _CLOCK_JUMP else (written, f"the messages' clock jumps by {jump:.3f} s")
 
 
 def _topic(
-    name: str, kind: str, names: Sequence[str], messages: _Messages, ns: NDArray[np.int64], remark: str, epoch: int
+    key: tuple[str, str, Sequence[str]], numbers: memoryview, clock: tuple[NDArray[np.int64], str], epoch: int
 ) -> Topic:
     """Return messages as a topic, sorted by their stamps [ns], which become seconds from the epoch [ns] on."""
+    name, kind, columns = key
+    ns, remark = clock
     order = np.argsort(ns, kind="stable")
-    table = np.array(messages.numbers, dtype=np.float64).reshape(len(ns), len(names))[order]
+    table = np.frombuffer(numbers).reshape(len(ns), len(columns))[order]
     t = np.asarray((ns[order] - epoch) * 1e-9, dtype=np.float64)
-    return Topic(name, kind, t, dict(zip(names, np.ascontiguousarray(table.T), strict=True)), remark)
+    return Topic(name, kind, t, dict(zip(columns, np.ascontiguousarray(table.T), strict=True)), remark)
 
 
 def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str]) -> dict[str, Topic]:

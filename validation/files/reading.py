@@ -6,19 +6,14 @@ import contextlib
 import os
 import reprlib
 import stat
-import struct
 import sys
 import tomllib
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from validation.words import one_line
 
-DAMAGE = (OSError, EOFError, struct.error, zlib.error, SyntaxError, LookupError, ValueError, TypeError, AttributeError,
-          ArithmeticError, AssertionError, RuntimeError, MemoryError)  # fmt: skip
-"""Errors that readers of foreign formats raise on damaged files, besides their own; they promise nothing narrower."""
 _MOST_TEXT = 1 << 18
 """Greatest size of a text that describes something, such as a profile [bytes]; shipped ones have less than ten thousand."""
 _MOST_DEEP = 32

@@ -6,10 +6,12 @@ import hashlib
 import io
 import json
 import logging
+import lzma
 import math
 import os
 import time
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -22,7 +24,6 @@ from ssmr.parameters import require_within
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli, store
-from validation.files import reading
 from validation.identify.problem import FitProblem
 from validation.identify.refine import Remembered, arrivals
 from validation.identify.tuning import TuneProblem
@@ -37,6 +38,19 @@ _LEFT_OUT = {
 MOST_WORKERS = 4096
 """Greatest number of threads that a search can be told to use."""
 _log = logging.getLogger(__name__)
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    OSError,
+    EOFError,
+    LookupError,
+    ValueError,
+    TypeError,
+    RuntimeError,
+    MemoryError,
+)
+"""Errors that reading a damaged checkpoint raises; one that numpy wrote has no others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,7 +230,7 @@ class Search:
             wall_s = float(data["wall_s"])
             points = [point.tobytes() for point in data.get("lsq_points", ())]
             driven = Remembered(zip(points, data.get("lsq_errors", ()), strict=True))
-        except (zipfile.BadZipFile, *reading.DAMAGE) as error:
+        except _DAMAGE as error:
             raise ValueError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})") from error
         if differs := [name for name in identity if was.get(name) != identity[name]]:
             raise ValueError(

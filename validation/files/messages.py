@@ -1,0 +1,133 @@
+"""Messages of bags, read by rosbags: numbers by topic, type and columns. A child process does this, see `bags`.
+
+From joint states only wheels are read: joints with `wheel` and `left` or `right` in their names, averaged over each side.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from array import array
+from collections import Counter
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from ssmr.geometry import quat_wxyz_to_yaw
+from validation.files.guarded import Answer
+from validation.files.log import COMMAND_COLUMNS
+
+_LATEST_NS = 2**62  # greatest stamp of writing [ns], in the year 2116: differences of stamps stay within 64 bits
+_Row = tuple[int, dict[str, float]] | None
+"""The header's stamp [ns] (0 for none), and the numbers by column; None for a message that says nothing."""
+
+
+# ------------------------------------------------------------------------------------------ messages
+def _header_ns(message: Any) -> int:
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def _twist(twist: Any) -> dict[str, float]:
+    return {"v": twist.linear.x, "w": twist.angular.z}
+
+
+def _pose(position: Any, orientation: Any) -> dict[str, float]:
+    quat = [getattr(orientation, axis) for axis in "wxyz"]
+    # a quaternion of zeros is a field that nobody filled; not every driver normalises
+    yaw = float(quat_wxyz_to_yaw(quat)) if any(quat) and all(abs(q) < 1e3 for q in quat) else math.nan
+    return {"x": position.x, "y": position.y, "yaw": yaw}
+
+
+def _odometry(m: Any) -> _Row:
+    return _header_ns(m), _pose(m.pose.pose.position, m.pose.pose.orientation) | _twist(m.twist.twist)
+
+
+def _imu(m: Any) -> _Row:
+    rates = {f"gyro_{axis}": getattr(m.angular_velocity, axis) for axis in "xyz"}
+    return _header_ns(m), rates | {f"acc_{axis}": getattr(m.linear_acceleration, axis) for axis in "xyz"}
+
+
+def _joints(m: Any) -> _Row:
+    wheels = [(name.lower(), float(rate)) for name, rate in zip(m.name, m.velocity, strict=False) if "wheel" in name.lower()]
+    sides = [[rate for joint, rate in wheels if side in joint] for side in ("left", "right")]
+    if len(m.velocity) != len(m.name) or not all(sides):
+        return None
+    return _header_ns(m), {n: sum(side) / len(side) for n, side in zip(COMMAND_COLUMNS["wheels"], sides, strict=True)}
+
+
+def _fix(m: Any) -> _Row:
+    has_fix = m.status.status >= 0  # STATUS_FIX and better
+    return (_header_ns(m), {"latitude": m.latitude, "longitude": m.longitude}) if has_fix else None
+
+
+READERS: Mapping[str, Callable[[Any], _Row]] = MappingProxyType(
+    {
+        "geometry_msgs/msg/Twist": lambda m: (0, _twist(m)),
+        "geometry_msgs/msg/TwistStamped": lambda m: (_header_ns(m), _twist(m.twist)),
+        "geometry_msgs/msg/PoseStamped": lambda m: (_header_ns(m), _pose(m.pose.position, m.pose.orientation)),
+        "nav_msgs/msg/Odometry": _odometry,
+        "sensor_msgs/msg/Imu": _imu,
+        "sensor_msgs/msg/JointState": _joints,
+        "sensor_msgs/msg/NavSatFix": _fix,
+    }
+)
+"""Functions that read a message, by its type; for a further type, add a line."""
+
+
+# ------------------------------------------------------------------------------------------ bags
+class _Messages(NamedTuple):
+    """Messages of one topic and type that have the same columns, in the order of writing."""
+
+    written_ns: array[int]
+    """Stamps of writing [ns]."""
+    header_ns: array[int]
+    """Stamps of measuring [ns], 0 for none."""
+    numbers: array[float]
+    """Numbers, message by message."""
+
+
+def collect(path: str, most: int) -> Answer:
+    """Return what the messages of a bag say, as far as their types are known.
+
+    Args:
+        path: the bag.
+        most: number of messages after which reading ends.
+
+    Returns:
+        The number of messages that were read; topic, type and names of columns of each kind of message; and topic, type and
+        number of the messages that were not read. The buffers are those of `_Messages`, three for each kind.
+
+    Raises:
+        Exception: the bag is none, or damaged; rosbags and what it reads with raise errors of many classes.
+    """
+    from rosbags.highlevel import AnyReader  # here: it takes a fifth of a second, and only a child process needs it
+    from rosbags.typesys import Stores, get_typestore
+
+    kinds: dict[tuple[str, str, tuple[str, ...]], _Messages] = {}
+    count = 0
+    # the type store serves bags that do not contain their message types: ROS 2 before Iron
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        known = [c for c in reader.connections if c.msgtype in READERS]
+        messages = reader.messages(known) if known else ()
+        for connection, ns, raw in itertools.islice(messages, most):
+            count += 1
+            if not 0 <= ns < _LATEST_NS:
+                raise ValueError(f"a message was written at {ns} ns")
+            kind = connection.msgtype
+            if row := READERS[kind](reader.deserialize(raw, kind)):
+                header_ns, numbers = row
+                key = (connection.topic, kind, tuple(numbers))
+                if key not in kinds:
+                    kinds[key] = _Messages(array("q"), array("q"), array("d"))
+                kinds[key].written_ns.append(ns)
+                kinds[key].header_ns.append(header_ns)
+                kinds[key].numbers.extend(numbers.values())
+        used = {topic for topic, _, _ in kinds}
+        unread: Counter[tuple[str, str]] = Counter()
+        for c in reader.connections:
+            if c.topic not in used and c.msgcount:
+                unread[c.topic, c.msgtype] += max(0, int(c.msgcount))
+    others = [(*key, many) for key, many in unread.items()]
+    buffers = [memoryview(part).cast("B") for messages in kinds.values() for part in messages]
+    return [count, list(kinds), others], buffers

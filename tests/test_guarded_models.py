@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import time
 from pathlib import Path
 
@@ -10,7 +11,8 @@ import pytest
 
 from tests.urdf_factory import UrdfRobot
 from validation import load_robot
-from validation.simulator import guarded
+from validation.files import guarded
+from validation.simulator import foreign
 from validation.simulator.composing import compose_robot
 from validation.simulator.description import Robot, RobotError, models_folder, parse_robot
 from validation.simulator.importing import import_robot
@@ -58,7 +60,7 @@ def test_what_would_hang_or_reach_out_is_refused(name: str, tmp_path: Path, monk
     (folder / "link.obj").symlink_to(tmp_path / "m.obj")
     (folder / "outer.xml").write_text('<mujoco><include file="../inner.xml"/></mujoco>')
     (tmp_path / "inner.xml").write_text("<mujoco/>")
-    monkeypatch.setattr(guarded, "MOST_SECONDS", 3)
+    monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(3.0, 2 << 30))
     robot, began = with_mjcf(folder, HOSTILE[name]), time.monotonic()
     with pytest.raises(ValueError, match=r"mine\.xml: this is no MJCF that can be read") as refused:
         compose_robot(robot)
@@ -68,6 +70,47 @@ def test_what_would_hang_or_reach_out_is_refused(name: str, tmp_path: Path, monk
 
 def test_a_urdf_is_tried_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "r.urdf").write_text(UrdfRobot().text())
-    monkeypatch.setattr(guarded, "MOST_SECONDS", 0.01)
-    with pytest.raises(RobotError, match="does not come to an end with it in 0"):
+    monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(0.01, 2 << 30))
+    with pytest.raises(RobotError, match="does not come to an end in 0"):
         import_robot(tmp_path / "r.urdf")
+
+
+def test_what_is_included_is_read_in_the_child_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Empty elements are few bytes, but large objects: this process does not grow by them."""
+    (tmp_path / "more.xml").write_text(f"<mujoco>{'<a/>' * ((1 << 24) - 10)}</mujoco>")
+    monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(5.0, 1 << 30))
+    robot, began = with_mjcf(tmp_path, '<include file="more.xml"/>'), time.monotonic()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ValueError, match=r"mine\.xml: this is no MJCF that can be read"):
+        compose_robot(robot)
+    assert time.monotonic() - began < 25.0
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kilobytes
+
+
+NANS = {
+    "in it": '<option gravity="nan 0 0"/>',
+    "in what it includes": '<include file="more.xml"/>',
+}
+
+
+@pytest.mark.parametrize("where", NANS)
+def test_a_nan_is_refused_and_leaves_no_log_of_mujoco(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "more.xml").write_text('<mujoco><custom><numeric name="n" data="NaN"/></custom></mujoco>')
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    with pytest.raises(ValueError, match="it contains a NaN"):
+        compose_robot(with_mjcf(tmp_path, NANS[where]))
+    assert not list(work.iterdir())
+
+
+def test_a_nan_in_a_urdf_leaves_no_log_of_mujoco(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = UrdfRobot().text().replace('<mass value="', '<mass value="nan" was="', 1)
+    assert "nan" in text
+    (tmp_path / "r.urdf").write_text(text)
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    with pytest.raises(RobotError, match=r"r\.urdf"):
+        import_robot(tmp_path / "r.urdf")
+    assert not list(work.iterdir())

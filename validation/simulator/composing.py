@@ -11,7 +11,7 @@ import mujoco
 from mujoco import mjtGeom, mjtObj, mjtSensor
 
 from validation.files import reading
-from validation.simulator import guarded
+from validation.simulator import foreign
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, models_folder
 
 VISUAL_GROUP = 2
@@ -97,10 +97,8 @@ def _hand_made(robot: Robot) -> mujoco.MjSpec:
     """Return the robot's own MJCF, which has all the names that the programs look for."""
     path = models_folder() / robot.mjcf
     try:
-        text, files = reading.read_text(path, guarded.MOST_BYTES), dict[str, bytes]()
-        if path.parent != models_folder():
-            files = guarded.own_files(text, path.parent)
-            guarded.require_readable(text, files)
+        text = reading.read_text(path, foreign.MOST_BYTES)
+        files = {} if path.parent == models_folder() else foreign.tried_files(text, path.parent)
         spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
     except ValueError as error:
         raise ValueError(f"{path}: this is no MJCF that can be read ({' '.join(str(error).split())})") from error

@@ -22,7 +22,7 @@ from ssmr.robot.ground import FRONT, LEFT
 from ssmr.types import FloatArray
 from validation import store
 from validation.files import reading
-from validation.simulator import guarded
+from validation.simulator import foreign
 from validation.simulator.checking import spot_turn, turning_torque
 from validation.simulator.description import SCHEMA, SECTIONS, Robot, RobotError, parse_robot, shipped_robots
 from validation.words import one_line
@@ -138,7 +138,7 @@ def import_robot(
             taken.
     """
     try:
-        text = reading.read_text(path, guarded.MOST_BYTES)
+        text = reading.read_text(path, foreign.MOST_BYTES)
     except ValueError as error:
         raise RobotError(str(error)) from error
     try:
@@ -161,7 +161,7 @@ def _parsed(text: str) -> ElementTree.Element:
     Raises:
         ValueError: it is no URDF, or its wheels are no plain ones.
     """
-    root = guarded.xml_tree(text)
+    root = foreign.xml_tree(text)
     if root.tag != "robot" or root.find("link") is None:
         raise ValueError("this is no URDF: there is no <robot> with a <link>")
     if "${" in text or any("xacro" in element.tag for element in root.iter()):
@@ -229,7 +229,7 @@ def _readable(root: ElementTree.Element) -> mujoco.MjSpec:
     plain.extend([ElementTree.Element("link", name=_ROOT), *links, *joints, standing])
     try:
         text = ElementTree.tostring(plain, encoding="unicode")
-        guarded.require_readable(text)
+        foreign.tried_files(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"MuJoCo cannot read this URDF: {one_line(error)}") from error
     return mujoco.MjSpec.from_string(text)

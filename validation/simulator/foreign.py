@@ -1,22 +1,21 @@
-"""A foreign MJCF or URDF: MuJoCo tries it in a child process that can open no file, and neither lasts nor grows for long.
+"""A foreign MJCF or URDF: MuJoCo tries it in a child process, which has only the files of its folder.
 
 MuJoCo's reader answers no signal while it works. A file that the child has read is as quick for this process.
 """
-# pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
-import base64
-import json
 import os
-import subprocess  # nosec B404 # it runs this file
-import sys
 import xml.etree.ElementTree as ElementTree  # nosec B405 # of texts that declare no entities
 from collections.abc import Mapping
 from pathlib import Path
 
-MOST_SECONDS, MOST_MEMORY = 10, 2 << 30
-"""Time [s] and memory [bytes] that reading and compiling may take."""
+import mujoco
+
+from validation.files import guarded
+
+ALLOWANCE = guarded.Allowance(seconds=10.0, memory=2 << 30)
+"""What reading and compiling may use, with all files that are included."""
 MOST_BYTES = 1 << 22
 """Greatest size of a text [bytes]; large ones of manipulators have a few hundred thousand."""
 _MOST_FILES, _MOST_SIZE = 1000, 1 << 26
@@ -37,7 +36,7 @@ def xml_tree(text: str) -> ElementTree.Element:
         raise ValueError(f"this is no XML ({error})") from error
 
 
-def own_files(text: str, folder: Path) -> dict[str, bytes]:
+def _own_files(text: str, folder: Path) -> dict[str, bytes]:
     """Return the files that an MJCF names, by these names: those that lie in `folder` or below, and those that they include.
 
     Raises:
@@ -64,44 +63,31 @@ def own_files(text: str, folder: Path) -> dict[str, bytes]:
     return files
 
 
-def require_readable(text: str, files: Mapping[str, bytes] = {}) -> None:
-    """Let MuJoCo read and compile an MJCF or a URDF in a child process, with these files by name and no others.
+def tried_files(text: str, folder: Path | None = None) -> Mapping[str, bytes]:
+    """Let MuJoCo read and compile an MJCF or a URDF in a child process, and return the files that it brings, by name.
+
+    Args:
+        text: the MJCF or URDF.
+        folder: folder of its files; None for a text that may have none.
 
     Raises:
-        ValueError: it cannot, or not within `MOST_SECONDS` and `MOST_MEMORY`.
+        ValueError: MuJoCo cannot, or not within `ALLOWANCE`, or a file is not to be had.
     """
-    given = json.dumps({"text": text, "files": {name: base64.b64encode(data).decode() for name, data in files.items()}})
-    lean = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1"}
-    limits = f"{MOST_SECONDS} s and {MOST_MEMORY >> 30} GiB"
-    try:
-        ran = subprocess.run(  # nosec B603 # the arguments are our own
-            [sys.executable, "-P", __file__], input=given.encode(), capture_output=True, timeout=MOST_SECONDS, env=lean
-        )
-    except subprocess.TimeoutExpired as error:
-        raise ValueError(f"MuJoCo does not come to an end with it in {MOST_SECONDS} s") from error
-    if ran.returncode == 1 and ran.stdout:
-        raise ValueError(ran.stdout.decode("utf-8", "replace"))
-    if ran.returncode:
-        raise ValueError(f"MuJoCo gives it up within {limits}: does it repeat something without end?")
+    place = None if folder is None else str(folder.resolve())
+    names, parts = guarded.ask(compile_foreign, [text, place], ALLOWANCE)
+    return dict(zip(names, map(bytes, parts), strict=True))
 
 
-def _try() -> None:
-    """Read what comes on standard input; what is wrong goes to standard output, with exit status 1."""
-    import mujoco
-
-    given = json.load(sys.stdin)
-    files = {name: base64.b64decode(data) for name, data in given["files"].items()}
+def compile_foreign(text: str, folder: str | None) -> guarded.Answer:
+    """Compile a text with the files of a folder and no others; return the files' names, and what is in them."""
+    files = {} if folder is None else _own_files(text, Path(folder))
     if os.name == "posix":
         import resource
 
-        for what, most in (("CORE", 0), ("NOFILE", 0), ("CPU", MOST_SECONDS), ("AS", MOST_MEMORY)):
-            resource.setrlimit(getattr(resource, f"RLIMIT_{what}"), (most, most))
-    try:
-        mujoco.MjSpec.from_string(given["text"], include=files, assets=files).compile()
-    except (ValueError, MemoryError, RuntimeError, mujoco.FatalError) as error:
-        print(error, end="")
-        sys.exit(1)
-
-
-if __name__ == "__main__":
-    _try()
+        resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
+    warnings = list[str]()
+    mujoco.set_mju_user_warning(warnings.append)
+    mujoco.MjSpec.from_string(text, include=files, assets=files).compile()
+    if any("NaN" in warning for warning in warnings):
+        raise ValueError("it contains a NaN, but every number must be finite")
+    return list(files), list(files.values())

@@ -72,7 +72,7 @@ def test_every_template_has_a_caption_for_each_of_its_tables() -> None:
 def test_files_hold_every_number_beside_ours_with_a_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("validation.replicate.run.QUICK", SMALL.budget)
     report = replicate(quick=True, only=("3.9",), workers=2)
-    assert [p.name for p in report.save(tmp_path)] == ["replicate.png", "replicate.md", "replicate.json"]
+    assert [p.name for p in report.save(tmp_path)] == ["replicate.json", "replicate.png", "replicate.md"]
     document = json.loads((tmp_path / "replicate.json").read_text(encoding="utf-8"))
     assert (document["schema"], document["quick"]) == ("ssmr.replicate/1", True)
     assert list(document["tables"]) == ["3.8", "3.9"]

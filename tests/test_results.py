@@ -118,11 +118,11 @@ def test_nothing_written_in_its_picture_overlaps_or_leaves_it(figure: Figure) ->
 
 def test_its_files_are_whole_and_finite_and_rerun_takes_them(made: Any, saved: list[Path]) -> None:
     files = {path.suffix: path for path in saved}
-    assert saved[-1].suffix == ".json"
     assert sorted(saved) == sorted(saved[0].parent.iterdir())
-    document = json.loads(saved[-1].read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    document = json.loads(saved[0].read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert document.pop("files") == [path.name for path in saved[1:]]
     assert document == json.loads(json.dumps(made.as_dict(), allow_nan=False))
-    assert document["schema"] == f"ssmr.{saved[-1].stem}/1"
+    assert document["schema"] == f"ssmr.{saved[0].stem}/1"
     assert {"numpy", "mujoco", "ssmr-testbed"} <= set(document["versions"])
     assert imread(files[".png"]).shape[1] == 1600
     if ".rrd" in files:

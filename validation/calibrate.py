@@ -9,7 +9,7 @@ if __name__ == "__main__":
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -110,17 +110,14 @@ class Calibrated(Report):
     fits: Sequence[Fitted]
     """The fits, in their order."""
 
-    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
-        """Write profile.toml, diff_drive.yaml, the page, the picture and, last, calibrate.json; return their paths.
-
-        Raises:
-            OSError: the folder cannot be made or written.
-        """
-        place = store.make_folder(Path(folder))
-        profile, yaml = place / "profile.toml", place / "diff_drive.yaml"
-        self.profile.save(profile)
-        store.write_text(yaml, export_robot(self.profile.robot, "diff-drive", self.profile))
-        return [profile, yaml, *super().save(folder, recording=recording)]
+    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
+        """Return functions that write its files: profile.toml, diff_drive.yaml, the page and the picture."""
+        drive = export_robot(self.profile.robot, "diff-drive", self.profile)
+        return {
+            "profile.toml": self.profile.save,
+            "diff_drive.yaml": lambda path: store.write_text(path, drive),
+            **super().files(recording),
+        }
 
 
 @cli.program(Calibrate)

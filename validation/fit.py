@@ -8,7 +8,7 @@ if __name__ == "__main__":
     end_quietly()
 
 import datetime
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain
@@ -27,7 +27,7 @@ from ssmr.metrics.windows import HorizonErrors, WindowErrors
 from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
-from validation import cli, store
+from validation import cli
 from validation.bench.sources import (
     RECORDING,
     band_of,
@@ -210,15 +210,9 @@ class Fitted(SearchReport):
     better: bool | None
     """Whether the fitted plant errs less there than before; None where nothing was held out."""
 
-    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
-        """Write profile.toml, fit.png and, last, fit.json; return their paths.
-
-        Raises:
-            OSError: the folder cannot be made or written.
-        """
-        path = store.make_folder(Path(folder)) / "profile.toml"
-        self.profile.save(path)
-        return [path, *super().save(folder, recording=recording)]
+    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
+        """Return functions that write its files: profile.toml and fit.png."""
+        return {"profile.toml": self.profile.save, **super().files(recording)}
 
 
 @cli.program(Fit)

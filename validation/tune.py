@@ -9,7 +9,7 @@ if __name__ == "__main__":
 
 import datetime
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -129,15 +129,10 @@ class Tuned(SearchReport):
         """All gains by name."""
         return self.gain_set.values
 
-    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
-        """Write gains.toml, tune.png and, last, tune.json; return their paths.
-
-        Raises:
-            OSError: the folder cannot be made or written.
-        """
-        path = store.make_folder(Path(folder)) / "gains.toml"
-        store.write_text(path, dump_gains(self.gain_set))
-        return [path, *super().save(folder, recording=recording)]
+    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
+        """Return functions that write its files: gains.toml and tune.png."""
+        gains = dump_gains(self.gain_set)
+        return {"gains.toml": lambda path: store.write_text(path, gains), **super().files(recording)}
 
 
 @cli.program(Tune)

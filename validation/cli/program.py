@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,7 +23,7 @@ from validation import progress, store
 from validation.cli.checking import Checked
 from validation.cli.options import Flag, Seed, UserError, Workers, option
 from validation.cli.process import field_text, mistakes_are_users, run, say
-from validation.files.reading import read_file
+from validation.files.reading import opened, read_text
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import rich_table
 from validation.words import each_line, one_line, visible
@@ -34,9 +35,10 @@ _LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
 _ENDLESS = 10_000
 """Width of what is no terminal."""
-_STAMPS = {".json": b'"ssmr.', ".npz": b"jde_"}
-"""Texts in files of ours, by ending."""
-_MOST_BYTES = 1 << 30  # of a file in which they are looked for
+_MOST_JSON = 1 << 26
+"""Greatest size of a JSON file that is asked for the names of our files [bytes]."""
+_CHECKPOINT, _HEAD = b"identity.npy", 64
+"""First array of a checkpoint, which is named in so many bytes."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +180,7 @@ def require_writable(folder: Path) -> None:
 def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
     """Refuse to write over a file that is read, or in a folder that the user names over one that is not ours.
 
-    A file is ours if it has our stamp or, where files of its kind have none, if one beside it does.
+    A file is ours if a JSON file of ours is there that names it, or if it is a checkpoint.
 
     Raises:
         UserError: there is such a file among the `names` of what is written, and no `overwrite`.
@@ -189,13 +191,28 @@ def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
     texts = [text for value in values for text in (value if isinstance(value, tuple | list) else (value,))]
     read = [Path(os.path.realpath(text)) for text in texts if isinstance(text, str | Path)]  # a ring of links is itself
     there = [path for path in (folder / name for name in names) if os.path.lexists(path)]
-    ours = [path for path in there if path.suffix in _STAMPS and _STAMPS[path.suffix] in read_file(path, _MOST_BYTES)]
+    ours = {path.name for path in there} if options.out is None else _ours_among(there)
     for path in there:
-        known = options.out is None or path in ours or (bool(ours) and path.suffix not in _STAMPS)
-        if not known or Path(os.path.realpath(path)) in read:
+        if path.name not in ours or Path(os.path.realpath(path)) in read:
             raise UserError(
                 f"--out {folder} has a {path.name} already, which would be lost; name another, or add --overwrite"
             )
+
+
+def _ours_among(there: Sequence[Path]) -> set[str]:
+    """Return the names of the files, and of those that they name, that our programs wrote or were about to write."""
+    ours = set[str]()
+    for path in there:
+        with contextlib.suppress(ValueError, RecursionError):  # what cannot be read is not ours
+            if path.suffix == ".npz":
+                with opened(path) as stream:
+                    ours |= {path.name} if _CHECKPOINT in stream.read(_HEAD) else set()
+            elif path.suffix == ".json":
+                document = json.loads(read_text(path, _MOST_JSON))
+                if isinstance(document, dict) and str(document.get("schema")).startswith("ssmr."):
+                    named = document.get("files", [other.name for other in there])  # version 2.0 named none
+                    ours |= {path.name, *map(str, named)} if isinstance(named, list) else {path.name}
+    return ours
 
 
 @contextlib.contextmanager

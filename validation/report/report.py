@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -106,10 +107,28 @@ class Report:
         """Return the lines of its markdown file; none where it writes none."""
         return self.markdown().splitlines() if self.has_text else ()
 
-    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
-        """Write its picture, report, recording and, last, its JSON file; each is written whole or not at all.
+    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
+        """Return functions that write the files beside its JSON file, by name: its picture, text and recording."""
+        writers = dict[str, Callable[[Path], object]]()
+        if self.draw is not None:
+            writers[f"{self.program}.png"] = self._save_picture
+        if text := each_line("\n".join(self.report())):
+            writers[f"{self.program}.md"] = lambda path: store.write_text(path, text)
+        if recording and self.record is not None:
+            writers[f"{self.program}.rrd"] = partial(self.record, self)
+        return writers
 
-        The JSON file is written even where one of the others cannot be made.
+    def _save_picture(self, path: Path) -> None:
+        """Write its picture."""
+        from validation.report.drawing import save_figure
+
+        save_figure(self.figure(), path)
+
+    def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
+        """Write its JSON file, which names the files that follow, and then these; each is written whole or not at all.
+
+        The numbers are there before anything is drawn, and a program that was killed between two files knows that all are
+        its own.
 
         Args:
             folder: where to; it is made if it is missing.
@@ -121,28 +140,16 @@ class Report:
         Raises:
             OSError: the folder cannot be made or written.
         """
-        from validation.report.drawing import save_figure
-
-        place = Path(folder)
-        place.mkdir(parents=True, exist_ok=True)
-        picture, text, film, document = (place / f"{self.program}.{ending}" for ending in ("png", "md", "rrd", "json"))
-        written = []
-        try:
-            if self.draw is not None:
-                save_figure(self.figure(), picture)
-                written.append(picture)
-            if report := each_line("\n".join(self.report())):
-                store.write_text(text, report)
-                written.append(text)
-            if recording and self.record is not None:
-                self.record(self, film)
-                written.append(film)
-        finally:  # hours of work are not lost with a picture
-            store.write_json(document, self.as_dict())
-        return [*written, document]
+        place = store.make_folder(Path(folder))
+        writers = self.files(recording)
+        document = place / f"{self.program}.json"
+        store.write_json(document, {**self.as_dict(), "files": list(writers)})
+        for name, write in writers.items():
+            write(place / name)
+        return [path for path in (document, *map(place.joinpath, writers)) if path.exists()]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what its JSON file holds: plain values, no NaN."""
+        """Return what its JSON file holds besides the names of the other files: plain values, no NaN."""
         tables = {table.title: list(table.rows) for table in self.tables if table.rows}
         made = {"notes": list(self.notes()), "options": dict(self.options), "versions": dict(self.versions)}
         return dict(store.plain({"tables": tables, "status": self.status, **self.document, **made}))

@@ -96,7 +96,7 @@ def _runs(o: RunsStudy) -> dict[str, Run]:
 def _measure(o: RunsStudy, run: Run) -> Row:
     """Fit every plant to the first half of a log's motion and judge all on the second; what was finished is read back.
 
-    Files of a finished run lie in the study's folder: `NAME.toml`, the profile with all fits, and `NAME.json`.
+    Files of a finished run lie in the study's folder: `NAME.json`, and then `NAME.toml`, the profile with all fits.
     """
     folder = store.make_folder(o.out or o.folder())
     kept = folder / f"{run.name}.json"
@@ -104,8 +104,11 @@ def _measure(o: RunsStudy, run: Run) -> Row:
         "schema": SCHEMA, "plants": list(o.plants), "seed": o.seed, "versions": dict(store.versions()),
         "log": hashlib.sha256(log_path(run.log).read_bytes()).hexdigest(), "robot": run.profile.robot.name,
     }  # fmt: skip
-    if kept.is_file() and (before := json.loads(kept.read_text(encoding="utf-8"))).get("asked") == request:
-        return {"found": before}
+    fitted_profile = folder / f"{run.name}.toml"
+    if kept.is_file() and fitted_profile.is_file():
+        before = json.loads(kept.read_text(encoding="utf-8"))
+        if before.get("asked") == request:
+            return {"found": before}
     pieces = open_source(run.log, "wheels").pieces
     in_motion = [piece.t[piece.moves] for piece in pieces if piece.t is not None and piece.moves is not None]
     middle, profile, numbers = float(np.median(np.concatenate(in_motion))), run.profile, dict[str, Row]()
@@ -134,9 +137,10 @@ def _measure(o: RunsStudy, run: Run) -> Row:
     ]  # fmt: skip
     alike, judge = judged.document["alike"], judged.document.get("heading_judge", "localiser")
     summary = {"alike": alike, "told": alike_sentences(judged.plants, alike), "heading_judge": judge}
-    answer = {"asked": request, "rows": rows, "numbers": numbers, **summary}
-    profile.save(folder / f"{run.name}.toml")
+    own = {"schema": SCHEMA, "files": [fitted_profile.name]}
+    answer = {**own, "asked": request, "rows": rows, "numbers": numbers, **summary}
     store.write_json(kept, answer)
+    profile.save(fitted_profile)
     return {"found": answer}
 
 

@@ -1,18 +1,23 @@
-"""Results are saved so that a kill at any moment locks nobody out."""
+"""Results are saved so that a kill at any moment locks nobody out, and numbers that cannot be drawn are kept."""
 
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from ssmr.search.jde import Jde
 from tests.conftest import exit_status
 from validation.cli.__main__ import program_named
+from validation.fit import fit
 
 KILLED = """
 import os, signal, sys
@@ -78,3 +83,18 @@ def test_a_file_that_our_results_do_not_name_is_somebody_elses(tmp_path: Path, c
     (tmp_path / "compare.json").unlink()
     os.mkfifo(tmp_path / "compare.json")  # which nobody waits for
     assert again(COMPARE, tmp_path) == 2
+
+
+def test_numbers_that_cannot_be_drawn_are_written(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A checkpoint may hold any cost."""
+    fitted = fit("kinematic", "traj4@kinematic", free=("alpha_l",), population=8, generations=2, search="jde")
+    state = {**fitted.course.jde.state(), "history": np.array([38.0, 0.0, 1.7e308])}
+    huge = replace(fitted, course=replace(fitted.course, jde=Jde.restore(state)))
+    (tmp_path / "fit.png").write_text("of an earlier fit")
+    with caplog.at_level(logging.WARNING), np.errstate(all="ignore"):
+        written = huge.save(tmp_path)
+    assert [path.name for path in written] == ["fit.json", "profile.toml"]
+    assert {path.name for path in tmp_path.iterdir()} == {"fit.json", "profile.toml"}
+    (said,) = [record.getMessage() for record in caplog.records if "cannot be drawn" in record.getMessage()]
+    assert said.startswith(str(tmp_path / "fit.png"))
+    assert json.loads((tmp_path / "fit.json").read_text())["cost"] == fitted.cost

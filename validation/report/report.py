@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -11,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 from validation import store
 from validation.report.columns import legend
 from validation.report.table import Grid, Table, markdown_table, text_tables
-from validation.words import code_span, each_line, markdown, one_line
+from validation.words import code_span, each_line, markdown, one_line, shortened
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.figure import Figure
 
 
+_log = logging.getLogger(__name__)
+_LONGEST = 200  # greatest length of what a warning says of an error
 FINISHED, INTERRUPTED = "finished", "interrupted"
 """Ends that a program can have."""
 
@@ -119,10 +122,14 @@ class Report:
         return writers
 
     def _save_picture(self, path: Path) -> None:
-        """Write its picture."""
+        """Write its picture; a warning says that numbers beyond all measure cannot be drawn."""
         from validation.report.drawing import save_figure
 
-        save_figure(self.figure(), path)
+        try:
+            save_figure(self.figure(), path)
+        except (ValueError, ArithmeticError, MemoryError) as error:  # which are in the other files
+            path.unlink(missing_ok=True)  # an older one would show other numbers
+            _log.warning("%s cannot be drawn (%s); the numbers are written", path, shortened(error, _LONGEST))
 
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
         """Write its JSON file, which names the files that follow, and then these; each is written whole or not at all.

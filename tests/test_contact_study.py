@@ -155,7 +155,7 @@ def test_what_cannot_be_driven_says_why(small: Report) -> None:
     assert (document["schema"], document["study"]) == ("ssmr.study.contact/2", "contact")
     assert set(document["tables"]) == set(CONTACT_MEASURES)
     assert all(note.startswith("hopeless: no step: ") and "0.003" in note for note in document["notes"])
-    assert any("0.003" in line for line in small.report())
+    assert any("0.003" in line for line in small.markdown().splitlines())
     assert of(small, HOPELESS) == {"variant": HOPELESS}
     columns = {column for some in CONTACT_MEASURES.values() for column in some}
     for name in (BASELINE, PYRAMIDAL, DEFAULT):

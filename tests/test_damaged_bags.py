@@ -110,6 +110,16 @@ def test_metadata_that_doubles_itself_ends(
     assert answered(bag, capsys) == 2
 
 
+@pytest.mark.parametrize("count", ["1" + "0" * 30, str(2**62), "-5", ".inf", "[]"])
+def test_metadata_that_counts_what_cannot_be_is_refused_or_passed_over(
+    count: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write(tmp_path, "sqlite", circle(20))
+    metadata = bag / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("message_count: 20", f"message_count: {count}"))
+    answered(bag, capsys)
+
+
 def test_a_bag_that_unpacks_to_gigabytes_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -203,15 +203,14 @@ def _ours_among(there: Sequence[Path]) -> set[str]:
     """Return the names of the files, and of those that they name, that our programs wrote or were about to write."""
     ours = set[str]()
     for path in there:
-        with contextlib.suppress(ValueError, RecursionError):  # what cannot be read is not ours
+        with contextlib.suppress(ValueError, TypeError, LookupError, AttributeError, RecursionError):  # it is not ours
             if path.suffix == ".npz":
                 with opened(path) as stream:
                     ours |= {path.name} if _CHECKPOINT in stream.read(_HEAD) else set()
             elif path.suffix == ".json":
                 document = json.loads(read_text(path, _MOST_JSON))
-                if isinstance(document, dict) and str(document.get("schema")).startswith("ssmr."):
-                    named = document.get("files", [other.name for other in there])  # version 2.0 named none
-                    ours |= {path.name, *map(str, named)} if isinstance(named, list) else {path.name}
+                if document["schema"].startswith("ssmr."):
+                    ours |= {path.name, *document.get("files", [other.name for other in there])}  # 2.0 named none
     return ours
 
 

@@ -85,7 +85,7 @@ def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
     limits = options.limits
     most = int(min(limits.samples, _LATEST))
     try:
-        (count, kinds, others), parts = guarded.ask(collect, [os.path.abspath(path), most + 1], allowed)
+        (count, kinds, others), parts = guarded.ask(collect, [str(path), most + 1], allowed)
     except ValueError as error:
         raise FileError(path, f"this is no bag that can be read, or a damaged one: {error}") from error
     for name, many in (("samples", count), ("columns", len(kinds))):
@@ -94,10 +94,10 @@ def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
     if not kinds and not others:
         raise FileError(path, "the bag is empty: there is no message in it")
     stamps = [np.frombuffer(part, np.int64) for part in parts]
-    clocks = [_clock(written, header) for written, header in zip(stamps[::3], stamps[1::3], strict=True)]
+    clocks = list(map(_clock, stamps[::3], stamps[1::3]))
     epoch = min((int(ns.min()) for ns, _ in clocks), default=0)
     topics = [_topic(*read, epoch) for read in zip(kinds, parts[2::3], clocks, strict=True)]
-    unread = [Topic(name, kind, np.broadcast_to(0.0, many), None) for name, kind, many in others]
+    unread = [Topic(name, kind, np.broadcast_to(0.0, many), None) for (name, kind), many in others]
     return [*topics, *unread]
 
 
@@ -128,9 +128,7 @@ def _clock(written: NDArray[np.int64], header: NDArray[np.int64]) -> tuple[NDArr
     return (header, "") if jump < _CLOCK_JUMP else (written, f"the messages' clock jumps by {jump:.3f} s")
 
 
-def _topic(
-    key: tuple[str, str, Sequence[str]], numbers: memoryview, clock: tuple[NDArray[np.int64], str], epoch: int
-) -> Topic:
+def _topic(key: tuple[str, str, Sequence[str]], numbers: bytes, clock: tuple[NDArray[np.int64], str], epoch: int) -> Topic:
     """Return messages as a topic, sorted by their stamps [ns], which become seconds from the epoch [ns] on."""
     name, kind, columns = key
     ns, remark = clock

@@ -12,12 +12,13 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from ssmr.geometry import quat_wxyz_to_yaw
 from validation.files.guarded import Answer
 from validation.files.log import COMMAND_COLUMNS
 
+_MOST_COUNT = 2**53  # greatest number of messages that a topic may claim
 _LATEST_NS = 2**62  # greatest stamp of writing [ns], in the year 2116: differences of stamps stay within 64 bits
 _Row = tuple[int, dict[str, float]] | None
 """The header's stamp [ns] (0 for none), and the numbers by column; None for a message that says nothing."""
@@ -76,17 +77,6 @@ READERS: Mapping[str, Callable[[Any], _Row]] = MappingProxyType(
 
 
 # ------------------------------------------------------------------------------------------ bags
-class _Messages(NamedTuple):
-    """Messages of one topic and type that have the same columns, in the order of writing."""
-
-    written_ns: array[int]
-    """Stamps of writing [ns]."""
-    header_ns: array[int]
-    """Stamps of measuring [ns], 0 for none."""
-    numbers: array[float]
-    """Numbers, message by message."""
-
-
 def collect(path: str, most: int) -> Answer:
     """Return what the messages of a bag say, as far as their types are known.
 
@@ -96,7 +86,8 @@ def collect(path: str, most: int) -> Answer:
 
     Returns:
         The number of messages that were read; topic, type and names of columns of each kind of message; and topic, type and
-        number of the messages that were not read. The buffers are those of `_Messages`, three for each kind.
+        number of the messages that were not read. Each kind has three buffers: stamps of writing and of measuring [ns], 0
+        for none, and the numbers, message by message.
 
     Raises:
         Exception: the bag is none, or damaged; rosbags and what it reads with raise errors of many classes.
@@ -104,7 +95,7 @@ def collect(path: str, most: int) -> Answer:
     from rosbags.highlevel import AnyReader  # here: it takes a fifth of a second, and only a child process needs it
     from rosbags.typesys import Stores, get_typestore
 
-    kinds: dict[tuple[str, str, tuple[str, ...]], _Messages] = {}
+    kinds: dict[tuple[str, str, tuple[str, ...]], tuple[array[int], array[int], array[float]]] = {}
     count = 0
     # the type store serves bags that do not contain their message types: ROS 2 before Iron
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
@@ -118,16 +109,18 @@ def collect(path: str, most: int) -> Answer:
             if row := READERS[kind](reader.deserialize(raw, kind)):
                 header_ns, numbers = row
                 key = (connection.topic, kind, tuple(numbers))
-                if key not in kinds:
-                    kinds[key] = _Messages(array("q"), array("q"), array("d"))
-                kinds[key].written_ns.append(ns)
-                kinds[key].header_ns.append(header_ns)
-                kinds[key].numbers.extend(numbers.values())
-        used = {topic for topic, _, _ in kinds}
+                written, header, table = kinds.setdefault(key, (array("q"), array("q"), array("d")))
+                written.append(ns)
+                header.append(header_ns)
+                table.extend(numbers.values())
+        read = {topic for topic, _, _ in kinds}
         unread: Counter[tuple[str, str]] = Counter()
         for c in reader.connections:
-            if c.topic not in used and c.msgcount:
+            if c.topic not in read and c.msgcount:
                 unread[c.topic, c.msgtype] += max(0, int(c.msgcount))
-    others = [(*key, many) for key, many in unread.items()]
-    buffers = [memoryview(part).cast("B") for messages in kinds.values() for part in messages]
-    return [count, list(kinds), others], buffers
+    buffers = []
+    if max(unread.values(), default=0) > _MOST_COUNT:
+        raise ValueError(f"a topic claims to have {max(unread.values())} messages")
+    for written, header, table in kinds.values():
+        buffers += [memoryview(part).cast("B") for part in (written, header, table)]
+    return [count, list(kinds), list(unread.items())], buffers

@@ -106,17 +106,13 @@ class Report:
         meanings = [f"- {line}" for line in legend(dict.fromkeys(key for table in self.tables for key in table.keys))]
         return "\n".join([*lines, *(["", "## What the metrics mean", "", *meanings] if meanings else [])]) + "\n"
 
-    def report(self) -> Sequence[str]:
-        """Return the lines of its markdown file; none where it writes none."""
-        return self.markdown().splitlines() if self.has_text else ()
-
     def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
         """Return functions that write the files beside its JSON file, by name: its picture, text and recording."""
         writers = dict[str, Callable[[Path], object]]()
         if self.draw is not None:
             writers[f"{self.program}.png"] = self._save_picture
-        if text := each_line("\n".join(self.report())):
-            writers[f"{self.program}.md"] = lambda path: store.write_text(path, text)
+        if self.has_text:
+            writers[f"{self.program}.md"] = lambda path: store.write_text(path, each_line(self.markdown()))
         if recording and self.record is not None:
             writers[f"{self.program}.rrd"] = partial(self.record, self)
         return writers

@@ -75,7 +75,7 @@ def tried_files(text: str, folder: Path | None = None) -> Mapping[str, bytes]:
     """
     place = None if folder is None else str(folder.resolve())
     names, parts = guarded.ask(compile_foreign, [text, place], ALLOWANCE)
-    return dict(zip(names, map(bytes, parts), strict=True))
+    return dict(zip(names, parts, strict=True))
 
 
 def compile_foreign(text: str, folder: str | None) -> guarded.Answer:

@@ -71,10 +71,10 @@ def _forms(name: str, given: Any, readers: Iterable[PrimitiveConstructorSpec[Any
 
 def _require_readable(name: str, value: Any, readers: Iterable[PrimitiveConstructorSpec[Any]]) -> None:
     """Refuse numbers, tuples and mappings that the command line would refuse, such as seeds below zero."""
-    numbers = value if isinstance(value, tuple) else (value,)
-    if any(isinstance(number, float) and math.isnan(number) for number in numbers):
+    parts = value if isinstance(value, tuple) else (value,)
+    if any(isinstance(part, float) and math.isnan(part) for part in parts):
         raise ValueError(f"{name} must be a finite number, got {value}")
-    if isinstance(value, int | float | tuple | Mapping):
+    if all(isinstance(part, int | float | str | Mapping) for part in parts):
         for reader in readers:
             _read(name, reader.str_from_instance(value)[0], reader)
 

@@ -1,3 +1,0 @@
-from .run import replicate as replicate
-
-__all__ = ["replicate"]

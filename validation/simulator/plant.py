@@ -47,8 +47,8 @@ because MuJoCo's contacts know nothing of implicit damping: they see wheels that
 of every change."""
 SETTLE_CONSTANTS = 50.0
 """Time for which the robot stands before its resting height is taken, in time constants of the contact; 1 s for a Husky."""
-_COLUMNS = 15
-"""Numbers of a sample on even ground."""
+_COLUMNS = 23
+"""Numbers of a sample."""
 CHUNK = 2000
 """Physics steps of a chunk: enough that starting one costs nothing beside them."""
 _TURN = 2.0 * np.pi
@@ -94,6 +94,8 @@ class MujocoPlant:
         self.wheel_dofs = tuple(
             [dof for wheel, dof in zip(WHEELS, self._parts.dofs, strict=True) if wheel.endswith(side)] for side in SIDES
         )
+        places = [int(self.model.sensor(f"force_{wheel}").adr[0]) for wheel in WHEELS]
+        self._forces = np.add.outer(places, range(2))
         level = level_rest(self.model, mujoco.MjData(self.model), calibration) if self.terrain.level else None
         self._resting = self._settle() if level is None else level
         self._driver: Driver | None = None
@@ -221,8 +223,9 @@ class MujocoPlant:
     def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
         """Drive `commands` at once, by `mujoco.rollout`.
 
-        Returns: The motion, with channels `wheel_load_N` (M, 4; front left, front right, rear left, rear right),
-            `yaw_acceleration_rad_s2` (M,) and, where no wheel rates are given, `torque_N_m` (M, 2).
+        Returns: The motion, with channels `yaw_acceleration_rad_s2` (M,) and, where no wheel rates are given, `torque_N_m`
+            (M, 2); and for the wheels front left, front right, rear left, rear right `wheel_load_N` (M, 4) and the forces of
+            the ground in the body's axes, `force_x_N` and `force_y_N` (M, 4).
 
         Raises:
             DivergedError: the simulator gave up.
@@ -289,7 +292,7 @@ class MujocoPlant:
             last = rates[-1]
 
     def _rows(self, chunk: Samples) -> FloatArray:
-        """Return the (m, 15) numbers of a trajectory's samples."""
+        """Return the (m, 23) numbers of a trajectory's samples."""
         nq = self.model.nq
         qpos, qvel = chunk.states[:, 1 : 1 + nq], chunk.states[:, 1 + nq : 1 + nq + self.model.nv]
         wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
@@ -298,13 +301,20 @@ class MujocoPlant:
         columns = [
             *(qpos[:, :2], chunk.yaw, rotate_world_to_body(qvel[:, :2], chunk.yaw), qvel[:, 5], wheels),
             *(chunk.sensors[:, self._parts.loads], torques, chunk.yaw_acceleration),
+            *np.moveaxis(rotate_world_to_body(chunk.sensors[:, self._forces], chunk.yaw[:, None]), -1, 0),
         ]
         return np.column_stack(columns)
 
 
 def motion_of(t: FloatArray, table: FloatArray) -> Trajectory:
-    """Return the motion at (M,) instants [s] with (M, 15) poses, twists, wheel rates, loads, torques, yaw accelerations."""
+    """Return the motion at (M,) instants [s] from a table of its numbers.
+
+    It has (M, 15) poses, twists, wheel rates, loads, torques and yaw accelerations, or (M, 23) with the forces of the ground
+    along the body and across it.
+    """
     channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
+    if table.shape[1] > 15:
+        channels |= {"force_x_N": table[:, 15:19], "force_y_N": table[:, 19:23]}
     return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)
 
 

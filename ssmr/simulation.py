@@ -60,7 +60,10 @@ def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot:
     v, w, torque_left, torque_right = advance(
         now.v, now.w, Wanted(wheels.left, wheels.right, left, right), disturbance, dt, robot
     )
-    half, v_twice, w_twice = 0.5 * dt, now.v + v, now.w + w  # twice the velocities in the middle of the step
+    half = 0.5 * dt
+    # Twice the velocities in the middle of the step; ideal wheels have the new ones from its start.
+    v_twice = 2.0 * v if robot.ideal else now.v + v
+    w_twice = 2.0 * w if robot.ideal else now.w + w
     s, c = sine_cosine(fused(0.5 * half, w_twice, now.yaw))
     aside = fused(0.5 * robot.drift, v_twice, robot.x_icr) * w_twice
     x = fused(half, fused(v_twice, c, aside * s), now.x)  # Eq. 2.13

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from ssmr.geometry import rotate_body_to_world
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
@@ -144,3 +145,37 @@ def test_the_health_gate_tells_a_bad_run_and_what_to_change() -> None:
     assert "left the ground" in check_health(lifted).advice
     rough = smooth * (1.0 + 1.5 * DEVIATION_LIMIT * np.sign(np.sin(np.arange(100.0))))[:, None]
     assert "not smooth" in check_health(rough).advice
+
+
+def test_the_forces_of_the_ground_move_the_robot_and_stay_within_friction() -> None:
+    """Their sum over a weave is the change of momentum of the whole robot, in the world's axes.
+
+    In the jolt of the start its body pitches, which moves the centre of mass besides.
+    """
+    calibration = husky(friction=0.6, rolling_resistance=0.0)
+    plant = MujocoPlant(calibration, STIFF)
+    twists = TRAJECTORIES["traj4"].commands()
+    motion = plant.run(twists, State(), plant.dt)
+    names = ("force_x_N", "force_y_N")
+    of_wheels = np.stack([motion.channels[name] for name in names], axis=-1)  # (M, 4, 2)
+    size = np.hypot(of_wheels[:, :, 0], of_wheels[:, :, 1])
+    assert (size - 0.6 * motion.channels["wheel_load_N"]).max() < 1e-3 * GRAVITY * calibration.mass
+    total = rotate_body_to_world(of_wheels.sum(axis=1), motion.yaw)
+    velocity = motion.twist[:, :2] + motion.twist[:, 2:] * [-calibration.com_y, calibration.com_x]
+    momentum = calibration.mass * rotate_body_to_world(velocity, motion.yaw)
+    gained = plant.dt * np.cumsum(total[:-1], axis=0)
+    error = gained - (momentum[1:] - momentum[0])
+    calm = motion.t[1:] > 1.0
+    assert np.abs(error[calm]).max() < 0.001 * np.abs(momentum).max()
+
+
+def test_each_wheel_feels_the_ground_as_on_four_rigid_tyres() -> None:
+    """On the spot friction is the same on all wheels, and opposes their slip (docs/physics.md)."""
+    calibration = husky(friction=0.6, rolling_resistance=0.0)
+    plant = MujocoPlant(calibration, STIFF)
+    motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), SAMPLE_DT)
+    along, across = (motion.channels[name][-1] for name in ("force_x_N", "force_y_N"))
+    diagonal = math.hypot(TRACK, WHEELBASE)
+    most = 0.25 * 0.6 * calibration.mass * GRAVITY
+    assert along / most == pytest.approx(np.array([-1, 1, -1, 1]) * WHEELBASE / diagonal, abs=0.02)
+    assert across / most == pytest.approx(np.array([-1, -1, 1, 1]) * TRACK / diagonal, abs=0.02)

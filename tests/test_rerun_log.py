@@ -63,6 +63,8 @@ def arc(speed: float, yaw_rate: float, t: FloatArray, start: Sequence[float] = (
         "wheel_load_N": np.outer(one, [180.0, 181.0, 182.0, 183.0]) + np.sin(t)[:, None],
         "torque_N_m": np.outer(t, [1.0, 2.0]),
         "yaw_acceleration_rad_s2": 0.1 * t,
+        "force_x_N": np.outer(1.0 + t, [-60.0, 61.0, -62.0, 63.0]),
+        "force_y_N": np.outer(one, [-50.0, -51.0, 52.0, 53.0]),
     }
     return Trajectory(t, pose, np.outer(one, [speed, 0.0, yaw_rate]), wheels, channels)
 
@@ -76,7 +78,7 @@ def comparison(times: Sequence[FloatArray], plants: Sequence[str] = PLANTS, spee
     pieces = {}
     for k, name in enumerate(plants):
         made = tuple(arc(speed + 0.02 * k, 0.8, t, (float(t[0]), 0.1 * k, 3.0)) for t in times)
-        pieces[name] = made if name == "mujoco" else tuple(without(p, "wheel_load_N") for p in made)
+        pieces[name] = made if name == "mujoco" else tuple(without(p, "wheel_load_N", "force_x_N") for p in made)
     commands = tuple(Commands(0.05, np.tile([speed, 0.8], (max(1, round((t[-1] - t[0]) / 0.05)), 1))) for t in times)
     results = {name: PlantResult(name, p, UNRATED, {}, 0.1, 20.0) for name, p in pieces.items()}
     options = {"input": "commands", "noise": False, "horizons": 6.0}
@@ -203,6 +205,47 @@ def test_wheels_roll_the_way_the_robot_drives(tmp_path: Path, speed: float, dire
     left, right = (speed - 0.4) * t[-1] / RADIUS, (speed + 0.4) * t[-1] / RADIUS
     wanted = {w: left if w.endswith("left") else right for w in WHEELS}
     assert turned == pytest.approx(wanted, rel=1e-5)  # single precision through an arc sine
+
+
+def test_forces_of_the_ground_are_arrows_of_one_scale_where_a_plant_tells_them(
+    shown: tuple[Comparison, Path, Read],
+) -> None:
+    made, _, read = shown
+    motion = made.plants["mujoco"].pieces[0]
+    at, arrows = read.over_time["world/mujoco/robot/contact_force"]["Arrows3D:vectors"]
+    rows = np.searchsorted(motion.t, at - 1e-6)
+    names = ("force_x_N", "force_y_N", "wheel_load_N")
+    forces = np.stack([motion.channels[name][rows] for name in names], axis=-1)
+    factor = np.array(arrows) / forces
+    assert factor.min() > 0.0
+    assert factor.max() == pytest.approx(factor.min(), rel=2.0 * SINGLE)
+    told = {plant for plant in PLANTS if f"world/{plant}/robot/contact_force" in read.over_time}
+    assert told == {"mujoco"}
+    for name in names[:2]:
+        _, values = read.track(f"plots/{name.removesuffix('_N')}/mujoco", "Scalars:scalars")
+        assert values.shape == (len(motion), 4)
+
+
+def test_the_centre_of_rotation_of_a_circle_is_its_middle(shown: tuple[Comparison, Path, Read]) -> None:
+    """A robot on a circle to the left with v = 0.5 m/s and 0.8 rad/s turns about a point beside it."""
+    _, _, read = shown
+    _, points = read.over_time["world/mujoco/robot/rotation_centre"]["Points3D:positions"]
+    assert np.abs(np.array(points)[:, 0] - [0.0, 0.5 / 0.8, 0.0]).max() < 1e-6
+    _, ahead = read.track("plots/rotation_centre/mujoco", "Scalars:scalars")
+    assert np.abs(ahead).max() < 1e-6
+
+
+def test_a_robot_that_drives_straight_has_no_centre_of_rotation(tmp_path: Path) -> None:
+    turning = comparison([A_MOMENT], ["mujoco"])
+    straight = replace(turning.reference[0], twist=turning.reference[0].twist * [1.0, 1.0, 0.0])
+    result = PlantResult("mujoco", (straight,), UNRATED, {}, 0.1, 20.0)
+    made = compared("straight", (straight,), turning.commands, {"mujoco": result})
+    write_recording(made, tmp_path / "straight.rrd")
+    read = Read.file(tmp_path / "straight.rrd")
+    _, points = read.over_time["world/mujoco/robot/rotation_centre"]["Points3D:positions"]
+    assert not any(points)
+    _, ahead = read.track("plots/rotation_centre/mujoco", "Scalars:scalars")
+    assert np.isnan(ahead).all()
 
 
 def test_nothing_is_drawn_across_gaps(in_pieces: tuple[Comparison, Read]) -> None:

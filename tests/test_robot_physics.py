@@ -76,7 +76,7 @@ def motion(document: dict[str, Any], drive: dict[str, float], length: float, mas
 
     Returns:
         (M, 10) place over wheel radius, yaw, wheel rates times the unit of time, loads over a quarter of the weight, and
-        torques over weight and wheel radius.
+        torques over weight and wheel radius, which there are none of where rates are given.
     """
     time, torque = math.sqrt(length), mass * length
     factors = {
@@ -99,13 +99,14 @@ def motion(document: dict[str, Any], drive: dict[str, float], length: float, mas
         commands = Commands(0.05 * time, 4.0 / time * np.column_stack([twists[:, 0], twists[:, 0] + twists[:, 1]]), "wheels")
     measured = plant.run(commands, State(), 0.05 * time)
     radius, weight = robot.geometry.wheel_radius, calibration.mass * 9.81
+    torques = measured.channels.get("torque_N_m", np.zeros((len(measured), 2)))
     return np.column_stack(
         [
             measured.xy / radius,
             measured.yaw,
             measured.wheels * math.sqrt(radius),
             measured.channels["wheel_load_N"] / (0.25 * weight),
-            measured.channels["torque_N_m"].sum(axis=1) / (weight * radius),
+            torques.sum(axis=1) / (weight * radius),
         ]
     )
 

@@ -1,7 +1,8 @@
 """The friction laws of the thesis, and the force of a tyre of brushes, as functions of numbers.
 
-The laws of the thesis are Coulomb friction (Eq. 2.18), which is `sign` times friction and load, and the improved dry
-friction (Eq. 2.29-2.31). The linear model has a line about rest, called hyperviscous (Eq. 2.39, 2.40), in its matrices.
+The laws of the thesis are Coulomb friction (Eq. 2.18), which is `sign` times friction and load, its smooth form with an
+arctangent (Eq. 2.33-2.35), and the improved dry friction (Eq. 2.29-2.31). The arctangent's line about rest, called
+hyperviscous (Eq. 2.39, 2.40), is the friction of the linear model, which has it in its matrices.
 
 The force of a tyre grows with slip until all of its contact slides, and it needs some way to build up: the brush model with
 a parabolic pressure (H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. 2012, Ch. 3.2). Where the stiffness differs along and
@@ -28,6 +29,19 @@ def sign(x: float) -> float:
     if x < 0.0:
         return -1.0
     return 0.0
+
+
+def arctangent_friction(coefficient: float, load: float, v: float, steepness: float) -> float:
+    """Return the friction force [N] of a load [N] at a speed v [m/s], to be SUBTRACTED (Eq. 2.33, 2.35).
+
+    It tends to Coulomb friction as the `steepness` k_s [s/m] grows, and is 0 at rest.
+    """
+    return coefficient * load * 2.0 / math.pi * math.atan(steepness * v)
+
+
+def viscous_coefficient(coefficient: float, steepness: float) -> float:
+    """Return K = (2/pi) k_s mu [s/m], the slope of `arctangent_friction` at rest over the load (Eq. 2.39, 2.40)."""
+    return 2.0 / math.pi * steepness * coefficient
 
 
 @jit

@@ -27,9 +27,9 @@ from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, Plant, State, Trajectory
 from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN, find_faults
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
-from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Log, ReadOptions
+from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Group, Log, ReadOptions
 from validation.files.reading import exists
-from validation.files.signals import TIME_ROUNDOFF, fresh_poses, moving_mean, refreshed
+from validation.files.signals import TIME_ROUNDOFF, fresh_poses, held, moving_mean, refreshed
 from validation.plants.profile import Pace
 from validation.plants.table import ALL_PLANTS, STANDARD
 from validation.simulator.description import Robot
@@ -175,10 +175,10 @@ def source_of(
         moves = np.abs([moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0) > WHEELS_TURN
     jumps = np.empty(0, dtype=np.intp) if faults.jumps is None else faults.jumps.index
     on_time = every if faults.jumps is None else every & ~faults.jumps.late
-    pieces = []
+    group, pieces = log.own_group(names[0]), []
     for s in log.stretches():
         t, fresh = log.t[s], every[s]
-        commands = commands_on_grid(t, inputs[s], kind, RECORDING_GRID)
+        commands = commands_on_grid(*_samples_within(group, names, t), kind, RECORDING_GRID, t)
         commands = replace(commands, before=(float(commands.values[0, 0]), float(commands.values[0, 1])))
         motion = _recorded_motion(t, pose[s], fresh, wheels[s], None if gyro is None else gyro[s])
         inside = jumps[(jumps > s.start) & (jumps < s.stop)] - s.start
@@ -191,22 +191,58 @@ def source_of(
     return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title, log)
 
 
-def commands_on_grid(t: FloatArray, inputs: FloatArray, kind: CommandKind, dt: float) -> Commands:
-    """Return (M, 2) inputs at stamps [s] on a uniform grid: ceil(duration / dt) commands, the first at the first stamp.
+def _samples_within(
+    group: Group,
+    names: Sequence[str],
+    t: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return (K,) stamps [s] and (K, 2) columns of a group's samples that tell a stretch of time.
+
+    The first one is the last before the (M,) instants `t` [s], the last one the first after them.
+    """
+    first = max(int(np.searchsorted(group.t, t[0], side="right")) - 1, 0)
+    stop = int(np.searchsorted(group.t, t[-1])) + 1
+    columns = [group.columns[name][first:stop] for name in names]
+    return group.t[first:stop], np.column_stack(columns)
+
+
+def commands_on_grid(
+    stamps: FloatArray,
+    inputs: FloatArray,
+    kind: CommandKind,
+    dt: float,
+    t: FloatArray | None = None,
+) -> Commands:
+    """Return inputs on a uniform grid: ceil(duration / dt) commands, from the first instant on.
 
     Commands are held until the next sample (zero-order hold): each grid time takes the last sample at or before it,
     where a sample up to `TIME_ROUNDOFF` later counts too. Wheel rates are measurements of something that goes on
     between samples: each side is interpolated linearly from one fresh sample of its own to the next and taken in the
     middle of each period. Holding them would make the wheels late by half a sample.
+
+    Args:
+        stamps: (K,) stamps of the inputs [s].
+        inputs: (K, 2) inputs.
+        kind: which inputs they are.
+        dt: period of the grid [s].
+        t: (M,) instants that the grid covers [s], `stamps` if not given. Commands with stamps of
+            their own count as zero before the first one, and when they are half a second old.
     """
-    t = t - t[0]
-    n = max(1, math.ceil((float(t[-1]) - TIME_ROUNDOFF) / dt))
+    covered = stamps if t is None else t
+    own = stamps - covered[0]
+    n = max(1, math.ceil((float(covered[-1] - covered[0]) - TIME_ROUNDOFF) / dt))
     if kind == "wheels":
         middle = (np.arange(n) + 0.5) * dt
-        known = [refreshed(t, side[:, None]) for side in inputs.T]
-        sides = [np.interp(middle, t[new], side[new]) for new, side in zip(known, inputs.T, strict=True)]
+        sides = []
+        for side in inputs.T:
+            new = refreshed(own, side[:, None])
+            sides.append(np.interp(middle, own[new], side[new]))
         return Commands(dt, np.column_stack(sides), kind)
-    return Commands(dt, inputs[np.searchsorted(t, np.arange(n) * dt + TIME_ROUNDOFF, side="right") - 1], kind)
+    grid = np.asarray(np.arange(n) * dt, dtype=np.float64)
+    if np.array_equal(stamps, covered):
+        last = np.searchsorted(own, grid + TIME_ROUNDOFF, side="right") - 1
+        return Commands(dt, inputs[last], kind)
+    return Commands(dt, np.column_stack([held(grid, own, column) for column in inputs.T]), kind)
 
 
 def initial_state(t: FloatArray, pose: FloatArray, fresh: NDArray[np.bool_], wheels: FloatArray) -> State:

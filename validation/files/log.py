@@ -227,6 +227,8 @@ class Log:
     """Sentences about the file's clocks."""
     limits: LogLimits = USUAL
     """Limits that it was read with; they hold for its common clock as well."""
+    recorded: Mapping[str, Group] = field(default_factory=dict)
+    """Groups with the stamps of their own, if `groups` were brought onto one clock; else empty."""
 
     @classmethod
     def of_columns(cls, path: str | Path, columns: Mapping[str, ArrayLike], limits: LogLimits = USUAL) -> Log:
@@ -272,7 +274,14 @@ class Log:
     def changed(self, name: str, columns: Mapping[str, FloatArray]) -> Log:
         """Return the log with columns of the group `name` replaced or added, each (M,)."""
         group = self.groups[name]
-        return replace(self, groups={**self.groups, name: replace(group, columns={**group.columns, **columns})})
+        changed = replace(group, columns={**group.columns, **columns})
+        recorded = {other: g for other, g in self.recorded.items() if other != name}
+        return replace(self, groups={**self.groups, name: changed}, recorded=recorded)
+
+    def own_group(self, column: str) -> Group:
+        """Return the group of a column that the log has, with stamps of its own."""
+        name = column_of(column).group
+        return self.recorded.get(name) or self.groups[name]
 
     # ----------------------------------------------------------------------------------------- on one clock
     @property
@@ -336,7 +345,7 @@ class Log:
             name: Group(self.groups[name].source, t, {n: a[keep] for n, a in arrays.items()}, period)
             for name, arrays in columns.items()
         }
-        return replace(self, groups=groups)
+        return replace(self, groups=groups, recorded=self.groups)
 
     def _clock(self, rate: float | None) -> FloatArray:
         """Return the (N,) instants of a common clock: shared stamps, or a grid over the time of all measured groups."""

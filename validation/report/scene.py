@@ -2,7 +2,8 @@
 
 The world is in metres, z up, on the timeline `sim_time`; lines over time are in the units of the picture:
 
-- `world/NAME/robot`: the reference point on the ground over time; below it `base` and the four wheels;
+- `world/NAME/robot`: the reference point on the ground over time; below it `base` and the four
+  wheels, `contact_force`, the force of the ground on each wheel, and `rotation_centre`;
 - `world/NAME/path`, `.../end`: the whole path, and the robot's name where it ends;
 - `world/target`: the moving target of a controller, an arrow along its heading;
 - `plots/QUANTITY/NAME`: what is drawn over time;
@@ -31,6 +32,7 @@ except ImportError as missing:
     raise ImportError("recordings need the package rerun-sdk; save(folder, recording=False) does without") from missing
 
 from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, wrap_angle, yaw_to_quat_wxyz
+from ssmr.robot.ground import LEFT
 from ssmr.types import FloatArray
 from validation.report.columns import Unit, length_unit
 from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
@@ -45,6 +47,10 @@ _GRID: Rgb = (186, 191, 198)
 _SKY: Rgb = (238, 240, 243)
 _TARGET: Rgb = (20, 20, 24)
 _BELOW = 0.004  # the ground is drawn so much too low, so that lines on it show [m]
+_LOAD_LENGTH = 0.45  # of the arrow of a mean wheel load, of a robot of a Husky's size [m]
+_LEAST_TURNING = 0.05
+"""Yaw rate below which the centre of rotation is far off, and noise moves it by metres [rad/s]."""
+_NEAR = 1.5  # distance up to which that centre is drawn, of a robot of a Husky's size [m]
 _MOST_SAMPLES = 45_000  # of a line over time: twenty for each point of a screen's width
 _VIEWS = (
     {
@@ -58,9 +64,16 @@ _VIEWS = (
         "yaw_rate": "Yaw rate",
         "yaw_acceleration": "Yaw acceleration",
         "speed": "Speed",
+        "side_speed": "Speed to the left",
+        "rotation_centre": "Centre of rotation, ahead",
         "wheel_rate": "Commanded wheel rates",
     },
-    {"wheel_load": "Wheel loads", "torque": "Motor torques on each side"},
+    {
+        "wheel_load": "Wheel loads",
+        "force_x": "Forces along the wheels",
+        "force_y": "Forces across the wheels",
+        "torque": "Motor torques on each side",
+    },
 )
 """Groups of plots above one another, a tab each: titles by the quantity, which is the beginning of their entities."""
 
@@ -172,6 +185,51 @@ def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> No
         quat_xyzw = np.column_stack([zero, np.sin(half), zero, np.cos(half)])
         translation = np.tile(looks.places[wheel], (len(rows), 1))  # a static one would not combine with turns over time
         _send_transforms(recording, f"{entity}/{wheel}", t, translation, quat_xyzw)
+    _write_forces(recording, track)
+    _write_rotation_centre(recording, track)
+
+
+def _write_forces(recording: rr.RecordingStream, track: Track) -> None:
+    """Log the forces of the ground as arrows in the robot's axes, where its plant tells them.
+
+    They stand beside the wheels, because these would hide them.
+    """
+    channels = [track.channel(name) for name in ("force_x_N", "force_y_N", "wheel_load_N")]
+    told = [channel for channel in channels if channel is not None]
+    if len(told) < len(channels):
+        return
+    looks = looks_of(track.robot)
+    rows = track.rows
+    forces = np.stack(told, axis=-1)  # (M, 4, 3)
+    mean_load = max(float(forces[:, :, 2].mean()), 1e-9)
+    vectors = _LOAD_LENGTH * looks.scale / mean_load * forces[rows]
+    outwards = 0.6 * track.robot.geometry.wheel_width * LEFT
+    below = [
+        [looks.places[wheel][0], looks.places[wheel][1] + beside, 0.0]
+        for wheel, beside in zip(WHEELS, outwards.tolist(), strict=True)
+    ]
+    entity = f"world/{track.name}/robot/contact_force"
+    look = rr.Arrows3D.from_fields(colors=[bright(track.name)], radii=[0.012 * looks.scale])
+    recording.log(entity, look, static=True)
+    origins = np.tile(below, (len(rows), 1))
+    columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), origins=origins)
+    arrows = columns.partition([len(WHEELS)] * len(rows))
+    time = rr.TimeColumn(_TIMELINE, duration=track.t[rows])
+    recording.send_columns(entity, [time], arrows)
+
+
+def _write_rotation_centre(recording: rr.RecordingStream, track: Track) -> None:
+    """Log the point of the robot's plane that stands, while the robot turns and it is near."""
+    rows, scale = track.rows, looks_of(track.robot).scale
+    centre = rotation_centre(track)[rows]
+    near = np.hypot(centre[:, 0], centre[:, 1]) < _NEAR * scale  # not where it is NaN
+    entity = f"world/{track.name}/robot/rotation_centre"
+    look = rr.Points3D.from_fields(colors=[bright(track.name)], radii=[0.04 * scale])
+    recording.log(entity, look, static=True)
+    places = np.column_stack([centre[near], np.zeros(np.count_nonzero(near))])
+    points = rr.Points3D.columns(positions=places).partition(near.astype(int))
+    time = rr.TimeColumn(_TIMELINE, duration=track.t[rows])
+    recording.send_columns(entity, [time], points)
 
 
 def _send_poses(recording: rr.RecordingStream, entity: str, t: FloatArray, pose: FloatArray) -> None:
@@ -249,11 +307,17 @@ def _write_series(recording: rr.RecordingStream, entity: str, series: Series, ga
 
 
 def plots_of(track: Track, length: Unit) -> dict[str, Series]:
-    """Return the lines over time of one robot by entity: velocities, errors (in `length`), torques and wheel loads."""
+    """Return the lines over time of one robot by entity.
+
+    They are velocities, errors (in `length`), torques and the forces of the ground.
+    """
     twist, plots = np.concatenate([p.twist for p in track.pieces]), dict[str, Series]()
+    body_twist = track.localiser.body_twist(twist)
     ink = bright(track.name)
     single: dict[str, tuple[str, FloatArray | None]] = {
         "speed": ("m/s", twist[:, 0]),
+        "side_speed": ("m/s", body_twist[:, 1]),
+        "rotation_centre": ("m", rotation_centre(track)[:, 0]),
         "yaw_rate": ("rad/s", twist[:, 2]),
         "yaw_acceleration": ("rad/s²", track.channel("yaw_acceleration_rad_s2")),
     }
@@ -267,13 +331,29 @@ def plots_of(track: Track, length: Unit) -> dict[str, Series]:
         names = [f"{track.name} {side}" for side in ("left", "right")]
         plots[f"torque/{track.name}"] = Series(names, "N m", shades_of(ink), track.t, torque)
     inks = [colour(name) for name in ("mujoco", "improved", "coulomb", "linear")]  # four that can be told apart
-    for channel, words in (("wheel_load_N", ""), (QUASI_STATIC, " quasi-static")):
-        if (loads := track.channel(channel)) is not None:
+    of_wheels = (
+        ("wheel_load", "wheel_load_N", ""),
+        ("wheel_load", QUASI_STATIC, " quasi-static"),
+        ("force_x", "force_x_N", ""),
+        ("force_y", "force_y_N", ""),
+    )
+    for quantity, channel, words in of_wheels:
+        if (forces := track.channel(channel)) is not None:
             names = [f"{wheel.replace('_', ' ')}{words}" for wheel in WHEELS]
             shades = [mix(ink, WHITE, 0.5 if words else 0.0) for ink in inks]
-            entity = f"wheel_load/{track.name}{words.replace(' ', '_').replace('-', '_')}"
-            plots[entity] = Series(names, "N", shades, track.t, loads)
+            entity = f"{quantity}/{track.name}{words.replace(' ', '_').replace('-', '_')}"
+            plots[entity] = Series(names, "N", shades, track.t, forces)
     return plots
+
+
+def rotation_centre(track: Track) -> FloatArray:
+    """Return the (M, 2) centre of rotation ahead of the body's reference point and to its left [m].
+
+    It is NaN where the robot hardly turns. There v_x - omega y = 0 and v_y + omega x = 0.
+    """
+    twist = track.localiser.body_twist(np.concatenate([p.twist for p in track.pieces]))
+    turning = np.where(np.abs(twist[:, 2]) < _LEAST_TURNING, np.nan, twist[:, 2])
+    return np.column_stack([-twist[:, 1], twist[:, 0]]) / turning[:, None]
 
 
 def shades_of(ink: Rgb) -> list[Rgb]:

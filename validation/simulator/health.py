@@ -126,7 +126,8 @@ def run_health(model: mujoco.MjModel, motions: Sequence[Trajectory], *, given_ra
 
     Args:
         model: the robot.
-        motions: motions of its body, with the channels `wheel_load_N` and `torque_N_m`.
+        motions: motions of its body, with the channels `wheel_load_N` and, where no wheel rates
+            were given, `torque_N_m`.
         given_rates: the wheels turned at given rates, whatever torque that took.
     """
     verdicts = [check_health(m.channels["wheel_load_N"]) for m in motions]
@@ -134,8 +135,10 @@ def run_health(model: mujoco.MjModel, motions: Sequence[Trajectory], *, given_ra
     judged = [m.t - m.t[0] >= min(START_TIME, 0.5 * float(m.t[-1] - m.t[0])) for m in motions]
     sums = [m.channels["wheel_load_N"].sum(axis=1)[late] for m, late in zip(motions, judged, strict=True)]
     excess = np.concatenate(sums) - weight
-    peak = max(float(np.abs(m.channels["torque_N_m"]).max()) for m in motions)
+    peak = None
+    if not given_rates:
+        peak = max(float(np.abs(m.channels["torque_N_m"]).max()) for m in motions)
     return Health(
         min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts), apparent_mass(model),
-        None if given_rates else peak, float(np.sqrt(np.mean(excess**2))), weight,
+        peak, float(np.sqrt(np.mean(excess**2))), weight,
     )  # fmt: skip

@@ -32,6 +32,8 @@ BELT_TIME = 0.030834
 READ_SENSORS = frozenset(f"{what}_{wheel}" for what in ("load", "torque") for wheel in WHEELS)
 """Sensors of the simulated robot. The other channels of a run follow from its states, and the IMU from a state
 (`MujocoPlant.imu`); accelerometers would make MuJoCo compute all bodies' accelerations at each step."""
+_NET_FORCE = [1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1]
+"""What a sensor of contacts tells: the force, of all contacts together (MuJoCo's `netforce`), as one."""
 _CLOSE = 1e-8
 """Last relative step of Newton's method for a depth, beyond which rounding remains."""
 LEAST_SHARE = 0.02
@@ -51,6 +53,11 @@ def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
     for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
         spec.delete(part)
     pair_with_ground(spec)
+    for wheel in WHEELS:
+        ends = {"objname": "ground", "refname": f"{wheel}_tire"}
+        force = spec.add_sensor(name=f"force_{wheel}", **ends, intprm=_NET_FORCE)
+        force.type = mujoco.mjtSensor.mjSENS_CONTACT
+        force.objtype = force.reftype = mujoco.mjtObj.mjOBJ_GEOM
     add_slip(spec)
     return spec
 

@@ -36,15 +36,19 @@ from validation.simulator.physics import SHIPPED, PhysicsSettings, stop_the_stop
 from validation.simulator.resting import level_rest, solved_exactly
 from validation.simulator.terrain import FLAT, Terrain
 
-PRESCRIBED_SHARE = 50.0
+PRESCRIBED_SHARE = 1000.0
 """Armature of wheels whose rates are given, over mass times wheel radius squared [1]: so heavy that the ground cannot change
 them (MuJoCo does not pass an armature's reaction on to the body)."""
-PRESCRIBED_LAG = 2.5
-"""Time constant with which given wheel rates are followed, in time steps."""
+PRESCRIBED_LAG = 50.0
+"""Time constant of the feedback on given wheel rates, in time steps.
+
+It only makes up for the ground, which moves so heavy wheels by less than 0.2 mm/s, for the references lead. It is slow
+because MuJoCo's contacts know nothing of implicit damping: they see wheels that are ahead by up to one over this number
+of every change."""
 SETTLE_CONSTANTS = 50.0
 """Time for which the robot stands before its resting height is taken, in time constants of the contact; 1 s for a Husky."""
-_COLUMNS = 15
-"""Numbers of a sample on even ground."""
+_COLUMNS = 23
+"""Numbers of a sample."""
 CHUNK = 2000
 """Physics steps of a chunk: enough that starting one costs nothing beside them."""
 _TURN = 2.0 * np.pi
@@ -90,6 +94,8 @@ class MujocoPlant:
         self.wheel_dofs = tuple(
             [dof for wheel, dof in zip(WHEELS, self._parts.dofs, strict=True) if wheel.endswith(side)] for side in SIDES
         )
+        places = [int(self.model.sensor(f"force_{wheel}").adr[0]) for wheel in WHEELS]
+        self._forces = np.add.outer(places, range(2))
         level = level_rest(self.model, mujoco.MjData(self.model), calibration) if self.terrain.level else None
         self._resting = self._settle() if level is None else level
         self._driver: Driver | None = None
@@ -217,8 +223,9 @@ class MujocoPlant:
     def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
         """Drive `commands` at once, by `mujoco.rollout`.
 
-        Returns: The motion, with channels `wheel_load_N` (M, 4; front left, front right, rear left, rear right),
-            `torque_N_m` (M, 2) and `yaw_acceleration_rad_s2` (M,).
+        Returns: The motion, with channels `yaw_acceleration_rad_s2` (M,) and, where no wheel rates are given, `torque_N_m`
+            (M, 2); and for the wheels front left, front right, rear left, rear right `wheel_load_N` (M, 4) and the forces of
+            the ground in the body's axes, `force_x_N` and `force_y_N` (M, 4).
 
         Raises:
             DivergedError: the simulator gave up.
@@ -236,7 +243,12 @@ class MujocoPlant:
             rows = self._rows(chunk)
             table[done : done + len(rows)], done = rows, done + len(rows)
         table[:, 2] += _TURN * round((state.yaw - table[0, 2]) / (2.0 * math.pi))
-        return motion_of(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
+        motion = motion_of(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
+        if commands.kind == "twist":
+            return motion
+        channels = dict(motion.channels)
+        del channels["torque_N_m"]  # it turned the heavy wheels, not the robot
+        return replace(motion, channels=channels)
 
     def _steps_of(self, commands: Commands) -> int:
         return whole_steps(commands.dt, self.dt, "the command period")
@@ -247,7 +259,10 @@ class MujocoPlant:
         There is one step more, with the last inputs but undisturbed: its sensors are those at the end.
         """
         steps, first = commands.n * self._steps_of(commands), 0
-        for chunk in reference_chunks(commands, self.drive, self.dt, state, CHUNK):
+        chunks = reference_chunks(commands, self.drive, self.dt, state, CHUNK)
+        if commands.kind == "wheels":
+            chunks = self._leading_references(commands, state)
+        for chunk in chunks:
             references = chunk if first + len(chunk) < steps else np.vstack([chunk, chunk[-1:]])
             control = controls(self.model, references)
             if disturbance is not None:
@@ -257,8 +272,27 @@ class MujocoPlant:
             yield control
             first += len(chunk)
 
+    def _leading_references(self, commands: Commands, state: State) -> Iterator[FloatArray]:
+        """Yield the references, chunk by chunk, with which wheels have the given rates without a lag.
+
+        A rate is that of the middle of its period, and linear between. After a step wheels have the
+        mean rate of the step. A motor with the time constant T changes a rate w in a step h by
+        h (wanted - w) / (T + n h). Here n is the share of its feedback that implicitfast keeps,
+        which drops what couples wheels: one over the number of wheels that the motor turns.
+        """
+        steps = commands.n * self._steps_of(commands)
+        middles = (np.arange(commands.n) + 0.5) * commands.dt
+        lead = PRESCRIBED_LAG + self.model.nu / len(WHEELS) - 1.0
+        last = np.array([state.wheel_left, state.wheel_right])
+        for first in range(0, steps, CHUNK):
+            step = np.arange(first, min(first + CHUNK, steps))
+            at = (step + 0.5) * self.dt
+            rates = np.column_stack([np.interp(at, middles, side) for side in commands.values.T])
+            yield rates + lead * np.diff(rates, axis=0, prepend=last[None])
+            last = rates[-1]
+
     def _rows(self, chunk: Samples) -> FloatArray:
-        """Return the (m, 15) numbers of a trajectory's samples."""
+        """Return the (m, 23) numbers of a trajectory's samples."""
         nq = self.model.nq
         qpos, qvel = chunk.states[:, 1 : 1 + nq], chunk.states[:, 1 + nq : 1 + nq + self.model.nv]
         wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
@@ -267,13 +301,20 @@ class MujocoPlant:
         columns = [
             *(qpos[:, :2], chunk.yaw, rotate_world_to_body(qvel[:, :2], chunk.yaw), qvel[:, 5], wheels),
             *(chunk.sensors[:, self._parts.loads], torques, chunk.yaw_acceleration),
+            *np.moveaxis(rotate_world_to_body(chunk.sensors[:, self._forces], chunk.yaw[:, None]), -1, 0),
         ]
         return np.column_stack(columns)
 
 
 def motion_of(t: FloatArray, table: FloatArray) -> Trajectory:
-    """Return the motion at (M,) instants [s] with (M, 15) poses, twists, wheel rates, loads, torques, yaw accelerations."""
+    """Return the motion at (M,) instants [s] from a table of its numbers.
+
+    It has (M, 15) poses, twists, wheel rates, loads, torques and yaw accelerations, or (M, 23) with the forces of the ground
+    along the body and across it.
+    """
     channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
+    if table.shape[1] > 15:
+        channels |= {"force_x_N": table[:, 15:19], "force_y_N": table[:, 19:23]}
     return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)
 
 

@@ -39,7 +39,7 @@ that is only written late differs by less, and is sorted."""
 _OTHER_CLOCK = 60.0
 """Median distance from the bag's stamps from which a header's clock is another one, such as the time since start-up [s]."""
 _LATEST = 2**62  # greatest number of messages for which anybody can ask
-_SECONDS, _MEMORY, _DISK = 6.0, 2 << 30, 1 << 28
+_SECONDS, _MEMORY, _DISK = 4.0, 2 << 30, 1 << 28
 """Time [s], memory and size of an unpacked file [bytes] that reading a bag may take, besides what its size adds."""
 _SECONDS_PER_BYTE, _MEMORY_PER_BYTE, _DISK_PER_BYTE = 5e-6, 8, 32
 """What each byte of a bag adds to these; a bag of small messages takes 0.06 s a megabyte, and packed ten times as much."""

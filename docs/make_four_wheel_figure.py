@@ -51,13 +51,11 @@ Which = str | float
 def make(which: Which, acceleration: float = math.inf, settings: PhysicsSettings = SHIPPED) -> Plant:
     """Return a robot with a greatest acceleration of the wheels' rims [m/s2].
 
-    `which` is a stiffness for the one on four tyres, `mujoco` for MuJoCo's with Coulomb's friction, `mujoco 7` for
-    MuJoCo's with tyres of that stiffness.
+    `which` is a stiffness for the one on four tyres, and `mujoco` for MuJoCo's, which has Coulomb's friction.
     """
     drive = replace(DRIVE, acceleration_v=acceleration)
     if isinstance(which, str):
-        compliance = 1.0 / float(which.removeprefix("mujoco ")) if " " in which else 0.0
-        return MujocoPlant(Calibration.of(ROBOT, friction=MU, slip_compliance=compliance), drive, settings=settings)
+        return MujocoPlant(Calibration.of(ROBOT, friction=MU), drive, settings=settings)
     return FourWheelPlant(FourWheelModel(replace(NUMBERS, stiffness_x=which, stiffness_y=which), drive))
 
 
@@ -212,18 +210,9 @@ def draw_thrust(ax: Axes) -> None:
         ax.plot(measured[:, 0], 100.0 * measured[:, 1], "o", color=_COLOURS[n], ms=4.5, label=words)
         if not isinstance(n, str):
             ax.plot(shares, [100.0 * brush_slip(s, n) for s in shares], color=_COLOURS[n], lw=1.0)
-            _draw_slipping(
-                ax, n, [(reached, 100.0 * slip) for s in THRUSTS for reached, slip, _ in [thrust(f"mujoco {n}", s)]]
-            )
     ax.set(xlabel=r"acceleration over $\mu g$ [1]", ylabel="longitudinal slip [%]", xlim=(0, 1), ylim=(-0.5, 14))
     ax.set_title("Straight start (lines: brush model)", fontsize=10)
     ax.legend(fontsize=7.5, frameon=False)
-
-
-def _draw_slipping(ax: Axes, stiffness: float, points: Sequence[tuple[float, float]]) -> None:
-    """Draw rings for MuJoCo's tyres of a stiffness."""
-    words = "MuJoCo with such tyres" if stiffness == STIFFNESSES[0] else None
-    ax.plot(*np.array(points).T, "o", mfc="none", color=_COLOURS["mujoco"], ms=8, mew=1.2, label=words)
 
 
 def draw_side_slip(ax: Axes) -> None:
@@ -243,8 +232,6 @@ def draw_side_slip(ax: Axes) -> None:
     )
     soft = np.array([steady(7.0, v, w)[0] for v, w in CURVES])
     ax.plot(soft[:, 0] * soft[:, 2], -1e3 * soft[:, 1], "^", color=_COLOURS[7.0], ms=4, label="tyres, C = 7")
-    twists = [steady("mujoco 7", v, w)[0] for v, w in CURVES]
-    _draw_slipping(ax, 7.0, [(ahead * rate, -1e3 * aside) for ahead, aside, rate in twists])
     ax.set(xlabel="acceleration to the side [m/s²]", ylabel="side slip to the outside [mm/s]", xlim=(0, 1.1), ylim=(0, 130))
     ax.set_title("Steady curves", fontsize=10)
     ax.legend(fontsize=7.5, frameon=False, loc="upper left")

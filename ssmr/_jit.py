@@ -36,7 +36,6 @@ from ssmr.types import FloatArray
 config: Any = numba_config
 """Settings of numba, which it reads from the environment when it is imported; no stub declares them."""
 _njit: Any = numba.njit
-_cfunc: Any = numba.cfunc
 _item_pointer: Any = cgutils.get_item_pointer
 _normalized: Any = normalize_signature
 _code_on_disk: Any = FunctionCache
@@ -172,12 +171,6 @@ def jit_alone(function: F) -> F:
     if _FOLDER:
         compiled._cache = _Kept(function)  # type: ignore[attr-defined]  # numba's
     return compiled
-
-
-def compiled_for_c(signature: Any) -> Callable[[F], Any]:
-    """Return what compiles a function of a numba signature for callers in C."""
-    compiler: Callable[[F], Any] = _cfunc(signature)
-    return compiler
 
 
 def share_among_threads(work: Callable[[int, int], object], count: int, workers: int) -> None:

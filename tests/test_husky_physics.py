@@ -71,7 +71,7 @@ def test_undriven_energy_only_falls(velocity: tuple[float, float, float]) -> Non
     model.actuator_biasprm[:, 2] = 0.0
     wheel = wheel_rates(velocity[0], velocity[2], 0.5 * TRACK, 0.1651)
     data.qvel[:2], data.qvel[5] = velocity[:2], velocity[2]
-    data.qvel[6:] = [wheel[w.endswith("right")] for w in WHEELS]
+    data.qvel[6:10] = [wheel[w.endswith("right")] for w in WHEELS]
     elastic = 0.5 * 73.3 * 9.81 * 0.003  # weight times half the depth of the tyres' impression: what contact can store [J]
     trace = []
     for _ in range(100):

@@ -19,7 +19,7 @@ from ssmr.simulation import PlanarModel, PlanarMotion, PlanarPlant, move
 from ssmr.types import Commands, State
 from tests.robots import husky
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import WHEELS
+from validation.simulator.description import SIDES, WHEELS
 from validation.simulator.model import robot_model
 from validation.simulator.motors import controls
 
@@ -141,13 +141,33 @@ def hung(drive: Drive, calibration: Calibration) -> tuple[mujoco.MjModel, mujoco
 
 
 def test_a_simulated_wheel_that_was_stuck_is_let_go_without_wind_up() -> None:
-    """The integral part holds no more than the motor's limit, as in the planar models."""
+    """The integral part holds little more than the motor's limit, a twentieth, as long as it slips; the torque no more."""
     calibration = husky(armature=0.2)
     model, data = hung(LEAKY, calibration)
-    joints = [model.joint(name).id for name in JOINTS]
+    dofs = model.jnt_dofadr[[model.joint(name).id for name in JOINTS]]
+    integrals = [model.actuator(f"{side}_integral").id for side in SIDES]
     for _ in range(2500):
         data.ctrl[:] = controls(model, np.full(2, 5.0))
-        data.qvel[model.jnt_dofadr[joints]], data.qpos[model.jnt_qposadr[joints]] = 0.0, 0.0
+        data.qvel[dofs], data.qpos[dofs + 1] = 0.0, 0.0
         mujoco.mj_step(model, data)
-    assert data.qfrc_actuator[model.jnt_dofadr[joints]] == pytest.approx(np.full(4, 30.0))
-    assert data.act[model.actuator_actadr] == pytest.approx(np.full(2, 60.0))
+    assert data.qfrc_actuator[dofs] == pytest.approx(np.full(4, 30.0))
+    held = data.actuator_force[integrals]
+    assert np.all((held > 0.99 * 60.0) & (held < 1.07 * 60.0))
+    fastest = 0.0
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+        fastest = max(fastest, float(data.qvel[dofs].max()))
+    assert data.qvel[dofs] == pytest.approx(np.full(4, 5.0), rel=1e-2)
+    assert fastest < 5.0 + 60.0 / calibration.gain
+
+
+@pytest.mark.parametrize("stiffness", [500.0, 1900.0, 1e6, math.inf])
+def test_a_lasting_load_costs_a_simulated_wheel_what_the_law_says(stiffness: float) -> None:
+    """T / (K_P + K_dc), of any stiffness: that of the slip ends where the rate is lost in a millionth of the wheels' own."""
+    model, data = hung(replace(LEAKY, dc_stiffness=stiffness), husky(armature=0.2))
+    dofs = model.jnt_dofadr[[model.joint(name).id for name in JOINTS]]
+    data.ctrl[:] = controls(model, np.full(2, 3.0))
+    data.qfrc_applied[dofs] = -5.0
+    mujoco.mj_step(model, data, nstep=10000)
+    lost = 3.0 - data.qvel[dofs]
+    assert lost == pytest.approx(np.full(4, 10.0 / (husky().gain + stiffness)), rel=2e-3, abs=1e-4)

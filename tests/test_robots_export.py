@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -16,6 +17,8 @@ from validation.plants.profile import bare_profile, load_profile, make_plant, sh
 from validation.robots import export_robot
 from validation.simulator.checking import spot_turn
 from validation.simulator.description import WHEELS, Robot, shipped_robots
+from validation.simulator.exporting import mjcf_text
+from validation.simulator.plant import MujocoPlant
 
 SIDE_SIGNS = ((-1.0, "left"), (1.0, "right"))
 
@@ -49,33 +52,35 @@ def test_a_urdf_read_back_in_mujoco_is_the_robot(name: str) -> None:
     np.testing.assert_allclose(chassis.ipos, robot.masses.com, atol=1e-6)
 
 
-def in_plain_mujoco(text: str, references: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """(N + 1, 3) x, y, yaw of an MJCF's robot, which stands for a second and then has (N, 2) wheel rates, from there."""
+def in_plain_mujoco(text: str, start: np.ndarray[Any, Any], references: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """(N + 1, 3) x, y, yaw of an MJCF's robot, which has (N, 2) wheel rates from a whole state on."""
     model = mujoco.MjModel.from_xml_string(text)
-    data, names = mujoco.MjData(model), [model.actuator(k).name for k in range(model.nu)]
-    sides = [None if name.endswith("_spring") else int("right" in name) for name in names]
-    mujoco.mj_step(model, data, nstep=round(1.0 / model.opt.timestep))
+    data = mujoco.MjData(model)
+    mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    right = ["right" in model.actuator(k).name for k in range(model.nu)]
     poses = []
     for pair in [*references, references[-1]]:
         w, x, y, z = data.qpos[3:7]
         poses.append([*data.qpos[:2], np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))])
-        data.ctrl[:] = [0.0 if side is None else pair[side] for side in sides]
+        data.ctrl[:] = np.where(right, pair[1], pair[0])
         mujoco.mj_step(model, data)
-    return np.array(poses) - poses[0]
+    return np.array(poses)
 
 
+@pytest.mark.parametrize("limit", [None, 10.0])
 @pytest.mark.parametrize("name", ["thesis-lab", "husky-tile", "thesis-printed", "pioneer3at"])
-def test_a_calibrated_mjcf_drives_the_same_path_in_plain_mujoco(name: str) -> None:
-    """Also with tyres that grip better along than across, and with limited motors; a bare robot has its file's numbers."""
+def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float | None) -> None:
+    """To a hundredth of a millimetre: also with tyres that grip better along than across, and with motors at their limit."""
     given = name in shipped()
     profile = load_profile(name) if given else bare_profile(load_robot(name))
-    plant = make_plant(profile, "mujoco")
-    drive, commands = profile.section("mujoco").drive, TRAJECTORIES["traj4"].commands()
-    text = export_robot(profile.robot, "mjcf", profile if given else None)
-    measured = in_plain_mujoco(text, wheel_references(commands, drive, plant.dt, State()))
+    section = profile.section("mujoco")
+    drive = section.drive if limit is None else replace(section.drive, torque_limit=limit)
+    plant, commands = MujocoPlant(section.parameters, drive), TRAJECTORIES["traj4"].commands()
+    references = wheel_references(commands, drive, plant.dt, State())
+    measured = in_plain_mujoco(mjcf_text(section.parameters, drive), plant.placed(State()), references)
     wanted = plant.run(commands, State(), plant.dt)
-    np.testing.assert_allclose(measured[:, :2], wanted.xy, atol=1e-3)
-    np.testing.assert_allclose(np.unwrap(measured[:, 2]), wanted.yaw, atol=1e-3)
+    np.testing.assert_allclose(measured[:, :2], wanted.xy, atol=1e-5)
+    np.testing.assert_allclose(np.unwrap(measured[:, 2]), wanted.yaw, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", shipped_robots())

@@ -133,11 +133,15 @@ def test_mujocos_motor_is_the_same_in_a_rollout_in_steps_and_in_a_batch() -> Non
     assert bodies.states()[0, :8] == pytest.approx(astuple(stepped[-1]), abs=1e-12)
 
 
-def apart(lab: Profile, trajectory: str, limit: float, stiffness: float, dt: float) -> float:
-    """Return the greatest distance [m] of MuJoCo's path from that of the law applied as a force."""
+FINE = 0.00025
+"""Step of the law applied as a force, whose error is of first order in it: a quarter of a millimetre to one [s]."""
+
+
+def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> float:
+    """Return the greatest distance [m] of MuJoCo's path from that of the law applied as a force in small steps."""
     section, commands = lab.section("mujoco"), TRAJECTORIES[trajectory].commands()
     drive = replace(section.drive, torque_limit=limit, dc_stiffness=stiffness)
-    plant = MujocoPlant(replace(section.parameters, timestep=dt), drive)
+    plant = MujocoPlant(replace(section.parameters, timestep=FINE), drive)
     model, data, motor = plant.model, mujoco.MjData(plant.model), motor_numbers(plant.drive, plant.dt)
     mujoco.mj_setState(model, data, plant.placed(State()), mujoco.mjtState.mjSTATE_FULLPHYSICS)
     model = mujoco.MjModel.__copy__(model)
@@ -153,18 +157,26 @@ def apart(lab: Profile, trajectory: str, limit: float, stiffness: float, dt: flo
         right = advance_integral(right, reference[1] - rates.right, motor)
         mujoco.mj_step(model, data)
         path.append(data.qpos[:2].copy())
-    often = np.linspace(0.0, len(path) - 1.0, 20 * len(path))
-    law = np.column_stack([np.interp(often, np.arange(len(path)), along) for along in np.array(path).T])
-    return math.sqrt(nearest_squared(plant.run(commands, State(), plant.dt).xy, law).max())
+    shipped = MujocoPlant(section.parameters, drive)
+    return math.sqrt(nearest_squared(shipped.run(commands, State(), shipped.dt).xy, np.array(path)).max())
 
 
-@pytest.mark.parametrize(("limit", "stiffness"), [(30.0, 1e6), (7.0, 500.0), (7.0, np.inf)])
-def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(limit: float, stiffness: float, lab: Profile) -> None:
-    assert apart(lab, "traj4", limit, stiffness, 0.002) < 1e-3
+@pytest.mark.parametrize(
+    ("trajectory", "limit", "stiffness"),
+    [("traj4", 30.0, 1e6), ("traj4", 7.0, 500.0), ("traj4", 7.0, np.inf), ("traj1", 10.0, 1900.0)],
+)
+def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(
+    trajectory: str, limit: float, stiffness: float, lab: Profile
+) -> None:
+    """Of five to ten metres, also where motors are at their limit for three quarters of the time."""
+    assert apart(lab, trajectory, limit, stiffness) < 3e-3
 
 
-def test_at_the_motors_limit_mujoco_comes_to_the_law_in_proportion_to_the_step(lab: Profile) -> None:
-    """Both are of first order, one with the wheel rate after the step and one with that before it."""
-    coarse, fine = (apart(lab, "traj1", 7.0, 1900.0, dt) for dt in (0.002, 0.001))
-    assert coarse / fine == pytest.approx(2.0, rel=0.1)
-    assert fine < 2.5e-3
+@pytest.mark.parametrize("limit", [5.0, 8.0, 9.0, 10.0, 11.0, 12.0, 15.0, 30.0])
+def test_the_step_hardly_matters_at_the_motors_limit_either(limit: float, lab: Profile) -> None:
+    """Half the step moves the end of trajectory 1 by 1.7 mm at most; contacts and the integrator alone, by 0.4 mm."""
+    section, ends = lab.section("mujoco"), []
+    for dt in (0.002, 0.001):
+        plant = MujocoPlant(replace(section.parameters, timestep=dt), replace(section.drive, torque_limit=limit))
+        ends.append(plant.run(TRAJECTORIES["traj1"].commands(), State(), 0.05).xy[-1])
+    assert math.dist(*ends) < 1.7e-3

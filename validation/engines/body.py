@@ -64,10 +64,6 @@ class RigidNumbers:
         Raises:
             ParameterError: friction that depends on direction, or an inertia that no body has.
         """
-        if calibration.slip_compliance > 0.0:
-            raise ParameterError(
-                f"slip_compliance {calibration.slip_compliance:g}: this engine's tyres do not slip as they roll"
-            )
         if calibration.friction_ratio != 1.0:
             raise ParameterError(f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one friction")
         robot, c = calibration.robot, calibration

@@ -156,6 +156,6 @@ def sentences(problem: FitProblem, uncertainty: Uncertainty) -> list[str]:
         out.append(
             "The way a robot turns determines the ratio of lateral to longitudinal friction, not the friction itself. "
             "Friction shows only where torque saturates, the wheels lag or the robot slides outwards: take it from currents "
-            "or from braking, hold it, and free slip_compliance, which soft tyres slide outwards by."
+            "or from braking, and hold it."
         )
     return out

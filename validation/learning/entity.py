@@ -9,8 +9,7 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.composing import compose_robot
 from validation.simulator.description import Robot
 from validation.simulator.model import set_calibration
-from validation.simulator.motors import add_controllers, set_motors
-from validation.simulator.slip import add_slip
+from validation.simulator.motors import set_motors
 
 try:
     from dm_control import composer, mjcf
@@ -46,8 +45,6 @@ class RobotEntity(composer.Entity):
 
 def _tree(robot: Robot) -> Any:
     spec = compose_robot(robot)
-    add_controllers(spec, robot)
-    add_slip(spec)
     spec.compile()  # only then can it be written
     return mjcf.from_xml_string(spec.to_xml())
 
@@ -56,9 +53,11 @@ def ground(robot: Robot) -> composer.Arena:
     """Return a plane under a lamp, with the solver's settings of the robot: an attached robot does not bring its own."""
     arena = composer.Arena(name="ground")
     made, root = _tree(robot), arena.mjcf_model
-    for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance"):
+    # dm_control's noslip iterations would take the softness of the motors' slips for sliding that is to be stopped.
+    for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance", "noslip_iterations"):
         setattr(root.option, name, getattr(made.option, name))
     root.option.flag.multiccd = made.option.flag.multiccd
+    root.option.flag.eulerdamp = made.option.flag.eulerdamp
     root.compiler.angle = "radian"
     root.worldbody.add("geom", name="plane", type="plane", size=[0, 0, 0.05], condim=3)
     root.worldbody.add("light", name="sun", mode="fixed", directional=True, pos=[0, 0, 10], dir=[0.3, 0.2, -1])

@@ -53,9 +53,6 @@ class Calibration:
     friction_ratio: float = parameter(1.0, unit="1", low=0.0, high=10.0, open_low=True)
     """Lateral over longitudinal friction [1] -> pair_friction; other than 1 only with capsule wheels, whose contact frame
     turns with the robot (for other shapes MuJoCo lays the tangents along the world's axes)."""
-    slip_compliance: float = parameter(0.0, unit="1", low=0.0, high=1.0, search=(0.0, 0.3))
-    """Slip of a rolling tyre over its force per load, at little slip [1]: one over the stiffness of `four_wheel`'s tyres. 0
-    means Coulomb's friction (`validation.simulator.slip`)."""
     radius_difference: float = parameter(0.0, unit="m", low=-0.5, high=0.5, search=(-0.073, 0.073), of="wheel_radius")
     """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped alike -> geom_size."""
     rolling_resistance: float = parameter(0.0, unit="1", low=0.0, high=1.0, search=(0.0, 0.3))
@@ -82,8 +79,6 @@ class Calibration:
             )
         if self.wheel_shape not in get_args(WheelShape):
             raise ParameterError(f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(get_args(WheelShape))}")
-        if self.friction_ratio != 1.0 and self.slip_compliance > 0.0:
-            raise ParameterError("tyres that slip (slip_compliance) have one friction: friction_ratio must be 1")
         if self.friction_ratio != 1.0 and self.wheel_shape != "capsule":
             raise ParameterError(
                 f"friction_ratio {self.friction_ratio} needs wheel_shape 'capsule', not '{self.wheel_shape}'"

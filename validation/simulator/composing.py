@@ -13,6 +13,7 @@ from mujoco import mjtGeom, mjtObj, mjtSensor
 from validation.files import reading
 from validation.simulator import foreign
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, models_folder
+from validation.simulator.motors import add_integral_parts
 
 VISUAL_GROUP = 2
 """Geoms of this group are looks; contact shapes are in another."""
@@ -82,6 +83,7 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
         kind = mujoco.mjtTrn.mjTRN_TENDON
         servo = spec.add_actuator(name=f"{motor}_motor", target=motor, trntype=kind, forcerange=[-1.0, 1.0])
         servo.set_to_velocity(kv=1.0)
+    add_integral_parts(spec, robot)
     _add_sensors(spec)
     return spec
 
@@ -116,6 +118,7 @@ def _hand_made(robot: Robot) -> mujoco.MjSpec:
             f"{path} has a wheelbase of {2.0 * x:g} m and a track of {2.0 * y:g} m, the robot's file {g.wheelbase:g} and "
             f"{g.track:g} m; without the line 'mjcf' the model is made of the file's numbers"
         )
+    add_integral_parts(spec, robot)
     return spec
 
 

@@ -6,15 +6,15 @@ URDF and SDF have plain shapes, four wheels and the IMU's frame. Products of ine
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads nothing
 
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import wheel_places
-from validation.simulator.description import SIDES, Robot
+from validation.simulator.description import SIDES, WHEELS, Robot
 from validation.simulator.model import adjust, on_ground, pair_with_ground
-from validation.simulator.motors import add_windings
 
 _ENDLESS = 1e16
 """Limit of a joint that turns without end, as SDFormat has it [rad]."""
@@ -94,9 +94,9 @@ def sdf_text(robot: Robot) -> str:
 def mjcf_text(calibration: Calibration, drive: Drive) -> str:
     """Return a calibrated robot on level ground as an MJCF that needs nothing but MuJoCo.
 
-    It has the looks, motors and sensors of the simulated robot, and drives its path to a tenth of a millimetre: numbers have
-    six digits. But MuJoCo's own actuators wind their integral part up where a motor stays at its limit. Delay, ramps and
-    limits of commands act before the wheels' rates, and are not in it.
+    It has the looks and sensors of the simulated robot, and moves as that does: both have MuJoCo's own
+    actuators alone, whose inputs are wheel rates. Delay, ramps and limits of commands act before these rates,
+    and are not in it.
 
     Args:
         calibration: the robot's numbers.
@@ -106,17 +106,24 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
         ValueError: numbers that do not go together.
     """
     spec = on_ground(calibration.robot, calibration.wheel_shape)
-    if drive.integral_gain > 0.0:
-        add_windings(spec, calibration.robot, drive)
     if calibration.friction_ratio != 1.0:
         pair_with_ground(spec)
     model = spec.compile()
     adjust(model, calibration, drive)
-    spec.copy_back(model)  # all numbers, but not whether a limit counts
+    spec.copy_back(model)  # nearly all numbers, but not whether a limit counts, and no settings
+    for joint in spec.joints:
+        joint.actfrclimited = model.jnt_actfrclimited[joint.id]
+        joint.actfrcrange = model.jnt_actfrcrange[joint.id]
     for actuator in spec.actuators:
-        actuator.forcelimited = drive.integral_gain == 0.0 and math.isfinite(drive.torque_limit)
+        actuator.forcelimited = model.actuator_forcelimited[actuator.id]
+    for name in ("timestep", "integrator", "solver", "iterations", "tolerance", "disableflags"):
+        setattr(spec.option, name, getattr(model.opt, name))
     spec.comment = "Inputs of actuators are wheel rates [rad/s]."
-    return str(spec.to_xml())
+    text = str(spec.to_xml())
+    for wheel in WHEELS:  # MuJoCo writes six digits, which is half a micrometre of radius and 25 of a path
+        size = _row(model.geom(f"{wheel}_tire").size)
+        text = re.sub(rf'(<geom name="{wheel}_tire"[^>]* size=)"[^"]*"', rf'\1"{size}"', text)
+    return text
 
 
 def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: float = 1.0) -> str:

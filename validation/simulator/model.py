@@ -19,10 +19,9 @@ from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import compose_robot, contact_settings
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, WheelShape
-from validation.simulator.motors import add_controllers, set_motors
+from validation.simulator.motors import set_motors
 from validation.simulator.parts import mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, PhysicsSettings, apply_settings
-from validation.simulator.slip import add_slip, set_slip
 from validation.simulator.terrain import FLAT, Terrain
 
 CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
@@ -47,7 +46,6 @@ def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
     Tyres and ground are contact pairs, so MuJoCo need not look for what else might touch.
     """
     spec = on_ground(robot, shape)
-    add_controllers(spec, robot)
     for part in [geom for geom in spec.geoms if not geom.name.endswith(("_tire", "ground"))]:
         spec.delete(part)
     for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
@@ -58,7 +56,6 @@ def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
         force = spec.add_sensor(name=f"force_{wheel}", **ends, intprm=_NET_FORCE)
         force.type = mujoco.mjtSensor.mjSENS_CONTACT
         force.objtype = force.reftype = mujoco.mjtObj.mjOBJ_GEOM
-    add_slip(spec)
     return spec
 
 
@@ -120,13 +117,8 @@ def adjust(model: mujoco.MjModel, calibration: Calibration, drive: Drive, settin
     """Set all numbers on a compiled model of a robot and its ground, in place: motors, calibration and solver.
 
     Raises:
-        ValueError: what `set_motors` and `set_calibration` raise; tyres that slip with a cone or solver that has no place
-            for them.
+        ValueError: what `set_motors` and `set_calibration` raise.
     """
-    if calibration.slip_compliance > 0.0 and (settings.cone == "pyramidal" or settings.solver == "PGS"):
-        raise ValueError(
-            "tyres that slip need the elliptic cone and the solver Newton or CG: here slip_compliance must be 0"
-        )
     set_calibration(model, calibration)
     set_motors(model, calibration, drive)
     apply_settings(model, settings, robot_parts(model).tires, calibration.friction_ratio)
@@ -223,7 +215,7 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
     `prefix` stands in front of the robot's names in a larger model.
 
     Raises:
-        ValueError: an inertia that no rigid body has; the model is untouched then. What `set_slip` raises.
+        ValueError: an inertia that no rigid body has; the model is untouched then.
     """
     robot, geometry, parts = calibration.robot, calibration.robot.geometry, robot_parts(model, prefix)
     inertia = base_inertia(calibration)
@@ -263,4 +255,3 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
         model.pair_friction[:, 0] = calibration.friction * calibration.friction_ratio
         model.pair_friction[:, 1] = calibration.friction
         model.pair_solref[:], model.pair_solimp[:] = solref, solimp
-    set_slip(model, calibration, prefix)

@@ -1,138 +1,124 @@
-"""The motors of `ssmr.robot.drive` inside MuJoCo, the same to rounding in single steps, rollouts, batches and dm_control.
+"""The motors of `ssmr.robot.drive` inside MuJoCo, of its own actuators alone: a model moves and is exported as it is.
 
-MuJoCo has no actuator with an integral part that leaks and is held within a limit, but it asks a callback how an actuator's
-activations change. Ours is compiled and takes no interpreter lock. A motor's actuator has two activations: the integral part
-of its torque, and what its controller asks for but for the feedback, K_P times the wanted rate plus the integral part.
-MuJoCo applies the latter as it is after the step (`actearly`), which is what is wanted now. The feedback -K_P w is the
-actuator's bias, which implicitfast treats implicitly, and the motor's limit is the actuator's.
+A motor's torque is the sum of two actuators, which both take the wanted wheel rate: `<velocity>` is the proportional part
+K_P e, and `<intvelocity>` is the integral part, a spring of stiffness K_I between the wheel and the angle to which the
+wanted rate adds up. The other end of that spring is a slip: a light joint of its own which gives way at a rate in proportion
+to the spring's torque y, so that y leaks,
 
-Motion is of first order in the time step. Where motors stay at their limit, as on trajectory 1 with 7 N m a wheel, the path
-ends 4 mm from that of the same law applied as a force with a step of 2 ms, 2 mm with 1 ms and 1 mm with 0.5 ms.
+    dy/dt = K_I (e - slip rate),    y = K_dc times the slip rate,    |y| at most the motor's limit,
+
+and which slides freely once y has reached the limit, so that a wheel that is stuck does not wind it up. Both follow from
+the joint's dry friction: MuJoCo's solver makes it soft, of a softness that is chosen here, up to its limit. The torque of
+both parts together is limited at the wheels' joints.
+
+MuJoCo's implicit integrator would take the feedback of a motor at its limit for a damper that still works. So models have
+Euler's, but where the wheels alone would be too light for K_P and the time step. No damping here is so strong that Euler's
+would have to be implicit in it, which costs a fifteenth of a step.
 """
 
 from __future__ import annotations
 
 import math
-import threading
-from functools import lru_cache
-from typing import Any
 
 import mujoco
 import numpy as np
-from numba import types
 
-from ssmr._jit import compiled_for_c
 from ssmr.robot.drive import motor_numbers
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import GRAVITY, SIDES, Robot
-from validation.simulator.memory import number, offset, set_number
 from validation.simulator.parts import robot_parts
 
-_LONGEST = 1e6
-"""Longest time constant of a winding [s]: MuJoCo's exponential would round a longer one."""
-_INSTALLING = threading.Lock()
-"""One thread at a time compiles the callback: others would take what they compile for another program's."""
-_VOLTAGE = int(mujoco.mjtCtrlInput.mjINPUT_VOLTAGE)
+SLIP_INERTIA = 0.05
+"""Inertia of a slip over that of the rotors and wheels that its motor turns [1]: it weighs nothing in a motion, and a
+lighter one could not be as stiff as a controller whose integral part hardly leaks."""
+SLIP_DAMPING = 0.15
+"""Damping of a sliding slip over sqrt(K_I x its inertia) [1]: the spring does not swing about the limit."""
+_NO_LIMIT = 1e12
+"""Friction of the slip of a motor without a limit [N m]."""
+_FAR = 3.0
+"""Proportional part over the motor's limit beyond which the motor is at its limit whatever the integral part [1]."""
+_STIFFEST = 0.9999
+"""Greatest impedance that MuJoCo takes [1]."""
+_TENDON = mujoco.mjtTrn.mjTRN_TENDON
 
 
-def add_controllers(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Let the callback control the motors of a robot; `set_motors` sets their numbers on the compiled model."""
-    for motor in robot.motors:
-        actuator = spec.actuator(f"{motor}_motor")
-        actuator.dyntype, actuator.actdim, actuator.actearly = mujoco.mjtDyn.mjDYN_USER, 2, True
-
-
-def add_windings(spec: mujoco.MjSpec, robot: Robot, drive: Drive) -> None:
-    """Add the integral parts of a drive's motors, for MuJoCo without the callback.
-
-    The current of a winding with resistance R and inductance L, under the voltage K w_wanted - K w of a motor of constant K,
-    is a leaky integral: its torque has K_I = K^2 / L and K_dc = K^2 / R. Only the sum with the proportional part is limited.
-    """
-    limited, time = math.isfinite(drive.torque_limit), min(drive.dc_stiffness / drive.integral_gain, _LONGEST)
-    most = drive.torque_limit if limited else 0.0
+def add_integral_parts(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Add the integral parts of a robot's motors; `set_motors` sets their numbers on the compiled model."""
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
+    tiny = {"mass": 1e-9, "ipos": [0.0] * 3, "inertia": [1e-9] * 3, "explicitinertial": True}
+    slips = spec.worldbody.add_body(name="slips", **tiny)
     for motor, wheels in robot.motors.items():
-        stiffness = 0.5 * len(wheels) * drive.integral_gain * time
-        winding = spec.add_actuator(name=f"{motor}_integral", target=motor, trntype=mujoco.mjtTrn.mjTRN_TENDON)
-        winding.set_to_dcmotor([1.0, 1.0], 1.0 / stiffness, inductance=[0.0, time], ctrlspec=_VOLTAGE)
+        slips.add_joint(name=f"{motor}_slip", axis=[0, 1, 0], armature=1.0, frictionloss=1.0)
+        spring = spec.add_tendon(name=f"{motor}_spring")
         for wheel in wheels:
-            joint = spec.joint(f"{wheel}_wheel")
-            joint.actfrclimited, joint.actfrcrange = limited, [-most, most]
+            spring.wrap_joint(f"{wheel}_wheel", 1.0 / len(wheels))
+        spring.wrap_joint(f"{motor}_slip", 1.0)
+        actuator = spec.add_actuator(name=f"{motor}_integral", target=spring.name, trntype=_TENDON)
+        actuator.set_to_intvelocity(kp=1.0)
 
 
 def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
-    """Return the (..., nu) inputs of all motors for (..., 2) wheel-rate references [rad/s] of the left and right side."""
-    return references if model.nu == len(SIDES) else np.concatenate([references, references], axis=-1)
+    """Return the (..., nu) inputs of all actuators for (..., 2) wheel-rate references [rad/s] of the left and right side."""
+    return np.concatenate([references] * (model.nu // len(SIDES)), axis=-1)
 
 
 def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, prefix: str = "") -> None:
     """Set the motors of `drive`, with the calibration's gain, on a compiled model, in place.
 
-    Without `add_controllers` they have no integral part. A motor that turns one wheel of two has half of a side's numbers.
-    `prefix` stands in front of the robot's names in a larger model.
-
-    Raises:
-        ValueError: another program's callback controls actuators in this process.
+    A motor that turns one wheel of two has half of a side's numbers. `prefix` stands in front of the robot's names in a
+    larger model.
     """
-    _install()
-    dt, motor = calibration.timestep, motor_numbers(drive, calibration.timestep)
-    lost = calibration.rolling_resistance * 0.5 * calibration.mass * GRAVITY * calibration.wheel_radius + motor.gear_loss
-    model.dof_damping[robot_parts(model, prefix).dofs] = 0.5 * motor.braking
+    robot = calibration.robot
+    motor = motor_numbers(drive, calibration.timestep)
+    weight = 0.5 * calibration.mass * GRAVITY
+    lost = calibration.rolling_resistance * weight * calibration.wheel_radius + motor.gear_loss
+    dofs = robot_parts(model, prefix).dofs
     limited = math.isfinite(motor.limit)
-    for name, wheels in calibration.robot.motors.items():
-        share, index = 0.5 * len(wheels), model.actuator(f"{prefix}{name}_motor").id
-        gain, most = share * calibration.gain, share * motor.limit
-        at = model.actuator_actadr[index], model.actuator_ctrladr[index], model.actuator_outadr[index]
-        if model.actuator_dyntype[index] == mujoco.mjtDyn.mjDYN_USER:
-            model.actuator_dynprm[index, :8] = *at, motor.leaked, share * motor.gained, most, gain, 1.0 / dt
-            model.actuator_gainprm[index, 0] = 1.0
-        else:
-            model.actuator_gainprm[index, 0] = gain
+    most = 0.5 * motor.limit if limited else 0.0
+    model.dof_damping[dofs] = 0.5 * motor.braking
+    joints = model.dof_jntid[dofs]
+    model.jnt_actfrclimited[joints] = limited
+    model.jnt_actfrcrange[joints] = -most, most
+    light = 2.0 * (calibration.armature + robot.masses.wheel_inertia[1])
+    too_light = max(calibration.gain, motor.braking) * calibration.timestep > light
+    integrators = mujoco.mjtIntegrator
+    model.opt.integrator = integrators.mjINT_IMPLICITFAST if too_light else integrators.mjINT_EULER
+    for name, wheels in robot.motors.items():
+        share = 0.5 * len(wheels)
+        index = model.actuator(f"{prefix}{name}_motor").id
+        gain = share * calibration.gain
+        model.actuator_gainprm[index, 0] = gain
         model.actuator_biasprm[index, :3] = 0.0, 0.0, share * motor.braking - gain
-        model.actuator_forcelimited[index] = limited
-        model.actuator_forcerange[index] = (-most, most) if limited else 0.0
+        # No sum with the integral part is changed by this, and MuJoCo is told where the feedback does not work.
+        bounded = limited and too_light
+        bound = _FAR * share * motor.limit if bounded else 0.0
+        model.actuator_forcelimited[index] = bounded
+        model.actuator_forcerange[index] = -bound, bound
         model.tendon_frictionloss[model.tendon(f"{prefix}{name}").id] = share * lost
+        _set_integral_part(model, f"{prefix}{name}", share, light, drive)
 
 
-@lru_cache(maxsize=1)
-def _callback() -> Any:
-    """Return the compiled callback; it is kept on disk under the offsets, which another version of MuJoCo may change."""
-    spec = mujoco.MjSpec()
-    spec.worldbody.add_body(mass=1.0, inertia=[1.0, 1.0, 1.0]).add_joint(name="wheel")
-    motor = spec.add_actuator(target="wheel", trntype=mujoco.mjtTrn.mjTRN_JOINT)
-    motor.dyntype, motor.actdim = mujoco.mjtDyn.mjDYN_USER, 2
-    model = spec.compile()
-    data, numbers = mujoco.MjData(model), model.actuator_dynprm.shape[1]
-    from_model = offset(model, model.actuator_dynprm)
-    rest, change, control, rate = (offset(data, a) for a in (data.act, data.act_dot, data.ctrl, data.actuator_velocity))
-
-    @compiled_for_c(types.float64(types.intp, types.intp, types.int32))
-    def activations(model: int, data: int, actuator: int) -> float:
-        """Set how both activations of a motor change; the integral part is stepped as `advance_integral` does it."""
-        first, own = numbers * actuator, model + from_model
-        at = int(number(own, first))
-        wanted = number(data + control, int(number(own, first + 1)))
-        error = wanted - number(data + rate, int(number(own, first + 2)))
-        integral, set_point, most = number(data + rest, at), number(data + rest, at + 1), number(own, first + 5)
-        later = integral + (number(own, first + 3) * integral + number(own, first + 4) * error)
-        steps = number(own, first + 7)  # of a second
-        set_number(data + change, at, (min(max(later, -most), most) - integral) * steps)
-        set_number(data + change, at + 1, (number(own, first + 6) * wanted + integral - set_point) * steps)
-        return 0.0  # of an actuator with one activation
-
-    return activations.ctypes
-
-
-def _install() -> None:
-    """Give MuJoCo the callback.
-
-    Raises:
-        ValueError: it has another one.
-    """
-    with _INSTALLING:
-        ours = _callback()
-        if mujoco.get_mjcb_act_dyn() is None:
-            mujoco.set_mjcb_act_dyn(ours)
-    if mujoco.get_mjcb_act_dyn() != ours:
-        raise ValueError("mujoco's mjcb_act_dyn is in use: another program controls actuators in this process")
+def _set_integral_part(model: mujoco.MjModel, motor: str, share: float, light: float, drive: Drive) -> None:
+    """Set the spring and the slip of a motor that has a share of a side, whose wheels and rotors have an inertia [kg m2]."""
+    dt = float(model.opt.timestep)
+    stiffness = share * drive.integral_gain
+    index = model.actuator(f"{motor}_integral").id
+    model.actuator_gainprm[index, 0] = stiffness
+    model.actuator_biasprm[index, :3] = 0.0, -stiffness, 0.0
+    dof = int(model.joint(f"{motor}_slip").dofadr[0])
+    inertia = max(share * SLIP_INERTIA * light, stiffness * dt**2)
+    # Friction of impedance d that stops the rate at the end of the step is a damper of d / (1 - d) inertia / dt.
+    softest = 1.0 - _STIFFEST
+    wanted = min(share * drive.dc_stiffness * dt, inertia / softest)
+    impedance = min(max(round(wanted / (wanted + inertia), 4), softest), _STIFFEST)
+    if impedance < _STIFFEST:  # a file has six digits: few of 1 - d, but enough of an inertia that goes with a d of four
+        inertia = wanted * (1.0 - impedance) / impedance
+    model.dof_armature[dof] = inertia
+    model.dof_damping[dof] = SLIP_DAMPING * math.sqrt(stiffness * inertia)
+    model.dof_frictionloss[dof] = min(2.0 * share * drive.torque_limit, _NO_LIMIT)
+    model.dof_solimp[dof, :2] = impedance
+    model.dof_solref[dof] = -1.0, -impedance / dt
+    # The solver's softness is in proportion to what the joint's inertia was when the model was made.
+    model.dof_invweight0[dof] = 1.0 / inertia

@@ -116,7 +116,7 @@ class MujocoPlant:
         """Return the robot's model with wheels that turn as they are told, whatever torque that takes."""
         robot = self.calibration.robot
         armature = PRESCRIBED_SHARE * robot.masses.total * robot.geometry.wheel_radius**2
-        gain = 2.0 * armature / (PRESCRIBED_LAG * self.dt)
+        gain = 2.0 * armature / ((PRESCRIBED_LAG + 1.0) * self.dt)  # Euler's method is a step ahead of the lag
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
         return robot_model(heavy, self.terrain, self.settings, FREE_DRIVE)
 

@@ -80,12 +80,10 @@ class Setting(NamedTuple):
     ) -> MujocoPlant | EnginePlant:
         """Return a profile's robot with wheels larger by `wheels` [m] and `steps` times as many steps.
 
-        Its friction is Coulomb's, which is what the settings are about, also where the profile's tyres slip.
-
         Raises:
             ValueError: the parameters do not fit together, or the engine is not installed.
         """
-        c, s = replace(section.parameters, slip_compliance=0.0, **self.robot), self.physics
+        c, s = replace(section.parameters, **self.robot), self.physics
         c = replace(c, wheel_radius=c.wheel_radius + wheels, timestep=c.timestep / steps)
         if isinstance(s, OdeSettings):
             return EnginePlant("ode", lambda numbers: OdeBody(numbers, s), c, section.drive, terrain)

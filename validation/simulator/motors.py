@@ -93,7 +93,8 @@ def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, pr
         model.actuator_biasprm[index, :3] = 0.0, 0.0, share * motor.braking - gain
         # No sum with the integral part is changed by this, and MuJoCo is told where the feedback does not work.
         bounded = limited and too_light
-        bound = _FAR * share * motor.limit if bounded else 0.0
+        far = _FAR if drive.integral_gain > 0.0 else 1.0
+        bound = far * share * motor.limit if bounded else 0.0
         model.actuator_forcelimited[index] = bounded
         model.actuator_forcerange[index] = -bound, bound
         model.tendon_frictionloss[model.tendon(f"{prefix}{name}").id] = share * lost

@@ -17,13 +17,13 @@ from ssmr.control.population import run_bodies
 from ssmr.control.references import circle
 from ssmr.geometry import wrap_angle
 from ssmr.models.four_wheel import STATE_NUMBERS, body_of, four_wheels, spread_load
-from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant, run_four_wheels
+from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
 from ssmr.models.friction import AlongAcross, Tyre, bend, bent_share, felt_slip, steady_bend, tyre_force
 from ssmr.robot.ground import LoadModel
 from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, State, Trajectory
-from tests.conftest import DERIVATIVE, EXACT, ROUNDOFF
+from tests.conftest import DERIVATIVE, ROUNDOFF
 from tests.robots import HUSKY
 from validation.plants.planar import tyred_defaults
 
@@ -216,16 +216,6 @@ def test_wheels_with_motors_of_their_own_turn_at_their_own_rates() -> None:
 
 
 # ------------------------------------------------------------------------------- as a plant
-
-
-@pytest.mark.parametrize("kind", ["twist", "wheels"])
-def test_a_population_equals_its_members(kind: Any) -> None:
-    commands = Commands(0.05, np.random.default_rng(7).uniform(0.0, 1.0, (40, 2)), kind, (0.1, 0.2))
-    starts = [State(), State(0.1, 0.2, 0.3, 0.4, 0.0, 0.1, 2.0, 2.5)]
-    models = [FourWheelModel(replace(P, stiffness_y=s), HUSKY.drive) for s in (5.0, 20.0)]
-    poses = run_four_wheels(models, commands, starts, 0.01)
-    for model, start, pose in zip(models, starts, poses, strict=True):
-        assert np.abs(FourWheelPlant(model).run(commands, start, 0.01).pose - pose).max() == EXACT
 
 
 def test_closed_loops_equal_the_slow_loop() -> None:

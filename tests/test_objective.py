@@ -18,6 +18,7 @@ from validation.bench.sources import drive, horizons_of, open_source, source_of
 from validation.files.log import Log
 from validation.identify.objective import FitCost, FitTarget, make_raters
 from validation.identify.problem import FitProblem
+from validation.plants.kind import TORQUES
 from validation.plants.profile import PLANTS, Profile, make_plant
 from validation.plants.searchable import find, make_space, searchable, with_values
 from validation.plants.table import plant_kind
@@ -164,12 +165,15 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
         piece = target.source.pieces[0]
         for name, plant in lab.plants.items():
             other = replace(plant, localiser=Localiser(0.12, -0.03, 0.05, -0.09, 0.02))
-            many = plant_kind(name).population([plant, None, other], 2).poses([0, 1, 2], piece, target.source.sample_dt)
+            many = plant_kind(name).population([plant, None, other], 2).motions([0, 1, 2], piece, target.source.sample_dt)
             assert np.isnan(many[1]).all()
             for row, profile in ((0, plant), (2, other)):
                 made = make_plant(Profile("", "", {name: profile}, {}), name)
-                alone = drive(made, piece, profile.localiser, target.source.sample_dt).pose
-                assert np.abs(many[row] - alone).max() < 1e-12
+                alone = drive(made, piece, profile.localiser, target.source.sample_dt)
+                assert np.abs(many[row][:, :3] - alone.pose).max() < 1e-12
+                assert many.shape[2] == (5 if plant_kind(name).torques else 3)
+                if plant_kind(name).torques:
+                    assert np.array_equal(many[row][:, 3:], alone.channels[TORQUES])
 
 
 def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:

@@ -159,7 +159,7 @@ def test_squares_of_residuals_are_the_costs_terms(lab: Profile) -> None:
         assert len(problem.blocks) == problem.residuals(points).shape[1]
         if cost.objective == "sync":
             poses = plant_kind("improved").population([problem.candidate(p) for p in points], 1)
-            error = poses.poses(range(3), target.source.pieces[0], target.source.sample_dt) - target.truth[0].pose
+            error = poses.motions(range(3), target.source.pieces[0], target.source.sample_dt) - target.truth[0].pose
             error = error[:, :: round(0.1 / float(target.truth[0].t[1]))]
             wanted = ((error[..., :2] ** 2).sum(axis=2) + 0.09 * wrap_angle(error[..., 2]) ** 2).mean(axis=1)
             assert np.allclose(squares, wanted, rtol=1e-12)

@@ -91,10 +91,10 @@ def test_a_population_does_not_hang_on_those_before_it() -> None:
     stretch = type("Stretch", (), {"commands": Commands(0.05, np.tile([0.5, 0.3], (20, 1))), "start": State(), "t": None})()
     chosen = [replace(section, parameters=replace(section.parameters, friction=f)) for f in (0.3, 0.6, 0.9)]
     population = plant_kind("mujoco").population
-    forward = population(chosen, 1).poses([0, 1, 2], stretch, SAMPLE_DT)
-    backward = population(chosen[::-1], 1).poses([0, 1, 2], stretch, SAMPLE_DT)
+    forward = population(chosen, 1).motions([0, 1, 2], stretch, SAMPLE_DT)
+    backward = population(chosen[::-1], 1).motions([0, 1, 2], stretch, SAMPLE_DT)
     assert np.array_equal(forward, backward[::-1])
     bad = replace(section, parameters=replace(section.parameters, yaw_inertia=50.0))
-    mixed = population([bad, chosen[1]], 1).poses([0, 1], stretch, SAMPLE_DT)
+    mixed = population([bad, chosen[1]], 1).motions([0, 1], stretch, SAMPLE_DT)
     assert np.isnan(mixed[0]).all()
     assert np.array_equal(mixed[1], forward[1])

@@ -11,7 +11,6 @@ import datetime
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -22,21 +21,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.errors import ParameterError, SsmrError
-from ssmr.metrics.declared import Metrics, compare_pieces
-from ssmr.metrics.windows import HorizonErrors, WindowErrors
 from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
-from ssmr.types import FloatArray, Plant, Trajectory
+from ssmr.types import FloatArray, Plant
 from validation import cli
 from validation.bench.sources import (
     RECORDING,
     band_of,
     drive,
-    horizons_of,
     pace_of,
     standing_sentences,
     stranger_sentences,
-    window_errors_of,
 )
 from validation.bench.user_law import add_user_model
 from validation.files.formats import profile_of_log
@@ -46,6 +41,7 @@ from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
 from validation.identify.report import SearchReport, bound_sentences, ending, fitted_parameters, search_figure
+from validation.identify.scores import HORIZONS, Scored, score, worse_sentences
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
 from validation.identify.uncertainty import estimate, sentences
@@ -56,7 +52,7 @@ from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress
 from validation.report import drawing
 from validation.report.motions import HEADLINE_HORIZON, interval_table
-from validation.report.table import Table
+from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
 from validation.simulator.physics import SHIPPED
 from validation.simulator.terrain import FLAT
@@ -66,7 +62,7 @@ Method = Literal["jde", "hybrid", "lsq"]
 """Searches of a fit: differential evolution; a short one, then least squares; or least squares from one start."""
 _SIZES: Mapping[tuple[Method, bool], tuple[int, int]] = {
     ("jde", False): (50, 300),
-    ("jde", True): (32, 60),
+    ("jde", True): (20, 90),
     ("hybrid", False): (20, 10),
     ("hybrid", True): (20, 4),
     ("lsq", False): (5, 1),  # of which only the first candidate counts
@@ -78,8 +74,6 @@ _STARTS: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
 _JAGGED = (50, 100)
 """Usual population and generations of a hybrid search of planar models for the path objective: distances between samples
 make it jagged, so least squares go to the right place but not to the least cost there."""
-HORIZONS = (2.0, 6.0, 30.0, 60.0)
-"""Horizons of the relative pose errors in results [s]."""
 _WINDOWS = {"n": "windows", "n_standing": "standing"}
 _START = cli.parsed(lambda text: {} if text == "profile" else cli.read_values(text), "profile|NAME=X,...", cli.values_text)
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
@@ -116,12 +110,18 @@ class Fit(Searching):
         cli.option(default="profile for recordings; for scenarios all are drawn at random"),
     ] = None
     """A candidate of the first population: the profile's numbers, or some that replace them, such as friction=0.4."""
-    objective: Annotated[Objective | None, cli.option(default="path for scenarios, horizon for recordings")] = None
+    objective: Annotated[
+        Objective | None,
+        cli.option(default="horizon for recordings; else sync for bodies on wheels, path for others"),
+    ] = None
     """Errors to minimise: path (of paths, Eq. 3.1), sync (at equal times) or horizon (of relative poses, seconds later)."""
     horizons: Annotated[cli.Numbers, cli.option()] = (2.0, 6.0)
     """Horizons of the horizon objective [s]."""
-    yaw_weight: Annotated[float, cli.option(metavar="M/RAD")] = 1.0
+    yaw_weight: Annotated[cli.Number, cli.option(metavar="M/RAD", default="1; 0.2 for bodies on wheels in scenarios")] = None
     """Position error that counts as much as a radian of yaw error, in the sync and horizon objectives."""
+    torque_weight: Annotated[float, cli.option(metavar="M/(N m)")] = FitCost.torque_weight
+    """Position error that counts as much as a newton metre of torque error, where both the source
+    and the plant have torques of a body on wheels (mujoco, four_wheel); 0 leaves them out."""
     position_weight: Annotated[float, cli.option(metavar="X")] = 1.0
     """Weight of position errors in the sync and horizon objectives; 0 fits the heading alone, where positions are not to be
     trusted."""
@@ -149,30 +149,6 @@ class Fit(Searching):
         return [part.strip() for part in parts if part.strip()]
 
 
-@dataclass(frozen=True, eq=False)
-class Scored:
-    """A fitted plant on one source, or on several together."""
-
-    label: str
-    """The source as the user named it, with its input where it is a recording driven by both."""
-    motion: tuple[Trajectory, ...]
-    """The fitted plant's motion, piece by piece."""
-    metrics: Metrics
-    """Distances of `motion` from the true one, over all pieces."""
-    horizons: Mapping[float, HorizonErrors]
-    """Errors of the relative pose, by horizon [s]; empty where the truth is a plant's motion."""
-    windows: Mapping[float, WindowErrors]
-    """Errors over windows that begin every second, by horizon [s]; empty where the truth is a plant's motion."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the scores as fit.json holds them."""
-        horizons = {
-            f"{h:g}": {**asdict(errors), "overlapping": asdict(self.windows[h].summary())}
-            for h, errors in self.horizons.items()
-        }
-        return {**self.metrics, **({"horizons": horizons} if horizons else {})}
-
-
 def _built(model: str, plant: PlantProfile) -> Plant:
     return plant_kind(model).build(plant, FLAT, SHIPPED)
 
@@ -181,14 +157,7 @@ def _scored(problem: FitProblem, fitted: PlantProfile, target: FitTarget) -> Sco
     """Drive the fitted plant along one source; an SsmrError says that it diverged."""
     plant, source = _built(problem.model, fitted), target.source
     motion = tuple(drive(plant, piece, fitted.localiser, source.sample_dt) for piece in source.pieces)
-    return _score(target.label, [target], [motion])
-
-
-def _score(label: str, targets: Sequence[FitTarget], motions: Sequence[tuple[Trajectory, ...]]) -> Scored:
-    driven = [(target.source, motion) for target, motion in zip(targets, motions, strict=True)]
-    truth, motion = tuple(chain(*(target.truth for target in targets))), tuple(chain(*motions))
-    errors = horizons_of(driven, HORIZONS), window_errors_of(driven, HORIZONS)
-    return Scored(label, motion, compare_pieces(motion, truth), *errors)
+    return score(target.label, [target], [motion])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -241,7 +210,10 @@ def fit(o: Fit) -> Fitted:
     known = o.profile is not None or o.robot is not None
     read = ReadOptions({}, o.limits, o.columns, base.robot.geometry.wheel_radius if known else None)
     targets, held_out = open_targets(o.names, base, o.held_out, o.input, (o.start_at, o.until), read)
-    cost = FitCost(o.objective, tuple(o.horizons), o.yaw_weight, o.position_weight)
+    usual_yaw = 0.2 if occasion == "scenario" and plant_kind(o.model).torques else 1.0
+    yaw_weight = usual_yaw if o.yaw_weight is None else o.yaw_weight
+    horizons = tuple(o.horizons)
+    cost = FitCost(o.objective, horizons, yaw_weight, o.position_weight, o.torque_weight)
     problem = FitProblem(o.model, begun, space, targets, cost)
     _require_possible(problem, o.bounds)
     simulated = o.model in SIMULATED
@@ -314,7 +286,8 @@ def _report(
             unfitted.append(_scored(problem, problem.base, target))
         except SsmrError as error:
             notes.append(f"The plant cannot be driven along {target.label}, which was held out: {error}.")
-    worse = _worse(o, unfitted, judged)
+    worse = worse_sentences(problem.cost, o.even_if_worse, unfitted, judged)
+    chosen = {name: getattr(problem.cost, name) for name in ("objective", "yaw_weight")}
     train = tuple(_scored(problem, fitted, target) for target in problem.targets)
     source = ",".join(o.names)
     bare = Fitted(
@@ -324,7 +297,7 @@ def _report(
         document={},
         draw=_draw,
         sentences=[one_line(note) for note in dict.fromkeys([*worse, *notes])],
-        options={**o.chosen(search.jde.settings), "objective": problem.cost.objective},
+        options={**o.chosen(search.jde.settings), **chosen},
         **ending(search, worse),
         course=search,
         cost=search.cost,
@@ -338,31 +311,12 @@ def _report(
         unfitted=tuple(unfitted),
         better=not worse if judged else None,
     )
-    together = _score("all fitted to", problem.targets, [each.motion for each in bare.train])
+    together = score("all fitted to", problem.targets, [each.motion for each in bare.train])
     document = _document(bare, source, o.seed, method, together)
     pace = pace_of([m for target in problem.targets for m in target.truth], base.robot.geometry.wheel_radius)
     new = replace(_with_provenance(o, bare, fitted, document), fitted_at=pace)
     kept = base if worse and not o.even_if_worse else new
     return replace(bare, profile=kept, tables=_tables(bare), document=document)
-
-
-def _worse(o: Fit, before: Sequence[Scored], after: Sequence[Scored]) -> list[str]:
-    """Return a sentence where the error on held-out sources is larger than before the fit; nothing else."""
-
-    def size(s: Scored) -> float:
-        """Position and yaw errors after the headline's horizon, weighed as in the cost; of scenarios, paths."""
-        if not s.windows:
-            return s.metrics["d_rms_m"]
-        e = s.windows[min(s.windows, key=lambda h: abs(h - HEADLINE_HORIZON))].summary()
-        return o.position_weight * e.position_median_m + o.yaw_weight * e.yaw_median_rad
-
-    was, now = (float(np.mean([*map(size, scores)])) if scores else 0.0 for scores in (before, after))
-    if now <= was:
-        return []
-    kept = "has the fitted numbers all the same" if o.even_if_worse else "keeps the old ones (--even-if-worse)"
-    return [
-        f"The fit's error on held-out data is larger than before, {now:.3g} m instead of {was:.3g} m: profile.toml {kept}."
-    ]
 
 
 def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) -> dict[str, Any]:
@@ -414,7 +368,10 @@ def _named(f: Fitted) -> list[tuple[str, Scored]]:
 
 def _tables(f: Fitted) -> list[Table]:
     """Return the parameters, the scores on each source, and the errors by horizon where there are recordings."""
-    scores = [{"source": name, **{key: s.metrics[key] for key in _SHOWN}} for name, s in _named(f)]
+    scores = list[Row]()
+    for name, s in _named(f):
+        torque = {} if s.torque_rms is None else {"torque_rms_N_m": s.torque_rms}
+        scores.append({"source": name, **{key: s.metrics[key] for key in _SHOWN}, **torque})
     pairs = [(h, name, s) for h in HORIZONS for name, s in _named(f) if h in s.horizons]
     errors = [{"horizon_s": h, "source": name, **asdict(s.horizons[h])} for h, name, s in pairs]
     return [

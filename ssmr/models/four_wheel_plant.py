@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit_alone, named_like, share_among_threads
+from ssmr._jit import jit_alone, named_like
 from ssmr.errors import DivergedError
 from ssmr.models.four_wheel import (
     SAMPLE_COLUMNS,
@@ -155,31 +154,3 @@ class FourWheelBodies:
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
         """Take (S, n, 2) references [rad/s] and (S, n) yaw accelerations [rad/s2] through n physics steps."""
         _advance_all(references, pushes, self._robots, self._rows, self._now, self._failed)
-
-
-def run_four_wheels(
-    models: Sequence[FourWheelModel],
-    commands: Commands,
-    starts: Sequence[State],
-    sample_dt: float,
-    dt: float = FOUR_WHEEL_DT,
-    workers: int = 1,
-) -> FloatArray:
-    """Drive many robots with the same inputs, each as its plant does; the result does not depend on the number of workers.
-
-    Returns:
-        (S, M, 3) poses every `sample_dt` [s]; a robot that diverges is NaN throughout, for the caller to rate.
-
-    Raises:
-        ValueError: periods that are no whole number of steps.
-    """
-    stride, steps = whole_steps(sample_dt, dt, "the sample period"), whole_steps(commands.dt, dt, "the command period")
-    poses = np.full((len(models), 1 + commands.n * steps // stride, 3), np.nan)
-
-    def run(first: int, last: int) -> None:
-        for i in range(first, last):
-            with suppress(DivergedError):
-                poses[i] = FourWheelPlant(models[i], dt).run(commands, starts[i], sample_dt).pose
-
-    share_among_threads(run, len(models), workers)
-    return poses

@@ -132,9 +132,11 @@ class Drive:
     (docs/errata.md)."""
     no_load_rate: float = parameter(math.inf, unit="rad/s", low=0.0, open_low=True)
     """Wheel rate at which a motor at its greatest voltage has no torque left [rad/s]; off (infinite) by default."""
-    integral_gain: float = parameter(0.0, unit="N m/rad", low=0.0, high=1e6)
+    integral_gain: float = parameter(0.0, unit="N m/rad", low=0.0, high=1e6, search=(0.5, 50.0), scale="log", of="gain")
     """K_I of a side's speed loop [N m/rad]; 0: the proportional loop of the thesis."""
-    dc_stiffness: float = parameter(1000.0, unit="N m s/rad", low=0.0, open_low=True)
+    dc_stiffness: float = parameter(
+        1000.0, unit="N m s/rad", low=0.0, open_low=True, search=(1.0, 50.0), scale="log", of="gain"
+    )
     """K_dc, lasting torque of a side's integral part over the rate error that it leaves [N m s/rad]: the integral part leaks
     at the rate K_I / K_dc."""
     gear_loss: float = parameter(0.0, unit="N m", low=0.0, high=1e3)

@@ -18,6 +18,7 @@ from ssmr.parameters import require_within
 from ssmr.types import FloatArray, Trajectory
 from validation.bench.gyro import GyroJudge
 from validation.bench.sources import Piece, Source
+from validation.plants.kind import TORQUES
 
 Objective = Literal["path", "sync", "horizon"]
 
@@ -41,6 +42,10 @@ class FitCost:
     position_weight: float = 1.0
     """Weight of position errors in the sync and horizon objectives [1]; 0 fits the heading alone, where positions are not to
     be trusted."""
+    torque_weight: float = 0.01
+    """Position error that counts as much as a newton metre of torque error [m/(N m)]; 0 leaves
+    torques out. By default 1 cm and 1 N m weigh alike: models of real robots are off by some of
+    both."""
     k_rms: float = 20.0
     """K_rms of Eq. 3.1 [1/m]; Tab. 3.7."""
     k_haus: float = 8.0
@@ -52,7 +57,8 @@ class FitCost:
         """Raise a ValueError for an unknown objective, a number out of its range, or weights that are all 0."""
         if self.objective is not None and self.objective not in get_args(Objective):
             raise ValueError(f"unknown objective '{self.objective}'; there are: {', '.join(get_args(Objective))}")
-        require_within(self, ("k_rms", "k_haus", "k_ratio", "yaw_weight", "position_weight"), 0.0, 1e6)
+        weights = ("yaw_weight", "position_weight", "torque_weight")
+        require_within(self, (*weights, "k_rms", "k_haus", "k_ratio"), 0.0, 1e6)
         if self.objective == "path" and self.position_weight != 1.0:
             raise ValueError("position_weight belongs to the objectives sync and horizon; path is a distance of positions")
         if self.yaw_weight == self.position_weight == 0.0:
@@ -74,6 +80,17 @@ class FitTarget:
     """The true motion, piece by piece."""
     gyro: GyroJudge | None = None
     """Better judge of turns than the truth's headings; None where these are as good."""
+    torques: tuple[FloatArray, ...] | None = None
+    """(M, 2) true torques of the left and the right motors, piece by piece [N m]; NaN where nobody
+    knows them. None where the source has none that can be believed."""
+
+    def torque_errors(self, motions: Sequence[Trajectory]) -> FloatArray:
+        """Return (K,) errors of the `TORQUES` of a plant's motions [N m], where both are known."""
+        known = self.torques or ()
+        pairs = [pair for pair in zip(motions, known, strict=False) if TORQUES in pair[0].channels]
+        errors = [(motion.channels[TORQUES] - true).ravel() for motion, true in pairs]
+        every = np.concatenate([*errors, np.empty(0)])
+        return every[np.isfinite(every)]
 
 
 class Rater:
@@ -221,12 +238,88 @@ class HorizonRater(Rater):
         return (size * self._weight).sum(axis=1)  # no matrix product: its rounding depends on how many candidates there are
 
 
+class TorqueRater:
+    """The torques of both sides, as means over tenths of a second: RMS, or mean size for logs."""
+
+    def __init__(self, t: FloatArray, torques: FloatArray, cost: FitCost, share: float, block: int) -> None:
+        """Keep the (M, 2) true torques at stamps [s], the piece's share, and its first block.
+
+        A mean is over the samples that are known, and a tenth of a second without any is left out.
+        """
+        every = max(1, round(_SYNC_STRIDE_S / float(np.median(np.diff(t)))))
+        self._first = np.arange(0, len(t), every)
+        self._known = np.isfinite(torques)
+        count = np.add.reduceat(self._known, self._first, axis=0)
+        self._kept = count > 0
+        self._count = np.maximum(count, 1)
+        self._share = share
+        self._size = cost.torque_weight
+        self._robust = cost.objective == "horizon"
+        length = _BLOCK_S if self._robust else _SCENARIO_BLOCK_S
+        number = block + np.floor((t[self._first] - t[0]) / length)
+        self._of_block = np.broadcast_to(number[:, None], count.shape)[self._kept]
+        self._wanted = self._means(torques[None])
+
+    @property
+    def blocks(self) -> FloatArray:
+        """Number of the block of time that each residual belongs to."""
+        return self._of_block
+
+    def _means(self, torques: FloatArray) -> FloatArray:
+        """Return (S, K) means of (S, M, 2) torques over what is known of each tenth of a second."""
+        known = np.where(self._known, torques, 0.0)
+        sums = np.add.reduceat(known, self._first, axis=1)
+        return np.asarray((sums / self._count)[:, self._kept])
+
+    def cost(self, torques: FloatArray) -> FloatArray:
+        """Return the weighted RMS of the errors of (S, M, 2) torques, or their mean size."""
+        error = self._means(torques) - self._wanted
+        if self._robust:
+            size = np.abs(error).mean(axis=1)
+        else:
+            size = np.sqrt((error**2).mean(axis=1))
+        return np.asarray(self._share * self._size * size)
+
+    def residuals(self, torques: FloatArray) -> FloatArray:
+        """Return the weighted errors of (S, M, 2) torques, whose squares add up as in a rater's."""
+        root = math.sqrt(self._share / len(self._of_block))
+        return np.asarray(root * self._size * (self._means(torques) - self._wanted))
+
+
+def _spans(cost: FitCost, targets: Sequence[FitTarget]) -> tuple[list[float], list[int]]:
+    """Return the length of each piece of each target [s], and its first block of time."""
+    seconds = [float(truth.t[-1] - truth.t[0]) for target in targets for truth in target.truth]
+    length = _BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S
+    counts = [2 + int(s / length) for s in seconds]
+    return seconds, list(itertools.accumulate(counts[:-1], initial=0))
+
+
+def make_torque_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[TorqueRater | None]:
+    """Return a rater of torques for every piece of every target; None for one without torques.
+
+    A piece weighs by its share of the time in which torques are known.
+    """
+    seconds, blocks = _spans(cost, targets)
+    known = [
+        torques if torques is not None and np.isfinite(torques).any() else None
+        for target in targets
+        for torques in target.torques or [None] * len(target.truth)
+    ]
+    total = sum(s for s, torques in zip(seconds, known, strict=True) if torques is not None)
+    stamps = [truth.t for target in targets for truth in target.truth]
+    out = list[TorqueRater | None]()
+    for t, torques, s, block in zip(stamps, known, seconds, blocks, strict=True):
+        if torques is None or cost.torque_weight == 0.0:
+            out.append(None)
+        else:
+            out.append(TorqueRater(t, torques, cost, s / total, block))
+    return out
+
+
 def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
     """Return a rater for every piece of every target, in their order; a ValueError says that no window fits into them."""
     pieces = [pair for target in targets for pair in zip(target.source.pieces, target.truth, strict=True)]
-    seconds = [float(truth.t[-1] - truth.t[0]) for _, truth in pieces]
-    lengths = [2 + int(s / (_BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S)) for s in seconds]
-    blocks = list(itertools.accumulate(lengths[:-1], initial=0))  # the first block of each piece
+    seconds, blocks = _spans(cost, targets)
     if cost.objective != "horizon":
         make = PathRater if cost.objective == "path" else SyncRater
         return [make(r, cost, s / sum(seconds), b) for (_, r), s, b in zip(pieces, seconds, blocks, strict=True)]

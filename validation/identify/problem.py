@@ -13,13 +13,22 @@ import hashlib
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.bench.sources import RECORDING
-from validation.identify.objective import FitCost, FitTarget, Objective, make_raters
+from validation.bench.sources import RECORDING, Piece
+from validation.identify.objective import (
+    FitCost,
+    FitTarget,
+    Objective,
+    Rater,
+    TorqueRater,
+    make_raters,
+    make_torque_raters,
+)
 from validation.plants.kind import PlantProfile, Population
 from validation.plants.searchable import find, with_values
 from validation.plants.table import plant_kind
@@ -34,6 +43,36 @@ PRIOR_S, PRIOR_M = 6.0, 0.05
 """Time [s] and error of the relative pose [m] that a deviation of `IGNORANCE` from the profile's value counts as."""
 
 
+class RatedPiece(NamedTuple):
+    """One piece of motion with what rates candidates along it."""
+
+    piece: Piece
+    """Commands, start and stamps."""
+    dt: float
+    """Period at which plants are sampled [s]."""
+    poses: Rater
+    """Rater of poses."""
+    torques: TorqueRater | None
+    """Rater of torques; None where they are not compared."""
+
+    @property
+    def blocks(self) -> FloatArray:
+        """(K,) number of the block of time of each residual."""
+        return np.concatenate([r.blocks for r in (self.poses, self.torques) if r is not None])
+
+    def cost(self, motions: FloatArray, workers: int) -> FloatArray:
+        """Return (S,) terms of the cost of (S, M, 3 or 5) motions, see `Population.motions`."""
+        terms = self.poses.cost(motions[..., :3], workers)
+        return terms if self.torques is None else terms + self.torques.cost(motions[..., 3:])
+
+    def residuals(self, motions: FloatArray, workers: int) -> FloatArray:
+        """Return (S, K) residuals of (S, M, 3 or 5) motions."""
+        errors = self.poses.residuals(motions[..., :3], workers)
+        if self.torques is None:
+            return errors
+        return np.hstack([errors, self.torques.residuals(motions[..., 3:])])
+
+
 class FitProblem:
     """Problem of a fit: candidates of one plant are rated by how well they make the targets' motions."""
 
@@ -42,16 +81,20 @@ class FitProblem:
     ) -> None:
         """Begin with `base`; the targets choose an objective of None, and a ValueError says that they are too short."""
         self.model, self.base, self.space, self.targets = model, base, space, tuple(targets)
-        usual: Objective = "horizon" if any(target.source.reference == RECORDING for target in targets) else "path"
+        kind = plant_kind(model)
+        usual: Objective = "sync" if kind.torques else "path"  # paths do not say when
+        if any(target.source.reference == RECORDING for target in targets):
+            usual = "horizon"
         self.cost = replace(cost, objective=cost.objective or usual)
-        self._together = plant_kind(model).together  # one compiled loop drives all candidates, on so many threads
-        pieces = [(piece, target.source.sample_dt) for target in self.targets for piece in target.source.pieces]
-        self._pieces = [
-            (piece, dt, rater) for (piece, dt), rater in zip(pieces, make_raters(self.cost, targets), strict=True)
-        ]
-
-        seconds = sum(piece.commands.duration for piece, _, _ in self._pieces)
-        rows = sum(len(rater.blocks) for _, _, rater in self._pieces)
+        if not kind.torques:
+            self.cost = replace(self.cost, torque_weight=0.0)
+        self._together = kind.together  # one compiled loop drives all candidates
+        pieces = [piece for target in self.targets for piece in target.source.pieces]
+        periods = [t.source.sample_dt for t in self.targets for _ in t.source.pieces]
+        raters = make_raters(self.cost, targets), make_torque_raters(self.cost, targets)
+        self._pieces = list(map(RatedPiece, pieces, periods, *raters))
+        seconds = sum(rated.piece.commands.duration for rated in self._pieces)
+        rows = sum(len(rated.poses.blocks) for rated in self._pieces)
         most = 2 * rows // (3 * len(space.names))  # where a robot mostly stands, the median of all errors is one of the data
         self._priors = max(1, min(round(seconds / PRIOR_S), most)) if self.robust else 0  # copies as small as other errors
         self._prior = PRIOR_M / max(self._priors, 1) * self.robust
@@ -66,6 +109,8 @@ class FitProblem:
             for piece, truth in zip(target.source.pieces, target.truth, strict=True):
                 for array in (piece.commands.values, truth.t, truth.pose):
                     data.update(np.ascontiguousarray(array).tobytes())
+            for array in target.torques or ():
+                data.update(np.ascontiguousarray(array).tobytes())
             data.update(b"".join(heading.tobytes() for heading in (target.gyro.late if target.gyro else ())))
         return {
             "model": self.model,
@@ -96,7 +141,12 @@ class FitProblem:
     @property
     def blocks(self) -> FloatArray:
         """(K,) number of the block of time that each residual belongs to."""
-        return np.concatenate([rater.blocks for _, _, rater in self._pieces])
+        return np.concatenate([rated.blocks for rated in self._pieces])
+
+    @property
+    def torques(self) -> bool:
+        """Whether torques are compared."""
+        return any(rated.torques is not None for rated in self._pieces)
 
     def costs(
         self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1, on_share: OnShare = None
@@ -107,16 +157,19 @@ class FitProblem:
         does not depend on the number of threads, `workers`. `on_share` is called with the share of the work that is done.
         """
         bounds, away = np.full(len(points), np.inf) if limits is None else limits, (points - self._usual) / IGNORANCE
-        total, done = sum(piece.commands.duration for piece, _, _ in self._pieces) * len(points), [0.0]
+        seconds = [rated.piece.commands.duration for rated in self._pieces]
+        total = sum(seconds) * len(points)
+        done = [0.0]
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             costs = 0.5 * self._prior * (away[which] ** 2).sum(axis=1)
-            for piece, dt, rater in self._pieces:
+            for rated in self._pieces:
                 live = np.flatnonzero((costs == 0.0) | (np.isfinite(costs) & (costs <= bounds[which])))
                 if len(live):
-                    terms = rater.cost(population.poses(list(live), piece, dt), threads)
+                    motions = population.motions(list(live), rated.piece, rated.dt)
+                    terms = rated.cost(motions, threads)
                     costs[live] += np.where(np.isfinite(terms), terms, np.inf)
-                done[0] += piece.commands.duration * len(costs) / total
+                done[0] += rated.piece.commands.duration * len(costs) / total
                 if on_share is not None:
                     on_share(done[0])
             return costs
@@ -132,7 +185,9 @@ class FitProblem:
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             every = range(which.stop - which.start)
-            residuals = [rater.residuals(population.poses(every, piece, dt), threads) for piece, dt, rater in self._pieces]
+            residuals = [
+                rated.residuals(population.motions(every, rated.piece, rated.dt), threads) for rated in self._pieces
+            ]
             return np.concatenate([*residuals, np.tile(pulls[which], self._priors)], axis=1)
 
         return self._side_by_side(rate, points, workers)

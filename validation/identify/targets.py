@@ -14,7 +14,9 @@ from validation.bench.gyro import find_gyro_judge
 from validation.bench.sources import Source, drive, open_source
 from validation.files.log import PLAIN, ReadOptions
 from validation.identify.objective import FitTarget
+from validation.plants.kind import TORQUES
 from validation.plants.profile import Profile, make_plant
+from validation.plants.table import plant_kind
 
 Input = Literal["commands", "wheels"]
 MOST_TIME = 1e12
@@ -98,6 +100,10 @@ def _truth(profile: Profile) -> Callable[[Source, str], FitTarget]:
         if source.reference == "recording":
             return FitTarget(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
         made, localiser = plant(source.reference), profile.section(source.reference).localiser
-        return FitTarget(label, source, tuple(drive(made, piece, localiser, source.sample_dt) for piece in source.pieces))
+        dt = source.sample_dt
+        motions = tuple(drive(made, piece, localiser, dt) for piece in source.pieces)
+        believed = plant_kind(source.reference).torques
+        torques = tuple(motion.channels[TORQUES] for motion in motions) if believed else None
+        return FitTarget(label, source, motions, torques=torques)
 
     return resolve

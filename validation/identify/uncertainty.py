@@ -19,13 +19,14 @@ from ssmr.metrics.bands import QUARTERS
 from ssmr.types import FloatArray
 from validation.identify.problem import IGNORANCE, PRIOR_M, PRIOR_S, FitProblem
 from validation.identify.refine import Remembered, error_slopes, median_size
-from validation.plants.table import SIMULATED
+from validation.plants.table import plant_kind
 
 _FEWEST_BLOCKS = 8  # fewer say too little about their own scatter
 VAGUE = 0.2
 """A standard error of more than this share of the bounds' width says that the data hardly determine the parameter; of the
 bounds alone it is 0.29."""
 _ENTANGLED = 0.95  # correlation beyond which the data cannot tell two parameters apart ...
+_WELL_KNOWN = 0.02  # a friction known to this share of its bounds' width is told by the motion
 _WORTH_TELLING = 0.01  # ... unless both are known to better than this share of the bounds' width
 
 
@@ -152,10 +153,14 @@ def sentences(problem: FitProblem, uncertainty: Uncertainty) -> list[str]:
             "The value of each number before the fit is a weak prior: "
             f"to leave it by {IGNORANCE:.0%} of the bounds' width costs as much as {PRIOR_M:g} m for {PRIOR_S:g} s."
         )
-    if problem.model in SIMULATED and "friction" in touched:
-        out.append(
-            "The way a robot turns determines the ratio of lateral to longitudinal friction, not the friction itself. "
-            "Friction shows only where torque saturates, the wheels lag or the robot slides outwards: take it from currents "
-            "or from braking, and hold it."
-        )
+    if plant_kind(problem.model).torques and not problem.torques and "friction" in names:
+        k = names.index("friction")
+        if share[k] > _WELL_KNOWN or "friction" in touched:
+            error = uncertainty.standard_error[k]
+            out.append(
+                f"The path hardly tells friction: its standard error is {error:.2g}. The way a robot "
+                "turns determines the ratio of its friction across to that along, not the friction. "
+                "The motors' torques tell it: compare those of mujoco or four_wheel, or a log's "
+                "currents, for which it needs --torque-constant."
+            )
     return out

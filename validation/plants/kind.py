@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal, Protocol
 
+import numpy as np
+
+from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.bands import Band
 from ssmr.parameters import described
 from ssmr.robot.localiser import Localiser
@@ -20,6 +24,14 @@ Occasion = Literal["scenario", "commands", "wheels"]
 
 SEEN = ("tracked_x", "tracked_yaw", "position_late", "yaw_late")
 """Numbers of the localiser that a fit to a log has to find, whatever drives the plant."""
+
+TORQUES = "torque_N_m"
+"""Channel of a motion: the (M, 2) torques of the left and the right motors at the wheels [N m]."""
+CAUSES = (
+    *("com_x", "friction", "command_half_track", "wheel_radius", "acceleration_v"),
+    "dc_stiffness",
+)
+"""Causes of a body's motion in a scenario, which a fit moves; the tracked point is no cause."""
 
 PARTS = ("parameters", "vehicle", "drive", "localiser")
 """The parts of a plant's profile that hold numbers."""
@@ -71,7 +83,7 @@ class Stretch(Protocol):
 class Population(Protocol):
     """S candidates of one plant, ready to be driven."""
 
-    def poses(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
+    def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates over one stretch.
 
         Args:
@@ -80,9 +92,48 @@ class Population(Protocol):
             sample_dt: period at which plants are sampled [s].
 
         Returns:
-            (len(which), M, 3) poses of each candidate's tracked frame; NaN for a candidate that cannot be built or diverges.
+            (len(which), M, 3) poses of each candidate's tracked frame. A plant whose torques are a
+            body's has two columns more, the torques of its left and right motors [N m]. All is
+            NaN for a candidate that cannot be built or diverges.
         """
         ...
+
+
+class OneByOne:
+    """Candidates that are driven one after another; the caller spreads them over threads."""
+
+    def __init__(
+        self,
+        build: Callable[[PlantProfile], Plant],
+        candidates: Sequence[PlantProfile | None],
+        workers: int,
+    ) -> None:
+        """Build the candidates; None stands for one that cannot be built.
+
+        `workers` has no effect.
+        """
+        self._candidates = candidates
+        self._plants: list[Plant | None] = []
+        for candidate in candidates:
+            try:
+                self._plants.append(None if candidate is None else build(candidate))
+            except ParameterError:
+                self._plants.append(None)
+
+    def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
+        """Drive some of the candidates, see `Population.motions`."""
+        samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
+        out = np.full((len(which), samples, 5), np.nan)
+        for row, i in enumerate(which):
+            plant = self._plants[i]
+            candidate = self._candidates[i]
+            if plant is not None and candidate is not None:
+                localiser = candidate.localiser
+                with contextlib.suppress(SsmrError):
+                    start = localiser.body_state(piece.start)
+                    motion = localiser.seen(plant.run(piece.commands, start, sample_dt), piece.t)
+                    out[row] = np.hstack([motion.pose, motion.channels[TORQUES]])
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,3 +162,6 @@ class PlantKind:
     """Fields of the drive that a fit may move."""
     together: bool = True
     """Whether one compiled loop drives all candidates; otherwise each is driven on a thread of its own."""
+    torques: bool = False
+    """Whether the channel `TORQUES` has the torques of a body on wheels, so that they can be
+    compared with others; those of planar models are numbers of a fit."""

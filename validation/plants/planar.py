@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -11,19 +11,29 @@ import numpy as np
 
 from ssmr.lanes import run_population
 from ssmr.models.four_wheel import FourWheelParameters
-from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant, run_four_wheels
+from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
 from ssmr.models.law import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray
-from validation.plants.kind import SEEN, Occasion, PlantKind, PlantProfile, Stretch
+from validation.plants.kind import (
+    CAUSES,
+    SEEN,
+    Occasion,
+    OneByOne,
+    PlantKind,
+    PlantProfile,
+    Stretch,
+)
 from validation.simulator.description import Robot
 
 _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
 """Numbers that the thesis read off response curves or took for given, and a fit to a scenario has to find."""
 _DRIVEN = ("delay", "acceleration_v", "acceleration_w")
 """Numbers of the driver, of which wheel rates say nothing."""
+_MOTOR = ("torque_limit", "integral_gain", "dc_stiffness")
+"""Numbers of the motors, which a model whose wheels turn as they are told does not have."""
 _ROLLING = ("wheel_radius", "radius_difference", "effective_half_track")
 """Numbers that are left of a dynamic model whose wheel rates are given."""
 _CENTRES = ("alpha_l", "alpha_r", "y_l", "y_r")
@@ -35,7 +45,7 @@ _KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
 """The kinematic model has no dynamics that could lag behind its wheels, and its constants hold the half-track."""
 _TYRES = ("friction", "stiffness_x", "stiffness_y", "wheel_radius", "radius_difference", "com_x", "com_y")
 _TYRED_FREE: Mapping[Occasion, tuple[str, ...]] = {
-    "scenario": ("stiffness_x", "stiffness_y", "wheel_radius", "command_half_track", "delay", "acceleration_v"),
+    "scenario": CAUSES,
     "commands": (*_TYRES, *_DRIVEN, "wheel_lag", *SEEN),
     "wheels": (*_TYRES, *SEEN),
 }
@@ -92,10 +102,9 @@ def declare(name: str) -> PlantKind:
         ValueError: there is no such model.
     """
     if name == "four_wheel":
-        parameters, population = FourWheelParameters, partial(PlanarPopulation, make=_tyred, run=run_four_wheels)
         return PlantKind(
-            name, parameters, tyred_defaults, lambda section, *_: FourWheelPlant(_tyred(section)), population, _TYRED_FREE,
-            "#56b4e9", usual_drive=lambda robot: robot.motor_drive,
+            name, FourWheelParameters, tyred_defaults, _tyred, partial(OneByOne, _tyred), _TYRED_FREE,
+            colour="#56b4e9", usual_drive=lambda robot: robot.motor_drive, together=False, torques=True,
         )  # fmt: skip
     law = planar_law(name)
     own = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
@@ -104,7 +113,7 @@ def declare(name: str) -> PlantKind:
         "commands": (*own, "wheel_radius", "effective_half_track", *_DRIVEN, "tracked_y", *SEEN),
         "wheels": (*_ROLLING, "tracked_y", *SEEN),
     }
-    drive = tuple(n for n in described(Drive) if n != "torque_limit" or not law.ideal)
+    drive = tuple(n for n in described(Drive) if n not in _MOTOR or not law.ideal)
     chosen = _KINEMATIC if law.ideal else free
     usual = partial(defaults, law.parameters)
     return PlantKind(
@@ -113,8 +122,8 @@ def declare(name: str) -> PlantKind:
     )  # fmt: skip
 
 
-def _tyred(section: PlantProfile) -> FourWheelModel:
-    return FourWheelModel(section.parameters, section.drive)
+def _tyred(section: PlantProfile, *_: object) -> FourWheelPlant:
+    return FourWheelPlant(FourWheelModel(section.parameters, section.drive))
 
 
 class PlanarPopulation:
@@ -124,18 +133,13 @@ class PlanarPopulation:
         self,
         candidates: Sequence[PlantProfile | None],
         workers: int,
-        make: Callable[[PlantProfile], Any] = model_of,
-        run: Callable[..., FloatArray] = run_population,
     ) -> None:
-        """Keep the candidates; None stands for one that cannot be built.
+        """Keep the candidates; None stands for one that cannot be built."""
+        self._workers = workers
+        self._built = [None if c is None else (model_of(c), c.localiser) for c in candidates]
 
-        `make` returns the model with a candidate's numbers, and `run` drives models as `run_population` does.
-        """
-        self._workers, self._run = workers, run
-        self._built = [None if c is None else (make(c), c.localiser) for c in candidates]
-
-    def poses(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
-        """Drive some of the candidates, see `Population.poses`."""
+    def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
+        """Drive some of the candidates, see `Population.motions`."""
         samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
         out = np.full((len(which), samples, 3), np.nan)
         rows = [row for row, i in enumerate(which) if self._built[i] is not None]
@@ -144,6 +148,6 @@ class PlanarPopulation:
             models, localisers = [model for model, _ in known], [localiser for _, localiser in known]
             starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
             begins = [starts[localiser] for localiser in localisers]
-            poses = self._run(models, piece.commands, begins, sample_dt, workers=self._workers)
+            poses = run_population(models, piece.commands, begins, sample_dt, workers=self._workers)
             out[rows] = [one.logged_poses(pose, sample_dt, piece.t) for one, pose in zip(localisers, poses, strict=True)]
         return out

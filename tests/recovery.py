@@ -1,0 +1,126 @@
+"""A MuJoCo robot whose friction and other causes were drawn, and what noisy sensors saw of it.
+
+`python -m tests.recovery` fits robots one after another and prints what was found of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ssmr.search.jde import JdeSettings
+from validation.bench.sources import drive, open_source
+from validation.fit import Fit
+from validation.identify.objective import FitCost, FitTarget
+from validation.identify.problem import FitProblem
+from validation.identify.search import search_for
+from validation.identify.uncertainty import estimate, sentences
+from validation.plants.kind import TORQUES
+from validation.plants.profile import Profile, load_profile, make_plant
+from validation.plants.searchable import find, make_space, with_values
+from validation.plants.table import plant_kind
+
+POSITION, HEADING, TORQUE = 0.002, 0.002, 1.0
+"""Standard deviations of the noise of each sample [m], [rad], [N m]."""
+SECONDS = 10.0
+"""Length of the drive: the first half of trajectory 4, in which every kind of bend occurs [s]."""
+RANGES: Mapping[str, tuple[float, float]] = {
+    "friction": (0.3, 0.9),
+    "com_x": (-0.03, 0.03),
+    "command_half_track": (0.45, 0.55),
+    "wheel_radius": (0.157, 0.168),
+    "acceleration_v": (0.8, 2.0),
+    "dc_stiffness": (400.0, 2500.0),
+}
+"""What a robot's numbers are drawn from, evenly."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to search for the numbers."""
+
+    population: int
+    generations: int
+    starts: int = 0
+    """Greatest number of starts of least squares after jDE; one begins with the profile."""
+
+
+JDE = Way(20, 60)
+HYBRID = Way(20, 4, starts=3)
+LEAST_SQUARES = Way(5, 1, starts=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Recovered:
+    """What a fit made of one robot."""
+
+    off: Mapping[str, float]
+    """What was found less the truth, by name."""
+    errors: Mapping[str, float]
+    """Standard errors, by name."""
+    seconds: float
+    """Time that the search took [s]."""
+    evaluations: int
+    """Candidates that it rated."""
+    notes: list[str]
+    """Sentences on what the data cannot tell."""
+
+
+def drawn(seed: int) -> dict[str, float]:
+    """Return the numbers of a robot."""
+    rng = np.random.default_rng([seed, 41])
+    return {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
+
+
+def noisy_target(truth: Mapping[str, float], seed: int) -> FitTarget:
+    """Return what sensors see of the robot with these numbers along a part of trajectory 4."""
+    lab = load_profile("thesis-lab")
+    section = with_values("mujoco", lab.section("mujoco"), list(truth), truth.values())
+    source = open_source("traj4@mujoco")
+    commands = source.pieces[0].commands
+    kept = replace(commands, values=commands.values[: round(SECONDS / commands.dt)])
+    piece = replace(source.pieces[0], commands=kept)
+    plant = make_plant(Profile("drawn", "", {"mujoco": section}, {}), "mujoco")
+    motion = drive(plant, piece, section.localiser, source.sample_dt)
+    rng = np.random.default_rng([seed, 42])
+    noise = rng.normal(size=motion.pose.shape) * [POSITION, POSITION, HEADING]
+    torques = motion.channels[TORQUES] + TORQUE * rng.normal(size=(len(motion.t), 2))
+    seen = replace(motion, pose=motion.pose + noise)
+    return FitTarget("drawn", replace(source, pieces=(piece,)), (seen,), torques=(torques,))
+
+
+def recover(seed: int, way: Way, torque_weight: float = FitCost.torque_weight, workers: int = 1) -> Recovered:
+    """Fit the default list from default bounds to a robot that was drawn."""
+    truth = drawn(seed)
+    base = load_profile("thesis-lab").section("mujoco")
+    space = make_space("mujoco", plant_kind("mujoco").free["scenario"], {}, base.robot)
+    cost = FitCost(yaw_weight=0.2, torque_weight=torque_weight)
+    problem = FitProblem("mujoco", base, space, [noisy_target(truth, seed)], cost)
+    asked = Fit("mujoco", "traj4@mujoco", workers=workers, seed=seed)
+    profile = [find("mujoco", name, base.robot).read(base) for name in space.names]
+    start = space.points(np.array([profile])) if way.starts == 1 else None
+    settings = JdeSettings(way.population, way.generations)
+    search = search_for(problem, settings, asked, start, way.starts)
+    if way.starts:
+        search.refine(problem, workers)
+    sure = estimate(problem, search.best, workers, search.driven)
+    values = zip(space.names, space.values(search.best).tolist(), strict=True)
+    errors = dict(zip(space.names, sure.standard_error.tolist(), strict=True))
+    off = {name: value - truth[name] for name, value in values}
+    notes = sentences(problem, sure)
+    return Recovered(off, errors, search.wall_s, search.evaluations, notes)
+
+
+def main() -> None:
+    """Print what jDE and the hybrid search find of 20 robots, each line as soon as it is known."""
+    for seed in range(20):
+        for name, way in (("jde", JDE), ("hybrid", HYBRID)):
+            found = recover(seed, way)
+            numbers = {key: (off, found.errors[key]) for key, off in found.off.items()}
+            print(seed, name, round(found.seconds, 1), found.evaluations, numbers, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -16,12 +16,12 @@ from ssmr.robot.drivetrain import bridge_reading, quasi_static_twist, side_force
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from validation import load_profile, load_robot
+from validation.identify.currents import COULOMB_SCALE
+from validation.identify.motor_logs import chassis_of, drive_log, sensor_of, window_samples
 from validation.simulator.calibration import Calibration
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import creep
-from validation.study.drivetrain_fit import COULOMB_SCALE
-from validation.study.drivetrain_logs import chassis_of, drive_log, sensor_of, window_samples
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)

@@ -9,8 +9,8 @@ import numpy as np
 from ssmr.robot.drivetrain import SetPointLaw, battery_current, quasi_static_twist, rim_speeds, side_forces
 from ssmr.types import FloatArray
 from validation.files.log import Log
+from validation.identify.motor_logs import Chassis, chassis_of
 from validation.plants.profile import choose_profile, load_profile
-from validation.study.drivetrain_logs import Chassis, chassis_of
 
 HUSKY, WARTHOG = (
     chassis_of(load_profile("husky-tile")),

@@ -25,9 +25,10 @@ from tests.drive_train_logs import (
     on_grass,
     warthog_on_grass,
 )
+from validation.identify.motor_logs import drive_log, steady_windows, window_samples
 from validation.report.report import Report
 from validation.study.drivetrain import study_drivetrain
-from validation.study.drivetrain_logs import drive_log, rate_evidence, steady_windows, window_samples
+from validation.study.drivetrain_logs import rate_evidence
 
 UP, GRASS, WARTHOG = in_the_air(), on_grass(), warthog_on_grass()
 SHORT: dict[str, Any] = {"recording": UP, "ground": GRASS, "resamples": 3}

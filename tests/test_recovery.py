@@ -4,11 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from ssmr.robot.drivetrain import (
+    battery_current,
+    battery_torque,
+    quasi_static_twist,
+    side_forces,
+)
+from ssmr.types import Commands, State
 from tests.conftest import ROUNDOFF
+from tests.drive_train_logs import FRICTION, RIPPLE, SLIP, on_grass, warthog_on_grass
+from tests.drive_train_logs import HUSKY as HUSKY_CHASSIS
+from tests.drive_train_logs import TORQUE as TORQUE_LIMIT
+from tests.drive_train_logs import WARTHOG as WARTHOG_CHASSIS
 from tests.recovery import HYBRID, JDE, LEAST_SQUARES, TORQUE, drawn, noisy_target, recover
+from validation.identify.currents import Torques
+from validation.identify.motor_logs import drive_log, loss_of
 from validation.identify.objective import FitCost, FitTarget, make_raters, make_torque_raters
 from validation.plants.kind import CAUSES, TORQUES
+from validation.plants.profile import Profile, make_plant
 from validation.plants.table import plant_kind
 
 CLOSE = 0.03
@@ -94,3 +110,70 @@ def test_planar_torques_are_not_believed(target: FitTarget) -> None:
     (torques,) = make_torque_raters(FitCost("sync"), [target])
     assert torques is not None
     assert set(torques.blocks) <= set(rater.blocks)
+
+
+# ------------------------------------------------------------------------- torques of a real log
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_given_wheels_take_the_torque_of_the_same_wheels_that_a_motor_turns(lab: Profile, noise: float) -> None:
+    """In a steady bend, less what gear and rolling take, also where measured rates scatter."""
+    plant = make_plant(lab, "mujoco")
+    driven = plant.run(Commands(0.05, np.tile([0.4, 0.6], (120, 1))), State(), 0.01)
+    rates = driven.wheels[-1]
+    loss = loss_of(lab.section("mujoco")) * np.sign(rates)
+    wanted = driven.channels[TORQUES][-200:].mean(axis=0) - loss
+    scatter = noise * np.random.default_rng(0).normal(size=(120, 2))
+    told = Commands(0.05, rates + scatter, "wheels")
+    start = State(0.0, 0.0, 0.0, *driven.twist[-1], *rates)
+    seen = plant.run(told, start, 0.01).channels[TORQUES][-300:].mean(axis=0)
+    assert seen == pytest.approx(wanted, rel=1e-3 if noise == 0.0 else 0.02)
+
+
+def test_given_wheels_push_the_robot_by_newtons_law(lab: Profile) -> None:
+    """At 4 rad/s² a side takes m r² / 2 of it, and nothing of the armature that prescribes it."""
+    plant = make_plant(lab, "mujoco")
+    body = lab.section("mujoco").parameters
+    rates = 0.04 * np.arange(200)[:, None] * np.ones((1, 2))
+    motion = plant.run(Commands(0.01, rates, "wheels"), State(), plant.dt)
+    torque = motion.channels[TORQUES][200:].mean(axis=0)
+    assert torque == pytest.approx(0.5 * body.mass * 4.0 * body.wheel_radius**2, rel=0.01)
+
+
+@given(torque=st.floats(-300.0, 300.0), rate=st.floats(0.1, 6.0), heat=st.floats(0.0, 0.005))
+def test_power_tells_the_torque(torque: float, rate: float, heat: float) -> None:
+    """Where the battery's current falls with braking torque, its inverse gives that torque back."""
+    eta = 0.9
+    if torque < 0.0 and 2.0 * heat * -torque > 0.99 * eta * rate:
+        return  # more braking would feed less back: two torques draw the same
+    power = battery_current(np.array(torque), np.array(rate), np.array(48.0), heat, eta) * 48.0
+    back = battery_torque(power, np.array(rate), heat, eta)
+    assert back == pytest.approx(torque, rel=1e-9, abs=1e-6)
+
+
+def test_currents_of_a_synthetic_log_are_its_torques() -> None:
+    """A Husky's log, sensor without a sign: where it shows something, it is the ground's torque."""
+    log = drive_log(on_grass())
+    constant = 2.5
+    told = Torques.of(log, HUSKY_CHASSIS, constant)
+    assert told is not None
+    torques = told.along(log, 0.0)
+    known = np.isfinite(torques)
+    assert 0.1 < known.mean() < 0.9
+    twist = quasi_static_twist(log.rates, HUSKY_CHASSIS.geometry, SLIP)
+    true = constant * FRICTION * side_forces(log.rates, twist, HUSKY_CHASSIS.geometry, SLIP).T
+    scale = (torques[known] @ true[known]) / (true[known] @ true[known])
+    assert scale == pytest.approx(1.0, abs=0.04)  # as well as friction and losses are known
+    assert np.std(torques[known] - true[known]) < 1.3 * constant * RIPPLE
+    assert Torques.of(log, HUSKY_CHASSIS, 0.0) is None
+
+
+def test_a_battery_needs_no_constant() -> None:
+    log = drive_log(warthog_on_grass())
+    told = Torques.of(log, WARTHOG_CHASSIS, 0.0)
+    assert told is not None
+    torques = told.along(log, 0.0)
+    twist = quasi_static_twist(log.rates, WARTHOG_CHASSIS.geometry, SLIP)
+    true = TORQUE_LIMIT * side_forces(log.rates, twist, WARTHOG_CHASSIS.geometry, SLIP).T
+    known = np.isfinite(torques)
+    assert np.median(np.abs(torques[known] - true[known])) < 0.08 * TORQUE_LIMIT

@@ -37,6 +37,8 @@ from validation.bench.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.files.log import ReadOptions
+from validation.identify.currents import with_torques
+from validation.identify.motor_logs import chassis_of, loss_of
 from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
@@ -125,6 +127,9 @@ class Fit(Searching):
     position_weight: Annotated[float, cli.option(metavar="X")] = 1.0
     """Weight of position errors in the sync and horizon objectives; 0 fits the heading alone, where positions are not to be
     trusted."""
+    torque_constant: Annotated[cli.Number, cli.option(metavar="K", default="the profile's, or the robot file's")] = None
+    """Torque of a side's wheels per ampere of its motor [N m/A], for logs with the motors'
+    currents; the battery's need none."""
     search: Annotated[Method, cli.option()] = "hybrid"
     """hybrid: a short differential evolution (jDE) finds the region, then bounded least squares go to the optimum, from its
     best candidate and from others far from it. jde: differential evolution alone, as in the thesis; ask for it to repeat the
@@ -135,6 +140,7 @@ class Fit(Searching):
         """Raise a ValueError for an option that is out of its range."""
         super().__post_init__()
         require_within(self, ("start_at", "until"), -MOST_TIME, MOST_TIME)
+        require_within(self, ("torque_constant",), 1e-6, 1e4)
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
@@ -214,6 +220,12 @@ def fit(o: Fit) -> Fitted:
     yaw_weight = usual_yaw if o.yaw_weight is None else o.yaw_weight
     horizons = tuple(o.horizons)
     cost = FitCost(o.objective, horizons, yaw_weight, o.position_weight, o.torque_weight)
+    if plant_kind(o.model).torques and o.torque_weight > 0.0:
+        constant = o.torque_constant or begun.drive.torque_constant
+        own_loss = 0.0 if occasion == "wheels" else loss_of(begun)  # given wheels lose nothing
+        chassis = chassis_of(base)
+        targets = with_torques(targets, chassis, constant, own_loss)
+        held_out = with_torques(held_out, chassis, constant, own_loss)
     problem = FitProblem(o.model, begun, space, targets, cost)
     _require_possible(problem, o.bounds)
     simulated = o.model in SIMULATED

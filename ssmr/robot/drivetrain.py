@@ -187,6 +187,19 @@ def battery_current(torque: FloatArray, rate: FloatArray, voltage: FloatArray, h
     return drawn
 
 
+def battery_torque(power: FloatArray, rate: FloatArray, heat: float, efficiency: float) -> FloatArray:
+    """Return the torque in the direction of the rate [N m]: the inverse of `battery_current`.
+
+    `power` is what a side draws [W], `rate` the size of its wheels' rate [rad/s], both (...); see
+    `battery_current` for the rest. Where no torque feeds so much back, it is the one that feeds
+    most.
+    """
+    passed = rate * np.where(power > 0.0, 1.0 / efficiency, efficiency)
+    root = np.sqrt(np.maximum(passed**2 + 4.0 * heat * power, 0.0))
+    torque: FloatArray = 2.0 * power / np.maximum(passed + root, 1e-12)
+    return torque
+
+
 def _beyond(mean: FloatArray, edge: FloatArray, ripple: float) -> tuple[FloatArray, FloatArray]:
     """Return, of a normal law, the mean with nothing in place of what lies below an edge, and the share above it."""
     if ripple < _SHARP:

@@ -139,6 +139,9 @@ class Drive:
     )
     """K_dc, lasting torque of a side's integral part over the rate error that it leaves [N m s/rad]: the integral part leaks
     at the rate K_I / K_dc."""
+    torque_constant: float = parameter(0.0, unit="N m/A", low=0.0, high=1e4)
+    """Torque of one side's wheels per ampere of its motor [N m/A], by which a log's currents are
+    torques; 0: unknown. No motion depends on it."""
     gear_loss: float = parameter(0.0, unit="N m", low=0.0, high=1e3)
     """Dry friction torque of a side's gear and bearings at the wheels [N m]."""
 

@@ -42,6 +42,12 @@ RECORDING_GRID = 0.01
 ours."""
 RECORDING = "recording"
 """The name of the reference where plants are compared with a log."""
+CURRENTS, VOLTAGES = "current_A", "voltage_V"
+"""Channels of a recorded motion, where the log has them: (M, 2) of the left and right motors."""
+_MOTORS = {
+    CURRENTS: ("current_left", "current_right"),
+    VOLTAGES: ("voltage_left", "voltage_right"),
+}
 BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
 """Lengths of the windows whose errors say how uncertainty grows [s]."""
 _ODD = 1.3  # ratio of wheel radii beyond which it is another robot's, or the units are others
@@ -173,6 +179,7 @@ def source_of(
     every, moves = fresh_poses(log.t, pose), np.abs(inputs).max(axis=1) > LEAST_COMMAND
     if log.has(sides):
         moves = np.abs([moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0) > WHEELS_TURN
+    motors = {key: log.table(own) for key, own in _MOTORS.items() if log.has(own)}
     jumps = np.empty(0, dtype=np.intp) if faults.jumps is None else faults.jumps.index
     on_time = every if faults.jumps is None else every & ~faults.jumps.late
     group, pieces = log.own_group(names[0]), []
@@ -181,6 +188,7 @@ def source_of(
         commands = commands_on_grid(*_samples_within(group, names, t), kind, RECORDING_GRID, t)
         commands = replace(commands, before=(float(commands.values[0, 0]), float(commands.values[0, 1])))
         motion = _recorded_motion(t, pose[s], fresh, wheels[s], None if gyro is None else gyro[s])
+        motion = replace(motion, channels={key: table[s] for key, table in motors.items()})
         inside = jumps[(jumps > s.start) & (jumps < s.stop)] - s.start
         start = initial_state(t, pose[s], fresh, wheels[s][0])
         pieces.append(Piece(commands, start, t, motion, on_time[s], tuple(inside.tolist()), moves[s]))

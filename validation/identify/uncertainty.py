@@ -4,7 +4,7 @@ Errors of neighbouring windows share poses, commands and ground, so a block of t
 H^-1 G H^-1 with the curvature H of the sum of errors that least squares make small, and the scatter G of the blocks'
 gradients (P. Huber 1967; K.-Y. Liang and S. Zeger 1986). Nobody knows how long errors hang together, so blocks of twice,
 four times, ... the length are tried too, and the widest result counts. Where the data say nothing, what remains is what the
-bounds say.
+bounds say. A search that has not come to its end is uncertain besides by how far least squares would still go.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from validation.identify.refine import Remembered, error_slopes, median_size
 from validation.plants.table import plant_kind
 
 _FEWEST_BLOCKS = 8  # fewer say too little about their own scatter
+_AT_BOUND = 1e-3  # distance from a bound at which it holds a number, in the unit cube
 VAGUE = 0.2
 """A standard error of more than this share of the bounds' width says that the data hardly determine the parameter; of the
 bounds alone it is 0.29."""
 _ENTANGLED = 0.95  # correlation beyond which the data cannot tell two parameters apart ...
-_WELL_KNOWN = 0.02  # a friction known to this share of its bounds' width is told by the motion
+_WELL_KNOWN = 0.04  # a friction known to this share of its bounds' width is told by the motion
 _WORTH_TELLING = 0.01  # ... unless both are known to better than this share of the bounds' width
 
 
@@ -66,6 +67,8 @@ def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: R
     covariance, blocks = np.full((n, n), np.nan), 0
     if known.any():
         covariance[np.ix_(known, known)], blocks = _widest(errors, slopes[:, known], one_sided[:, known], problem)
+    rest = _still_to_go(point, with_prior, all_slopes, problem)
+    covariance += np.outer(rest, rest)
     share = np.sqrt(np.diag(covariance))
     correlation = np.where(np.isfinite(covariance), covariance / np.where(share > 0.0, np.outer(share, share), 1.0), 0.0)
     np.fill_diagonal(correlation, 1.0)
@@ -85,6 +88,20 @@ def _soft(errors: FloatArray, robust: bool) -> tuple[FloatArray, FloatArray]:
     """Return how errors pull and how stiffly they hold: derivatives of scipy's soft_l1 if robust, in the unit of squares."""
     q = 1.0 + robust * (errors / median_size(errors)) ** 2
     return errors / np.sqrt(q), q**-1.5
+
+
+def _still_to_go(point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem) -> FloatArray:
+    """Return the (n,) step in the unit cube that Newton's method would take from where a search ended.
+
+    It is nothing at an optimum, and 0 for a number that a bound holds.
+    """
+    pull, stiffness = _soft(errors, problem.robust)
+    inside = np.abs(point - 0.5) < 0.5 - _AT_BOUND
+    free = np.nan_to_num(slopes[:, inside])
+    curvature = (free * stiffness[:, None]).T @ free
+    step = np.zeros(len(point))
+    step[inside] = np.linalg.lstsq(curvature, -free.T @ pull)[0]
+    return np.asarray(np.clip(point + step, 0.0, 1.0) - point)
 
 
 def _without(point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem) -> FloatArray:

@@ -247,7 +247,13 @@ class MujocoPlant:
         if commands.kind == "twist":
             return motion
         channels = dict(motion.channels)
-        del channels["torque_N_m"]  # it turned the heavy wheels, not the robot
+        radius = self.calibration.wheel_radius
+        difference = 0.5 * self.calibration.radius_difference
+        pull = channels["force_x_N"]
+        sides = pull[:, :2] + pull[:, 2:]
+        # The motors' torque turned the heavy wheels, not the robot.
+        del channels["torque_N_m"]
+        channels["ground_torque_N_m"] = sides * [radius + difference, radius - difference]
         return replace(motion, channels=channels)
 
     def _steps_of(self, commands: Commands) -> int:

@@ -16,6 +16,15 @@ from matplotlib.figure import Figure
 from ssmr.parameters import require_within
 from validation import cli
 from validation.files.log import Log
+from validation.identify.currents import CurrentFit, fit_currents
+from validation.identify.motor_logs import (
+    FIT_SHARE,
+    Chassis,
+    chassis_of,
+    drive_log,
+    require_currents,
+    sampled_in_windows,
+)
 from validation.plants.profile import choose_profile
 from validation.progress import Progress
 from validation.report import drawing
@@ -24,23 +33,12 @@ from validation.report.table import Row, Table
 from validation.simulator.description import GRAVITY
 from validation.study.drivetrain_fit import (
     LEAST_COMMANDS,
-    CurrentFit,
     DriverFit,
     InertiaFit,
-    fit_currents,
     fit_driver,
     fit_inertia,
 )
-from validation.study.drivetrain_logs import (
-    FIT_SHARE,
-    Chassis,
-    chassis_of,
-    drive_log,
-    held_commands,
-    rate_evidence,
-    require_currents,
-    sampled_in_windows,
-)
+from validation.study.drivetrain_logs import held_commands, rate_evidence
 from validation.study.sweep import StudyOptions, picture
 
 _USUAL_RHO = 0.145  # resistance over voltage constant of a Husky's motors, where no log on the ground tells it [rad/s per A]

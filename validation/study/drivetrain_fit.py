@@ -1,14 +1,6 @@
-"""Fits of a drive train to logs: the driver, friction and losses, and the inertia of what turns.
+"""Fits of a drive train to logs: the driver, and the inertia of what turns.
 
 The driver makes set points, or the measured rates, of held commands (`ssmr.robot.drivetrain.rim_speeds`).
-
-Friction: where the wheels turn steadily the robot does not accelerate, and so its motion and the share of the friction that
-each side overcomes follow from the wheel rates alone. The torque of a side over the torque constant is
-
-    I = A F + loss sgn(w),    A = mu N r / K,
-
-with F the side's force over its friction limit. What a log shows of I depends on where the current is measured; power, which
-a battery's current measures, knows no torque constant, and then the same numbers are torques.
 
 Inertia: in the air the current of a side is I = c sgn(w) + (J / K) dw/dt, so that speeding up from w_0 to w_1 takes the
 charge (J / K) (w_1 - w_0) above that of the losses c, whatever the current does meanwhile: a sensor that is read a few times
@@ -23,46 +15,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import minimize
 
-from ssmr.robot.drivetrain import (
-    SetPointLaw,
-    SkidGeometry,
-    battery_current,
-    bridge_reading,
-    quasi_static_twist,
-    rim_speeds,
-    side_forces,
-)
+from ssmr.robot.drivetrain import SetPointLaw, bridge_reading, rim_speeds
 from ssmr.types import FloatArray, IndexArray
-from validation.study.drivetrain_logs import (
-    HELD,
-    Chassis,
-    CurrentSamples,
-    DriveLog,
-    Sensor,
-    current_samples,
-    held_commands,
-    message_ages,
-    rate_evidence,
-    require_currents,
-    sampled_in_windows,
-    sensor_of,
-    window_samples,
-)
+from validation.identify.motor_logs import Chassis, DriveLog, require_currents
+from validation.study.drivetrain_logs import HELD, held_commands, message_ages, rate_evidence
 
 LEAST_COMMANDS = 8
 """Fewest held commands that seven numbers are fitted to."""
-COULOMB_SCALE = 1e-4
-"""Slip scale of a contact that is a Coulomb one as far as any current shows [1]."""
-_LEAST_SAMPLES = 10  # currents that a rule is fitted to, or judged by
 _GRID = 0.01  # period on which the driver is computed [s]
 _EVALUATIONS, _AGAIN = 800, 250  # of the first search for a driver, and of each search on resampled commands
 # First steps of a search: shares of the driver's numbers, and least steps in their units.
 _SIMPLEX_SHARE = np.array([0.15, 0.02, 0.02, 0.05, 0.2, 0.2, 0.15])
 _SIMPLEX_LEAST = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.03])
 _SHOWN = 45.0  # length of the stretch in the picture [s]
-_ROBUST = 0.3  # residuals beyond this share of the currents' standard deviation count less than their square
 _BEFORE, _AFTER = 0.1, 1.8  # the charge of a transient is taken from so long before its command to so long after it [s]
 _STEADY_BEFORE, _STEADY = 0.8, 0.2  # rates have to be steady for so long before a command [s], within so much [rad/s]
 _LEAST_CHANGE, _LEAST_TRANSIENTS = 0.3, 5  # rates that change by less tell nothing [rad/s]; fewest transients
@@ -190,127 +157,6 @@ def fit_driver(
     reached = float(np.abs(whole.commands[:, 1]).max()) > 1.01 * law.yaw_rate_limit
     errors = SetPointLaw(*np.std(drawn, axis=0).tolist())
     return DriverFit(log.name, law, errors, reached, scores, math.sqrt(square / count), shown)
-
-
-# ------------------------------------------------------------------------------------------------------ friction
-
-
-class _ReadingRule(NamedTuple):
-    """An assumption about the tyres, and about what a log shows of the motors' currents."""
-
-    name: str  # name in tables
-    kind: str  # whose current it is: `motor` or `battery`
-    numbers: Mapping[str, tuple[float, float, float]]
-    """Start, least and greatest value of what is fitted, by name; those of `_SIDES` in units of the currents' scale."""
-
-
-_SIDES = {"friction": (1.0, 0.02, 10.0), "loss_left": (0.1, -1.0, 2.0), "loss_right": (0.1, -1.0, 2.0)}
-_GIVING = {**_SIDES, "slip_scale": (0.09, 0.01, 0.8)}
-_READING_RULES = (
-    _ReadingRule("the motors', Coulomb contacts", "motor", _SIDES),
-    _ReadingRule("the motors', contacts that give way", "motor", _GIVING),
-    _ReadingRule("the motors', shown while the bridge drives", "motor", {**_GIVING, "rho": (0.145, 0.03, 0.5)}),
-    _ReadingRule("the battery's", "battery", {**_GIVING, "heat": (0.003, 0.0, 0.1), "efficiency": (0.9, 0.4, 1.0)}),
-)
-"""Every rule that a log is tried against. The third is for sensors without a sign."""
-
-
-def _predicted(numbers: Mapping[str, float], s: CurrentSamples, sensor: Sensor, geometry: SkidGeometry) -> FloatArray:
-    """Return (n,) readings that the numbers of a rule predict [A]."""
-    scale = numbers.get("slip_scale", COULOMB_SCALE)
-    rates, inverse = np.unique(s.rates.round(4), axis=1, return_inverse=True)
-    forces = side_forces(rates, quasi_static_twist(rates, geometry, scale), geometry, scale)
-    effort = forces[s.side, inverse.ravel()]  # force of each sample's side over its friction limit
-    loss = np.where(s.side == 0, numbers["loss_left"], numbers["loss_right"])
-    current: FloatArray = numbers["friction"] * effort + loss * np.sign(s.rate)
-    if "rho" in numbers:
-        return bridge_reading(current, s.rate, numbers["rho"], sensor.ripple, sensor.idle)
-    if "heat" in numbers:
-        drawn = battery_current(current, s.rate, s.voltage, numbers["heat"], numbers["efficiency"])
-        return drawn if sensor.signed else np.maximum(drawn, 0.0)
-    forward: FloatArray = current * np.sign(s.rate)
-    return forward if sensor.signed else np.abs(forward)
-
-
-def _fit_rule(
-    rule: _ReadingRule,
-    samples: CurrentSamples,
-    sensor: Sensor,
-    geometry: SkidGeometry,
-    start: Mapping[str, float] | None = None,
-) -> dict[str, float]:
-    """Return the numbers of a rule that predict the samples best: least squares, in which outliers count less."""
-    unit = float(np.percentile(np.abs(samples.current), 90))
-    if rule.kind == "battery":
-        unit *= float(np.median(samples.voltage) / np.percentile(np.abs(samples.rate), 75))
-    scale = np.array([[unit if name in _SIDES else 1.0] for name in rule.numbers])
-    typical, low, high = (np.array(list(rule.numbers.values())) * scale).T
-    begin = typical if start is None else np.clip([start[name] for name in rule.numbers], low, high)
-
-    def residuals(x: FloatArray) -> FloatArray:
-        named = dict(zip(rule.numbers, x.tolist(), strict=True))
-        return _predicted(named, samples, sensor, geometry) - samples.current
-
-    solution = least_squares(
-        residuals, begin, bounds=(low, high), x_scale=typical, loss="soft_l1", diff_step=1e-3, max_nfev=40,
-        f_scale=_ROBUST * max(float(np.std(samples.current)), 1e-6),
-    )  # fmt: skip
-    return dict(zip(rule.numbers, solution.x.tolist(), strict=True))
-
-
-class CurrentFit(NamedTuple):
-    """Numbers from currents on the ground, under the rule that explains most of what was held out."""
-
-    log: str  # name of the log
-    sensor: Sensor  # what the log shows of its sensor
-    kind: str  # whose currents they are: `motor` or `battery`
-    scores: list[dict[str, Any]]  # rows: share of the variance of the currents that each rule explains
-    best: Mapping[str, Any]  # the row of the rule
-    numbers: Mapping[str, float]  # the rule's numbers, from the whole log
-    errors: Mapping[str, float]  # their standard errors, from resampled blocks
-    shown: Sequence[tuple[FloatArray, FloatArray]]
-    """Measured and predicted currents [A], of what was fitted and of what was held out."""
-
-
-def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, seed: int, resamples: int) -> CurrentFit:
-    """Return friction, losses and slip scale from the currents of a log, and the rule that these follow.
-
-    Logs that are held out judge the rules; if there are none, rules fitted to the log's first part are judged on its rest.
-    The bootstrap draws blocks `resamples` times.
-
-    Raises:
-        ValueError: a log has no currents, or too little steady driving.
-    """
-    whole, sensor, geometry = current_samples(log), sensor_of(log), chassis.geometry
-    first, *others = (log, *held_out) if held_out else log.divided()
-    fitted, judged = current_samples(first), _joined([current_samples(x) for x in others])
-    rows = _joined([window_samples(x, means=False) for x in others]) if sampled_in_windows(log) else judged
-    for name, samples in ((f"what is fitted of {log.name}", fitted), ("what is held out", judged)):
-        if (count := len(np.unique(samples.current))) < _LEAST_SAMPLES:
-            raise ValueError(f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more")
-    scores, best, rule, numbers = list[dict[str, Any]](), dict[str, Any](), _READING_RULES[0], dict[str, float]()
-    for candidate in _READING_RULES:
-        if sensor.signed and "rho" in candidate.numbers:
-            continue
-        own = _fit_rule(candidate, fitted, sensor, geometry)
-        row: dict[str, Any] = {"rule": candidate.name, "kind": candidate.kind}
-        for part, some in (("fitted", fitted), ("held_out", judged), ("samples", rows)):
-            off = _predicted(own, some, sensor, geometry) - some.current
-            row[part] = float(1.0 - np.mean(off**2) / np.var(some.current))  # R^2
-        scores.append(row)
-        if not best or row["held_out"] > best["held_out"]:
-            best, rule, numbers = row, candidate, own
-    shown = [(s.current, _predicted(numbers, s, sensor, geometry)) for s in (fitted, judged)]
-    final = numbers if held_out else _fit_rule(rule, whole, sensor, geometry, numbers)
-    rng = np.random.default_rng([seed, 2])
-    drawn = [_fit_rule(rule, whole.resampled(rng), sensor, geometry, final) for _ in range(resamples)]
-    errors = {name: float(np.std([d[name] for d in drawn])) for name in final}
-    return CurrentFit(log.name, sensor, rule.kind, scores, best, final, errors, shown)
-
-
-def _joined(parts: Sequence[CurrentSamples]) -> CurrentSamples:
-    columns: list[Any] = [np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)]
-    return CurrentSamples(*columns)
 
 
 # ------------------------------------------------------------------------------------------------------- inertia

@@ -230,10 +230,11 @@ PRICES = {
         "second opinions by ODE and Drake",
     ),
     "validation/identify": Price(
-        15_400,
-        11,
-        42,
-        "what finds a plant's parameters and a controller's gains, with their uncertainty; the better judge of turns",
+        22_800,
+        20,
+        68,
+        "what finds a plant's parameters and a controller's gains, with their uncertainty; the better judge of turns; "
+        "friction: torques from a simulation or a log's currents (what study drivetrain knew of these)",
     ),
     "validation/learning": Price(
         6_200,
@@ -278,9 +279,9 @@ PRICES = {
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
-        19_200,
-        24,
-        54,
+        15_500,
+        17,
+        39,
         "answers: contact and engines, transfer, drive train",
     ),
     "validation/thesis": Price(

@@ -53,9 +53,7 @@ def test_a_disturbance_is_an_acceleration_to_the_left(name: str, lab: Profile) -
     plant: Any = make_plant(lab, name)
     commands = Commands(0.05, np.tile([0.4, 0.3], (1, 1)))
     steps = round(0.05 / plant.dt)
-    pushed, left_alone = (
-        plant.run(commands, MOVING, plant.dt, np.full(steps, push)).twist[1, 2] for push in (2.0, 0.0)
-    )
+    pushed, left_alone = (plant.run(commands, MOVING, plant.dt, np.full(steps, push)).twist[1, 2] for push in (2.0, 0.0))
     assert pushed - left_alone == pytest.approx(2.0 * plant.dt, rel=0.05)
 
 
@@ -63,9 +61,7 @@ def test_mujoco_is_pushed_to_the_left_too(lab: Profile) -> None:
     plant: Any = make_plant(lab, "mujoco")
     commands = Commands(0.05, np.tile([0.4, 0.3], (4, 1)))
     steps = round(0.2 / plant.dt)
-    pushed, left_alone = (
-        plant.run(commands, MOVING, 0.05, np.full(steps, push)).yaw[-1] for push in (2.0, 0.0)
-    )
+    pushed, left_alone = (plant.run(commands, MOVING, 0.05, np.full(steps, push)).yaw[-1] for push in (2.0, 0.0))
     assert pushed > left_alone
 
 
@@ -92,9 +88,7 @@ def fast(name: str, lab: Profile) -> tuple[Trajectory, float]:
 
 
 @pytest.mark.parametrize("name", ["linear", "improved", "four_wheel", "mujoco"])
-def test_a_robot_at_full_voltage_drives_where_its_motors_line_meets_the_resistance(
-    name: str, lab: Profile
-) -> None:
+def test_a_robot_at_full_voltage_drives_where_its_motors_line_meets_the_resistance(name: str, lab: Profile) -> None:
     """2 L (1 - w / w_0) a side is what half of the resistance takes, times the radius."""
     motion, resistance = fast(name, lab)
     rate = float(motion.wheels[-1].mean())
@@ -126,9 +120,7 @@ TYRE = Tyre(0.6, 10.0, 8.0, 0.1, 0.02)
 
 
 @given(x=st.floats(-0.3, 0.3), y=st.floats(-0.3, 0.3), rolling=st.floats(0.5, 4.0))
-def test_a_steady_tyre_feels_its_slip_whatever_its_damping(
-    x: float, y: float, rolling: float
-) -> None:
+def test_a_steady_tyre_feels_its_slip_whatever_its_damping(x: float, y: float, rolling: float) -> None:
     """Bend and lead add up to sliding over rolling speed, as long as the brushes do not slide."""
     sliding = AlongAcross(0.02 * x, 0.02 * y)
     for damping in (0.0, 0.01, 0.05):
@@ -156,9 +148,7 @@ def path_of(twist: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
     """Return (M,) headings and (M, 2) places of the middle of a robot with (M, 3) smooth twists."""
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * dt * (twist[1:, 2] + twist[:-1, 2]))])
     cos, sin = np.cos(yaw), np.sin(yaw)
-    world = np.column_stack(
-        [twist[:, 0] * cos - twist[:, 1] * sin, twist[:, 0] * sin + twist[:, 1] * cos]
-    )
+    world = np.column_stack([twist[:, 0] * cos - twist[:, 1] * sin, twist[:, 0] * sin + twist[:, 1] * cos])
     places = np.cumsum(0.5 * dt * (world[1:] + world[:-1]), axis=0)
     return yaw, np.vstack([np.zeros(2), places])
 

@@ -116,6 +116,22 @@ def test_the_linear_model_at_its_motors_limit_is_stepped_exactly(dt: float) -> N
     assert np.all(motion.channels["torque_N_m"][1:] == 4.0)
 
 
+@pytest.mark.parametrize("parameters", PLANAR)
+def test_motors_at_their_limit_on_one_side_alone_know_no_side(parameters: Any) -> None:
+    """What the left side's motor at its limit does to a right bend, the right one's does to a left bend."""
+    plant = PlanarPlant(PlanarModel(parameters, VEHICLE, replace(FREE, torque_limit=3.0)), 0.01)
+    start = State(v_x=0.5, wheel_left=0.5 / VEHICLE.wheel_radius, wheel_right=0.5 / VEHICLE.wheel_radius)
+    for wanted in (0.55, 0.65, 0.8):
+        left, right = (
+            plant.run(Commands(0.05, np.tile([wanted, turn], (20, 1)), before=(wanted, turn)), start, 0.05)
+            for turn in (0.3, -0.3)
+        )
+        assert np.abs(left.pose * [1.0, -1.0, -1.0] - right.pose).max() < 1e-12
+        limited = np.abs(left.channels["torque_N_m"]) >= 6.0 - 1e-9
+        if wanted == 0.55:
+            assert np.any(limited[:, 0] != limited[:, 1])
+
+
 TYRE = Tyre(0.6, 10.0, 8.0, 0.1, 0.02)
 
 

@@ -18,7 +18,7 @@ from validation.bench.sources import drive, horizons_of, open_source, source_of
 from validation.files.log import Log
 from validation.identify.objective import FitCost, FitTarget, make_raters
 from validation.identify.problem import FitProblem
-from validation.plants.kind import TORQUES
+from validation.plants.kind import side_torques
 from validation.plants.profile import PLANTS, Profile, make_plant
 from validation.plants.searchable import find, make_space, searchable, with_values
 from validation.plants.table import plant_kind
@@ -173,7 +173,7 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
                 assert np.abs(many[row][:, :3] - alone.pose).max() < 1e-12
                 assert many.shape[2] == (5 if plant_kind(name).torques else 3)
                 if plant_kind(name).torques:
-                    assert np.array_equal(many[row][:, 3:], alone.channels[TORQUES])
+                    assert np.array_equal(many[row][:, 3:], side_torques(alone), equal_nan=True)
 
 
 def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:

@@ -23,7 +23,7 @@ from tests.recovery import HYBRID, JDE, LEAST_SQUARES, TORQUE, drawn, noisy_targ
 from validation.identify.currents import Torques
 from validation.identify.motor_logs import drive_log, loss_of
 from validation.identify.objective import FitCost, FitTarget, make_raters, make_torque_raters
-from validation.plants.kind import CAUSES, TORQUES
+from validation.plants.kind import CAUSES, GROUND_TORQUES, TORQUES
 from validation.plants.profile import Profile, make_plant
 from validation.plants.table import plant_kind
 
@@ -117,7 +117,10 @@ def test_planar_torques_are_not_believed(target: FitTarget) -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_given_wheels_take_the_torque_of_the_same_wheels_that_a_motor_turns(lab: Profile, noise: float) -> None:
-    """In a steady bend, less what gear and rolling take, also where measured rates scatter."""
+    """In a steady bend, less what gear and rolling take, also where measured rates scatter.
+
+    The contact is 0.2 % farther from the axle than the rolling radius.
+    """
     plant = make_plant(lab, "mujoco")
     driven = plant.run(Commands(0.05, np.tile([0.4, 0.6], (120, 1))), State(), 0.01)
     rates = driven.wheels[-1]
@@ -126,8 +129,8 @@ def test_given_wheels_take_the_torque_of_the_same_wheels_that_a_motor_turns(lab:
     scatter = noise * np.random.default_rng(0).normal(size=(120, 2))
     told = Commands(0.05, rates + scatter, "wheels")
     start = State(0.0, 0.0, 0.0, *driven.twist[-1], *rates)
-    seen = plant.run(told, start, 0.01).channels[TORQUES][-300:].mean(axis=0)
-    assert seen == pytest.approx(wanted, rel=1e-3 if noise == 0.0 else 0.02)
+    seen = plant.run(told, start, 0.01).channels[GROUND_TORQUES][-300:].mean(axis=0)
+    assert seen == pytest.approx(wanted, rel=0.003 if noise == 0.0 else 0.02)
 
 
 def test_given_wheels_push_the_robot_by_newtons_law(lab: Profile) -> None:
@@ -136,7 +139,7 @@ def test_given_wheels_push_the_robot_by_newtons_law(lab: Profile) -> None:
     body = lab.section("mujoco").parameters
     rates = 0.04 * np.arange(200)[:, None] * np.ones((1, 2))
     motion = plant.run(Commands(0.01, rates, "wheels"), State(), plant.dt)
-    torque = motion.channels[TORQUES][200:].mean(axis=0)
+    torque = motion.channels[GROUND_TORQUES][200:].mean(axis=0)
     assert torque == pytest.approx(0.5 * body.mass * 4.0 * body.wheel_radius**2, rel=0.01)
 
 

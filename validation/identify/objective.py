@@ -18,7 +18,7 @@ from ssmr.parameters import require_within
 from ssmr.types import FloatArray, Trajectory
 from validation.bench.gyro import GyroJudge
 from validation.bench.sources import Piece, Source
-from validation.plants.kind import TORQUES
+from validation.plants.kind import side_torques
 
 Objective = Literal["path", "sync", "horizon"]
 
@@ -87,8 +87,8 @@ class FitTarget:
     def torque_errors(self, motions: Sequence[Trajectory]) -> FloatArray:
         """Return (K,) errors of the `TORQUES` of a plant's motions [N m], where both are known."""
         known = self.torques or ()
-        pairs = [pair for pair in zip(motions, known, strict=False) if TORQUES in pair[0].channels]
-        errors = [(motion.channels[TORQUES] - true).ravel() for motion, true in pairs]
+        pairs = [(side_torques(motion), true) for motion, true in zip(motions, known, strict=False)]
+        errors = [(torques - true).ravel() for torques, true in pairs if torques is not None]
         every = np.concatenate([*errors, np.empty(0)])
         return every[np.isfinite(every)]
 

@@ -14,7 +14,7 @@ from ssmr.metrics.bands import Band
 from ssmr.parameters import described
 from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
-from ssmr.types import Commands, FloatArray, Plant, State
+from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation.simulator.description import Robot
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.terrain import Terrain
@@ -25,8 +25,9 @@ Occasion = Literal["scenario", "commands", "wheels"]
 SEEN = ("tracked_x", "tracked_yaw", "position_late", "yaw_late")
 """Numbers of the localiser that a fit to a log has to find, whatever drives the plant."""
 
-TORQUES = "torque_N_m"
-"""Channel of a motion: the (M, 2) torques of the left and the right motors at the wheels [N m]."""
+TORQUES, GROUND_TORQUES = "torque_N_m", "ground_torque_N_m"
+"""Channels of a motion: the (M, 2) torques of the left and the right motors at the wheels [N m], or,
+of wheels whose rates are given, what the ground takes of a side."""
 CAUSES = (
     *("com_x", "friction", "command_half_track", "wheel_radius", "acceleration_v"),
     "dc_stiffness",
@@ -99,6 +100,11 @@ class Population(Protocol):
         ...
 
 
+def side_torques(motion: Trajectory) -> FloatArray | None:
+    """Return the (M, 2) torques of both sides [N m], the ground's where the wheels' rates are given."""
+    return motion.channels.get(TORQUES, motion.channels.get(GROUND_TORQUES))
+
+
 class OneByOne:
     """Candidates that are driven one after another; the caller spreads them over threads."""
 
@@ -132,7 +138,10 @@ class OneByOne:
                 with contextlib.suppress(SsmrError):
                     start = localiser.body_state(piece.start)
                     motion = localiser.seen(plant.run(piece.commands, start, sample_dt), piece.t)
-                    out[row] = np.hstack([motion.pose, motion.channels[TORQUES]])
+                    out[row, :, :3] = motion.pose
+                    torques = side_torques(motion)
+                    if torques is not None:
+                        out[row, :, 3:] = torques
         return out
 
 

@@ -312,7 +312,10 @@ PRICES = {
 """What each room may cost. A feature buys its room: what needs more takes it from something else in the same commit, or
 the table changes with a sentence on what users get for it. Lines are not counted, so that plain layout costs nothing."""
 OPTIONS = {"compare": 24, "fit": 33, "calibrate": 12, "track": 23, "tune": 28}
-"""Options of each program's command line, its positional arguments among them. A fit has two for torques: weight, constant."""
+"""Options of each program's command line, its positional arguments among them.
+
+A fit has two for torques: their weight, and the constant that makes them of currents.
+"""
 MOST_FILES = 190
 MOST_WORDS_OF_PAGES = 54_000
 MOST_WORDS_OF_README = 1_100

@@ -1,7 +1,8 @@
 """Angles, planar poses, paths and quaternions: the only place where each convention is written down.
 
-A pose is (x, y, yaw): it takes body coordinates to world coordinates by rotating through yaw (Eq. 2.1) and adding (x, y).
-Quaternions are named for their order: `wxyz` is MuJoCo's, `xyzw` is rerun's and ROS'.
+A pose is (x, y, yaw): it takes body coordinates to world coordinates by rotating through yaw
+(Eq. 2.1) and adding (x, y). Quaternions are named for their order: `wxyz` is MuJoCo's, `xyzw` is
+rerun's and ROS'.
 """
 
 from __future__ import annotations
@@ -53,7 +54,9 @@ def relative(pose_a_to_w: ArrayLike, pose_b_to_w: ArrayLike) -> FloatArray:
 def shift_reference(pose: ArrayLike, offset: ArrayLike) -> FloatArray:
     """Move the reference point of (..., 3) poses by `offset` (x, y) [m], fixed in the body."""
     p = np.asarray(pose, dtype=np.float64)
-    shift = rotate_body_to_world(np.broadcast_to(np.asarray(offset, dtype=np.float64), p[..., :2].shape), p[..., 2])
+    shift = rotate_body_to_world(
+        np.broadcast_to(np.asarray(offset, dtype=np.float64), p[..., :2].shape), p[..., 2]
+    )
     return np.concatenate([p[..., :2] + shift, p[..., 2:3]], axis=-1)
 
 

@@ -1,9 +1,10 @@
 """Many robots of one planar model at once, side by side in the lanes of vector instructions.
 
-A step of the time loop advances a group of robots by the functions that advance one robot, `drive_on` and `move`. The loop
-over the group is the inner one, and each quantity of all its robots lies in one row, so the compiler turns that loop into
-vector instructions, and the branches of a law into selections. No arithmetic is approximated or reordered for that: a
-robot's motion is that of `PlanarPlant.run` to the bit, whatever stands in the other lanes. A law that calls a function which
+A step of the time loop advances a group of robots by the functions that advance one robot,
+`drive_on` and `move`. The loop over the group is the inner one, and each quantity of all its robots
+lies in one row, so the compiler turns that loop into vector instructions, and the branches of a law
+into selections. No arithmetic is approximated or reordered for that: a robot's motion is that of
+`PlanarPlant.run` to the bit, whatever stands in the other lanes. A law that calls a function which
 has no vector form, such as `math.exp`, runs lane after lane, with the same result.
 """
 
@@ -37,7 +38,8 @@ LANES = 8
 """Robots of a group: the numbers in the widest vectors that there are."""
 _PAIR = 2 * LANES
 _CHUNK = 8
-"""Steps whose held twists are laid out together, a chunk before they are read, so that no read waits for them."""
+"""Steps whose held twists are laid out together, a chunk before they are read, so that no read
+waits for them."""
 
 
 class _State(NamedTuple):
@@ -77,7 +79,8 @@ class _Times(NamedTuple):
 def _prefer_wide_vectors(typing: Any) -> Any:
     """Let the compiled function that calls this use the widest vectors of the processor; for compiled functions only.
 
-    LLVM otherwise prefers half the width on many processors, lest they lower their clock for code that gains little by it.
+    LLVM otherwise prefers half the width on many processors, lest they lower their clock for code
+    that gains little by it.
     """
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -93,16 +96,21 @@ def _prefer_wide_vectors(typing: Any) -> Any:
 def _copy_numbers(typing: Any, target: Any, at: Any, origin: Any, first: Any, count: Any) -> Any:
     """Copy `count` numbers, a constant, of one contiguous array from index `first` on into another from `at` on.
 
-    A loop would not do: where the compiler cannot tell that the arrays are different ones, it copies number by number, and a
-    processor that then reads several of them as one vector waits until all have left its store buffer.
+    A loop would not do: where the compiler cannot tell that the arrays are different ones, it
+    copies number by number, and a processor that then reads several of them as one vector waits
+    until all have left its store buffer.
     """
     if not isinstance(count, types.IntegerLiteral):
         return None
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         to, start, of, begin, _ = arguments
-        here = builder.gep(context.make_array(signature.args[0])(context, builder, to).data, [start])
-        there = builder.gep(context.make_array(signature.args[2])(context, builder, of).data, [begin])
+        here = builder.gep(
+            context.make_array(signature.args[0])(context, builder, to).data, [start]
+        )
+        there = builder.gep(
+            context.make_array(signature.args[2])(context, builder, of).data, [begin]
+        )
         copy: Any = cgutils.raw_memcpy
         copy(builder, here, there, context.get_constant(types.intp, count.literal_value), 8)
         return context.get_dummy_value()
@@ -126,13 +134,22 @@ def _robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRob
     at += len(kind.motor)
     if plain is not None:
         motor = Motor(motor.limit, 0.0, 0.0, 0.0, 0.0, 0.0)
-    x_icr, drift, ideal = rows[i + at * LANES], rows[i + (at + 1) * LANES], rows[i + (at + 2) * LANES] != 0.0
-    vehicle, constants = _lane(kind.vehicle, rows, _ROBOT, i), _lane(kind.constants, rows, at + 3, i)
+    x_icr, drift, ideal = (
+        rows[i + at * LANES],
+        rows[i + (at + 1) * LANES],
+        rows[i + (at + 2) * LANES] != 0.0,
+    )
+    vehicle, constants = (
+        _lane(kind.vehicle, rows, _ROBOT, i),
+        _lane(kind.constants, rows, at + 3, i),
+    )
     return PlanarRobot(vehicle, parameters, motor, x_icr, drift, ideal, constants)
 
 
 @jit
-def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int, dt: float) -> None:
+def _step(
+    kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int, dt: float
+) -> None:
     now = _lane(_STATE, rows, 0, i)
     v, w = rows[i + _HELD * LANES], rows[i + (_HELD + 1) * LANES]
     held = DriveState(now.held_v, now.held_w, v, w)
@@ -145,10 +162,14 @@ def _step(kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: i
             drive.share if plain is None else 1.0,
             DriveState(now.held_v, now.held_w, now.held_left, now.held_right),
         )
-    before = PlanarMotion(now.x, now.y, now.yaw, now.v, now.w, 0.0, 0.0, now.integral_left, now.integral_right)
+    before = PlanarMotion(
+        now.x, now.y, now.yaw, now.v, now.w, 0.0, 0.0, now.integral_left, now.integral_right
+    )
     then = move(before, Sides(held.left, held.right), 0.0, dt, _robot(kind, plain, rows, i))
     left, right = then.integral_left, then.integral_right
-    after = _State(then.x, then.y, then.yaw, then.v, then.w, left, right, held.v, held.w, held.left, held.right)
+    after = _State(
+        then.x, then.y, then.yaw, then.v, then.w, left, right, held.v, held.w, held.left, held.right
+    )
     for k, number in enumerate(after):
         rows[i + k * LANES] = number
 
@@ -175,10 +196,11 @@ def _run_lanes(
 ) -> None:
     """Drive a group of robots, whose (R LANES,) numbers in `rows` advance in place; write (s, M, 3) poses, or NaN.
 
-    `kind` is any robot of the model: the types of its parts choose the law. `plain` is None where a robot has more to its
-    motors and its driver than a proportional loop, limits and a delay; what it has not is left out of the compiled loop,
-    which changes no bit. `prescribed` is None unless the `held` values are the wheel rates themselves; `places` (2 LANES,)
-    are the indices among them of the first v, then of the first omega, of each lane.
+    `kind` is any robot of the model: the types of its parts choose the law. `plain` is None where a
+    robot has more to its motors and its driver than a proportional loop, limits and a delay; what
+    it has not is left out of the compiled loop, which changes no bit. `prescribed` is None unless
+    the `held` values are the wheel rates themselves; `places` (2 LANES,) are the indices among them
+    of the first v, then of the first omega, of each lane.
     """
     _prefer_wide_vectors()
     ahead = np.empty(2 * _CHUNK * _PAIR)
@@ -190,7 +212,11 @@ def _run_lanes(
             continue
         if k == due:
             for i in range(len(poses)):
-                poses[i, sample, 0], poses[i, sample, 1], poses[i, sample, 2] = rows[i], rows[i + LANES], rows[i + 2 * LANES]
+                poses[i, sample, 0], poses[i, sample, 1], poses[i, sample, 2] = (
+                    rows[i],
+                    rows[i + LANES],
+                    rows[i + 2 * LANES],
+                )
             sample, due = sample + 1, due + times.stride
         if k == times.steps:
             break
@@ -203,7 +229,13 @@ def _run_lanes(
 
 
 @jit_alone
-def _fill_held(values: FloatArray, drive: DriveNumbers, before: tuple[float, float], longest: int, out: FloatArray) -> None:
+def _fill_held(
+    values: FloatArray,
+    drive: DriveNumbers,
+    before: tuple[float, float],
+    longest: int,
+    out: FloatArray,
+) -> None:
     """Write the (2, n) twists that a driver holds from `longest` steps before the first command on."""
     for column in range(2):
         for k in range(out.shape[1]):
@@ -229,8 +261,8 @@ def run_population(
         workers: threads; the result does not depend on it.
 
     Returns:
-        (S, M, 3) poses, those of `PlanarPlant.run` to the bit; a candidate that diverges is NaN throughout, for the caller
-        to rate.
+        (S, M, 3) poses, those of `PlanarPlant.run` to the bit; a candidate that diverges is NaN
+        throughout, for the caller to rate.
 
     Raises:
         ValueError: candidates of different kinds, or periods that are no whole number of steps.
@@ -248,14 +280,29 @@ def run_population(
         places = np.tile(np.array([0, len(steps)], dtype=np.uint64), (len(models), 1))
     else:
         held, places = _held_twists(commands, drives, times)
-    rows = np.array([_row(*numbers) for numbers in zip(starts, drives, robots, strict=True)], dtype=np.float64)
-    kind = robots[0], None if any(map(_is_special, drives, robots)) else True, True if wheels else None
+    rows = np.array(
+        [_row(*numbers) for numbers in zip(starts, drives, robots, strict=True)], dtype=np.float64
+    )
+    kind = (
+        robots[0],
+        None if any(map(_is_special, drives, robots)) else True,
+        True if wheels else None,
+    )
     poses = np.empty((len(models), 1 + times.steps // stride, 3))
 
     def run(first_group: int, last_group: int) -> None:
         for first in range(LANES * first_group, LANES * last_group, LANES):
-            which = np.minimum(np.arange(first, first + LANES), len(models) - 1)  # the last one fills the last group up
-            _run_lanes(*kind, held, places[which].T.ravel(), rows[which].T.ravel(), times, poses[first : first + LANES])
+            which = np.minimum(
+                np.arange(first, first + LANES), len(models) - 1
+            )  # the last one fills the last group up
+            _run_lanes(
+                *kind,
+                held,
+                places[which].T.ravel(),
+                rows[which].T.ravel(),
+                times,
+                poses[first : first + LANES],
+            )
 
     share_among_threads(run, -(-len(models) // LANES), workers)
     return poses
@@ -265,7 +312,15 @@ def _row(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list[float]:
     """Return the numbers of one lane: its state, two that are held, its driver and its robot, as `_robot` reads it."""
     held = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
     state = _State(start.x, start.y, start.yaw, start.v_x, start.yaw_rate, 0.0, 0.0, *held)
-    numbers = *robot.vehicle, *robot.parameters, *robot.motor, robot.x_icr, robot.drift, float(robot.ideal), *robot.constants
+    numbers = (
+        *robot.vehicle,
+        *robot.parameters,
+        *robot.motor,
+        robot.x_icr,
+        robot.drift,
+        float(robot.ideal),
+        *robot.constants,
+    )
     return [*state, 0.0, 0.0, *drive[:_DRIVEN], *numbers]
 
 
@@ -275,7 +330,9 @@ def _is_special(drive: DriveNumbers, robot: PlanarRobot) -> bool:
     return drive.share != 1.0 or any((motor.braking, motor.integral_gain, motor.gear_loss))
 
 
-def _held_twists(commands: Commands, drives: Sequence[DriveNumbers], times: _Times) -> tuple[FloatArray, NDArray[np.uint64]]:
+def _held_twists(
+    commands: Commands, drives: Sequence[DriveNumbers], times: _Times
+) -> tuple[FloatArray, NDArray[np.uint64]]:
     """Return the twists that the drivers hold, and the (S, 2) places in them of each one's first v and omega."""
     longest = max(max(d.delay_v, d.delay_w) for d in drives)
     length = longest + times.steps + 2 * _CHUNK
@@ -284,5 +341,8 @@ def _held_twists(commands: Commands, drives: Sequence[DriveNumbers], times: _Tim
     for drive, out in zip(samplings.values(), held, strict=True):
         _fill_held(commands.values, drive, commands.before, longest, out)
     begins = {sampling: 2 * k * length + longest for k, sampling in enumerate(samplings)}
-    places = [(begins[d.hold, d.ramp] - d.delay_v, begins[d.hold, d.ramp] + length - d.delay_w) for d in drives]
+    places = [
+        (begins[d.hold, d.ramp] - d.delay_v, begins[d.hold, d.ramp] + length - d.delay_w)
+        for d in drives
+    ]
     return held.ravel(), np.array(places, dtype=np.uint64)

@@ -50,8 +50,8 @@ class Declaration:
     scale: Scale
     """Spacing of the search between its bounds."""
     of: tuple[str, str]
-    """The sizes of the robot of which `search` has multiples, of the lower and of the upper bound; empty where these are in
-    the number's own unit."""
+    """The sizes of the robot of which `search` has multiples, of the lower and of the upper bound;
+    empty where these are in the number's own unit."""
 
     def bounds(self, sizes: Mapping[str, float]) -> tuple[float, float] | None:
         """Return the default bounds of a search for a robot of these sizes, in the number's unit; None for no search."""
@@ -84,7 +84,11 @@ _known: dict[type, Mapping[str, Declaration]] = {}
 def described(kind: type) -> Mapping[str, Declaration]:
     """Return the declarations of a dataclass by name, in the order of its fields; undeclared fields are left out."""
     if kind not in _known:
-        declarations = {f.name: replace(f.metadata[_KEY], name=f.name) for f in fields(kind) if _KEY in f.metadata}
+        declarations = {
+            f.name: replace(f.metadata[_KEY], name=f.name)
+            for f in fields(kind)
+            if _KEY in f.metadata
+        }
         _known[kind] = MappingProxyType(declarations)
     return _known[kind]
 
@@ -93,51 +97,72 @@ def check_parameters(owner: object) -> None:
     """Check all declared numbers of a dataclass instance against their ranges.
 
     Raises:
-        ParameterError: a number lies outside its range, or is not a number; the message names the parameter and the range.
+        ParameterError: a number lies outside its range, or is not a number; the message names the
+            parameter and the range.
     """
     for name, d in described(type(owner)).items():
         require_in_range(owner, name, d.low, d.high, open_low=d.open_low)
 
 
-def require_in_range(owner: object, name: str, low: float, high: float = math.inf, *, open_low: bool = False) -> None:
+def require_in_range(
+    owner: object, name: str, low: float, high: float = math.inf, *, open_low: bool = False
+) -> None:
     """Check that a field of a dataclass instance lies within `low` and `high`; `low` itself is forbidden if `open_low`.
 
     It is for ranges that depend on other numbers or are not declared at the field.
 
     Raises:
-        ParameterError: the number lies outside the range, or is not a number; the message names the parameter and the range.
+        ParameterError: the number lies outside the range, or is not a number; the message names the
+            parameter and the range.
     """
     value = getattr(owner, name)
     if math.isnan(value) or value > high or value < low or (open_low and value <= low):
         bracket = "(" if open_low else "["
-        raise ParameterError(f"{type(owner).__name__}.{name} = {value} lies outside {bracket}{low}, {high}]")
+        raise ParameterError(
+            f"{type(owner).__name__}.{name} = {value} lies outside {bracket}{low}, {high}]"
+        )
 
 
 MOST_SEED = 2**63 - 1
-"""Greatest seed: generators take greater ones, but the files that a seed is recorded in hold 64 bits."""
+"""Greatest seed: generators take greater ones, but the files that a seed is recorded in hold 64
+bits."""
 
 
-def require_within(owner: object, names: Iterable[str], low: float, high: float, *, whole: bool = False) -> None:
+def require_within(
+    owner: object, names: Iterable[str], low: float, high: float, *, whole: bool = False
+) -> None:
     """Check fields of a dataclass instance: each is a number, several in a tuple or a mapping, or None if it is not given.
 
     Raises:
-        ValueError: an option is something else, not whole where it must be, or lies outside `low` and `high`; the message
-            names it and the range.
+        ValueError: an option is something else, not whole where it must be, or lies outside `low`
+            and `high`; the message names it and the range.
     """
     for name in names:
         given = getattr(owner, name)
-        some = given.values() if isinstance(given, Mapping) else given if isinstance(given, tuple) else (given,)
+        some = (
+            given.values()
+            if isinstance(given, Mapping)
+            else given
+            if isinstance(given, tuple)
+            else (given,)
+        )
         for value in some:
             if value is None and given is None:
                 continue
-            if isinstance(value, bool) or not isinstance(value, (int, Integral) if whole else (int, float, Real)):
-                raise ValueError(f"{name} must be {'a whole number' if whole else 'a number'}, got {_short(value)}")
+            if isinstance(value, bool) or not isinstance(
+                value, (int, Integral) if whole else (int, float, Real)
+            ):
+                raise ValueError(
+                    f"{name} must be {'a whole number' if whole else 'a number'}, got {_short(value)}"
+                )
             if not low <= value <= high:  # type: ignore[operator]
-                raise ValueError(f"{name} must lie within {_short(low)} and {_short(high)}, got {_short(value)}")
+                raise ValueError(
+                    f"{name} must lie within {_short(low)} and {_short(high)}, got {_short(value)}"
+                )
 
 
 def _short(value: object) -> str:
-    """Return a value as a message shows it: whole numbers have no end in Python, and neither do texts."""
+    """A value as a message shows it: whole numbers have no end in Python, and neither do texts."""
     if isinstance(value, int) and abs(value) > MOST_SEED:
         return f"one of {value.bit_length()} bits"
     return f"{value:g}" if isinstance(value, float) else reprlib.repr(value)
@@ -149,10 +174,13 @@ _kinds = Counter[str]()
 def numbers_of(kind: type) -> Any:
     """Return the named tuple type that carries a dataclass's numbers into compiled functions.
 
-    It is kept as `kind.Numbers`, where the compiler's cache on disk finds it again; call this when the module is imported.
+    It is kept as `kind.Numbers`, where the compiler's cache on disk finds it again; call this when
+    the module is imported.
     """
     if "Numbers" not in vars(kind):
-        _kinds[kind.__name__] += 1  # numba takes two named tuples of one name and the same fields for one
+        _kinds[kind.__name__] += (
+            1  # numba takes two named tuples of one name and the same fields for one
+        )
         name = f"{kind.__name__}{_kinds[kind.__name__]}"
         numbers = namedtuple(name, [f.name for f in fields(kind)], module=kind.__module__)  # type: ignore[misc]
         numbers.__qualname__ = f"{kind.__qualname__}.Numbers"

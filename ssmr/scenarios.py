@@ -1,7 +1,7 @@
 """The four sample trajectories of the thesis as commands (Sec. 3.5.2, Tab. 3.6).
 
-Constant linear velocity; once the robot is up to speed, a sine of yaw rate. The thesis gives neither the duration nor the
-lead-in: 20 s and 2 s are our choice.
+Constant linear velocity; once the robot is up to speed, a sine of yaw rate. The thesis gives
+neither the duration nor the lead-in: 20 s and 2 s are our choice.
 """
 
 from __future__ import annotations
@@ -37,7 +37,10 @@ class SineScenario:
         n = round(self.duration / COMMAND_PERIOD)
         t = np.arange(n) * COMMAND_PERIOD
         sine = self.amplitude * np.sin(2.0 * math.pi * self.frequency * (t - self.lead_in))
-        return Commands(COMMAND_PERIOD, np.column_stack([np.full(n, self.speed), np.where(t >= self.lead_in, sine, 0.0)]))
+        return Commands(
+            COMMAND_PERIOD,
+            np.column_stack([np.full(n, self.speed), np.where(t >= self.lead_in, sine, 0.0)]),
+        )
 
 
 TRAJECTORIES = {

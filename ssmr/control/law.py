@@ -55,9 +55,10 @@ class Gains:
         check_parameters(self)
 
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """Return the numbers that the kernels take, as one row; by default the gains in their order.
+        """The numbers that the kernels take, as one row; by default the gains in their order.
 
-        (4, 4) `a` and (4, 2) `b` of the linear model (Eq. 2.46) are for laws that are designed on it.
+        (4, 4) `a` and (4, 2) `b` of the linear model (Eq. 2.46) are for laws that are designed on
+        it.
 
         Raises:
             ValueError: no law exists for these gains.
@@ -81,16 +82,19 @@ class Law:
     gains: type[Gains]
     """Dataclass of the gains, which declares default, unit, range and search bounds of each."""
     unpack: Callable[[FloatArray], Any] | None = None
-    """Kernel that makes the named gains of a row of `Gains.packed`; rows may be longer than needed. A law that is a Python
-    object (`make`) has none."""
+    """Kernel that makes the named gains of a row of `Gains.packed`; rows may be longer than needed.
+    A law that is a Python object (`make`) has none."""
     position_step: Callable[..., Memory] | None = None
-    """Kernel `(gains, memory, errors, target, seen, dt)` of the position loop; returns the next memory."""
+    """Kernel `(gains, memory, errors, target, seen, dt)` of the position loop; returns the next
+    memory."""
     searched: tuple[str, ...] = ()
     """Gains that a tuning searches by default, in the order of its search space."""
     make: Callable[..., Any] | None = None
-    """Function of gains and a `ssmr.control.mission.Mission` that makes the object, for a law that is a Python object."""
+    """Function of gains and a `ssmr.control.mission.Mission` that makes the object, for a law that
+    is a Python object."""
     velocity_step: Callable[..., tuple[Memory, Command]] = hold
-    """Kernel `(gains, memory, seen, dt)` of the velocity loop; returns the next memory and the command."""
+    """Kernel `(gains, memory, seen, dt)` of the velocity loop; returns the next memory and the
+    command."""
     population: int = 50
     """Default number of candidates in a generation of a tuning."""
     generations: int = 150

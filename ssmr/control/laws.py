@@ -1,6 +1,7 @@
 """The table of controllers, and the one place where the compiled loops choose between them.
 
-To add a controller, write a file with its gains and kernels that ends in a `Law`, and add a line to `LAWS`.
+To add a controller, write a file with its gains and kernels that ends in a `Law`, and add a line to
+`LAWS`.
 """
 
 from __future__ import annotations
@@ -29,10 +30,14 @@ _PLAIN = {law.name: law for law in (
 PREDICTOR = "+predictor"
 """Ending of the name of a law that acts on the state one dead time ahead."""
 PLAIN_CONTROLLERS = tuple(_PLAIN)
-"""Names of the compiled laws without a predictor. The order is the number by which the compiled loops know a law."""
-_PREDICTING = {name + PREDICTOR: replace(law, name=name + PREDICTOR) for name, law in _PLAIN.items()}
+"""Names of the compiled laws without a predictor. The order is the number by which the compiled
+loops know a law."""
+_PREDICTING = {
+    name + PREDICTOR: replace(law, name=name + PREDICTOR) for name, law in _PLAIN.items()
+}
 LAWS: Mapping[str, Law] = MappingProxyType(_PLAIN | _PREDICTING | {mpc.LAW.name: mpc.LAW})
-"""Declarations by name: the compiled laws, each of them behind a predictor, and those that are Python objects."""
+"""Declarations by name: the compiled laws, each of them behind a predictor, and those that are
+Python objects."""
 CONTROLLERS = tuple(LAWS)
 """Names of the controllers."""
 
@@ -74,7 +79,9 @@ class Controller:
         """
         return _packed(self.gains, self.a, self.b)
 
-    def position_step(self, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
+    def position_step(
+        self, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
+    ) -> Memory:
         """Return the memory after one step of the position loop, `dt` [s] after the last."""
         return position_step(self.number, self.packed(), memory, errors, target, seen, dt)
 
@@ -88,7 +95,9 @@ AnyController = Controller | PythonController
 
 
 @lru_cache(maxsize=4096)
-def _packed(gains: Gains, a: tuple[tuple[float, ...], ...], b: tuple[tuple[float, ...], ...]) -> FloatArray:
+def _packed(
+    gains: Gains, a: tuple[tuple[float, ...], ...], b: tuple[tuple[float, ...], ...]
+) -> FloatArray:
     """Return `Controller.packed`; cached, because a law drives many references and its regulator is solved only once."""
     row = gains.packed(np.array(a), np.array(b))
     row.setflags(write=False)
@@ -96,7 +105,7 @@ def _packed(gains: Gains, a: tuple[tuple[float, ...], ...], b: tuple[tuple[float
 
 
 def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
-    """Return the gains of a controller from numbers by name; a gain that is not given has its default.
+    """The gains of a controller from numbers by name; a gain that is not given has its default.
 
     Raises:
         ValueError: an unknown controller or name, or numbers that the law refuses.
@@ -114,9 +123,14 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
 def _choice(steps: Sequence[tuple[Callable[..., Any], Callable[..., Any]]]) -> Callable[..., Any]:
     """Return a compiled `(law, row, *arguments)` that unpacks the row and calls the step of law number `law`.
 
-    numba cannot index a tuple of functions: each law compares its number, and hands what is not its own to the laws before.
+    numba cannot index a tuple of functions: each law compares its number, and hands what is not its
+    own to the laws before.
     """
-    (unpack, step), number, others = steps[-1], len(steps) - 1, _choice(steps[:-1]) if len(steps) > 1 else None
+    (unpack, step), number, others = (
+        steps[-1],
+        len(steps) - 1,
+        _choice(steps[:-1]) if len(steps) > 1 else None,
+    )
 
     @jit
     def choose(law: int, row: FloatArray, *arguments: Any) -> Any:
@@ -127,13 +141,21 @@ def _choice(steps: Sequence[tuple[Callable[..., Any], Callable[..., Any]]]) -> C
     return choose
 
 
-_POSITION = _choice([(law.unpack, law.position_step) for law in _PLAIN.values() if law.unpack and law.position_step])
+_POSITION = _choice(
+    [(law.unpack, law.position_step) for law in _PLAIN.values() if law.unpack and law.position_step]
+)
 _VELOCITY = _choice([(law.unpack, law.velocity_step) for law in _PLAIN.values() if law.unpack])
 
 
 @jit
 def position_step(
-    law: int, row: FloatArray, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
+    law: int,
+    row: FloatArray,
+    memory: Memory,
+    errors: Errors,
+    target: Target,
+    seen: Observation,
+    dt: float,
 ) -> Memory:
     """Return the memory of law number `law` with gains `row` after a step of its position loop."""
     after: Memory = _POSITION(law, row, memory, errors, target, seen, dt)
@@ -141,7 +163,9 @@ def position_step(
 
 
 @jit
-def velocity_step(law: int, row: FloatArray, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
+def velocity_step(
+    law: int, row: FloatArray, memory: Memory, seen: Observation, dt: float
+) -> tuple[Memory, Command]:
     """Return the memory and the command of law number `law` with gains `row` after a step of its velocity loop."""
     after: tuple[Memory, Command] = _VELOCITY(law, row, memory, seen, dt)
     return after
@@ -152,8 +176,8 @@ def design(
 ) -> AnyController:
     """Return one of `CONTROLLERS` with gains by name on a linear model, (4, 4) `a` and (4, 2) `b` of Eq. 2.46.
 
-    Gains that are not given have their defaults. `drive` is the driver between command and wheels as the controller knows
-    it, the thesis' one if not given.
+    Gains that are not given have their defaults. `drive` is the driver between command and wheels
+    as the controller knows it, the thesis' one if not given.
 
     Raises:
         ValueError: an unknown controller or gain, or gains that the law refuses.

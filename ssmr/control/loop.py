@@ -1,7 +1,7 @@
 """A trajectory tracker around a plant: its settings, its clock and noise, the robot's side, and the run that it leaves.
 
-`run_loop` is the slow and obvious closed loop that drives any `Plant`; the compiled loops of `ssmr.control.population` and
-the batches of MuJoCo robots must equal it.
+`run_loop` is the slow and obvious closed loop that drives any `Plant`; the compiled loops of
+`ssmr.control.population` and the batches of MuJoCo robots must equal it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,13 @@ import numpy as np
 from ssmr.control.law import Command, Observation
 from ssmr.control.laws import AnyController
 from ssmr.control.mission import ControllerInput, Mission, PythonController
-from ssmr.control.predictor import commands_under_way, predict_ahead, predictor_model, predictor_start, remember
+from ssmr.control.predictor import (
+    commands_under_way,
+    predict_ahead,
+    predictor_model,
+    predictor_start,
+    remember,
+)
 from ssmr.control.tick import (
     INITIAL_STATE,
     LOG_COLUMNS,
@@ -59,8 +65,8 @@ class LoopSettings:
     """Feedback, noise, disturbance and periods of a closed loop."""
 
     feedback: Feedback = "noisy"
-    """Signal that the controller sees: the `truth`, the truth with the filter's `noisy` output (Tab. 3.4), or an `ekf` on
-    noisy encoders and gyro."""
+    """Signal that the controller sees: the `truth`, the truth with the filter's `noisy` output
+    (Tab. 3.4), or an `ekf` on noisy encoders and gyro."""
     noise: SensorNoise = field(default_factory=SensorNoise)
     """Noise of the `noisy` feedback."""
     sensors: SensorModel = field(default_factory=SensorModel)
@@ -119,7 +125,12 @@ def make_clock(waypoints: Waypoints, settings: LoopSettings, dt: float) -> Clock
     """
     position = whole_steps(settings.position_period, dt, "the position loop's period")
     velocity = whole_steps(settings.velocity_period, dt, "the velocity loop's period")
-    return Clock(dt, position, velocity, position * max(1, math.ceil(waypoints.duration / (position * dt) - 1e-9)))
+    return Clock(
+        dt,
+        position,
+        velocity,
+        position * max(1, math.ceil(waypoints.duration / (position * dt) - 1e-9)),
+    )
 
 
 def draw(clock: Clock, settings: LoopSettings, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -129,20 +140,29 @@ def draw(clock: Clock, settings: LoopSettings, seed: int) -> tuple[FloatArray, F
     """
     noise, push = (np.random.default_rng([seed, k]) for k in range(2))
     draws = noise.standard_normal((clock.ticks, len(Draws._fields)))
-    disturbance = yaw_disturbance(clock.n * clock.dt, clock.dt, push) if settings.disturbance else np.zeros(1)
+    disturbance = (
+        yaw_disturbance(clock.n * clock.dt, clock.dt, push) if settings.disturbance else np.zeros(1)
+    )
     return draws, disturbance
 
 
 def common_settings(settings: Sequence[LoopSettings], seeds: Sequence[int]) -> LoopSettings:
-    """Return the settings of the first loop, which stand for what all loops of a population must share.
+    """The settings of the first loop, which stand for what all loops of a population must share.
 
     Raises:
         ValueError: feedback, disturbance or periods differ, or there are no loops or no seeds.
     """
     if len(settings) == 0 or len(seeds) == 0:
-        raise ValueError(f"a population has at least one loop and one seed, got {len(settings)} and {len(seeds)}")
-    if len({(s.feedback, s.disturbance, s.position_period, s.velocity_period) for s in settings}) != 1:
-        raise ValueError("a population has one kind of feedback, disturbance for all or for none, and one set of periods")
+        raise ValueError(
+            f"a population has at least one loop and one seed, got {len(settings)} and {len(seeds)}"
+        )
+    if (
+        len({(s.feedback, s.disturbance, s.position_period, s.velocity_period) for s in settings})
+        != 1
+    ):
+        raise ValueError(
+            "a population has one kind of feedback, disturbance for all or for none, and one set of periods"
+        )
     return settings[0]
 
 
@@ -159,7 +179,9 @@ def make_trackers(
         ValueError: no regulator exists for a controller's weights.
     """
     period, course = clock.velocity * clock.dt, waypoints.course()
-    models = [predictor_model(np.array(law.a), np.array(law.b), law.drive, period) for law in controllers]
+    models = [
+        predictor_model(np.array(law.a), np.array(law.b), law.drive, period) for law in controllers
+    ]
     most = max(map(commands_under_way, models))
     return [
         Tracker(
@@ -205,7 +227,9 @@ class RobotSide:
         tracker, t = self.tracker, k * self.tracker.dt
         due = k % tracker.position_steps == 0
         if due:
-            self.position_tick(observed(tracker, k, truth, draws), t, tracker.position_steps * tracker.dt)
+            self.position_tick(
+                observed(tracker, k, truth, draws), t, tracker.position_steps * tracker.dt
+            )
         if k % tracker.velocity_steps == 0:
             self.velocity_tick(t, tracker.velocity_steps * tracker.dt)
         if due:
@@ -229,7 +253,16 @@ class PythonSide(RobotSide):
         ahead, driver = predict_ahead(
             tracker.past, tracker.predictor_state, state.seen, self._seen_at, end, tracker.predictor
         )
-        return ControllerInput(t, self._seen_at, state.seen, state.target, state.errors, ahead, driver, tracker.past.copy())
+        return ControllerInput(
+            t,
+            self._seen_at,
+            state.seen,
+            state.target,
+            state.errors,
+            ahead,
+            driver,
+            tracker.past.copy(),
+        )
 
     def position_tick(self, seen: Observation, t: float, dt: float) -> None:
         """Take an observation of mission time `t` [s]."""
@@ -243,16 +276,23 @@ class PythonSide(RobotSide):
         try:
             v, w = map(float, given)
         except (TypeError, ValueError):
-            raise ControllerError(f"{self._name} commands {given!r:.60}, wanted speed and yaw rate, two numbers") from None
+            raise ControllerError(
+                f"{self._name} commands {given!r:.60}, wanted speed and yaw rate, two numbers"
+            ) from None
         if not (math.isfinite(v) and math.isfinite(w)):
-            raise ControllerError(f"{self._name} commands {v:g} m/s and {w:g} rad/s at t = {t:.2f} s, wanted finite numbers")
+            raise ControllerError(
+                f"{self._name} commands {v:g} m/s and {w:g} rad/s at t = {t:.2f} s, wanted finite numbers"
+            )
         memory = self.state.memory._replace(u_ref=v, w_ref=w)
         self.state = self.state._replace(memory=memory, command=Command(v, w))
         remember(self.tracker.past, self.tracker.predictor_state, v, w, t)
 
 
 def robot_sides(
-    controllers: Sequence[AnyController], settings: Sequence[LoopSettings], waypoints: Waypoints, trackers: Sequence[Tracker]
+    controllers: Sequence[AnyController],
+    settings: Sequence[LoopSettings],
+    waypoints: Waypoints,
+    trackers: Sequence[Tracker],
 ) -> list[RobotSide]:
     """Return the robot's side of each loop, with the `trackers` of `make_trackers`.
 
@@ -293,7 +333,11 @@ class ClosedRun:
     def motion(self) -> Trajectory:
         """The true motion, with channel `torque_N_m` (M, 2)."""
         return Trajectory(
-            self.t, self.table[:, :3], self.table[:, 3:6], self.table[:, 6:8], {"torque_N_m": self.table[:, 8:10]}
+            self.t,
+            self.table[:, :3],
+            self.table[:, 3:6],
+            self.table[:, 6:8],
+            {"torque_N_m": self.table[:, 8:10]},
         )
 
     @property
@@ -308,7 +352,9 @@ class ClosedRun:
             LostError: the robot was lost; the message says when and where.
         """
         if self.lost and not len(self.t):
-            raise LostError(f"{what} was lost at once: its state or its command was no finite number", run=self)
+            raise LostError(
+                f"{what} was lost at once: its state or its command was no finite number", run=self
+            )
         if self.lost:
             s, t = self.state, float(self.t[-1])
             away = math.hypot(*(self.columns("target_x", "target_y")[-1] - (s.x, s.y)))
@@ -343,8 +389,9 @@ def run_loop(
 ) -> ClosedRun:
     """Drive any plant along a reference, physics step by physics step. The compiled loops must equal this slow one.
 
-    The plant's own drive stands between command and wheels. Torques are not recorded: a plant's state has none. The run
-    begins in `start`, or at rest at the first waypoint; `seed` is that of noise and disturbance.
+    The plant's own drive stands between command and wheels. Torques are not recorded: a plant's
+    state has none. The run begins in `start`, or at rest at the first waypoint; `seed` is that of
+    noise and disturbance.
 
     Raises:
         ValueError: periods that are no whole number of the plant's steps.
@@ -360,5 +407,7 @@ def run_loop(
         if due and side.tick(k, Truth(*map(float, (*astuple(state), 0.0, 0.0))), draws, log):
             return closed_run(log[: 1 + k // clock.position], clock)
         if k < clock.n:
-            state = plant.step(side.state.command, clock.dt, float(disturbance[k % len(disturbance)]))
+            state = plant.step(
+                side.state.command, clock.dt, float(disturbance[k % len(disturbance)])
+            )
     return closed_run(log, clock)

@@ -1,19 +1,21 @@
 """Linear quadratic regulators on the linear model: that of the thesis (Sec. 4.4.2, Fig. 4.26), and one with scheduled gains.
 
-Both are one loop with integral action on e_rho. The gain K of u = -K x belongs to the model of Eq. 2.46 with Q and R
-diagonal; e_rho with its integral stands for the error of x, e_theta = K_alpha e_alpha + K_y e_y for that of theta, and the
-speeds are fed back as they are.
+Both are one loop with integral action on e_rho. The gain K of u = -K x belongs to the model of
+Eq. 2.46 with Q and R diagonal; e_rho with its integral stands for the error of x, e_theta = K_alpha
+e_alpha + K_y e_y for that of theta, and the speeds are fed back as they are.
 
-The gain-scheduled one, which the thesis leaves as future work, linearises the error dynamics about the operating speed. The
-errors in the body frame of a robot that follows a target moving at (v_r, omega_r), about v = v_r, omega = omega_r:
+The gain-scheduled one, which the thesis leaves as future work, linearises the error dynamics about
+the operating speed. The errors in the body frame of a robot that follows a target moving at (v_r,
+omega_r), about v = v_r, omega = omega_r:
 
     d e_rho / dt   = v_r cos e_alpha - v + omega e_y      ~ -(v - v_r)
     d e_y / dt     = v_r sin e_alpha - omega e_rho        ~ v_r e_alpha
     d e_alpha / dt = omega_r - omega
 
-with speed and yaw rate by the linear model (Eq. 2.46). The lateral part depends on v_r: at rest e_y is out of reach, and
-one gain for all speeds is either sluggish or nervous. K_y and K_alpha, set by hand in the thesis, come out of the Riccati
-equation. Feedforward holds (v_r, omega_r) where the errors are zero; an integral of e_rho takes what the model leaves out.
+with speed and yaw rate by the linear model (Eq. 2.46). The lateral part depends on v_r: at rest e_y
+is out of reach, and one gain for all speeds is either sluggish or nervous. K_y and K_alpha, set by
+hand in the thesis, come out of the Riccati equation. Feedforward holds (v_r, omega_r) where the
+errors are zero; an integral of e_rho takes what the model leaves out.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ from ssmr.parameters import parameter
 from ssmr.types import FloatArray
 
 V_LIMIT = 1.0
-"""Saturation of the linear velocity command [m/s]; "the vehicle maximum input limits" (Sec. 4.4.2)."""
+"""Saturation of the linear velocity command [m/s]; "the vehicle maximum input limits"
+(Sec. 4.4.2)."""
 W_LIMIT = 2.0
 """Saturation of the yaw-rate command [rad/s]."""
 
@@ -46,13 +49,17 @@ class LqrGains(Gains):
     """Q_11, weight of the error of position."""
     q_v: float = parameter(0.02, unit="s2/m2", low=0.0, high=1e6, search=(0.0, 0.05))
     """Q_22, weight of speed."""
-    q_yaw: float = parameter(10.48, unit="1/rad2", low=0.0, high=1e6, open_low=True, search=(5.0, 15.0))
+    q_yaw: float = parameter(
+        10.48, unit="1/rad2", low=0.0, high=1e6, open_low=True, search=(5.0, 15.0)
+    )
     """Q_33, weight of the error of heading."""
     q_w: float = parameter(0.0, unit="s2/rad2", low=0.0, high=1e6, search=(0.0, 0.1))
     """Q_44, weight of yaw rate."""
     r_v: float = parameter(0.44, unit="s2/m2", low=0.0, high=1e6, open_low=True, search=(0.3, 0.7))
     """R_11, weight of the speed command."""
-    r_w: float = parameter(0.76, unit="s2/rad2", low=0.0, high=1e6, open_low=True, search=(0.4, 0.9))
+    r_w: float = parameter(
+        0.76, unit="s2/rad2", low=0.0, high=1e6, open_low=True, search=(0.4, 0.9)
+    )
     """R_22, weight of the yaw-rate command."""
     k_alpha: float = parameter(1.0, unit="1", low=0.0, high=1e6, search=(0.0, 3.0))
     """K_alpha, weight of e_alpha in e_theta."""
@@ -84,7 +91,7 @@ class LqrNumbers(NamedTuple):
 
 
 def regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float]) -> FloatArray:
-    """Return K (m, n) of the optimal u = -K x for a model (n, n) `a`, (n, m) `b` and diagonal weights.
+    """K (m, n) of the optimal u = -K x for a model (n, n) `a`, (n, m) `b` and diagonal weights.
 
     Raises:
         ValueError: no regulator exists.
@@ -99,7 +106,9 @@ def regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float])
 
 
 @jit
-def clamp_integral(error: float, integral: float, out: float, limit: float, k_i: float, dt: float) -> float:
+def clamp_integral(
+    error: float, integral: float, out: float, limit: float, k_i: float, dt: float
+) -> float:
     """Return the integral after a step; it stops while the output is at its limit and both have the same sign (Fig. 4.8)."""
     if abs(out) > limit and integral * error > 0.0:
         return integral
@@ -108,18 +117,22 @@ def clamp_integral(error: float, integral: float, out: float, limit: float, k_i:
 
 @jit
 def saturated_command(memory: Memory, i_rho: float, v: float, w: float) -> Memory:
-    """Return the memory of a law of one rate with its next integral and its command, within the limits."""
+    """The memory of a law of one rate with its next integral and its command, within the limits."""
     v, w = min(max(v, -V_LIMIT), V_LIMIT), min(max(w, -W_LIMIT), W_LIMIT)
     return Memory(i_rho, memory.i_y, memory.i_alpha, memory.i_u, memory.i_w, v, w)
 
 
 @jit
-def regulate(gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
+def regulate(
+    gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
+) -> Memory:
     """Return the memory after a step: the next integral of e_rho and the command v [m/s], omega [rad/s]."""
     x, theta = errors.rho + memory.i_rho, gains.k_alpha * errors.alpha + gains.k_y * errors.y
     v = gains.k_v_x * x - gains.k_v_v * seen.v + gains.k_v_yaw * theta - gains.k_v_w * seen.w
     w = gains.k_w_x * x - gains.k_w_v * seen.v + gains.k_w_yaw * theta - gains.k_w_w * seen.w
-    return saturated_command(memory, clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt), v, w)
+    return saturated_command(
+        memory, clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt), v, w
+    )
 
 
 LAW = Law(
@@ -134,7 +147,8 @@ LAW = Law(
 
 
 OPERATING_SPEEDS = tuple(float(v) for v in np.linspace(0.1, 1.0, 10))
-"""Operating speeds for which gains are computed [m/s]; they are interpolated between, and held below the first."""
+"""Operating speeds for which gains are computed [m/s]; they are interpolated between, and held
+below the first."""
 
 
 @dataclass(frozen=True)
@@ -145,15 +159,21 @@ class ScheduledGains(Gains):
     """Weight of the error along the body."""
     q_v: float = parameter(0.1, unit="s2/m2", low=0.0, high=1e6, search=(0.0, 10.0))
     """Weight of the error of speed."""
-    q_y: float = parameter(40.0, unit="1/m2", low=0.0, high=1e6, open_low=True, search=(0.01, 100.0))
+    q_y: float = parameter(
+        40.0, unit="1/m2", low=0.0, high=1e6, open_low=True, search=(0.01, 100.0)
+    )
     """Weight of the error across the body."""
-    q_alpha: float = parameter(4.0, unit="1/rad2", low=0.0, high=1e6, open_low=True, search=(0.01, 100.0))
+    q_alpha: float = parameter(
+        4.0, unit="1/rad2", low=0.0, high=1e6, open_low=True, search=(0.01, 100.0)
+    )
     """Weight of the heading error."""
     q_w: float = parameter(0.1, unit="s2/rad2", low=0.0, high=1e6, search=(0.0, 10.0))
     """Weight of the error of yaw rate."""
     r_v: float = parameter(1.0, unit="s2/m2", low=0.0, high=1e6, open_low=True, search=(0.05, 10.0))
     """Weight of the speed command."""
-    r_w: float = parameter(1.0, unit="s2/rad2", low=0.0, high=1e6, open_low=True, search=(0.05, 10.0))
+    r_w: float = parameter(
+        1.0, unit="s2/rad2", low=0.0, high=1e6, open_low=True, search=(0.05, 10.0)
+    )
     """Weight of the yaw-rate command."""
     k_i_rho: float = parameter(0.01, unit="1/s", low=0.0, high=1e6, search=(0.0, 0.5))
     """Integral action on the error along the body."""
@@ -166,9 +186,14 @@ class ScheduledGains(Gains):
         for speed in OPERATING_SPEEDS:
             across_a = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, a[3, 3]]])
             across_b = np.array([[0.0], [0.0], [b[3, 1]]])
-            across = regulator_gain(across_a, across_b, [self.q_y, self.q_alpha, self.q_w], [self.r_w])[0]
+            across = regulator_gain(
+                across_a, across_b, [self.q_y, self.q_alpha, self.q_w], [self.r_w]
+            )[0]
             rows.append([*along, *across])
-        return np.array([self.k_i_rho, -a[1, 1] / b[1, 0], -a[3, 3] / b[3, 1], *np.ravel(rows)], dtype=np.float64)
+        return np.array(
+            [self.k_i_rho, -a[1, 1] / b[1, 0], -a[3, 3] / b[3, 1], *np.ravel(rows)],
+            dtype=np.float64,
+        )
 
 
 class ScheduledNumbers(NamedTuple):
@@ -196,13 +221,21 @@ def gain_at(table: FloatArray, speed: float, column: int) -> float:
 
 
 @jit
-def regulate_at_speed(gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
+def regulate_at_speed(
+    gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
+) -> Memory:
     """Return the memory after a step: the next integral of e_rho and the command v [m/s], omega [rad/s]."""
     k, at = gains.table, target.v
-    v = gains.steady_v * at - gain_at(k, at, 0) * (errors.rho + memory.i_rho) - gain_at(k, at, 1) * (seen.v - at)
+    v = (
+        gains.steady_v * at
+        - gain_at(k, at, 0) * (errors.rho + memory.i_rho)
+        - gain_at(k, at, 1) * (seen.v - at)
+    )
     w = gains.steady_w * target.w - gain_at(k, at, 2) * errors.y - gain_at(k, at, 3) * errors.alpha
     w -= gain_at(k, at, 4) * (seen.w - target.w)
-    return saturated_command(memory, clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt), v, w)
+    return saturated_command(
+        memory, clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt), v, w
+    )
 
 
 SCHEDULED_LAW = Law(

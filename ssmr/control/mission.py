@@ -7,8 +7,9 @@ A controller is made once for a mission, and asked for a command 20 times a seco
 
         def command(self, now: ControllerInput) -> tuple[float, float]: ...  # speed [m/s], yaw rate [rad/s]
 
-If it has a method `observe(now)` too, that is called at every tick of the position loop, before any command. It may keep
-whatever it likes. The same object drives every plant, alone and in populations, and robots behind ROS.
+If it has a method `observe(now)` too, that is called at every tick of the position loop, before any
+command. It may keep whatever it likes. The same object drives every plant, alone and in
+populations, and robots behind ROS.
 """
 
 from __future__ import annotations
@@ -35,17 +36,20 @@ class ControllerInput(NamedTuple):
     seen_at: float
     """Mission time at which the robot was observed, a few milliseconds earlier [s]."""
     seen: Observation
-    """The estimate of pose and velocities: `x`, `y` [m], `yaw` [rad, unwrapped], `v` [m/s] and `w` [rad/s]."""
+    """The estimate of pose and velocities: `x`, `y` [m], `yaw` [rad, unwrapped], `v` [m/s] and
+    `w` [rad/s]."""
     target: Target
     """The moving target at that time: `x`, `y` [m], `heading` [rad], `v` [m/s] and `w` [rad/s]."""
     errors: Errors
     """The errors to that target: `rho` [m], `y` [m] and `alpha` [rad] (Eq. 4.1, 4.2)."""
     ahead: Observation
-    """The robot `Mission.dead_time` later, when this command begins to act, as the planar model predicts it."""
+    """The robot `Mission.dead_time` later, when this command begins to act, as the planar model
+    predicts it."""
     driver: DriverEstimate
     """The references of its driver by then, and what was learnt of the robot while driving."""
     past: FloatArray
-    """(n, 2) the newest commands that were sent, the newest last; zero where there were none yet."""
+    """(n, 2) the newest commands that were sent, the newest last; zero where there were none
+    yet."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
 """Cascade of PI blocks (Sec. 4.3.2, Fig. 4.9): position errors to reference velocities, these to commands.
 
-The position loop (Tab. 4.1) turns e_rho into u_ref and e_y and e_alpha into omega_ref; the velocity loop (Tab. 4.2) adds a
-feedforward to two more blocks. Each block is discrete, P plus a forward-Euler integral, with clamping anti-windup
-(Fig. 4.8) where it has an output limit. The published search bounds are those of Tab. 4.4.
+The position loop (Tab. 4.1) turns e_rho into u_ref and e_y and e_alpha into omega_ref; the velocity
+loop (Tab. 4.2) adds a feedforward to two more blocks. Each block is discrete, P plus a
+forward-Euler integral, with clamping anti-windup (Fig. 4.8) where it has an output limit. The
+published search bounds are those of Tab. 4.4.
 """
 
 from __future__ import annotations
@@ -52,7 +53,9 @@ class PidGains(Gains):
 
 
 @jit
-def pi_block(error: float, integral: float, k_p: float, k_i: float, limit: float, dt: float) -> tuple[float, float]:
+def pi_block(
+    error: float, integral: float, k_p: float, k_i: float, limit: float, dt: float
+) -> tuple[float, float]:
     """Return output and integral of one PI block with clamping anti-windup (Fig. 4.8).
 
     Integration stops while P + I exceeds the limit and integral and error have the same sign.
@@ -64,16 +67,22 @@ def pi_block(error: float, integral: float, k_p: float, k_i: float, limit: float
 
 
 @jit
-def position_loop(gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float) -> Memory:
-    """Return the memory after a step of Tab. 4.1: its integrals, u_ref [m/s] and omega_ref [rad/s]."""
+def position_loop(
+    gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
+) -> Memory:
+    """The memory after a step of Tab. 4.1: its integrals, u_ref [m/s] and omega_ref [rad/s]."""
     u_ref, i_rho = pi_block(errors.rho, memory.i_rho, gains.k_p_rho, gains.k_i_rho, U_REF_LIMIT, dt)
     w_y, i_y = pi_block(errors.y, memory.i_y, gains.k_p_y, gains.k_i_y, np.inf, dt)
-    w_alpha, i_alpha = pi_block(errors.alpha, memory.i_alpha, gains.k_p_alpha, gains.k_i_alpha, np.inf, dt)
+    w_alpha, i_alpha = pi_block(
+        errors.alpha, memory.i_alpha, gains.k_p_alpha, gains.k_i_alpha, np.inf, dt
+    )
     return Memory(i_rho, i_y, i_alpha, memory.i_u, memory.i_w, u_ref, w_y + w_alpha)
 
 
 @jit
-def velocity_loop(gains: Any, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
+def velocity_loop(
+    gains: Any, memory: Memory, seen: Observation, dt: float
+) -> tuple[Memory, Command]:
     """Return the memory and the command after a step of Tab. 4.2."""
     u, i_u = pi_block(memory.u_ref - seen.v, memory.i_u, gains.k_p_u, gains.k_i_u, np.inf, dt)
     w, i_w = pi_block(memory.w_ref - seen.w, memory.i_w, gains.k_p_w, gains.k_i_w, np.inf, dt)
@@ -86,7 +95,10 @@ LAW = Law(
     PidGains,
     reader(packed(PidGains())),
     position_loop,
-    searched=(*("k_p_rho", "k_p_y", "k_p_alpha", "k_i_rho", "k_i_y", "k_i_alpha"), *("k_p_u", "k_i_u", "k_p_w", "k_i_w")),
+    searched=(
+        *("k_p_rho", "k_p_y", "k_p_alpha", "k_i_rho", "k_i_y", "k_i_alpha"),
+        *("k_p_u", "k_i_u", "k_p_w", "k_i_w"),
+    ),
     velocity_step=velocity_loop,
     population=100,
 )

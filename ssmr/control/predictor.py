@@ -1,9 +1,10 @@
 """The robot one dead time ahead: where it will be when the next command acts.
 
-A law that acts on the state of now controls a robot that has moved on when its command arrives. The predictor (O. Smith,
-1957) carries the state over the dead time: the driver's references follow from the commands that were sent already, and
-speed and yaw rate follow these by the linear model (Eq. 2.46). The law then acts on that state and on its target.
-As it drives, the predictor learns which share of the model's speed and yaw rate the robot has, and how it slips in bends.
+A law that acts on the state of now controls a robot that has moved on when its command arrives. The
+predictor (O. Smith, 1957) carries the state over the dead time: the driver's references follow from
+the commands that were sent already, and speed and yaw rate follow these by the linear model
+(Eq. 2.46). The law then acts on that state and on its target. As it drives, the predictor learns
+which share of the model's speed and yaw rate the robot has, and how it slips in bends.
 """
 
 from __future__ import annotations
@@ -22,15 +23,17 @@ PREDICTION_STEP = 0.01
 _ROUNDING = 1e-9
 """Times nearer than this are one instant [s]."""
 MEMORY = 1.0
-"""Time over which a predictor averages how the robot differs from its model [s]: longer than the robot's own time constants,
-and about that of a bend."""
+"""Time over which a predictor averages how the robot differs from its model [s]: longer than the
+robot's own time constants, and about that of a bend."""
 LEAST_V, LEAST_W = 0.1, 0.2
-"""Speed [m/s] and yaw rate [rad/s] from which on the robot's differences count for more than the model."""
+"""Speed [m/s] and yaw rate [rad/s] from which on the robot's differences count for more than the
+model."""
 STEADY_V, STEADY_W = 0.5, 3.0
 """Change of speed [m/s2] and of yaw rate [rad/s2] at which an observation counts half."""
 GAINS_V, GAINS_W, SLIPS = (0.8, 1.2), (0.5, 1.5), (-0.3, 0.3)
-"""Bounds of the learnt gains of speed and of yaw rate [1] and of the learnt slip [m]. Tyres roll on up to 13 % less than the
-driver's radius. A robot with less than 0.8 of its model's speed still gathers speed, as far as its torques allow."""
+"""Bounds of the learnt gains of speed and of yaw rate [1] and of the learnt slip [m]. Tyres roll on
+up to 13 % less than the driver's radius. A robot with less than 0.8 of its model's speed still
+gathers speed, as far as its torques allow."""
 
 
 class PredictorModel(NamedTuple):
@@ -93,9 +96,10 @@ _SENT_AT = PredictorState._fields.index("sent_at")
 
 
 def predictor_model(a: FloatArray, b: FloatArray, drive: Drive, period: float) -> PredictorModel:
-    """Return the numbers of a predictor from (4, 4) `a` and (4, 2) `b` of the linear model (Eq. 2.46).
+    """The numbers of a predictor from (4, 4) `a` and (4, 2) `b` of the linear model (Eq. 2.46).
 
-    `drive` is the driver between command and wheels, as far as it is known, `period` the time between commands [s].
+    `drive` is the driver between command and wheels, as far as it is known, `period` the time
+    between commands [s].
     """
     return PredictorModel(
         max(drive.delay_v, drive.delay_w), -float(a[1][1]), float(b[1][0]), -float(a[3][3]), float(b[3][1]),
@@ -111,17 +115,26 @@ def commands_under_way(model: PredictorModel) -> int:
 
 def predictor_start(state: State, drive: Drive, period: float) -> PredictorState:
     """Return the memory of a predictor whose robot has rolled as in `state` before the start."""
-    v, w = map(float, body_rates(state.wheel_left, state.wheel_right, drive.command_half_track, drive.command_radius))
+    v, w = map(
+        float,
+        body_rates(
+            state.wheel_left, state.wheel_right, drive.command_half_track, drive.command_radius
+        ),
+    )
     means = (0.0,) * 5
-    return PredictorState(v, w, v, w, 0.0, -period, state.v_x, state.yaw_rate, *means, state.x, state.y, state.yaw)
+    return PredictorState(
+        v, w, v, w, 0.0, -period, state.v_x, state.yaw_rate, *means, state.x, state.y, state.yaw
+    )
 
 
 @jit
-def commanded(past: FloatArray, column: int, sent_at: float, when: float, model: PredictorModel) -> float:
+def commanded(
+    past: FloatArray, column: int, sent_at: float, when: float, model: PredictorModel
+) -> float:
     """Return the value on which the driver acts that samples at time `when` [s], without dead time.
 
-    Column 0 of the (n, 2) `past` commands is the speed, column 1 the yaw rate; the newest one, the last, was sent at
-    `sent_at` [s].
+    Column 0 of the (n, 2) `past` commands is the speed, column 1 the yaw rate; the newest one, the
+    last, was sent at `sent_at` [s].
     """
     back = max(math.ceil((sent_at - when) / model.period - _ROUNDING), 0)
     k = max(len(past) - 1 - back, 0)
@@ -135,15 +148,26 @@ def commanded(past: FloatArray, column: int, sent_at: float, when: float, model:
 
 @jit
 def advance_driver(
-    past: FloatArray, sent_at: float, t: float, dt: float, before: DriverEstimate, model: PredictorModel
+    past: FloatArray,
+    sent_at: float,
+    t: float,
+    dt: float,
+    before: DriverEstimate,
+    model: PredictorModel,
 ) -> DriverEstimate:
     """Return the driver's references after a step from `t` to `t + dt` [s], see `commanded`."""
     when = t + (dt if model.ramp > 0.0 else 0.5 * dt)  # a ramp has gone on to the end of the step
     v = saturate(commanded(past, 0, sent_at, when - model.delay_v, model), model.v_max)
     w = saturate(commanded(past, 1, sent_at, when - model.delay_w, model), model.w_max)
-    v, w = ramp(before.v, v, model.acceleration_v * dt), ramp(before.w, w, model.acceleration_w * dt)
+    v, w = (
+        ramp(before.v, v, model.acceleration_v * dt),
+        ramp(before.w, w, model.acceleration_w * dt),
+    )
     share = -math.expm1(-dt / model.lag) if model.lag > 0.0 else 1.0
-    lagged_v, lagged_w = before.lagged_v + share * (v - before.lagged_v), before.lagged_w + share * (w - before.lagged_w)
+    lagged_v, lagged_w = (
+        before.lagged_v + share * (v - before.lagged_v),
+        before.lagged_w + share * (w - before.lagged_w),
+    )
     return DriverEstimate(v, w, lagged_v, lagged_w, before.gain_v, before.gain_w, before.slip)
 
 
@@ -156,17 +180,22 @@ def relax(x: float, rate: float, drive: float, dt: float) -> float:
 
 
 @jit
-def respond(v: float, w: float, driver: DriverEstimate, dt: float, model: PredictorModel) -> tuple[float, float]:
+def respond(
+    v: float, w: float, driver: DriverEstimate, dt: float, model: PredictorModel
+) -> tuple[float, float]:
     """Return speed and yaw rate after a step of the linear model with the learnt gains."""
     v = relax(v, model.rate_v, model.push_v * driver.gain_v * driver.lagged_v, dt)
     return v, relax(w, model.rate_w, model.push_w * driver.gain_w * driver.lagged_w, dt)
 
 
 @jit
-def learn(p: PredictorState, before: PredictorState, seen: Observation, elapsed: float) -> PredictorState:
+def learn(
+    p: PredictorState, before: PredictorState, seen: Observation, elapsed: float
+) -> PredictorState:
     """Return the memory with what the robot did in the `elapsed` time [s] beside its model: least squares that forget.
 
-    Gains are lasting ones, so what is seen while the model's speeds change from those of `before` counts for less.
+    Gains are lasting ones, so what is seen while the model's speeds change from those of `before`
+    counts for less.
     """
     share = min(elapsed / MEMORY, 1.0)
     change_v = (p.model_v - before.model_v) / (elapsed * STEADY_V)
@@ -186,7 +215,10 @@ def learn(p: PredictorState, before: PredictorState, seen: Observation, elapsed:
 def learnt(p: PredictorState) -> DriverEstimate:
     """Return the driver's references with the learnt gains and slip; a robot that hardly moved has those of the model."""
     least_v, least_w = LEAST_V * LEAST_V, LEAST_W * LEAST_W
-    gain_v, gain_w = (p.v_seen + least_v) / (p.vv + least_v), (p.w_seen + least_w) / (p.ww + least_w)
+    gain_v, gain_w = (
+        (p.v_seen + least_v) / (p.vv + least_v),
+        (p.w_seen + least_w) / (p.ww + least_w),
+    )
     slip = p.w_aside / (p.w_seen + least_w) if p.w_seen > 0.0 else 0.0
     return DriverEstimate(
         p.v, p.w, p.lagged_v, p.lagged_w, min(max(gain_v, GAINS_V[0]), GAINS_V[1]), min(max(gain_w, GAINS_W[0]), GAINS_W[1]),
@@ -196,12 +228,18 @@ def learnt(p: PredictorState) -> DriverEstimate:
 
 @jit_alone
 def predict_ahead(
-    past: FloatArray, memory: FloatArray, seen: Observation, t: float, end: float, model: PredictorModel
+    past: FloatArray,
+    memory: FloatArray,
+    seen: Observation,
+    t: float,
+    end: float,
+    model: PredictorModel,
 ) -> tuple[Observation, DriverEstimate]:
     """Return the robot at mission time `end` [s], and the references of its driver then.
 
-    `end` is `model.horizon` after the time of the next command. The robot was `seen` at time `t` [s], to which the memory
-    advances in place: (16,) numbers of a `PredictorState` beside the (n, 2) `past` commands, the newest last.
+    `end` is `model.horizon` after the time of the next command. The robot was `seen` at time
+    `t` [s], to which the memory advances in place: (16,) numbers of a `PredictorState` beside the
+    (n, 2) `past` commands, the newest last.
     """
     p = named_like(_TEMPLATE, memory)
     at, v, w = p.at, p.model_v, p.model_w

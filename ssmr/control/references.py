@@ -1,8 +1,9 @@
 """Reference trajectories that a formula gives, as dense waypoints.
 
-A line, a circle and a sine are sample trajectories of Sec. 4.1.3; the others are this project's, and the curvature of each
-is continuous. All begin at the origin. `speed` is that of the target while it moves [m/s]: the thesis ran each at 0.25 and
-0.50 m/s. A number that is not positive and finite is a ValueError.
+A line, a circle and a sine are sample trajectories of Sec. 4.1.3; the others are this project's,
+and the curvature of each is continuous. All begin at the origin. `speed` is that of the target
+while it moves [m/s]: the thesis ran each at 0.25 and 0.50 m/s. A number that is not positive and
+finite is a ValueError.
 """
 
 from __future__ import annotations
@@ -18,18 +19,21 @@ from ssmr.geometry import integral
 from ssmr.types import FloatArray
 
 SPACING = 0.02
-"""Greatest arc length between neighbouring waypoints [m]; a tenth of a second at 0.2 m/s, and a heading step of 0.08 rad in
-the tightest corner that is practicable at 0.5 m/s."""
+"""Greatest arc length between neighbouring waypoints [m]; a tenth of a second at 0.2 m/s, and a
+heading step of 0.08 rad in the tightest corner that is practicable at 0.5 m/s."""
 _GAUSS = np.polynomial.legendre.leggauss(5)
 """Nodes and weights of the rule that integrates the direction of a step."""
 _REFINEMENT = 20
-"""Steps in which the arc length of a sine is summed, for each waypoint: its error is below 1e-6 of the length."""
+"""Steps in which the arc length of a sine is summed, for each waypoint: its error is below 1e-6 of
+the length."""
 
 
 def line(speed: float, length: float = 10.8) -> Waypoints:
     """Return a straight line along x of this `length` [m]; docs/references.md derives the thesis' from its tables."""
     _require_positive(length=length)
-    return Waypoints.from_path(np.column_stack([_spread(length), np.zeros(_count(length) + 1)]), speed)
+    return Waypoints.from_path(
+        np.column_stack([_spread(length), np.zeros(_count(length) + 1)]), speed
+    )
 
 
 def circle(speed: float, radius: float = 1.5, turns: float = 1.0) -> Waypoints:
@@ -39,14 +43,19 @@ def circle(speed: float, radius: float = 1.5, turns: float = 1.0) -> Waypoints:
     """
     _require_positive(radius=radius, turns=turns)
     angle = _spread(2.0 * math.pi * radius * turns) / radius
-    return Waypoints.from_path(radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]), speed)
+    return Waypoints.from_path(
+        radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]), speed
+    )
 
 
-def sine(speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods: float = 2.0) -> Waypoints:
+def sine(
+    speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods: float = 2.0
+) -> Waypoints:
     """Return a sine along x, y = A sin(2 pi x / lambda).
 
-    Its geometry is not in the thesis: amplitude, wavelength and periods are our choice. The greatest curvature
-    A (2 pi / lambda)^2 = 1.23 1/m asks for 0.62 rad/s at 0.5 m/s, under a third of the 2 rad/s that saturate.
+    Its geometry is not in the thesis: amplitude, wavelength and periods are our choice. The
+    greatest curvature A (2 pi / lambda)^2 = 1.23 1/m asks for 0.62 rad/s at 0.5 m/s, under a third
+    of the 2 rad/s that saturate.
 
     `amplitude` is A [m], `wavelength` lambda [m]; the path is `periods` wavelengths long.
     """
@@ -62,15 +71,18 @@ def sine(speed: float, amplitude: float = 0.5, wavelength: float = 4.0, periods:
 
 
 def eight(speed: float, half_width: float = 1.25) -> Waypoints:
-    """Return the lemniscate of Bernoulli, from its crossing once around both loops, the first to the left.
+    """The lemniscate of Bernoulli, from its crossing once around both loops, the first to the left.
 
-    With r the distance from the crossing and a the half width, its curvature is 3 r / a^2: zero at the crossing, and at most
-    3 / a = 2.40 1/m. The path is x = a cos(u) / (1 + sin(u)^2), y = x sin(u), and its arc ds = a du / sqrt(1 + sin(u)^2).
+    With r the distance from the crossing and a the half width, its curvature is 3 r / a^2: zero at
+    the crossing, and at most 3 / a = 2.40 1/m. The path is x = a cos(u) / (1 + sin(u)^2), y = x
+    sin(u), and its arc ds = a du / sqrt(1 + sin(u)^2).
 
     `half_width` is a, the distance from the crossing to each end [m].
     """
     _require_positive(half_width=half_width)
-    u = np.linspace(-0.5 * math.pi, 1.5 * math.pi, 2 * _REFINEMENT * _count(6.0 * half_width) + 1)  # 5.244 a is its length
+    u = np.linspace(
+        -0.5 * math.pi, 1.5 * math.pi, 2 * _REFINEMENT * _count(6.0 * half_width) + 1
+    )  # 5.244 a is its length
     rate = half_width / np.hypot(1.0, np.sin(u))
     arc = integral(u, rate)
     at = np.interp(_spread(float(arc[-1])), arc, u)
@@ -82,10 +94,11 @@ def eight(speed: float, half_width: float = 1.25) -> Waypoints:
 def square(speed: float, side: float = 2.0, curvature: float = 3.0) -> Waypoints:
     """Return a square to the left with rounded corners, from the middle of a side once around.
 
-    In a corner the curvature grows linearly, and falls as it grew (two clothoids of a turn by 45 degrees each).
+    In a corner the curvature grows linearly, and falls as it grew (two clothoids of a turn by 45
+    degrees each).
 
-    `side` is the length of a side, measured to the sharp corner that is cut [m]; `curvature` is the greatest curvature, in
-    the middle of a corner [1/m].
+    `side` is the length of a side, measured to the sharp corner that is cut [m]; `curvature` is the
+    greatest curvature, in the middle of a corner [1/m].
 
     Raises:
         ValueError: corners that do not fit between the sides.
@@ -94,9 +107,13 @@ def square(speed: float, side: float = 2.0, curvature: float = 3.0) -> Waypoints
     ramp = 0.5 * math.pi / curvature
     corner = [(ramp, 0.0, curvature), (ramp, curvature, 0.0)]
     x, y = _curved(corner)[-1]
-    cut = 0.5 * (x + y)  # by symmetry both are the length of a side that the corner takes, up to rounding
+    cut = 0.5 * (
+        x + y
+    )  # by symmetry both are the length of a side that the corner takes, up to rounding
     if not cut < 0.5 * side:
-        raise ValueError(f"corners take {2.0 * cut:.3g} m of a side of {side:g} m; lengthen it, or raise the curvature")
+        raise ValueError(
+            f"corners take {2.0 * cut:.3g} m of a side of {side:g} m; lengthen it, or raise the curvature"
+        )
     straight = (0.5 * side - cut, 0.0, 0.0)
     return Waypoints.from_path(_curved([straight, *corner, straight] * 4), speed)
 
@@ -113,7 +130,8 @@ def spiral(speed: float, length: float = 10.0, curvature: float = 2.5) -> Waypoi
 def u_turn(speed: float, width: float = 0.8, straight: float = 2.0) -> Waypoints:
     """Return a straight along x, a turn to the left by 180 degrees, and as long a straight back.
 
-    Over the first quarter of the turn's length the curvature grows evenly; then it stays; over the last quarter it falls.
+    Over the first quarter of the turn's length the curvature grows evenly; then it stays; over the
+    last quarter it falls.
 
     `width` is the distance between the straights, `straight` the length of each [m].
     """
@@ -126,7 +144,8 @@ def u_turn(speed: float, width: float = 0.8, straight: float = 2.0) -> Waypoints
 def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4) -> Waypoints:
     """Return a straight along x in legs; after each of them the target waits.
 
-    `leg` is the length between stops [m], `wait` the time at each stop [s], `legs` the number of legs.
+    `leg` is the length between stops [m], `wait` the time at each stop [s], `legs` the number of
+    legs.
     """
     _require_positive(leg=leg, wait=wait, legs=legs)
     one = line(speed, leg)
@@ -139,7 +158,8 @@ def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4
 def winding(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Waypoints:
     """Return a path along which the curvature goes evenly from each of the given ones to the next; it begins along x.
 
-    There are two or more `curvatures`, positive to the left [1/m]; `piece` is the arc length from one to the next [m].
+    There are two or more `curvatures`, positive to the left [1/m]; `piece` is the arc length from
+    one to the next [m].
 
     Raises:
         ValueError: fewer than two curvatures.
@@ -147,20 +167,26 @@ def winding(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Wa
     _require_positive(piece=piece)
     if len(curvatures) < 2:
         raise ValueError(f"a winding path has two curvatures or more, got {len(curvatures)}")
-    return Waypoints.from_path(_curved([(piece, a, b) for a, b in itertools.pairwise(curvatures)]), speed)
+    return Waypoints.from_path(
+        _curved([(piece, a, b) for a, b in itertools.pairwise(curvatures)]), speed
+    )
 
 
 def _half_turn(curvature: float) -> list[tuple[float, float, float]]:
-    """Return the pieces of a turn by 180 degrees with this greatest curvature [1/m]; see `u_turn`."""
+    """The pieces of a turn by 180 degrees with this greatest curvature [1/m]; see `u_turn`."""
     quarter = math.pi / curvature / 3.0
-    return [(quarter, 0.0, curvature), (2.0 * quarter, curvature, curvature), (quarter, curvature, 0.0)]
+    return [
+        (quarter, 0.0, curvature),
+        (2.0 * quarter, curvature, curvature),
+        (quarter, curvature, 0.0),
+    ]
 
 
 def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
     """Return (N, 2) places along pieces whose curvature is linear in their arc length, from the origin along x [m].
 
-    Each piece is divided evenly. A step's chord is the integral of its direction, by a Gauss rule whose error is far below
-    rounding at these lengths.
+    Each piece is divided evenly. A step's chord is the integral of its direction, by a Gauss rule
+    whose error is far below rounding at these lengths.
 
     `pieces` are the length [m] of each piece, and the curvature at its begin and its end [1/m].
     """

@@ -1,8 +1,9 @@
 """One tick of the closed loop (Sec. 3.4.4-3.4.6, 4.3.2, Fig. 4.9, 4.26): observe, compare, control, record.
 
-At the rate of the position loop the robot is observed and the errors to the moving target become reference velocities; at
-the rate at which the robot reads commands these become a command. Everything here is the robot's side of the loop, and so
-alike for every plant: planar models, batches of MuJoCo robots, any `Plant` stepped slowly, and a real robot behind ROS.
+At the rate of the position loop the robot is observed and the errors to the moving target become
+reference velocities; at the rate at which the robot reads commands these become a command.
+Everything here is the robot's side of the loop, and so alike for every plant: planar models,
+batches of MuJoCo robots, any `Plant` stepped slowly, and a real robot behind ROS.
 """
 
 from __future__ import annotations
@@ -94,12 +95,39 @@ NO_DRAWS, NO_ERRORS = Draws(*(0.0,) * 8), SensorErrors(*(0.0,) * 3)
 """Templates for `named_like`."""
 _UNSEEN = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
 INITIAL_STATE = LoopState(
-    EMPTY_MEMORY, Target(0.0, 0.0, 0.0, 0.0, 0.0, 0), Errors(0.0, 0.0, 0.0), _UNSEEN, _UNSEEN, Command(0.0, 0.0)
+    EMPTY_MEMORY,
+    Target(0.0, 0.0, 0.0, 0.0, 0.0, 0),
+    Errors(0.0, 0.0, 0.0),
+    _UNSEEN,
+    _UNSEEN,
+    Command(0.0, 0.0),
 )
 """State of a robot's side that has not seen anything yet."""
 LOG_COLUMNS = (
-    *("x", "y", "yaw", "v_x", "v_y", "yaw_rate", "wheel_left", "wheel_right", "torque_left", "torque_right"),
-    *("target_x", "target_y", "target_yaw", "e_rho", "e_y", "e_alpha", "u_ref", "w_ref", "v_cmd", "w_cmd"),
+    *(
+        "x",
+        "y",
+        "yaw",
+        "v_x",
+        "v_y",
+        "yaw_rate",
+        "wheel_left",
+        "wheel_right",
+        "torque_left",
+        "torque_right",
+    ),
+    *(
+        "target_x",
+        "target_y",
+        "target_yaw",
+        "e_rho",
+        "e_y",
+        "e_alpha",
+        "u_ref",
+        "w_ref",
+        "v_cmd",
+        "w_cmd",
+    ),
     *("seen_x", "seen_y", "seen_yaw", "seen_v", "seen_w"),
 )
 """Names of the columns of a run's log, one row for every tick of the position loop."""
@@ -113,8 +141,15 @@ def observed(tracker: Tracker, k: int, truth: Truth, draws: FloatArray) -> Obser
     """
     noise, drawn = tracker.noise, named_like(NO_DRAWS, draws[k // tracker.position_steps])
     if tracker.by_filter:
-        sample = sense(truth.left, truth.right, truth.w, (drawn.left, drawn.right, drawn.gyro), tracker.sensors)
-        filter_step(tracker.belief, sample, tracker.position_steps * tracker.dt if k else 0.0, tracker.filter)
+        sample = sense(
+            truth.left, truth.right, truth.w, (drawn.left, drawn.right, drawn.gyro), tracker.sensors
+        )
+        filter_step(
+            tracker.belief,
+            sample,
+            tracker.position_steps * tracker.dt if k else 0.0,
+            tracker.filter,
+        )
         mean = tracker.belief.mean
         return Observation(mean[X], mean[Y], mean[YAW], mean[V], mean[W])
     return Observation(
@@ -130,21 +165,27 @@ def observed(tracker: Tracker, k: int, truth: Truth, draws: FloatArray) -> Obser
 def see(tracker: Tracker, state: LoopState, seen: Observation, t: float) -> LoopState:
     """Return the state with an observation of mission time `t` [s], the target and the errors then; no law runs."""
     aim = target(tracker.course, t, state.target.segment)
-    return LoopState(state.memory, aim, position_errors(seen, aim, ALPHA_SWITCH), seen, seen, state.command)
+    return LoopState(
+        state.memory, aim, position_errors(seen, aim, ALPHA_SWITCH), seen, seen, state.command
+    )
 
 
 @jit_alone
-def position_tick(tracker: Tracker, state: LoopState, seen: Observation, t: float, dt: float) -> LoopState:
+def position_tick(
+    tracker: Tracker, state: LoopState, seen: Observation, t: float, dt: float
+) -> LoopState:
     """Return the state after one step of the position loop at mission time `t` [s], `dt` [s] after the last.
 
-    Behind a predictor the law takes the robot, the target and the errors of the instant at which its command will act; the
-    state keeps those of now.
+    Behind a predictor the law takes the robot, the target and the errors of the instant at which
+    its command will act; the state keeps those of now.
     """
     now = see(tracker, state, seen, t)
     ahead, aim, errors = seen, now.target, now.errors
     if tracker.predicts:
         end = t + tracker.predictor.horizon
-        ahead, _ = predict_ahead(tracker.past, tracker.predictor_state, seen, t, end, tracker.predictor)
+        ahead, _ = predict_ahead(
+            tracker.past, tracker.predictor_state, seen, t, end, tracker.predictor
+        )
         aim = target(tracker.course, end, aim.segment)
         errors = position_errors(ahead, aim, ALPHA_SWITCH)
     kept = Errors(errors.rho - tracker.lookahead, errors.y, errors.alpha)
@@ -167,7 +208,14 @@ def record(row: FloatArray, truth: Truth, state: LoopState) -> None:
     aim, errors, memory, command = state.target, state.errors, state.memory, state.command
     for i, number in enumerate(truth):
         row[i] = number
-    row[10], row[11], row[12], row[13], row[14], row[15] = aim.x, aim.y, aim.heading, errors.rho, errors.y, errors.alpha
+    row[10], row[11], row[12], row[13], row[14], row[15] = (
+        aim.x,
+        aim.y,
+        aim.heading,
+        errors.rho,
+        errors.y,
+        errors.alpha,
+    )
     row[16], row[17], row[18], row[19] = memory.u_ref, memory.w_ref, command.v, command.w
     for i, number in enumerate(state.seen):
         row[20 + i] = number
@@ -191,7 +239,13 @@ class LoopData(NamedTuple):
 
 @jit
 def plan_period(
-    tracker: Tracker, state: LoopState, driver: DriveState, k: int, n: int, truth: Truth, data: LoopData
+    tracker: Tracker,
+    state: LoopState,
+    driver: DriveState,
+    k: int,
+    n: int,
+    truth: Truth,
+    data: LoopData,
 ) -> tuple[LoopState, DriveState, bool]:
     """Run a tick of the position loop, and plan what is asked of the wheels until the next one.
 
@@ -207,10 +261,13 @@ def plan_period(
         data: the driver and the noise; commands, references and log are written.
 
     Returns:
-        The states of the robot's side and of the driver at the end of the period, and whether the robot is lost.
+        The states of the robot's side and of the driver at the end of the period, and whether the
+        robot is lost.
     """
     period, between = tracker.position_steps * tracker.dt, tracker.velocity_steps * tracker.dt
-    state = position_tick(tracker, state, observed(tracker, k, truth, data.draws), k * tracker.dt, period)
+    state = position_tick(
+        tracker, state, observed(tracker, k, truth, data.draws), k * tracker.dt, period
+    )
     for j in range(k, k + max(n, 1)):
         if j % tracker.velocity_steps == 0:
             state = velocity_tick(tracker, state, j * tracker.dt, between)

@@ -1,7 +1,8 @@
 """Waypoints in time, the moving target between them, and the errors of a robot to it.
 
-The target moves: it is interpolated between waypoints each time a controller asks (Sec. 4.1.1, Alg. 5), so the errors of
-Eq. 4.1 and 4.2 do not jump from waypoint to waypoint. Mission time is zero at the first waypoint. SI units and radians.
+The target moves: it is interpolated between waypoints each time a controller asks (Sec. 4.1.1,
+Alg. 5), so the errors of Eq. 4.1 and 4.2 do not jump from waypoint to waypoint. Mission time is
+zero at the first waypoint. SI units and radians.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from ssmr._jit import jit_alone
 from ssmr.types import FloatArray, State, Trajectory, frozen_array
 
 ALPHA_SWITCH = 0.4
-"""A target farther than this is first approached: the error of heading is zero there [m]; Sec. 4.1.2."""
+"""A target farther than this is first approached: the error of heading is zero there [m];
+Sec. 4.1.2."""
 SAME_PLACE = 1e-9
 """Neighbouring waypoints no farther apart than this are one place, where the target waits [m]."""
 SAME_TIME = 1e-9
@@ -35,10 +37,10 @@ class Fault(NamedTuple):
 
 
 COURSE = np.dtype([(name, np.float64) for name in ("t", "x", "y", "heading", "v", "w")])
-"""One waypoint as the kernels take it, in mission time: t [s], zero at the first waypoint; place x, y [m]; phi, heading of
-the segment that begins here [rad, unwrapped], at the end that of the segment before; v_ref, speed on the segment that begins
-here [m/s], zero at the end and where the target waits; w_ref, yaw rate at the waypoint [rad/s], zero at both ends and where
-the target waits."""
+"""One waypoint as the kernels take it, in mission time: t [s], zero at the first waypoint; place x,
+y [m]; phi, heading of the segment that begins here [rad, unwrapped], at the end that of the segment
+before; v_ref, speed on the segment that begins here [m/s], zero at the end and where the target
+waits; w_ref, yaw rate at the waypoint [rad/s], zero at both ends and where the target waits."""
 
 
 class Target(NamedTuple):
@@ -61,7 +63,7 @@ class Errors(NamedTuple):
 
 
 def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
-    """Return the first point that makes (N,) times [s] and (N, 2) places [m] no trajectory, or None.
+    """The first point that makes (N,) times [s] and (N, 2) places [m] no trajectory, or None.
 
     Without times, neighbours at one place are a fault too: a speed gives them no time to wait.
     """
@@ -85,7 +87,11 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
         k = int(back[0]) + 1
         return Fault(k, "t", f"time must increase, but {t[k]:.12g} s follows {t[k - 1]:.12g} s")
     if not np.any(_lengths(xy) > SAME_PLACE):
-        return Fault(len(xy) - 1, None, "no waypoint is away from the first, so there is no heading; name a second place")
+        return Fault(
+            len(xy) - 1,
+            None,
+            "no waypoint is away from the first, so there is no heading; name a second place",
+        )
     return None
 
 
@@ -93,8 +99,9 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
 class Waypoints:
     """Places to be at, each at its time; checked, copied and read-only.
 
-    Neighbours at one place are a wait: the target stands there from the time of the first to that of the second, and keeps
-    the heading that it came with (before the first move, the heading with which it leaves).
+    Neighbours at one place are a wait: the target stands there from the time of the first to that
+    of the second, and keeps the heading that it came with (before the first move, the heading with
+    which it leaves).
     """
 
     t: FloatArray
@@ -106,12 +113,14 @@ class Waypoints:
         """Check and freeze.
 
         Raises:
-            ValueError: fewer than two points, lengths that differ, numbers that are not finite, one place only, or time that
-                does not increase; the message counts waypoints from 1.
+            ValueError: fewer than two points, lengths that differ, numbers that are not finite, one
+                place only, or time that does not increase; the message counts waypoints from 1.
         """
         t, xy = np.asarray(self.t, dtype=np.float64), _places(self.xy)
         if t.shape != (len(xy),):
-            raise ValueError(f"{len(xy)} waypoints need as many times, got an array of shape {t.shape}")
+            raise ValueError(
+                f"{len(xy)} waypoints need as many times, got an array of shape {t.shape}"
+            )
         fault = find_fault(t, xy)
         if fault is not None:
             raise ValueError(f"waypoint {fault.row + 1}: {fault.what}")
@@ -123,7 +132,8 @@ class Waypoints:
         """Give (N, 2) places [m] times, so that the mean speed on each segment is `speed` [m/s] (Alg. 5, lines 2-7).
 
         Raises:
-            ValueError: a speed that is not positive and finite, places that are no path, or neighbours at one place.
+            ValueError: a speed that is not positive and finite, places that are no path, or
+                neighbours at one place.
         """
         places = _places(xy)
         fault = find_fault(None, places)
@@ -136,7 +146,9 @@ class Waypoints:
         """Return places that are `speed` [m/s] times their (N - 1,) segments apart, and (N - 1,) `waits` [s] in addition."""
         if not (math.isfinite(speed) and speed > 0.0):
             raise ValueError(f"the reference speed must be positive and finite, got {speed} m/s")
-        with np.errstate(all="ignore"):  # what overflows here is found, and named, by the check of the times
+        with np.errstate(
+            all="ignore"
+        ):  # what overflows here is found, and named, by the check of the times
             t = np.cumulative_sum(_lengths(places) / speed + waits, include_initial=True)
         return cls(t, places)
 
@@ -176,7 +188,9 @@ class Waypoints:
     def speed(self) -> float:
         """Average speed while the target moves [m/s]."""
         moving = self.moving
-        return self.length / (self.duration if np.all(moving) else float(np.sum(np.diff(self.t)[moving])))
+        return self.length / (
+            self.duration if np.all(moving) else float(np.sum(np.diff(self.t)[moving]))
+        )
 
     @property
     def rms_speed(self) -> float:
@@ -190,7 +204,9 @@ class Waypoints:
         A wait has the heading of the last move before it, or before the first move of that move.
         """
         steps, moves = np.diff(self.xy, axis=0), np.flatnonzero(self.moving)
-        latest = np.clip(np.cumsum(self.moving) - 1, 0, None)  # number of the move that each segment takes its heading from
+        latest = np.clip(
+            np.cumsum(self.moving) - 1, 0, None
+        )  # number of the move that each segment takes its heading from
         angles: FloatArray = np.unwrap(np.arctan2(steps[moves, 1], steps[moves, 0]))
         return np.asarray(angles[latest])
 
@@ -207,10 +223,11 @@ class Waypoints:
     def course(self) -> NDArray[np.void]:
         """Return (N,) the waypoints as the kernels take them; see `COURSE` for the fields of each.
 
-        w_ref is the change of heading from the middle of one segment to the middle of the next over the time between. It
-        is zero at both ends, where one of the two is missing, so that its integral, linear between waypoints, is the whole
-        change of heading. It is also zero at both ends of a wait: a target that leaves in another direction than it came
-        turns at once, as at a corner.
+        w_ref is the change of heading from the middle of one segment to the middle of the next over
+        the time between. It is zero at both ends, where one of the two is missing, so that its
+        integral, linear between waypoints, is the whole change of heading. It is also zero at both
+        ends of a wait: a target that leaves in another direction than it came turns at once, as at
+        a corner.
         """
         t, phi = self.t - self.t[0], self.headings
         middles = t[:-1] + 0.5 * np.diff(t)
@@ -255,10 +272,11 @@ def _lengths(xy: FloatArray) -> FloatArray:
 
 @jit_alone
 def target(course: Any, t: float, segment: int) -> Target:
-    """Return the `Target` at a mission time (Alg. 5, lines 11-21); its place and twist are linear in time.
+    """The `Target` at a mission time (Alg. 5, lines 11-21); its place and twist are linear in time.
 
-    Before `t` = 0 [s] the target waits at the first waypoint of `Waypoints.course()`, after the end at the last. The search
-    begins at `segment`, that of the last call, 0 at first: as time only advances the next one is at most a few further.
+    Before `t` = 0 [s] the target waits at the first waypoint of `Waypoints.course()`, after the end
+    at the last. The search begins at `segment`, that of the last call, 0 at first: as time only
+    advances the next one is at most a few further.
     """
     last = len(course) - 1
     k = min(max(segment, 0), last - 1)
@@ -272,18 +290,26 @@ def target(course: Any, t: float, segment: int) -> Target:
         return Target(course[last].x, course[last].y, course[last].heading, 0.0, 0.0, k)
     a, b = course[k], course[k + 1]
     f = (t - a.t) / (b.t - a.t)
-    return Target(a.x + f * (b.x - a.x), a.y + f * (b.y - a.y), a.heading, a.v, a.w + f * (b.w - a.w), k)
+    return Target(
+        a.x + f * (b.x - a.x), a.y + f * (b.y - a.y), a.heading, a.v, a.w + f * (b.w - a.w), k
+    )
 
 
 @jit_alone
 def targets_at(course: Any, t: FloatArray) -> FloatArray:
-    """Return (M, 5) x, y, phi, v_ref, w_ref of the target at (M,) mission times that increase [s]."""
+    """(M, 5) x, y, phi, v_ref, w_ref of the target at (M,) mission times that increase [s]."""
     rows = np.empty((len(t), 5))
     segment = 0
     for i in range(len(t)):
         aim = target(course, t[i], segment)
         segment = aim.segment
-        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4] = aim.x, aim.y, aim.heading, aim.v, aim.w
+        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4] = (
+            aim.x,
+            aim.y,
+            aim.heading,
+            aim.v,
+            aim.w,
+        )
     return rows
 
 
@@ -291,14 +317,18 @@ def targets_at(course: Any, t: FloatArray) -> FloatArray:
 def position_errors(seen: Any, aim: Target, switch: float) -> Errors:
     """Return the three errors of a robot `seen` at x, y, yaw to its target (Eq. 4.1, 4.2).
 
-    rho is the distance, beta by atan2 the direction to the target as the robot sees it. e_y = rho sin(beta) is the target's
-    offset to the left, and e_rho = rho cos(beta) how far ahead it is, negative where it lies behind. The thesis prints e_rho
-    = rho: a robot beside or ahead of its target would then be driven further away, and with the published gains is
-    (docs/errata.md). On the reference the two agree. e_alpha = phi - yaw, in (-pi, pi]; the thesis prints alpha =
-    theta - phi, which a positive gain would drive away from zero. It is zero where the target is farther than `switch` [m].
+    rho is the distance, beta by atan2 the direction to the target as the robot sees it. e_y = rho
+    sin(beta) is the target's offset to the left, and e_rho = rho cos(beta) how far ahead it is,
+    negative where it lies behind. The thesis prints e_rho = rho: a robot beside or ahead of its
+    target would then be driven further away, and with the published gains is (docs/errata.md). On
+    the reference the two agree. e_alpha = phi - yaw, in (-pi, pi]; the thesis prints alpha = theta
+    - phi, which a positive gain would drive away from zero. It is zero where the target is farther
+    than `switch` [m].
     """
     dx, dy = aim.x - seen.x, aim.y - seen.y
     rho = math.hypot(dx, dy)
     beta = math.atan2(dy, dx) - seen.yaw
-    alpha = math.pi - (math.pi - (aim.heading - seen.yaw)) % (2.0 * math.pi) if rho <= switch else 0.0
+    alpha = (
+        math.pi - (math.pi - (aim.heading - seen.yaw)) % (2.0 * math.pi) if rho <= switch else 0.0
+    )
     return Errors(rho * math.cos(beta), rho * math.sin(beta), alpha)

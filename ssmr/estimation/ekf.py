@@ -1,13 +1,14 @@
 """Extended Kalman filter that estimates the pose and the velocities of a robot from wheel encoders and gyro (Sec. 3.1.3).
 
-The state is (x, y, yaw, v, omega) of the reference point, with yaw unwrapped. As in the stock filter of a Husky (the ROS
-package robot_localization, `two_d_mode`), both velocities are constant except for white accelerations, and every measurement
-is linear: v and omega as the driver's odometry computes them from the wheels (Eq. 2.9), and omega from the gyro. Nothing
-measures the pose, so its uncertainty only grows. The lateral speed is taken to be 0. This is the thesis' filter, which the
-default settings are.
+The state is (x, y, yaw, v, omega) of the reference point, with yaw unwrapped. As in the stock
+filter of a Husky (the ROS package robot_localization, `two_d_mode`), both velocities are constant
+except for white accelerations, and every measurement is linear: v and omega as the driver's
+odometry computes them from the wheels (Eq. 2.9), and omega from the gyro. Nothing measures the
+pose, so its uncertainty only grows. The lateral speed is taken to be 0. This is the thesis' filter,
+which the default settings are.
 
-A filter's state is a `Belief`, whose two arrays the kernels update in place. They allocate nothing, so that they run as well
-inside other compiled loops.
+A filter's state is a `Belief`, whose two arrays the kernels update in place. They allocate nothing,
+so that they run as well inside other compiled loops.
 """
 
 from __future__ import annotations
@@ -36,9 +37,10 @@ def predict(belief: Belief, dt: float, numbers: Any) -> None:
             | 0  0    0        1          0      |
             | 0  0    0        0          1      |
 
-    The process noise is white in continuous time, so that the covariance does not depend on how a straight path is cut into
-    steps: Q is the integral of f(s) q f(s)' over the step, where an error of yaw, v or omega that is s old has moved the
-    pose along its column f(s) of the Jacobian. The duration `dt` [s] is not negative.
+    The process noise is white in continuous time, so that the covariance does not depend on how a
+    straight path is cut into steps: Q is the integral of f(s) q f(s)' over the step, where an error
+    of yaw, v or omega that is s old has moved the pose along its column f(s) of the Jacobian. The
+    duration `dt` [s] is not negative.
     """
     m, p = belief
     n = len(m)
@@ -92,9 +94,10 @@ def _add(p: FloatArray, i: int, j: int, value: float) -> None:
 def update(belief: Belief, j: int, value: float, variance: float) -> None:
     """Take in one measurement of state `j`, in place; a NaN or a measurement of infinite variance changes nothing.
 
-    With the gain K = P H'/S, S = H P H' + R, this is the mean m + K (z - H m) and Joseph's form of the covariance, (I - K
-    H) P (I - K H)' + K R K'. Where H picks state j, the last terms of that form cancel in all rows and columns but the
-    j-th, whose factor 1 - K_j is R/S: no difference of like numbers is left there, so the variance stays positive.
+    With the gain K = P H'/S, S = H P H' + R, this is the mean m + K (z - H m) and Joseph's form of
+    the covariance, (I - K H) P (I - K H)' + K R K'. Where H picks state j, the last terms of that
+    form cancel in all rows and columns but the j-th, whose factor 1 - K_j is R/S: no difference of
+    like numbers is left there, so the variance stays positive.
     """
     if math.isnan(value) or variance == math.inf:
         return
@@ -119,8 +122,8 @@ def update(belief: Belief, j: int, value: float, variance: float) -> None:
 def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -> None:
     """Take in one sample of the robot's sensors, in place: let `dt` [s] pass, then use wheels and gyro.
 
-    The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy wheels have independent
-    noise. The sample is NaN where a sensor gave nothing.
+    The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy
+    wheels have independent noise. The sample is NaN where a sensor gave nothing.
     """
     predict(belief, dt, numbers)
     v, w = body_rates(sample.left, sample.right, numbers.half_track, numbers.radius)
@@ -137,7 +140,9 @@ def filter_log(log: SensorLog, numbers: Any, belief: Belief, out: FloatArray) ->
     """
     n, now = len(belief.mean), log.t[0]
     for k in range(len(log.t)):
-        filter_step(belief, SensorSample(log.left[k], log.right[k], log.gyro[k]), log.t[k] - now, numbers)
+        filter_step(
+            belief, SensorSample(log.left[k], log.right[k], log.gyro[k]), log.t[k] - now, numbers
+        )
         now = log.t[k]
         for i in range(n):
             out[k, i], out[k, n + i] = belief.mean[i], np.sqrt(belief.covariance[i, i])
@@ -146,11 +151,13 @@ def filter_log(log: SensorLog, numbers: Any, belief: Belief, out: FloatArray) ->
 
 
 def initial_belief(state: State) -> Belief:
-    """Return the belief of a filter that starts and is sure of its state, as the lab's was (Sec. 4.2).
+    """The belief of a filter that starts and is sure of its state, as the lab's was (Sec. 4.2).
 
     Its arrays are writable. A ValueError refuses numbers that are not finite.
     """
-    mean = frozen_array([state.x, state.y, state.yaw, state.v_x, state.yaw_rate], "the filter's start", (5,))
+    mean = frozen_array(
+        [state.x, state.y, state.yaw, state.v_x, state.yaw_rate], "the filter's start", (5,)
+    )
     return Belief(mean.copy(), np.zeros((5, 5)))
 
 
@@ -163,14 +170,18 @@ def run_ekf(log: SensorLog, settings: EkfSettings, start: State) -> Trajectory:
         start: state of the robot at the first instant, whose sample is used as well.
 
     Returns:
-        The estimate after each sample, with the wheels as measured. Channels are `pose_std` (M, 3) and its square's whole
-        `pose_covariance` (M, 3, 3).
+        The estimate after each sample, with the wheels as measured. Channels are `pose_std` (M, 3)
+        and its square's whole `pose_covariance` (M, 3, 3).
 
     Raises:
-        ValueError: lengths differ, time does not increase, or a number other than a missing gyro sample is not finite.
+        ValueError: lengths differ, time does not increase, or a number other than a missing gyro
+            sample is not finite.
     """
     times, turning = increasing_times(log.t), np.array(log.gyro, dtype=np.float64)
-    left, right = (frozen_array(a, name, (len(times),)) for a, name in ((log.left, "left"), (log.right, "right")))
+    left, right = (
+        frozen_array(a, name, (len(times),))
+        for a, name in ((log.left, "left"), (log.right, "right"))
+    )
     frozen_array(np.where(np.isnan(turning), 0.0, turning), "gyro", (len(times),))
     belief = initial_belief(start)
     n = len(belief.mean)

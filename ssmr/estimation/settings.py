@@ -23,30 +23,33 @@ class Belief(NamedTuple):
 class EkfSettings:
     """Assumptions of the filter about the robot and its sensors. The defaults are the thesis' filter.
 
-    The wheels of a skidding robot tell its yaw rate only through `half_track`. Unless that is the effective one, they
-    overstate it, by a factor of 1.8 on tile. By default the gyro is therefore trusted, and the wheels' yaw rate has the
-    large variance that the stock driver claims. Both are fused, as on a stock Husky; the wheels count a thousandth of the
-    gyro.
+    The wheels of a skidding robot tell its yaw rate only through `half_track`. Unless that is the
+    effective one, they overstate it, by a factor of 1.8 on tile. By default the gyro is therefore
+    trusted, and the wheels' yaw rate has the large variance that the stock driver claims. Both are
+    fused, as on a stock Husky; the wheels count a thousandth of the gyro.
     """
 
     radius: float = parameter(0.1651, unit="m", low=0.0, high=1e6, open_low=True)
     """Wheel radius of the odometry [m]; the driver's."""
     half_track: float = parameter(0.275, unit="m", low=0.0, high=1e6, open_low=True)
-    """Half-track of the odometry, half of (separation x multiplier) [m]; the driver's, which assumes no slip."""
+    """Half-track of the odometry, half of (separation x multiplier) [m]; the driver's, which
+    assumes no slip."""
     process_position: float = parameter(1e-4, unit="m2/s", low=0.0, high=1e6)
     """Spectral density of slip in x and in y [m2/s]: 1 cm after 1 s, 4.5 cm after 20 s."""
     process_yaw: float = parameter(1e-6, unit="rad2/s", low=0.0, high=1e6)
     """Spectral density of yaw errors besides the gyro's noise [rad2/s]: 1 mrad after 1 s."""
     process_v: float = parameter(0.025, unit="m2/s3", low=0.0, high=1e6)
-    """Spectral density of white acceleration [m2/s3], from the stock filter; 0.7 m/s2 over each command of 0.05 s."""
+    """Spectral density of white acceleration [m2/s3], from the stock filter; 0.7 m/s2 over each
+    command of 0.05 s."""
     process_yaw_rate: float = parameter(0.02, unit="rad2/s3", low=0.0, high=1e6)
-    """Spectral density of white yaw acceleration [rad2/s3], from the stock filter; 0.6 rad/s2 over each command."""
+    """Spectral density of white yaw acceleration [rad2/s3], from the stock filter; 0.6 rad/s2 over
+    each command."""
     variance_v: float = parameter(5.0115e-05, unit="m2/s2", low=0.0, open_low=True)
-    """Variance of the wheels' v [m2/s2]; Tab. 3.4. The table was measured on the filter's output, which at 50 Hz and with
-    the densities above has 0.85 of its input's variance."""
+    """Variance of the wheels' v [m2/s2]; Tab. 3.4. The table was measured on the filter's output,
+    which at 50 Hz and with the densities above has 0.85 of its input's variance."""
     variance_wheel_yaw_rate: float = parameter(0.03, unit="rad2/s2", low=0.0, open_low=True)
-    """Variance of the wheels' yaw rate [rad2/s2]; from the maker's driver. It stands for slip, not for noise; if it is
-    infinite, the wheels' yaw rate is not used."""
+    """Variance of the wheels' yaw rate [rad2/s2]; from the maker's driver. It stands for slip, not
+    for noise; if it is infinite, the wheels' yaw rate is not used."""
     variance_gyro: float = parameter(3.5298e-05, unit="rad2/s2", low=0.0, open_low=True)
     """Variance of the gyro's yaw rate [rad2/s2]; Tab. 3.4, of the filter's output as well."""
 

@@ -1,10 +1,11 @@
 """Bands: where a prediction says that the robot will be, with a probability of nine tenths.
 
-Errors of a prediction have few causes, and each grows in its own manner with the way driven and the angle turned.
-A wrong heading at one place moves all later positions sideways by the distance from there: to first order, an error d of the
-heading at the position p(s) moves the end p by J (p - p(s)) d, with J a quarter turn to the left. So the covariance of the
-pose after any motion is a sum over causes, each a known function of the predicted path times one variance, and these few
-variances can be estimated from the errors over windows of several lengths, all at once.
+Errors of a prediction have few causes, and each grows in its own manner with the way driven and the
+angle turned. A wrong heading at one place moves all later positions sideways by the distance from
+there: to first order, an error d of the heading at the position p(s) moves the end p by J (p -
+p(s)) d, with J a quarter turn to the left. So the covariance of the pose after any motion is a sum
+over causes, each a known function of the predicted path times one variance, and these few variances
+can be estimated from the errors over windows of several lengths, all at once.
 """
 
 from __future__ import annotations
@@ -23,14 +24,17 @@ from ssmr.types import FloatArray, IndexArray, frozen_array
 _ROUNDS = 30
 """Number of times that squares are weighted anew by the variances found so far."""
 _MOST_SQUARES = 9.0
-"""Squares of errors beyond so many variances count as these: a few odd windows must not widen the band everywhere."""
+"""Squares of errors beyond so many variances count as these: a few odd windows must not widen the
+band everywhere."""
 QUARTERS = 4
 """Number of parts of a log's time each of which is predicted by numbers that the others give."""
 _FEW = 2.353 / 1.645 * math.sqrt(1.0 - QUARTERS**-2)
-"""Factor of the reach, 1.385: an error that lasts as long as a part shows itself four times only, so Student's quantile of
-three degrees of freedom stands for the normal one. The root is what errors on new ground are to those of a part left out."""
+"""Factor of the reach, 1.385: an error that lasts as long as a part shows itself four times only,
+so Student's quantile of three degrees of freedom stands for the normal one. The root is what errors
+on new ground are to those of a part left out."""
 _USUAL = np.array([0.015, 0.01, 0.03, 0.02, 0.02, 0.015, 0.01, 0.002])
-"""Usual standard deviations of the causes, in the order of `Band`: what a log hardly excites is as it is on public runs."""
+"""Usual standard deviations of the causes, in the order of `Band`: what a log hardly excites is as
+it is on public runs."""
 _WEIGHT = 2.0
 """Number of squares that what is usual counts for."""
 _FEWEST_WINDOWS = 40
@@ -58,7 +62,8 @@ class Band:
     bend_scale: float = parameter(0.0, unit="rad/m", low=0.0)
     """Lasting bend of a path that is meant to be straight [rad/m]."""
     reach_position: float = parameter(0.0, unit="1", low=0.0)
-    """Size of the ellipse of positions that holds nine tenths of the errors, in standard deviations [1]."""
+    """Size of the ellipse of positions that holds nine tenths of the errors, in standard
+    deviations [1]."""
     reach_yaw: float = parameter(0.0, unit="1", low=0.0)
     """Half width of the headings' interval that holds nine tenths, in standard deviations [1]."""
 
@@ -66,7 +71,9 @@ class Band:
         """Check the ranges."""
         check_parameters(self)
 
-    def covariance(self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def covariance(
+        self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
         """Return how uncertain the predicted motion over windows is.
 
         Args:
@@ -75,18 +82,23 @@ class Band:
             ends: (W,) indices at which they end.
 
         Returns:
-            (W, 2, 2) covariance of the position at the end, in the frame of the start [m²], and (W,) variance of its
-            heading [rad²].
+            (W, 2, 2) covariance of the position at the end, in the frame of the start [m²], and
+            (W,) variance of its heading [rad²].
         """
         xx, yy, turned, xy = _growth(pose, starts, ends) @ np.square(astuple(self)[:_CAUSES])
         return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -1), turned
 
-    def sizes(self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike, error: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def sizes(
+        self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike, error: ArrayLike
+    ) -> tuple[FloatArray, FloatArray]:
         """Return how far errors lie out, 1 being the edge of the band: (W,) of positions and (W,) of headings.
 
-        `error` has (W, 3) errors x, y [m] in the frame of the start, and yaw [rad]; the others are those of `covariance`.
+        `error` has (W, 3) errors x, y [m] in the frame of the start, and yaw [rad]; the others are
+        those of `covariance`.
         """
-        position, yaw = _sizes(_growth(pose, starts, ends), np.square(astuple(self)[:_CAUSES]), np.asarray(error))
+        position, yaw = _sizes(
+            _growth(pose, starts, ends), np.square(astuple(self)[:_CAUSES]), np.asarray(error)
+        )
         return position / self.reach_position, yaw / self.reach_yaw
 
 
@@ -96,7 +108,8 @@ _CAUSES = len(fields(Band)) - 2
 def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
     """Return (4, W, causes): what a unit variance of each cause adds to the variances xx, yy, of the heading, and to xy.
 
-    Integrals over a window of levers p - p(s) and of their products, p its end, come from running sums over the whole path.
+    Integrals over a window of levers p - p(s) and of their products, p its end, come from running
+    sums over the whole path.
     """
     path = frozen_array(pose, "pose", (None, 3))
     i, j = np.asarray(starts, dtype=np.intp), np.asarray(ends, dtype=np.intp)
@@ -104,7 +117,9 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
     place, heading = path[:-1, :2] + 0.5 * step, path[:-1, 2] + 0.5 * turn
     way = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
     end, c, s = path[j, :2], np.cos(path[i, 2]), np.sin(path[i, 2])
-    ahead = np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)  # from the world to the frame of the start
+    ahead = np.stack(
+        [np.stack([c, s], -1), np.stack([-s, c], -1)], -2
+    )  # from the world to the frame of the start
     aside = ahead @ np.array([[0.0, -1.0], [1.0, 0.0]])  # and a quarter turn
 
     def over(rate: FloatArray) -> FloatArray:
@@ -124,14 +139,19 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
         """Return what a random walk of the heading adds, whose variance grows by a rate: the sum of its squared levers."""
         first, second = over(place * rate[:, None]), over(squared(place) * rate[:, None, None])
         mixed = end[:, :, None] * first[:, None, :]
-        levers = squared(end) * over(rate)[:, None, None] - mixed - mixed.transpose(0, 2, 1) + second
+        levers = (
+            squared(end) * over(rate)[:, None, None] - mixed - mixed.transpose(0, 2, 1) + second
+        )
         return aside @ levers @ aside.transpose(0, 2, 1), over(rate)
 
     chord, zero, one = (end - path[i, :2])[:, :, None], np.zeros(len(i)), np.ones(len(i))
     unit = np.broadcast_to(np.eye(2), (len(i), 2, 2))
     causes = [
         (unit, zero),
-        (0.5 * squared((aside @ chord)[:, :, 0]), one),  # half of the noise is that of the heading at the start
+        (
+            0.5 * squared((aside @ chord)[:, :, 0]),
+            one,
+        ),  # half of the noise is that of the heading at the start
         (unit * over(np.abs(way))[:, None, None], zero),
         (squared((ahead @ chord)[:, :, 0]), zero),
         walking(np.abs(turn)),
@@ -139,11 +159,15 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
         walking(np.abs(way)),
         lasting(way),
     ]
-    rows = [(position[:, 0, 0], position[:, 1, 1], yaw, position[:, 0, 1]) for position, yaw in causes]
+    rows = [
+        (position[:, 0, 0], position[:, 1, 1], yaw, position[:, 0, 1]) for position, yaw in causes
+    ]
     return np.moveaxis(np.array(rows), 0, -1)
 
 
-def _sizes(growth: FloatArray, variances: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _sizes(
+    growth: FloatArray, variances: FloatArray, error: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return the (W,) sizes of errors of position and of heading, in standard deviations."""
     xx, yy, turned, xy = growth @ variances
     x, y, yaw = error.T
@@ -152,19 +176,24 @@ def _sizes(growth: FloatArray, variances: FloatArray, error: FloatArray) -> tupl
 
 
 _LEAST = np.square([1e-4, 1e-4])
-"""Least variances of the noise of positions [m²] and headings [rad²]: a simulation without any has a band too."""
+"""Least variances of the noise of positions [m²] and headings [rad²]: a simulation without any has
+a band too."""
 
 
 def _variances(growth: FloatArray, error: FloatArray, weight: FloatArray) -> FloatArray:
     """Return the (causes,) variances that explain squares of errors best, each square weighted by its own expectation.
 
-    Each of the windows counts as much as its `weight` (W,). What is usual counts as a few squares more.
+    Each of the windows counts as much as its `weight` (W,). What is usual counts as a few squares
+    more.
     """
     from scipy.optimize import nnls  # here: it takes long to import, and few programs need it
 
     design = growth[:3].reshape(-1, _CAUSES)
     squares = np.square(error.T).ravel()
-    expected, root = np.repeat(np.average(np.square(error), 0, weight) + 1e-12, len(error)), np.tile(np.sqrt(weight), 3)
+    expected, root = (
+        np.repeat(np.average(np.square(error), 0, weight) + 1e-12, len(error)),
+        np.tile(np.sqrt(weight), 3),
+    )
     variances = np.zeros(_CAUSES)
     usual, ones = math.sqrt(_WEIGHT) * np.eye(_CAUSES), np.full(_CAUSES, math.sqrt(_WEIGHT))
     for _ in range(_ROUNDS):
@@ -176,15 +205,19 @@ def _variances(growth: FloatArray, error: FloatArray, weight: FloatArray) -> Flo
     return variances
 
 
-def estimated_band(windows: Mapping[float, Sequence[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]]) -> Band | None:
+def estimated_band(
+    windows: Mapping[float, Sequence[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]],
+) -> Band | None:
     """Return a plant's band from its errors over windows on ground that its numbers never saw; None of too few windows.
 
-    Windows of h seconds that begin every second overlap, so each counts as 1/h among the causes. The reach holds nine tenths
-    of the errors, each length counting alike, and is greater by `_FEW`, as there are few parts.
+    Windows of h seconds that begin every second overlap, so each counts as 1/h among the causes.
+    The reach holds nine tenths of the errors, each length counting alike, and is greater by `_FEW`,
+    as there are few parts.
 
     Args:
-        windows: for each length [s] and each gap-free piece: its (M, 3) predicted path, (W,) starts and ends, and (W, 3)
-            errors x, y [m] in the frame of the start and yaw [rad], predicted less true.
+        windows: for each length [s] and each gap-free piece: its (M, 3) predicted path, (W,) starts
+            and ends, and (W, 3) errors x, y [m] in the frame of the start and yaw [rad], predicted
+            less true.
     """
     pieces = [piece for length in windows.values() for piece in length]
     counts = [sum(len(starts) for _, starts, _, _ in length) for length in windows.values()]

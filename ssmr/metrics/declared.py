@@ -1,7 +1,7 @@
 """Every metric, declared once: its name, unit, meaning, what is wanted of it, and how it is computed and pooled.
 
-A metric of paths is one row of `METRICS`, one of a signal at equal times one row of `SIGNALS`. Tables, pictures, reports and
-JSON files read these tables, so a new metric is one new row.
+A metric of paths is one row of `METRICS`, one of a signal at equal times one row of `SIGNALS`.
+Tables, pictures, reports and JSON files read these tables, so a new metric is one new row.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ class PathMetric(Metric):
     """A metric of a candidate's path against a reference's."""
 
     of: Callable[[PathMeasures, tuple[float, float]], Any]
-    """Part of the measures of one piece's path, or of its errors at equal times, that it is made of."""
+    """Part of the measures of one piece's path, or of its errors at equal times, that it is made
+    of."""
     pool: Callable[[Sequence[Any], Sequence[int]], float]
     """Value over all pieces, from those parts and the numbers of samples of the reference."""
 
@@ -68,14 +69,18 @@ def _mean_square(values: Sequence[float], samples: Sequence[int]) -> float:
     """Pool root mean squares: their squares are averaged, weighted by the reference's samples."""
     if len(values) == 1:
         return values[0]
-    return math.sqrt(np.average([value**2 for value in values], weights=np.array(samples, dtype=np.float64)))
+    return math.sqrt(
+        np.average([value**2 for value in values], weights=np.array(samples, dtype=np.float64))
+    )
 
 
 def _greatest(values: Sequence[float], samples: Sequence[int]) -> float:
     return max(values)
 
 
-def _ratio_of_totals(floor: float) -> Callable[[Sequence[tuple[float, float]], Sequence[int]], float]:
+def _ratio_of_totals(
+    floor: float,
+) -> Callable[[Sequence[tuple[float, float]], Sequence[int]], float]:
     """Pool amounts of candidate and reference: add them up, then take the ratio; two amounts under `floor` are equal."""
 
     def pool(amounts: Sequence[tuple[float, float]], samples: Sequence[int]) -> float:
@@ -129,11 +134,12 @@ METRICS: Mapping[str, PathMetric] = MappingProxyType({metric.name: metric for me
         lambda m, sync: sync[1], _mean_square,
     ),
 )})  # fmt: skip
-"""Metrics of a candidate's path, by name, in the order of all tables. Ratios are candidate over reference."""
+"""Metrics of a candidate's path, by name, in the order of all tables. Ratios are candidate over
+reference."""
 
 
 def _torques(motion: Trajectory) -> FloatArray | None:
-    """Return the sides' torques; a motion whose torques are all zero comes from a model without motors."""
+    """The sides' torques; a motion whose torques are all zero comes from a model without motors."""
     torques = motion.channels.get("torque_N_m")
     return torques if torques is not None and np.any(torques) else None
 
@@ -162,10 +168,12 @@ SIGNALS: Mapping[str, SignalMetric] = MappingProxyType({metric.name: metric for 
 def compare_signals(candidates: Sequence[Trajectory], references: Sequence[Trajectory]) -> Metrics:
     """Return those of `SIGNALS` that all of the motions know, over several stretches that nothing joins.
 
-    Candidates are interpolated linearly; a reference's stamps beyond a candidate's span are left out.
+    Candidates are interpolated linearly; a reference's stamps beyond a candidate's span are left
+    out.
 
     Raises:
-        ValueError: not as many candidates as references, or a span without a stamp of the reference.
+        ValueError: not as many candidates as references, or a span without a stamp of the
+            reference.
     """
     pairs = list(zip(candidates, references, strict=True))
     samples, metrics = [len(r) for r in references], Metrics()
@@ -173,16 +181,25 @@ def compare_signals(candidates: Sequence[Trajectory], references: Sequence[Traje
         signals = [(metric.of(c), metric.of(r)) for c, r in pairs]
         known = [(a, b) for a, b in signals if a is not None and b is not None]
         if known and len(known) == len(pairs):
-            parts = [_signal_rms(c.t, a, r.t, b) for (c, r), (a, b) in zip(pairs, known, strict=True)]
+            parts = [
+                _signal_rms(c.t, a, r.t, b) for (c, r), (a, b) in zip(pairs, known, strict=True)
+            ]
             metrics[name] = _mean_square(parts, samples)
     return metrics
 
 
-def _signal_rms(t: FloatArray, candidate: FloatArray, stamps: FloatArray, reference: FloatArray) -> float:
+def _signal_rms(
+    t: FloatArray, candidate: FloatArray, stamps: FloatArray, reference: FloatArray
+) -> float:
     """Return the root mean square difference of two signals at the stamps of the second."""
     inside = common_stamps(t, stamps)
-    columns = candidate.reshape(len(t), -1).T, reference[inside].reshape(np.count_nonzero(inside), -1).T
-    off = [np.interp(stamps[inside], t, mine) - wanted for mine, wanted in zip(*columns, strict=True)]
+    columns = (
+        candidate.reshape(len(t), -1).T,
+        reference[inside].reshape(np.count_nonzero(inside), -1).T,
+    )
+    off = [
+        np.interp(stamps[inside], t, mine) - wanted for mine, wanted in zip(*columns, strict=True)
+    ]
     return math.sqrt(np.mean(np.square(off)))
 
 
@@ -192,7 +209,9 @@ def common_stamps(t: FloatArray, stamps: FloatArray) -> NDArray[np.bool_]:
     Raises:
         ValueError: none does.
     """
-    inside: NDArray[np.bool_] = (stamps >= t[0] - TIME_TOLERANCE) & (stamps <= t[-1] + TIME_TOLERANCE)
+    inside: NDArray[np.bool_] = (stamps >= t[0] - TIME_TOLERANCE) & (
+        stamps <= t[-1] + TIME_TOLERANCE
+    )
     if not inside.any():
         raise ValueError(
             f"no stamp of the reference, {stamps[0]} to {stamps[-1]} s, "
@@ -204,19 +223,22 @@ def common_stamps(t: FloatArray, stamps: FloatArray) -> NDArray[np.bool_]:
 def compare_paths(candidate: Trajectory, reference: Trajectory) -> Metrics:
     """Return all of `METRICS` of a candidate against a reference.
 
-    The geometric ones compare the whole paths, whatever their stamps; those at equal times the common span.
+    The geometric ones compare the whole paths, whatever their stamps; those at equal times the
+    common span.
 
     Raises:
-        ValueError: no stamp of the reference lies within the candidate's span, or a coordinate is beyond 1e75 m.
+        ValueError: no stamp of the reference lies within the candidate's span, or a coordinate is
+            beyond 1e75 m.
     """
     return compare_pieces([candidate], [reference])
 
 
 def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajectory]) -> Metrics:
-    """Return all of `METRICS` over several stretches that nothing joins, such as a recording with gaps.
+    """All of `METRICS` over several stretches that nothing joins, such as a recording with gaps.
 
     Raises:
-        ValueError: not as many candidates as references, none at all, or what `compare_paths` raises.
+        ValueError: not as many candidates as references, none at all, or what `compare_paths`
+            raises.
     """
     pairs = list(zip(candidates, references, strict=True))
     if not pairs:
@@ -225,13 +247,19 @@ def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajec
     if any(math.isnan(paths.d_rms) for paths, _ in measured):
         raise ValueError(f"a coordinate is beyond {LARGEST} m")
     samples = [len(r) for r in references]
-    return Metrics({name: metric.pool([metric.of(*m) for m in measured], samples) for name, metric in METRICS.items()})
+    return Metrics(
+        {
+            name: metric.pool([metric.of(*m) for m in measured], samples)
+            for name, metric in METRICS.items()
+        }
+    )
 
 
 def equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float, float]:
     """Return the root mean squares of the distance [m] and of the wrapped heading difference [rad] at equal stamps.
 
-    The candidate is interpolated linearly, yaw the short way round; the reference's stamps beyond its span are left out.
+    The candidate is interpolated linearly, yaw the short way round; the reference's stamps beyond
+    its span are left out.
 
     Raises:
         ValueError: no stamp of the reference lies within the candidate's span.
@@ -241,7 +269,9 @@ def equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float
     at, wanted = reference.t[inside], reference.pose[inside]
     before = np.clip(np.searchsorted(t, at, side="right") - 1, 0, last)
     after = np.minimum(before + 1, last)
-    share = np.clip((at - t[before]) / np.where(after > before, t[after] - t[before], 1.0), 0.0, 1.0)
+    share = np.clip(
+        (at - t[before]) / np.where(after > before, t[after] - t[before], 1.0), 0.0, 1.0
+    )
     step = candidate.pose[after] - candidate.pose[before]
     step[:, 2] = wrap_angle(step[:, 2])
     off = candidate.pose[before] + share[:, None] * step - wanted
@@ -250,13 +280,15 @@ def equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float
 
 
 @jit_alone
-def cross_track_max(xy: FloatArray, path: FloatArray, along: FloatArray, aims: FloatArray, reach: float) -> float:
+def cross_track_max(
+    xy: FloatArray, path: FloatArray, along: FloatArray, aims: FloatArray, reach: float
+) -> float:
     """Return the greatest distance of a robot from the path beside its target [m]; zero where there are no samples.
 
-    The path is the polyline of the (N, 2) waypoints `path` [m], `along` (N,) its length up to each. Of a path that crosses
-    itself only the part near the target counts, so a robot that drives on another branch is not on its way: `aims` (M,) are
-    its length up to the target of each of the (M, 2) places `xy`, never decreasing, before and behind which `reach` of it is
-    searched [m].
+    The path is the polyline of the (N, 2) waypoints `path` [m], `along` (N,) its length up to each.
+    Of a path that crosses itself only the part near the target counts, so a robot that drives on
+    another branch is not on its way: `aims` (M,) are its length up to the target of each of the (M,
+    2) places `xy`, never decreasing, before and behind which `reach` of it is searched [m].
     """
     greatest, first, last = 0.0, 0, len(path) - 2
     for i in range(len(xy)):
@@ -267,7 +299,11 @@ def cross_track_max(xy: FloatArray, path: FloatArray, along: FloatArray, aims: F
             step_x, step_y = path[k + 1, 0] - path[k, 0], path[k + 1, 1] - path[k, 1]
             off_x, off_y = xy[i, 0] - path[k, 0], xy[i, 1] - path[k, 1]
             square = step_x * step_x + step_y * step_y
-            share = min(max((off_x * step_x + off_y * step_y) / square, 0.0), 1.0) if square > 0.0 else 0.0
+            share = (
+                min(max((off_x * step_x + off_y * step_y) / square, 0.0), 1.0)
+                if square > 0.0
+                else 0.0
+            )
             least = min(least, (off_x - share * step_x) ** 2 + (off_y - share * step_y) ** 2)
             k += 1
         greatest = max(greatest, least)
@@ -277,10 +313,12 @@ def cross_track_max(xy: FloatArray, path: FloatArray, along: FloatArray, aims: F
 def command_measures(shares: FloatArray, period: float) -> tuple[float, float]:
     """Return effort [1] and jerk [1/s2] of a row of commands.
 
-    The effort is the root mean square of the commands as shares of their limits; the jerk is that of their second derivative
-    in time, by differences: zero for commands that grow evenly. Both add the squares of the two parts of a command.
+    The effort is the root mean square of the commands as shares of their limits; the jerk is that
+    of their second derivative in time, by differences: zero for commands that grow evenly. Both add
+    the squares of the two parts of a command.
 
-    `shares` are (K, 2) commands over the limits of speed and yaw rate [1], `period` the time between them [s].
+    `shares` are (K, 2) commands over the limits of speed and yaw rate [1], `period` the time
+    between them [s].
     """
     if len(shares) == 0:
         return math.nan, math.nan

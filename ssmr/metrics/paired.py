@@ -1,8 +1,9 @@
 """Paired comparison of candidates: is one better than another, or did chance make it look so?
 
-Errors of all candidates belong to the same windows of one recording, so what is hard for both counts for neither.
-Neighbouring windows share data, so whole blocks of them are resampled. Of many pairs some differ by chance, so probabilities
-are corrected for their number (Holm, Scand. J. Statist. 6 (1979) 65).
+Errors of all candidates belong to the same windows of one recording, so what is hard for both
+counts for neither. Neighbouring windows share data, so whole blocks of them are resampled. Of many
+pairs some differ by chance, so probabilities are corrected for their number (Holm, Scand. J.
+Statist. 6 (1979) 65).
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, blo
         block: least duration of a resampled block, such as the length of the windows [s].
 
     Returns:
-        Two-sided probability by Student's distribution for the number of blocks; 1 where there are fewer than four.
+        Two-sided probability by Student's distribution for the number of blocks; 1 where there are
+        fewer than four.
 
     Raises:
         ValueError: lengths differ, times do not increase, or a number is not finite.
@@ -47,7 +49,11 @@ def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, blo
     apart, spread = (np.subtract(*np.median(values, axis=-1)) for values in (pair, pair[:, drawn]))
     blocks = len(t) / together
     error = float(np.std(spread, ddof=1)) * math.sqrt(blocks / (blocks - 1.0))
-    return float(2.0 * stdtr(blocks - 1.0, -abs(apart) / error)) if error > 0.0 else float(apart == 0.0)
+    return (
+        float(2.0 * stdtr(blocks - 1.0, -abs(apart) / error))
+        if error > 0.0
+        else float(apart == 0.0)
+    )
 
 
 def corrected(chances: Sequence[float]) -> FloatArray:

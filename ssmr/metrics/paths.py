@@ -1,25 +1,31 @@
 """Distances between the path of a candidate motion and that of a reference: what the thesis' metrics (Sec. 1.6) are made of.
 
-Which way round. The candidate is the simulated motion, the reference the measured or wanted one. The thesis leaves it open
-(Sec. 1.6 writes d_B / d_A), so it is fixed here once, as Sec. 3.5.3 and Algorithm 2 use it:
+Which way round. The candidate is the simulated motion, the reference the measured or wanted one.
+The thesis leaves it open (Sec. 1.6 writes d_B / d_A), so it is fixed here once, as Sec. 3.5.3 and
+Algorithm 2 use it:
 
-- ratios are candidate / reference: d_ratio = 1.0312 says that the simulated path is 3.12 % longer than the real one;
-- d_rms and d_haus are one-sided, from each sample of the reference to the closest sample of the candidate: Algorithm 2 loops
-  over the points of the reference trajectory. They do not punish a candidate that covers the reference and then strays; the
-  `_symmetric` metrics take both directions, and do.
+- ratios are candidate / reference: d_ratio = 1.0312 says that the simulated path is 3.12 % longer
+than the real one;
+- d_rms and d_haus are one-sided, from each sample of the reference to the closest sample of the
+  candidate: Algorithm 2 loops over the points of the reference trajectory. They do not punish a
+  candidate that covers the reference and then strays; the `_symmetric` metrics take both
+  directions, and do.
 
-Distances are between samples, as printed, not between curves: a path sampled every h keeps a floor of up to h / 2.
+Distances are between samples, as printed, not between curves: a path sampled every h keeps a floor
+of up to h / 2.
 
 Kernels read columns 0 and 1 of what they are given, so (M, 3) poses serve as paths without a copy.
 
-For the search for the closest sample, the path is cut into leaves of `_LEAF` consecutive samples. A leaf has a box, the
-least that holds its samples, and so has every two neighbouring leaves, every two such pairs, and so on up to the whole path:
-a tree of boxes, because a path is mostly near itself. Consecutive points lie close together too, so `_BATCH` of them go down
-that tree at once, and take from each leaf that they enter what is nearest.
+For the search for the closest sample, the path is cut into leaves of `_LEAF` consecutive samples. A
+leaf has a box, the least that holds its samples, and so has every two neighbouring leaves, every
+two such pairs, and so on up to the whole path: a tree of boxes, because a path is mostly near
+itself. Consecutive points lie close together too, so `_BATCH` of them go down that tree at once,
+and take from each leaf that they enter what is nearest.
 
-A box is passed over where even its nearest edge is as far from the box of the batch as each point's closest sample yet.
-Subtraction, multiplication and addition round monotonically, so the computed distance of boxes is never more than that of
-a point and a sample in them: the answer is that of the search over all pairs, to the last bit, with no slack.
+A box is passed over where even its nearest edge is as far from the box of the batch as each point's
+closest sample yet. Subtraction, multiplication and addition round monotonically, so the computed
+distance of boxes is never more than that of a point and a sample in them: the answer is that of the
+search over all pairs, to the last bit, with no slack.
 """
 
 from __future__ import annotations
@@ -33,8 +39,9 @@ from ssmr._jit import jit, jit_alone
 from ssmr.types import FloatArray
 
 BENDING_SPACING = 0.1
-"""Distance between the points at which curvature is taken [m]: noise of size s adds about 6 s^2 / d^4 per metre, so with
-the 0.5 mm of a tracking system a tenth of a metre is the least that leaves a gentle path its own bending energy."""
+"""Distance between the points at which curvature is taken [m]: noise of size s adds about 6 s^2 /
+d^4 per metre, so with the 0.5 mm of a tracking system a tenth of a metre is the least that leaves a
+gentle path its own bending energy."""
 LENGTH_FLOOR = 1e-3
 """A path shorter than this has no length to compare with [m]: a robot that stands still."""
 BENDING_FLOOR = 1e-3
@@ -68,26 +75,34 @@ def path_length(xy: FloatArray) -> float:
 def bending_energy(xy: FloatArray) -> float:
     """Return the total bending energy, sum of c_i^2 d_i (Sec. 1.6) [1/m]: the integral of curvature squared along the path.
 
-    The (M, 2) or wider path [m] is first laid out afresh: from its first sample on, the next point is where the polyline
-    first gets the distance d away from the last point, so that all chords are d long. The local curvature c_i is the turn
-    between two chords over d. Thus the outcome depends neither on the sampling rate nor on the speed, and a robot that
-    stands still, or turns on the spot, adds nothing even while its measured position jitters by less than d. Each end takes
-    the curvature of its neighbour, and so does what is left after the last chord. A path shorter than two chords has none.
+    The (M, 2) or wider path [m] is first laid out afresh: from its first sample on, the next point
+    is where the polyline first gets the distance d away from the last point, so that all chords are
+    d long. The local curvature c_i is the turn between two chords over d. Thus the outcome depends
+    neither on the sampling rate nor on the speed, and a robot that stands still, or turns on the
+    spot, adds nothing even while its measured position jitters by less than d. Each end takes the
+    curvature of its neighbour, and so does what is left after the last chord. A path shorter than
+    two chords has none.
 
-    d is `BENDING_SPACING`, or the mean step between samples (weighted by length) where that is longer: points laid closer
-    than the samples would find all turning at the samples and none between them. A reversal is a turn by pi: pi^2 / d.
+    d is `BENDING_SPACING`, or the mean step between samples (weighted by length) where that is
+    longer: points laid closer than the samples would find all turning at the samples and none
+    between them. A reversal is a turn by pi: pi^2 / d.
     """
     total, squares = _steps(xy)
     if not total > 0.0:
         return 0.0
-    d = max(BENDING_SPACING, squares / total)  # hence at most M - 1 chords: total^2 <= (M - 1) squares
+    d = max(
+        BENDING_SPACING, squares / total
+    )  # hence at most M - 1 chords: total^2 <= (M - 1) squares
     last_x, last_y = xy[0, 0], xy[0, 1]
     chord_x, chord_y = 0.0, 0.0
     chords = 0
     energy, first, latest = 0.0, 0.0, 0.0
     for i in range(1, xy.shape[0]):
         end_x, end_y = xy[i, 0], xy[i, 1]
-        from_x, from_y = xy[i - 1, 0], xy[i - 1, 1]  # within d of the last point, unlike the end if a chord ends here
+        from_x, from_y = (
+            xy[i - 1, 0],
+            xy[i - 1, 1],
+        )  # within d of the last point, unlike the end if a chord ends here
         while (end_x - last_x) ** 2 + (end_y - last_y) ** 2 >= d * d:
             # from + s (end - from) leaves the circle of radius d about the last point where a s^2 + 2 b s + c = 0, s > 0
             step_x, step_y = end_x - from_x, end_y - from_y
@@ -103,7 +118,9 @@ def bending_energy(xy: FloatArray) -> float:
             last_x, last_y = from_x, from_y
             chords += 1
             if chords > 1:
-                turn = math.atan2(before_x * chord_y - before_y * chord_x, before_x * chord_x + before_y * chord_y)
+                turn = math.atan2(
+                    before_x * chord_y - before_y * chord_x, before_x * chord_x + before_y * chord_y
+                )
                 latest = turn * turn / d  # c_i^2 d_i with c_i = turn / d
                 energy += latest
                 if chords == 2:
@@ -128,8 +145,8 @@ def one_sided_kernel(
 ) -> tuple[float, float, float]:
     """Return d_rms [m], d_haus [m] and d_ratio (Eq. 3.1), for use from other kernels: half the work of all metrics.
 
-    Paths are (N, 2) and (M, 2) positions [m]; `reference_length` is `path_length` of the reference. It never raises: all
-    are NaN where a path cannot be measured.
+    Paths are (N, 2) and (M, 2) positions [m]; `reference_length` is `path_length` of the reference.
+    It never raises: all are NaN where a path cannot be measured.
     """
     candidate_length = path_length(candidate_xy)
     if math.isnan(candidate_length + reference_length):
@@ -160,17 +177,26 @@ class PathMeasures(NamedTuple):
 def measure_paths(candidate: FloatArray, reference: FloatArray) -> PathMeasures:
     """Measure an (N, 2) or wider path [m] against an (M, 2) one.
 
-    All are NaN where a path has no sample or one that is not finite (or beyond `LARGEST`), as a diverged candidate has.
+    All are NaN where a path has no sample or one that is not finite (or beyond `LARGEST`), as a
+    diverged candidate has.
     """
     lengths = path_length(candidate), path_length(reference)
     if math.isnan(lengths[0] + lengths[1]):
         none = (math.nan, math.nan)
         return PathMeasures(math.nan, math.nan, math.nan, math.nan, none, none)
-    to_candidate, to_reference = nearest_squared(reference, candidate), nearest_squared(candidate, reference)
+    to_candidate, to_reference = (
+        nearest_squared(reference, candidate),
+        nearest_squared(candidate, reference),
+    )
     mean, largest = np.mean(to_candidate), np.max(to_candidate)
-    rms_both, largest_both = math.sqrt(0.5 * (mean + np.mean(to_reference))), math.sqrt(max(largest, np.max(to_reference)))
+    rms_both, largest_both = (
+        math.sqrt(0.5 * (mean + np.mean(to_reference))),
+        math.sqrt(max(largest, np.max(to_reference))),
+    )
     bendings = bending_energy(candidate), bending_energy(reference)
-    return PathMeasures(math.sqrt(mean), math.sqrt(largest), rms_both, largest_both, lengths, bendings)
+    return PathMeasures(
+        math.sqrt(mean), math.sqrt(largest), rms_both, largest_both, lengths, bendings
+    )
 
 
 _LEAF = 16  # samples of a leaf; of 8, 16 and 32 the fastest for 2500 samples
@@ -189,7 +215,9 @@ def _enter(x: FloatArray, y: FloatArray, first: int, batch: FloatArray) -> float
         for i in range(_BATCH):  # becomes vector instructions
             dx, dy = batch[i] - here_x, batch[_BATCH + i] - here_y
             square = dx * dx + dy * dy
-            batch[2 * _BATCH + i] = square if square < batch[2 * _BATCH + i] else batch[2 * _BATCH + i]
+            batch[2 * _BATCH + i] = (
+                square if square < batch[2 * _BATCH + i] else batch[2 * _BATCH + i]
+            )
     largest = 0.0
     for i in range(_BATCH):
         largest = max(largest, batch[2 * _BATCH + i])
@@ -200,8 +228,9 @@ def _enter(x: FloatArray, y: FloatArray, first: int, batch: FloatArray) -> float
 def _grow(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArray]:
     """Return the tree of a path: the number of leaves, a power of two, the boxes of all nodes, and the samples' x and y.
 
-    Node 1 is the whole path, and node n has the children 2 n and 2 n + 1. A box is the least x, the largest, and y likewise.
-    The last leaf is filled up with the last sample; the box of a leaf without samples is infinitely far from anywhere.
+    Node 1 is the whole path, and node n has the children 2 n and 2 n + 1. A box is the least x, the
+    largest, and y likewise. The last leaf is filled up with the last sample; the box of a leaf
+    without samples is infinitely far from anywhere.
     """
     m = path.shape[0]
     used, leaves = (m + _LEAF - 1) // _LEAF, 1
@@ -225,7 +254,9 @@ def _grow(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArray]:
 
 
 @jit
-def _gap(boxes: FloatArray, node: int, low_x: float, high_x: float, low_y: float, high_y: float) -> float:
+def _gap(
+    boxes: FloatArray, node: int, low_x: float, high_x: float, low_y: float, high_y: float
+) -> float:
     """Return the square of the distance between a node's box and another one [m^2]."""
     gap_x: float = max(max(boxes[node, 0] - high_x, low_x - boxes[node, 1]), 0.0)
     gap_y: float = max(max(boxes[node, 2] - high_y, low_y - boxes[node, 3]), 0.0)
@@ -233,7 +264,9 @@ def _gap(boxes: FloatArray, node: int, low_x: float, high_x: float, low_y: float
 
 
 @jit
-def _gather(points: FloatArray, first: int, count: int, batch: FloatArray) -> tuple[float, float, float, float]:
+def _gather(
+    points: FloatArray, first: int, count: int, batch: FloatArray
+) -> tuple[float, float, float, float]:
     """Write `count` points into a batch, filled up with the last one, at no known distance yet; return their box."""
     low_x, high_x, low_y, high_y = np.inf, -np.inf, np.inf, -np.inf
     for i in range(_BATCH):
@@ -248,8 +281,8 @@ def _gather(points: FloatArray, first: int, count: int, batch: FloatArray) -> tu
 def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
     """Return (N,) squares of the distances from (N, 2) points to the closest sample of the (M, 2) path [m^2].
 
-    The nearer of two boxes is entered first, after the leaf that the last batch ended in. There must be a sample, and all
-    numbers must be finite.
+    The nearer of two boxes is entered first, after the leaf that the last batch ended in. There
+    must be a sample, and all numbers must be finite.
     """
     n = points.shape[0]
     leaves, boxes, x, y = _grow(path)

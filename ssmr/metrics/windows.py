@@ -1,9 +1,10 @@
 """Errors of the relative pose over windows of a horizon, and how far chance may have moved their medians.
 
-A candidate is the simulated motion, a reference the measured or wanted one. Consecutive windows are few, and where the first
-one begins moves their median. Windows that begin every second use every part of a recording, but neighbours share data: an
-interval for their median comes from resampling whole blocks of neighbours (moving-block bootstrap; Kuensch, Ann. Statist.
-17 (1989) 1217), as long as a window.
+A candidate is the simulated motion, a reference the measured or wanted one. Consecutive windows are
+few, and where the first one begins moves their median. Windows that begin every second use every
+part of a recording, but neighbours share data: an interval for their median comes from resampling
+whole blocks of neighbours (moving-block bootstrap; Kuensch, Ann. Statist. 17 (1989) 1217), as long
+as a window.
 """
 
 from __future__ import annotations
@@ -18,15 +19,18 @@ from ssmr.geometry import relative, wrap_angle
 from ssmr.types import FloatArray, IndexArray, frozen_array, increasing_times
 
 TIME_TOLERANCE = 1e-9
-"""Stamps closer than this are the same instant [s]: rounding of k * dt, far under any sampling period."""
+"""Stamps closer than this are the same instant [s]: rounding of k * dt, far under any sampling
+period."""
 EVERY_S = 1.0
 """Time between the beginnings of two overlapping windows [s]."""
 SHARE = 0.90
 """Probability that an interval shall have."""
 SHORTEST_BLOCK_S = 6.0
-"""Least length of a resampled block [s]: commands of a test drive are often held for some seconds."""
+"""Least length of a resampled block [s]: commands of a test drive are often held for some
+seconds."""
 FEWEST_BLOCKS = 4
-"""Number of blocks that a recording must hold for resampling; below it the interval is that of all errors."""
+"""Number of blocks that a recording must hold for resampling; below it the interval is that of all
+errors."""
 _DRAWS = 1000
 """Number of resampled series."""
 _TAILS = 50.0 * (1.0 - SHARE), 50.0 * (1.0 + SHARE)
@@ -38,8 +42,8 @@ def relative_pose_error(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the error of the motion from index i to index j, whatever the error at i: E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j).
 
-    P is the candidate and Q the reference, (M, 3) x [m], y [m], yaw [rad] at the same instants; `starts` and `ends` are (W,)
-    indices i and j.
+    P is the candidate and Q the reference, (M, 3) x [m], y [m], yaw [rad] at the same instants;
+    `starts` and `ends` are (W,) indices i and j.
 
     Returns:
         (W,) sizes of E's translation [m] and (W,) of its rotation [rad, within 0 and pi].
@@ -54,22 +58,27 @@ def relative_pose_error(
     return np.hypot(error[:, 0], error[:, 1]), np.abs(wrap_angle(error[:, 2]))
 
 
-def horizon_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = None) -> tuple[IndexArray, IndexArray]:
+def horizon_windows(
+    t: ArrayLike, horizon: float, usable: ArrayLike | None = None
+) -> tuple[IndexArray, IndexArray]:
     """Cut a gap-free record into consecutive windows of one length.
 
-    The first window starts at the first usable sample; each ends at the first usable sample at least `horizon` later (less
-    `TIME_TOLERANCE`), where the next one starts. What is left at the end is no window.
+    The first window starts at the first usable sample; each ends at the first usable sample at
+    least `horizon` later (less `TIME_TOLERANCE`), where the next one starts. What is left at the
+    end is no window.
 
     Args:
         t: (M,) strictly increasing stamps [s].
         horizon: the length wanted [s].
-        usable: (M,) which samples may begin or end a window, such as those with a fresh pose; None for all.
+        usable: (M,) which samples may begin or end a window, such as those with a fresh pose; None
+            for all.
 
     Returns:
         (W,) start indices and (W,) end indices; empty where not even one window fits.
 
     Raises:
-        ValueError: the horizon is not positive, time does not increase, or `usable` is no mask of M.
+        ValueError: the horizon is not positive, time does not increase, or `usable` is no mask of
+            M.
     """
     index, at = _usable(t, horizon, usable)
     edges = [0] if len(index) > 0 else []
@@ -81,11 +90,13 @@ def horizon_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = Non
     return index[edges[:-1]], index[edges[1:]]
 
 
-def overlapping_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None = None) -> tuple[IndexArray, IndexArray]:
-    """Return windows of one length that begin every `EVERY_S` in a gap-free record, each start once.
+def overlapping_windows(
+    t: ArrayLike, horizon: float, usable: ArrayLike | None = None
+) -> tuple[IndexArray, IndexArray]:
+    """Windows of one length that begin every `EVERY_S` in a gap-free record, each start once.
 
-    A window begins at the first usable sample at or after its time, and ends at the first usable one at least `horizon`
-    after that. Arguments, results and errors are those of `horizon_windows`.
+    A window begins at the first usable sample at or after its time, and ends at the first usable
+    one at least `horizon` after that. Arguments, results and errors are those of `horizon_windows`.
     """
     index, at = _usable(t, horizon, usable)
     if len(at) == 0:
@@ -97,14 +108,18 @@ def overlapping_windows(t: ArrayLike, horizon: float, usable: ArrayLike | None =
     return index[starts[inside]], index[ends[inside]]
 
 
-def _usable(t: ArrayLike, horizon: float, usable: ArrayLike | None) -> tuple[IndexArray, FloatArray]:
+def _usable(
+    t: ArrayLike, horizon: float, usable: ArrayLike | None
+) -> tuple[IndexArray, FloatArray]:
     """Return indices and stamps [s] of the usable samples."""
     stamps = increasing_times(t)
     if not (math.isfinite(horizon) and horizon > TIME_TOLERANCE):
         raise ValueError(f"the horizon must be longer than {TIME_TOLERANCE} s, got {horizon} s")
     mask = np.ones(len(stamps), dtype=np.bool_) if usable is None else np.asarray(usable)
     if mask.shape != stamps.shape or mask.dtype != np.bool_:
-        raise ValueError(f"usable must be {len(stamps)} booleans, got {mask.dtype} of shape {mask.shape}")
+        raise ValueError(
+            f"usable must be {len(stamps)} booleans, got {mask.dtype} of shape {mask.shape}"
+        )
     index = np.flatnonzero(mask)
     return index, stamps[index]
 
@@ -124,7 +139,8 @@ class HorizonErrors:
     yaw_p95_rad: float
     """95th percentile of the yaw errors, linear between ranks [rad]."""
     n_standing: int = 0
-    """Number of further windows in which the robot stood throughout; they count in none of the numbers above."""
+    """Number of further windows in which the robot stood throughout; they count in none of the
+    numbers above."""
 
 
 def horizon_errors(position: ArrayLike, yaw: ArrayLike, n_standing: int = 0) -> HorizonErrors:
@@ -186,8 +202,8 @@ class WindowErrors:
     def summary(self) -> OverlappingErrors:
         """Return medians with their intervals; an interval is that of all errors where nothing can be resampled.
 
-        The few blocks of a log scatter less among themselves than new ones will, so intervals are widened as Student's
-        distribution for their number is wider than the normal one.
+        The few blocks of a log scatter less among themselves than new ones will, so intervals are
+        widened as Student's distribution for their number is wider than the normal one.
         """
         from scipy.special import ndtri, stdtrit  # here: they take long to import
 
@@ -197,9 +213,13 @@ class WindowErrors:
             median, spread = float(np.median(values)), values
             if blocks >= FEWEST_BLOCKS:
                 starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(blocks)))
-                series = (starts[:, :, None] + np.arange(block)) % n  # in a circle, so that every window counts alike
+                series = (
+                    starts[:, :, None] + np.arange(block)
+                ) % n  # in a circle, so that every window counts alike
                 drawn = np.median(values[series.reshape(_DRAWS, -1)[:, :n]], axis=1)
-                wider = stdtrit(blocks - 1.0, tail) / ndtri(tail) * math.sqrt(blocks / (blocks - 1.0))
+                wider = (
+                    stdtrit(blocks - 1.0, tail) / ndtri(tail) * math.sqrt(blocks / (blocks - 1.0))
+                )
                 spread = median + wider * (drawn - median)
             low, high = np.percentile(spread, _TAILS)
             numbers += [median, min(max(float(low), 0.0), median), max(float(high), median)]

@@ -1,22 +1,27 @@
 """Self-adaptive differential evolution (jDE) with the thesis' descent of F and CR, in the unit cube, by ask and tell.
 
-The search owns no loop and no objective: `ask` hands out a whole generation, `tell` takes its costs. Sources: thesis
-Sec. 3.5.1 (mutation, adaptation, Alg. 3) and Tab. 3.7 (defaults); J. Brest et al. 2006, doi 10.1109/TEVC.2006.872133 (jDE).
+The search owns no loop and no objective: `ask` hands out a whole generation, `tell` takes its
+costs. Sources: thesis Sec. 3.5.1 (mutation, adaptation, Alg. 3) and Tab. 3.7 (defaults); J. Brest
+et al. 2006, doi 10.1109/TEVC.2006.872133 (jDE).
 
 Where the thesis leaves a choice, or prints something that cannot be:
 
-- F is drawn anew as F_min + (F_max - F_min) rand; F_min + F_max rand, as printed, leaves the bounds of Tab. 3.7.
-- F and CR belong to the vector: a trial that replaces its parent brings its own, otherwise the parent keeps what it had.
-  The equations name no such condition, but Sec. 3.5.1 encodes F and CR in the members of the population, as jDE does, and
-  only so does selection act on them (docs/identification.md compares both).
+- F is drawn anew as F_min + (F_max - F_min) rand; F_min + F_max rand, as printed, leaves the bounds
+of Tab. 3.7.
+- F and CR belong to the vector: a trial that replaces its parent brings its own, otherwise the
+  parent keeps what it had. The equations name no such condition, but Sec. 3.5.1 encodes F and CR in
+  the members of the population, as jDE does, and only so does selection act on them
+  (docs/identification.md compares both).
 - "rand <= tau" is tested as rand < tau, which for rand in [0, 1) has the probability tau exactly.
-- Alg. 3 stops at the first generation that improves by no more than df. That happens by chance after a few generations,
-  so the improvement is taken over `patience` generations; 1 is the thesis as printed.
-- A gene of a donor beyond a bound is put midway between the best vector and that bound. Searches keep
-  approaching an optimum at a bound, and no vector is thrown back into the cube at random.
+- Alg. 3 stops at the first generation that improves by no more than df. That happens by chance
+  after a few generations, so the improvement is taken over `patience` generations; 1 is the thesis
+  as printed.
+- A gene of a donor beyond a bound is put midway between the best vector and that bound. Searches
+  keep approaching an optimum at a bound, and no vector is thrown back into the cube at random.
 - The parent's cost is remembered, not evaluated again.
 
-Symbols: S vectors (NP) of n genes, i one of them; F scales differences, CR is the share of genes crossed.
+Symbols: S vectors (NP) of n genes, i one of them; F scales differences, CR is the share of genes
+crossed.
 """
 
 from __future__ import annotations
@@ -47,7 +52,8 @@ Finished = Literal["", "generations", "improvement"]
 VERSION = "ssmr.jde/2"
 """Version of the layout of `Jde.state`, and of the order in which random numbers are drawn."""
 _MOST_VECTORS, _MOST_GENERATIONS = 100_000, 1_000_000
-"""Greatest size and length of a search: beyond, its state does not fit into memory or a checkpoint."""
+"""Greatest size and length of a search: beyond, its state does not fit into memory or a
+checkpoint."""
 _LOWER_64 = (1 << 64) - 1
 
 
@@ -75,7 +81,9 @@ class JdeSettings:
 class Jde:
     """One search. `while not search.finished: search.tell(costs_of(search.ask()))`."""
 
-    def __init__(self, n: int, settings: JdeSettings, seed: int, start: ArrayLike | None = None) -> None:
+    def __init__(
+        self, n: int, settings: JdeSettings, seed: int, start: ArrayLike | None = None
+    ) -> None:
         """Draw the initial population of vectors of n genes; (k, n) points of the cube replace the first k drawn.
 
         Equal seeds give equal searches.
@@ -94,7 +102,9 @@ class Jde:
         if start is not None:
             points = frozen_array(start, "start", (None, n))
             if len(points) > size:
-                raise ValueError(f"start has {len(points)} points, more than the population of {size}")
+                raise ValueError(
+                    f"start has {len(points)} points, more than the population of {size}"
+                )
             self._population[: len(points)] = points
         self._costs = np.full(size, np.inf)
         self._f, self._cr = np.full(size, F_INIT), np.full(size, CR_INIT)
@@ -142,8 +152,8 @@ class Jde:
     def finished(self) -> Finished:
         """Reason why the search is over, or an empty string while it is not: the first of these rules that holds.
 
-        `improvement`: over the last `patience` generations the best cost fell by no more than df times its size before; a
-        cost that was unknown then does not count. `generations`: all done.
+        `improvement`: over the last `patience` generations the best cost fell by no more than df
+        times its size before; a cost that was unknown then does not count. `generations`: all done.
         """
         g, patience = self.generation, self.settings.patience
         if g >= patience:
@@ -155,15 +165,17 @@ class Jde:
     def ask(self) -> FloatArray:
         """Return the (S, n) points whose costs are wanted: the initial population first, then the trials of each generation.
 
-        A second call before the costs are told returns equal points. Random numbers are drawn here only, as many for
-        each generation, whatever the costs.
+        A second call before the costs are told returns equal points. Random numbers are drawn here
+        only, as many for each generation, whatever the costs.
 
         Raises:
             ValueError: the search has finished.
         """
         if not self._asked:
             if self.finished:
-                raise ValueError(f"the search has finished ({self.finished}); there is nothing to ask")
+                raise ValueError(
+                    f"the search has finished ({self.finished}); there is nothing to ask"
+                )
             if self._history:
                 self._trials, self._trial_f, self._trial_cr = self._next_trials()
             self._asked = True
@@ -175,8 +187,13 @@ class Jde:
         draws = self._rng.random((5 + k + n) * size)
         rows = draws[: (5 + k) * size].reshape(5 + k, size)
         crossing = draws[(5 + k) * size :]
-        descent = SLOPE * self.generation / self.settings.generations  # ng - 1 generations are complete
-        f, cr = adapt(self._f, rows[0:2], F_BOUNDS, descent), adapt(self._cr, rows[2:4], CR_BOUNDS, descent)
+        descent = (
+            SLOPE * self.generation / self.settings.generations
+        )  # ng - 1 generations are complete
+        f, cr = (
+            adapt(self._f, rows[0:2], F_BOUNDS, descent),
+            adapt(self._cr, rows[2:4], CR_BOUNDS, descent),
+        )
         first = (rows[4] * n).astype(np.intp)
         best = self._population[self._best]
         donors = repair(mutate(self._population, best, f, distinct_partners(rows[5:])), best)
@@ -186,8 +203,9 @@ class Jde:
     def tell(self, costs: ArrayLike) -> None:
         """Take the (S,) costs of the points asked for, and select: a trial replaces its parent unless it is worse.
 
-        A cost that is NaN or infinite counts as worse than any. A lower bound of a trial's cost will do where it exceeds the
-        parent's cost, as an evaluation broken off gives it: the outcome is the same.
+        A cost that is NaN or infinite counts as worse than any. A lower bound of a trial's cost
+        will do where it exceeds the parent's cost, as an evaluation broken off gives it: the
+        outcome is the same.
 
         Raises:
             ValueError: nothing was asked, or the shape is another one.
@@ -201,7 +219,10 @@ class Jde:
         self._costs = np.where(won, new_costs, self._costs)
         if self._history:
             self._population = np.where(won[:, np.newaxis], self._trials, self._population)
-            self._f, self._cr = np.where(won, self._trial_f, self._f), np.where(won, self._trial_cr, self._cr)
+            self._f, self._cr = (
+                np.where(won, self._trial_f, self._f),
+                np.where(won, self._trial_cr, self._cr),
+            )
         self._best = int(np.argmin(self._costs))
         self._history.append(float(self._costs[self._best]))
         self._asked = False
@@ -217,7 +238,9 @@ class Jde:
         return {
             "version": np.array(VERSION),
             **{f"settings.{f.name}": np.array(v, dtype=type(f.default)) for f, v in settings},
-            "rng": np.array([half for word in words for half in (word >> 64, word & _LOWER_64)], dtype=np.uint64),
+            "rng": np.array(
+                [half for word in words for half in (word >> 64, word & _LOWER_64)], dtype=np.uint64
+            ),
             "history": self.history,
             "asked": np.array(self._asked),
             **{name: getattr(self, f"_{name}").copy() for name in _ARRAYS},
@@ -233,13 +256,18 @@ class Jde:
         """
         if str(state.get("version")) != VERSION:
             raise ValueError(f"this is no state of a search of version '{VERSION}'")
-        values: dict[str, Any] = {f.name: state[f"settings.{f.name}"].tolist() for f in fields(JdeSettings)}
+        values: dict[str, Any] = {
+            f.name: state[f"settings.{f.name}"].tolist() for f in fields(JdeSettings)
+        }
         search = cls(state["population"].shape[-1], JdeSettings(**values), 0)
         for name in _ARRAYS:
             if np.shape(state[name]) != np.shape(getattr(search, f"_{name}")):
                 raise ValueError(f"{name} of the state has the shape {np.shape(state[name])}")
             setattr(search, f"_{name}", np.array(state[name]))
-        search._best, search._history = int(np.argmin(search._costs)), [float(h) for h in state["history"]]
+        search._best, search._history = (
+            int(np.argmin(search._costs)),
+            [float(h) for h in state["history"]],
+        )
         search._asked = bool(state["asked"])
         rng = [int(half) for half in state["rng"]]
         search._rng.bit_generator.state = {
@@ -255,21 +283,26 @@ _ARRAYS = ("population", "costs", "f", "cr", "trials", "trial_f", "trial_cr")
 """Arrays that a search is made of, besides its history and its random generator."""
 
 
-def adapt(values: FloatArray, draws: FloatArray, bounds: tuple[float, float], descent: float) -> FloatArray:
+def adapt(
+    values: FloatArray, draws: FloatArray, bounds: tuple[float, float], descent: float
+) -> FloatArray:
     """Return (S,) F or CR of the trials (Sec. 3.5.1): drawn anew with probability tau, else lowered, not below the least.
 
-    The first row of the (2, S) draws, uniform in [0, 1), decides whether to draw anew, the second gives the new value;
-    `descent` is slp (ng - 1) / ng_max.
+    The first row of the (2, S) draws, uniform in [0, 1), decides whether to draw anew, the second
+    gives the new value; `descent` is slp (ng - 1) / ng_max.
     """
     low, high = bounds
-    return np.where(draws[0] < TAU, low + (high - low) * draws[1], np.maximum(values - values * descent, low))
+    return np.where(
+        draws[0] < TAU, low + (high - low) * draws[1], np.maximum(values - values * descent, low)
+    )
 
 
 def distinct_partners(draws: FloatArray) -> IndexArray:
     """Return, for each i, k indices that differ from each other and from i; every ordered choice is equally likely.
 
-    The j-th index is drawn from the S - 1 - j that are left, then counted past the taken ones in increasing order. Draws
-    are (k, S), uniform in [0, 1), and k < S; column i of the (k, S) indices belongs to vector i.
+    The j-th index is drawn from the S - 1 - j that are left, then counted past the taken ones in
+    increasing order. Draws are (k, S), uniform in [0, 1), and k < S; column i of the (k, S) indices
+    belongs to vector i.
     """
     k, size = draws.shape
     left = (size - 1 - np.arange(k, dtype=np.float64))[:, np.newaxis]
@@ -287,7 +320,9 @@ def distinct_partners(draws: FloatArray) -> IndexArray:
     return indices
 
 
-def mutate(population: FloatArray, best: FloatArray, f: FloatArray, partners: IndexArray) -> FloatArray:
+def mutate(
+    population: FloatArray, best: FloatArray, f: FloatArray, partners: IndexArray
+) -> FloatArray:
     """Return (S, n) donors X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4), which may leave the cube (Sec. 3.5.1).
 
     `population` is (S, n), `best` (n,), `f` (S,); the (4, S) partners are the indices r1 to r4.
@@ -318,5 +353,5 @@ def binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> NDArr
 
 
 def replaces(trial_costs: FloatArray, parent_costs: FloatArray) -> NDArray[np.bool_]:
-    """Return (S,) whether each trial replaces its parent: it does if its cost is finite and not worse."""
+    """(S,) whether each trial replaces its parent: it does if its cost is finite and not worse."""
     return np.isfinite(trial_costs) & (trial_costs <= parent_costs)

@@ -28,7 +28,8 @@ class Parameter:
     upper: float
     """Greatest value."""
     scale: Scale = "linear"
-    """`log` where only the order of magnitude is known: equal steps in the cube are equal factors."""
+    """`log` where only the order of magnitude is known: equal steps in the cube are equal
+    factors."""
     least: float = -math.inf
     """Least value that is possible at all."""
     greatest: float = math.inf
@@ -41,10 +42,14 @@ class Parameter:
     def __post_init__(self) -> None:
         """Raise a ValueError for bounds that are not finite, not in order, or not positive on a logarithmic scale."""
         if not (math.isfinite(self.lower) and math.isfinite(self.upper)):
-            raise ValueError(f"the bounds of {self.name}, {self.lower:g} and {self.upper:g}, must be finite")
+            raise ValueError(
+                f"the bounds of {self.name}, {self.lower:g} and {self.upper:g}, must be finite"
+            )
         if not self.lower < self.upper:
             bounds = f"{self.lower:g} and {self.upper:g}"
-            raise ValueError(f"the bounds of {self.name} are {bounds}: the lower must be less than the upper")
+            raise ValueError(
+                f"the bounds of {self.name} are {bounds}: the lower must be less than the upper"
+            )
         if self.scale == "log" and not self.lower > 0.0:
             bound = f"its lower bound {self.lower:g} must be positive"
             raise ValueError(f"{self.name} is searched on a logarithmic scale; {bound}")
@@ -73,12 +78,19 @@ class ParameterSpace:
         """
         names = [p.name for p in parameters]
         if not names or len(set(names)) != len(names):
-            raise ValueError(f"a space needs parameters with names of their own, got: {', '.join(names) or 'none'}")
+            raise ValueError(
+                f"a space needs parameters with names of their own, got: {', '.join(names) or 'none'}"
+            )
         self.parameters = parameters
         self._log = np.array([p.scale == "log" for p in parameters])
-        lower, upper = (np.array([getattr(p, end) for p in parameters], dtype=np.float64) for end in ("lower", "upper"))
+        lower, upper = (
+            np.array([getattr(p, end) for p in parameters], dtype=np.float64)
+            for end in ("lower", "upper")
+        )
         self.lower, self.upper = lower, upper
-        self._low, self._high = (np.where(self._log, np.log(np.where(self._log, b, 1.0)), b) for b in (lower, upper))
+        self._low, self._high = (
+            np.where(self._log, np.log(np.where(self._log, b, 1.0)), b) for b in (lower, upper)
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -96,7 +108,11 @@ class ParameterSpace:
     def values(self, points: ArrayLike) -> FloatArray:
         """Return (..., n) parameter values of points of the unit cube; they never lie outside the bounds."""
         inner = self._low + np.asarray(points, dtype=np.float64) * (self._high - self._low)
-        return np.clip(np.where(self._log, np.exp(np.where(self._log, inner, 0.0)), inner), self.lower, self.upper)
+        return np.clip(
+            np.where(self._log, np.exp(np.where(self._log, inner, 0.0)), inner),
+            self.lower,
+            self.upper,
+        )
 
     def points(self, values: ArrayLike) -> FloatArray:
         """Return the (..., n) points of the unit cube of parameter values.
@@ -109,7 +125,9 @@ class ParameterSpace:
         if outside.any():
             row, k = (int(i) for i in np.argwhere(outside)[0])
             p, value = self.parameters[k], array.reshape(-1, len(self))[row, k]
-            raise ValueError(f"{p.name} = {p.text(value)} lies outside its bounds, {p.lower:g} to {p.upper:g}")
+            raise ValueError(
+                f"{p.name} = {p.text(value)} lies outside its bounds, {p.lower:g} to {p.upper:g}"
+            )
         inner = np.where(self._log, np.log(np.where(self._log, array, 1.0)), array)
         points: FloatArray = np.clip((inner - self._low) / (self._high - self._low), 0.0, 1.0)
         return points

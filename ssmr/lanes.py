@@ -59,8 +59,10 @@ class _State(NamedTuple):
 
 
 _STATE = _State(*(0.0,) * len(_State._fields))
-_HELD, _DRIVE = len(_State._fields), len(_State._fields) + 2
-"""First rows of the twist that the driver holds, and of the driver."""
+_HELD = len(_State._fields)
+"""First of the two rows of the twist that the driver holds."""
+_DRIVE = _HELD + 2
+"""First row of the driver."""
 _DRIVEN = DriveNumbers._fields.index("delay_v")
 """Numbers of the driver that a step needs; the others have gone into the twist that it holds."""
 _ROBOT = _DRIVE + _DRIVEN
@@ -77,10 +79,10 @@ class _Times(NamedTuple):
 
 @built_in
 def _prefer_wide_vectors(typing: Any) -> Any:
-    """Let the compiled function that calls this use the widest vectors of the processor; for compiled functions only.
+    """Let the compiled function that calls this use the widest vectors of the processor.
 
-    LLVM otherwise prefers half the width on many processors, lest they lower their clock for code
-    that gains little by it.
+    It is for compiled functions only. LLVM otherwise prefers half the width on many processors,
+    lest they lower their clock for code that gains little by it.
     """
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -94,25 +96,24 @@ def _prefer_wide_vectors(typing: Any) -> Any:
 
 @built_in
 def _copy_numbers(typing: Any, target: Any, at: Any, origin: Any, first: Any, count: Any) -> Any:
-    """Copy `count` numbers, a constant, of one contiguous array from index `first` on into another from `at` on.
+    """Copy numbers of one contiguous array from `first` on into another from `at` on.
 
-    A loop would not do: where the compiler cannot tell that the arrays are different ones, it
-    copies number by number, and a processor that then reads several of them as one vector waits
-    until all have left its store buffer.
+    Their `count` is a constant. A loop would not do: where the compiler cannot tell that the arrays
+    are different ones, it copies number by number, and a processor that then reads several of them
+    as one vector waits until all have left its store buffer.
     """
     if not isinstance(count, types.IntegerLiteral):
         return None
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         to, start, of, begin, _ = arguments
-        here = builder.gep(
-            context.make_array(signature.args[0])(context, builder, to).data, [start]
-        )
-        there = builder.gep(
-            context.make_array(signature.args[2])(context, builder, of).data, [begin]
-        )
+        to_array = context.make_array(signature.args[0])(context, builder, to)
+        of_array = context.make_array(signature.args[2])(context, builder, of)
+        here = builder.gep(to_array.data, [start])
+        there = builder.gep(of_array.data, [begin])
+        number = context.get_constant(types.intp, count.literal_value)
         copy: Any = cgutils.raw_memcpy
-        copy(builder, here, there, context.get_constant(types.intp, count.literal_value), 8)
+        copy(builder, here, there, number, 8)
         return context.get_dummy_value()
 
     return types.void(target, at, origin, first, count), build
@@ -121,7 +122,8 @@ def _copy_numbers(typing: Any, target: Any, at: Any, origin: Any, first: Any, co
 @jit
 def _lane(template: T, rows: FloatArray, first: int, i: int) -> T:
     """Return a named tuple of the template's kind from lane i of the rows from `first` on."""
-    return numbers_as(template, rows, i + first * LANES, LANES)  # type: ignore[no-any-return]  # numba knows what it returns
+    place = i + first * LANES
+    return numbers_as(template, rows, place, LANES)  # type: ignore[no-any-return]  # as _jit says
 
 
 @jit
@@ -134,41 +136,56 @@ def _robot(kind: PlanarRobot, plain: Any, rows: FloatArray, i: int) -> PlanarRob
     at += len(kind.motor)
     if plain is not None:
         motor = Motor(motor.limit, 0.0, 0.0, 0.0, 0.0, 0.0)
-    x_icr, drift, ideal = (
-        rows[i + at * LANES],
-        rows[i + (at + 1) * LANES],
-        rows[i + (at + 2) * LANES] != 0.0,
+    return PlanarRobot(
+        vehicle=_lane(kind.vehicle, rows, _ROBOT, i),
+        parameters=parameters,
+        motor=motor,
+        x_icr=rows[i + at * LANES],
+        drift=rows[i + (at + 1) * LANES],
+        ideal=rows[i + (at + 2) * LANES] != 0.0,
+        constants=_lane(kind.constants, rows, at + 3, i),
     )
-    vehicle, constants = (
-        _lane(kind.vehicle, rows, _ROBOT, i),
-        _lane(kind.constants, rows, at + 3, i),
-    )
-    return PlanarRobot(vehicle, parameters, motor, x_icr, drift, ideal, constants)
 
 
 @jit
 def _step(
     kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int, dt: float
 ) -> None:
+    """Advance the robot of lane i by one step, see `_run_lanes`."""
     now = _lane(_STATE, rows, 0, i)
-    v, w = rows[i + _HELD * LANES], rows[i + (_HELD + 1) * LANES]
+    v = rows[i + _HELD * LANES]
+    w = rows[i + (_HELD + 1) * LANES]
     held = DriveState(now.held_v, now.held_w, v, w)
     if prescribed is None:
         drive = _lane(DRIVE_TEMPLATE, rows, _DRIVE, i)
-        held = drive_on(
-            v,
-            w,
-            drive,
-            drive.share if plain is None else 1.0,
-            DriveState(now.held_v, now.held_w, now.held_left, now.held_right),
-        )
+        share = drive.share if plain is None else 1.0
+        last = DriveState(now.held_v, now.held_w, now.held_left, now.held_right)
+        held = drive_on(v, w, drive, share, last)
     before = PlanarMotion(
-        now.x, now.y, now.yaw, now.v, now.w, 0.0, 0.0, now.integral_left, now.integral_right
+        x=now.x,
+        y=now.y,
+        yaw=now.yaw,
+        v=now.v,
+        w=now.w,
+        torque_left=0.0,
+        torque_right=0.0,
+        integral_left=now.integral_left,
+        integral_right=now.integral_right,
     )
-    then = move(before, Sides(held.left, held.right), 0.0, dt, _robot(kind, plain, rows, i))
-    left, right = then.integral_left, then.integral_right
+    robot = _robot(kind, plain, rows, i)
+    then = move(before, Sides(held.left, held.right), 0.0, dt, robot)
     after = _State(
-        then.x, then.y, then.yaw, then.v, then.w, left, right, held.v, held.w, held.left, held.right
+        x=then.x,
+        y=then.y,
+        yaw=then.yaw,
+        v=then.v,
+        w=then.w,
+        integral_left=then.integral_left,
+        integral_right=then.integral_right,
+        held_v=held.v,
+        held_w=held.w,
+        held_left=held.left,
+        held_right=held.right,
     )
     for k, number in enumerate(after):
         rows[i + k * LANES] = number
@@ -176,11 +193,20 @@ def _step(
 
 @jit
 def _lay_out(held: FloatArray, places: NDArray[np.uint64], first: int, ahead: FloatArray) -> None:
-    """Write what each lane holds from step `first` on, step after step, into one half of `ahead`."""
+    """Write what each lane holds from step `first` on, step by step, into one half of `ahead`."""
+    begin = first % (2 * _CHUNK)
     for j in range(_PAIR):
         at = np.uint64(first) + places[j]
         for c in range(_CHUNK):
-            ahead[(first % (2 * _CHUNK) + c) * _PAIR + j] = held[at + np.uint64(c)]
+            ahead[(begin + c) * _PAIR + j] = held[at + np.uint64(c)]
+
+
+@jit
+def _record(rows: FloatArray, sample: int, poses: FloatArray) -> None:
+    """Write the poses of the group as one sample of each."""
+    for i in range(len(poses)):
+        for j in range(3):
+            poses[i, sample, j] = rows[i + j * LANES]
 
 
 @jit_alone
@@ -194,30 +220,28 @@ def _run_lanes(
     times: _Times,
     poses: FloatArray,
 ) -> None:
-    """Drive a group of robots, whose (R LANES,) numbers in `rows` advance in place; write (s, M, 3) poses, or NaN.
+    """Drive a group of robots; write (s, M, 3) poses, or NaN.
 
-    `kind` is any robot of the model: the types of its parts choose the law. `plain` is None where a
-    robot has more to its motors and its driver than a proportional loop, limits and a delay; what
-    it has not is left out of the compiled loop, which changes no bit. `prescribed` is None unless
-    the `held` values are the wheel rates themselves; `places` (2 LANES,) are the indices among them
-    of the first v, then of the first omega, of each lane.
+    Their (R LANES,) numbers in `rows` advance in place. `kind` is any robot of the model: the types
+    of its parts choose the law. `plain` is None where a robot has more to its motors and its driver
+    than a proportional loop, limits and a delay; what it has not is left out of the compiled loop,
+    which changes no bit. `prescribed` is None unless the `held` values are the wheel rates
+    themselves; `places` (2 LANES,) are the indices among them of the first v, then of the first
+    omega, of each lane.
     """
     _prefer_wide_vectors()
     ahead = np.empty(2 * _CHUNK * _PAIR)
-    due, sample = 0, 0
+    due = 0
+    sample = 0
     for k in range(-_CHUNK, times.steps + 1):
         if k % _CHUNK == 0:
             _lay_out(held, places, k + _CHUNK, ahead)
         if k < 0:
             continue
         if k == due:
-            for i in range(len(poses)):
-                poses[i, sample, 0], poses[i, sample, 1], poses[i, sample, 2] = (
-                    rows[i],
-                    rows[i + LANES],
-                    rows[i + 2 * LANES],
-                )
-            sample, due = sample + 1, due + times.stride
+            _record(rows, sample, poses)
+            sample += 1
+            due += times.stride
         if k == times.steps:
             break
         _copy_numbers(rows, _HELD * LANES, ahead, k % (2 * _CHUNK) * _PAIR, _PAIR)
@@ -236,7 +260,10 @@ def _fill_held(
     longest: int,
     out: FloatArray,
 ) -> None:
-    """Write the (2, n) twists that a driver holds from `longest` steps before the first command on."""
+    """Write the (2, n) twists that a driver holds.
+
+    The first one is that of `longest` steps before the first command.
+    """
     for column in range(2):
         for k in range(out.shape[1]):
             out[column, k] = held_value(values, column, k - longest, 0, drive, before[column])
@@ -273,28 +300,25 @@ def run_population(
     stride = whole_steps(sample_dt, dt, "the sample period")
     robots = [(m.prescribed() if wheels else m).packed(dt) for m in models]
     drives = [drive_numbers(m.drive, commands.dt, dt) for m in models]
-    times = _Times(dt, commands.n * drives[0].period, stride)
+    period = drives[0].period
+    times = _Times(dt, commands.n * period, stride)
     if wheels:  # those of all steps, and the places of each robot's first left and right one
-        steps = np.minimum(np.arange(times.steps + 2 * _CHUNK) // drives[0].period, commands.n - 1)
+        steps = np.minimum(np.arange(times.steps + 2 * _CHUNK) // period, commands.n - 1)
         held = commands.values[steps].T.ravel()
         places = np.tile(np.array([0, len(steps)], dtype=np.uint64), (len(models), 1))
     else:
         held, places = _held_twists(commands, drives, times)
-    rows = np.array(
-        [_row(*numbers) for numbers in zip(starts, drives, robots, strict=True)], dtype=np.float64
-    )
-    kind = (
-        robots[0],
-        None if any(map(_is_special, drives, robots)) else True,
-        True if wheels else None,
-    )
+    lanes = [_row(*numbers) for numbers in zip(starts, drives, robots, strict=True)]
+    rows = np.array(lanes, dtype=np.float64)
+    plain = None if any(map(_is_special, drives, robots)) else True
+    kind = (robots[0], plain, True if wheels else None)
     poses = np.empty((len(models), 1 + times.steps // stride, 3))
 
     def run(first_group: int, last_group: int) -> None:
-        for first in range(LANES * first_group, LANES * last_group, LANES):
-            which = np.minimum(
-                np.arange(first, first + LANES), len(models) - 1
-            )  # the last one fills the last group up
+        for group in range(first_group, last_group):
+            first = LANES * group
+            which = np.arange(first, first + LANES)
+            which = np.minimum(which, len(models) - 1)  # the last one fills the last group up
             _run_lanes(
                 *kind,
                 held,
@@ -309,23 +333,20 @@ def run_population(
 
 
 def _row(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list[float]:
-    """Return the numbers of one lane: its state, two that are held, its driver and its robot, as `_robot` reads it."""
+    """Return the numbers of one lane, as `_step` and `_robot` read them.
+
+    These are its state, the twist that its driver holds, its driver and its robot.
+    """
     held = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
-    state = _State(start.x, start.y, start.yaw, start.v_x, start.yaw_rate, 0.0, 0.0, *held)
-    numbers = (
-        *robot.vehicle,
-        *robot.parameters,
-        *robot.motor,
-        robot.x_icr,
-        robot.drift,
-        float(robot.ideal),
-        *robot.constants,
-    )
+    pose = (start.x, start.y, start.yaw)
+    state = _State(*pose, start.v_x, start.yaw_rate, 0.0, 0.0, *held)
+    centre = (robot.x_icr, robot.drift, float(robot.ideal))
+    numbers = (*robot.vehicle, *robot.parameters, *robot.motor, *centre, *robot.constants)
     return [*state, 0.0, 0.0, *drive[:_DRIVEN], *numbers]
 
 
 def _is_special(drive: DriveNumbers, robot: PlanarRobot) -> bool:
-    """Return whether a robot has more to its driver and its motors than delays, limits and a proportional loop."""
+    """Return whether there is more than delays, limits and a proportional loop to a robot."""
     motor = robot.motor
     return drive.share != 1.0 or any((motor.braking, motor.integral_gain, motor.gear_loss))
 
@@ -333,7 +354,10 @@ def _is_special(drive: DriveNumbers, robot: PlanarRobot) -> bool:
 def _held_twists(
     commands: Commands, drives: Sequence[DriveNumbers], times: _Times
 ) -> tuple[FloatArray, NDArray[np.uint64]]:
-    """Return the twists that the drivers hold, and the (S, 2) places in them of each one's first v and omega."""
+    """Return the twists that the drivers hold, and where those of each one begin.
+
+    The latter are (S, 2) places of the first v and the first omega.
+    """
     longest = max(max(d.delay_v, d.delay_w) for d in drives)
     length = longest + times.steps + 2 * _CHUNK
     samplings = {(d.hold, d.ramp): d for d in drives}  # usually one: a fit moves neither
@@ -341,8 +365,8 @@ def _held_twists(
     for drive, out in zip(samplings.values(), held, strict=True):
         _fill_held(commands.values, drive, commands.before, longest, out)
     begins = {sampling: 2 * k * length + longest for k, sampling in enumerate(samplings)}
-    places = [
-        (begins[d.hold, d.ramp] - d.delay_v, begins[d.hold, d.ramp] + length - d.delay_w)
-        for d in drives
-    ]
+    places = []
+    for drive in drives:
+        begin = begins[drive.hold, drive.ramp]
+        places.append((begin - drive.delay_v, begin + length - drive.delay_w))
     return held.ravel(), np.array(places, dtype=np.uint64)

@@ -1,4 +1,6 @@
-"""Numbers of a model, declared once: default, unit, allowed range and search bounds stand at the dataclass field.
+"""Numbers of a model, declared once, at the dataclass field.
+
+A declaration has default, unit, allowed range and search bounds.
 
 For example:
 
@@ -54,7 +56,10 @@ class Declaration:
     empty where these are in the number's own unit."""
 
     def bounds(self, sizes: Mapping[str, float]) -> tuple[float, float] | None:
-        """Return the default bounds of a search for a robot of these sizes, in the number's unit; None for no search."""
+        """Return the default bounds of a search for a robot of these sizes, in the number's unit.
+
+        None says that no search may move the number.
+        """
         if self.search is None:
             return None
         low, high = (sizes[name] if name else 1.0 for name in self.of)
@@ -73,24 +78,36 @@ def parameter(
     of: str | tuple[str, str] = "",
 ) -> Any:
     """Return a dataclass field that holds a number; see `Declaration` for the arguments."""
-    both = (of, of) if isinstance(of, str) else of
-    about = {_KEY: Declaration("", default, unit, low, high, open_low, search, scale, both)}
-    return field(metadata=about) if default is None else field(default=default, metadata=about)
+    declaration = Declaration(
+        name="",
+        default=default,
+        unit=unit,
+        low=low,
+        high=high,
+        open_low=open_low,
+        search=search,
+        scale=scale,
+        of=(of, of) if isinstance(of, str) else of,
+    )
+    metadata = {_KEY: declaration}
+    if default is None:
+        return field(metadata=metadata)
+    return field(default=default, metadata=metadata)
 
 
-_known: dict[type, Mapping[str, Declaration]] = {}
+_declarations: dict[type, Mapping[str, Declaration]] = {}
 
 
 def described(kind: type) -> Mapping[str, Declaration]:
-    """Return the declarations of a dataclass by name, in the order of its fields; undeclared fields are left out."""
-    if kind not in _known:
-        declarations = {
-            f.name: replace(f.metadata[_KEY], name=f.name)
-            for f in fields(kind)
-            if _KEY in f.metadata
-        }
-        _known[kind] = MappingProxyType(declarations)
-    return _known[kind]
+    """Return the declarations of a dataclass by name, in the order of its fields.
+
+    Undeclared fields are left out.
+    """
+    if kind not in _declarations:
+        declared = [f for f in fields(kind) if _KEY in f.metadata]
+        by_name = {f.name: replace(f.metadata[_KEY], name=f.name) for f in declared}
+        _declarations[kind] = MappingProxyType(by_name)
+    return _declarations[kind]
 
 
 def check_parameters(owner: object) -> None:
@@ -107,20 +124,21 @@ def check_parameters(owner: object) -> None:
 def require_in_range(
     owner: object, name: str, low: float, high: float = math.inf, *, open_low: bool = False
 ) -> None:
-    """Check that a field of a dataclass instance lies within `low` and `high`; `low` itself is forbidden if `open_low`.
+    """Check that a field of a dataclass instance lies within `low` and `high`.
 
-    It is for ranges that depend on other numbers or are not declared at the field.
+    `low` itself is forbidden if `open_low`. It is for ranges that depend on other numbers or are
+    not declared at the field.
 
     Raises:
         ParameterError: the number lies outside the range, or is not a number; the message names the
             parameter and the range.
     """
     value = getattr(owner, name)
-    if math.isnan(value) or value > high or value < low or (open_low and value <= low):
+    too_low = value <= low if open_low else value < low
+    if math.isnan(value) or value > high or too_low:
         bracket = "(" if open_low else "["
-        raise ParameterError(
-            f"{type(owner).__name__}.{name} = {value} lies outside {bracket}{low}, {high}]"
-        )
+        allowed = f"{bracket}{low}, {high}]"
+        raise ParameterError(f"{type(owner).__name__}.{name} = {value} lies outside {allowed}")
 
 
 MOST_SEED = 2**63 - 1
@@ -131,44 +149,39 @@ bits."""
 def require_within(
     owner: object, names: Iterable[str], low: float, high: float, *, whole: bool = False
 ) -> None:
-    """Check fields of a dataclass instance: each is a number, several in a tuple or a mapping, or None if it is not given.
+    """Check fields of a dataclass instance against a range.
+
+    Each is a number, several in a tuple or a mapping, or None if it is not given.
 
     Raises:
         ValueError: an option is something else, not whole where it must be, or lies outside `low`
             and `high`; the message names it and the range.
     """
+    kind: Any = Integral if whole else Real
+    kind_text = "a whole number" if whole else "a number"
     for name in names:
         given = getattr(owner, name)
-        some = (
-            given.values()
-            if isinstance(given, Mapping)
-            else given
-            if isinstance(given, tuple)
-            else (given,)
-        )
-        for value in some:
-            if value is None and given is None:
-                continue
-            if isinstance(value, bool) or not isinstance(
-                value, (int, Integral) if whole else (int, float, Real)
-            ):
-                raise ValueError(
-                    f"{name} must be {'a whole number' if whole else 'a number'}, got {_short(value)}"
-                )
-            if not low <= value <= high:  # type: ignore[operator]
-                raise ValueError(
-                    f"{name} must lie within {_short(low)} and {_short(high)}, got {_short(value)}"
-                )
+        if given is None:
+            continue
+        values = given.values() if isinstance(given, Mapping) else (given,)
+        if isinstance(given, tuple):
+            values = given
+        for value in values:
+            if isinstance(value, bool) or not isinstance(value, kind):
+                raise ValueError(f"{name} must be {kind_text}, got {_short(value)}")
+            if not low <= value <= high:
+                bounds = f"{_short(low)} and {_short(high)}"
+                raise ValueError(f"{name} must lie within {bounds}, got {_short(value)}")
 
 
 def _short(value: object) -> str:
-    """A value as a message shows it: whole numbers have no end in Python, and neither do texts."""
+    """Return the text of a value in a message; that of a long whole number gives its size only."""
     if isinstance(value, int) and abs(value) > MOST_SEED:
         return f"one of {value.bit_length()} bits"
     return f"{value:g}" if isinstance(value, float) else reprlib.repr(value)
 
 
-_kinds = Counter[str]()
+_name_counts = Counter[str]()
 
 
 def numbers_of(kind: type) -> Any:
@@ -178,17 +191,17 @@ def numbers_of(kind: type) -> Any:
     the module is imported.
     """
     if "Numbers" not in vars(kind):
-        _kinds[kind.__name__] += (
-            1  # numba takes two named tuples of one name and the same fields for one
-        )
-        name = f"{kind.__name__}{_kinds[kind.__name__]}"
-        numbers = namedtuple(name, [f.name for f in fields(kind)], module=kind.__module__)  # type: ignore[misc]
+        # numba takes two named tuples of one name and the same fields for one type.
+        _name_counts[kind.__name__] += 1
+        name = f"{kind.__name__}{_name_counts[kind.__name__]}"
+        names = [f.name for f in fields(kind)]
+        numbers = namedtuple(name, names, module=kind.__module__)  # type: ignore[misc]
         numbers.__qualname__ = f"{kind.__qualname__}.Numbers"
         kind.Numbers = numbers  # type: ignore[attr-defined]
     return vars(kind)["Numbers"]
 
 
 def packed(owner: Any) -> Any:
-    """Return the numbers of a dataclass instance as a named tuple for compiled functions: `packed(vehicle).mass`."""
+    """Return a dataclass instance's numbers for compiled functions: `packed(vehicle).mass`."""
     kind = numbers_of(type(owner))
     return kind._make([float(getattr(owner, name)) for name in kind._fields])

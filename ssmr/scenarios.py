@@ -37,10 +37,8 @@ class SineScenario:
         n = round(self.duration / COMMAND_PERIOD)
         t = np.arange(n) * COMMAND_PERIOD
         sine = self.amplitude * np.sin(2.0 * math.pi * self.frequency * (t - self.lead_in))
-        return Commands(
-            COMMAND_PERIOD,
-            np.column_stack([np.full(n, self.speed), np.where(t >= self.lead_in, sine, 0.0)]),
-        )
+        yaw_rate = np.where(t >= self.lead_in, sine, 0.0)
+        return Commands(COMMAND_PERIOD, np.column_stack([np.full(n, self.speed), yaw_rate]))
 
 
 TRAJECTORIES = {

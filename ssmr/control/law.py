@@ -38,8 +38,8 @@ class Memory(NamedTuple):
     i_alpha: float  # integral of the heading error
     i_u: float  # integral of the speed error
     i_w: float  # integral of the yaw rate error
-    u_ref: float  # speed that the position loop asks for [m/s]; the command itself where there is no velocity loop
-    w_ref: float  # yaw rate that the position loop asks for [rad/s]; the command itself where there is no velocity loop
+    u_ref: float  # speed that the position loop asks for [m/s]; see `hold`
+    w_ref: float  # yaw rate that the position loop asks for [rad/s]; see `hold`
 
 
 EMPTY_MEMORY = Memory(*(0.0,) * len(Memory._fields))
@@ -48,14 +48,17 @@ EMPTY_MEMORY = Memory(*(0.0,) * len(Memory._fields))
 
 @dataclass(frozen=True)
 class Gains:
-    """Base of the gains of every law: a frozen dataclass whose fields are declared by `ssmr.parameters.parameter`."""
+    """Base of the gains of every law.
+
+    It is a frozen dataclass whose fields are declared by `ssmr.parameters.parameter`.
+    """
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names a gain outside its declared range."""
         check_parameters(self)
 
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """The numbers that the kernels take, as one row; by default the gains in their order.
+        """Return the numbers for the kernels as one row; by default the gains in their order.
 
         (4, 4) `a` and (4, 2) `b` of the linear model (Eq. 2.46) are for laws that are designed on
         it.
@@ -69,7 +72,10 @@ class Gains:
 
 @jit
 def hold(gains: Any, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
-    """Return the memory unchanged and the position loop's output as the command: a law of one rate has no velocity loop."""
+    """Return the memory unchanged and the position loop's output as the command.
+
+    This is the velocity loop of a law of one rate.
+    """
     return memory, Command(memory.u_ref, memory.w_ref)
 
 

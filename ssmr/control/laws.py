@@ -22,11 +22,7 @@ from ssmr.control.waypoints import Errors, Target
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 
-_PLAIN = {law.name: law for law in (
-    pid.LAW,
-    lqr.LAW,
-    lqr.SCHEDULED_LAW,
-)}  # fmt: skip
+_PLAIN = {law.name: law for law in (pid.LAW, lqr.LAW, lqr.SCHEDULED_LAW)}
 PREDICTOR = "+predictor"
 """Ending of the name of a law that acts on the state one dead time ahead."""
 PLAIN_CONTROLLERS = tuple(_PLAIN)
@@ -60,12 +56,14 @@ class Controller:
     @property
     def name(self) -> str:
         """Name of the law, one of `CONTROLLERS`."""
-        return PLAIN_CONTROLLERS[self.number] + (PREDICTOR if self.predictor else "")
+        plain = PLAIN_CONTROLLERS[self.number]
+        return plain + PREDICTOR if self.predictor else plain
 
     @property
     def number(self) -> int:
         """Place of the law in `PLAIN_CONTROLLERS`, by which the compiled loops know it."""
-        return [law.gains for law in _PLAIN.values()].index(type(self.gains))
+        kinds = [law.gains for law in _PLAIN.values()]
+        return kinds.index(type(self.gains))
 
     def on(self, drive: Drive) -> Controller:
         """Return the same controller with knowledge of another driver."""
@@ -83,10 +81,11 @@ class Controller:
         self, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
     ) -> Memory:
         """Return the memory after one step of the position loop, `dt` [s] after the last."""
-        return position_step(self.number, self.packed(), memory, errors, target, seen, dt)
+        now = (memory, errors, target, seen, dt)
+        return position_step(self.number, self.packed(), *now)
 
     def velocity_step(self, memory: Memory, seen: Observation, dt: float) -> tuple[Memory, Command]:
-        """Return the memory and the command after one step of the velocity loop, `dt` [s] after the last."""
+        """Return memory and command after a step of the velocity loop, `dt` [s] after the last."""
         return velocity_step(self.number, self.packed(), memory, seen, dt)
 
 
@@ -98,7 +97,10 @@ AnyController = Controller | PythonController
 def _packed(
     gains: Gains, a: tuple[tuple[float, ...], ...], b: tuple[tuple[float, ...], ...]
 ) -> FloatArray:
-    """Return `Controller.packed`; cached, because a law drives many references and its regulator is solved only once."""
+    """Return `Controller.packed`; cached, because a law drives many references.
+
+    So its regulator is solved only once.
+    """
     row = gains.packed(np.array(a), np.array(b))
     row.setflags(write=False)
     return row
@@ -111,7 +113,8 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
         ValueError: an unknown controller or name, or numbers that the law refuses.
     """
     if controller not in LAWS:
-        raise ValueError(f"unknown controller '{controller}'; there are: {', '.join(CONTROLLERS)}")
+        known = ", ".join(CONTROLLERS)
+        raise ValueError(f"unknown controller '{controller}'; there are: {known}")
     kind = LAWS[controller].gains
     names = [f.name for f in fields(kind)]
     for name in values:
@@ -121,16 +124,14 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
 
 
 def _choice(steps: Sequence[tuple[Callable[..., Any], Callable[..., Any]]]) -> Callable[..., Any]:
-    """Return a compiled `(law, row, *arguments)` that unpacks the row and calls the step of law number `law`.
+    """Return a compiled `(law, row, *arguments)` that calls the step of law number `law`.
 
-    numba cannot index a tuple of functions: each law compares its number, and hands what is not its
-    own to the laws before.
+    It unpacks the row first. numba cannot index a tuple of functions: each law compares its number,
+    and hands any other number to the laws before.
     """
-    (unpack, step), number, others = (
-        steps[-1],
-        len(steps) - 1,
-        _choice(steps[:-1]) if len(steps) > 1 else None,
-    )
+    number = len(steps) - 1
+    unpack, step = steps[number]
+    others = _choice(steps[:number]) if number > 0 else None
 
     @jit
     def choose(law: int, row: FloatArray, *arguments: Any) -> Any:
@@ -158,7 +159,8 @@ def position_step(
     dt: float,
 ) -> Memory:
     """Return the memory of law number `law` with gains `row` after a step of its position loop."""
-    after: Memory = _POSITION(law, row, memory, errors, target, seen, dt)
+    now = (memory, errors, target, seen, dt)
+    after: Memory = _POSITION(law, row, *now)
     return after
 
 
@@ -166,7 +168,7 @@ def position_step(
 def velocity_step(
     law: int, row: FloatArray, memory: Memory, seen: Observation, dt: float
 ) -> tuple[Memory, Command]:
-    """Return the memory and the command of law number `law` with gains `row` after a step of its velocity loop."""
+    """Return memory and command of law number `law` with gains `row` after a velocity step."""
     after: tuple[Memory, Command] = _VELOCITY(law, row, memory, seen, dt)
     return after
 
@@ -174,19 +176,22 @@ def velocity_step(
 def design(
     name: str, values: Mapping[str, float], a: FloatArray, b: FloatArray, drive: Drive | None = None
 ) -> AnyController:
-    """Return one of `CONTROLLERS` with gains by name on a linear model, (4, 4) `a` and (4, 2) `b` of Eq. 2.46.
+    """Return one of `CONTROLLERS` with gains by name, designed on a linear model.
 
-    Gains that are not given have their defaults. `drive` is the driver between command and wheels
-    as the controller knows it, the thesis' one if not given.
+    The model is (4, 4) `a` and (4, 2) `b` of Eq. 2.46. Gains that are not given have their
+    defaults. `drive` is the driver between command and wheels as the controller knows it, the
+    thesis' one if not given.
 
     Raises:
         ValueError: an unknown controller or gain, or gains that the law refuses.
     """
-    gains, known = make_gains(name, values), drive or Drive()
-    model = tuple(map(tuple, np.asarray(a).tolist())), tuple(map(tuple, np.asarray(b).tolist()))
+    gains = make_gains(name, values)
+    rows_a = tuple(map(tuple, np.asarray(a).tolist()))
+    rows_b = tuple(map(tuple, np.asarray(b).tolist()))
+    driver = drive or Drive()
     make = LAWS[name].make
     if make is not None:
-        return PythonController(name, partial(make, gains), *model, known)
-    law = Controller(gains, *model, known, name.endswith(PREDICTOR))
+        return PythonController(name, partial(make, gains), rows_a, rows_b, driver)
+    law = Controller(gains, rows_a, rows_b, driver, name.endswith(PREDICTOR))
     law.packed()
     return law

@@ -1,4 +1,4 @@
-"""A trajectory tracker around a plant: its settings, its clock and noise, the robot's side, and the run that it leaves.
+"""A trajectory tracker around a plant: settings, clock, noise, the robot's side, and the run.
 
 `run_loop` is the slow and obvious closed loop that drives any `Plant`; the compiled loops of
 `ssmr.control.population` and the batches of MuJoCo robots must equal it.
@@ -83,7 +83,7 @@ class LoopSettings:
     """Period of the velocity loop and of commands [s]."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for an unknown feedback, a negative look-ahead, or periods that are not positive."""
+        """Raise a ValueError for an unknown feedback, or a look-ahead or period out of range."""
         if self.feedback not in ("truth", "noisy", "ekf"):
             raise ValueError(f"unknown feedback '{self.feedback}'; there are: truth, noisy, ekf")
         require_in_range(self, "lookahead", 0.0, LOST / 2.0)
@@ -91,11 +91,13 @@ class LoopSettings:
             require_in_range(self, name, 0.0, 10.0, open_low=True)
 
     def deviations(self) -> Draws:
-        """Return the standard deviations of the feedback and of the sensors, zero where there is no noise."""
-        n, (wheel, gyro, *_) = self.noise, self.sensors.packed()
+        """Return the standard deviations of feedback and sensors, zero where there is no noise."""
+        n = self.noise
         noisy = np.sqrt([n.x, n.y, n.yaw, n.v_x, n.yaw_rate]) * (self.feedback == "noisy")
+        sensors = self.sensors.packed()
+        wheel = sensors.encoder_std
         x, y, yaw, v, w = map(float, noisy)
-        return Draws(x, y, yaw, v, w, wheel, wheel, gyro)
+        return Draws(x, y, yaw, v, w, left=wheel, right=wheel, gyro=sensors.gyro_std)
 
 
 @dataclass(frozen=True)
@@ -118,50 +120,46 @@ class Clock:
 
 
 def make_clock(waypoints: Waypoints, settings: LoopSettings, dt: float) -> Clock:
-    """Return the clock of a mission, which ends with the first tick at or after the last waypoint's time (Alg. 5).
+    """Return the clock of a mission.
+
+    It ends with the first tick at or after the last waypoint's time (Alg. 5).
 
     Raises:
         ValueError: periods that are no whole number of steps.
     """
     position = whole_steps(settings.position_period, dt, "the position loop's period")
     velocity = whole_steps(settings.velocity_period, dt, "the velocity loop's period")
-    return Clock(
-        dt,
-        position,
-        velocity,
-        position * max(1, math.ceil(waypoints.duration / (position * dt) - 1e-9)),
-    )
+    periods = math.ceil(waypoints.duration / (position * dt) - 1e-9)
+    return Clock(dt, position, velocity, position * max(1, periods))
 
 
 def draw(clock: Clock, settings: LoopSettings, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Return random numbers of a run: (ticks, 8) standard normal ones, (n,) yaw accelerations [rad/s2], (1,) for none.
+    """Return random numbers of a run: (ticks, 8) standard normal ones, (n,) yaw accelerations.
 
-    They depend on the seed alone, so every plant and every controller meets the same noise.
+    The latter [rad/s2] are (1,) zero if there is no disturbance. The numbers depend on the seed
+    alone, so every plant and every controller meets the same noise.
     """
     noise, push = (np.random.default_rng([seed, k]) for k in range(2))
     draws = noise.standard_normal((clock.ticks, len(Draws._fields)))
-    disturbance = (
-        yaw_disturbance(clock.n * clock.dt, clock.dt, push) if settings.disturbance else np.zeros(1)
-    )
-    return draws, disturbance
+    if not settings.disturbance:
+        return draws, np.zeros(1)
+    return draws, yaw_disturbance(clock.n * clock.dt, clock.dt, push)
 
 
 def common_settings(settings: Sequence[LoopSettings], seeds: Sequence[int]) -> LoopSettings:
-    """The settings of the first loop, which stand for what all loops of a population must share.
+    """Return the settings of the first loop, which hold for all where a population must agree.
 
     Raises:
         ValueError: feedback, disturbance or periods differ, or there are no loops or no seeds.
     """
     if len(settings) == 0 or len(seeds) == 0:
+        counts = f"{len(settings)} and {len(seeds)}"
+        raise ValueError(f"a population has at least one loop and one seed, got {counts}")
+    common = {(s.feedback, s.disturbance, s.position_period, s.velocity_period) for s in settings}
+    if len(common) != 1:
         raise ValueError(
-            f"a population has at least one loop and one seed, got {len(settings)} and {len(seeds)}"
-        )
-    if (
-        len({(s.feedback, s.disturbance, s.position_period, s.velocity_period) for s in settings})
-        != 1
-    ):
-        raise ValueError(
-            "a population has one kind of feedback, disturbance for all or for none, and one set of periods"
+            "a population has one kind of feedback, disturbance for all or for none, "
+            "and one set of periods"
         )
     return settings[0]
 
@@ -178,19 +176,22 @@ def make_trackers(
     Raises:
         ValueError: no regulator exists for a controller's weights.
     """
-    period, course = clock.velocity * clock.dt, waypoints.course()
+    period = clock.velocity * clock.dt
+    course = waypoints.course()
     models = [
         predictor_model(np.array(law.a), np.array(law.b), law.drive, period) for law in controllers
     ]
     most = max(map(commands_under_way, models))
-    return [
-        Tracker(
+    trackers = []
+    for law, around, model in zip(controllers, settings, models, strict=True):
+        predictor_state = predictor_start(state, law.drive, period)
+        tracker = Tracker(
             law=law.number,
             gains=law.packed().copy(),
             predicts=law.predictor,
             predictor=model,
             past=np.zeros((most, 2)),
-            predictor_state=np.array(predictor_start(state, law.drive, period), dtype=np.float64),
+            predictor_state=np.array(predictor_state, dtype=np.float64),
             course=course,
             lookahead=float(around.lookahead),
             by_filter=around.feedback == "ekf",
@@ -202,8 +203,8 @@ def make_trackers(
             velocity_steps=clock.velocity,
             dt=clock.dt,
         )
-        for law, around, model in zip(controllers, settings, models, strict=True)
-    ]
+        trackers.append(tracker)
+    return trackers
 
 
 class RobotSide:
@@ -223,55 +224,67 @@ class RobotSide:
         self.state = velocity_tick(self.tracker, self.state, t, dt)
 
     def tick(self, k: int, truth: Truth, draws: FloatArray, log: FloatArray) -> bool:
-        """Run both loops where they are due at physics step `k`, and log; return whether the robot is lost."""
-        tracker, t = self.tracker, k * self.tracker.dt
+        """Run the loops that are due at physics step `k`, and log; return whether it is lost."""
+        tracker = self.tracker
+        t = k * tracker.dt
         due = k % tracker.position_steps == 0
         if due:
-            self.position_tick(
-                observed(tracker, k, truth, draws), t, tracker.position_steps * tracker.dt
-            )
+            seen = observed(tracker, k, truth, draws)
+            self.position_tick(seen, t, tracker.position_steps * tracker.dt)
         if k % tracker.velocity_steps == 0:
             self.velocity_tick(t, tracker.velocity_steps * tracker.dt)
-        if due:
-            record(log[k // tracker.position_steps], truth, self.state)
-        return due and is_lost(truth.x, truth.y, truth.w, self.state.target.x, self.state.target.y)
+        if not due:
+            return False
+        record(log[k // tracker.position_steps], truth, self.state)
+        aim = self.state.target
+        return is_lost(truth.x, truth.y, truth.w, aim.x, aim.y)
 
 
 class PythonSide(RobotSide):
-    """The robot's side of one closed loop whose controller is a Python object; a tick costs tens of microseconds."""
+    """The robot's side of one closed loop whose controller is a Python object.
+
+    A tick costs tens of microseconds.
+    """
 
     def __init__(self, tracker: Tracker, controller: PythonController, mission: Mission) -> None:
         """Make the controller's object."""
         super().__init__(tracker)
-        self._name, self._seen_at = controller.name, 0.0
+        self._name = controller.name
+        self._seen_at = 0.0
         self._object: Any = controller.make(mission)
         self._observe = getattr(self._object, "observe", None)
 
     def _input(self, t: float) -> ControllerInput:
-        state, tracker = self.state, self.tracker
-        end = t + tracker.predictor.horizon
-        ahead, driver = predict_ahead(
-            tracker.past, tracker.predictor_state, state.seen, self._seen_at, end, tracker.predictor
-        )
+        state = self.state
+        past = self.tracker.past
+        model = self.tracker.predictor
+        memory = self.tracker.predictor_state
+        end = t + model.horizon
+        ahead, driver = predict_ahead(past, memory, state.seen, self._seen_at, end, model)
         return ControllerInput(
-            t,
-            self._seen_at,
-            state.seen,
-            state.target,
-            state.errors,
-            ahead,
-            driver,
-            tracker.past.copy(),
+            t=t,
+            seen_at=self._seen_at,
+            seen=state.seen,
+            target=state.target,
+            errors=state.errors,
+            ahead=ahead,
+            driver=driver,
+            past=past.copy(),
         )
 
     def position_tick(self, seen: Observation, t: float, dt: float) -> None:
         """Take an observation of mission time `t` [s]."""
-        self.state, self._seen_at = see(self.tracker, self.state, seen, t), t
+        self.state = see(self.tracker, self.state, seen, t)
+        self._seen_at = t
         if self._observe is not None:
             self._observe(self._input(t))
 
     def velocity_tick(self, t: float, dt: float) -> None:
-        """Ask for the command of mission time `t` [s]; a ControllerError says that it is no two finite numbers."""
+        """Ask for the command of mission time `t` [s].
+
+        Raises:
+            ControllerError: the answer is no pair of finite numbers.
+        """
         given = self._object.command(self._input(t))
         try:
             v, w = map(float, given)
@@ -281,7 +294,8 @@ class PythonSide(RobotSide):
             ) from None
         if not (math.isfinite(v) and math.isfinite(w)):
             raise ControllerError(
-                f"{self._name} commands {v:g} m/s and {w:g} rad/s at t = {t:.2f} s, wanted finite numbers"
+                f"{self._name} commands {v:g} m/s and {w:g} rad/s at t = {t:.2f} s, "
+                "wanted finite numbers"
             )
         memory = self.state.memory._replace(u_ref=v, w_ref=w)
         self.state = self.state._replace(memory=memory, command=Command(v, w))
@@ -301,12 +315,19 @@ def robot_sides(
     """
     sides: list[RobotSide] = []
     for law, around, tracker in zip(controllers, settings, trackers, strict=True):
-        if isinstance(law, PythonController):
-            periods = around.velocity_period, around.position_period
-            mission = Mission(waypoints, law.drive, law.a, law.b, *periods, around.lookahead)
-            sides.append(PythonSide(tracker, law, mission))
-        else:
+        if not isinstance(law, PythonController):
             sides.append(RobotSide(tracker))
+            continue
+        mission = Mission(
+            waypoints,
+            law.drive,
+            law.a,
+            law.b,
+            period=around.velocity_period,
+            position_period=around.position_period,
+            lookahead=around.lookahead,
+        )
+        sides.append(PythonSide(tracker, law, mission))
     return sides
 
 
@@ -327,18 +348,16 @@ class ClosedRun:
 
     def columns(self, *names: str) -> FloatArray:
         """Return (M, k) some of `LOG_COLUMNS`."""
-        return np.asarray(self.table[:, [LOG_COLUMNS.index(name) for name in names]])
+        places = [LOG_COLUMNS.index(name) for name in names]
+        return np.asarray(self.table[:, places])
 
     @property
     def motion(self) -> Trajectory:
         """The true motion, with channel `torque_N_m` (M, 2)."""
-        return Trajectory(
-            self.t,
-            self.table[:, :3],
-            self.table[:, 3:6],
-            self.table[:, 6:8],
-            {"torque_N_m": self.table[:, 8:10]},
-        )
+        pose = self.table[:, :3]
+        twist = self.table[:, 3:6]
+        wheels = self.table[:, 6:8]
+        return Trajectory(self.t, pose, twist, wheels, {"torque_N_m": self.table[:, 8:10]})
 
     @property
     def state(self) -> State:
@@ -351,22 +370,23 @@ class ClosedRun:
         Raises:
             LostError: the robot was lost; the message says when and where.
         """
-        if self.lost and not len(self.t):
-            raise LostError(
-                f"{what} was lost at once: its state or its command was no finite number", run=self
-            )
-        if self.lost:
-            s, t = self.state, float(self.t[-1])
-            away = math.hypot(*(self.columns("target_x", "target_y")[-1] - (s.x, s.y)))
-            raise LostError(
-                f"{what} left its bounds at t = {t:.2f} s: x = {s.x:.2f} m, y = {s.y:.2f} m, yaw = {s.yaw:.2f} rad, "
-                f"v = {s.v_x:.2f} m/s, yaw rate = {s.yaw_rate:.2f} rad/s, {away:.2f} m from its target "
-                f"(bounds: {LOST:g} m, {SPINNING:g} rad/s)",
-                t=t,
-                state=s,
-                run=self,
-            )
-        return self
+        if not self.lost:
+            return self
+        if not len(self.t):
+            reason = "its state or its command was no finite number"
+            raise LostError(f"{what} was lost at once: {reason}", run=self)
+        s = self.state
+        t = float(self.t[-1])
+        away = math.hypot(*(self.columns("target_x", "target_y")[-1] - (s.x, s.y)))
+        raise LostError(
+            f"{what} left its bounds at t = {t:.2f} s: "
+            f"x = {s.x:.2f} m, y = {s.y:.2f} m, yaw = {s.yaw:.2f} rad, "
+            f"v = {s.v_x:.2f} m/s, yaw rate = {s.yaw_rate:.2f} rad/s, {away:.2f} m from its target "
+            f"(bounds: {LOST:g} m, {SPINNING:g} rad/s)",
+            t=t,
+            state=s,
+            run=self,
+        )
 
 
 def closed_run(rows: FloatArray, clock: Clock) -> ClosedRun:
@@ -374,9 +394,9 @@ def closed_run(rows: FloatArray, clock: Clock) -> ClosedRun:
     end = dict(zip(LOG_COLUMNS, rows[-1], strict=True))
     left = is_lost(end["x"], end["y"], end["yaw_rate"], end["target_x"], end["target_y"])
     finite = np.isfinite(rows).all(axis=1)
-    kept = rows[: len(rows) if finite.all() else int(np.argmin(finite))]
-    t = clock.position * clock.dt * np.arange(len(kept), dtype=np.float64)
-    return ClosedRun(t, kept, len(rows) < clock.ticks or bool(left))
+    count = len(rows) if finite.all() else int(np.argmin(finite))
+    t = clock.position * clock.dt * np.arange(count, dtype=np.float64)
+    return ClosedRun(t, rows[:count], len(rows) < clock.ticks or bool(left))
 
 
 def run_loop(
@@ -387,11 +407,11 @@ def run_loop(
     seed: int,
     start: State | None = None,
 ) -> ClosedRun:
-    """Drive any plant along a reference, physics step by physics step. The compiled loops must equal this slow one.
+    """Drive any plant along a reference, physics step by physics step.
 
-    The plant's own drive stands between command and wheels. Torques are not recorded: a plant's
-    state has none. The run begins in `start`, or at rest at the first waypoint; `seed` is that of
-    noise and disturbance.
+    The compiled loops must equal this slow one. The plant's own drive stands between command and
+    wheels. Torques are not recorded: a plant's state has none. The run begins in `start`, or at
+    rest at the first waypoint; `seed` is that of noise and disturbance.
 
     Raises:
         ValueError: periods that are no whole number of the plant's steps.
@@ -403,11 +423,11 @@ def run_loop(
     (side,) = robot_sides([controller], [settings], waypoints, trackers)
     log = np.empty((clock.ticks, len(LOG_COLUMNS)))
     for k in range(clock.n + 1):
-        due = k % clock.position == 0 or k % clock.velocity == 0
-        if due and side.tick(k, Truth(*map(float, (*astuple(state), 0.0, 0.0))), draws, log):
-            return closed_run(log[: 1 + k // clock.position], clock)
+        if k % clock.position == 0 or k % clock.velocity == 0:
+            truth = Truth(*map(float, (*astuple(state), 0.0, 0.0)))
+            if side.tick(k, truth, draws, log):
+                return closed_run(log[: 1 + k // clock.position], clock)
         if k < clock.n:
-            state = plant.step(
-                side.state.command, clock.dt, float(disturbance[k % len(disturbance)])
-            )
+            push = float(disturbance[k % len(disturbance)])
+            state = plant.step(side.state.command, clock.dt, push)
     return closed_run(log, clock)

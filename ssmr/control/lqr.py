@@ -1,5 +1,6 @@
-"""Linear quadratic regulators on the linear model: that of the thesis (Sec. 4.4.2, Fig. 4.26), and one with scheduled gains.
+"""Linear quadratic regulators on the linear model, with constant and with scheduled gains.
 
+The first is that of the thesis (Sec. 4.4.2, Fig. 4.26).
 Both are one loop with integral action on e_rho. The gain K of u = -K x belongs to the model of
 Eq. 2.46 with Q and R diagonal; e_rho with its integral stands for the error of x, e_theta = K_alpha
 e_alpha + K_y e_y for that of theta, and the speeds are fed back as they are.
@@ -40,9 +41,10 @@ W_LIMIT = 2.0
 
 @dataclass(frozen=True)
 class LqrGains(Gains):
-    """Weights and the gains set beside them; defaults and search bounds are those of Tab. 4.21, optimised column.
+    """Weights and the gains set beside them.
 
-    R must be positive, and so must be Q for position and heading: no regulator exists otherwise.
+    Defaults and search bounds are those of Tab. 4.21, optimised column. R must be positive, and so
+    must be Q for position and heading: no regulator exists otherwise.
     """
 
     q_x: float = parameter(4.06, unit="1/m2", low=0.0, high=1e6, open_low=True, search=(2.0, 5.0))
@@ -70,7 +72,8 @@ class LqrGains(Gains):
 
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return K row by row, K_alpha, K_y and K_Irho, (11,): the fields of `LqrNumbers`."""
-        k = regulator_gain(a, b, [self.q_x, self.q_v, self.q_yaw, self.q_w], [self.r_v, self.r_w])
+        q = [self.q_x, self.q_v, self.q_yaw, self.q_w]
+        k = regulator_gain(a, b, q, [self.r_v, self.r_w])
         return np.array([*k.ravel(), self.k_alpha, self.k_y, self.k_i_rho], dtype=np.float64)
 
 
@@ -91,12 +94,12 @@ class LqrNumbers(NamedTuple):
 
 
 def regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float]) -> FloatArray:
-    """K (m, n) of the optimal u = -K x for a model (n, n) `a`, (n, m) `b` and diagonal weights.
+    """(m, n) K of the optimal u = -K x for a model (n, n) `a`, (n, m) `b`, diagonal weights.
 
     Raises:
         ValueError: no regulator exists.
     """
-    import control  # here: it brings scipy.signal and matplotlib along, two seconds that a help text need not wait for
+    import control  # here: it takes two seconds, which a help text need not wait for
 
     try:
         k, _, _ = control.lqr(a, b, np.diag(q), np.diag(r))
@@ -109,7 +112,10 @@ def regulator_gain(a: FloatArray, b: FloatArray, q: list[float], r: list[float])
 def clamp_integral(
     error: float, integral: float, out: float, limit: float, k_i: float, dt: float
 ) -> float:
-    """Return the integral after a step; it stops while the output is at its limit and both have the same sign (Fig. 4.8)."""
+    """Return the integral after a step with clamping (Fig. 4.8).
+
+    It stops while the output is at its limit and both have the same sign.
+    """
     if abs(out) > limit and integral * error > 0.0:
         return integral
     return integral + k_i * error * dt
@@ -117,22 +123,29 @@ def clamp_integral(
 
 @jit
 def saturated_command(memory: Memory, i_rho: float, v: float, w: float) -> Memory:
-    """The memory of a law of one rate with its next integral and its command, within the limits."""
-    v, w = min(max(v, -V_LIMIT), V_LIMIT), min(max(w, -W_LIMIT), W_LIMIT)
-    return Memory(i_rho, memory.i_y, memory.i_alpha, memory.i_u, memory.i_w, v, w)
+    """Return the memory of a law of one rate with its next integral and its limited command."""
+    return Memory(
+        i_rho=i_rho,
+        i_y=memory.i_y,
+        i_alpha=memory.i_alpha,
+        i_u=memory.i_u,
+        i_w=memory.i_w,
+        u_ref=min(max(v, -V_LIMIT), V_LIMIT),
+        w_ref=min(max(w, -W_LIMIT), W_LIMIT),
+    )
 
 
 @jit
 def regulate(
     gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
-    """Return the memory after a step: the next integral of e_rho and the command v [m/s], omega [rad/s]."""
-    x, theta = errors.rho + memory.i_rho, gains.k_alpha * errors.alpha + gains.k_y * errors.y
+    """Return the memory after a step: integral of e_rho, command v [m/s] and omega [rad/s]."""
+    x = errors.rho + memory.i_rho
+    theta = gains.k_alpha * errors.alpha + gains.k_y * errors.y
     v = gains.k_v_x * x - gains.k_v_v * seen.v + gains.k_v_yaw * theta - gains.k_v_w * seen.w
     w = gains.k_w_x * x - gains.k_w_v * seen.v + gains.k_w_yaw * theta - gains.k_w_w * seen.w
-    return saturated_command(
-        memory, clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt), v, w
-    )
+    i_rho = clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
+    return saturated_command(memory, i_rho, v, w)
 
 
 LAW = Law(
@@ -153,7 +166,10 @@ below the first."""
 
 @dataclass(frozen=True)
 class ScheduledGains(Gains):
-    """Weights of the regulator, equal at all speeds; no regulator exists where one of the open bounds is reached."""
+    """Weights of the regulator, equal at all speeds.
+
+    No regulator exists where one of the open bounds is reached.
+    """
 
     q_x: float = parameter(4.0, unit="1/m2", low=0.0, high=1e6, open_low=True, search=(0.01, 100.0))
     """Weight of the error along the body."""
@@ -179,21 +195,23 @@ class ScheduledGains(Gains):
     """Integral action on the error along the body."""
 
     def packed(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """Return K_Irho, the steady gains of speed and yaw rate, then five gains for each operating speed, (53,)."""
-        along_a, along_b = np.array([[0.0, -1.0], [0.0, a[1, 1]]]), np.array([[0.0], [b[1, 0]]])
+        """Return (53,) K_Irho, the steady gains, then five gains for each operating speed."""
+        rate_v = a[1, 1]
+        rate_w = a[3, 3]
+        push_v = b[1, 0]
+        push_w = b[3, 1]
+        along_a = np.array([[0.0, -1.0], [0.0, rate_v]])
+        along_b = np.array([[0.0], [push_v]])
         along = regulator_gain(along_a, along_b, [self.q_x, self.q_v], [self.r_v])[0]
+        across_b = np.array([[0.0], [0.0], [push_w]])
+        across_q = [self.q_y, self.q_alpha, self.q_w]
         rows = []
         for speed in OPERATING_SPEEDS:
-            across_a = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, a[3, 3]]])
-            across_b = np.array([[0.0], [0.0], [b[3, 1]]])
-            across = regulator_gain(
-                across_a, across_b, [self.q_y, self.q_alpha, self.q_w], [self.r_w]
-            )[0]
+            across_a = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, rate_w]])
+            across = regulator_gain(across_a, across_b, across_q, [self.r_w])[0]
             rows.append([*along, *across])
-        return np.array(
-            [self.k_i_rho, -a[1, 1] / b[1, 0], -a[3, 3] / b[3, 1], *np.ravel(rows)],
-            dtype=np.float64,
-        )
+        steady = (-rate_v / push_v, -rate_w / push_w)
+        return np.array([self.k_i_rho, *steady, *np.ravel(rows)], dtype=np.float64)
 
 
 class ScheduledNumbers(NamedTuple):
@@ -202,7 +220,7 @@ class ScheduledNumbers(NamedTuple):
     k_i_rho: float
     steady_v: float  # speed command that holds a speed of 1 m/s [1]
     steady_w: float  # yaw-rate command that holds a yaw rate of 1 rad/s [1]
-    table: FloatArray  # (10, 5) gains of e_rho, v, e_y, e_alpha and omega, one row for each operating speed
+    table: FloatArray  # (10, 5) gains of e_rho, v, e_y, e_alpha, omega at the operating speeds
 
 
 @jit
@@ -214,28 +232,30 @@ def unpack(row: FloatArray) -> ScheduledNumbers:
 @jit
 def gain_at(table: FloatArray, speed: float, column: int) -> float:
     """Return one gain at a reference speed [m/s], linear between the operating speeds."""
-    place = min(max((abs(speed) - 0.1) / ((1.0 - 0.1) / 9.0), 0.0), 9.0)
+    spacing = (1.0 - 0.1) / 9.0
+    place = min(max((abs(speed) - 0.1) / spacing, 0.0), 9.0)
     low = min(int(place), 8)
-    a, b = table[low, column], table[low + 1, column]
-    return float(a + (place - low) * (b - a))
+    gain = table[low, column]
+    next_gain = table[low + 1, column]
+    return float(gain + (place - low) * (next_gain - gain))
 
 
 @jit
 def regulate_at_speed(
     gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
-    """Return the memory after a step: the next integral of e_rho and the command v [m/s], omega [rad/s]."""
-    k, at = gains.table, target.v
-    v = (
-        gains.steady_v * at
-        - gain_at(k, at, 0) * (errors.rho + memory.i_rho)
-        - gain_at(k, at, 1) * (seen.v - at)
-    )
-    w = gains.steady_w * target.w - gain_at(k, at, 2) * errors.y - gain_at(k, at, 3) * errors.alpha
-    w -= gain_at(k, at, 4) * (seen.w - target.w)
-    return saturated_command(
-        memory, clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt), v, w
-    )
+    """Return the memory after a step: integral of e_rho, command v [m/s] and omega [rad/s]."""
+    k = gains.table
+    speed = target.v
+    v = gains.steady_v * speed
+    v -= gain_at(k, speed, 0) * (errors.rho + memory.i_rho)
+    v -= gain_at(k, speed, 1) * (seen.v - speed)
+    w = gains.steady_w * target.w
+    w -= gain_at(k, speed, 2) * errors.y
+    w -= gain_at(k, speed, 3) * errors.alpha
+    w -= gain_at(k, speed, 4) * (seen.w - target.w)
+    i_rho = clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
+    return saturated_command(memory, i_rho, v, w)
 
 
 SCHEDULED_LAW = Law(

@@ -5,8 +5,9 @@ A controller is made once for a mission, and asked for a command 20 times a seco
     class Mine:
         def __init__(self, mission: Mission) -> None: ...
 
-        def command(self, now: ControllerInput) -> tuple[float, float]: ...  # speed [m/s], yaw rate [rad/s]
+        def command(self, now: ControllerInput) -> tuple[float, float]: ...
 
+The command is a speed [m/s] and a yaw rate [rad/s].
 If it has a method `observe(now)` too, that is called at every tick of the position loop, before any
 command. It may keep whatever it likes. The same object drives every plant, alone and in
 populations, and robots behind ROS.
@@ -86,11 +87,14 @@ class Mission:
         return self.model.horizon
 
     def target(self, t: float) -> Target:
-        """Return the target at a mission time [s]; it waits at the first waypoint before, and at the last one after."""
+        """Return the target at a mission time [s]; before the start and after the end it waits."""
         return target(self._course, float(t), 0)
 
     def preview(self, times: FloatArray) -> FloatArray:
-        """Return (n, 5) x, y [m], heading [rad], v [m/s], w [rad/s] of the target at (n,) increasing times [s]."""
+        """Return the target at (n,) increasing times [s].
+
+        The columns of the (n, 5) array are x, y [m], heading [rad], v [m/s] and w [rad/s].
+        """
         return targets_at(self._course, np.asarray(times, dtype=np.float64))
 
 

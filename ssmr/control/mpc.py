@@ -1,5 +1,6 @@
-"""Linear time-varying model predictive control on the planar model, with dead time, lags, and limits on command and rate.
+"""Linear time-varying model predictive control on the planar model.
 
+The plan knows the dead time, the lags, and the limits on commands and on their rates.
 At every command the robot is carried over its dead time (`ssmr.control.predictor`), so that the
 commands on their way are the delay states. From there the unicycle with the linear model's speeds
 (Eq. 2.46) and the lag of the wheels is rolled out under the last plan, linearised about that
@@ -91,30 +92,33 @@ class PlannedBody(NamedTuple):
 
 
 def step_of(rate: float, push: float, lag: float, h: float) -> FloatArray:
-    """Return (3, 3) way, next speed and next lagged reference over speed, lagged reference and command, exactly.
+    """Return the exact step of `h` [s] of s' = v, v' = -rate v + push l, l' = (u - l) / lag.
 
-    This is the step of `h` [s] of s' = v, v' = -rate v + push l, l' = (u - l) / lag for a held
-    command u.
+    The command u is held. Rows of the (3, 3) matrix are the way, the next speed and the next lagged
+    reference; columns are the speed, the lagged reference and the command.
     """
     from scipy.linalg import expm  # here: it is slow to import, and only a plan needs it
 
     if lag > 0.0:
-        m = [
-            [0.0, 1.0, 0.0, 0.0],
-            [0.0, -rate, push, 0.0],
-            [0.0, 0.0, -1.0 / lag, 1.0 / lag],
-            [0.0] * 4,
-        ]
-        return np.asarray(expm(np.array(m) * h)[:3, 1:])
+        speed = [0.0, -rate, push, 0.0]
+        lagged = [0.0, 0.0, -1.0 / lag, 1.0 / lag]
+        m = np.array([[0.0, 1.0, 0.0, 0.0], speed, lagged, [0.0] * 4])
+        return np.asarray(expm(m * h)[:3, 1:])
     e = expm(np.array([[0.0, 1.0, 0.0], [0.0, -rate, push], [0.0, 0.0, 0.0]]) * h)
     return np.array([[e[0, 1], 0.0, e[0, 2]], [e[1, 1], 0.0, e[1, 2]], [0.0, 0.0, 1.0]])
 
 
 def responses(steps: Sequence[FloatArray]) -> FloatArray:
-    """Return (N, 2 + N) the way in each of N steps of `step_of`, over first speed, first lagged reference and N commands."""
+    """Return (N, 2 + N) the way in each of N steps of `step_of`.
+
+    Columns are the first speed, the first lagged reference and the N commands.
+    """
     n = len(steps)
-    ways, speed, lagged = np.zeros((n, 2 + n)), np.zeros(2 + n), np.zeros(2 + n)
-    speed[0] = lagged[1] = 1.0
+    ways = np.zeros((n, 2 + n))
+    speed = np.zeros(2 + n)
+    lagged = np.zeros(2 + n)
+    speed[0] = 1.0
+    lagged[1] = 1.0
     for k, step in enumerate(steps):
         command = np.zeros(2 + n)
         command[2 + k] = 1.0
@@ -133,31 +137,44 @@ def planned_motion(
         (N, 3) x, y [m] and yaw [rad] at the end of each step, and (3, N, 2N) their derivatives by
         the 2N commands.
     """
-    n, (along, turn) = len(plan), model
-    way = along @ np.concatenate(
-        [[start.v, start.gain_v * start.lagged_v], start.gain_v * plan[:, 0]]
-    )
-    angle = turn @ np.concatenate(
-        [[start.w, start.gain_w * start.lagged_w], start.gain_w * plan[:, 1]]
-    )
+    n = len(plan)
+    along, turn = model
+    first_v = [start.v, start.gain_v * start.lagged_v]
+    first_w = [start.w, start.gain_w * start.lagged_w]
+    way = along @ np.concatenate([first_v, start.gain_v * plan[:, 0]])
+    angle = turn @ np.concatenate([first_w, start.gain_w * plan[:, 1]])
     yaw = start.yaw + np.cumsum(angle)
-    c, s, aside = np.cos(yaw - 0.5 * angle), np.sin(yaw - 0.5 * angle), start.slip * angle
-    dx, dy = way * c - aside * s, way * s + aside * c
-    pose = np.column_stack([start.x + np.cumsum(dx), start.y + np.cumsum(dy), yaw])
-    by_way, by_angle = np.zeros((n, 2 * n)), np.zeros((n, 2 * n))
-    by_way[:, 0::2], by_angle[:, 1::2] = start.gain_v * along[:, 2:], start.gain_w * turn[:, 2:]
-    turned, aside_slope = np.cumsum(by_angle, axis=0), start.slip * by_angle
-    heading, c, s = turned - 0.5 * by_angle, c[:, None], s[:, None]
-    slope_x = np.cumsum(c * by_way - s * aside_slope - dy[:, None] * heading, axis=0)
-    slope_y = np.cumsum(s * by_way + c * aside_slope + dx[:, None] * heading, axis=0)
-    return pose, np.stack([slope_x, slope_y, turned])
+    heading = yaw - 0.5 * angle
+    c = np.cos(heading)
+    s = np.sin(heading)
+    aside = start.slip * angle
+    dx = way * c - aside * s
+    dy = way * s + aside * c
+    x = start.x + np.cumsum(dx)
+    y = start.y + np.cumsum(dy)
+    pose = np.column_stack([x, y, yaw])
+    # The same quantities, differentiated by the commands.
+    way_slope = np.zeros((n, 2 * n))
+    angle_slope = np.zeros((n, 2 * n))
+    way_slope[:, 0::2] = start.gain_v * along[:, 2:]
+    angle_slope[:, 1::2] = start.gain_w * turn[:, 2:]
+    yaw_slope = np.cumsum(angle_slope, axis=0)
+    aside_slope = start.slip * angle_slope
+    heading_slope = yaw_slope - 0.5 * angle_slope
+    c = c[:, None]
+    s = s[:, None]
+    dx_slope = c * way_slope - s * aside_slope - dy[:, None] * heading_slope
+    dy_slope = s * way_slope + c * aside_slope + dx[:, None] * heading_slope
+    x_slope = np.cumsum(dx_slope, axis=0)
+    y_slope = np.cumsum(dy_slope, axis=0)
+    return pose, np.stack([x_slope, y_slope, yaw_slope])
 
 
 def condense(
     start: PlannedBody,
     plan: FloatArray,
     aims: FloatArray,
-    wanted: FloatArray,
+    steady: FloatArray,
     last: FloatArray,
     model: tuple[FloatArray, FloatArray],
     gains: Any,
@@ -168,28 +185,38 @@ def condense(
         start: the robot at the start of the plan.
         plan: (N, 2) commands about whose motion is linearised.
         aims: (N, 3) x, y [m] and heading [rad] of the target at the end of each step.
-        wanted: (1 + N, 2) commands that would drive as the target does: of the step before the
+        steady: (1 + N, 2) commands that would drive as the target does: of the step before the
             plan, and of each step.
         last: (2,) command before the plan.
         model: (N, 2 + N) `responses` of speed and yaw rate.
         gains: the weights.
     """
-    n, (pose, slopes) = len(plan), planned_motion(start, plan, model)
-    c, s, off = np.cos(aims[:, 2]), np.sin(aims[:, 2]), pose - aims
-    errors = c * off[:, 0] + s * off[:, 1], c * off[:, 1] - s * off[:, 0], wrap_angle(off[:, 2])
-    c, s = c[:, None], s[:, None]
-    rows = c * slopes[0] + s * slopes[1], c * slopes[1] - s * slopes[0], slopes[2]
+    n = len(plan)
+    pose, slopes = planned_motion(start, plan, model)
+    off = pose - aims
+    c = np.cos(aims[:, 2])
+    s = np.sin(aims[:, 2])
+    error_along = c * off[:, 0] + s * off[:, 1]
+    error_across = c * off[:, 1] - s * off[:, 0]
+    c = c[:, None]
+    s = s[:, None]
+    slope_along = c * slopes[0] + s * slopes[1]
+    slope_across = c * slopes[1] - s * slopes[0]
+    terms = [
+        (gains.q_along, error_along, slope_along),
+        (gains.q_across, error_across, slope_across),
+        (gains.q_heading, wrap_angle(off[:, 2]), slopes[2]),
+    ]
     changes = np.eye(2 * n) - np.eye(2 * n, k=-2)
-    r, d = np.tile([gains.r_v, gains.r_w], n), np.tile([gains.d_v, gains.d_w], n)
-    before = np.diff(wanted, axis=0)
-    before[0] += last
+    r = np.tile([gains.r_v, gains.r_w], n)
+    d = np.tile([gains.d_v, gains.d_w], n)
+    steady_changes = np.diff(steady, axis=0)
+    steady_changes[0] += last
     h = np.diag(r) + changes.T @ (d[:, None] * changes)
-    f = -r * wanted[1:].ravel() - changes.T @ (d * before.ravel())
-    for weight, row, error in zip(
-        (gains.q_along, gains.q_across, gains.q_heading), rows, errors, strict=True
-    ):
-        h += weight * row.T @ row
-        f += weight * row.T @ (error - row @ plan.ravel())
+    f = -r * steady[1:].ravel() - changes.T @ (d * steady_changes.ravel())
+    for weight, error, slope in terms:
+        h += weight * slope.T @ slope
+        f += weight * slope.T @ (error - slope @ plan.ravel())
     return 0.5 * (h + h.T), f
 
 
@@ -197,43 +224,45 @@ class Mpc:
     """The controller on one mission."""
 
     def __init__(self, gains: MpcGains, mission: Mission) -> None:
-        """Build what does not change from plan to plan: the model's steps, the limits and the solver.
+        """Build the parts that all plans share: the model's steps, the limits and the solver.
 
         Raises:
             ValueError: the linear model does not answer to commands.
         """
         import daqp  # here: only this controller needs it
 
-        self._mission, self._gains = mission, packed(gains)
-        f: PredictorModel = mission.model
-        if not (f.rate_v > 0.0 and f.rate_w > 0.0 and f.push_v > 0.0 and f.push_w > 0.0):
+        self._mission = mission
+        self._gains = packed(gains)
+        model: PredictorModel = mission.model
+        rates = np.array([model.rate_v, model.rate_w])
+        pushes = np.array([model.push_v, model.push_w])
+        if not (np.all(rates > 0.0) and np.all(pushes > 0.0)):
             raise ValueError(
-                "mpc needs a linear model that follows commands: rates and gains of speed and yaw rate above 0"
+                "mpc needs a linear model that follows commands: "
+                "rates and gains of speed and yaw rate above 0"
             )
-        first, long = mission.period, STEP_PERIODS * mission.period
+        self._steady = rates / pushes  # command over lasting speed
+        first = mission.period
+        long = STEP_PERIODS * first
         n = 1 + max(1, round((gains.horizon - first) / long))
         self._ends = first + long * np.arange(n)  # of the steps, after the dead time [s]
         self._starts = np.concatenate([[-long, 0.0], self._ends[:-1]])
         self._lengths = np.diff(np.append(self._starts, self._ends[-1]))
         lengths = [first, *[long] * (n - 1)]
-        along, turn = (
-            responses([step_of(rate, push, f.lag, h) for h in lengths])
-            for rate, push in ((f.rate_v, f.push_v), (f.rate_w, f.push_w))
+        self._model = (
+            responses([step_of(model.rate_v, model.push_v, model.lag, h) for h in lengths]),
+            responses([step_of(model.rate_w, model.push_w, model.lag, h) for h in lengths]),
         )
-        self._model = along, turn
-        self._steady = np.array(
-            [f.rate_v / f.push_v, f.rate_w / f.push_w]
-        )  # command over lasting speed
-        self._limits = np.array([f.v_max, f.w_max])
-        rates = np.minimum([f.acceleration_v, f.acceleration_w], 1e6)
-        self._changes = np.outer(self._lengths[1:], rates)
+        self._limits = np.array([model.v_max, model.w_max])
+        accelerations = np.minimum([model.acceleration_v, model.acceleration_w], 1e6)
+        self._changes = np.outer(self._lengths[1:], accelerations)
         course = mission.waypoints.course()
-        reach = f.horizon + self._ends[-1] + long + HEADING_TIME
-        self._times = np.concatenate([[-reach], course["t"], [course["t"][-1] + 2.0 * reach]])
-        held = np.concatenate([[course["heading"][0]], course["heading"]]) * np.diff(self._times)
-        self._turned = np.cumulative_sum(
-            held, include_initial=True
-        )  # integral of the heading [rad s]
+        reach = model.horizon + self._ends[-1] + long + HEADING_TIME
+        end = course["t"][-1] + 2.0 * reach
+        self._times = np.concatenate([[-reach], course["t"], [end]])
+        headings = np.concatenate([[course["heading"][0]], course["heading"]])
+        turned = headings * np.diff(self._times)
+        self._turned = np.cumulative_sum(turned, include_initial=True)  # integral [rad s]
         self._steps = np.eye(2 * n) - np.eye(2 * n, k=-2)
         self._solver: Any = daqp.Model()
         self._plan: FloatArray | None = None
@@ -242,67 +271,74 @@ class Mpc:
 
     def command(self, now: ControllerInput) -> tuple[float, float]:
         """Return the first command of the best plan."""
-        t = now.t + self._mission.dead_time
-        driver, times = now.driver, t + np.append(self._starts, self._ends[-1])
-        half = 0.5 * HEADING_TIME
-        turned = [
-            np.interp(times + side, self._times, self._turned, left=np.nan, right=np.nan)
-            for side in (-half, half)
-        ]
-        aims, headings = self._mission.preview(times)[:, :3], (turned[1] - turned[0]) / HEADING_TIME
-        speeds = (
-            np.column_stack([np.hypot(*np.diff(aims[:, :2], axis=0).T), np.diff(headings)])
-            / self._lengths[:, None]
-        )
-        wanted = np.clip(
-            speeds * self._steady / (driver.gain_v, driver.gain_w), -self._limits, self._limits
-        )
+        driver = now.driver
+        times = now.t + self._mission.dead_time + np.append(self._starts, self._ends[-1])
+        headings = self._mean_headings(times)
+        aims = self._mission.preview(times)[:, :3]
+        chords = np.hypot(*np.diff(aims[:, :2], axis=0).T)
+        speeds = np.column_stack([chords, np.diff(headings)]) / self._lengths[:, None]
+        steady = speeds * self._steady / (driver.gain_v, driver.gain_w)
+        steady = np.clip(steady, -self._limits, self._limits)
+        directions = np.column_stack([np.cos(headings), np.sin(headings)])
+        aims[:, :2] -= self._mission.lookahead * directions
         aims[:, 2] = headings
-        aims[:, :2] -= self._mission.lookahead * np.column_stack(
-            [np.cos(headings), np.sin(headings)]
-        )
-        aims[1:, 2] -= (
-            driver.slip * speeds[:, 1] / np.maximum(speeds[:, 0], _SLOWEST)
-        )  # it goes round bends at an angle
-        begun = np.clip([driver.v, driver.w], -self._limits, self._limits)
-        plan = wanted[1:]
+        # A robot that slips goes round bends at an angle.
+        aims[1:, 2] -= driver.slip * speeds[:, 1] / np.maximum(speeds[:, 0], _SLOWEST)
+        plan = steady[1:]
         if self._plan is not None:  # the last one, one period later: of each long step half is over
             later = np.vstack([self._plan[1:], self._plan[-1:]])
             plan = np.vstack([later[:1], 0.5 * (later[:-1] + later[1:])])
         start = PlannedBody(
-            *now.ahead, driver.lagged_v, driver.lagged_w, driver.gain_v, driver.gain_w, driver.slip
+            *now.ahead,
+            lagged_v=driver.lagged_v,
+            lagged_w=driver.lagged_w,
+            gain_v=driver.gain_v,
+            gain_w=driver.gain_w,
+            slip=driver.slip,
         )
-        h, f = condense(
-            start, plan, aims[2:], wanted, now.past[-1].copy(), self._model, self._gains
-        )
-        self._plan = self._solved(h, f, plan, begun)
+        last = now.past[-1].copy()
+        h, f = condense(start, plan, aims[2:], steady, last, model=self._model, gains=self._gains)
+        before = np.clip([driver.v, driver.w], -self._limits, self._limits)
+        self._plan = self._solved(h, f, plan, before)
         return float(self._plan[0, 0]), float(self._plan[0, 1])
 
+    def _mean_headings(self, times: FloatArray) -> FloatArray:
+        """Return the target's headings [rad], averaged over `HEADING_TIME` about the times [s]."""
+        half = 0.5 * HEADING_TIME
+        before, after = (
+            np.interp(times + side, self._times, self._turned, left=np.nan, right=np.nan)
+            for side in (-half, half)
+        )
+        return np.asarray((after - before) / HEADING_TIME)
+
     def _solved(
-        self, h: FloatArray, f: FloatArray, plan: FloatArray, begun: FloatArray
+        self, h: FloatArray, f: FloatArray, plan: FloatArray, before: FloatArray
     ) -> FloatArray:
-        """Return the (N, 2) commands that solve the program; those of `plan`, within the limits, where the solver fails."""
-        upper, lower = self._changes.copy(), -self._changes
-        upper[0] += begun
-        lower[0] += begun
+        """Return the (N, 2) commands that solve the program.
+
+        Where the solver fails they are those of `plan`, within the limits. `before` are the
+        driver's (2,) references at the start of the plan.
+        """
+        upper = self._changes.copy()
+        lower = -self._changes
+        upper[0] += before
+        lower[0] += before
         box = np.tile(self._limits, len(plan))
-        above, below = np.concatenate([box, upper.ravel()]), np.concatenate([-box, lower.ravel()])
+        above = np.concatenate([box, upper.ravel()])
+        below = np.concatenate([-box, lower.ravel()])
         if self._plan is None:
-            self._solver.setup(
-                h, f, self._steps, above, below, np.zeros(len(above), dtype=np.int32)
-            )
+            senses = np.zeros(len(above), dtype=np.int32)
+            self._solver.setup(h, f, self._steps, above, below, sense=senses)
         else:
             self._solver.update(H=h, f=f, bupper=above, blower=below)
         solution, _, flag, _ = self._solver.solve()
         if flag > 0 and np.isfinite(solution).all():
-            return (
-                np.asarray(solution, dtype=np.float64)
-                .reshape(-1, 2)
-                .clip(-self._limits, self._limits)
-            )
+            commands = np.asarray(solution, dtype=np.float64).reshape(-1, 2)
+            return commands.clip(-self._limits, self._limits)
         self.failures += 1
         kept = plan.copy()
-        kept[0] = np.clip(np.clip(kept[0], lower[0], upper[0]), -self._limits, self._limits)
+        first = np.clip(kept[0], lower[0], upper[0])
+        kept[0] = np.clip(first, -self._limits, self._limits)
         return kept
 
 

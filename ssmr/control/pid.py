@@ -1,4 +1,4 @@
-"""Cascade of PI blocks (Sec. 4.3.2, Fig. 4.9): position errors to reference velocities, these to commands.
+"""Cascade of PI blocks (Sec. 4.3.2, Fig. 4.9) from position errors to commands.
 
 The position loop (Tab. 4.1) turns e_rho into u_ref and e_y and e_alpha into omega_ref; the velocity
 loop (Tab. 4.2) adds a feedforward to two more blocks. Each block is discrete, P plus a
@@ -24,7 +24,7 @@ U_REF_LIMIT = 1.0
 
 @dataclass(frozen=True)
 class PidGains(Gains):
-    """Gains of the five PI blocks and of the feedforwards; the defaults are the published ones (Tab. 4.4)."""
+    """Gains of the five PI blocks and the feedforwards, as published (Tab. 4.4) by default."""
 
     k_p_u: float = parameter(0.037, unit="1", low=0.0, high=1e6, search=(0.0, 2.0))
     """u-PID, proportional."""
@@ -61,22 +61,33 @@ def pi_block(
     Integration stops while P + I exceeds the limit and integral and error have the same sign.
     """
     out = k_p * error + integral
+    saturated = min(max(out, -limit), limit)
     if abs(out) > limit and integral * error > 0.0:
-        return min(max(out, -limit), limit), integral
-    return min(max(out, -limit), limit), integral + k_i * error * dt
+        return saturated, integral
+    return saturated, integral + k_i * error * dt
 
 
 @jit
 def position_loop(
     gains: Any, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
 ) -> Memory:
-    """The memory after a step of Tab. 4.1: its integrals, u_ref [m/s] and omega_ref [rad/s]."""
-    u_ref, i_rho = pi_block(errors.rho, memory.i_rho, gains.k_p_rho, gains.k_i_rho, U_REF_LIMIT, dt)
+    """Return the memory after a step of Tab. 4.1: integrals, u_ref [m/s] and omega_ref [rad/s]."""
+    k_p = gains.k_p_rho
+    k_i = gains.k_i_rho
+    u_ref, i_rho = pi_block(errors.rho, memory.i_rho, k_p, k_i, U_REF_LIMIT, dt)
     w_y, i_y = pi_block(errors.y, memory.i_y, gains.k_p_y, gains.k_i_y, np.inf, dt)
-    w_alpha, i_alpha = pi_block(
-        errors.alpha, memory.i_alpha, gains.k_p_alpha, gains.k_i_alpha, np.inf, dt
+    k_p = gains.k_p_alpha
+    k_i = gains.k_i_alpha
+    w_alpha, i_alpha = pi_block(errors.alpha, memory.i_alpha, k_p, k_i, np.inf, dt)
+    return Memory(
+        i_rho=i_rho,
+        i_y=i_y,
+        i_alpha=i_alpha,
+        i_u=memory.i_u,
+        i_w=memory.i_w,
+        u_ref=u_ref,
+        w_ref=w_y + w_alpha,
     )
-    return Memory(i_rho, i_y, i_alpha, memory.i_u, memory.i_w, u_ref, w_y + w_alpha)
 
 
 @jit
@@ -84,10 +95,20 @@ def velocity_loop(
     gains: Any, memory: Memory, seen: Observation, dt: float
 ) -> tuple[Memory, Command]:
     """Return the memory and the command after a step of Tab. 4.2."""
-    u, i_u = pi_block(memory.u_ref - seen.v, memory.i_u, gains.k_p_u, gains.k_i_u, np.inf, dt)
-    w, i_w = pi_block(memory.w_ref - seen.w, memory.i_w, gains.k_p_w, gains.k_i_w, np.inf, dt)
-    after = Memory(memory.i_rho, memory.i_y, memory.i_alpha, i_u, i_w, memory.u_ref, memory.w_ref)
-    return after, Command(u + gains.ff_u * memory.u_ref, w + gains.ff_w * memory.w_ref)
+    u_ref = memory.u_ref
+    w_ref = memory.w_ref
+    u, i_u = pi_block(u_ref - seen.v, memory.i_u, gains.k_p_u, gains.k_i_u, np.inf, dt)
+    w, i_w = pi_block(w_ref - seen.w, memory.i_w, gains.k_p_w, gains.k_i_w, np.inf, dt)
+    after = Memory(
+        i_rho=memory.i_rho,
+        i_y=memory.i_y,
+        i_alpha=memory.i_alpha,
+        i_u=i_u,
+        i_w=i_w,
+        u_ref=u_ref,
+        w_ref=w_ref,
+    )
+    return after, Command(u + gains.ff_u * u_ref, w + gains.ff_w * w_ref)
 
 
 LAW = Law(

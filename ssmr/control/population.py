@@ -1,4 +1,4 @@
-"""Many closed loops at once: compiled loops of planar models, and the robots' side where something else moves the bodies."""
+"""Many closed loops at once: compiled planar loops, and robots that something else moves."""
 
 from __future__ import annotations
 
@@ -90,36 +90,48 @@ def run_planar_loop(
         The number of ticks that were recorded: fewer than `log` has rows where the robot was lost
         after the last of them.
     """
-    n, last = tracker.position_steps, len(log) - 1
-    data = LoopData(
-        drive, draws, np.empty((1 + last * n // tracker.velocity_steps, 2)), np.empty((n, 2)), log
+    n = tracker.position_steps
+    last = len(log) - 1
+    commands = np.empty((1 + last * n // tracker.velocity_steps, 2))
+    data = LoopData(drive, draws, commands, np.empty((n, 2)), log)
+    now = PlanarMotion(
+        start.x,
+        start.y,
+        start.yaw,
+        start.v,
+        start.w,
+        torque_left=0.0,
+        torque_right=0.0,
+        integral_left=0.0,
+        integral_right=0.0,
     )
-    now = PlanarMotion(start.x, start.y, start.yaw, start.v, start.w, 0.0, 0.0, 0.0, 0.0)
-    driver, state = rolling(Sides(start.left, start.right), drive), INITIAL_STATE
+    driver = rolling(Sides(start.left, start.right), drive)
+    state = INITIAL_STATE
     for i in range(last + 1):
-        left, right = turning_wheels(now, Sides(driver.left, driver.right), robot)
-        aside = sideways(now.v, now.w, robot)
+        wheels = turning_wheels(now, Sides(driver.left, driver.right), robot)
         truth = Truth(
-            now.x,
-            now.y,
-            now.yaw,
-            now.v,
-            aside,
-            now.w,
-            left,
-            right,
-            now.torque_left,
-            now.torque_right,
+            x=now.x,
+            y=now.y,
+            yaw=now.yaw,
+            v=now.v,
+            v_y=sideways(now.v, now.w, robot),
+            w=now.w,
+            left=wheels.left,
+            right=wheels.right,
+            torque_left=now.torque_left,
+            torque_right=now.torque_right,
         )
+        first = i * n
         steps = n if i < last else 0
-        state, driver, lost = plan_period(tracker, state, driver, i * n, steps, truth, data)
+        state, driver, lost = plan_period(
+            tracker, state, driver, k=first, n=steps, truth=truth, data=data
+        )
         if lost:
             return i + 1
         for j in range(steps):
-            push = disturbance[i * n + j] if len(disturbance) > 1 else disturbance[0]
-            now = move(
-                now, Sides(data.references[j, 0], data.references[j, 1]), push, tracker.dt, robot
-            )
+            push = disturbance[first + j] if len(disturbance) > 1 else disturbance[0]
+            wheels = Sides(data.references[j, 0], data.references[j, 1])
+            now = move(now, wheels, push, tracker.dt, robot)
     return last + 1
 
 
@@ -146,34 +158,25 @@ def _batch_of(
 ) -> Batch:
     """Return the closed loops that begin, with robots that roll as in `state`."""
     count = len(trackers)
+    arrays = ("predictor", "past", "predictor_state", "lookahead", "filter", "noise", "sensors")
     rows: dict[str, Any] = {
-        name: np.array([getattr(t, name) for t in trackers], dtype=np.float64)
-        for name in (
-            "predictor",
-            "past",
-            "predictor_state",
-            "lookahead",
-            "filter",
-            "noise",
-            "sensors",
-        )
+        name: np.array([getattr(t, name) for t in trackers], dtype=np.float64) for name in arrays
     }
-    rows["law"], rows["predicts"] = (
-        np.array([t.law for t in trackers]),
-        np.array([t.predicts for t in trackers]),
-    )
-    rows["belief"] = Belief(
-        *(np.array(arrays) for arrays in zip(*(t.belief for t in trackers), strict=True))
-    )
-    rows["gains"] = np.zeros((count, max(len(t.gains) for t in trackers)))
-    for row, tracker in zip(rows["gains"], trackers, strict=True):
+    rows["law"] = np.array([t.law for t in trackers])
+    rows["predicts"] = np.array([t.predicts for t in trackers])
+    beliefs = zip(*(t.belief for t in trackers), strict=True)
+    rows["belief"] = Belief(*map(np.array, beliefs))
+    gains = np.zeros((count, max(len(t.gains) for t in trackers)))
+    for row, tracker in zip(gains, trackers, strict=True):
         row[: len(tracker.gains)] = tracker.gains
+    rows["gains"] = gains
+    wheels = Sides(state.wheel_left, state.wheel_right)
     return Batch(
         trackers=trackers[0]._replace(**rows),
         drives=np.array(drives, dtype=np.float64),
         memories=np.tile(EMPTY_MEMORY, (count, 1)),
         segments=np.zeros(count, dtype=np.int64),
-        drivers=np.array([rolling(Sides(state.wheel_left, state.wheel_right), d) for d in drives]),
+        drivers=np.array([rolling(wheels, d) for d in drives]),
         alive=np.ones(count, dtype=np.bool_),
         commands=np.zeros((count, 1 + clock.n // clock.velocity, 2)),
         references=np.zeros((count, clock.position, 2)),
@@ -184,34 +187,49 @@ def _batch_of(
 @jit_alone
 def _tracker_of(t: Any, i: int) -> Tracker:
     return Tracker(
-        t.law[i], t.gains[i], t.predicts[i], named_like(NO_PREDICTOR, t.predictor[i]), t.past[i], t.predictor_state[i],
-        t.course, t.lookahead[i], t.by_filter, Belief(t.belief.mean[i], t.belief.covariance[i]),
-        named_like(NO_NUMBERS, t.filter[i]), named_like(NO_DRAWS, t.noise[i]), named_like(NO_ERRORS, t.sensors[i]),
-        t.position_steps, t.velocity_steps, t.dt,
-    )  # fmt: skip
+        law=t.law[i],
+        gains=t.gains[i],
+        predicts=t.predicts[i],
+        predictor=named_like(NO_PREDICTOR, t.predictor[i]),
+        past=t.past[i],
+        predictor_state=t.predictor_state[i],
+        course=t.course,
+        lookahead=t.lookahead[i],
+        by_filter=t.by_filter,
+        belief=Belief(t.belief.mean[i], t.belief.covariance[i]),
+        filter=named_like(NO_NUMBERS, t.filter[i]),
+        noise=named_like(NO_DRAWS, t.noise[i]),
+        sensors=named_like(NO_ERRORS, t.sensors[i]),
+        position_steps=t.position_steps,
+        velocity_steps=t.velocity_steps,
+        dt=t.dt,
+    )
 
 
 @jit_alone
 def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray) -> None:
-    """Plan one period of every loop that is alive, see `plan_period`; `draws` (D, ticks, 8) are taken in turn."""
+    """Plan one period of every loop that is alive, see `plan_period`.
+
+    `draws` (D, ticks, 8) are taken in turn.
+    """
     for i in range(len(states)):
         if not b.alive[i]:
             continue
         sent = b.commands[i, max(k - 1, 0) // b.trackers.velocity_steps]
         state = LoopState(
-            named_like(EMPTY_MEMORY, b.memories[i]),
-            Target(0.0, 0.0, 0.0, 0.0, 0.0, b.segments[i]),
-            INITIAL_STATE.errors,
-            INITIAL_STATE.seen,
-            INITIAL_STATE.ahead,
-            Command(sent[0], sent[1]),
+            memory=named_like(EMPTY_MEMORY, b.memories[i]),
+            target=Target(0.0, 0.0, 0.0, 0.0, 0.0, b.segments[i]),
+            errors=INITIAL_STATE.errors,
+            seen=INITIAL_STATE.seen,
+            ahead=INITIAL_STATE.ahead,
+            command=Command(sent[0], sent[1]),
         )
-        state, driver, lost = plan_period(
-            _tracker_of(b.trackers, i), state, named_like(_DRIVER, b.drivers[i]), k, n, named_like(_TRUTH, states[i]),
-            LoopData(
-                named_like(DRIVE_TEMPLATE, b.drives[i]), draws[i % len(draws)], b.commands[i], b.references[i], b.logs[i]
-            ),
-        )  # fmt: skip
+        driver = named_like(_DRIVER, b.drivers[i])
+        truth = named_like(_TRUTH, states[i])
+        drive = named_like(DRIVE_TEMPLATE, b.drives[i])
+        data = LoopData(drive, draws[i % len(draws)], b.commands[i], b.references[i], b.logs[i])
+        tracker = _tracker_of(b.trackers, i)
+        state, driver, lost = plan_period(tracker, state, driver, k=k, n=n, truth=truth, data=data)
         b.alive[i] = not lost
         b.segments[i] = state.target.segment
         for j, number in enumerate(state.memory):
@@ -233,7 +251,10 @@ class Bodies(Protocol):
         ...
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
-        """Take (S, n, 2) wheel-rate references [rad/s] and (S, n) yaw accelerations [rad/s2] through n physics steps."""
+        """Take the robots through n physics steps.
+
+        They get (S, n, 2) wheel-rate references [rad/s] and (S, n) yaw accelerations [rad/s2].
+        """
         ...
 
 
@@ -242,11 +263,12 @@ class PlanarBodies:
 
     def __init__(self, models: Sequence[PlanarModel], state: State, dt: float) -> None:
         """Place every robot in `state`; `dt` is the physics step [s]."""
-        self._robots, self._dt = [model.packed(dt) for model in models], dt
-        self._now = [
-            PlanarMotion(*map(float, (state.x, state.y, state.yaw, state.v_x, state.yaw_rate)))
-        ] * len(models)
-        self._states, self._failed = np.empty((len(models), 10)), np.full(len(models), -1)
+        self._robots = [model.packed(dt) for model in models]
+        self._dt = dt
+        motion = PlanarMotion(*map(float, (state.x, state.y, state.yaw, state.v_x, state.yaw_rate)))
+        self._now = [motion] * len(models)
+        self._states = np.empty((len(models), 10))
+        self._failed = np.full(len(models), -1)
         self.advance(np.empty((len(models), 0, 2)), np.zeros((len(models), 1)))
         for row, robot in zip(self._states, self._robots, strict=True):
             if robot.ideal:
@@ -262,18 +284,21 @@ class PlanarBodies:
         return self._states.copy()
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
-        """Take (S, n, 2) references [rad/s] and (S, n) yaw accelerations [rad/s2] through n physics steps."""
+        """Take the robots through n physics steps, see `Bodies.advance`."""
         n = references.shape[1]
+        out = np.empty((2 if n else 1, PLANAR_COLUMNS))
         for i, robot in enumerate(self._robots):
-            out = np.empty((2 if n else 1, PLANAR_COLUMNS))
-            failed, end = run_planar(
-                references[i], pushes[i], self._dt, max(n, 1), robot, self._now[i], out
+            self._failed[i], end = run_planar(
+                references[i],
+                pushes[i],
+                self._dt,
+                stride=max(n, 1),
+                robot=robot,
+                start=self._now[i],
+                out=out,
             )
-            self._now[i], self._failed[i], self._states[i] = (
-                PlanarMotion(*end),
-                failed,
-                out[-1, :10],
-            )
+            self._now[i] = PlanarMotion(*end)
+            self._states[i] = out[-1, :10]
 
 
 def run_bodies(
@@ -286,8 +311,9 @@ def run_bodies(
     seeds: Sequence[int],
     start: State | None = None,
 ) -> list[ClosedRun]:
-    """Run many closed loops, whole periods of the position loop at a time: what is asked of the wheels is known ahead.
+    """Run many closed loops, whole periods of the position loop at a time.
 
+    That is possible because the references of the wheels in a period are known at its beginning.
     `bodies_at` places the S robots, which have these `drives`, in a state; `dt` is their physics
     step [s]. The `controllers` are all compiled or all Python objects; `seeds` and `start` are
     those of `run_loops`.
@@ -297,52 +323,52 @@ def run_bodies(
         ValueError: several kinds of feedback or disturbance, or sets of periods; periods that are
             no whole number of steps; no loops or no seeds.
     """
-    first, count = common_settings(settings, seeds), len(settings)
+    first = common_settings(settings, seeds)
+    count = len(settings)
     if len({isinstance(law, PythonController) for law in controllers}) != 1:
         raise ValueError("a population has compiled laws or Python objects, not both")
     clock = make_clock(waypoints, first, dt)
-    drawn = [draw(clock, first, seed) for seed in seeds]
-    draws, pushes = (
-        np.array([d for d, _ in drawn]),
-        np.array([np.resize(d, clock.n) for _, d in drawn]),
-    )
-    turn, state = np.arange(count) % len(seeds), start or waypoints.start
-    bodies, numbers = (
-        bodies_at(state),
-        [drive_numbers(drive, first.velocity_period, dt) for drive in drives],
-    )
+    random = [draw(clock, first, seed) for seed in seeds]
+    draws = np.array([numbers for numbers, _ in random])
+    pushes = np.array([np.resize(push, clock.n) for _, push in random])
+    turn = np.arange(count) % len(seeds)
+    state = start or waypoints.start
+    bodies = bodies_at(state)
+    numbers = [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
     trackers = make_trackers(controllers, settings, waypoints, clock, state)
     batch = _batch_of(trackers, numbers, clock, state)
     objects = isinstance(controllers[0], PythonController)
     sides = robot_sides(controllers, settings, waypoints, trackers) if objects else []
     ticks = np.full(count, clock.ticks)
-    for tick_number in range(clock.ticks):
-        k, n = tick_number * clock.position, clock.position if tick_number < clock.ticks - 1 else 0
-        before, states = batch.alive.copy(), bodies.states()
+    for tick in range(clock.ticks):
+        k = tick * clock.position
+        n = clock.position if tick < clock.ticks - 1 else 0
+        before = batch.alive.copy()
+        states = bodies.states()
         if not objects:
             _plan_batch(batch, k, n, states, draws)
         for i in np.flatnonzero(before) if objects else ():
             truth = Truth(*map(float, states[i]))
-            for j in (
-                k,
-                *range(-(-(k + 1) // clock.velocity) * clock.velocity, k + n, clock.velocity),
-            ):
+            commands = batch.commands[i]
+            due = -(-(k + 1) // clock.velocity) * clock.velocity  # the first command after step k
+            for j in (k, *range(due, k + n, clock.velocity)):
                 batch.alive[i] &= not sides[i].tick(j, truth, draws[i % len(draws)], batch.logs[i])
-                batch.commands[i, j // clock.velocity] = sides[i].state.command
-            driver, references = DriveState(*batch.drivers[i]), batch.references[i, :n]
+                commands[j // clock.velocity] = sides[i].state.command
+            driver = DriveState(*batch.drivers[i])
+            references = batch.references[i, :n]
             batch.drivers[i] = continue_references(
-                batch.commands[i], numbers[i], (0.0, 0.0), driver, k, references
+                commands, numbers[i], (0.0, 0.0), driver, k, references
             )
-        ticks[before & ~batch.alive] = tick_number + 1
+        ticks[before & ~batch.alive] = tick + 1
         batch.references[~batch.alive] = 0.0
         if not batch.alive.any():
             break
         if n:
-            bodies.advance(
-                batch.references, np.where(batch.alive[:, None], pushes[turn, k : k + n], 0.0)
-            )
+            push = np.where(batch.alive[:, None], pushes[turn, k : k + n], 0.0)
+            bodies.advance(batch.references, push)
             gave_up = batch.alive & bodies.gave_up
-            ticks[gave_up], batch.alive[gave_up] = tick_number + 1, False
+            ticks[gave_up] = tick + 1
+            batch.alive[gave_up] = False
     return [closed_run(log[:n], clock) for log, n in zip(batch.logs, ticks, strict=True)]
 
 
@@ -355,17 +381,18 @@ def run_loops(
     start: State | None = None,
     workers: int = 1,
 ) -> list[ClosedRun]:
-    """Run many closed loops of one kind of planar model along one reference; the result does not depend on `workers`.
+    """Run many closed loops of one kind of planar model along one reference.
 
     `seeds` are taken in turn: loop i gets `seeds[i % len(seeds)]`. All begin at rest at the first
-    waypoint, or in `start`.
+    waypoint, or in `start`. The result does not depend on `workers`.
 
     Raises:
         ControllerError: a Python object failed.
         ValueError: several kinds of model, of feedback or disturbance, or sets of periods; periods
             that are no whole number of steps; no loops or no seeds.
     """
-    first, dt = common_settings(settings, seeds), PLANAR_DT
+    first = common_settings(settings, seeds)
+    dt = PLANAR_DT
     if len({type(model.parameters) for model in models}) != 1:
         raise ValueError("a population is one kind of model")
     drives = [model.drive for model in models]
@@ -374,27 +401,33 @@ def run_loops(
             lambda at: PlanarBodies(models, at, dt),
             drives,
             dt,
-            controllers,
-            settings,
-            waypoints,
-            seeds,
-            start,
+            controllers=controllers,
+            settings=settings,
+            waypoints=waypoints,
+            seeds=seeds,
+            start=start,
         )
-    clock, state = make_clock(waypoints, first, dt), start or waypoints.start
+    clock = make_clock(waypoints, first, dt)
+    state = start or waypoints.start
     trackers = make_trackers(controllers, settings, waypoints, clock, state)
-    numbers, robots = (
-        [drive_numbers(d, first.velocity_period, dt) for d in drives],
-        [m.packed(dt) for m in models],
-    )
+    numbers = [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
+    robots = [model.packed(dt) for model in models]
     random = [draw(clock, first, seed) for seed in seeds]
-    ticks, began = [0] * len(models), Truth(*map(float, (*astuple(state), 0.0, 0.0)))
+    ticks = [0] * len(models)
+    truth = Truth(*map(float, (*astuple(state), 0.0, 0.0)))
     logs = np.empty((len(models), clock.ticks, len(LOG_COLUMNS)))
 
     def run(begin: int, end: int) -> None:
         for i in range(begin, end):
             draws, disturbance = random[i % len(seeds)]
             ticks[i] = run_planar_loop(
-                trackers[i], numbers[i], robots[i], began, draws, disturbance, logs[i]
+                trackers[i],
+                numbers[i],
+                robots[i],
+                truth,
+                draws=draws,
+                disturbance=disturbance,
+                log=logs[i],
             )
 
     share_among_threads(run, len(models), workers)

@@ -25,12 +25,17 @@ _ROUNDING = 1e-9
 MEMORY = 1.0
 """Time over which a predictor averages how the robot differs from its model [s]: longer than the
 robot's own time constants, and about that of a bend."""
-LEAST_V, LEAST_W = 0.1, 0.2
-"""Speed [m/s] and yaw rate [rad/s] from which on the robot's differences count for more than the
-model."""
-STEADY_V, STEADY_W = 0.5, 3.0
-"""Change of speed [m/s2] and of yaw rate [rad/s2] at which an observation counts half."""
-GAINS_V, GAINS_W, SLIPS = (0.8, 1.2), (0.5, 1.5), (-0.3, 0.3)
+LEAST_V = 0.1
+"""Speed from which on the robot's differences count for more than the model [m/s]."""
+LEAST_W = 0.2
+"""Yaw rate from which on the robot's differences count for more than the model [rad/s]."""
+STEADY_V = 0.5
+"""Change of speed at which an observation counts half [m/s2]."""
+STEADY_W = 3.0
+"""Change of yaw rate at which an observation counts half [rad/s2]."""
+GAINS_V = (0.8, 1.2)
+GAINS_W = (0.5, 1.5)
+SLIPS = (-0.3, 0.3)
 """Bounds of the learnt gains of speed and of yaw rate [1] and of the learnt slip [m]. Tyres roll on
 up to 13 % less than the driver's radius. A robot with less than 0.8 of its model's speed still
 gathers speed, as far as its torques allow."""
@@ -57,7 +62,10 @@ class PredictorModel(NamedTuple):
 
 
 class DriverEstimate(NamedTuple):
-    """The references of the driver at one instant, after its limits and after the lag of the wheels, and what was learnt."""
+    """The references of the driver at one instant, and what was learnt of the robot.
+
+    The references are those after its limits, and those after the lag of the wheels too.
+    """
 
     v: float
     w: float
@@ -65,7 +73,7 @@ class DriverEstimate(NamedTuple):
     lagged_w: float
     gain_v: float  # share of the model's speed that the robot really has [1]
     gain_w: float  # share of the model's yaw rate that the robot really has [1]
-    slip: float  # lateral speed to the left over yaw rate [m]: wheels that carry a robot round a bend slip outwards
+    slip: float  # lateral speed to the left over yaw rate [m]: in bends wheels slip outwards
 
 
 class PredictorState(NamedTuple):
@@ -90,22 +98,34 @@ class PredictorState(NamedTuple):
 
 
 NO_PREDICTOR = PredictorModel(*(0.0,) * len(PredictorModel._fields))
-_TEMPLATE = PredictorState(*(0.0,) * len(PredictorState._fields))
+_NO_PREDICTION = PredictorState(*(0.0,) * len(PredictorState._fields))
 """Templates for `named_like`."""
 _SENT_AT = PredictorState._fields.index("sent_at")
 
 
 def predictor_model(a: FloatArray, b: FloatArray, drive: Drive, period: float) -> PredictorModel:
-    """The numbers of a predictor from (4, 4) `a` and (4, 2) `b` of the linear model (Eq. 2.46).
+    """Return a predictor's numbers from (4, 4) `a` and (4, 2) `b` of the linear model (Eq. 2.46).
 
     `drive` is the driver between command and wheels, as far as it is known, `period` the time
     between commands [s].
     """
     return PredictorModel(
-        max(drive.delay_v, drive.delay_w), -float(a[1][1]), float(b[1][0]), -float(a[3][3]), float(b[3][1]),
-        drive.delay_v, drive.delay_w, period, drive.command_ramp, drive.v_max, drive.w_max, drive.acceleration_v,
-        drive.acceleration_w, drive.wheel_lag, PREDICTION_STEP,
-    )  # fmt: skip
+        horizon=max(drive.delay_v, drive.delay_w),
+        rate_v=-float(a[1][1]),
+        push_v=float(b[1][0]),
+        rate_w=-float(a[3][3]),
+        push_w=float(b[3][1]),
+        delay_v=drive.delay_v,
+        delay_w=drive.delay_w,
+        period=period,
+        ramp=drive.command_ramp,
+        v_max=drive.v_max,
+        w_max=drive.w_max,
+        acceleration_v=drive.acceleration_v,
+        acceleration_w=drive.acceleration_w,
+        lag=drive.wheel_lag,
+        step=PREDICTION_STEP,
+    )
 
 
 def commands_under_way(model: PredictorModel) -> int:
@@ -115,15 +135,20 @@ def commands_under_way(model: PredictorModel) -> int:
 
 def predictor_start(state: State, drive: Drive, period: float) -> PredictorState:
     """Return the memory of a predictor whose robot has rolled as in `state` before the start."""
-    v, w = map(
-        float,
-        body_rates(
-            state.wheel_left, state.wheel_right, drive.command_half_track, drive.command_radius
-        ),
-    )
-    means = (0.0,) * 5
-    return PredictorState(
-        v, w, v, w, 0.0, -period, state.v_x, state.yaw_rate, *means, state.x, state.y, state.yaw
+    half_track = drive.command_half_track
+    rates = body_rates(state.wheel_left, state.wheel_right, half_track, drive.command_radius)
+    v, w = map(float, rates)
+    return _NO_PREDICTION._replace(
+        v=v,
+        w=w,
+        lagged_v=v,
+        lagged_w=w,
+        sent_at=-period,
+        model_v=state.v_x,
+        model_w=state.yaw_rate,
+        x=state.x,
+        y=state.y,
+        yaw=state.yaw,
     )
 
 
@@ -159,16 +184,18 @@ def advance_driver(
     when = t + (dt if model.ramp > 0.0 else 0.5 * dt)  # a ramp has gone on to the end of the step
     v = saturate(commanded(past, 0, sent_at, when - model.delay_v, model), model.v_max)
     w = saturate(commanded(past, 1, sent_at, when - model.delay_w, model), model.w_max)
-    v, w = (
-        ramp(before.v, v, model.acceleration_v * dt),
-        ramp(before.w, w, model.acceleration_w * dt),
-    )
+    v = ramp(before.v, v, model.acceleration_v * dt)
+    w = ramp(before.w, w, model.acceleration_w * dt)
     share = -math.expm1(-dt / model.lag) if model.lag > 0.0 else 1.0
-    lagged_v, lagged_w = (
-        before.lagged_v + share * (v - before.lagged_v),
-        before.lagged_w + share * (w - before.lagged_w),
+    return DriverEstimate(
+        v=v,
+        w=w,
+        lagged_v=before.lagged_v + share * (v - before.lagged_v),
+        lagged_w=before.lagged_w + share * (w - before.lagged_w),
+        gain_v=before.gain_v,
+        gain_w=before.gain_w,
+        slip=before.slip,
     )
-    return DriverEstimate(v, w, lagged_v, lagged_w, before.gain_v, before.gain_w, before.slip)
 
 
 @jit
@@ -192,38 +219,59 @@ def respond(
 def learn(
     p: PredictorState, before: PredictorState, seen: Observation, elapsed: float
 ) -> PredictorState:
-    """Return the memory with what the robot did in the `elapsed` time [s] beside its model: least squares that forget.
+    """Return the memory with what the robot did in the `elapsed` time [s] beside its model.
 
-    Gains are lasting ones, so what is seen while the model's speeds change from those of `before`
-    counts for less.
+    These are least squares that forget. Gains are lasting ones, so what is seen while the model's
+    speeds change from those of `before` counts for less.
     """
     share = min(elapsed / MEMORY, 1.0)
     change_v = (p.model_v - before.model_v) / (elapsed * STEADY_V)
     change_w = (p.model_w - before.model_w) / (elapsed * STEADY_W)
-    share_v, share_w = share / (1.0 + change_v * change_v), share / (1.0 + change_w * change_w)
+    share_v = share / (1.0 + change_v * change_v)
+    share_w = share / (1.0 + change_w * change_w)
     heading = 0.5 * (p.yaw + seen.yaw)
-    aside = (math.cos(heading) * (seen.y - p.y) - math.sin(heading) * (seen.x - p.x)) / elapsed
+    aside = math.cos(heading) * (seen.y - p.y) - math.sin(heading) * (seen.x - p.x)
+    v_y = aside / elapsed
     return PredictorState(
-        p.v, p.w, p.lagged_v, p.lagged_w, p.at, p.sent_at, p.model_v, p.model_w,
-        p.vv + share_v * (p.model_v * p.model_v - p.vv), p.v_seen + share_v * (p.model_v * seen.v - p.v_seen),
-        p.ww + share_w * (p.model_w * p.model_w - p.ww), p.w_seen + share_w * (p.model_w * seen.w - p.w_seen),
-        p.w_aside + share_w * (p.model_w * aside - p.w_aside), seen.x, seen.y, seen.yaw,
-    )  # fmt: skip
+        v=p.v,
+        w=p.w,
+        lagged_v=p.lagged_v,
+        lagged_w=p.lagged_w,
+        at=p.at,
+        sent_at=p.sent_at,
+        model_v=p.model_v,
+        model_w=p.model_w,
+        vv=p.vv + share_v * (p.model_v * p.model_v - p.vv),
+        v_seen=p.v_seen + share_v * (p.model_v * seen.v - p.v_seen),
+        ww=p.ww + share_w * (p.model_w * p.model_w - p.ww),
+        w_seen=p.w_seen + share_w * (p.model_w * seen.w - p.w_seen),
+        w_aside=p.w_aside + share_w * (p.model_w * v_y - p.w_aside),
+        x=seen.x,
+        y=seen.y,
+        yaw=seen.yaw,
+    )
 
 
 @jit
 def learnt(p: PredictorState) -> DriverEstimate:
-    """Return the driver's references with the learnt gains and slip; a robot that hardly moved has those of the model."""
-    least_v, least_w = LEAST_V * LEAST_V, LEAST_W * LEAST_W
-    gain_v, gain_w = (
-        (p.v_seen + least_v) / (p.vv + least_v),
-        (p.w_seen + least_w) / (p.ww + least_w),
-    )
+    """Return the driver's references with the learnt gains and slip.
+
+    A robot that hardly moved has those of the model.
+    """
+    least_v = LEAST_V * LEAST_V
+    least_w = LEAST_W * LEAST_W
+    gain_v = (p.v_seen + least_v) / (p.vv + least_v)
+    gain_w = (p.w_seen + least_w) / (p.ww + least_w)
     slip = p.w_aside / (p.w_seen + least_w) if p.w_seen > 0.0 else 0.0
     return DriverEstimate(
-        p.v, p.w, p.lagged_v, p.lagged_w, min(max(gain_v, GAINS_V[0]), GAINS_V[1]), min(max(gain_w, GAINS_W[0]), GAINS_W[1]),
-        min(max(slip, SLIPS[0]), SLIPS[1]),
-    )  # fmt: skip
+        v=p.v,
+        w=p.w,
+        lagged_v=p.lagged_v,
+        lagged_w=p.lagged_w,
+        gain_v=min(max(gain_v, GAINS_V[0]), GAINS_V[1]),
+        gain_w=min(max(gain_w, GAINS_W[0]), GAINS_W[1]),
+        slip=min(max(slip, SLIPS[0]), SLIPS[1]),
+    )
 
 
 @jit_alone
@@ -241,18 +289,34 @@ def predict_ahead(
     `t` [s], to which the memory advances in place: (16,) numbers of a `PredictorState` beside the
     (n, 2) `past` commands, the newest last.
     """
-    p = named_like(_TEMPLATE, memory)
-    at, v, w = p.at, p.model_v, p.model_w
-    driver = DriverEstimate(p.v, p.w, p.lagged_v, p.lagged_w, 1.0, 1.0, 0.0)
+    p = named_like(_NO_PREDICTION, memory)
+    at = p.at
+    v = p.model_v
+    w = p.model_w
+    driver = DriverEstimate(p.v, p.w, p.lagged_v, p.lagged_w, gain_v=1.0, gain_w=1.0, slip=0.0)
     while at < t - _ROUNDING:
         dt = min(model.step, t - at)
         driver = advance_driver(past, p.sent_at, at, dt, driver, model)
         v, w = respond(v, w, driver, dt, model)
         at += dt
     now = PredictorState(
-        driver.v, driver.w, driver.lagged_v, driver.lagged_w, at, p.sent_at, v, w, p.vv, p.v_seen, p.ww, p.w_seen, p.w_aside,
-        p.x, p.y, p.yaw,
-    )  # fmt: skip
+        v=driver.v,
+        w=driver.w,
+        lagged_v=driver.lagged_v,
+        lagged_w=driver.lagged_w,
+        at=at,
+        sent_at=p.sent_at,
+        model_v=v,
+        model_w=w,
+        vv=p.vv,
+        v_seen=p.v_seen,
+        ww=p.ww,
+        w_seen=p.w_seen,
+        w_aside=p.w_aside,
+        x=p.x,
+        y=p.y,
+        yaw=p.yaw,
+    )
     if t - p.at > _ROUNDING:
         now = learn(now, p, seen, t - p.at)
     for k, number in enumerate(now):
@@ -263,18 +327,29 @@ def predict_ahead(
         dt = min(model.step, end - at)
         driver = advance_driver(past, p.sent_at, at, dt, driver, model)
         v_next, w_next = respond(v, w, driver, dt, model)
-        v_mid, w_mid = 0.5 * (v + v_next), 0.5 * (w + w_next)
-        heading, aside = yaw + 0.5 * dt * w_mid, driver.slip * w_mid
+        v_mid = 0.5 * (v + v_next)
+        w_mid = 0.5 * (w + w_next)
+        heading = yaw + 0.5 * dt * w_mid
+        aside = driver.slip * w_mid
         x += dt * (v_mid * math.cos(heading) - aside * math.sin(heading))
         y += dt * (v_mid * math.sin(heading) + aside * math.cos(heading))
-        yaw, v, w, at = yaw + dt * w_mid, v_next, w_next, at + dt
+        yaw += dt * w_mid
+        v = v_next
+        w = w_next
+        at += dt
     return Observation(x, y, yaw, v, w), driver
 
 
 @jit_alone
 def remember(past: FloatArray, memory: FloatArray, v: float, w: float, t: float) -> None:
-    """Append the command that is sent at time `t` [s] to a predictor's memory, in place; the oldest one drops out."""
-    for k in range(len(past) - 1):
-        past[k, 0], past[k, 1] = past[k + 1, 0], past[k + 1, 1]
-    past[len(past) - 1, 0], past[len(past) - 1, 1] = v, w
+    """Append the command that is sent at time `t` [s] to a predictor's memory, in place.
+
+    The oldest one drops out.
+    """
+    last = len(past) - 1
+    for k in range(last):
+        past[k, 0] = past[k + 1, 0]
+        past[k, 1] = past[k + 1, 1]
+    past[last, 0] = v
+    past[last, 1] = w
     memory[_SENT_AT] = t

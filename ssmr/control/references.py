@@ -29,23 +29,25 @@ the length."""
 
 
 def line(speed: float, length: float = 10.8) -> Waypoints:
-    """Return a straight line along x of this `length` [m]; docs/references.md derives the thesis' from its tables."""
+    """Return a straight line along x of this `length` [m].
+
+    docs/references.md derives the thesis' length from its tables.
+    """
     _require_positive(length=length)
-    return Waypoints.from_path(
-        np.column_stack([_spread(length), np.zeros(_count(length) + 1)]), speed
-    )
+    x = _spread(length)
+    return Waypoints.from_path(np.column_stack([x, np.zeros(len(x))]), speed)
 
 
 def circle(speed: float, radius: float = 1.5, turns: float = 1.0) -> Waypoints:
-    """Return a circle to the left, which begins along x; its radius is that of the captions of Tab. 4.7 and 4.8.
+    """Return a circle to the left, which begins along x.
 
-    `radius` is that of the circle [m]; it is driven `turns` times.
+    `radius` is that of the circle [m], by default that of the captions of Tab. 4.7 and 4.8; it is
+    driven `turns` times.
     """
     _require_positive(radius=radius, turns=turns)
     angle = _spread(2.0 * math.pi * radius * turns) / radius
-    return Waypoints.from_path(
-        radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)]), speed
-    )
+    places = radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
+    return Waypoints.from_path(places, speed)
 
 
 def sine(
@@ -71,18 +73,17 @@ def sine(
 
 
 def eight(speed: float, half_width: float = 1.25) -> Waypoints:
-    """The lemniscate of Bernoulli, from its crossing once around both loops, the first to the left.
+    """Return the lemniscate of Bernoulli, once around both loops, the first to the left.
 
-    With r the distance from the crossing and a the half width, its curvature is 3 r / a^2: zero at
-    the crossing, and at most 3 / a = 2.40 1/m. The path is x = a cos(u) / (1 + sin(u)^2), y = x
-    sin(u), and its arc ds = a du / sqrt(1 + sin(u)^2).
+    It begins at its crossing. With r the distance from the crossing and a the half width, its
+    curvature is 3 r / a^2: zero at the crossing, and at most 3 / a = 2.40 1/m. The path is
+    x = a cos(u) / (1 + sin(u)^2), y = x sin(u), and its arc ds = a du / sqrt(1 + sin(u)^2).
 
     `half_width` is a, the distance from the crossing to each end [m].
     """
     _require_positive(half_width=half_width)
-    u = np.linspace(
-        -0.5 * math.pi, 1.5 * math.pi, 2 * _REFINEMENT * _count(6.0 * half_width) + 1
-    )  # 5.244 a is its length
+    steps = 2 * _REFINEMENT * _count(6.0 * half_width)  # 5.244 a is its length
+    u = np.linspace(-0.5 * math.pi, 1.5 * math.pi, steps + 1)
     rate = half_width / np.hypot(1.0, np.sin(u))
     arc = integral(u, rate)
     at = np.interp(_spread(float(arc[-1])), arc, u)
@@ -107,21 +108,20 @@ def square(speed: float, side: float = 2.0, curvature: float = 3.0) -> Waypoints
     ramp = 0.5 * math.pi / curvature
     corner = [(ramp, 0.0, curvature), (ramp, curvature, 0.0)]
     x, y = _curved(corner)[-1]
-    cut = 0.5 * (
-        x + y
-    )  # by symmetry both are the length of a side that the corner takes, up to rounding
+    cut = 0.5 * (x + y)  # by symmetry both are what a corner takes of a side, up to rounding
     if not cut < 0.5 * side:
         raise ValueError(
-            f"corners take {2.0 * cut:.3g} m of a side of {side:g} m; lengthen it, or raise the curvature"
+            f"corners take {2.0 * cut:.3g} m of a side of {side:g} m; "
+            "lengthen it, or raise the curvature"
         )
     straight = (0.5 * side - cut, 0.0, 0.0)
     return Waypoints.from_path(_curved([straight, *corner, straight] * 4), speed)
 
 
 def spiral(speed: float, length: float = 10.0, curvature: float = 2.5) -> Waypoints:
-    """Return a spiral to the left whose curvature grows evenly from zero, along x, to its end (a clothoid).
+    """Return a clothoid: a spiral to the left whose curvature grows evenly from zero.
 
-    `length` is the length of the path [m]; `curvature` is that at the end [1/m].
+    It begins along x. `length` is the length of the path [m]; `curvature` is that at the end [1/m].
     """
     _require_positive(length=length, curvature=curvature)
     return Waypoints.from_path(_curved([(length, 0.0, curvature)]), speed)
@@ -149,14 +149,15 @@ def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4
     """
     _require_positive(leg=leg, wait=wait, legs=legs)
     one = line(speed, leg)
-    t, xy = np.append(one.t, one.duration + wait), np.vstack([one.xy, one.xy[-1:]])
+    t = np.append(one.t, one.duration + wait)
+    xy = np.vstack([one.xy, one.xy[-1:]])
     times = [t[1:] + k * t[-1] for k in range(legs)]
     places = [xy[1:] + np.array([k * leg, 0.0]) for k in range(legs)]
     return Waypoints(np.concatenate([[0.0], *times]), np.vstack([np.zeros((1, 2)), *places]))
 
 
 def winding(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Waypoints:
-    """Return a path along which the curvature goes evenly from each of the given ones to the next; it begins along x.
+    """Return a path whose curvature goes evenly from each given one to the next, first along x.
 
     There are two or more `curvatures`, positive to the left [1/m]; `piece` is the arc length from
     one to the next [m].
@@ -167,30 +168,28 @@ def winding(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Wa
     _require_positive(piece=piece)
     if len(curvatures) < 2:
         raise ValueError(f"a winding path has two curvatures or more, got {len(curvatures)}")
-    return Waypoints.from_path(
-        _curved([(piece, a, b) for a, b in itertools.pairwise(curvatures)]), speed
-    )
+    pieces = [(piece, a, b) for a, b in itertools.pairwise(curvatures)]
+    return Waypoints.from_path(_curved(pieces), speed)
 
 
 def _half_turn(curvature: float) -> list[tuple[float, float, float]]:
-    """The pieces of a turn by 180 degrees with this greatest curvature [1/m]; see `u_turn`."""
+    """Return the pieces of a turn by 180 degrees, see `u_turn`; `curvature` is its greatest."""
     quarter = math.pi / curvature / 3.0
-    return [
-        (quarter, 0.0, curvature),
-        (2.0 * quarter, curvature, curvature),
-        (quarter, curvature, 0.0),
-    ]
+    middle = (2.0 * quarter, curvature, curvature)
+    return [(quarter, 0.0, curvature), middle, (quarter, curvature, 0.0)]
 
 
 def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
-    """Return (N, 2) places along pieces whose curvature is linear in their arc length, from the origin along x [m].
+    """Return (N, 2) places [m] along pieces whose curvature is linear in their arc length.
 
-    Each piece is divided evenly. A step's chord is the integral of its direction, by a Gauss rule
-    whose error is far below rounding at these lengths.
+    The path begins at the origin along x. Each piece is divided evenly. A step's chord is the
+    integral of its direction, by a Gauss rule whose error is far below rounding at these lengths.
 
     `pieces` are the length [m] of each piece, and the curvature at its begin and its end [1/m].
     """
-    steps, begins, ends = [], [], []
+    steps = []
+    begins = []
+    ends = []
     for length, begin, end in pieces:
         n = _count(length)
         edges = np.linspace(begin, end, n + 1)
@@ -202,9 +201,10 @@ def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
     headings = np.cumsum(turns) - turns
     nodes, weights = _GAUSS
     u = 0.5 * (1.0 + nodes)
-    along = headings[:, None] + ds[:, None] * (k0[:, None] * u + 0.5 * (k1 - k0)[:, None] * u**2)
-    chords = 0.5 * ds[:, None] * np.column_stack([np.cos(along) @ weights, np.sin(along) @ weights])
-    return np.cumulative_sum(chords, axis=0, include_initial=True)
+    bends = k0[:, None] * u + 0.5 * (k1 - k0)[:, None] * u**2
+    along = headings[:, None] + ds[:, None] * bends
+    directions = np.column_stack([np.cos(along) @ weights, np.sin(along) @ weights])
+    return np.cumulative_sum(0.5 * ds[:, None] * directions, axis=0, include_initial=True)
 
 
 def _require_positive(**numbers: float) -> None:

@@ -1,8 +1,10 @@
-"""One tick of the closed loop (Sec. 3.4.4-3.4.6, 4.3.2, Fig. 4.9, 4.26): observe, compare, control, record.
+"""One tick of the closed loop: observe, compare, control, record.
+
+See Sec. 3.4.4-3.4.6 and 4.3.2, Fig. 4.9 and 4.26.
 
 At the rate of the position loop the robot is observed and the errors to the moving target become
 reference velocities; at the rate at which the robot reads commands these become a command.
-Everything here is the robot's side of the loop, and so alike for every plant: planar models,
+Everything here is the robot's side of the loop, and so the same for every plant: planar models,
 batches of MuJoCo robots, any `Plant` stepped slowly, and a real robot behind ROS.
 """
 
@@ -60,7 +62,7 @@ class Draws(NamedTuple):
 
 
 class Tracker(NamedTuple):
-    """Everything about the robot's side of one closed loop but `LoopState`; arrays advance in place."""
+    """The robot's side of one closed loop but for `LoopState`; arrays advance in place."""
 
     law: int  # place of the law in `ssmr.control.laws.PLAIN_CONTROLLERS`
     gains: FloatArray  # `Controller.packed()`
@@ -91,43 +93,24 @@ class LoopState(NamedTuple):
     command: Command
 
 
-NO_DRAWS, NO_ERRORS = Draws(*(0.0,) * 8), SensorErrors(*(0.0,) * 3)
+NO_DRAWS = Draws(*(0.0,) * 8)
+NO_ERRORS = SensorErrors(*(0.0,) * 3)
 """Templates for `named_like`."""
 _UNSEEN = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
 INITIAL_STATE = LoopState(
-    EMPTY_MEMORY,
-    Target(0.0, 0.0, 0.0, 0.0, 0.0, 0),
-    Errors(0.0, 0.0, 0.0),
-    _UNSEEN,
-    _UNSEEN,
-    Command(0.0, 0.0),
+    memory=EMPTY_MEMORY,
+    target=Target(0.0, 0.0, 0.0, 0.0, 0.0, 0),
+    errors=Errors(0.0, 0.0, 0.0),
+    seen=_UNSEEN,
+    ahead=_UNSEEN,
+    command=Command(0.0, 0.0),
 )
 """State of a robot's side that has not seen anything yet."""
 LOG_COLUMNS = (
-    *(
-        "x",
-        "y",
-        "yaw",
-        "v_x",
-        "v_y",
-        "yaw_rate",
-        "wheel_left",
-        "wheel_right",
-        "torque_left",
-        "torque_right",
-    ),
-    *(
-        "target_x",
-        "target_y",
-        "target_yaw",
-        "e_rho",
-        "e_y",
-        "e_alpha",
-        "u_ref",
-        "w_ref",
-        "v_cmd",
-        "w_cmd",
-    ),
+    *("x", "y", "yaw", "v_x", "v_y", "yaw_rate", "wheel_left", "wheel_right"),
+    *("torque_left", "torque_right"),
+    *("target_x", "target_y", "target_yaw", "e_rho", "e_y", "e_alpha"),
+    *("u_ref", "w_ref", "v_cmd", "w_cmd"),
     *("seen_x", "seen_y", "seen_yaw", "seen_v", "seen_w"),
 )
 """Names of the columns of a run's log, one row for every tick of the position loop."""
@@ -135,67 +118,70 @@ LOG_COLUMNS = (
 
 @jit_alone
 def observed(tracker: Tracker, k: int, truth: Truth, draws: FloatArray) -> Observation:
-    """Return what the controller sees of the truth at physics step `k`, a tick of the position loop.
+    """Return the controller's view of the truth at physics step `k`, a tick of the position loop.
 
     The EKF's belief, if it is used, advances by the time since the last tick.
     """
-    noise, drawn = tracker.noise, named_like(NO_DRAWS, draws[k // tracker.position_steps])
+    noise = tracker.noise
+    drawn = named_like(NO_DRAWS, draws[k // tracker.position_steps])
     if tracker.by_filter:
-        sample = sense(
-            truth.left, truth.right, truth.w, (drawn.left, drawn.right, drawn.gyro), tracker.sensors
-        )
-        filter_step(
-            tracker.belief,
-            sample,
-            tracker.position_steps * tracker.dt if k else 0.0,
-            tracker.filter,
-        )
+        numbers = (drawn.left, drawn.right, drawn.gyro)
+        sample = sense(truth.left, truth.right, truth.w, numbers, tracker.sensors)
+        elapsed = tracker.position_steps * tracker.dt if k else 0.0
+        filter_step(tracker.belief, sample, elapsed, tracker.filter)
         mean = tracker.belief.mean
         return Observation(mean[X], mean[Y], mean[YAW], mean[V], mean[W])
     return Observation(
-        truth.x + noise.x * drawn.x,
-        truth.y + noise.y * drawn.y,
-        truth.yaw + noise.yaw * drawn.yaw,
-        truth.v + noise.v * drawn.v,
-        truth.w + noise.w * drawn.w,
+        x=truth.x + noise.x * drawn.x,
+        y=truth.y + noise.y * drawn.y,
+        yaw=truth.yaw + noise.yaw * drawn.yaw,
+        v=truth.v + noise.v * drawn.v,
+        w=truth.w + noise.w * drawn.w,
     )
 
 
 @jit_alone
 def see(tracker: Tracker, state: LoopState, seen: Observation, t: float) -> LoopState:
-    """Return the state with an observation of mission time `t` [s], the target and the errors then; no law runs."""
+    """Return the state with an observation of mission time `t` [s], and target and errors then.
+
+    No law runs.
+    """
     aim = target(tracker.course, t, state.target.segment)
-    return LoopState(
-        state.memory, aim, position_errors(seen, aim, ALPHA_SWITCH), seen, seen, state.command
-    )
+    errors = position_errors(seen, aim, ALPHA_SWITCH)
+    return LoopState(state.memory, aim, errors, seen, seen, state.command)
 
 
 @jit_alone
 def position_tick(
     tracker: Tracker, state: LoopState, seen: Observation, t: float, dt: float
 ) -> LoopState:
-    """Return the state after one step of the position loop at mission time `t` [s], `dt` [s] after the last.
+    """Return the state after a step of the position loop at time `t` [s], `dt` [s] after the last.
 
     Behind a predictor the law takes the robot, the target and the errors of the instant at which
     its command will act; the state keeps those of now.
     """
     now = see(tracker, state, seen, t)
-    ahead, aim, errors = seen, now.target, now.errors
+    ahead = seen
+    aim = now.target
+    errors = now.errors
     if tracker.predicts:
-        end = t + tracker.predictor.horizon
-        ahead, _ = predict_ahead(
-            tracker.past, tracker.predictor_state, seen, t, end, tracker.predictor
-        )
+        model = tracker.predictor
+        end = t + model.horizon
+        ahead, _ = predict_ahead(tracker.past, tracker.predictor_state, seen, t, end, model)
         aim = target(tracker.course, end, aim.segment)
         errors = position_errors(ahead, aim, ALPHA_SWITCH)
-    kept = Errors(errors.rho - tracker.lookahead, errors.y, errors.alpha)
-    memory = position_step(tracker.law, tracker.gains, state.memory, kept, aim, ahead, dt)
+    errors = Errors(errors.rho - tracker.lookahead, errors.y, errors.alpha)
+    law_input = (state.memory, errors, aim, ahead, dt)
+    memory = position_step(tracker.law, tracker.gains, *law_input)
     return LoopState(memory, now.target, now.errors, seen, ahead, state.command)
 
 
 @jit_alone
 def velocity_tick(tracker: Tracker, state: LoopState, t: float, dt: float) -> LoopState:
-    """Return the state, with a new command, after one step of the velocity loop at time `t` [s], `dt` [s] after the last."""
+    """Return the state with a new command, after a step of the velocity loop at time `t` [s].
+
+    The step comes `dt` [s] after the last.
+    """
     memory, command = velocity_step(tracker.law, tracker.gains, state.memory, state.ahead, dt)
     if tracker.predicts:
         remember(tracker.past, tracker.predictor_state, command.v, command.w, t)
@@ -205,18 +191,18 @@ def velocity_tick(tracker: Tracker, state: LoopState, t: float, dt: float) -> Lo
 @jit_alone
 def record(row: FloatArray, truth: Truth, state: LoopState) -> None:
     """Write a tick into `row`, in the order of `LOG_COLUMNS`."""
-    aim, errors, memory, command = state.target, state.errors, state.memory, state.command
     for i, number in enumerate(truth):
         row[i] = number
-    row[10], row[11], row[12], row[13], row[14], row[15] = (
-        aim.x,
-        aim.y,
-        aim.heading,
-        errors.rho,
-        errors.y,
-        errors.alpha,
-    )
-    row[16], row[17], row[18], row[19] = memory.u_ref, memory.w_ref, command.v, command.w
+    row[10] = state.target.x
+    row[11] = state.target.y
+    row[12] = state.target.heading
+    row[13] = state.errors.rho
+    row[14] = state.errors.y
+    row[15] = state.errors.alpha
+    row[16] = state.memory.u_ref
+    row[17] = state.memory.w_ref
+    row[18] = state.command.v
+    row[19] = state.command.w
     for i, number in enumerate(state.seen):
         row[20 + i] = number
 
@@ -224,7 +210,8 @@ def record(row: FloatArray, truth: Truth, state: LoopState) -> None:
 @jit_alone
 def is_lost(x: float, y: float, yaw_rate: float, target_x: float, target_y: float) -> bool:
     """Return whether a run left its bounds; a number that is not finite counts as lost."""
-    return not (math.hypot(x - target_x, y - target_y) < LOST and abs(yaw_rate) < SPINNING)
+    distance = math.hypot(x - target_x, y - target_y)
+    return not (distance < LOST and abs(yaw_rate) < SPINNING)
 
 
 class LoopData(NamedTuple):
@@ -233,7 +220,7 @@ class LoopData(NamedTuple):
     drive: DriveNumbers  # the driver; its command period is the velocity loop's
     draws: FloatArray  # (ticks, 8) standard normal numbers
     commands: FloatArray  # (1 + n // velocity steps, 2) commands so far
-    references: FloatArray  # (position steps, 2) wheel rates to ask for in the next period of the position loop [rad/s]
+    references: FloatArray  # (position steps, 2) wheel-rate references of the next period [rad/s]
     log: FloatArray  # (ticks, 25) the log
 
 
@@ -264,18 +251,20 @@ def plan_period(
         The states of the robot's side and of the driver at the end of the period, and whether the
         robot is lost.
     """
-    period, between = tracker.position_steps * tracker.dt, tracker.velocity_steps * tracker.dt
-    state = position_tick(
-        tracker, state, observed(tracker, k, truth, data.draws), k * tracker.dt, period
-    )
+    position_dt = tracker.position_steps * tracker.dt
+    velocity_dt = tracker.velocity_steps * tracker.dt
+    seen = observed(tracker, k, truth, data.draws)
+    state = position_tick(tracker, state, seen, k * tracker.dt, position_dt)
     for j in range(k, k + max(n, 1)):
         if j % tracker.velocity_steps == 0:
-            state = velocity_tick(tracker, state, j * tracker.dt, between)
+            state = velocity_tick(tracker, state, j * tracker.dt, velocity_dt)
             i = j // tracker.velocity_steps
-            data.commands[i, 0], data.commands[i, 1] = state.command.v, state.command.w
+            data.commands[i, 0] = state.command.v
+            data.commands[i, 1] = state.command.w
         if j == k:
             record(data.log[k // tracker.position_steps], truth, state)
         if j < k + n:
             driver = follow(data.commands, j, data.drive, (0.0, 0.0), driver)
-            data.references[j - k, 0], data.references[j - k, 1] = driver.left, driver.right
+            data.references[j - k, 0] = driver.left
+            data.references[j - k, 1] = driver.right
     return state, driver, is_lost(truth.x, truth.y, truth.w, state.target.x, state.target.y)

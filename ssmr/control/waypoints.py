@@ -63,35 +63,35 @@ class Errors(NamedTuple):
 
 
 def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
-    """The first point that makes (N,) times [s] and (N, 2) places [m] no trajectory, or None.
+    """Return the first point at which (N,) times [s] and (N, 2) places [m] are no trajectory.
 
-    Without times, neighbours at one place are a fault too: a speed gives them no time to wait.
+    It is None if there is no fault. Without times, neighbours at one place are a fault too: a speed
+    gives them no time to wait.
     """
     for column, values, unit in (("x", xy[:, 0], "m"), ("y", xy[:, 1], "m"), ("t", t, "s")):
         if values is None:
             continue
         bad = np.flatnonzero(~(np.abs(values) <= LARGEST_NUMBER))
         if len(bad):
-            what = f"{column} is {values[bad[0]]:g}, wanted a finite number [{unit}] no larger than {LARGEST_NUMBER:g}"
-            return Fault(int(bad[0]), column, what)
+            k = int(bad[0])
+            right = f"a finite number [{unit}] no larger than {LARGEST_NUMBER:g}"
+            return Fault(k, column, f"{column} is {values[k]:g}, wanted {right}")
+    moving = _lengths(xy) > SAME_PLACE
     if t is None:
-        still = np.flatnonzero(_lengths(xy) <= SAME_PLACE)
-        if len(still):
-            k = int(still[0]) + 1
-            x, y = xy[k]
-            what = f"it is where the one before is, at ({x:.6g}, {y:.6g}) m; give times, to wait, or leave out one of them"
-            return Fault(k, None, what)
-        return None
-    back = np.flatnonzero(np.diff(t) <= SAME_TIME)
-    if len(back):
-        k = int(back[0]) + 1
-        return Fault(k, "t", f"time must increase, but {t[k]:.12g} s follows {t[k - 1]:.12g} s")
-    if not np.any(_lengths(xy) > SAME_PLACE):
-        return Fault(
-            len(xy) - 1,
-            None,
-            "no waypoint is away from the first, so there is no heading; name a second place",
-        )
+        if np.all(moving):
+            return None
+        k = int(np.argmin(moving)) + 1
+        x, y = xy[k]
+        cure = "give times, to wait, or leave out one of them"
+        return Fault(k, None, f"it is where the one before is, at ({x:.6g}, {y:.6g}) m; {cure}")
+    late = np.diff(t) > SAME_TIME
+    if not np.all(late):
+        k = int(np.argmin(late)) + 1
+        what = f"time must increase, but {t[k]:.12g} s follows {t[k - 1]:.12g} s"
+        return Fault(k, "t", what)
+    if not np.any(moving):
+        what = "no waypoint is away from the first, so there is no heading; name a second place"
+        return Fault(len(xy) - 1, None, what)
     return None
 
 
@@ -116,7 +116,8 @@ class Waypoints:
             ValueError: fewer than two points, lengths that differ, numbers that are not finite, one
                 place only, or time that does not increase; the message counts waypoints from 1.
         """
-        t, xy = np.asarray(self.t, dtype=np.float64), _places(self.xy)
+        t = np.asarray(self.t, dtype=np.float64)
+        xy = _places(self.xy)
         if t.shape != (len(xy),):
             raise ValueError(
                 f"{len(xy)} waypoints need as many times, got an array of shape {t.shape}"
@@ -129,7 +130,9 @@ class Waypoints:
 
     @classmethod
     def from_path(cls, xy: ArrayLike, speed: float) -> Waypoints:
-        """Give (N, 2) places [m] times, so that the mean speed on each segment is `speed` [m/s] (Alg. 5, lines 2-7).
+        """Give (N, 2) places [m] the times of a mean speed [m/s] on each segment.
+
+        See Alg. 5, lines 2-7.
 
         Raises:
             ValueError: a speed that is not positive and finite, places that are no path, or
@@ -143,7 +146,7 @@ class Waypoints:
 
     @classmethod
     def _timed(cls, places: FloatArray, speed: float, waits: FloatArray) -> Waypoints:
-        """Return places that are `speed` [m/s] times their (N - 1,) segments apart, and (N - 1,) `waits` [s] in addition."""
+        """Return places with the times of a speed [m/s] and of (N - 1,) `waits` [s] in addition."""
         if not (math.isfinite(speed) and speed > 0.0):
             raise ValueError(f"the reference speed must be positive and finite, got {speed} m/s")
         with np.errstate(
@@ -153,7 +156,7 @@ class Waypoints:
         return cls(t, places)
 
     def at_speed(self, speed: float) -> Waypoints:
-        """Return the same path, driven at a mean speed [m/s] on each segment; its waits stay as long as they are.
+        """Return the same path at a mean speed [m/s] on each segment; its waits stay as they are.
 
         Raises:
             ValueError: a speed that is not positive and finite.
@@ -188,32 +191,34 @@ class Waypoints:
     def speed(self) -> float:
         """Average speed while the target moves [m/s]."""
         moving = self.moving
-        return self.length / (
-            self.duration if np.all(moving) else float(np.sum(np.diff(self.t)[moving]))
-        )
+        if np.all(moving):
+            return self.length / self.duration
+        return self.length / float(np.sum(np.diff(self.t)[moving]))
 
     @property
     def rms_speed(self) -> float:
         """Root mean square of the target's speed over the whole time [m/s]; waits count as zero."""
-        return math.sqrt(float(np.average(self.segment_speeds**2, weights=np.diff(self.t))))
+        mean_square = np.average(self.segment_speeds**2, weights=np.diff(self.t))
+        return math.sqrt(float(mean_square))
 
     @property
     def headings(self) -> FloatArray:
-        """(N - 1,) angle phi of each segment to the world's x axis, unwrapped [rad] (Alg. 5, lines 8-10).
+        """(N - 1,) angle phi of each segment to the world's x axis, unwrapped [rad].
 
-        A wait has the heading of the last move before it, or before the first move of that move.
+        See Alg. 5, lines 8-10. A wait has the heading of the last move before it, or before the
+        first move of that move.
         """
-        steps, moves = np.diff(self.xy, axis=0), np.flatnonzero(self.moving)
-        latest = np.clip(
-            np.cumsum(self.moving) - 1, 0, None
-        )  # number of the move that each segment takes its heading from
-        angles: FloatArray = np.unwrap(np.arctan2(steps[moves, 1], steps[moves, 0]))
-        return np.asarray(angles[latest])
+        moves = np.flatnonzero(self.moving)
+        steps = np.diff(self.xy, axis=0)[moves]
+        angles: FloatArray = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+        latest = np.cumsum(self.moving) - 1  # the move from which each segment takes its heading
+        return np.asarray(angles[np.clip(latest, 0, None)])
 
     @property
     def start(self) -> State:
         """State of a robot that rests at the first waypoint and faces along the first segment."""
-        return State(float(self.xy[0, 0]), float(self.xy[0, 1]), float(self.headings[0]))
+        x, y = map(float, self.xy[0])
+        return State(x, y, float(self.headings[0]))
 
     @property
     def segment_speeds(self) -> FloatArray:
@@ -229,17 +234,23 @@ class Waypoints:
         ends of a wait: a target that leaves in another direction than it came turns at once, as at
         a corner.
         """
-        t, phi = self.t - self.t[0], self.headings
+        t = self.t - self.t[0]
+        headings = self.headings
         middles = t[:-1] + 0.5 * np.diff(t)
-        course = np.zeros(len(t), COURSE)
-        course["t"], course["x"], course["y"] = t, self.xy[:, 0], self.xy[:, 1]
-        course["heading"], course["v"][:-1] = np.append(phi, phi[-1]), self.segment_speeds
         on_the_way = self.moving[:-1] & self.moving[1:]
-        course["w"][1:-1] = np.where(on_the_way, np.diff(phi) / np.diff(middles), 0.0)
+        course = np.zeros(len(t), COURSE)
+        course["t"] = t
+        course["x"] = self.xy[:, 0]
+        course["y"] = self.xy[:, 1]
+        course["heading"] = np.append(headings, headings[-1])
+        course["v"][:-1] = self.segment_speeds
+        course["w"][1:-1] = np.where(on_the_way, np.diff(headings) / np.diff(middles), 0.0)
         return course
 
     def trajectory(self, dt: float) -> Trajectory:
-        """Return the target's motion every `dt` [s] and at the end: pose (x, y, phi) and twist (v_ref, 0, w_ref).
+        """Return the target's motion every `dt` [s] and at the end.
+
+        The pose is (x, y, phi) and the twist (v_ref, 0, w_ref).
 
         Raises:
             ValueError: the period is not positive and finite.
@@ -272,11 +283,11 @@ def _lengths(xy: FloatArray) -> FloatArray:
 
 @jit_alone
 def target(course: Any, t: float, segment: int) -> Target:
-    """The `Target` at a mission time (Alg. 5, lines 11-21); its place and twist are linear in time.
+    """Return the `Target` at a mission time (Alg. 5, lines 11-21).
 
-    Before `t` = 0 [s] the target waits at the first waypoint of `Waypoints.course()`, after the end
-    at the last. The search begins at `segment`, that of the last call, 0 at first: as time only
-    advances the next one is at most a few further.
+    Its place and twist are linear in time. Before `t` = 0 [s] the target waits at the first
+    waypoint of `Waypoints.course()`, after the end at the last. The search begins at `segment`,
+    that of the last call, 0 at first: as time only advances the next one is at most a few further.
     """
     last = len(course) - 1
     k = min(max(segment, 0), last - 1)
@@ -288,28 +299,27 @@ def target(course: Any, t: float, segment: int) -> Target:
         return Target(course[0].x, course[0].y, course[0].heading, 0.0, 0.0, k)
     if t >= course[last].t:
         return Target(course[last].x, course[last].y, course[last].heading, 0.0, 0.0, k)
-    a, b = course[k], course[k + 1]
+    a = course[k]
+    b = course[k + 1]
     f = (t - a.t) / (b.t - a.t)
-    return Target(
-        a.x + f * (b.x - a.x), a.y + f * (b.y - a.y), a.heading, a.v, a.w + f * (b.w - a.w), k
-    )
+    x = a.x + f * (b.x - a.x)
+    y = a.y + f * (b.y - a.y)
+    return Target(x, y, a.heading, a.v, a.w + f * (b.w - a.w), k)
 
 
 @jit_alone
 def targets_at(course: Any, t: FloatArray) -> FloatArray:
-    """(M, 5) x, y, phi, v_ref, w_ref of the target at (M,) mission times that increase [s]."""
+    """Return (M, 5) x, y, phi, v_ref, w_ref of the target at (M,) increasing mission times [s]."""
     rows = np.empty((len(t), 5))
     segment = 0
     for i in range(len(t)):
         aim = target(course, t[i], segment)
         segment = aim.segment
-        rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4] = (
-            aim.x,
-            aim.y,
-            aim.heading,
-            aim.v,
-            aim.w,
-        )
+        rows[i, 0] = aim.x
+        rows[i, 1] = aim.y
+        rows[i, 2] = aim.heading
+        rows[i, 3] = aim.v
+        rows[i, 4] = aim.w
     return rows
 
 
@@ -325,10 +335,11 @@ def position_errors(seen: Any, aim: Target, switch: float) -> Errors:
     - phi, which a positive gain would drive away from zero. It is zero where the target is farther
     than `switch` [m].
     """
-    dx, dy = aim.x - seen.x, aim.y - seen.y
+    dx = aim.x - seen.x
+    dy = aim.y - seen.y
     rho = math.hypot(dx, dy)
     beta = math.atan2(dy, dx) - seen.yaw
-    alpha = (
-        math.pi - (math.pi - (aim.heading - seen.yaw)) % (2.0 * math.pi) if rho <= switch else 0.0
-    )
+    alpha = 0.0
+    if rho <= switch:
+        alpha = math.pi - (math.pi - (aim.heading - seen.yaw)) % (2.0 * math.pi)
     return Errors(rho * math.cos(beta), rho * math.sin(beta), alpha)

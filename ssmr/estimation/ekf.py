@@ -1,11 +1,11 @@
-"""Extended Kalman filter that estimates the pose and the velocities of a robot from wheel encoders and gyro (Sec. 3.1.3).
+"""Extended Kalman filter of a robot's pose and velocities, from wheel encoders and gyro.
 
-The state is (x, y, yaw, v, omega) of the reference point, with yaw unwrapped. As in the stock
-filter of a Husky (the ROS package robot_localization, `two_d_mode`), both velocities are constant
-except for white accelerations, and every measurement is linear: v and omega as the driver's
-odometry computes them from the wheels (Eq. 2.9), and omega from the gyro. Nothing measures the
-pose, so its uncertainty only grows. The lateral speed is taken to be 0. This is the thesis' filter,
-which the default settings are.
+It is that of Sec. 3.1.3. The state is (x, y, yaw, v, omega) of the reference point, with yaw
+unwrapped. As in the stock filter of a Husky (the ROS package robot_localization, `two_d_mode`),
+both velocities are constant except for white accelerations, and every measurement is linear: v and
+omega as the driver's odometry computes them from the wheels (Eq. 2.9), and omega from the gyro.
+Nothing measures the pose, so its uncertainty only grows. The lateral speed is taken to be 0. This
+is the thesis' filter, which the default settings are.
 
 A filter's state is a `Belief`, whose two arrays the kernels update in place. They allocate nothing,
 so that they run as well inside other compiled loops.
@@ -44,43 +44,67 @@ def predict(belief: Belief, dt: float, numbers: Any) -> None:
     """
     m, p = belief
     n = len(m)
-    v, w, half = m[V], m[W], 0.5 * dt
+    v = m[V]
+    w = m[W]
+    half = 0.5 * dt
     heading = m[YAW] + half * w
-    along_x, along_y = dt * math.cos(heading), dt * math.sin(heading)  # derivatives by v
-    turn_x, turn_y = -v * along_y, v * along_x  # derivatives by yaw
+    along_x = dt * math.cos(heading)  # derivatives by v
+    along_y = dt * math.sin(heading)
+    turn_x = -v * along_y  # derivatives by yaw
+    turn_y = v * along_x
     m[X] += turn_y
     m[Y] -= turn_x
     m[YAW] += dt * w
     for j in range(n):  # P <- F P, column by column
-        swing, ahead = p[YAW, j] + half * p[W, j], p[V, j]
+        swing = p[YAW, j] + half * p[W, j]
+        ahead = p[V, j]
         p[X, j] += turn_x * swing + along_x * ahead
         p[Y, j] += turn_y * swing + along_y * ahead
         p[YAW, j] += dt * p[W, j]
     for i in range(n):  # P <- P F', row by row
-        swing, ahead = p[i, YAW] + half * p[i, W], p[i, V]
+        swing = p[i, YAW] + half * p[i, W]
+        ahead = p[i, V]
         p[i, X] += turn_x * swing + along_x * ahead
         p[i, Y] += turn_y * swing + along_y * ahead
         p[i, YAW] += dt * p[i, W]
-    slip, q_yaw = dt * numbers.process_position, dt * numbers.process_yaw
-    q_v, q_w = dt * numbers.process_v, dt * numbers.process_yaw_rate
-    q_turn = q_yaw / 3.0 + q_w * dt * dt / 20.0
-    x_yaw, x_w = 0.5 * q_yaw + q_w * dt * dt / 8.0, q_w * dt / 6.0
     for i in range(1, n):  # F P F' is symmetric; the upper triangle is kept
         for j in range(i):
             p[i, j] = p[j, i]
-    p[X, X] += slip + q_turn * turn_x * turn_x + q_v / 3.0 * along_x * along_x
-    p[Y, Y] += slip + q_turn * turn_y * turn_y + q_v / 3.0 * along_y * along_y
+    _add_process_noise(p, along_x, along_y, turn_x, turn_y, dt=dt, numbers=numbers)
+
+
+@jit
+def _add_process_noise(
+    p: FloatArray,
+    along_x: float,
+    along_y: float,
+    turn_x: float,
+    turn_y: float,
+    dt: float,
+    numbers: Any,
+) -> None:
+    """Add Q of one step to the covariance, see `predict`."""
+    q_slip = dt * numbers.process_position
+    q_yaw = dt * numbers.process_yaw
+    q_v = dt * numbers.process_v
+    q_w = dt * numbers.process_yaw_rate
+    q_turn = q_yaw / 3.0 + q_w * dt * dt / 20.0
+    q_along = q_v / 3.0
+    turn_yaw = 0.5 * q_yaw + q_w * dt * dt / 8.0
+    turn_w = q_w * dt / 6.0
+    p[X, X] += q_slip + q_turn * turn_x * turn_x + q_along * along_x * along_x
+    p[Y, Y] += q_slip + q_turn * turn_y * turn_y + q_along * along_y * along_y
     p[YAW, YAW] += q_yaw + q_w * dt * dt / 3.0
     p[V, V] += q_v
     p[W, W] += q_w
-    _add(p, X, Y, q_turn * turn_x * turn_y + q_v / 3.0 * along_x * along_y)
-    _add(p, X, YAW, x_yaw * turn_x)
-    _add(p, Y, YAW, x_yaw * turn_y)
+    _add(p, X, Y, q_turn * turn_x * turn_y + q_along * along_x * along_y)
+    _add(p, X, YAW, turn_yaw * turn_x)
+    _add(p, Y, YAW, turn_yaw * turn_y)
     _add(p, X, V, 0.5 * q_v * along_x)
     _add(p, Y, V, 0.5 * q_v * along_y)
-    _add(p, X, W, x_w * turn_x)
-    _add(p, Y, W, x_w * turn_y)
-    _add(p, YAW, W, half * q_w)
+    _add(p, X, W, turn_w * turn_x)
+    _add(p, Y, W, turn_w * turn_y)
+    _add(p, YAW, W, 0.5 * dt * q_w)
 
 
 @jit
@@ -92,19 +116,20 @@ def _add(p: FloatArray, i: int, j: int, value: float) -> None:
 
 @jit
 def update(belief: Belief, j: int, value: float, variance: float) -> None:
-    """Take in one measurement of state `j`, in place; a NaN or a measurement of infinite variance changes nothing.
+    """Take in one measurement of state `j`, in place.
 
-    With the gain K = P H'/S, S = H P H' + R, this is the mean m + K (z - H m) and Joseph's form of
-    the covariance, (I - K H) P (I - K H)' + K R K'. Where H picks state j, the last terms of that
-    form cancel in all rows and columns but the j-th, whose factor 1 - K_j is R/S: no difference of
-    like numbers is left there, so the variance stays positive.
+    A NaN or a measurement of infinite variance changes nothing. With the gain K = P H'/S, S = H P
+    H' + R, this is the mean m + K (z - H m) and Joseph's form of the covariance, (I - K H) P (I - K
+    H)' + K R K'. Where H picks state j, the last terms of that form cancel in all rows and columns
+    but the j-th, whose factor 1 - K_j is R/S: no difference of like numbers is left there, so the
+    variance stays positive.
     """
     if math.isnan(value) or variance == math.inf:
         return
     m, p = belief
-    total = p[j, j] + variance  # S
-    keep, step = variance / total, (value - m[j]) / total
     n = len(m)
+    total = p[j, j] + variance  # S
+    step = (value - m[j]) / total
     for i in range(n):
         m[i] += p[j, i] * step
         gain = p[j, i] / total
@@ -113,6 +138,7 @@ def update(belief: Belief, j: int, value: float, variance: float) -> None:
                 left = p[i, k] - gain * p[j, k]
                 p[i, k] = left
                 p[k, i] = left
+    keep = variance / total
     for k in range(n):  # row and column j, which the others needed as they were
         p[j, k] *= keep
         p[k, j] = p[j, k]
@@ -120,7 +146,7 @@ def update(belief: Belief, j: int, value: float, variance: float) -> None:
 
 @jit_alone
 def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -> None:
-    """Take in one sample of the robot's sensors, in place: let `dt` [s] pass, then use wheels and gyro.
+    """Let `dt` [s] pass, then take in one sample of wheels and gyro, in place.
 
     The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy
     wheels have independent noise. The sample is NaN where a sensor gave nothing.
@@ -138,26 +164,26 @@ def filter_log(log: SensorLog, numbers: Any, belief: Belief, out: FloatArray) ->
 
     `out` (M, 19) is written: the mean, its standard deviations, and the covariance of the pose.
     """
-    n, now = len(belief.mean), log.t[0]
+    n = len(belief.mean)
+    now = log.t[0]
     for k in range(len(log.t)):
-        filter_step(
-            belief, SensorSample(log.left[k], log.right[k], log.gyro[k]), log.t[k] - now, numbers
-        )
+        sample = SensorSample(log.left[k], log.right[k], log.gyro[k])
+        filter_step(belief, sample, log.t[k] - now, numbers)
         now = log.t[k]
         for i in range(n):
-            out[k, i], out[k, n + i] = belief.mean[i], np.sqrt(belief.covariance[i, i])
+            out[k, i] = belief.mean[i]
+            out[k, n + i] = np.sqrt(belief.covariance[i, i])
         for i in range(9):
             out[k, 2 * n + i] = belief.covariance[i // 3, i % 3]
 
 
 def initial_belief(state: State) -> Belief:
-    """The belief of a filter that starts and is sure of its state, as the lab's was (Sec. 4.2).
+    """Return the first belief of a filter that is sure of its state, as the lab's was (Sec. 4.2).
 
     Its arrays are writable. A ValueError refuses numbers that are not finite.
     """
-    mean = frozen_array(
-        [state.x, state.y, state.yaw, state.v_x, state.yaw_rate], "the filter's start", (5,)
-    )
+    numbers = [state.x, state.y, state.yaw, state.v_x, state.yaw_rate]
+    mean = frozen_array(numbers, "the filter's start", (5,))
     return Belief(mean.copy(), np.zeros((5, 5)))
 
 
@@ -177,17 +203,17 @@ def run_ekf(log: SensorLog, settings: EkfSettings, start: State) -> Trajectory:
         ValueError: lengths differ, time does not increase, or a number other than a missing gyro
             sample is not finite.
     """
-    times, turning = increasing_times(log.t), np.array(log.gyro, dtype=np.float64)
-    left, right = (
-        frozen_array(a, name, (len(times),))
-        for a, name in ((log.left, "left"), (log.right, "right"))
-    )
-    frozen_array(np.where(np.isnan(turning), 0.0, turning), "gyro", (len(times),))
+    times = increasing_times(log.t)
+    count = (len(times),)
+    left = frozen_array(log.left, "left", count)
+    right = frozen_array(log.right, "right", count)
+    gyro = np.array(log.gyro, dtype=np.float64)
+    frozen_array(np.where(np.isnan(gyro), 0.0, gyro), "gyro", count)
     belief = initial_belief(start)
     n = len(belief.mean)
     out = np.empty((len(times), 2 * n + 9))
-    filter_log(SensorLog(times, left, right, turning), settings.packed(), belief, out)
+    filter_log(SensorLog(times, left, right, gyro), settings.packed(), belief, out)
     mean, std, covariance = np.split(out, [n, 2 * n], axis=1)
     channels = {"pose_std": std[:, :3], "pose_covariance": covariance.reshape(-1, 3, 3)}
-    twist = np.column_stack([mean[:, V], np.zeros(len(times)), mean[:, W]])
+    twist = np.column_stack([mean[:, V], np.zeros(count), mean[:, W]])
     return Trajectory(times, mean[:, :3], twist, np.column_stack([left, right]), channels)

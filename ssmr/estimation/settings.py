@@ -1,4 +1,4 @@
-"""Settings of the extended Kalman filter: they say what it assumes about the robot and its sensors."""
+"""Settings of the extended Kalman filter: its assumptions about the robot and its sensors."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Belief(NamedTuple):
 
 @dataclass(frozen=True)
 class EkfSettings:
-    """Assumptions of the filter about the robot and its sensors. The defaults are the thesis' filter.
+    """Assumptions of the filter about robot and sensors; the defaults are the thesis' filter.
 
     The wheels of a skidding robot tell its yaw rate only through `half_track`. Unless that is the
     effective one, they overstate it, by a factor of 1.8 on tile. By default the gyro is therefore
@@ -54,7 +54,11 @@ class EkfSettings:
     """Variance of the gyro's yaw rate [rad2/s2]; Tab. 3.4, of the filter's output as well."""
 
     def __post_init__(self) -> None:
-        """Check the ranges; ValueError for a length or variance that is not positive, or a negative or infinite density."""
+        """Check the ranges.
+
+        Raises:
+            ValueError: a length or variance is not positive, or a density negative or infinite.
+        """
         check_parameters(self)
 
     def packed(self) -> Any:

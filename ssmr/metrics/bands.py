@@ -32,18 +32,18 @@ _FEW = 2.353 / 1.645 * math.sqrt(1.0 - QUARTERS**-2)
 """Factor of the reach, 1.385: an error that lasts as long as a part shows itself four times only,
 so Student's quantile of three degrees of freedom stands for the normal one. The root is what errors
 on new ground are to those of a part left out."""
-_USUAL = np.array([0.015, 0.01, 0.03, 0.02, 0.02, 0.015, 0.01, 0.002])
-"""Usual standard deviations of the causes, in the order of `Band`: what a log hardly excites is as
-it is on public runs."""
-_WEIGHT = 2.0
-"""Number of squares that what is usual counts for."""
+_PRIOR = np.array([0.015, 0.01, 0.03, 0.02, 0.02, 0.015, 0.01, 0.002])
+"""Standard deviations of the causes on public runs, in the order of `Band`: a prior for those that
+a log hardly excites."""
+_PRIOR_SQUARES = 2.0
+"""Number of squares that the prior counts for."""
 _FEWEST_WINDOWS = 40
 """Fewest windows that a band is estimated from."""
 
 
 @dataclass(frozen=True)
 class Band:
-    """Standard deviations of the causes of a prediction's error, and how many of them hold nine tenths of the errors."""
+    """Standard deviations of the causes of a prediction's error, and the reach of nine tenths."""
 
     position_noise: float = parameter(0.0, unit="m", low=0.0)
     """Error of the difference of two logged positions, whatever the way between them [m]."""
@@ -85,20 +85,21 @@ class Band:
             (W, 2, 2) covariance of the position at the end, in the frame of the start [m²], and
             (W,) variance of its heading [rad²].
         """
-        xx, yy, turned, xy = _growth(pose, starts, ends) @ np.square(astuple(self)[:_CAUSES])
-        return np.stack([np.stack([xx, xy], -1), np.stack([xy, yy], -1)], -1), turned
+        growth = _growth(pose, starts, ends)
+        xx, yy, turned, xy = growth @ np.square(astuple(self)[:_CAUSES])
+        rows = [np.stack([xx, xy], -1), np.stack([xy, yy], -1)]
+        return np.stack(rows, -1), turned
 
     def sizes(
         self, pose: ArrayLike, starts: ArrayLike, ends: ArrayLike, error: ArrayLike
     ) -> tuple[FloatArray, FloatArray]:
-        """Return how far errors lie out, 1 being the edge of the band: (W,) of positions and (W,) of headings.
+        """Return (W,) sizes of errors of position and of heading, 1 at the edge of the band.
 
         `error` has (W, 3) errors x, y [m] in the frame of the start, and yaw [rad]; the others are
         those of `covariance`.
         """
-        position, yaw = _sizes(
-            _growth(pose, starts, ends), np.square(astuple(self)[:_CAUSES]), np.asarray(error)
-        )
+        variances = np.square(astuple(self)[:_CAUSES])
+        position, yaw = _sizes(_growth(pose, starts, ends), variances, np.asarray(error))
         return position / self.reach_position, yaw / self.reach_yaw
 
 
@@ -106,20 +107,24 @@ _CAUSES = len(fields(Band)) - 2
 
 
 def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
-    """Return (4, W, causes): what a unit variance of each cause adds to the variances xx, yy, of the heading, and to xy.
+    """Return (4, W, causes) what a unit variance of each cause adds to a window's variances.
 
-    Integrals over a window of levers p - p(s) and of their products, p its end, come from running
-    sums over the whole path.
+    These are xx, yy, that of the heading, and xy. Integrals over a window of levers p - p(s) and of
+    their products, p its end, come from running sums over the whole path.
     """
     path = frozen_array(pose, "pose", (None, 3))
-    i, j = np.asarray(starts, dtype=np.intp), np.asarray(ends, dtype=np.intp)
-    step, turn = np.diff(path[:, :2], axis=0), np.diff(path[:, 2])
-    place, heading = path[:-1, :2] + 0.5 * step, path[:-1, 2] + 0.5 * turn
+    i = np.asarray(starts, dtype=np.intp)
+    j = np.asarray(ends, dtype=np.intp)
+    step = np.diff(path[:, :2], axis=0)
+    turn = np.diff(path[:, 2])
+    place = path[:-1, :2] + 0.5 * step
+    heading = path[:-1, 2] + 0.5 * turn
     way = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
-    end, c, s = path[j, :2], np.cos(path[i, 2]), np.sin(path[i, 2])
-    ahead = np.stack(
-        [np.stack([c, s], -1), np.stack([-s, c], -1)], -2
-    )  # from the world to the frame of the start
+    end = path[j, :2]
+    c = np.cos(path[i, 2])
+    s = np.sin(path[i, 2])
+    rows = [np.stack([c, s], -1), np.stack([-s, c], -1)]
+    ahead = np.stack(rows, -2)  # from the world to the frame of the start
     aside = ahead @ np.array([[0.0, -1.0], [1.0, 0.0]])  # and a quarter turn
 
     def over(rate: FloatArray) -> FloatArray:
@@ -131,38 +136,43 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
         return vector[:, :, None] * vector[:, None, :]
 
     def lasting(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what an error adds that turns the heading in proportion to a signed rate: the square of summed levers."""
-        lever = end * over(rate)[:, None] - over(place * rate[:, None])
-        return squared((aside @ lever[:, :, None])[:, :, 0]), over(rate) ** 2
+        """Return the variances by an error that turns the heading in proportion to a signed rate.
+
+        That of the position is the square of summed levers.
+        """
+        total = over(rate)
+        lever = end * total[:, None] - over(place * rate[:, None])
+        return squared((aside @ lever[:, :, None])[:, :, 0]), total**2
 
     def walking(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what a random walk of the heading adds, whose variance grows by a rate: the sum of its squared levers."""
-        first, second = over(place * rate[:, None]), over(squared(place) * rate[:, None, None])
-        mixed = end[:, :, None] * first[:, None, :]
-        levers = (
-            squared(end) * over(rate)[:, None, None] - mixed - mixed.transpose(0, 2, 1) + second
-        )
-        return aside @ levers @ aside.transpose(0, 2, 1), over(rate)
+        """Return the variances by a random walk of the heading, whose variance grows by a rate.
 
-    chord, zero, one = (end - path[i, :2])[:, :, None], np.zeros(len(i)), np.ones(len(i))
+        That of the position is the sum of squared levers.
+        """
+        total = over(rate)
+        first = over(place * rate[:, None])
+        second = over(squared(place) * rate[:, None, None])
+        mixed = end[:, :, None] * first[:, None, :]
+        levers = squared(end) * total[:, None, None] - mixed - mixed.transpose(0, 2, 1) + second
+        return aside @ levers @ aside.transpose(0, 2, 1), total
+
+    chord = (end - path[i, :2])[:, :, None]
+    chord_ahead = (ahead @ chord)[:, :, 0]
+    chord_aside = (aside @ chord)[:, :, 0]
+    zero = np.zeros(len(i))
     unit = np.broadcast_to(np.eye(2), (len(i), 2, 2))
     causes = [
         (unit, zero),
-        (
-            0.5 * squared((aside @ chord)[:, :, 0]),
-            one,
-        ),  # half of the noise is that of the heading at the start
+        (0.5 * squared(chord_aside), zero + 1.0),  # half of it is noise of the heading at the start
         (unit * over(np.abs(way))[:, None, None], zero),
-        (squared((ahead @ chord)[:, :, 0]), zero),
+        (squared(chord_ahead), zero),
         walking(np.abs(turn)),
         lasting(turn),
         walking(np.abs(way)),
         lasting(way),
     ]
-    rows = [
-        (position[:, 0, 0], position[:, 1, 1], yaw, position[:, 0, 1]) for position, yaw in causes
-    ]
-    return np.moveaxis(np.array(rows), 0, -1)
+    growth = [(xy[:, 0, 0], xy[:, 1, 1], yaw, xy[:, 0, 1]) for xy, yaw in causes]
+    return np.moveaxis(np.array(growth), 0, -1)
 
 
 def _sizes(
@@ -181,25 +191,27 @@ a band too."""
 
 
 def _variances(growth: FloatArray, error: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return the (causes,) variances that explain squares of errors best, each square weighted by its own expectation.
+    """Return the (causes,) variances that explain squares of errors best.
 
-    Each of the windows counts as much as its `weight` (W,). What is usual counts as a few squares
-    more.
+    Each square is weighted by its own expectation, and each of the windows counts as much as its
+    `weight` (W,). The prior counts as a few squares more.
     """
     from scipy.optimize import nnls  # here: it takes long to import, and few programs need it
 
     design = growth[:3].reshape(-1, _CAUSES)
     squares = np.square(error.T).ravel()
-    expected, root = (
-        np.repeat(np.average(np.square(error), 0, weight) + 1e-12, len(error)),
-        np.tile(np.sqrt(weight), 3),
-    )
+    mean_squares = np.average(np.square(error), 0, weight)
+    expected = np.repeat(mean_squares + 1e-12, len(error))
+    root = np.tile(np.sqrt(weight), 3)
+    prior = _PRIOR**2
+    prior_rows = math.sqrt(_PRIOR_SQUARES) * np.eye(_CAUSES)
+    prior_values = np.full(_CAUSES, math.sqrt(_PRIOR_SQUARES))
     variances = np.zeros(_CAUSES)
-    usual, ones = math.sqrt(_WEIGHT) * np.eye(_CAUSES), np.full(_CAUSES, math.sqrt(_WEIGHT))
     for _ in range(_ROUNDS):
         clipped = np.minimum(squares, _MOST_SQUARES * expected)
-        rows = np.vstack([design * _USUAL**2 * (root / expected)[:, None], usual])
-        variances = nnls(rows, np.concatenate([clipped * root / expected, ones]))[0] * _USUAL**2
+        rows = np.vstack([design * prior * (root / expected)[:, None], prior_rows])
+        values = np.concatenate([clipped * root / expected, prior_values])
+        variances = nnls(rows, values)[0] * prior
         variances[:2] = np.maximum(variances[:2], _LEAST)
         expected = design @ variances
     return variances
@@ -208,11 +220,11 @@ def _variances(growth: FloatArray, error: FloatArray, weight: FloatArray) -> Flo
 def estimated_band(
     windows: Mapping[float, Sequence[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]],
 ) -> Band | None:
-    """Return a plant's band from its errors over windows on ground that its numbers never saw; None of too few windows.
+    """Return a plant's band from its errors over windows on ground that its numbers never saw.
 
-    Windows of h seconds that begin every second overlap, so each counts as 1/h among the causes.
-    The reach holds nine tenths of the errors, each length counting alike, and is greater by `_FEW`,
-    as there are few parts.
+    It is None if there are too few windows. Windows of h seconds that begin every second overlap,
+    so each counts as 1/h among the causes. The reach holds nine tenths of the errors, where all
+    lengths have the same weight, and is greater by `_FEW`, as there are few parts.
 
     Args:
         windows: for each length [s] and each gap-free piece: its (M, 3) predicted path, (W,) starts
@@ -225,7 +237,9 @@ def estimated_band(
         return None
     growth = np.concatenate([_growth(pose, i, j) for pose, i, j, _ in pieces], axis=1)
     error = np.concatenate([e for *_, e in pieces])
-    variances = _variances(growth, error, 1.0 / np.repeat(np.maximum(list(windows), 1.0), counts))
-    alike, sizes = 1.0 / np.repeat(counts, counts), np.array(_sizes(growth, variances, error))
-    reach = _FEW * np.quantile(sizes, SHARE, axis=1, weights=alike, method="inverted_cdf")
-    return Band(*np.sqrt(variances).tolist(), *reach.tolist())
+    overlaps = np.maximum(list(windows), 1.0)
+    variances = _variances(growth, error, 1.0 / np.repeat(overlaps, counts))
+    sizes = np.array(_sizes(growth, variances, error))
+    weights = 1.0 / np.repeat(counts, counts)
+    reach = np.quantile(sizes, SHARE, axis=1, weights=weights, method="inverted_cdf")
+    return Band(*np.sqrt(variances).tolist(), *(_FEW * reach).tolist())

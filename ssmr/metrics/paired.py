@@ -18,11 +18,14 @@ from ssmr.types import FloatArray, frozen_array, increasing_times
 
 SIGNIFICANCE = 0.05
 """Corrected probability below which two candidates are told apart [1]."""
-_DRAWS, _FEWEST_BLOCKS = 1000, 4
+_DRAWS = 1000
+"""Number of resampled series."""
+_FEWEST_BLOCKS = 4
+"""Fewest blocks that are resampled."""
 
 
 def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, block: float) -> float:
-    """Return the probability that medians as far apart as these come from candidates that are equally good [1].
+    """Return the probability that equally good candidates have medians as far apart as these [1].
 
     Args:
         one: (W,) errors of a candidate.
@@ -40,20 +43,21 @@ def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, blo
     from scipy.special import stdtr  # here: it takes long to import
 
     t = increasing_times(times)
-    pair = np.stack([frozen_array(values, "errors", (len(t),)) for values in (one, other)])
-    together = int(np.max(np.searchsorted(t, t + block) - np.arange(len(t)), initial=1))
-    if len(t) < _FEWEST_BLOCKS * together:
+    n = len(t)
+    pair = np.stack([frozen_array(values, "errors", (n,)) for values in (one, other)])
+    together = int(np.max(np.searchsorted(t, t + block) - np.arange(n), initial=1))
+    if n < _FEWEST_BLOCKS * together:
         return 1.0
-    starts = np.random.default_rng(0).integers(0, len(t), (_DRAWS, math.ceil(len(t) / together)))
-    drawn = ((starts[:, :, None] + np.arange(together)) % len(t)).reshape(_DRAWS, -1)[:, : len(t)]
-    apart, spread = (np.subtract(*np.median(values, axis=-1)) for values in (pair, pair[:, drawn]))
-    blocks = len(t) / together
+    blocks = n / together
+    starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(blocks)))
+    series = (starts[:, :, None] + np.arange(together)) % n
+    drawn = series.reshape(_DRAWS, -1)[:, :n]
+    apart = np.subtract(*np.median(pair, axis=-1))
+    spread = np.subtract(*np.median(pair[:, drawn], axis=-1))
     error = float(np.std(spread, ddof=1)) * math.sqrt(blocks / (blocks - 1.0))
-    return (
-        float(2.0 * stdtr(blocks - 1.0, -abs(apart) / error))
-        if error > 0.0
-        else float(apart == 0.0)
-    )
+    if error > 0.0:
+        return float(2.0 * stdtr(blocks - 1.0, -abs(apart) / error))
+    return float(apart == 0.0)
 
 
 def corrected(chances: Sequence[float]) -> FloatArray:

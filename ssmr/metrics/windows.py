@@ -1,4 +1,4 @@
-"""Errors of the relative pose over windows of a horizon, and how far chance may have moved their medians.
+"""Errors of the relative pose over windows of a horizon, and intervals for their medians.
 
 A candidate is the simulated motion, a reference the measured or wanted one. Consecutive windows are
 few, and where the first one begins moves their median. Windows that begin every second use every
@@ -40,10 +40,10 @@ _TAILS = 50.0 * (1.0 - SHARE), 50.0 * (1.0 + SHARE)
 def relative_pose_error(
     candidate_pose: ArrayLike, reference_pose: ArrayLike, starts: ArrayLike, ends: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the error of the motion from index i to index j, whatever the error at i: E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j).
+    """Return the error of the motion from index i to index j, whatever the error at i.
 
-    P is the candidate and Q the reference, (M, 3) x [m], y [m], yaw [rad] at the same instants;
-    `starts` and `ends` are (W,) indices i and j.
+    It is E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j). P is the candidate and Q the reference, (M, 3) x [m],
+    y [m], yaw [rad] at the same instants; `starts` and `ends` are (W,) indices i and j.
 
     Returns:
         (W,) sizes of E's translation [m] and (W,) of its rotation [rad, within 0 and pi].
@@ -53,7 +53,8 @@ def relative_pose_error(
     """
     p = frozen_array(candidate_pose, "candidate_pose", (None, 3))
     q = frozen_array(reference_pose, "reference_pose", (len(p), 3))
-    i, j = np.asarray(starts, dtype=np.intp), np.asarray(ends, dtype=np.intp)
+    i = np.asarray(starts, dtype=np.intp)
+    j = np.asarray(ends, dtype=np.intp)
     error = relative(relative(q[i], q[j]), relative(p[i], p[j]))
     return np.hypot(error[:, 0], error[:, 1]), np.abs(wrap_angle(error[:, 2]))
 
@@ -101,7 +102,8 @@ def overlapping_windows(
     index, at = _usable(t, horizon, usable)
     if len(at) == 0:
         return index, index
-    begins = np.arange(at[0], max(at[-1] - horizon, at[0]) + TIME_TOLERANCE, EVERY_S)
+    last = max(at[-1] - horizon, at[0])
+    begins = np.arange(at[0], last + TIME_TOLERANCE, EVERY_S)
     starts = np.unique(np.searchsorted(at, begins - TIME_TOLERANCE))
     ends = np.searchsorted(at, at[starts] + horizon - TIME_TOLERANCE)
     inside = ends < len(at)
@@ -117,9 +119,8 @@ def _usable(
         raise ValueError(f"the horizon must be longer than {TIME_TOLERANCE} s, got {horizon} s")
     mask = np.ones(len(stamps), dtype=np.bool_) if usable is None else np.asarray(usable)
     if mask.shape != stamps.shape or mask.dtype != np.bool_:
-        raise ValueError(
-            f"usable must be {len(stamps)} booleans, got {mask.dtype} of shape {mask.shape}"
-        )
+        given = f"{mask.dtype} of shape {mask.shape}"
+        raise ValueError(f"usable must be {len(stamps)} booleans, got {given}")
     index = np.flatnonzero(mask)
     return index, stamps[index]
 
@@ -144,16 +145,18 @@ class HorizonErrors:
 
 
 def horizon_errors(position: ArrayLike, yaw: ArrayLike, n_standing: int = 0) -> HorizonErrors:
-    """Sum up the (n,) position [m] and yaw errors [rad] of all windows of one horizon: medians and 95th percentiles.
+    """Return medians and 95th percentiles of the errors of all windows of one horizon.
 
-    `n_standing` is the number of windows that were left out because the robot stood.
+    There are (n,) position errors [m] and yaw errors [rad]. `n_standing` is the number of windows
+    that were left out because the robot stood.
 
     Raises:
         ValueError: there is no window, lengths differ, or a number is not finite.
     """
-    p, r = _errors(position, yaw)
-    at = [[float(x) for x in np.percentile(values, (50.0, 95.0))] for values in (p, r)]
-    return HorizonErrors(len(p), at[0][0], at[0][1], at[1][0], at[1][1], n_standing)
+    errors = _errors(position, yaw)
+    position_ranks, yaw_ranks = (np.percentile(values, (50.0, 95.0)) for values in errors)
+    p50, p95 = map(float, position_ranks)
+    return HorizonErrors(len(errors[0]), p50, p95, *map(float, yaw_ranks), n_standing)
 
 
 def _errors(position: ArrayLike, yaw: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -165,7 +168,7 @@ def _errors(position: ArrayLike, yaw: ArrayLike) -> tuple[FloatArray, FloatArray
 
 @dataclass(frozen=True)
 class OverlappingErrors:
-    """Medians over overlapping windows, each with the interval that holds it with a probability of `SHARE`."""
+    """Medians over overlapping windows, each with its interval of probability `SHARE`."""
 
     n: int
     """Number of windows."""
@@ -185,7 +188,7 @@ class OverlappingErrors:
 
 @dataclass(frozen=True, eq=False)
 class WindowErrors:
-    """Errors of the relative pose over the overlapping windows of one horizon, in the order of time."""
+    """Relative pose errors over the overlapping windows of one horizon, in the order of time."""
 
     horizon: float
     """Length of the windows [s]."""
@@ -196,31 +199,34 @@ class WindowErrors:
 
     def __post_init__(self) -> None:
         """Check; ValueError where there is no window, or the lengths differ."""
-        for name, values in zip(("position", "yaw"), _errors(self.position, self.yaw), strict=True):
-            object.__setattr__(self, name, values)
+        position, yaw = _errors(self.position, self.yaw)
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "yaw", yaw)
 
     def summary(self) -> OverlappingErrors:
-        """Return medians with their intervals; an interval is that of all errors where nothing can be resampled.
+        """Return medians with their intervals, those of all errors if nothing can be resampled.
 
         The few blocks of a log scatter less among themselves than new ones will, so intervals are
         widened as Student's distribution for their number is wider than the normal one.
         """
         from scipy.special import ndtri, stdtrit  # here: they take long to import
 
-        n, block = len(self.position), math.ceil(max(self.horizon, SHORTEST_BLOCK_S) / EVERY_S)
-        blocks, tail, numbers = n / block, 0.5 * (1.0 + SHARE), list[float]()
+        n = len(self.position)
+        block = math.ceil(max(self.horizon, SHORTEST_BLOCK_S) / EVERY_S)
+        blocks = n / block
+        tail = 0.5 * (1.0 + SHARE)
+        numbers: list[float] = []
         for values in (self.position, self.yaw):
-            median, spread = float(np.median(values)), values
+            median = float(np.median(values))
+            spread = values
             if blocks >= FEWEST_BLOCKS:
                 starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(blocks)))
-                series = (
-                    starts[:, :, None] + np.arange(block)
-                ) % n  # in a circle, so that every window counts alike
+                # In a circle, so that every window has the same weight.
+                series = (starts[:, :, None] + np.arange(block)) % n
                 drawn = np.median(values[series.reshape(_DRAWS, -1)[:, :n]], axis=1)
-                wider = (
-                    stdtrit(blocks - 1.0, tail) / ndtri(tail) * math.sqrt(blocks / (blocks - 1.0))
-                )
+                quantiles = stdtrit(blocks - 1.0, tail) / ndtri(tail)
+                wider = quantiles * math.sqrt(blocks / (blocks - 1.0))
                 spread = median + wider * (drawn - median)
-            low, high = np.percentile(spread, _TAILS)
-            numbers += [median, min(max(float(low), 0.0), median), max(float(high), median)]
+            low, high = map(float, np.percentile(spread, _TAILS))
+            numbers += [median, min(max(low, 0.0), median), max(high, median)]
         return OverlappingErrors(n, *numbers)

@@ -1,8 +1,8 @@
-"""Self-adaptive differential evolution (jDE) with the thesis' descent of F and CR, in the unit cube, by ask and tell.
+"""Self-adaptive differential evolution (jDE) in the unit cube, by ask and tell.
 
-The search owns no loop and no objective: `ask` hands out a whole generation, `tell` takes its
-costs. Sources: thesis Sec. 3.5.1 (mutation, adaptation, Alg. 3) and Tab. 3.7 (defaults); J. Brest
-et al. 2006, doi 10.1109/TEVC.2006.872133 (jDE).
+F and CR descend as in the thesis. The search owns no loop and no objective: `ask` hands out a whole
+generation, `tell` takes its costs. Sources: thesis Sec. 3.5.1 (mutation, adaptation, Alg. 3) and
+Tab. 3.7 (defaults); J. Brest et al. 2006, doi 10.1109/TEVC.2006.872133 (jDE).
 
 Where the thesis leaves a choice, or prints something that cannot be:
 
@@ -37,10 +37,14 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import FloatArray, IndexArray, frozen_array
 
-F_INIT, F_BOUNDS = 0.75, (0.1, 0.9)
-"""Initial F of every vector, and the least and greatest F [1]; Tab. 3.7, as all that follow."""
-CR_INIT, CR_BOUNDS = 0.8, (0.0, 1.0)
-"""Initial CR of every vector, and the least and greatest CR [1]."""
+F_INIT = 0.75
+"""Initial F of every vector [1]; Tab. 3.7, as all that follow."""
+F_BOUNDS = (0.1, 0.9)
+"""Least and greatest F [1]."""
+CR_INIT = 0.8
+"""Initial CR of every vector [1]."""
+CR_BOUNDS = (0.0, 1.0)
+"""Least and greatest CR [1]."""
 TAU = 0.1
 """Probability of a new F, and of a new CR (tau_1, tau_2) [1]."""
 SLOPE = 0.2
@@ -51,7 +55,8 @@ Finished = Literal["", "generations", "improvement"]
 
 VERSION = "ssmr.jde/2"
 """Version of the layout of `Jde.state`, and of the order in which random numbers are drawn."""
-_MOST_VECTORS, _MOST_GENERATIONS = 100_000, 1_000_000
+_MOST_VECTORS = 100_000
+_MOST_GENERATIONS = 1_000_000
 """Greatest size and length of a search: beyond, its state does not fit into memory or a
 checkpoint."""
 _LOWER_64 = (1 << 64) - 1
@@ -59,7 +64,7 @@ _LOWER_64 = (1 << 64) - 1
 
 @dataclass(frozen=True)
 class JdeSettings:
-    """Size of a search and its stop rules; the defaults are those of Tab. 3.7, but for `patience`."""
+    """Size of a search and its stop rules, by default those of Tab. 3.7, but for `patience`."""
 
     population: int = 50
     """Number of vectors in a generation, S (NP)."""
@@ -84,9 +89,10 @@ class Jde:
     def __init__(
         self, n: int, settings: JdeSettings, seed: int, start: ArrayLike | None = None
     ) -> None:
-        """Draw the initial population of vectors of n genes; (k, n) points of the cube replace the first k drawn.
+        """Draw the initial population of vectors of n genes.
 
-        Equal seeds give equal searches.
+        The (k, n) points `start` of the cube replace the first k drawn. Equal seeds give equal
+        searches.
 
         Raises:
             ValueError: n is not positive, the seed is negative, or the start has more than S rows.
@@ -95,7 +101,8 @@ class Jde:
             raise ValueError(f"a search needs at least one parameter, got {n}")
         if not 0 <= seed <= MOST_SEED:
             raise ValueError(f"the seed must not be negative, nor greater than {MOST_SEED}")
-        self.n, self.settings = n, settings
+        self.n = n
+        self.settings = settings
         size = settings.population
         self._rng = np.random.Generator(np.random.PCG64(seed))
         self._population = self._rng.random((size, n))
@@ -107,11 +114,14 @@ class Jde:
                 )
             self._population[: len(points)] = points
         self._costs = np.full(size, np.inf)
-        self._f, self._cr = np.full(size, F_INIT), np.full(size, CR_INIT)
+        self._f = np.full(size, F_INIT)
+        self._cr = np.full(size, CR_INIT)
         self._history: list[float] = []
         self._best = 0
         self._asked = False
-        self._trials, self._trial_f, self._trial_cr = self._population, self._f, self._cr
+        self._trials = self._population
+        self._trial_f = self._f
+        self._trial_cr = self._cr
 
     @property
     def generation(self) -> int:
@@ -150,23 +160,27 @@ class Jde:
 
     @property
     def finished(self) -> Finished:
-        """Reason why the search is over, or an empty string while it is not: the first of these rules that holds.
+        """Reason why the search is over, or an empty string while it is not.
 
-        `improvement`: over the last `patience` generations the best cost fell by no more than df
-        times its size before; a cost that was unknown then does not count. `generations`: all done.
+        It is the first of these rules that holds. `improvement`: over the last `patience`
+        generations the best cost fell by no more than df times its size before; a cost that was
+        unknown then does not count. `generations`: all done.
         """
-        g, patience = self.generation, self.settings.patience
+        g = self.generation
+        patience = self.settings.patience
         if g >= patience:
-            before, now = self._history[g - patience], self._history[g]
-            if math.isfinite(before) and before - now <= self.settings.df * abs(before):
+            before = self._history[g - patience]
+            gain = before - self._history[g]
+            if math.isfinite(before) and gain <= self.settings.df * abs(before):
                 return "improvement"
         return "generations" if g >= self.settings.generations else ""
 
     def ask(self) -> FloatArray:
-        """Return the (S, n) points whose costs are wanted: the initial population first, then the trials of each generation.
+        """Return the (S, n) points whose costs `tell` takes next.
 
-        A second call before the costs are told returns equal points. Random numbers are drawn here
-        only, as many for each generation, whatever the costs.
+        These are the initial population first, then the trials of each generation. A second call
+        before the costs are told returns equal points. Random numbers are drawn here only, as many
+        for each generation, whatever the costs.
 
         Raises:
             ValueError: the search has finished.
@@ -183,29 +197,28 @@ class Jde:
 
     def _next_trials(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return (S, n) trials, (S,) their F and (S,) their CR."""
-        n, k, size = self.n, PARTNERS, self.settings.population
-        draws = self._rng.random((5 + k + n) * size)
-        rows = draws[: (5 + k) * size].reshape(5 + k, size)
-        crossing = draws[(5 + k) * size :]
-        descent = (
-            SLOPE * self.generation / self.settings.generations
-        )  # ng - 1 generations are complete
-        f, cr = (
-            adapt(self._f, rows[0:2], F_BOUNDS, descent),
-            adapt(self._cr, rows[2:4], CR_BOUNDS, descent),
-        )
+        n = self.n
+        size = self.settings.population
+        choices = 5 + PARTNERS  # draws of a vector besides one for each gene
+        draws = self._rng.random((choices + n) * size)
+        rows = draws[: choices * size].reshape(choices, size)
+        crossing = draws[choices * size :].reshape(size, n)
+        descent = SLOPE * self.generation / self.settings.generations  # ng - 1 are complete
+        f = adapt(self._f, rows[0:2], F_BOUNDS, descent)
+        cr = adapt(self._cr, rows[2:4], CR_BOUNDS, descent)
         first = (rows[4] * n).astype(np.intp)
         best = self._population[self._best]
-        donors = repair(mutate(self._population, best, f, distinct_partners(rows[5:])), best)
-        mask = binomial_mask(cr, crossing.reshape(size, n), first)
-        return np.where(mask, donors, self._population), f, cr
+        donors = mutate(self._population, best, f, distinct_partners(rows[5:]))
+        mask = binomial_mask(cr, crossing, first)
+        trials = np.where(mask, repair(donors, best), self._population)
+        return trials, f, cr
 
     def tell(self, costs: ArrayLike) -> None:
-        """Take the (S,) costs of the points asked for, and select: a trial replaces its parent unless it is worse.
+        """Take the (S,) costs of the points asked for, and select.
 
-        A cost that is NaN or infinite counts as worse than any. A lower bound of a trial's cost
-        will do where it exceeds the parent's cost, as an evaluation broken off gives it: the
-        outcome is the same.
+        A trial replaces its parent unless it is worse. A cost that is NaN or infinite counts as
+        worse than any. A lower bound of a trial's cost will do where it exceeds the parent's cost,
+        as an evaluation broken off gives it: the outcome is the same.
 
         Raises:
             ValueError: nothing was asked, or the shape is another one.
@@ -219,32 +232,33 @@ class Jde:
         self._costs = np.where(won, new_costs, self._costs)
         if self._history:
             self._population = np.where(won[:, np.newaxis], self._trials, self._population)
-            self._f, self._cr = (
-                np.where(won, self._trial_f, self._f),
-                np.where(won, self._trial_cr, self._cr),
-            )
+            self._f = np.where(won, self._trial_f, self._f)
+            self._cr = np.where(won, self._trial_cr, self._cr)
         self._best = int(np.argmin(self._costs))
         self._history.append(float(self._costs[self._best]))
         self._asked = False
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return the whole search as arrays that `numpy.savez` keeps without pickle, points asked for but not told included.
+        """Return the whole search as arrays that `numpy.savez` keeps without pickle.
 
-        Settings have names such as `settings.<name>`.
+        Points that were asked for, but whose costs are not told, are included. Settings have names
+        such as `settings.<name>`.
         """
         generator: Any = self._rng.bit_generator.state
-        words = [generator["state"][key] for key in ("state", "inc")]
-        settings = ((f, getattr(self.settings, f.name)) for f in fields(JdeSettings))
-        return {
-            "version": np.array(VERSION),
-            **{f"settings.{f.name}": np.array(v, dtype=type(f.default)) for f, v in settings},
-            "rng": np.array(
-                [half for word in words for half in (word >> 64, word & _LOWER_64)], dtype=np.uint64
-            ),
-            "history": self.history,
-            "asked": np.array(self._asked),
-            **{name: getattr(self, f"_{name}").copy() for name in _ARRAYS},
-        }
+        halves: list[int] = []
+        for key in ("state", "inc"):
+            word = generator["state"][key]
+            halves += [word >> 64, word & _LOWER_64]
+        state = {"version": np.array(VERSION)}
+        for f in fields(JdeSettings):
+            value = getattr(self.settings, f.name)
+            state[f"settings.{f.name}"] = np.array(value, dtype=type(f.default))
+        state["rng"] = np.array(halves, dtype=np.uint64)
+        state["history"] = self.history
+        state["asked"] = np.array(self._asked)
+        for name in _ARRAYS:
+            state[name] = getattr(self, f"_{name}").copy()
+        return state
 
     @classmethod
     def restore(cls, state: Mapping[str, NDArray[Any]]) -> Jde:
@@ -256,23 +270,21 @@ class Jde:
         """
         if str(state.get("version")) != VERSION:
             raise ValueError(f"this is no state of a search of version '{VERSION}'")
-        values: dict[str, Any] = {
-            f.name: state[f"settings.{f.name}"].tolist() for f in fields(JdeSettings)
-        }
-        search = cls(state["population"].shape[-1], JdeSettings(**values), 0)
+        names = [f.name for f in fields(JdeSettings)]
+        settings: dict[str, Any] = {name: state[f"settings.{name}"].tolist() for name in names}
+        search = cls(state["population"].shape[-1], JdeSettings(**settings), 0)
         for name in _ARRAYS:
-            if np.shape(state[name]) != np.shape(getattr(search, f"_{name}")):
-                raise ValueError(f"{name} of the state has the shape {np.shape(state[name])}")
+            shape = np.shape(state[name])
+            if shape != np.shape(getattr(search, f"_{name}")):
+                raise ValueError(f"{name} of the state has the shape {shape}")
             setattr(search, f"_{name}", np.array(state[name]))
-        search._best, search._history = (
-            int(np.argmin(search._costs)),
-            [float(h) for h in state["history"]],
-        )
+        search._best = int(np.argmin(search._costs))
+        search._history = [float(h) for h in state["history"]]
         search._asked = bool(state["asked"])
-        rng = [int(half) for half in state["rng"]]
+        high, low, inc_high, inc_low = (int(half) for half in state["rng"])
         search._rng.bit_generator.state = {
             "bit_generator": "PCG64",
-            "state": {"state": rng[0] << 64 | rng[1], "inc": rng[2] << 64 | rng[3]},
+            "state": {"state": high << 64 | low, "inc": inc_high << 64 | inc_low},
             "has_uint32": 0,  # only doubles are ever drawn
             "uinteger": 0,
         }
@@ -286,46 +298,49 @@ _ARRAYS = ("population", "costs", "f", "cr", "trials", "trial_f", "trial_cr")
 def adapt(
     values: FloatArray, draws: FloatArray, bounds: tuple[float, float], descent: float
 ) -> FloatArray:
-    """Return (S,) F or CR of the trials (Sec. 3.5.1): drawn anew with probability tau, else lowered, not below the least.
+    """Return (S,) F or CR of the trials: drawn anew with probability tau, else lowered.
 
-    The first row of the (2, S) draws, uniform in [0, 1), decides whether to draw anew, the second
-    gives the new value; `descent` is slp (ng - 1) / ng_max.
+    They are not lowered below the least of their bounds (Sec. 3.5.1). The first row of the (2, S)
+    draws, uniform in [0, 1), decides whether to draw anew, the second gives the new value;
+    `descent` is slp (ng - 1) / ng_max.
     """
     low, high = bounds
-    return np.where(
-        draws[0] < TAU, low + (high - low) * draws[1], np.maximum(values - values * descent, low)
-    )
+    new = low + (high - low) * draws[1]
+    lowered = np.maximum(values - values * descent, low)
+    return np.where(draws[0] < TAU, new, lowered)
 
 
 def distinct_partners(draws: FloatArray) -> IndexArray:
-    """Return, for each i, k indices that differ from each other and from i; every ordered choice is equally likely.
+    """Return, for each i, k indices that differ from each other and from i.
 
-    The j-th index is drawn from the S - 1 - j that are left, then counted past the taken ones in
-    increasing order. Draws are (k, S), uniform in [0, 1), and k < S; column i of the (k, S) indices
-    belongs to vector i.
+    Every ordered choice is equally likely. The j-th index is drawn from the S - 1 - j that are
+    left, then counted past the taken ones in increasing order. Draws are (k, S), uniform in [0, 1),
+    and k < S; column i of the (k, S) indices belongs to vector i.
     """
     k, size = draws.shape
     left = (size - 1 - np.arange(k, dtype=np.float64))[:, np.newaxis]
     indices: IndexArray = (draws * left).astype(np.intp)
     taken = [np.arange(size)]  # increasing, for each column
-    for j in range(k):
-        index = indices[j]
+    for j, index in enumerate(indices):
         for t in taken:
             index += index >= t
-        if j + 1 < k:
-            carried = index
-            for m, t in enumerate(taken):
-                taken[m], carried = np.minimum(t, carried), np.maximum(t, carried)
-            taken.append(carried)
+        if j + 1 == k:
+            break
+        inserted = index
+        for m, t in enumerate(taken):
+            taken[m] = np.minimum(t, inserted)
+            inserted = np.maximum(t, inserted)
+        taken.append(inserted)
     return indices
 
 
 def mutate(
     population: FloatArray, best: FloatArray, f: FloatArray, partners: IndexArray
 ) -> FloatArray:
-    """Return (S, n) donors X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4), which may leave the cube (Sec. 3.5.1).
+    """Return (S, n) donors X_best + F (X_r1 - X_r2) + F (X_r3 - X_r4) (Sec. 3.5.1).
 
-    `population` is (S, n), `best` (n,), `f` (S,); the (4, S) partners are the indices r1 to r4.
+    They may leave the cube. `population` is (S, n), `best` (n,), `f` (S,); the (4, S) partners are
+    the indices r1 to r4.
     """
     x = population[partners]
     difference: FloatArray = x[0] - x[1]
@@ -337,15 +352,18 @@ def mutate(
 
 
 def repair(donors: FloatArray, base: FloatArray) -> FloatArray:
-    """Return (S, n) donors; genes beyond a bound are put midway between the (n,) base vector's and that bound."""
+    """Return (S, n) donors inside the cube.
+
+    A gene beyond a bound is put midway between that of the (n,) base vector and the bound.
+    """
     inside = np.where(donors < 0.0, 0.5 * base, donors)
     return np.where(donors > 1.0, 0.5 + 0.5 * base, inside)
 
 
 def binomial_mask(cr: FloatArray, draws: FloatArray, first: IndexArray) -> NDArray[np.bool_]:
-    """Return an (S, n) mask of the genes that come from the donor: each with probability CR, and gene `first` always.
+    """Return an (S, n) mask of the genes that come from the donor.
 
-    The (S, n) draws are uniform in [0, 1).
+    Each does with probability CR, and gene `first` always. The (S, n) draws are uniform in [0, 1).
     """
     mask = draws < cr[:, np.newaxis]
     mask[np.arange(len(cr)), first] = True

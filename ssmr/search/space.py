@@ -40,13 +40,15 @@ class Parameter:
         return f"{value:g}" if self.unit == "1" else f"{value:g} {self.unit}"
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for bounds that are not finite, not in order, or not positive on a logarithmic scale."""
+        """Check the bounds.
+
+        Raises:
+            ValueError: they are not finite, not in order, or not positive on a logarithmic scale.
+        """
+        bounds = f"{self.lower:g} and {self.upper:g}"
         if not (math.isfinite(self.lower) and math.isfinite(self.upper)):
-            raise ValueError(
-                f"the bounds of {self.name}, {self.lower:g} and {self.upper:g}, must be finite"
-            )
+            raise ValueError(f"the bounds of {self.name}, {bounds}, must be finite")
         if not self.lower < self.upper:
-            bounds = f"{self.lower:g} and {self.upper:g}"
             raise ValueError(
                 f"the bounds of {self.name} are {bounds}: the lower must be less than the upper"
             )
@@ -61,7 +63,8 @@ def declared(declaration: Declaration, bounds: tuple[float, float] | None = None
     Raises:
         ValueError: no bounds are declared or given, or they make no sense.
     """
-    d, within = declaration, bounds or declaration.search
+    d = declaration
+    within = bounds or d.search
     if within is None:
         raise ValueError(f"{d.name} has no bounds of a search; give some")
     return Parameter(d.name, d.unit, *within, d.scale, d.low, d.high)
@@ -78,19 +81,18 @@ class ParameterSpace:
         """
         names = [p.name for p in parameters]
         if not names or len(set(names)) != len(names):
-            raise ValueError(
-                f"a space needs parameters with names of their own, got: {', '.join(names) or 'none'}"
-            )
+            given = ", ".join(names) or "none"
+            raise ValueError(f"a space needs parameters with names of their own, got: {given}")
         self.parameters = parameters
+        self.lower = np.array([p.lower for p in parameters], dtype=np.float64)
+        self.upper = np.array([p.upper for p in parameters], dtype=np.float64)
         self._log = np.array([p.scale == "log" for p in parameters])
-        lower, upper = (
-            np.array([getattr(p, end) for p in parameters], dtype=np.float64)
-            for end in ("lower", "upper")
-        )
-        self.lower, self.upper = lower, upper
-        self._low, self._high = (
-            np.where(self._log, np.log(np.where(self._log, b, 1.0)), b) for b in (lower, upper)
-        )
+        self._low = self._scaled(self.lower)
+        self._high = self._scaled(self.upper)
+
+    def _scaled(self, values: FloatArray) -> FloatArray:
+        """Return values, or their logarithms where the scale is logarithmic."""
+        return np.where(self._log, np.log(np.where(self._log, values, 1.0)), values)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -106,13 +108,10 @@ class ParameterSpace:
         return len(self.parameters)
 
     def values(self, points: ArrayLike) -> FloatArray:
-        """Return (..., n) parameter values of points of the unit cube; they never lie outside the bounds."""
+        """Return (..., n) parameter values of points of the unit cube, never outside the bounds."""
         inner = self._low + np.asarray(points, dtype=np.float64) * (self._high - self._low)
-        return np.clip(
-            np.where(self._log, np.exp(np.where(self._log, inner, 0.0)), inner),
-            self.lower,
-            self.upper,
-        )
+        values = np.where(self._log, np.exp(np.where(self._log, inner, 0.0)), inner)
+        return np.clip(values, self.lower, self.upper)
 
     def points(self, values: ArrayLike) -> FloatArray:
         """Return the (..., n) points of the unit cube of parameter values.
@@ -124,16 +123,16 @@ class ParameterSpace:
         outside = ~((array >= self.lower) & (array <= self.upper)).reshape(-1, len(self))
         if outside.any():
             row, k = (int(i) for i in np.argwhere(outside)[0])
-            p, value = self.parameters[k], array.reshape(-1, len(self))[row, k]
-            raise ValueError(
-                f"{p.name} = {p.text(value)} lies outside its bounds, {p.lower:g} to {p.upper:g}"
-            )
-        inner = np.where(self._log, np.log(np.where(self._log, array, 1.0)), array)
-        points: FloatArray = np.clip((inner - self._low) / (self._high - self._low), 0.0, 1.0)
+            p = self.parameters[k]
+            value = p.text(array.reshape(-1, len(self))[row, k])
+            bounds = f"{p.lower:g} to {p.upper:g}"
+            raise ValueError(f"{p.name} = {value} lies outside its bounds, {bounds}")
+        shares = (self._scaled(array) - self._low) / (self._high - self._low)
+        points: FloatArray = np.clip(shares, 0.0, 1.0)
         return points
 
     def slopes(self, points: ArrayLike) -> FloatArray:
-        """Return (..., n) derivatives of the values by their coordinates in the cube, at points of the cube."""
+        """Return (..., n) derivatives of the values by their coordinates, at points of the cube."""
         width = self._high - self._low
         return np.where(self._log, self.values(points) * width, width)
 

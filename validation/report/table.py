@@ -102,16 +102,16 @@ class Table:
             return [Cell(text) for text in texts]
 
         def badness(value: float) -> float:
-            if declared.wanted == "one":
+            if declared.direction == "one":
                 return abs(math.log(value)) if value > 0.0 else math.inf
-            return value if declared.wanted == "low" else -value
+            return value if declared.direction == "low" else -value
 
         judged = {
             i: badness(row[key])
             for i, row in enumerate(rows)
             if isinstance(row.get(key), float)
             and math.isfinite(row[key])
-            and (declared.wanted == "high" or next(iter(row.values())) != self.reference)
+            and (declared.direction == "high" or next(iter(row.values())) != self.reference)
         }
         best = texts[min(judged, key=lambda i: judged[i])] if len(judged) > 1 else None
         return [Cell(text, i in judged and text == best) for i, text in enumerate(texts)]

@@ -17,7 +17,8 @@ from ssmr.types import FloatArray, State
 
 def wrap_angle(angle: ArrayLike) -> FloatArray:
     """Wrap angles [rad] into (-pi, pi]."""
-    return np.pi - np.mod(np.pi - np.asarray(angle, dtype=np.float64), 2.0 * np.pi)
+    a = np.asarray(angle, dtype=np.float64)
+    return np.pi - np.mod(np.pi - a, 2.0 * np.pi)
 
 
 def rotate_body_to_world(vector: ArrayLike, yaw: ArrayLike) -> FloatArray:
@@ -39,7 +40,8 @@ def compose(pose_a_to_w: ArrayLike, pose_b_to_a: ArrayLike) -> FloatArray:
     """Return the pose of b in w from the poses of a in w and of b in a, each (..., 3)."""
     a = np.asarray(pose_a_to_w, dtype=np.float64)
     b = np.asarray(pose_b_to_a, dtype=np.float64)
-    xy = a[..., :2] + rotate_body_to_world(b[..., :2], a[..., 2])
+    b_xy = rotate_body_to_world(b[..., :2], a[..., 2])
+    xy = a[..., :2] + b_xy
     yaw = a[..., 2:] + b[..., 2:]
     return np.concatenate([xy, yaw], axis=-1)
 
@@ -92,7 +94,8 @@ def quat_wxyz_to_yaw(quat: ArrayLike) -> FloatArray:
 
     It is the direction of the rotated x axis.
     """
-    w, x, y, z = np.moveaxis(np.asarray(quat, dtype=np.float64), -1, 0)
+    q = np.asarray(quat, dtype=np.float64)
+    w, x, y, z = np.moveaxis(q, -1, 0)
     sine = 2.0 * (w * z + x * y)
     cosine = 1.0 - 2.0 * (y * y + z * z)
     return np.asarray(np.arctan2(sine, cosine))

@@ -248,7 +248,8 @@ def _run_lanes(
         for i in range(LANES):
             _step(kind, plain, prescribed, rows, i, times.dt)
     for i in range(len(poses)):
-        if not np.isfinite(rows[i] + rows[i + LANES] + rows[i + 2 * LANES]):
+        total = rows[i] + rows[i + LANES] + rows[i + 2 * LANES]
+        if not np.isfinite(total):
             poses[i] = np.nan
 
 
@@ -303,9 +304,10 @@ def run_population(
     period = drives[0].period
     times = _Times(dt, commands.n * period, stride)
     if wheels:  # those of all steps, and the places of each robot's first left and right one
-        steps = np.minimum(np.arange(times.steps + 2 * _CHUNK) // period, commands.n - 1)
-        held = commands.values[steps].T.ravel()
-        places = np.tile(np.array([0, len(steps)], dtype=np.uint64), (len(models), 1))
+        steps = np.arange(times.steps + 2 * _CHUNK)
+        held = commands.values[np.minimum(steps // period, commands.n - 1)].T.ravel()
+        place = np.array([0, len(steps)], dtype=np.uint64)
+        places = np.tile(place, (len(models), 1))
     else:
         held, places = _held_twists(commands, drives, times)
     lanes = [_row(*numbers) for numbers in zip(starts, drives, robots, strict=True)]

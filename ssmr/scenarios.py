@@ -36,9 +36,11 @@ class SineScenario:
         """Return the commands, sampled at 20 Hz."""
         n = round(self.duration / COMMAND_PERIOD)
         t = np.arange(n) * COMMAND_PERIOD
-        sine = self.amplitude * np.sin(2.0 * math.pi * self.frequency * (t - self.lead_in))
+        phase = 2.0 * math.pi * self.frequency * (t - self.lead_in)
+        sine = self.amplitude * np.sin(phase)
         yaw_rate = np.where(t >= self.lead_in, sine, 0.0)
-        return Commands(COMMAND_PERIOD, np.column_stack([np.full(n, self.speed), yaw_rate]))
+        speed = np.full(n, self.speed)
+        return Commands(COMMAND_PERIOD, np.column_stack([speed, yaw_rate]))
 
 
 TRAJECTORIES = {

@@ -12,6 +12,9 @@ from ssmr._jit import jit, named_like
 from ssmr.parameters import check_parameters
 from ssmr.types import FloatArray
 
+Matrix = tuple[tuple[float, ...], ...]
+"""Rows of a matrix, immutable."""
+
 
 class Observation(NamedTuple):
     """The robot's pose and velocities as its controller sees them."""

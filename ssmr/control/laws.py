@@ -16,7 +16,7 @@ import numpy as np
 
 from ssmr._jit import jit
 from ssmr.control import lqr, mpc, pid
-from ssmr.control.law import Command, Gains, Law, Memory, Observation
+from ssmr.control.law import Command, Gains, Law, Matrix, Memory, Observation
 from ssmr.control.mission import PythonController
 from ssmr.control.waypoints import Errors, Target
 from ssmr.robot.vehicle import Drive
@@ -44,9 +44,9 @@ class Controller:
 
     gains: Gains
     """Gains; their type says which law it is."""
-    a: tuple[tuple[float, ...], ...]
+    a: Matrix
     """(4, 4) of the linear model (Eq. 2.46) that model-based laws are designed on."""
-    b: tuple[tuple[float, ...], ...]
+    b: Matrix
     """(4, 2) of the linear model."""
     drive: Drive = field(default_factory=Drive)
     """The driver between command and wheels, as the controller knows it."""
@@ -94,9 +94,7 @@ AnyController = Controller | PythonController
 
 
 @lru_cache(maxsize=4096)
-def _packed(
-    gains: Gains, a: tuple[tuple[float, ...], ...], b: tuple[tuple[float, ...], ...]
-) -> FloatArray:
+def _packed(gains: Gains, a: Matrix, b: Matrix) -> FloatArray:
     """Return `Controller.packed`; cached, because a law drives many references.
 
     So its regulator is solved only once.

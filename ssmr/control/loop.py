@@ -93,10 +93,10 @@ class LoopSettings:
     def deviations(self) -> Draws:
         """Return the standard deviations of feedback and sensors, zero where there is no noise."""
         n = self.noise
-        noisy = np.sqrt([n.x, n.y, n.yaw, n.v_x, n.yaw_rate]) * (self.feedback == "noisy")
+        stds = np.sqrt([n.x, n.y, n.yaw, n.v_x, n.yaw_rate])
+        x, y, yaw, v, w = map(float, stds * (self.feedback == "noisy"))
         sensors = self.sensors.packed()
         wheel = sensors.encoder_std
-        x, y, yaw, v, w = map(float, noisy)
         return Draws(x, y, yaw, v, w, left=wheel, right=wheel, gyro=sensors.gyro_std)
 
 
@@ -178,9 +178,10 @@ def make_trackers(
     """
     period = clock.velocity * clock.dt
     course = waypoints.course()
-    models = [
-        predictor_model(np.array(law.a), np.array(law.b), law.drive, period) for law in controllers
-    ]
+    models = []
+    for law in controllers:
+        a = np.array(law.a)
+        models.append(predictor_model(a, np.array(law.b), law.drive, period))
     most = max(map(commands_under_way, models))
     trackers = []
     for law, around, model in zip(controllers, settings, models, strict=True):
@@ -377,7 +378,8 @@ class ClosedRun:
             raise LostError(f"{what} was lost at once: {reason}", run=self)
         s = self.state
         t = float(self.t[-1])
-        away = math.hypot(*(self.columns("target_x", "target_y")[-1] - (s.x, s.y)))
+        target_x, target_y = self.columns("target_x", "target_y")[-1]
+        away = math.hypot(target_x - s.x, target_y - s.y)
         raise LostError(
             f"{what} left its bounds at t = {t:.2f} s: "
             f"x = {s.x:.2f} m, y = {s.y:.2f} m, yaw = {s.yaw:.2f} rad, "

@@ -74,7 +74,8 @@ class LqrGains(Gains):
         """Return K row by row, K_alpha, K_y and K_Irho, (11,): the fields of `LqrNumbers`."""
         q = [self.q_x, self.q_v, self.q_yaw, self.q_w]
         k = regulator_gain(a, b, q, [self.r_v, self.r_w])
-        return np.array([*k.ravel(), self.k_alpha, self.k_y, self.k_i_rho], dtype=np.float64)
+        others = (self.k_alpha, self.k_y, self.k_i_rho)
+        return np.array([*k.ravel(), *others], dtype=np.float64)
 
 
 class LqrNumbers(NamedTuple):
@@ -124,14 +125,16 @@ def clamp_integral(
 @jit
 def saturated_command(memory: Memory, i_rho: float, v: float, w: float) -> Memory:
     """Return the memory of a law of one rate with its next integral and its limited command."""
+    v = min(max(v, -V_LIMIT), V_LIMIT)
+    w = min(max(w, -W_LIMIT), W_LIMIT)
     return Memory(
         i_rho=i_rho,
         i_y=memory.i_y,
         i_alpha=memory.i_alpha,
         i_u=memory.i_u,
         i_w=memory.i_w,
-        u_ref=min(max(v, -V_LIMIT), V_LIMIT),
-        w_ref=min(max(w, -W_LIMIT), W_LIMIT),
+        u_ref=v,
+        w_ref=w,
     )
 
 
@@ -142,8 +145,12 @@ def regulate(
     """Return the memory after a step: integral of e_rho, command v [m/s] and omega [rad/s]."""
     x = errors.rho + memory.i_rho
     theta = gains.k_alpha * errors.alpha + gains.k_y * errors.y
-    v = gains.k_v_x * x - gains.k_v_v * seen.v + gains.k_v_yaw * theta - gains.k_v_w * seen.w
-    w = gains.k_w_x * x - gains.k_w_v * seen.v + gains.k_w_yaw * theta - gains.k_w_w * seen.w
+    v = gains.k_v_x * x - gains.k_v_v * seen.v
+    v += gains.k_v_yaw * theta
+    v -= gains.k_v_w * seen.w
+    w = gains.k_w_x * x - gains.k_w_v * seen.v
+    w += gains.k_w_yaw * theta
+    w -= gains.k_w_w * seen.w
     i_rho = clamp_integral(errors.rho, memory.i_rho, v, V_LIMIT, gains.k_i_rho, dt)
     return saturated_command(memory, i_rho, v, w)
 
@@ -233,7 +240,8 @@ def unpack(row: FloatArray) -> ScheduledNumbers:
 def gain_at(table: FloatArray, speed: float, column: int) -> float:
     """Return one gain at a reference speed [m/s], linear between the operating speeds."""
     spacing = (1.0 - 0.1) / 9.0
-    place = min(max((abs(speed) - 0.1) / spacing, 0.0), 9.0)
+    place = (abs(speed) - 0.1) / spacing
+    place = min(max(place, 0.0), 9.0)
     low = min(int(place), 8)
     gain = table[low, column]
     next_gain = table[low + 1, column]

@@ -22,7 +22,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ssmr.control.law import Observation
+from ssmr.control.law import Matrix, Observation
 from ssmr.control.predictor import DriverEstimate, PredictorModel, predictor_model
 from ssmr.control.waypoints import Errors, Target, Waypoints, target, targets_at
 from ssmr.robot.vehicle import Drive
@@ -61,9 +61,9 @@ class Mission:
     """The reference."""
     drive: Drive
     """The driver between command and wheels, as far as it is known: dead times, limits, hold."""
-    a: tuple[tuple[float, ...], ...]
+    a: Matrix
     """(4, 4) of the linear model of the robot (Eq. 2.46)."""
-    b: tuple[tuple[float, ...], ...]
+    b: Matrix
     """(4, 2) of the linear model."""
     period: float
     """Time between commands [s]."""
@@ -106,9 +106,9 @@ class PythonController:
     """Name in results."""
     make: Callable[[Mission], Any]
     """Function, or class, that makes the object for a mission."""
-    a: tuple[tuple[float, ...], ...]
+    a: Matrix
     """(4, 4) of the linear model (Eq. 2.46) that it knows."""
-    b: tuple[tuple[float, ...], ...]
+    b: Matrix
     """(4, 2) of the linear model."""
     drive: Drive = field(default_factory=Drive)
     """The driver between command and wheels, as the controller knows it."""

@@ -104,8 +104,12 @@ def step_of(rate: float, push: float, lag: float, h: float) -> FloatArray:
         lagged = [0.0, 0.0, -1.0 / lag, 1.0 / lag]
         m = np.array([[0.0, 1.0, 0.0, 0.0], speed, lagged, [0.0] * 4])
         return np.asarray(expm(m * h)[:3, 1:])
-    e = expm(np.array([[0.0, 1.0, 0.0], [0.0, -rate, push], [0.0, 0.0, 0.0]]) * h)
-    return np.array([[e[0, 1], 0.0, e[0, 2]], [e[1, 1], 0.0, e[1, 2]], [0.0, 0.0, 1.0]])
+    m = np.array([[0.0, 1.0, 0.0], [0.0, -rate, push], [0.0] * 3])
+    e = expm(m * h)
+    step = np.zeros((3, 3))
+    step[:2, [0, 2]] = e[:2, 1:]
+    step[2, 2] = 1.0
+    return step
 
 
 def responses(steps: Sequence[FloatArray]) -> FloatArray:
@@ -213,7 +217,8 @@ def condense(
     steady_changes = np.diff(steady, axis=0)
     steady_changes[0] += last
     h = np.diag(r) + changes.T @ (d[:, None] * changes)
-    f = -r * steady[1:].ravel() - changes.T @ (d * steady_changes.ravel())
+    f = -r * steady[1:].ravel()
+    f -= changes.T @ (d * steady_changes.ravel())
     for weight, error, slope in terms:
         h += weight * slope.T @ slope
         f += weight * slope.T @ (error - slope @ plan.ravel())
@@ -245,22 +250,22 @@ class Mpc:
         first = mission.period
         long = STEP_PERIODS * first
         n = 1 + max(1, round((gains.horizon - first) / long))
-        self._ends = first + long * np.arange(n)  # of the steps, after the dead time [s]
-        self._starts = np.concatenate([[-long, 0.0], self._ends[:-1]])
-        self._lengths = np.diff(np.append(self._starts, self._ends[-1]))
+        ends = first + long * np.arange(n)
+        self._edges = np.concatenate([[-long, 0.0], ends])  # of the steps, after the dead time [s]
+        self._lengths = np.diff(self._edges)
         lengths = [first, *[long] * (n - 1)]
-        self._model = (
-            responses([step_of(model.rate_v, model.push_v, model.lag, h) for h in lengths]),
-            responses([step_of(model.rate_w, model.push_w, model.lag, h) for h in lengths]),
-        )
+        steps_v = [step_of(model.rate_v, model.push_v, model.lag, h) for h in lengths]
+        steps_w = [step_of(model.rate_w, model.push_w, model.lag, h) for h in lengths]
+        self._model = (responses(steps_v), responses(steps_w))
         self._limits = np.array([model.v_max, model.w_max])
         accelerations = np.minimum([model.acceleration_v, model.acceleration_w], 1e6)
         self._changes = np.outer(self._lengths[1:], accelerations)
         course = mission.waypoints.course()
-        reach = model.horizon + self._ends[-1] + long + HEADING_TIME
+        reach = model.horizon + ends[-1] + long + HEADING_TIME
         end = course["t"][-1] + 2.0 * reach
         self._times = np.concatenate([[-reach], course["t"], [end]])
-        headings = np.concatenate([[course["heading"][0]], course["heading"]])
+        headings = course["heading"]
+        headings = np.append(headings[0], headings)
         turned = headings * np.diff(self._times)
         self._turned = np.cumulative_sum(turned, include_initial=True)  # integral [rad s]
         self._steps = np.eye(2 * n) - np.eye(2 * n, k=-2)
@@ -272,10 +277,11 @@ class Mpc:
     def command(self, now: ControllerInput) -> tuple[float, float]:
         """Return the first command of the best plan."""
         driver = now.driver
-        times = now.t + self._mission.dead_time + np.append(self._starts, self._ends[-1])
+        times = now.t + self._mission.dead_time + self._edges
         headings = self._mean_headings(times)
         aims = self._mission.preview(times)[:, :3]
-        chords = np.hypot(*np.diff(aims[:, :2], axis=0).T)
+        dx, dy = np.diff(aims[:, :2], axis=0).T
+        chords = np.hypot(dx, dy)
         speeds = np.column_stack([chords, np.diff(headings)]) / self._lengths[:, None]
         steady = speeds * self._steady / (driver.gain_v, driver.gain_w)
         steady = np.clip(steady, -self._limits, self._limits)
@@ -283,11 +289,13 @@ class Mpc:
         aims[:, :2] -= self._mission.lookahead * directions
         aims[:, 2] = headings
         # A robot that slips goes round bends at an angle.
-        aims[1:, 2] -= driver.slip * speeds[:, 1] / np.maximum(speeds[:, 0], _SLOWEST)
+        aside = driver.slip * speeds[:, 1]
+        aims[1:, 2] -= aside / np.maximum(speeds[:, 0], _SLOWEST)
         plan = steady[1:]
         if self._plan is not None:  # the last one, one period later: of each long step half is over
             later = np.vstack([self._plan[1:], self._plan[-1:]])
-            plan = np.vstack([later[:1], 0.5 * (later[:-1] + later[1:])])
+            middles = 0.5 * (later[:-1] + later[1:])
+            plan = np.vstack([later[:1], middles])
         start = PlannedBody(
             *now.ahead,
             lagged_v=driver.lagged_v,
@@ -305,10 +313,8 @@ class Mpc:
     def _mean_headings(self, times: FloatArray) -> FloatArray:
         """Return the target's headings [rad], averaged over `HEADING_TIME` about the times [s]."""
         half = 0.5 * HEADING_TIME
-        before, after = (
-            np.interp(times + side, self._times, self._turned, left=np.nan, right=np.nan)
-            for side in (-half, half)
-        )
+        ends = np.stack([times - half, times + half])
+        before, after = np.interp(ends, self._times, self._turned, left=np.nan, right=np.nan)
         return np.asarray((after - before) / HEADING_TIME)
 
     def _solved(

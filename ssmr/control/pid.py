@@ -97,8 +97,10 @@ def velocity_loop(
     """Return the memory and the command after a step of Tab. 4.2."""
     u_ref = memory.u_ref
     w_ref = memory.w_ref
-    u, i_u = pi_block(u_ref - seen.v, memory.i_u, gains.k_p_u, gains.k_i_u, np.inf, dt)
-    w, i_w = pi_block(w_ref - seen.w, memory.i_w, gains.k_p_w, gains.k_i_w, np.inf, dt)
+    error_u = u_ref - seen.v
+    error_w = w_ref - seen.w
+    u, i_u = pi_block(error_u, memory.i_u, gains.k_p_u, gains.k_i_u, np.inf, dt)
+    w, i_w = pi_block(error_w, memory.i_w, gains.k_p_w, gains.k_i_w, np.inf, dt)
     after = Memory(
         i_rho=memory.i_rho,
         i_y=memory.i_y,

@@ -227,7 +227,8 @@ def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray)
         driver = named_like(_DRIVER, b.drivers[i])
         truth = named_like(_TRUTH, states[i])
         drive = named_like(DRIVE_TEMPLATE, b.drives[i])
-        data = LoopData(drive, draws[i % len(draws)], b.commands[i], b.references[i], b.logs[i])
+        noise = draws[i % len(draws)]
+        data = LoopData(drive, noise, b.commands[i], b.references[i], b.logs[i])
         tracker = _tracker_of(b.trackers, i)
         state, driver, lost = plan_period(tracker, state, driver, k=k, n=n, truth=truth, data=data)
         b.alive[i] = not lost
@@ -265,11 +266,12 @@ class PlanarBodies:
         """Place every robot in `state`; `dt` is the physics step [s]."""
         self._robots = [model.packed(dt) for model in models]
         self._dt = dt
-        motion = PlanarMotion(*map(float, (state.x, state.y, state.yaw, state.v_x, state.yaw_rate)))
-        self._now = [motion] * len(models)
-        self._states = np.empty((len(models), 10))
-        self._failed = np.full(len(models), -1)
-        self.advance(np.empty((len(models), 0, 2)), np.zeros((len(models), 1)))
+        count = len(models)
+        numbers = (state.x, state.y, state.yaw, state.v_x, state.yaw_rate)
+        self._now = [PlanarMotion(*map(float, numbers))] * count
+        self._states = np.empty((count, 10))
+        self._failed = np.full(count, -1)
+        self.advance(np.empty((count, 0, 2)), np.zeros((count, 1)))
         for row, robot in zip(self._states, self._robots, strict=True):
             if robot.ideal:
                 row[6:8] = state.wheel_left, state.wheel_right
@@ -349,11 +351,13 @@ def run_bodies(
             _plan_batch(batch, k, n, states, draws)
         for i in np.flatnonzero(before) if objects else ():
             truth = Truth(*map(float, states[i]))
+            side = sides[i]
+            noise = draws[i % len(draws)]
             commands = batch.commands[i]
             due = -(-(k + 1) // clock.velocity) * clock.velocity  # the first command after step k
             for j in (k, *range(due, k + n, clock.velocity)):
-                batch.alive[i] &= not sides[i].tick(j, truth, draws[i % len(draws)], batch.logs[i])
-                commands[j // clock.velocity] = sides[i].state.command
+                batch.alive[i] &= not side.tick(j, truth, noise, batch.logs[i])
+                commands[j // clock.velocity] = side.state.command
             driver = DriveState(*batch.drivers[i])
             references = batch.references[i, :n]
             batch.drivers[i] = continue_references(
@@ -364,7 +368,8 @@ def run_bodies(
         if not batch.alive.any():
             break
         if n:
-            push = np.where(batch.alive[:, None], pushes[turn, k : k + n], 0.0)
+            push = pushes[turn, k : k + n]
+            push[~batch.alive] = 0.0
             bodies.advance(batch.references, push)
             gave_up = batch.alive & bodies.gave_up
             ticks[gave_up] = tick + 1

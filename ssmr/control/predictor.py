@@ -172,6 +172,12 @@ def commanded(
 
 
 @jit
+def approach(value: float, target: float, share: float) -> float:
+    """Return a value that has gone a share of its way to a target."""
+    return value + share * (target - value)
+
+
+@jit
 def advance_driver(
     past: FloatArray,
     sent_at: float,
@@ -190,8 +196,8 @@ def advance_driver(
     return DriverEstimate(
         v=v,
         w=w,
-        lagged_v=before.lagged_v + share * (v - before.lagged_v),
-        lagged_w=before.lagged_w + share * (w - before.lagged_w),
+        lagged_v=approach(before.lagged_v, v, share),
+        lagged_w=approach(before.lagged_w, w, share),
         gain_v=before.gain_v,
         gain_w=before.gain_w,
         slip=before.slip,
@@ -211,8 +217,9 @@ def respond(
     v: float, w: float, driver: DriverEstimate, dt: float, model: PredictorModel
 ) -> tuple[float, float]:
     """Return speed and yaw rate after a step of the linear model with the learnt gains."""
-    v = relax(v, model.rate_v, model.push_v * driver.gain_v * driver.lagged_v, dt)
-    return v, relax(w, model.rate_w, model.push_w * driver.gain_w * driver.lagged_w, dt)
+    drive_v = model.push_v * driver.gain_v * driver.lagged_v
+    drive_w = model.push_w * driver.gain_w * driver.lagged_w
+    return relax(v, model.rate_v, drive_v, dt), relax(w, model.rate_w, drive_w, dt)
 
 
 @jit
@@ -225,12 +232,16 @@ def learn(
     speeds change from those of `before` counts for less.
     """
     share = min(elapsed / MEMORY, 1.0)
-    change_v = (p.model_v - before.model_v) / (elapsed * STEADY_V)
-    change_w = (p.model_w - before.model_w) / (elapsed * STEADY_W)
+    v = p.model_v
+    w = p.model_w
+    change_v = (v - before.model_v) / (elapsed * STEADY_V)
+    change_w = (w - before.model_w) / (elapsed * STEADY_W)
     share_v = share / (1.0 + change_v * change_v)
     share_w = share / (1.0 + change_w * change_w)
     heading = 0.5 * (p.yaw + seen.yaw)
-    aside = math.cos(heading) * (seen.y - p.y) - math.sin(heading) * (seen.x - p.x)
+    dx = seen.x - p.x
+    dy = seen.y - p.y
+    aside = math.cos(heading) * dy - math.sin(heading) * dx
     v_y = aside / elapsed
     return PredictorState(
         v=p.v,
@@ -239,13 +250,13 @@ def learn(
         lagged_w=p.lagged_w,
         at=p.at,
         sent_at=p.sent_at,
-        model_v=p.model_v,
-        model_w=p.model_w,
-        vv=p.vv + share_v * (p.model_v * p.model_v - p.vv),
-        v_seen=p.v_seen + share_v * (p.model_v * seen.v - p.v_seen),
-        ww=p.ww + share_w * (p.model_w * p.model_w - p.ww),
-        w_seen=p.w_seen + share_w * (p.model_w * seen.w - p.w_seen),
-        w_aside=p.w_aside + share_w * (p.model_w * v_y - p.w_aside),
+        model_v=v,
+        model_w=w,
+        vv=approach(p.vv, v * v, share_v),
+        v_seen=approach(p.v_seen, v * seen.v, share_v),
+        ww=approach(p.ww, w * w, share_w),
+        w_seen=approach(p.w_seen, w * seen.w, share_w),
+        w_aside=approach(p.w_aside, w * v_y, share_w),
         x=seen.x,
         y=seen.y,
         yaw=seen.yaw,
@@ -331,8 +342,10 @@ def predict_ahead(
         w_mid = 0.5 * (w + w_next)
         heading = yaw + 0.5 * dt * w_mid
         aside = driver.slip * w_mid
-        x += dt * (v_mid * math.cos(heading) - aside * math.sin(heading))
-        y += dt * (v_mid * math.sin(heading) + aside * math.cos(heading))
+        c = math.cos(heading)
+        s = math.sin(heading)
+        x += dt * (v_mid * c - aside * s)
+        y += dt * (v_mid * s + aside * c)
         yaw += dt * w_mid
         v = v_next
         w = w_next

@@ -69,7 +69,8 @@ def sine(
     slope = np.hypot(1.0, amplitude * k * np.cos(k * x))
     arc = integral(x, slope)
     along = np.interp(_spread(float(arc[-1])), arc, x)
-    return Waypoints.from_path(np.column_stack([along, amplitude * np.sin(k * along)]), speed)
+    aside = amplitude * np.sin(k * along)
+    return Waypoints.from_path(np.column_stack([along, aside]), speed)
 
 
 def eight(speed: float, half_width: float = 1.25) -> Waypoints:
@@ -87,9 +88,10 @@ def eight(speed: float, half_width: float = 1.25) -> Waypoints:
     rate = half_width / np.hypot(1.0, np.sin(u))
     arc = integral(u, rate)
     at = np.interp(_spread(float(arc[-1])), arc, u)
-    x = half_width * np.cos(at) / (1.0 + np.sin(at) ** 2)
+    sine = np.sin(at)
+    x = half_width * np.cos(at) / (1.0 + sine**2)
     x[[0, -1]] = 0.0  # the cosine of a rounded right angle is not quite zero
-    return Waypoints.from_path(np.column_stack([x, x * np.sin(at)]), speed)
+    return Waypoints.from_path(np.column_stack([x, x * sine]), speed)
 
 
 def square(speed: float, side: float = 2.0, curvature: float = 3.0) -> Waypoints:
@@ -151,9 +153,12 @@ def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4
     one = line(speed, leg)
     t = np.append(one.t, one.duration + wait)
     xy = np.vstack([one.xy, one.xy[-1:]])
-    times = [t[1:] + k * t[-1] for k in range(legs)]
-    places = [xy[1:] + np.array([k * leg, 0.0]) for k in range(legs)]
-    return Waypoints(np.concatenate([[0.0], *times]), np.vstack([np.zeros((1, 2)), *places]))
+    times = [t[:1]]
+    places = [xy[:1]]
+    for k in range(legs):
+        times.append(t[1:] + k * t[-1])
+        places.append(xy[1:] + np.array([k * leg, 0.0]))
+    return Waypoints(np.concatenate(times), np.vstack(places))
 
 
 def winding(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Waypoints:
@@ -201,9 +206,12 @@ def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
     headings = np.cumsum(turns) - turns
     nodes, weights = _GAUSS
     u = 0.5 * (1.0 + nodes)
-    bends = k0[:, None] * u + 0.5 * (k1 - k0)[:, None] * u**2
+    slopes = 0.5 * (k1 - k0)
+    bends = k0[:, None] * u + slopes[:, None] * u**2
     along = headings[:, None] + ds[:, None] * bends
-    directions = np.column_stack([np.cos(along) @ weights, np.sin(along) @ weights])
+    cosines = np.cos(along) @ weights
+    sines = np.sin(along) @ weights
+    directions = np.column_stack([cosines, sines])
     return np.cumulative_sum(0.5 * ds[:, None] * directions, axis=0, include_initial=True)
 
 

@@ -267,4 +267,5 @@ def plan_period(
             driver = follow(data.commands, j, data.drive, (0.0, 0.0), driver)
             data.references[j - k, 0] = driver.left
             data.references[j - k, 1] = driver.right
-    return state, driver, is_lost(truth.x, truth.y, truth.w, state.target.x, state.target.y)
+    aim = state.target
+    return state, driver, is_lost(truth.x, truth.y, truth.w, aim.x, aim.y)

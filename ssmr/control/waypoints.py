@@ -68,7 +68,8 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
     It is None if there is no fault. Without times, neighbours at one place are a fault too: a speed
     gives them no time to wait.
     """
-    for column, values, unit in (("x", xy[:, 0], "m"), ("y", xy[:, 1], "m"), ("t", t, "s")):
+    x, y = xy.T
+    for column, values, unit in (("x", x, "m"), ("y", y, "m"), ("t", t, "s")):
         if values is None:
             continue
         bad = np.flatnonzero(~(np.abs(values) <= LARGEST_NUMBER))
@@ -81,9 +82,9 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
         if np.all(moving):
             return None
         k = int(np.argmin(moving)) + 1
-        x, y = xy[k]
         cure = "give times, to wait, or leave out one of them"
-        return Fault(k, None, f"it is where the one before is, at ({x:.6g}, {y:.6g}) m; {cure}")
+        place = f"({x[k]:.6g}, {y[k]:.6g}) m"
+        return Fault(k, None, f"it is where the one before is, at {place}; {cure}")
     late = np.diff(t) > SAME_TIME
     if not np.all(late):
         k = int(np.argmin(late)) + 1
@@ -223,7 +224,8 @@ class Waypoints:
     @property
     def segment_speeds(self) -> FloatArray:
         """(N - 1,) reference speed v_ref of each segment [m/s], zero where the target waits."""
-        return np.where(self.moving, self.lengths / np.diff(self.t - self.t[0]), 0.0)
+        durations = np.diff(self.t - self.t[0])
+        return np.where(self.moving, self.lengths / durations, 0.0)
 
     def course(self) -> NDArray[np.void]:
         """Return (N,) the waypoints as the kernels take them; see `COURSE` for the fields of each.
@@ -244,7 +246,8 @@ class Waypoints:
         course["y"] = self.xy[:, 1]
         course["heading"] = np.append(headings, headings[-1])
         course["v"][:-1] = self.segment_speeds
-        course["w"][1:-1] = np.where(on_the_way, np.diff(headings) / np.diff(middles), 0.0)
+        rates = np.diff(headings) / np.diff(middles)
+        course["w"][1:-1] = np.where(on_the_way, rates, 0.0)
         return course
 
     def trajectory(self, dt: float) -> Trajectory:
@@ -260,9 +263,9 @@ class Waypoints:
         n = max(1, math.ceil((self.duration - SAME_TIME) / dt))
         t = np.append(np.arange(n) * dt, self.duration)
         rows = targets_at(self.course(), t)
-        still = np.zeros((len(t), 2))
-        twist = np.column_stack([rows[:, 3], still[:, 0], rows[:, 4]])
-        return Trajectory(t, rows[:, :3], twist, still)
+        twist = np.zeros((len(t), 3))
+        twist[:, [0, 2]] = rows[:, 3:]
+        return Trajectory(t, rows[:, :3], twist, np.zeros((len(t), 2)))
 
 
 def _places(xy: ArrayLike) -> FloatArray:
@@ -296,15 +299,18 @@ def target(course: Any, t: float, segment: int) -> Target:
     while k > 0 and t < course[k].t:
         k -= 1
     if t < 0.0:
-        return Target(course[0].x, course[0].y, course[0].heading, 0.0, 0.0, k)
-    if t >= course[last].t:
-        return Target(course[last].x, course[last].y, course[last].heading, 0.0, 0.0, k)
+        start = course[0]
+        return Target(start.x, start.y, start.heading, 0.0, 0.0, k)
+    end = course[last]
+    if t >= end.t:
+        return Target(end.x, end.y, end.heading, 0.0, 0.0, k)
     a = course[k]
     b = course[k + 1]
     f = (t - a.t) / (b.t - a.t)
     x = a.x + f * (b.x - a.x)
     y = a.y + f * (b.y - a.y)
-    return Target(x, y, a.heading, a.v, a.w + f * (b.w - a.w), k)
+    w = a.w + f * (b.w - a.w)
+    return Target(x, y, a.heading, a.v, w, k)
 
 
 @jit_alone
@@ -341,5 +347,6 @@ def position_errors(seen: Any, aim: Target, switch: float) -> Errors:
     beta = math.atan2(dy, dx) - seen.yaw
     alpha = 0.0
     if rho <= switch:
-        alpha = math.pi - (math.pi - (aim.heading - seen.yaw)) % (2.0 * math.pi)
+        turn = aim.heading - seen.yaw
+        alpha = math.pi - (math.pi - turn) % (2.0 * math.pi)
     return Errors(rho * math.cos(beta), rho * math.sin(beta), alpha)

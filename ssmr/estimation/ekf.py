@@ -164,17 +164,19 @@ def filter_log(log: SensorLog, numbers: Any, belief: Belief, out: FloatArray) ->
 
     `out` (M, 19) is written: the mean, its standard deviations, and the covariance of the pose.
     """
-    n = len(belief.mean)
+    mean, covariance = belief
+    n = len(mean)
     now = log.t[0]
     for k in range(len(log.t)):
         sample = SensorSample(log.left[k], log.right[k], log.gyro[k])
         filter_step(belief, sample, log.t[k] - now, numbers)
         now = log.t[k]
+        row = out[k]
         for i in range(n):
-            out[k, i] = belief.mean[i]
-            out[k, n + i] = np.sqrt(belief.covariance[i, i])
+            row[i] = mean[i]
+            row[n + i] = np.sqrt(covariance[i, i])
         for i in range(9):
-            out[k, 2 * n + i] = belief.covariance[i // 3, i % 3]
+            row[2 * n + i] = covariance[i // 3, i % 3]
 
 
 def initial_belief(state: State) -> Belief:
@@ -215,5 +217,6 @@ def run_ekf(log: SensorLog, settings: EkfSettings, start: State) -> Trajectory:
     filter_log(SensorLog(times, left, right, gyro), settings.packed(), belief, out)
     mean, std, covariance = np.split(out, [n, 2 * n], axis=1)
     channels = {"pose_std": std[:, :3], "pose_covariance": covariance.reshape(-1, 3, 3)}
-    twist = np.column_stack([mean[:, V], np.zeros(count), mean[:, W]])
+    twist = np.zeros((len(times), 3))
+    twist[:, [0, 2]] = mean[:, [V, W]]
     return Trajectory(times, mean[:, :3], twist, np.column_stack([left, right]), channels)

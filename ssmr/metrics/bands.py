@@ -119,7 +119,8 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
     turn = np.diff(path[:, 2])
     place = path[:-1, :2] + 0.5 * step
     heading = path[:-1, 2] + 0.5 * turn
-    way = step[:, 0] * np.cos(heading) + step[:, 1] * np.sin(heading)
+    dx, dy = step.T
+    way = dx * np.cos(heading) + dy * np.sin(heading)
     end = path[j, :2]
     c = np.cos(path[i, 2])
     s = np.sin(path[i, 2])
@@ -129,7 +130,7 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
 
     def over(rate: FloatArray) -> FloatArray:
         """Return the sum of a rate over each window."""
-        sums = np.concatenate([np.zeros((1, *rate.shape[1:])), np.cumsum(rate, axis=0)])
+        sums = np.cumulative_sum(rate, axis=0, include_initial=True)
         return np.asarray(sums[j] - sums[i])
 
     def squared(vector: FloatArray) -> FloatArray:
@@ -142,7 +143,8 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
         """
         total = over(rate)
         lever = end * total[:, None] - over(place * rate[:, None])
-        return squared((aside @ lever[:, :, None])[:, :, 0]), total**2
+        lever_aside = aside @ lever[:, :, None]
+        return squared(lever_aside[:, :, 0]), total**2
 
     def walking(rate: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the variances by a random walk of the heading, whose variance grows by a rate.
@@ -153,7 +155,8 @@ def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
         first = over(place * rate[:, None])
         second = over(squared(place) * rate[:, None, None])
         mixed = end[:, :, None] * first[:, None, :]
-        levers = squared(end) * total[:, None, None] - mixed - mixed.transpose(0, 2, 1) + second
+        levers = squared(end) * total[:, None, None]
+        levers = levers - mixed - mixed.transpose(0, 2, 1) + second
         return aside @ levers @ aside.transpose(0, 2, 1), total
 
     chord = (end - path[i, :2])[:, :, None]
@@ -181,7 +184,8 @@ def _sizes(
     """Return the (W,) sizes of errors of position and of heading, in standard deviations."""
     xx, yy, turned, xy = growth @ variances
     x, y, yaw = error.T
-    squares = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    determinant = xx * yy - xy * xy
+    squares = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant
     return np.sqrt(squares), np.abs(yaw) / np.sqrt(turned)
 
 
@@ -209,9 +213,11 @@ def _variances(growth: FloatArray, error: FloatArray, weight: FloatArray) -> Flo
     variances = np.zeros(_CAUSES)
     for _ in range(_ROUNDS):
         clipped = np.minimum(squares, _MOST_SQUARES * expected)
-        rows = np.vstack([design * prior * (root / expected)[:, None], prior_rows])
+        scaled = design * prior * (root / expected)[:, None]
+        rows = np.vstack([scaled, prior_rows])
         values = np.concatenate([clipped * root / expected, prior_values])
-        variances = nnls(rows, values)[0] * prior
+        shares, _ = nnls(rows, values)
+        variances = shares * prior
         variances[:2] = np.maximum(variances[:2], _LEAST)
         expected = design @ variances
     return variances

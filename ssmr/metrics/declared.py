@@ -297,7 +297,10 @@ def compare_pieces(candidates: Sequence[Trajectory], references: Sequence[Trajec
     pairs = list(zip(candidates, references, strict=True))
     if not pairs:
         raise ValueError("there is nothing to compare")
-    measured = [(measure_paths(c.pose, r.pose), equal_times_rms(c, r)) for c, r in pairs]
+    measured = []
+    for candidate, reference in pairs:
+        paths = measure_paths(candidate.pose, reference.pose)
+        measured.append((paths, equal_times_rms(candidate, reference)))
     if any(math.isnan(paths.d_rms) for paths, _ in measured):
         raise ValueError(f"a coordinate is beyond {LARGEST} m")
     samples = [len(r) for r in references]
@@ -327,7 +330,8 @@ def equal_times_rms(candidate: Trajectory, reference: Trajectory) -> tuple[float
     share = np.clip((at - t[before]) / interval, 0.0, 1.0)
     step = candidate.pose[after] - candidate.pose[before]
     step[:, 2] = wrap_angle(step[:, 2])
-    off = candidate.pose[before] + share[:, None] * step - reference.pose[inside]
+    pose = candidate.pose[before] + share[:, None] * step
+    off = pose - reference.pose[inside]
     distances = np.sum(off[:, :2] ** 2, axis=1)
     turns = wrap_angle(off[:, 2]) ** 2
     return math.sqrt(np.mean(distances)), math.sqrt(np.mean(turns))
@@ -361,8 +365,11 @@ def cross_track_max(
             square = step_x * step_x + step_y * step_y
             share = 0.0
             if square > 0.0:
-                share = min(max((off_x * step_x + off_y * step_y) / square, 0.0), 1.0)
-            least = min(least, (off_x - share * step_x) ** 2 + (off_y - share * step_y) ** 2)
+                share = (off_x * step_x + off_y * step_y) / square
+                share = min(max(share, 0.0), 1.0)
+            away_x = off_x - share * step_x
+            away_y = off_y - share * step_y
+            least = min(least, away_x**2 + away_y**2)
             k += 1
         greatest = max(greatest, least)
     return math.sqrt(greatest)
@@ -380,7 +387,11 @@ def command_measures(shares: FloatArray, period: float) -> tuple[float, float]:
     """
     if len(shares) == 0:
         return math.nan, math.nan
-    effort = math.sqrt(float(np.mean(np.sum(shares**2, axis=1))))
     bends = np.diff(shares, 2, axis=0) / period**2
-    jerk = math.sqrt(float(np.mean(np.sum(bends**2, axis=1)))) if len(bends) else 0.0
-    return effort, jerk
+    return _rms(shares), _rms(bends) if len(bends) else 0.0
+
+
+def _rms(rows: FloatArray) -> float:
+    """Return the root mean square of the lengths of rows."""
+    squares = np.sum(rows**2, axis=1)
+    return math.sqrt(float(np.mean(squares)))

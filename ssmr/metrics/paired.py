@@ -45,7 +45,8 @@ def chance_of_difference(one: ArrayLike, other: ArrayLike, times: ArrayLike, blo
     t = increasing_times(times)
     n = len(t)
     pair = np.stack([frozen_array(values, "errors", (n,)) for values in (one, other)])
-    together = int(np.max(np.searchsorted(t, t + block) - np.arange(n), initial=1))
+    neighbours = np.searchsorted(t, t + block) - np.arange(n)
+    together = int(np.max(neighbours, initial=1))
     if n < _FEWEST_BLOCKS * together:
         return 1.0
     blocks = n / together
@@ -64,7 +65,8 @@ def corrected(chances: Sequence[float]) -> FloatArray:
     """Return probabilities corrected for their number by Holm's rule, each in its place [1]."""
     p = np.asarray(chances, dtype=np.float64)
     order = np.argsort(p)
-    raised = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    ranks = np.arange(len(p), 0, -1)
+    raised = np.maximum.accumulate(p[order] * ranks)
     adjusted = np.empty(len(p))
     adjusted[order] = np.minimum(raised, 1.0)
     return adjusted

@@ -71,7 +71,9 @@ def path_length(xy: FloatArray) -> float:
     It is NaN where the path has no sample, or one that is not finite or beyond `LARGEST`.
     """
     for i in range(xy.shape[0]):
-        if not (abs(xy[i, 0]) <= LARGEST and abs(xy[i, 1]) <= LARGEST):
+        x = xy[i, 0]
+        y = xy[i, 1]
+        if not (abs(x) <= LARGEST and abs(y) <= LARGEST):
             return math.nan
     return _steps(xy)[0] if len(xy) > 0 else math.nan
 
@@ -122,7 +124,8 @@ def bending_energy(xy: FloatArray) -> float:
             b = step_x * inside_x + step_y * inside_y
             c = min(inside_x * inside_x + inside_y * inside_y - d * d, 0.0)
             root = math.sqrt(b * b - a * c)
-            s = min(-c / (b + root) if b > 0.0 else (root - b) / a, 1.0)
+            s = -c / (b + root) if b > 0.0 else (root - b) / a
+            s = min(s, 1.0)
             from_x += s * step_x
             from_y += s * step_y
             before_x = chord_x
@@ -143,7 +146,8 @@ def bending_energy(xy: FloatArray) -> float:
                 first = latest
     if chords < 2:
         return 0.0
-    rest = math.hypot(xy[-1, 0] - last_x, xy[-1, 1] - last_y)
+    end = xy[-1]
+    rest = math.hypot(end[0] - last_x, end[1] - last_y)
     return energy + 0.5 * first + (0.5 + rest / d) * latest
 
 
@@ -242,7 +246,9 @@ _EMPTY = _Box(math.inf, -math.inf, math.inf, -math.inf)
 @jit
 def _stretch(box: _Box, x: float, y: float) -> _Box:
     """Return the least box that holds a box and a point."""
-    return _Box(min(box.low_x, x), max(box.high_x, x), min(box.low_y, y), max(box.high_y, y))
+    low_x = min(box.low_x, x)
+    low_y = min(box.low_y, y)
+    return _Box(low_x, max(box.high_x, x), low_y, max(box.high_y, y))
 
 
 @jit
@@ -293,18 +299,19 @@ def _grow(path: FloatArray) -> tuple[int, FloatArray, FloatArray, FloatArray]:
         for side, number in enumerate(box):
             boxes[leaves + leaf, side] = number
     for node in range(leaves - 1, 0, -1):
+        one = boxes[2 * node]
+        other = boxes[2 * node + 1]
         for low in (0, 2):
-            high = low + 1
-            boxes[node, low] = min(boxes[2 * node, low], boxes[2 * node + 1, low])
-            boxes[node, high] = max(boxes[2 * node, high], boxes[2 * node + 1, high])
+            boxes[node, low] = min(one[low], other[low])
+            boxes[node, low + 1] = max(one[low + 1], other[low + 1])
     return leaves, boxes, x, y
 
 
 @jit
-def _gap(boxes: FloatArray, node: int, box: _Box) -> float:
-    """Return the square of the distance between a node's box and another one [m^2]."""
-    gap_x: float = max(max(boxes[node, 0] - box.high_x, box.low_x - boxes[node, 1]), 0.0)
-    gap_y: float = max(max(boxes[node, 2] - box.high_y, box.low_y - boxes[node, 3]), 0.0)
+def _gap(node: FloatArray, box: _Box) -> float:
+    """Return the square of the distance between a node's box, a row, and another one [m^2]."""
+    gap_x: float = max(max(node[0] - box.high_x, box.low_x - node[1]), 0.0)
+    gap_y: float = max(max(node[2] - box.high_y, box.low_y - node[3]), 0.0)
     return gap_x * gap_x + gap_y * gap_y
 
 
@@ -352,8 +359,8 @@ def nearest_squared(points: FloatArray, path: FloatArray) -> FloatArray:
             if gaps[waiting] >= bound or node == leaves + begun:
                 continue
             if node < leaves:
-                one = _gap(boxes, 2 * node, box)
-                other = _gap(boxes, 2 * node + 1, box)
+                one = _gap(boxes[2 * node], box)
+                other = _gap(boxes[2 * node + 1], box)
                 near = 2 * node + (1 if other < one else 0)
                 for child, gap in ((near ^ 1, max(one, other)), (near, min(one, other))):
                     if gap < bound:

@@ -55,8 +55,10 @@ def relative_pose_error(
     q = frozen_array(reference_pose, "reference_pose", (len(p), 3))
     i = np.asarray(starts, dtype=np.intp)
     j = np.asarray(ends, dtype=np.intp)
-    error = relative(relative(q[i], q[j]), relative(p[i], p[j]))
-    return np.hypot(error[:, 0], error[:, 1]), np.abs(wrap_angle(error[:, 2]))
+    motion = relative(p[i], p[j])
+    error = relative(relative(q[i], q[j]), motion)
+    position = np.hypot(error[:, 0], error[:, 1])
+    return position, np.abs(wrap_angle(error[:, 2]))
 
 
 def horizon_windows(
@@ -84,7 +86,8 @@ def horizon_windows(
     index, at = _usable(t, horizon, usable)
     edges = [0] if len(index) > 0 else []
     while edges:
-        k = int(np.searchsorted(at, at[edges[-1]] + horizon - TIME_TOLERANCE))
+        end = at[edges[-1]] + horizon
+        k = int(np.searchsorted(at, end - TIME_TOLERANCE))
         if k == len(index):
             break
         edges.append(k)
@@ -153,10 +156,10 @@ def horizon_errors(position: ArrayLike, yaw: ArrayLike, n_standing: int = 0) -> 
     Raises:
         ValueError: there is no window, lengths differ, or a number is not finite.
     """
-    errors = _errors(position, yaw)
-    position_ranks, yaw_ranks = (np.percentile(values, (50.0, 95.0)) for values in errors)
-    p50, p95 = map(float, position_ranks)
-    return HorizonErrors(len(errors[0]), p50, p95, *map(float, yaw_ranks), n_standing)
+    p, r = _errors(position, yaw)
+    p50, p95 = map(float, np.percentile(p, (50.0, 95.0)))
+    r50, r95 = map(float, np.percentile(r, (50.0, 95.0)))
+    return HorizonErrors(len(p), p50, p95, r50, r95, n_standing)
 
 
 def _errors(position: ArrayLike, yaw: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -223,7 +226,8 @@ class WindowErrors:
                 starts = np.random.default_rng(0).integers(0, n, (_DRAWS, math.ceil(blocks)))
                 # In a circle, so that every window has the same weight.
                 series = (starts[:, :, None] + np.arange(block)) % n
-                drawn = np.median(values[series.reshape(_DRAWS, -1)[:, :n]], axis=1)
+                series = series.reshape(_DRAWS, -1)[:, :n]
+                drawn = np.median(values[series], axis=1)
                 quantiles = stdtrit(blocks - 1.0, tail) / ndtri(tail)
                 wider = quantiles * math.sqrt(blocks / (blocks - 1.0))
                 spread = median + wider * (drawn - median)

@@ -92,7 +92,8 @@ class ParameterSpace:
 
     def _scaled(self, values: FloatArray) -> FloatArray:
         """Return values, or their logarithms where the scale is logarithmic."""
-        return np.where(self._log, np.log(np.where(self._log, values, 1.0)), values)
+        positive = np.where(self._log, values, 1.0)
+        return np.where(self._log, np.log(positive), values)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -110,7 +111,8 @@ class ParameterSpace:
     def values(self, points: ArrayLike) -> FloatArray:
         """Return (..., n) parameter values of points of the unit cube, never outside the bounds."""
         inner = self._low + np.asarray(points, dtype=np.float64) * (self._high - self._low)
-        values = np.where(self._log, np.exp(np.where(self._log, inner, 0.0)), inner)
+        logarithms = np.where(self._log, inner, 0.0)
+        values = np.where(self._log, np.exp(logarithms), inner)
         return np.clip(values, self.lower, self.upper)
 
     def points(self, values: ArrayLike) -> FloatArray:
@@ -120,7 +122,8 @@ class ParameterSpace:
             ValueError: a value lies outside its bounds, or is not finite; the message names it.
         """
         array = np.asarray(values, dtype=np.float64)
-        outside = ~((array >= self.lower) & (array <= self.upper)).reshape(-1, len(self))
+        inside = (array >= self.lower) & (array <= self.upper)
+        outside = ~inside.reshape(-1, len(self))
         if outside.any():
             row, k = (int(i) for i in np.argwhere(outside)[0])
             p = self.parameters[k]

@@ -193,7 +193,7 @@ def _step(
 
 @jit
 def _lay_out(held: FloatArray, places: NDArray[np.uint64], first: int, ahead: FloatArray) -> None:
-    """Write what each lane holds from step `first` on, step by step, into one half of `ahead`."""
+    """Write the held twists of each lane from step `first` on into one half of `ahead`."""
     begin = first % (2 * _CHUNK)
     for j in range(_PAIR):
         at = np.uint64(first) + places[j]
@@ -224,7 +224,7 @@ def _run_lanes(
 
     Their (R LANES,) numbers in `rows` advance in place. `kind` is any robot of the model: the types
     of its parts choose the law. `plain` is None where a robot has more to its motors and its driver
-    than a proportional loop, limits and a delay; what it has not is left out of the compiled loop,
+    than a proportional loop, limits and a delay; a missing part is left out of the compiled loop,
     which changes no bit. `prescribed` is None unless the `held` values are the wheel rates
     themselves; `places` (2 LANES,) are the indices among them of the first v, then of the first
     omega, of each lane.
@@ -310,7 +310,7 @@ def run_population(
         places = np.tile(place, (len(models), 1))
     else:
         held, places = _held_twists(commands, drives, times)
-    lanes = [_row(*numbers) for numbers in zip(starts, drives, robots, strict=True)]
+    lanes = [_lane_numbers(*numbers) for numbers in zip(starts, drives, robots, strict=True)]
     rows = np.array(lanes, dtype=np.float64)
     plain = None if any(map(_is_special, drives, robots)) else True
     kind = (robots[0], plain, True if wheels else None)
@@ -334,7 +334,7 @@ def run_population(
     return poses
 
 
-def _row(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list[float]:
+def _lane_numbers(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list[float]:
     """Return the numbers of one lane, as `_step` and `_robot` read them.
 
     These are its state, the twist that its driver holds, its driver and its robot.

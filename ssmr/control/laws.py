@@ -75,7 +75,7 @@ class Controller:
         Raises:
             ValueError: no regulator exists for these weights.
         """
-        return _packed(self.gains, self.a, self.b)
+        return _gain_row(self.gains, self.a, self.b)
 
     def position_step(
         self, memory: Memory, errors: Errors, target: Target, seen: Observation, dt: float
@@ -94,7 +94,7 @@ AnyController = Controller | PythonController
 
 
 @lru_cache(maxsize=4096)
-def _packed(gains: Gains, a: Matrix, b: Matrix) -> FloatArray:
+def _gain_row(gains: Gains, a: Matrix, b: Matrix) -> FloatArray:
     """Return `Controller.packed`; cached, because a law drives many references.
 
     So its regulator is solved only once.
@@ -111,8 +111,8 @@ def make_gains(controller: str, values: Mapping[str, float]) -> Gains:
         ValueError: an unknown controller or name, or numbers that the law refuses.
     """
     if controller not in LAWS:
-        known = ", ".join(CONTROLLERS)
-        raise ValueError(f"unknown controller '{controller}'; there are: {known}")
+        choices = ", ".join(CONTROLLERS)
+        raise ValueError(f"unknown controller '{controller}'; there are: {choices}")
     kind = LAWS[controller].gains
     names = [f.name for f in fields(kind)]
     for name in values:

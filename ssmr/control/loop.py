@@ -209,7 +209,7 @@ def make_trackers(
 
 
 class RobotSide:
-    """The robot's side of one closed loop: a compiled law, its memory, and what it sees."""
+    """The robot's side of one closed loop: a compiled law, its memory and observations."""
 
     def __init__(self, tracker: Tracker) -> None:
         """Begin with a law that has not run yet."""

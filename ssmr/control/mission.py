@@ -1,4 +1,4 @@
-"""Controllers as Python objects: what they know of a mission, and what they see.
+"""Controllers as Python objects: their knowledge of a mission, and their observations.
 
 A controller is made once for a mission, and asked for a command 20 times a second:
 
@@ -47,7 +47,7 @@ class ControllerInput(NamedTuple):
     """The robot `Mission.dead_time` later, when this command begins to act, as the planar model
     predicts it."""
     driver: DriverEstimate
-    """The references of its driver by then, and what was learnt of the robot while driving."""
+    """The references of its driver by then, and the gains and the slip learnt on the way."""
     past: FloatArray
     """(n, 2) the newest commands that were sent, the newest last; zero where there were none
     yet."""

@@ -307,7 +307,7 @@ class Mpc:
         last = now.past[-1].copy()
         h, f = condense(start, plan, aims[2:], steady, last, model=self._model, gains=self._gains)
         before = np.clip([driver.v, driver.w], -self._limits, self._limits)
-        self._plan = self._solved(h, f, plan, before)
+        self._plan = self._solve(h, f, plan, before)
         return float(self._plan[0, 0]), float(self._plan[0, 1])
 
     def _mean_headings(self, times: FloatArray) -> FloatArray:
@@ -317,7 +317,7 @@ class Mpc:
         before, after = np.interp(ends, self._times, self._turned, left=np.nan, right=np.nan)
         return np.asarray((after - before) / HEADING_TIME)
 
-    def _solved(
+    def _solve(
         self, h: FloatArray, f: FloatArray, plan: FloatArray, before: FloatArray
     ) -> FloatArray:
         """Return the (N, 2) commands that solve the program.

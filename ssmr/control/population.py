@@ -84,7 +84,7 @@ def run_planar_loop(
         start: the robot at the start.
         draws: (ticks or more, 8) standard normal numbers.
         disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
-        log: (ticks, 25) space for what is recorded.
+        log: (ticks, 25) space for the records.
 
     Returns:
         The number of ticks that were recorded: fewer than `log` has rows where the robot was lost

@@ -62,7 +62,7 @@ class PredictorModel(NamedTuple):
 
 
 class DriverEstimate(NamedTuple):
-    """The references of the driver at one instant, and what was learnt of the robot.
+    """The references of the driver at one instant, and the learnt gains and slip.
 
     The references are those after its limits, and those after the lag of the wheels too.
     """
@@ -226,7 +226,7 @@ def respond(
 def learn(
     p: PredictorState, before: PredictorState, seen: Observation, elapsed: float
 ) -> PredictorState:
-    """Return the memory with what the robot did in the `elapsed` time [s] beside its model.
+    """Return the memory with the motion in the `elapsed` time [s] beside that of the model.
 
     These are least squares that forget. Gains are lasting ones, so what is seen while the model's
     speeds change from those of `before` counts for less.

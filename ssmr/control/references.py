@@ -34,7 +34,7 @@ def line(speed: float, length: float = 10.8) -> Waypoints:
     docs/references.md derives the thesis' length from its tables.
     """
     _require_positive(length=length)
-    x = _spread(length)
+    x = _arc_lengths(length)
     return Waypoints.from_path(np.column_stack([x, np.zeros(len(x))]), speed)
 
 
@@ -45,7 +45,7 @@ def circle(speed: float, radius: float = 1.5, turns: float = 1.0) -> Waypoints:
     driven `turns` times.
     """
     _require_positive(radius=radius, turns=turns)
-    angle = _spread(2.0 * math.pi * radius * turns) / radius
+    angle = _arc_lengths(2.0 * math.pi * radius * turns) / radius
     places = radius * np.column_stack([np.sin(angle), 1.0 - np.cos(angle)])
     return Waypoints.from_path(places, speed)
 
@@ -65,10 +65,10 @@ def sine(
     k = 2.0 * math.pi / wavelength
     end = periods * wavelength
     bound = end * math.hypot(1.0, amplitude * k)  # no arc is longer
-    x = np.linspace(0.0, end, _REFINEMENT * _count(bound) + 1)
+    x = np.linspace(0.0, end, _REFINEMENT * _step_count(bound) + 1)
     slope = np.hypot(1.0, amplitude * k * np.cos(k * x))
     arc = integral(x, slope)
-    along = np.interp(_spread(float(arc[-1])), arc, x)
+    along = np.interp(_arc_lengths(float(arc[-1])), arc, x)
     aside = amplitude * np.sin(k * along)
     return Waypoints.from_path(np.column_stack([along, aside]), speed)
 
@@ -83,11 +83,11 @@ def eight(speed: float, half_width: float = 1.25) -> Waypoints:
     `half_width` is a, the distance from the crossing to each end [m].
     """
     _require_positive(half_width=half_width)
-    steps = 2 * _REFINEMENT * _count(6.0 * half_width)  # 5.244 a is its length
+    steps = 2 * _REFINEMENT * _step_count(6.0 * half_width)  # 5.244 a is its length
     u = np.linspace(-0.5 * math.pi, 1.5 * math.pi, steps + 1)
     rate = half_width / np.hypot(1.0, np.sin(u))
     arc = integral(u, rate)
-    at = np.interp(_spread(float(arc[-1])), arc, u)
+    at = np.interp(_arc_lengths(float(arc[-1])), arc, u)
     sine = np.sin(at)
     x = half_width * np.cos(at) / (1.0 + sine**2)
     x[[0, -1]] = 0.0  # the cosine of a rounded right angle is not quite zero
@@ -109,15 +109,15 @@ def square(speed: float, side: float = 2.0, curvature: float = 3.0) -> Waypoints
     _require_positive(side=side, curvature=curvature)
     ramp = 0.5 * math.pi / curvature
     corner = [(ramp, 0.0, curvature), (ramp, curvature, 0.0)]
-    x, y = _curved(corner)[-1]
-    cut = 0.5 * (x + y)  # by symmetry both are what a corner takes of a side, up to rounding
+    x, y = _places_along(corner)[-1]
+    cut = 0.5 * (x + y)  # both are the part of a side that a corner takes, up to rounding
     if not cut < 0.5 * side:
         raise ValueError(
             f"corners take {2.0 * cut:.3g} m of a side of {side:g} m; "
             "lengthen it, or raise the curvature"
         )
     straight = (0.5 * side - cut, 0.0, 0.0)
-    return Waypoints.from_path(_curved([straight, *corner, straight] * 4), speed)
+    return Waypoints.from_path(_places_along([straight, *corner, straight] * 4), speed)
 
 
 def spiral(speed: float, length: float = 10.0, curvature: float = 2.5) -> Waypoints:
@@ -126,7 +126,7 @@ def spiral(speed: float, length: float = 10.0, curvature: float = 2.5) -> Waypoi
     It begins along x. `length` is the length of the path [m]; `curvature` is that at the end [1/m].
     """
     _require_positive(length=length, curvature=curvature)
-    return Waypoints.from_path(_curved([(length, 0.0, curvature)]), speed)
+    return Waypoints.from_path(_places_along([(length, 0.0, curvature)]), speed)
 
 
 def u_turn(speed: float, width: float = 0.8, straight: float = 2.0) -> Waypoints:
@@ -138,9 +138,9 @@ def u_turn(speed: float, width: float = 0.8, straight: float = 2.0) -> Waypoints
     `width` is the distance between the straights, `straight` the length of each [m].
     """
     _require_positive(width=width, straight=straight)
-    wide = float(_curved(_half_turn(1.0))[-1, 1])
+    wide = float(_places_along(_half_turn(1.0))[-1, 1])
     way = (straight, 0.0, 0.0)
-    return Waypoints.from_path(_curved([way, *_half_turn(wide / width), way]), speed)
+    return Waypoints.from_path(_places_along([way, *_half_turn(wide / width), way]), speed)
 
 
 def stop_and_go(speed: float, leg: float = 1.5, wait: float = 2.0, legs: int = 4) -> Waypoints:
@@ -174,7 +174,7 @@ def winding(speed: float, curvatures: Sequence[float], piece: float = 0.8) -> Wa
     if len(curvatures) < 2:
         raise ValueError(f"a winding path has two curvatures or more, got {len(curvatures)}")
     pieces = [(piece, a, b) for a, b in itertools.pairwise(curvatures)]
-    return Waypoints.from_path(_curved(pieces), speed)
+    return Waypoints.from_path(_places_along(pieces), speed)
 
 
 def _half_turn(curvature: float) -> list[tuple[float, float, float]]:
@@ -184,7 +184,7 @@ def _half_turn(curvature: float) -> list[tuple[float, float, float]]:
     return [(quarter, 0.0, curvature), middle, (quarter, curvature, 0.0)]
 
 
-def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
+def _places_along(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
     """Return (N, 2) places [m] along pieces whose curvature is linear in their arc length.
 
     The path begins at the origin along x. Each piece is divided evenly. A step's chord is the
@@ -196,7 +196,7 @@ def _curved(pieces: Sequence[tuple[float, float, float]]) -> FloatArray:
     begins = []
     ends = []
     for length, begin, end in pieces:
-        n = _count(length)
+        n = _step_count(length)
         edges = np.linspace(begin, end, n + 1)
         steps.append(np.full(n, length / n))
         begins.append(edges[:-1])
@@ -221,11 +221,11 @@ def _require_positive(**numbers: float) -> None:
             raise ValueError(f"{name} must be positive and finite, got {number}")
 
 
-def _count(length: float) -> int:
+def _step_count(length: float) -> int:
     """Return the number of steps of at most `SPACING` in a length [m]."""
     return max(1, math.ceil(length / SPACING - 1e-9))
 
 
-def _spread(length: float) -> FloatArray:
+def _arc_lengths(length: float) -> FloatArray:
     """Return arc lengths from 0 to `length` [m], evenly and densely spread."""
-    return np.linspace(0.0, length, _count(length) + 1)
+    return np.linspace(0.0, length, _step_count(length) + 1)

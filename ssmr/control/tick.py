@@ -234,7 +234,7 @@ def plan_period(
     truth: Truth,
     data: LoopData,
 ) -> tuple[LoopState, DriveState, bool]:
-    """Run a tick of the position loop, and plan what is asked of the wheels until the next one.
+    """Run a tick of the position loop, and plan the references of the wheels until the next one.
 
     That depends on nothing that happens meanwhile, so the whole period is planned at once.
 

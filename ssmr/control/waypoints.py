@@ -143,16 +143,15 @@ class Waypoints:
         fault = find_fault(None, places)
         if fault is not None:
             raise ValueError(f"waypoint {fault.row + 1}: {fault.what}")
-        return cls._timed(places, speed, np.zeros(len(places) - 1))
+        return cls._with_times(places, speed, np.zeros(len(places) - 1))
 
     @classmethod
-    def _timed(cls, places: FloatArray, speed: float, waits: FloatArray) -> Waypoints:
+    def _with_times(cls, places: FloatArray, speed: float, waits: FloatArray) -> Waypoints:
         """Return places with the times of a speed [m/s] and of (N - 1,) `waits` [s] in addition."""
         if not (math.isfinite(speed) and speed > 0.0):
             raise ValueError(f"the reference speed must be positive and finite, got {speed} m/s")
-        with np.errstate(
-            all="ignore"
-        ):  # what overflows here is found, and named, by the check of the times
+        # The check of the times finds and names an overflow.
+        with np.errstate(all="ignore"):
             t = np.cumulative_sum(_lengths(places) / speed + waits, include_initial=True)
         return cls(t, places)
 
@@ -162,7 +161,7 @@ class Waypoints:
         Raises:
             ValueError: a speed that is not positive and finite.
         """
-        return self._timed(self.xy, speed, np.where(self.moving, 0.0, np.diff(self.t)))
+        return self._with_times(self.xy, speed, np.where(self.moving, 0.0, np.diff(self.t)))
 
     def __len__(self) -> int:
         """Return the number of waypoints, N."""

@@ -28,7 +28,7 @@ _MOST_SQUARES = 9.0
 band everywhere."""
 QUARTERS = 4
 """Number of parts of a log's time each of which is predicted by numbers that the others give."""
-_FEW = 2.353 / 1.645 * math.sqrt(1.0 - QUARTERS**-2)
+_FEW_PARTS = 2.353 / 1.645 * math.sqrt(1.0 - QUARTERS**-2)
 """Factor of the reach, 1.385: an error that lasts as long as a part shows itself four times only,
 so Student's quantile of three degrees of freedom stands for the normal one. The root is what errors
 on new ground are to those of a part left out."""
@@ -107,7 +107,7 @@ _CAUSES = len(fields(Band)) - 2
 
 
 def _growth(pose: ArrayLike, starts: ArrayLike, ends: ArrayLike) -> FloatArray:
-    """Return (4, W, causes) what a unit variance of each cause adds to a window's variances.
+    """Return (4, W, causes) variances over a window by a unit variance of each cause.
 
     These are xx, yy, that of the heading, and xy. Integrals over a window of levers p - p(s) and of
     their products, p its end, come from running sums over the whole path.
@@ -230,7 +230,7 @@ def estimated_band(
 
     It is None if there are too few windows. Windows of h seconds that begin every second overlap,
     so each counts as 1/h among the causes. The reach holds nine tenths of the errors, where all
-    lengths have the same weight, and is greater by `_FEW`, as there are few parts.
+    lengths have the same weight, and is greater by `_FEW_PARTS`, as there are few parts.
 
     Args:
         windows: for each length [s] and each gap-free piece: its (M, 3) predicted path, (W,) starts
@@ -248,4 +248,4 @@ def estimated_band(
     sizes = np.array(_sizes(growth, variances, error))
     weights = 1.0 / np.repeat(counts, counts)
     reach = np.quantile(sizes, SHARE, axis=1, weights=weights, method="inverted_cdf")
-    return Band(*np.sqrt(variances).tolist(), *(_FEW * reach).tolist())
+    return Band(*np.sqrt(variances).tolist(), *(_FEW_PARTS * reach).tolist())

@@ -1,6 +1,6 @@
 """Distances between paths of a candidate and a reference, for the thesis' metrics (Sec. 1.6).
 
-Which way round. The candidate is the simulated motion, the reference the measured or wanted one.
+Which way round. The candidate is the simulated motion, the reference the measured or desired one.
 The thesis leaves it open (Sec. 1.6 writes d_B / d_A), so it is fixed here once, as Sec. 3.5.3 and
 Algorithm 2 use it:
 
@@ -14,13 +14,13 @@ than the real one;
 Distances are between samples, as printed, not between curves: a path sampled every h keeps a floor
 of up to h / 2.
 
-Kernels read columns 0 and 1 of what they are given, so (M, 3) poses serve as paths without a copy.
+Kernels read columns 0 and 1 of their arguments, so (M, 3) poses serve as paths without a copy.
 
 For the search for the closest sample, the path is cut into leaves of `_LEAF` consecutive samples. A
 leaf has a box, the least that holds its samples, and so has every two neighbouring leaves, every
 two such pairs, and so on up to the whole path: a tree of boxes, because a path is mostly near
 itself. Consecutive points lie close together too, so `_BATCH` of them go down that tree at once,
-and take from each leaf that they enter what is nearest.
+and take the nearest samples from each leaf that they enter.
 
 A box is passed over where even its nearest edge is as far from the box of the batch as each point's
 closest sample yet. Subtraction, multiplication and addition round monotonically, so the computed

@@ -1,10 +1,10 @@
 """Errors of the relative pose over windows of a horizon, and intervals for their medians.
 
-A candidate is the simulated motion, a reference the measured or wanted one. Consecutive windows are
-few, and where the first one begins moves their median. Windows that begin every second use every
-part of a recording, but neighbours share data: an interval for their median comes from resampling
-whole blocks of neighbours (moving-block bootstrap; Kuensch, Ann. Statist. 17 (1989) 1217), as long
-as a window.
+A candidate is the simulated motion, a reference the measured or desired one. Consecutive windows
+are few, and where the first one begins moves their median. Windows that begin every second use
+every part of a recording, but neighbours share data: an interval for their median comes from
+resampling whole blocks of neighbours (moving-block bootstrap; Kuensch, Ann. Statist. 17 (1989)
+1217), as long as a window.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def horizon_windows(
 
     Args:
         t: (M,) strictly increasing stamps [s].
-        horizon: the length wanted [s].
+        horizon: length of each window [s].
         usable: (M,) which samples may begin or end a window, such as those with a fresh pose; None
             for all.
 
@@ -83,7 +83,7 @@ def horizon_windows(
         ValueError: the horizon is not positive, time does not increase, or `usable` is no mask of
             M.
     """
-    index, at = _usable(t, horizon, usable)
+    index, at = _usable_samples(t, horizon, usable)
     edges = [0] if len(index) > 0 else []
     while edges:
         end = at[edges[-1]] + horizon
@@ -102,7 +102,7 @@ def overlapping_windows(
     A window begins at the first usable sample at or after its time, and ends at the first usable
     one at least `horizon` after that. Arguments, results and errors are those of `horizon_windows`.
     """
-    index, at = _usable(t, horizon, usable)
+    index, at = _usable_samples(t, horizon, usable)
     if len(at) == 0:
         return index, index
     last = max(at[-1] - horizon, at[0])
@@ -113,7 +113,7 @@ def overlapping_windows(
     return index[starts[inside]], index[ends[inside]]
 
 
-def _usable(
+def _usable_samples(
     t: ArrayLike, horizon: float, usable: ArrayLike | None
 ) -> tuple[IndexArray, FloatArray]:
     """Return indices and stamps [s] of the usable samples."""

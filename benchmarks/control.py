@@ -1,4 +1,4 @@
-"""Cost of closed loops and of episodes for learning, on one thread: `python -m benchmarks.control [--out FILE.json]`."""
+"""Cost of closed loops and of learning episodes, on one thread: `python -m benchmarks.control`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ssmr.control.loop import LoopSettings
 from ssmr.control.population import run_bodies, run_loops
 from ssmr.control.references import circle
 from ssmr.simulation import PlanarModel
+from ssmr.types import State
 from validation import cli
 from validation.bench.gains import load_gains
 from validation.bench.loops import make_controller, make_robot
@@ -24,28 +25,43 @@ from validation.simulator.motors import controls
 from validation.simulator.plant import MujocoPlant
 
 EPISODE_TICKS = 5200.0
-"""Ticks a second that 64 episodes at once must make on a core: eight times those of version 1.4 [1/s]."""
+"""Ticks a second that 64 episodes at once must make on a core: eight times those of version 1.4
+[1/s]."""
 
 
 def loop_rows(repeats: int, robots: int) -> list[Row]:
-    """Time closed loops of pid on the improved model beside real time, and on MuJoCo beside rollouts of equal length."""
+    """Time closed loops of pid: improved beside real time, MuJoCo beside rollouts."""
     profile = load_profile("thesis-lab")
-    law, settings = make_controller(profile, load_gains("pid", "published")), LoopSettings()
+    law = make_controller(profile, load_gains("pid", "published"))
+    settings = LoopSettings()
     body, plant = (make_robot(profile, name).body for name in ("improved", "mujoco"))
     assert isinstance(body, PlanarModel)
     assert isinstance(plant, MujocoPlant)
-    way, short = circle(0.5), circle(0.5, 1.5, 0.25)
-    every = [body] * robots, [law] * robots, [settings] * robots
-    (planar,) = alternate(partial(run_loops, *every, way, range(4)), repeats=repeats)
-    bodies, drives = (lambda state: MujocoBodies([plant] * robots, 1, state)), [plant.drive] * robots
-    close = partial(run_bodies, bodies, drives, plant.dt, [law] * robots, [settings] * robots, short, range(4))
+    way = circle(0.5)
+    short = circle(0.5, 1.5, 0.25)
+    laws = [law] * robots
+    loops = [settings] * robots
+    run_planar = partial(run_loops, [body] * robots, laws, loops, way, range(4))
+    (planar,) = alternate(run_planar, repeats=repeats)
+
+    def bodies(state: State) -> MujocoBodies:
+        return MujocoBodies([plant] * robots, 1, state)
+
+    drives = [plant.drive] * robots
+    close = partial(
+        run_bodies, bodies, drives, plant.dt, laws, loops, waypoints=short, seeds=range(4)
+    )
     run = close()[0]
     ticks = round(float(run.t[-1]) / plant.dt) // (len(run.t) - 1)
-    control = np.repeat(controls(plant.model, np.repeat(run.table[:-1, 6:8], ticks, axis=0))[None], robots, axis=0)
-    start, data = np.repeat(plant.placed(short.start)[None], robots, axis=0), mujoco.MjData(plant.model)
-    closed, opened = alternate(close, lambda: rollout.rollout(plant.model, data, start, control), repeats=repeats)
+    set_points = np.repeat(run.table[:-1, 6:8], ticks, axis=0)
+    control = np.repeat(controls(plant.model, set_points)[None], robots, axis=0)
+    start = np.repeat(plant.placed(short.start)[None], robots, axis=0)
+    data = mujoco.MjData(plant.model)
+    roll_out = partial(rollout.rollout, plant.model, data, start, control)
+    closed, opened = alternate(close, roll_out, repeats=repeats)
+    driven = robots * way.duration
     return [
-        ratio(f"real time / {robots} closed loops, improved", robots * way.duration, planar, least=2000.0),
+        ratio(f"real time / {robots} closed loops, improved", driven, planar, least=2000.0),
         ratio(f"{robots} closed loops on MuJoCo / open-loop rollouts", closed, opened, most=1.3),
     ]
 
@@ -54,7 +70,8 @@ def follow_targets(batch: TrackBatch) -> None:
     """Drive one episode in every row, from its beginning, towards where the target will be."""
     seen = batch.reset()
     for _ in range(batch.source.most_ticks):
-        commands = seen[:, [10, 11]] + 1.5 * seen[:, [2, 3]]  # the target's twist in 0.2 s, and two of its errors now
+        # The target's twist in 0.2 s, and two of its errors now.
+        commands = seen[:, [10, 11]] + 1.5 * seen[:, [2, 3]]
         seen = batch.step(commands).observations
 
 
@@ -66,11 +83,16 @@ def episode_row(repeats: int, robots: int, seconds: float) -> Row:
     (episodes,) = alternate(partial(follow_targets, batch), repeats=repeats)
     ticks = robots * batch.source.most_ticks
     return ratio(
-        f"{ticks} ticks of episodes at {EPISODE_TICKS:g} a second / ours", ticks / EPISODE_TICKS, episodes, least=1.0
+        f"{ticks} ticks of episodes at {EPISODE_TICKS:g} a second / ours",
+        ticks / EPISODE_TICKS,
+        episodes,
+        least=1.0,
     )
 
 
-def main(out: Path = Path("runs/benchmarks/control.json"), repeats: int = 5, quick: bool = False) -> None:
+def main(
+    out: Path = Path("runs/benchmarks/control.json"), repeats: int = 5, quick: bool = False
+) -> None:
     """Time closed loops and episodes; print the ratios and write them as JSON.
 
     Args:
@@ -78,7 +100,10 @@ def main(out: Path = Path("runs/benchmarks/control.json"), repeats: int = 5, qui
         repeats: Number of times that each is timed; the fastest counts.
         quick: Time small populations once: a check that everything runs.
     """
-    rows = [*loop_rows(1, 2), episode_row(1, 4, 1.0)] if quick else [*loop_rows(repeats, 64), episode_row(repeats, 64, 20.0)]
+    if quick:
+        rows = [*loop_rows(1, 2), episode_row(1, 4, 1.0)]
+    else:
+        rows = [*loop_rows(repeats, 64), episode_row(repeats, 64, 20.0)]
     report("benchmarks/control: ratios of the fastest processor times", rows, out)
 
 

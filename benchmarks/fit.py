@@ -1,9 +1,10 @@
 """Searches of one fit, beside each other: `python -m benchmarks.fit [--out FILE.json]`.
 
-The MuJoCo Husky of profile thesis-lab on trajectory 4 as the improved model drives it: the same five parameters, bounds,
-residuals (position and 0.2 times yaw at tenths of a second), threads and random starts for everybody. `hybrid` and `jDE` are
-those of `validation.fit`; mujoco.sysid and scipy's least squares descend from the start, the latter with the finite
-differences of `hybrid`. The least cost that is known is 3.1955 mm.
+The MuJoCo Husky of profile thesis-lab on trajectory 4 as the improved model drives it: the same
+five parameters, bounds, residuals (position and 0.2 times yaw at tenths of a second), threads and
+random starts for everybody. `hybrid` and `jDE` are those of `validation.fit`; mujoco.sysid and
+scipy's least squares descend from the start, the latter with the finite differences of `hybrid`.
+The least cost that is known is 3.1955 mm.
 """
 
 from __future__ import annotations
@@ -35,15 +36,20 @@ LAB_FREE = ("command_half_track", "wheel_radius", "delay", "acceleration_v", "tr
 
 
 class Run:
-    """One run of a search: the residuals that it makes small, its random start, and what it has spent."""
+    """One run of a search: its residuals, its random start, and its effort."""
 
     def __init__(self, problem: FitProblem, seed: int) -> None:
-        self.problem, self.robust, self.cheap = problem, problem.robust, problem.cheap
-        self.seed, self.start = seed, np.random.default_rng(7).random((seed + 1, len(problem.space)))[seed]
-        self.motions, self.least, self.began = 0, np.inf, time.process_time()
+        self.problem = problem
+        self.robust = problem.robust
+        self.cheap = problem.cheap
+        self.seed = seed
+        self.start = np.random.default_rng(7).random((seed + 1, len(problem.space)))[seed]
+        self.motions = 0
+        self.least = np.inf
+        self.began = time.process_time()
 
     def residuals(self, points: FloatArray, workers: int = THREADS) -> FloatArray:
-        """(S, K) residuals [m] of (S, n) points of the unit cube; a kilometre in all for one that is impossible."""
+        """(S, K) residuals [m] of (S, n) points of the unit cube; an impossible one has 1 km."""
         residuals = self.problem.residuals(np.clip(points, 0.0, 1.0), workers)
         residuals = np.where(np.isfinite(residuals), residuals, 1e3 / np.sqrt(residuals.shape[1]))
         self.motions += len(points)
@@ -52,55 +58,83 @@ class Run:
 
 
 def by_jde(run: Run, generations: int = 14) -> Jde:
-    """Run jDE/best/2 with the start in its first population of 20; 14 generations make as many motions as the hybrid."""
-    jde = Jde(len(run.start), JdeSettings(population=20, generations=generations), run.seed, run.start[None])
+    """Run jDE/best/2 with 20 candidates, the start among them; 14 generations cost a hybrid."""
+    settings = JdeSettings(population=20, generations=generations)
+    jde = Jde(len(run.start), settings, run.seed, run.start[None])
     while not jde.finished:
         jde.tell(np.linalg.norm(run.residuals(jde.ask()), axis=1))
     return jde
 
 
 def by_hybrid(run: Run) -> None:
-    """Run the search of `validation.fit --search hybrid`, with the sizes that it has for simulated bodies."""
+    """Run `validation.fit --search hybrid`, with its sizes for simulated bodies."""
     jde = by_jde(run, generations=4)
-    list(arrivals(run, jde.population, jde.costs, STARTS, Remembered(), THREADS, lambda: None))
+    list(
+        arrivals(
+            run, jde.population, jde.costs, STARTS, Remembered(), THREADS, on_step=lambda: None
+        )
+    )
 
 
 def by_sysid(run: Run) -> None:
     """Run mujoco.sysid's own least squares; a MissingError says that it is not installed."""
     try:
         sysid: Any = importlib.import_module("mujoco.sysid")
-        made = {n: sysid.Parameter(n, x, 0.0, 1.0) for n, x in zip(run.problem.space.names, run.start, strict=True)}
-    except (ImportError, AttributeError) as error:  # without its extra the module imports as an empty one
+        parameters = sysid.ParameterDict()
+        for name, start in zip(run.problem.space.names, run.start, strict=True):
+            parameters.add(sysid.Parameter(name, start, 0.0, 1.0))
+    # Without its extra the module imports as an empty one.
+    except (ImportError, AttributeError) as error:
         raise MissingError("mujoco.sysid is not installed: pip install -e '.[bench]'") from error
 
     def vectorised(x: FloatArray, _: object) -> tuple[list[FloatArray], None, None]:
         rows = run.residuals(np.asarray(x).reshape(len(run.start), -1).T).T
         return [rows[:, 0] if np.asarray(x).ndim == 1 else rows], None, None
 
-    sysid.optimize(sysid.ParameterDict(made), vectorised, optimizer="mujoco", verbose=False)
+    sysid.optimize(parameters, vectorised, optimizer="mujoco", verbose=False)
 
 
 def by_scipy(run: Run) -> None:
     """Run bounded least squares of scipy, with its own tolerances."""
-    inside, slopes = np.clip(run.start, 1e-6, 1.0 - 1e-6), lambda x: error_slopes(run.residuals, x)[1]
-    least_squares(lambda x: run.residuals(x[None])[0], inside, jac=slopes, bounds=(0.0, 1.0))
+
+    def residuals(x: FloatArray) -> FloatArray:
+        return run.residuals(x[None])[0]
+
+    def slopes(x: FloatArray) -> FloatArray:
+        return error_slopes(run.residuals, x)[1]
+
+    inside = np.clip(run.start, 1e-6, 1.0 - 1e-6)
+    least_squares(residuals, inside, jac=slopes, bounds=(0.0, 1.0))
 
 
-SEARCHES: dict[str, Callable[[Run], object]] = {"hybrid": by_hybrid, "jDE": by_jde, "scipy": by_scipy, "sysid": by_sysid}
+SEARCHES: dict[str, Callable[[Run], object]] = {
+    "hybrid": by_hybrid,
+    "jDE": by_jde,
+    "scipy": by_scipy,
+    "sysid": by_sysid,
+}
 
 
 def rows_of(name: str, problem: FitProblem, seeds: Iterable[int]) -> list[Row]:
-    """Return what a search finds from each start, and what it takes."""
+    """Return the least cost and the effort of a search from each start."""
     rows = list[Row]()
     for run in (Run(problem, seed) for seed in seeds):
         SEARCHES[name](run)
         spent = time.process_time() - run.began
-        rows.append({"search": name, "motions": run.motions, "processor_s": spent, "cost_mm": 1e3 * run.least})
+        row = {
+            "search": name,
+            "motions": run.motions,
+            "processor_s": spent,
+            "cost_mm": 1e3 * run.least,
+        }
+        rows.append(row)
     return rows
 
 
-def main(out: Path = Path("runs/benchmarks/fit.json"), starts: int = 5, quick: bool = False) -> None:
-    """Let every search fit from the same random starts; print successes and efforts and write them as JSON.
+def main(
+    out: Path = Path("runs/benchmarks/fit.json"), starts: int = 5, quick: bool = False
+) -> None:
+    """Let every search fit from the same random starts; print and write their successes.
 
     Args:
         out: JSON file to write.
@@ -108,9 +142,13 @@ def main(out: Path = Path("runs/benchmarks/fit.json"), starts: int = 5, quick: b
         quick: Fit a planar model from one start: a check that everything runs.
     """
     model, free = ("kinematic", ("y_l", "y_r")) if quick else ("mujoco", LAB_FREE)
-    profile, rows, seeds = load_profile("thesis-lab"), list[Row](), range(1 if quick else starts)
-    targets, cost = open_targets(["traj4@improved"], profile)[0], FitCost("sync", yaw_weight=0.2)
-    problem = FitProblem(model, profile.plants[model], make_space(model, free, {}, profile.robot), targets, cost)
+    profile = load_profile("thesis-lab")
+    rows = list[Row]()
+    seeds = range(1 if quick else starts)
+    targets = open_targets(["traj4@improved"], profile)[0]
+    cost = FitCost("sync", yaw_weight=0.2)
+    space = make_space(model, free, {}, profile.robot)
+    problem = FitProblem(model, profile.plants[model], space, targets, cost)
     for name in SEARCHES:
         rows += optional(quick, partial(rows_of, name, problem, seeds)) or []
     report(f"benchmarks/fit: {model} on trajectory 4", rows, out)

@@ -1,6 +1,7 @@
-"""Round trips of odometry over DDS, at rest and on a busy machine: `python -m benchmarks.ros [--quick]` (extra `ros2`).
+"""Round trips of odometry over DDS, idle and busy: `python -m benchmarks.ros` (extra `ros2`).
 
-A second process sends back whatever comes, as a robot answers a controller. Times are those of one clock, in this process.
+A second process sends back whatever comes, as a robot answers a controller. Times are those of one
+clock, in this process.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ from validation.ros.dds import Graph, Node
 
 RATE = 100.0
 """Messages a second, twice as many as a Husky's odometry."""
-THERE, BACK, KIND = "/there", "/back", "nav_msgs/msg/Odometry"
+THERE = "/there"
+BACK = "/back"
+KIND = "nav_msgs/msg/Odometry"
 
 
 def connect(name: str, domain: int, sent: str, heard: str) -> Node:
@@ -42,7 +45,7 @@ def send(node: Node, topic: str, stamp: float) -> None:
 
 
 def echo(domain: int) -> None:
-    """Send back what comes, without end."""
+    """Send back every message, without end."""
     node = connect("echo", domain, BACK, THERE)
     while True:
         for _, stamp in node.receive(1.0):
@@ -62,15 +65,18 @@ def running(codes: Sequence[str]) -> Iterator[None]:
 
 
 def round_trips(node: Node, count: int, busy: int) -> Row:
-    """Send `count` messages while `busy` processes do nothing but compute; what came back, when, and at what cost."""
+    """Send `count` messages while `busy` processes compute; count and time those that return."""
     trips: list[float] = []
     with running(["while True: pass"] * busy):
-        start, began = time.monotonic(), time.process_time()
+        start = time.monotonic()
+        began = time.process_time()
         for k in range(count + int(RATE)):  # and a second for the last ones
             if k < count:
                 send(node, THERE, time.monotonic())
             while (left := start + (k + 1) / RATE - time.monotonic()) > 0.0:
-                trips += [time.monotonic() - stamp for _, stamp in node.receive(left) if stamp >= start]
+                for _, stamp in node.receive(left):
+                    if stamp >= start:
+                        trips.append(time.monotonic() - stamp)
         spent = 1e3 * (time.process_time() - began) / count
     median, p95 = 1e3 * np.percentile(trips or [np.inf], [50.0, 95.0])
     row = {"median_ms": median, "p95_ms": p95, "lost": count - len(trips), "processor_ms": spent}
@@ -93,7 +99,9 @@ def measure(count: int, loads: Sequence[int]) -> list[Row]:
     return rows
 
 
-def main(out: Path = Path("runs/benchmarks/ros.json"), seconds: float = 20.0, quick: bool = False) -> None:
+def main(
+    out: Path = Path("runs/benchmarks/ros.json"), seconds: float = 20.0, quick: bool = False
+) -> None:
     """Measure round trips; print them and write them as JSON.
 
     Args:

@@ -23,7 +23,7 @@ class MissingError(cli.UserError):
 
 
 def optional(quick: bool, measure: Callable[[], T]) -> T | None:
-    """Return what `measure` returns; a quick run leaves out what is not installed, with one line, others raise the error."""
+    """Return what `measure` returns; a quick run leaves out parts that are not installed."""
     try:
         return measure()
     except MissingError as error:
@@ -34,7 +34,7 @@ def optional(quick: bool, measure: Callable[[], T]) -> T | None:
 
 
 def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
-    """Return the fastest processor time of each call [s], all called in turn so that a busy machine hurts them alike."""
+    """The fastest processor time of each call [s]; calls take turns, so load hurts them alike."""
     times = np.empty((repeats + 1, len(calls)))
     for i in range(repeats + 1):  # the first round compiles
         for j, call in enumerate(calls):
@@ -44,19 +44,35 @@ def alternate(*calls: Callable[[], object], repeats: int) -> list[float]:
     return [float(t) for t in times[1:].min(axis=0)]
 
 
-def ratio(what: str, above_s: float, below_s: float, most: float = np.inf, least: float = 0.0) -> Row:
+def ratio(
+    what: str, above_s: float, below_s: float, most: float = np.inf, least: float = 0.0
+) -> Row:
     """Return the row of one time over another, which must lie within two bounds."""
-    value, limit = above_s / below_s, f"<= {most:g}" if most < np.inf else f">= {least:g}"
+    value = above_s / below_s
+    limit = f"<= {most:g}" if most < np.inf else f">= {least:g}"
     ok = "yes" if least <= value <= most else "FALLS SHORT"
-    return {"what": what, "above_ms": 1e3 * above_s, "below_ms": 1e3 * below_s, "ratio": value, "asked": limit, "kept": ok}
+    return {
+        "what": what,
+        "above_ms": 1e3 * above_s,
+        "below_ms": 1e3 * below_s,
+        "ratio": value,
+        "asked": limit,
+        "kept": ok,
+    }
 
 
 def report(title: str, rows: Sequence[Row], out: Path) -> None:
     """Print the rows, whose columns are those of the first, and write them as JSON."""
     table = Table(*(rows[0] if rows else ()), title=title)
     for row in rows:
-        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()))
+        numbers = row.values()
+        table.add_row(*(f"{x:.3g}" if isinstance(x, float) else str(x) for x in numbers))
     cli.report_console().print(table)
     cli.output_folder(out.parent)
-    document = {"schema": "ssmr.benchmark/1", "versions": store.versions(), "cores": os.cpu_count(), "rows": [*rows]}
+    document = {
+        "schema": "ssmr.benchmark/1",
+        "versions": store.versions(),
+        "cores": os.cpu_count(),
+        "rows": [*rows],
+    }
     store.write_json(out, store.plain(document))

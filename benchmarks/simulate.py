@@ -1,12 +1,12 @@
-"""Speed of the parts beside what else does the same, in one run: `python -m benchmarks.simulate [--out FILE.json]`.
+"""Speed of the parts beside what else does the same: `python -m benchmarks.simulate`.
 
-Ratios count, not seconds: machines are shared. Each pair is timed alternately, and the ratio is of the fastest times.
+Ratios count, not seconds: machines are shared. Each pair is timed alternately, and the ratio is of
+the fastest times.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -47,11 +47,16 @@ def lane_row(name: str, commands: Commands, repeats: int) -> Row:
         SsmrError: the poses differ.
     """
     drive = LAB.plants[name].drive
-    drives = [replace(drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i) for i in range(POPULATION)]
-    models = [replace(planar(name), drive=d) for d in drives]
+    models = []
+    for i in range(POPULATION):
+        late = replace(drive, delay_v=0.1 + 0.002 * i, delay_w=0.1 + 0.003 * i)
+        models.append(replace(planar(name), drive=late))
     plants = [PlanarPlant(model) for model in models]
     together = partial(run_population, models, commands, [State()] * POPULATION, SAMPLE_DT)
-    alone: Callable[[], list[FloatArray]] = lambda: [p.run(commands, State(), SAMPLE_DT).pose for p in plants]  # noqa: E731
+
+    def alone() -> list[FloatArray]:
+        return [plant.run(commands, State(), SAMPLE_DT).pose for plant in plants]
+
     if not np.array_equal(together(), alone()):
         raise SsmrError(f"{name}: poses in lanes differ from those of single robots")
     lanes, single = alternate(together, alone, repeats=repeats)
@@ -63,7 +68,8 @@ def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     section = LAB.plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
     control = controls(plant.model, wheel_references(commands, section.drive, plant.dt, State()))
-    data, start = mujoco.MjData(plant.model), plant.placed(State())
+    data = mujoco.MjData(plant.model)
+    start = plant.placed(State())
     ours, bare = alternate(
         lambda: plant.run(commands, State(), SAMPLE_DT),
         lambda: rollout.rollout(plant.model, data, start[None], control[None]),
@@ -73,7 +79,9 @@ def mujoco_rows(commands: Commands, repeats: int) -> list[Row]:
     return [ratio("mujoco plant / bare rollout", ours, bare, most=1.1), real_time]
 
 
-def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 10, quick: bool = False) -> None:
+def main(
+    out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 10, quick: bool = False
+) -> None:
     """Time every part beside its peer; print the ratios and write them as JSON.
 
     Args:
@@ -83,8 +91,10 @@ def main(out: Path = Path("runs/benchmarks/simulate.json"), repeats: int = 10, q
     """
     if repeats < 1:
         raise cli.UserError(f"--repeats {repeats} must be positive")
-    commands, often = TRAJECTORIES["traj4"].commands(), 1 if quick else repeats
-    rows = [*(lane_row(name, commands, often) for name in PLANAR_MODELS), *mujoco_rows(commands, often)]
+    commands = TRAJECTORIES["traj4"].commands()
+    often = 1 if quick else repeats
+    rows = [lane_row(name, commands, often) for name in PLANAR_MODELS]
+    rows += mujoco_rows(commands, often)
     report("benchmarks/simulate: ratios of the fastest times, measured side by side", rows, out)
 
 

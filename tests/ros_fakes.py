@@ -50,7 +50,7 @@ class FakeNode(Node):
 
     def __init__(self, clock: FakeClock | None = None) -> None:
         self.clock = clock or FakeClock()
-        self.graph, self._clock, self._subscriptions, self._said = Graph(), self.clock, {}, {}
+        self.graph, self._clock, self._subscriptions, self._logged_at = Graph(), self.clock, {}, {}
         self.coming: list[tuple[float, str, Any]] = []
         self.sent: list[tuple[str, float, Any]] = []
         self.robot_at = 0.0

@@ -21,7 +21,8 @@ PACKAGES = ("ssmr-testbed", "mujoco", "numpy", "scipy", "numba", "control", "rer
 
 def versions() -> dict[str, str]:
     """Return the versions of this project, Python and the packages that decide numbers."""
-    return {"python": platform.python_version(), **{package: _version(package) for package in PACKAGES}}
+    packages = {package: _version(package) for package in PACKAGES}
+    return {"python": platform.python_version(), **packages}
 
 
 @cache
@@ -33,10 +34,10 @@ def _version(package: str) -> str:
 
 
 def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` make a file beside `path`, then put it in its place; a failure leaves what was there before.
+    """Let `write` make a file beside `path`, then move it there; a failure leaves the old one.
 
-    The file and its folder are synchronised with the disk, so that after a power cut there is the old file or the new one,
-    whole.
+    The file and its folder are synchronised with the disk, so that after a power cut there is the
+    old file or the new one, whole.
 
     Args:
         path: where the file shall be; its folder must exist.
@@ -45,7 +46,8 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    temporary = path.with_name(f".ssmr-{secrets.token_hex(8)}.part{path.suffix}")  # hidden, and nothing is there
+    # Hidden, and nothing is there.
+    temporary = path.with_name(f".ssmr-{secrets.token_hex(8)}.part{path.suffix}")
     try:
         write(temporary)
         _synchronise(temporary, os.O_RDWR)
@@ -57,7 +59,7 @@ def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def _synchronise(path: Path, how: int) -> None:
-    """Wait until a file or folder is on the disk; some file systems cannot do that for folders, and need not."""
+    """Wait until a file or folder is on the disk; not every file system can do that for folders."""
     try:
         descriptor = os.open(path, how)
     except PermissionError:
@@ -72,40 +74,44 @@ def _synchronise(path: Path, how: int) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text as UTF-8, whole or not at all, see `write_atomic`; half a surrogate pair is written as an escape."""
+    """Write a text as UTF-8, whole or not at all; half a surrogate pair becomes an escape."""
     data = text.encode("utf-8", "backslashreplace")
     write_atomic(path, lambda temporary: temporary.write_bytes(data))
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON has it: mappings and sequences all the way down, null for a number that is not finite."""
+    """A value as JSON has it: mappings and sequences throughout, null for a non-finite number."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [plain(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a document as JSON; a ValueError says that a number is not finite, and nothing is written."""
+    """Write a document as JSON, or nothing and a ValueError if a number is not finite."""
     write_text(path, json.dumps(encodable(document), indent=2, allow_nan=False) + "\n")
 
 
 def encodable(value: Any) -> Any:
-    """Return a document whose texts are Unicode throughout: in a file's name, half a surrogate pair is a byte of no text."""
+    """A document of Unicode texts throughout: half a surrogate pair is a byte of no text."""
     if isinstance(value, Mapping):
         return {encodable(k): encodable(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [encodable(v) for v in value]
-    return value.encode("utf-8", "backslashreplace").decode() if isinstance(value, str) else value
+    if isinstance(value, str):
+        return value.encode("utf-8", "backslashreplace").decode()
+    return value
 
 
 class UnusableFolder(OSError, ValueError):
-    """A folder cannot be made or written: before the work that is a mistake of whoever named it, later a failed run."""
+    """A folder cannot be made or written: first its namer's mistake, later a failed run."""
 
 
 def make_folder(path: Path) -> Path:
-    """Make a folder that files can be written into, and return it; an UnusableFolder says why it cannot be."""
+    """Make a folder to write into, and return it; an UnusableFolder says why it cannot be."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,1 +1,1 @@
-"""Other engines that drive the same robot: ODE, Gazebo's engine, and Drake. Each is a `Plant` of MuJoCo's numbers."""
+"""Other engines that drive the same robot as a `Plant`: ODE, Gazebo's engine, and Drake."""

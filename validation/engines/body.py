@@ -1,4 +1,4 @@
-"""The interface of a rigid-body engine: what it is given of a robot, and what it must do to become a plant."""
+"""The interface of a rigid-body engine: its description of a robot, and its methods for a plant."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from validation.simulator.model import base_inertia, static_shares
 from validation.simulator.terrain import Terrain
 
 SINK_SHARE = 1e-3
-"""Depth to which a tyre sinks at rest where no stiffness is given, over its radius [1]; radii are larger by as much."""
+"""Depth to which a tyre sinks at rest where no stiffness is given, over its radius [1]; radii are
+larger by as much."""
 
 
 class EngineMissingError(ValueError):
@@ -27,35 +28,65 @@ class EngineMissingError(ValueError):
 class Rigid(NamedTuple):
     """Motion of a robot's bodies, in the world's axes; wheels are in the order of `WHEELS`."""
 
-    position: FloatArray  # (3,) of the base frame's origin [m]
-    quat_wxyz: FloatArray  # (4,) of the base
-    velocity: FloatArray  # (3,) of the base frame's origin [m/s]
-    spin: FloatArray  # (3,) angular velocity of the base [rad/s]
-    wheels: FloatArray  # (4,) wheel rates [rad/s]
+    position: FloatArray
+    """(3,) of the base frame's origin [m]."""
+    quat_wxyz: FloatArray
+    """(4,) of the base."""
+    velocity: FloatArray
+    """(3,) of the base frame's origin [m/s]."""
+    spin: FloatArray
+    """(3,) angular velocity of the base [rad/s]."""
+    wheels: FloatArray
+    """(4,) wheel rates [rad/s]."""
+
+    @classmethod
+    def at_rest(cls, height: float) -> Rigid:
+        """Return the robot at rest, level, at a height [m] above the origin."""
+        position = np.array([0.0, 0.0, height])
+        level = np.array([1.0, 0.0, 0.0, 0.0])
+        return cls(position, level, np.zeros(3), np.zeros(3), np.zeros(len(WHEELS)))
 
 
 @dataclass(frozen=True, eq=False)
 class RigidNumbers:
-    """Masses, lengths and friction of a robot, as every engine takes them; the base frame is that of its file."""
+    """Masses, lengths and friction of a robot for every engine, in the base frame of its file."""
 
-    dt: float  # physics step [s]
-    gravity: FloatArray  # (3,) gravity along the axes of the ground [m/s2]
-    base_mass: float  # mass of the base without wheels [kg]
-    base_inertia: FloatArray  # (3,) its moments of inertia about its centre of mass [kg m2]
-    com: FloatArray  # (3,) its centre of mass [m]
-    yaw_inertia: float  # moment of inertia of the whole robot about the vertical through the middle [kg m2]
-    height: float  # height of the base frame's origin where tyres just touch the ground [m]
-    places: FloatArray  # (4, 3) middles of the wheels [m]
-    radii: FloatArray  # (4,) rolling radii [m]
-    width: float  # width of the tyres [m]
-    cylinders: bool  # whether tyres are cylinders; otherwise each touches the ground in one point
-    wheel_mass: float  # mass of a wheel [kg]
-    wheel_inertia: tuple[float, float]  # moments of inertia of a wheel about a diameter and about its axle [kg m2]
-    armature: float  # rotor inertia of a wheel through its gear [kg m2]
-    friction: float  # sliding friction of tyre on ground [1]
-    loads: FloatArray  # (4,) wheel loads at rest on level ground [N]
-    dry: float  # dry friction torque of a wheel: rolling resistance and its share of the gear's loss [N m]
-    groups: tuple[tuple[int, ...], ...]  # indices of the wheels that each motor turns; a belt ties those of one motor
+    dt: float
+    """Physics step [s]."""
+    gravity: FloatArray
+    """(3,) gravity along the axes of the ground [m/s2]."""
+    base_mass: float
+    """Mass of the base without wheels [kg]."""
+    base_inertia: FloatArray
+    """(3,) its moments of inertia about its centre of mass [kg m2]."""
+    com: FloatArray
+    """(3,) its centre of mass [m]."""
+    yaw_inertia: float
+    """Moment of inertia of the whole robot about the vertical through the middle [kg m2]."""
+    height: float
+    """Height of the base frame's origin where tyres just touch the ground [m]."""
+    places: FloatArray
+    """(4, 3) middles of the wheels [m]."""
+    radii: FloatArray
+    """(4,) rolling radii [m]."""
+    width: float
+    """Width of the tyres [m]."""
+    cylinders: bool
+    """Whether tyres are cylinders; otherwise each touches the ground in one point."""
+    wheel_mass: float
+    """Mass of a wheel [kg]."""
+    wheel_inertia: tuple[float, float]
+    """Moments of inertia of a wheel about a diameter and about its axle [kg m2]."""
+    armature: float
+    """Rotor inertia of a wheel through its gear [kg m2]."""
+    friction: float
+    """Sliding friction of tyre on ground [1]."""
+    loads: FloatArray
+    """(4,) wheel loads at rest on level ground [N]."""
+    dry: float
+    """Dry friction torque of a wheel: rolling resistance and its share of the gear's loss [N m]."""
+    groups: tuple[tuple[int, ...], ...]
+    """Indices of the wheels that each motor turns; a belt ties those of one motor."""
 
     @classmethod
     def of(cls, calibration: Calibration, drive: Drive, terrain: Terrain) -> RigidNumbers:
@@ -65,35 +96,56 @@ class RigidNumbers:
             ParameterError: friction that depends on direction, or an inertia that no body has.
         """
         if calibration.friction_ratio != 1.0:
-            raise ParameterError(f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one friction")
-        robot, c = calibration.robot, calibration
-        axle, weight = robot.geometry.axle_height, c.mass * GRAVITY
+            raise ParameterError(
+                f"friction_ratio {calibration.friction_ratio:g}: "
+                "this engine's tyres have one friction"
+            )
+        c = calibration
+        geometry = c.robot.geometry
+        masses = c.robot.masses
+        axle = geometry.axle_height
+        weight = c.mass * GRAVITY
         side_loss = c.rolling_resistance * 0.5 * weight * c.wheel_radius + drive.gear_loss
-        places = [0.5 * FRONT * robot.geometry.wheelbase, LEFT * c.half_track, np.full(len(WHEELS), axle)]
+        x = 0.5 * FRONT * geometry.wheelbase
+        y = LEFT * c.half_track
+        z = np.full(len(WHEELS), axle)
+        motors = c.robot.motors.values()
         return cls(
-            c.timestep, terrain.gravity(GRAVITY), c.mass - len(WHEELS) * robot.masses.wheel, base_inertia(c),
-            np.array([c.com_x, c.com_y, c.com_z]), c.yaw_inertia, c.wheel_radius - axle, np.column_stack(places),
-            c.wheel_radius + 0.5 * LEFT * c.radius_difference, robot.geometry.wheel_width, c.wheel_shape == "cylinder",
-            robot.masses.wheel, robot.masses.wheel_inertia, c.armature, c.friction,
-            np.maximum(static_shares(c), 0.0) * weight, 0.5 * side_loss,
-            tuple(tuple(WHEELS.index(wheel) for wheel in wheels) for wheels in robot.motors.values()),
-        )  # fmt: skip
+            dt=c.timestep,
+            gravity=terrain.gravity(GRAVITY),
+            base_mass=c.mass - len(WHEELS) * masses.wheel,
+            base_inertia=base_inertia(c),
+            com=np.array([c.com_x, c.com_y, c.com_z]),
+            yaw_inertia=c.yaw_inertia,
+            height=c.wheel_radius - axle,
+            places=np.column_stack([x, y, z]),
+            radii=c.wheel_radius + 0.5 * LEFT * c.radius_difference,
+            width=geometry.wheel_width,
+            cylinders=c.wheel_shape == "cylinder",
+            wheel_mass=masses.wheel,
+            wheel_inertia=masses.wheel_inertia,
+            armature=c.armature,
+            friction=c.friction,
+            loads=np.maximum(static_shares(c), 0.0) * weight,
+            dry=0.5 * side_loss,
+            groups=tuple(tuple(map(WHEELS.index, wheels)) for wheels in motors),
+        )
 
 
 class EngineBody(Protocol):
     """A robot inside an engine; its wheels are numbered as `WHEELS`."""
 
     def place(self, motion: Rigid) -> None:
-        """Put the robot into a motion, without memory of what it did before; the angles of its wheels are 0."""
+        """Put the robot into a motion, without memory of former ones; wheel angles are 0."""
 
     def motion(self) -> Rigid:
         """Return how the robot moves now."""
 
     def advance(self, torques: FloatArray, yaw_torque: float) -> None:
-        """Take one physics step under (4,) motor torques on the wheels [N m] and a torque on the base about z [N m]."""
+        """Take a physics step under (4,) wheel torques [N m] and a base torque about z [N m]."""
 
     def advance_turning(self, rates: FloatArray, yaw_torque: float) -> None:
-        """Take one physics step with wheels that turn at (4,) given rates [rad/s], whatever torque that takes."""
+        """Take a physics step with wheels that turn at (4,) given rates [rad/s]."""
 
     def wheel_loads(self) -> FloatArray:
         """Return the (4,) normal forces on the wheels [N], as the last step had them."""

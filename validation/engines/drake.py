@@ -1,8 +1,8 @@
-"""The robot in Drake: discrete multibody dynamics with compliant point contacts and a convex friction solver.
+"""The robot in Drake: discrete dynamics, compliant point contacts, a convex friction solver.
 
-Of its approximations of contact it is the one that Drake calls lagged: TAMSI ignores the wheels' servos silently, and stiff
-contacts chatter with the others. The wheels' actuators hold given rates, or rate 0 with the torque of dry friction; motor
-torques are generalised forces.
+Of its approximations of contact it is the one that Drake calls lagged: TAMSI ignores the wheels'
+servos silently, and stiff contacts chatter with the others. The wheels' actuators hold given rates,
+or rate 0 with the torque of dry friction; motor torques are generalised forces.
 """
 
 from __future__ import annotations
@@ -17,20 +17,24 @@ from ssmr.types import FloatArray
 from validation.engines.body import SINK_SHARE, EngineMissingError, Rigid, RigidNumbers
 from validation.simulator.description import WHEELS
 
-HOW_TO_GET_DRAKE = "Drake is missing: install it with pip install 'ssmr-testbed[engines]', and compare without it until then"
+HOW_TO_GET_DRAKE = (
+    "Drake is missing: install it with pip install 'ssmr-testbed[engines]', "
+    "and compare without it until then"
+)
 """Line that says how to get it."""
 _STRONG = 1e6
 """Torque that given wheel rates may take [N m]."""
 _DISSIPATION = 5.0
 """Hunt and Crossley's dissipation of a contact [s/m]."""
 _STICTION = 1e-4
-"""Slip below which a contact is taken to stick [m/s]; the best that was found (docs/why_drift.md)."""
+"""Slip below which a contact is taken to stick [m/s]; the best that was found
+(docs/why_drift.md)."""
 _HOLD = 1e5
 """Gain with which an actuator holds a wheel's rate [N m s/rad]."""
 
 
 class DrakeBody:
-    """The robot in a Drake diagram, see `EngineBody`; tyres are spheres, or pairs of spheres in the place of cylinders."""
+    """The robot in a Drake diagram, see `EngineBody`; tyres are spheres, or pairs for cylinders."""
 
     def __init__(self, numbers: RigidNumbers) -> None:
         """Build the diagram.
@@ -49,10 +53,9 @@ class DrakeBody:
     def place(self, motion: Rigid) -> None:
         """Put the robot into a motion, see `EngineBody.place`."""
         self._now = self._free
-        self._now.put(
-            np.concatenate([motion.quat_wxyz, motion.position, np.zeros(len(WHEELS))]),
-            np.concatenate([motion.spin, motion.velocity, motion.wheels]),
-        )
+        positions = [motion.quat_wxyz, motion.position, np.zeros(len(WHEELS))]
+        velocities = [motion.spin, motion.velocity, motion.wheels]
+        self._now.put(np.concatenate(positions), np.concatenate(velocities))
 
     def motion(self) -> Rigid:
         """Return how the robot moves now, see `EngineBody.motion`."""
@@ -67,11 +70,14 @@ class DrakeBody:
         """Take one physics step with given wheel rates, see `EngineBody.advance_turning`."""
         self._advance(self._turning, np.zeros(len(WHEELS)), rates, yaw_torque)
 
-    def _advance(self, diagram: _Diagram, torques: FloatArray, rates: FloatArray, yaw_torque: float) -> None:
+    def _advance(
+        self, diagram: _Diagram, torques: FloatArray, rates: FloatArray, yaw_torque: float
+    ) -> None:
         if diagram is not self._now:
             diagram.put(*self._now.state())
             self._now = diagram
-        diagram.step(np.concatenate([[0.0, 0.0, yaw_torque, 0.0, 0.0, 0.0], torques]), rates)
+        on_base = [0.0, 0.0, yaw_torque, 0.0, 0.0, 0.0]
+        diagram.step(np.concatenate([on_base, torques]), rates)
 
     def wheel_loads(self) -> FloatArray:
         """Return the loads of the last step, see `EngineBody.wheel_loads`."""
@@ -89,38 +95,46 @@ class _Diagram:
             from pydrake.systems.framework import DiagramBuilder
         except ImportError as error:
             raise EngineMissingError(HOW_TO_GET_DRAKE) from error
-        says = logging.getLogger("drake")
-        level = says.level
-        says.setLevel(logging.ERROR)  # it warns that half spaces touch no deformable bodies
+        log = logging.getLogger("drake")
+        level = log.level
+        log.setLevel(logging.ERROR)  # it warns that half spaces touch no deformable bodies
         builder = DiagramBuilder()
-        self._plant, _ = multibody.AddMultibodyPlantSceneGraph(builder, multibody.MultibodyPlant(numbers.dt))
-        self._plant.set_discrete_contact_approximation(multibody.DiscreteContactApproximation.kLagged)
-        self._plant.set_contact_model(multibody.ContactModel.kPoint)
-        self._plant.set_stiction_tolerance(_STICTION)
-        self._plant.mutable_gravity_field().set_gravity_vector(numbers.gravity)
+        empty = multibody.MultibodyPlant(numbers.dt)
+        plant, _ = multibody.AddMultibodyPlantSceneGraph(builder, empty)
+        self._plant = plant
+        plant.set_discrete_contact_approximation(multibody.DiscreteContactApproximation.kLagged)
+        plant.set_contact_model(multibody.ContactModel.kPoint)
+        plant.set_stiction_tolerance(_STICTION)
+        plant.mutable_gravity_field().set_gravity_vector(numbers.gravity)
         stiffness = float(numbers.loads.mean()) / (SINK_SHARE * float(numbers.radii.mean()))
-        rubber, sliding = ProximityProperties(), multibody.CoulombFriction(numbers.friction, numbers.friction)
-        AddContactMaterial(_DISSIPATION, 2.0 * stiffness, sliding, rubber)  # two that touch are in series
-        world = self._plant.world_body()
-        self._plant.RegisterCollisionGeometry(world, RigidTransform(), HalfSpace(), "ground", rubber)
-        self._wheels, sink = self._add_robot(numbers, strength), numbers.loads / stiffness
+        rubber = ProximityProperties()
+        sliding = multibody.CoulombFriction(numbers.friction, numbers.friction)
+        # Tyre and ground are in series, so that each has twice the stiffness of the contact.
+        AddContactMaterial(_DISSIPATION, 2.0 * stiffness, sliding, rubber)
+        world = plant.world_body()
+        plant.RegisterCollisionGeometry(world, RigidTransform(), HalfSpace(), "ground", rubber)
+        self._wheels = self._add_robot(numbers, strength)
+        sink = numbers.loads / stiffness
         sides = (-0.5, 0.5) if numbers.cylinders else (0.0,)
-        for wheel, radius in zip(self._wheels, (numbers.radii + sink / len(sides)).tolist(), strict=True):
+        radii = numbers.radii + sink / len(sides)
+        for wheel, radius in zip(self._wheels, radii.tolist(), strict=True):
             for side in sides:
                 place: Any = [0.0, side * numbers.width, 0.0]
                 at = RigidTransform(place)
-                self._plant.RegisterCollisionGeometry(wheel, at, Sphere(radius), f"tyre{side:+g}", rubber)
-        self._plant.Finalize()
+                name = f"tyre{side:+g}"
+                plant.RegisterCollisionGeometry(wheel, at, Sphere(radius), name, rubber)
+        plant.Finalize()
         diagram = builder.Build()
         self._context = diagram.CreateDefaultContext()
-        says.setLevel(level)
-        self._mine, self._next = self._plant.GetMyMutableContextFromRoot(self._context), None
-        self._force = self._plant.get_applied_generalized_force_input_port()
-        self._wanted = self._plant.get_desired_state_input_port(self._wheels[0].model_instance())
-        self._results = self._plant.get_contact_results_output_port()
+        log.setLevel(level)
+        self._mine = self._plant.GetMyMutableContextFromRoot(self._context)
+        self._next = None
+        self._force = plant.get_applied_generalized_force_input_port()
+        self._set_points = plant.get_desired_state_input_port(self._wheels[0].model_instance())
+        self._results = plant.get_contact_results_output_port()
         self._index = {wheel.index(): k for k, wheel in enumerate(self._wheels)}
         self._force.FixValue(self._mine, np.zeros(6 + len(WHEELS)))
-        self._wanted.FixValue(self._mine, np.zeros(2 * len(WHEELS)))
+        self._set_points.FixValue(self._mine, np.zeros(2 * len(WHEELS)))
 
     def _add_robot(self, n: RigidNumbers, strength: float) -> list[Any]:
         """Add base, wheels, axles and belts; return the wheels."""
@@ -134,24 +148,32 @@ class _Diagram:
         )
 
         def body(name: str, mass: float, com: Any, inertia: FloatArray) -> Any:
-            central = SpatialInertia.MakeFromCentralInertia(mass, com, RotationalInertia(*inertia.tolist()))
-            return self._plant.AddRigidBody(name, central)
+            moments = RotationalInertia(*inertia.tolist())
+            central = SpatialInertia.MakeFromCentralInertia(mass, com, moments)
+            return plant.AddRigidBody(name, central)
 
-        base, (across, spin) = body("base", n.base_mass, n.com, n.base_inertia), n.wheel_inertia
+        plant = self._plant
+        base = body("base", n.base_mass, n.com, n.base_inertia)
+        across, spin = n.wheel_inertia
         along_axle: Any = [0.0, 1.0, 0.0]
-        wheels, joints = [], []
+        wheels = []
+        joints = []
         for name, place in zip(WHEELS, n.places, strict=True):
             wheel = body(name, n.wheel_mass, np.zeros(3), np.array([across, spin, across]))
-            axle = self._plant.AddFrame(FixedOffsetFrame(f"{name}_axle", base.body_frame(), RigidTransform(place)))
-            joint = self._plant.AddJoint(RevoluteJoint(f"{name}_joint", axle, wheel.body_frame(), along_axle))
-            motor = self._plant.AddJointActuator(f"{name}_motor", joint, strength)
+            at = RigidTransform(place)
+            axle = plant.AddFrame(FixedOffsetFrame(f"{name}_axle", base.body_frame(), at))
+            hinge = RevoluteJoint(f"{name}_joint", axle, wheel.body_frame(), along_axle)
+            joint = plant.AddJoint(hinge)
+            motor = plant.AddJointActuator(f"{name}_motor", joint, strength)
             motor.set_controller_gains(PdControllerGains(p=0.0, d=_HOLD))
             motor.set_default_rotor_inertia(n.armature)
             motor.set_default_gear_ratio(1.0)
             wheels.append(wheel)
             joints.append(joint)
-        for front, rear in (group for group in n.groups if len(group) == 2):
-            self._plant.AddCouplerConstraint(joints[front], joints[rear], 1.0)
+        for group in n.groups:
+            if len(group) == 2:
+                front, rear = group
+                plant.AddCouplerConstraint(joints[front], joints[rear], 1.0)
         return wheels
 
     def put(self, positions: FloatArray, velocities: FloatArray) -> None:
@@ -160,18 +182,22 @@ class _Diagram:
         self._plant.SetVelocities(self._mine, velocities)
 
     def state(self) -> tuple[FloatArray, FloatArray]:
-        """Return (11,) attitude (w first), place and wheel angles, and (10,) angular velocity, velocity and wheel rates."""
-        return np.array(self._plant.GetPositions(self._mine)), np.array(self._plant.GetVelocities(self._mine))
+        """Return (11,) attitude (w first), place, wheel angles, and (10,) the rates of these."""
+        positions = self._plant.GetPositions(self._mine)
+        velocities = self._plant.GetVelocities(self._mine)
+        return np.array(positions), np.array(velocities)
 
     def step(self, forces: FloatArray, rates: FloatArray) -> None:
-        """Take one physics step under (10,) generalised forces with (4,) rates that the actuators hold."""
+        """Take a physics step under (10,) generalised forces, actuators holding (4,) rates."""
         self._force.FixValue(self._mine, forces)
-        self._wanted.FixValue(self._mine, np.concatenate([np.zeros(len(WHEELS)), rates]))
-        self._plant.ExecuteForcedEvents(self._mine, publish=False)  # its discrete update; time stands still
+        self._set_points.FixValue(self._mine, np.concatenate([np.zeros(len(WHEELS)), rates]))
+        # This is its discrete update; time stands still.
+        self._plant.ExecuteForcedEvents(self._mine, publish=False)
 
     def loads(self) -> FloatArray:
         """Return the (4,) normal forces on the wheels [N]."""
-        loads, results = np.zeros(len(WHEELS)), self._results.Eval(self._mine)
+        loads = np.zeros(len(WHEELS))
+        results = self._results.Eval(self._mine)
         for i in range(results.num_point_pair_contacts()):
             pair = results.point_pair_contact_info(i)
             k = self._index.get(pair.bodyB_index(), self._index.get(pair.bodyA_index()))

@@ -1,6 +1,7 @@
 """The functions of libode 0.16 that this project calls, bound by ctypes: no compiler is needed.
 
-The layout of its structures is that of ode/contact.h, ode/mass.h and ode/common.h of ODE 0.16 in double precision.
+The layout of its structures is that of ode/contact.h, ode/mass.h and ode/common.h of ODE 0.16 in
+double precision.
 """
 
 from __future__ import annotations
@@ -12,17 +13,28 @@ from typing import Any, ClassVar
 from validation.engines.body import EngineMissingError
 
 NAMES = ("libode.so.8", "libode.8.dylib")
-"""Names of the library's file; the number is that of its binary interface, which all versions 0.16 share."""
+"""Names of the library's file; the number is that of its binary interface, which all versions 0.16
+share."""
 HOW_TO_GET_ODE = (
-    "ODE is missing: install libode 0.16 (Debian, Ubuntu: apt install libode8), and compare without it until then"
+    "ODE is missing: install libode 0.16 (Debian, Ubuntu: apt install libode8), "
+    "and compare without it until then"
 )
 """Line that says how to get it."""
-VEL, F_MAX = 2, 5
-"""Parameters of motors: `dParamVel`, `dParamFMax`."""
-MU2, FDIR1, SOFT_ERP, SOFT_CFM, SLIP2, APPROX1 = 0x001, 0x002, 0x008, 0x010, 0x200, 0x7000
-"""Flags of a contact; without `APPROX1` friction would be a force [N]."""
+# Parameters of motors: `dParamVel`, `dParamFMax`.
+VEL = 2
+F_MAX = 5
+# Flags of a contact.
+MU2 = 0x001
+FDIR1 = 0x002
+SOFT_ERP = 0x008
+SOFT_CFM = 0x010
+SLIP2 = 0x200
+APPROX1 = 0x7000
+"""Flag without which the friction of a contact would be a force [N]."""
 
-_D, _I, _P = c.c_double, c.c_int, c.c_void_p
+_D = c.c_double
+_I = c.c_int
+_P = c.c_void_p
 Vector = _D * 4
 """`dVector3`: three numbers and one for alignment; `dQuaternion`, w first."""
 
@@ -68,17 +80,25 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "dRandSetSeed": (None, [c.c_ulong]),
     "dWorldCreate": (_P, []),
     "dWorldDestroy dGeomDestroy dJointGroupEmpty dJointGroupDestroy": (None, [_P]),
-    "dWorldSetERP dWorldSetCFM dWorldSetContactMaxCorrectingVel dWorldSetContactSurfaceLayer dWorldSetQuickStepW "
+    "dWorldSetERP dWorldSetCFM dWorldSetContactMaxCorrectingVel "
+    "dWorldSetContactSurfaceLayer dWorldSetQuickStepW "
     "dJointAddHingeTorque": (None, [_P, _D]),
-    "dWorldSetQuickStepNumIterations dBodySetGyroscopicMode dJointSetAMotorNumAxes": (None, [_P, _I]),
+    "dWorldSetQuickStepNumIterations dBodySetGyroscopicMode dJointSetAMotorNumAxes": (
+        None,
+        [_P, _I],
+    ),
     "dWorldStep dWorldQuickStep": (_I, [_P, _D]),
     "dMassSetParameters": (None, [c.POINTER(Mass), *[_D] * 10]),
     "dBodyCreate": (_P, [_P]),
     "dBodySetMass": (None, [_P, c.POINTER(Mass)]),
-    "dWorldSetGravity dBodySetPosition dBodySetLinearVel dBodySetAngularVel dBodyAddTorque dJointSetHingeAnchor "
+    "dWorldSetGravity dBodySetPosition dBodySetLinearVel dBodySetAngularVel "
+    "dBodyAddTorque dJointSetHingeAnchor "
     "dJointSetHingeAxis": (None, [_P, _D, _D, _D]),
     "dBodySetQuaternion dGeomSetOffsetQuaternion": (None, [_P, Vector]),
-    "dBodyGetPosition dBodyGetQuaternion dBodyGetLinearVel dBodyGetAngularVel dBodyGetRotation": (c.POINTER(_D), [_P]),
+    "dBodyGetPosition dBodyGetQuaternion dBodyGetLinearVel dBodyGetAngularVel dBodyGetRotation": (
+        c.POINTER(_D),
+        [_P],
+    ),
     "dGeomSetBody": (None, [_P, _P]),
     "dCreatePlane": (_P, [_P, _D, _D, _D, _D]),
     "dCreateSphere": (_P, [_P, _D]),
@@ -119,10 +139,14 @@ def ode() -> c.PyDLL:
         raise EngineMissingError(HOW_TO_GET_ODE)
     library.dGetConfiguration.restype = c.c_char_p
     if b"ODE_double_precision" not in library.dGetConfiguration().split():
-        raise EngineMissingError(f"{HOW_TO_GET_ODE}; the one that is installed is of single precision")
+        raise EngineMissingError(
+            f"{HOW_TO_GET_ODE}; the one that is installed is of single precision"
+        )
     for names, (result, arguments) in _SIGNATURES.items():
-        for function in names.split():
-            getattr(library, function).restype, getattr(library, function).argtypes = result, arguments
+        for name in names.split():
+            function = getattr(library, name)
+            function.restype = result
+            function.argtypes = arguments
     library.dSetMessageHandler(_ignore)
     library.dInitODE2(0)
     return library

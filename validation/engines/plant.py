@@ -1,4 +1,4 @@
-"""A robot inside another engine as a `Plant`: driver, motors and sampling are those of all plants."""
+"""A robot in another engine as a `Plant`: driver, motors and sampling as in all plants."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ import numpy as np
 
 from ssmr.errors import DivergedError, ParameterError
 from ssmr.geometry import yaw_to_quat_wxyz
-from ssmr.robot.drive import Driver, Sides, advance_integral, motor_numbers, side_torque, wheel_references, whole_steps
+from ssmr.robot.drive import (
+    Driver,
+    Sides,
+    advance_integral,
+    motor_numbers,
+    side_torque,
+    wheel_references,
+    whole_steps,
+)
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.engines.body import EngineBody, Rigid, RigidNumbers
@@ -21,8 +29,9 @@ from validation.simulator.plant import motion_of
 from validation.simulator.terrain import FLAT, Terrain
 
 MOST_GAIN = 1.0
-"""Greatest gain of a side's speed loop times the step over the inertia that spins with the side's wheels [1]: motors act on
-the rates at the start of a step, and a loop that is faster would swing."""
+"""Greatest gain of a side's speed loop times the step over the inertia that spins with the side's
+wheels [1]: motors act on the rates at the start of a step, and a loop that is faster would
+swing."""
 SETTLE_TIME = 1.0
 """Time for which the robot stands before its resting height is taken [s]."""
 _LEFT = np.array([wheel.endswith(SIDES[0]) for wheel in WHEELS])
@@ -30,7 +39,7 @@ _TURN = 2.0 * math.pi
 
 
 class EnginePlant:
-    """A calibrated robot in an engine. Wheels of a side have the torque of `ssmr.robot.drive`, half for each."""
+    """A calibrated robot in an engine; a side's torque is `ssmr.robot.drive`'s, half a wheel."""
 
     def __init__(
         self,
@@ -53,43 +62,50 @@ class EnginePlant:
             EngineMissingError: the engine is not installed.
             ParameterError: numbers that do not go together, or that the engine cannot have.
         """
-        self.name, self.dt, self.drive, self.calibration = name, calibration.timestep, drive, calibration
+        self.name = name
+        self.dt = calibration.timestep
+        self.drive = drive
+        self.calibration = calibration
         whole_steps(drive.hold, self.dt, "the drive's hold")
-        self._numbers, self._motor = RigidNumbers.of(calibration, drive, terrain), motor_numbers(drive, self.dt)
+        self._numbers = RigidNumbers.of(calibration, drive, terrain)
+        self._motor = motor_numbers(drive, self.dt)
         inertia = 2.0 * (calibration.armature + self._numbers.wheel_inertia[1])
+        longest = MOST_GAIN * inertia / calibration.gain if calibration.gain > 0.0 else math.inf
         if calibration.gain * self.dt > MOST_GAIN * inertia:
             raise ParameterError(
-                f"timestep {self.dt:g} s is too long for a gain of {calibration.gain:g} N m s/rad on wheels of "
-                f"{inertia:.3g} kg m2 a side: {name} needs at most {MOST_GAIN * inertia / calibration.gain:.2g} s"
+                f"timestep {self.dt:g} s is too long for a gain of {calibration.gain:g} N m s/rad "
+                f"on wheels of {inertia:.3g} kg m2 a side: {name} needs at most {longest:.2g} s"
             )
         self._body: EngineBody = make(self._numbers)
-        self._rest = self._settled()
+        self._rest = self._settle()
         self.reset(State())
 
-    def _settled(self) -> tuple[float, FloatArray]:
+    def _settle(self) -> tuple[float, FloatArray]:
         """Return the height and the (4,) attitude of the robot at rest, facing along x."""
         n = self._numbers
-        still = np.zeros(3)
-        start = Rigid(np.array([0.0, 0.0, n.height]), np.array([1.0, 0.0, 0.0, 0.0]), still, still, np.zeros(len(WHEELS)))
-        self._body.place(start)
+        self._body.place(Rigid.at_rest(n.height))
         for _ in range(round(SETTLE_TIME / self.dt)):
             self._body.advance_turning(np.zeros(len(WHEELS)), 0.0)
-        rest, self._rest_loads = self._body.motion(), self._body.wheel_loads()
+        rest = self._body.motion()
+        self._rest_loads = self._body.wheel_loads()
         turned = yaw_to_quat_wxyz(-_yaw(rest.quat_wxyz))
         return float(rest.position[2]), _product(turned, rest.quat_wxyz)
 
     def reset(self, state: State) -> State:
-        """Start from `state`, at rest on its tyres, with empty delay lines and no memory of former runs."""
+        """Start from `state`, at rest on its tyres, with empty delay lines and no memory."""
         self._driver = Driver(self.drive, self.dt, state)
         height, attitude = self._rest
-        c, s = math.cos(state.yaw), math.sin(state.yaw)
+        c = math.cos(state.yaw)
+        s = math.sin(state.yaw)
         velocity = np.array([c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y, 0.0])
         wheels = np.where(_LEFT, state.wheel_left, state.wheel_right)
         spin = np.array([0.0, 0.0, state.yaw_rate])
         quat = _product(yaw_to_quat_wxyz(state.yaw), attitude)
         self._body.place(Rigid(np.array([state.x, state.y, height]), quat, velocity, spin, wheels))
         self._integrals = [0.0] * len(self._numbers.groups)
-        self._torques, self._spun, self._loads = np.zeros(len(WHEELS)), 0.0, self._rest_loads
+        self._torques = np.zeros(len(WHEELS))
+        self._spun = 0.0
+        self._loads = self._rest_loads
         self._yaw = state.yaw
         self._read()
         return self._state
@@ -99,38 +115,51 @@ class EnginePlant:
         now = self._body.motion()
         yaw = _yaw(now.quat_wxyz)
         self._yaw = yaw + _TURN * round((self._yaw - yaw) / _TURN)
-        x, y, c, s = *now.velocity[:2], math.cos(self._yaw), math.sin(self._yaw)
+        x, y = now.velocity[:2]
+        c = math.cos(self._yaw)
+        s = math.sin(self._yaw)
         self._rates = now.wheels
-        left, right = now.wheels[_LEFT].mean(), now.wheels[~_LEFT].mean()
         self._state = State(
-            float(now.position[0]), float(now.position[1]), self._yaw, float(c * x + s * y), float(c * y - s * x),
-            float(now.spin[2]), float(left), float(right),
-        )  # fmt: skip
+            x=float(now.position[0]),
+            y=float(now.position[1]),
+            yaw=self._yaw,
+            v_x=float(c * x + s * y),
+            v_y=float(c * y - s * x),
+            yaw_rate=float(now.spin[2]),
+            wheel_left=float(now.wheels[_LEFT].mean()),
+            wheel_right=float(now.wheels[~_LEFT].mean()),
+        )
 
-    def _advance(self, wanted: Sides, push: float, prescribed: bool) -> None:
-        """Take one physics step towards wheel rates [rad/s] under a disturbing yaw acceleration [rad/s2]."""
-        before, turning = self._state, self._numbers.yaw_inertia * push
+    def _advance(self, wheel_rates: Sides, push: float, prescribed: bool) -> None:
+        """Take a physics step towards wheel rates [rad/s] under a yaw acceleration [rad/s2]."""
+        before = self._state
+        yaw_torque = self._numbers.yaw_inertia * push
         if prescribed:
-            self._body.advance_turning(np.where(_LEFT, wanted.left, wanted.right), turning)
+            rates = np.where(_LEFT, wheel_rates.left, wheel_rates.right)
+            self._body.advance_turning(rates, yaw_torque)
             self._read()
         else:
-            errors = []
-            for k, group in enumerate(self._numbers.groups):
-                wheels = list(group)
-                set_point = wanted.left if _LEFT[wheels[0]] else wanted.right
-                rate = float(self._rates[wheels].mean())
-                errors.append(set_point - rate)
-                torque = side_torque(set_point, rate, self._integrals[k], self.calibration.gain, self._motor)
-                self._torques[wheels] = 0.5 * torque
-            self._body.advance(self._torques, turning)
-            self._read()
-            if self._motor.integral_gain > 0.0:
-                for k, error in enumerate(errors):
-                    self._integrals[k] = advance_integral(self._integrals[k], error, self._motor)
+            self._advance_by_motors(wheel_rates, yaw_torque)
         self._spun = (self._state.yaw_rate - before.yaw_rate) / self.dt
         now = self._state
         if not math.isfinite(now.x + now.y + now.v_x + now.v_y + now.yaw_rate):
             raise DivergedError(f"{self.name} gave up: no finite state", state=before)
+
+    def _advance_by_motors(self, wheel_rates: Sides, yaw_torque: float) -> None:
+        gain = self.calibration.gain
+        errors = []
+        for group, integral in zip(self._numbers.groups, self._integrals, strict=True):
+            wheels = list(group)
+            set_point = wheel_rates.left if _LEFT[wheels[0]] else wheel_rates.right
+            rate = float(self._rates[wheels].mean())
+            errors.append(set_point - rate)
+            torque = side_torque(set_point, rate, integral, gain, self._motor)
+            self._torques[wheels] = 0.5 * torque
+        self._body.advance(self._torques, yaw_torque)
+        self._read()
+        if self._motor.integral_gain > 0.0:
+            for k, error in enumerate(errors):
+                self._integrals[k] = advance_integral(self._integrals[k], error, self._motor)
 
     def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
         """Hold a twist command for `dt` [s].
@@ -138,23 +167,33 @@ class EnginePlant:
         Raises:
             DivergedError: the engine left the finite numbers.
         """
-        for left, right in self._driver.references(command, whole_steps(dt, self.dt, "the step")):
+        steps = whole_steps(dt, self.dt, "the step")
+        for left, right in self._driver.references(command, steps):
             self._advance(Sides(float(left), float(right)), yaw_acceleration, False)
         return self._state
 
-    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+    def run(
+        self,
+        commands: Commands,
+        state: State,
+        sample_dt: float,
+        disturbance: FloatArray | None = None,
+    ) -> Trajectory:
         """Drive `commands` at once.
 
-        Returns: The motion, with channels `wheel_load_N` (M, 4; front left, front right, rear left, rear right),
-            `torque_N_m` (M, 2; 0 where wheel rates are given) and `yaw_acceleration_rad_s2` (M,), each of the step that ends
-            at the sample.
+        Returns:
+            The motion, with channels `wheel_load_N` (M, 4; front left, front right, rear left, rear
+            right), `torque_N_m` (M, 2; 0 where wheel rates are given) and
+            `yaw_acceleration_rad_s2` (M,), each of the step that ends at the sample.
 
         Raises:
             DivergedError: the engine left the finite numbers.
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         references = wheel_references(commands, self.drive, self.dt, state)
-        push = np.zeros(len(references)) if disturbance is None else np.asarray(disturbance, dtype=np.float64)
+        if disturbance is None:
+            disturbance = np.zeros(len(references))
+        push = np.asarray(disturbance, dtype=np.float64)
         if len(push) != len(references):
             raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
         self.reset(state)
@@ -165,11 +204,13 @@ class EnginePlant:
             if (k + 1) % stride == 0:
                 self._loads = self._body.wheel_loads()
                 rows.append(self._row())
-        return motion_of(sample_dt * np.arange(len(rows), dtype=np.float64), np.array(rows))
+        times = sample_dt * np.arange(len(rows), dtype=np.float64)
+        return motion_of(times, np.array(rows))
 
     def _row(self) -> list[float]:
-        torques = self._torques[_LEFT].sum(), self._torques[~_LEFT].sum()
-        return [*astuple(self._state), *self._loads, *torques, self._spun]
+        left = self._torques[_LEFT].sum()
+        right = self._torques[~_LEFT].sum()
+        return [*astuple(self._state), *self._loads, left, right, self._spun]
 
 
 def _yaw(quat: FloatArray) -> float:

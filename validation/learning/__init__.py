@@ -1,4 +1,4 @@
-"""Reinforcement learning: trajectory tracking on MuJoCo for `dm_env` and Gymnasium, and a dm_control entity."""
+"""Reinforcement learning: trajectory tracking on MuJoCo for `dm_env`, Gymnasium and dm_control."""
 
 import lazy_loader as lazy
 

@@ -1,6 +1,7 @@
 """Many episodes of trajectory tracking at once, on one batch of MuJoCo robots.
 
-Each row has a generator of its own, so an episode is the same to the bit whatever stands in the other rows.
+Each row has a generator of its own, so an episode is the same to the bit whatever stands in the
+other rows.
 """
 
 from __future__ import annotations
@@ -43,30 +44,40 @@ class EpisodeRows(NamedTuple):
     commands: FloatArray
     """(S, T, 2) commands so far [m/s, rad/s]."""
     targets: FloatArray
-    """(S, T + 1 + the farthest preview, 5) x, y, heading, speed and yaw rate of the target at each tick."""
+    """(S, T + 1 + the farthest preview, 5) x, y, heading, speed and yaw rate of the target at each
+    tick."""
     noise: FloatArray
-    """(S, T + 1, 5) what the feedback adds to x, y, yaw, v and yaw rate at each tick."""
+    """(S, T + 1, 5) errors of the feedback in x, y, yaw, v and yaw rate at each tick."""
 
 
 @jit_alone
 def plan_ticks(rows: EpisodeRows, which: Any, actions: FloatArray, references: FloatArray) -> None:
-    """Record (k, 2) commands of the robots `which`, and write their drives' (k, n, 2) wheel rates of the n steps to come."""
+    """Record (k, 2) commands of the robots `which`; write their (k, n, 2) wheel rates to come."""
     for j in range(len(which)):
         i = which[j]
+        k = rows.ticks[i]
+        commands = rows.commands[i]
         drive = named_like(DRIVE_TEMPLATE, rows.drives[i])
-        rows.commands[i, rows.ticks[i], 0], rows.commands[i, rows.ticks[i], 1] = actions[j, 0], actions[j, 1]
+        commands[k, 0] = actions[j, 0]
+        commands[k, 1] = actions[j, 1]
         held = named_like(_DRIVEN, rows.held[i])
         before = (rows.before[i, 0], rows.before[i, 1])
         for n in range(references.shape[1]):
-            held = follow(rows.commands[i], rows.ticks[i] * drive.period + n, drive, before, held)
-            references[j, n, 0], references[j, n, 1] = held.left, held.right
-        rows.held[i, 0], rows.held[i, 1], rows.held[i, 2], rows.held[i, 3] = held.v, held.w, held.left, held.right
+            held = follow(commands, k * drive.period + n, drive, before, held)
+            references[j, n, 0] = held.left
+            references[j, n, 1] = held.right
+        rows.held[i, 0] = held.v
+        rows.held[i, 1] = held.w
+        rows.held[i, 2] = held.left
+        rows.held[i, 3] = held.right
         rows.ticks[i] += 1
 
 
 @jit_alone
-def write_view(seen: Observation, targets: FloatArray, commands: FloatArray, out: FloatArray) -> None:
-    """Write an observation: v and yaw rate, the `ERRORS` of the robot to each target, and the last commands.
+def write_view(
+    seen: Observation, targets: FloatArray, commands: FloatArray, out: FloatArray
+) -> None:
+    """Write an observation: v and yaw rate, the `ERRORS` to each target, and the last commands.
 
     Args:
         seen: the robot as it is seen.
@@ -74,28 +85,41 @@ def write_view(seen: Observation, targets: FloatArray, commands: FloatArray, out
         commands: (m, 2) the last commands, the newest last [m/s, rad/s].
         out: (2 + 5 p + 2 m,) space for the observation.
     """
-    out[0], out[1] = seen.v, seen.w
+    out[0] = seen.v
+    out[1] = seen.w
     at = 2
     for p in range(len(targets)):
         t = targets[p]
         errors = position_errors(seen, Target(t[0], t[1], t[2], t[3], t[4], 0), math.inf)
-        out[at], out[at + 1], out[at + 2], out[at + 3], out[at + 4] = errors.rho, errors.y, errors.alpha, t[3], t[4]
+        out[at] = errors.rho
+        out[at + 1] = errors.y
+        out[at + 2] = errors.alpha
+        out[at + 3] = t[3]
+        out[at + 4] = t[4]
         at += 5
     for m in range(len(commands)):
-        out[at], out[at + 1] = commands[m, 0], commands[m, 1]
+        out[at] = commands[m, 0]
+        out[at + 1] = commands[m, 1]
         at += 2
 
 
 @jit_alone
 def observe_rows(
-    rows: EpisodeRows, qpos: FloatArray, qvel: FloatArray, ahead: Any, bounds: FloatArray, out: FloatArray, away: FloatArray
+    rows: EpisodeRows,
+    qpos: FloatArray,
+    qvel: FloatArray,
+    ahead: Any,
+    bounds: FloatArray,
+    out: FloatArray,
+    away: FloatArray,
 ) -> None:
-    """Write the observations of all robots, within their bounds, and their true distances to their targets.
+    """Write the bounded observations of all robots, and their true distances to their targets.
 
     Args:
         rows: the episodes.
         qpos: (S, nq) MuJoCo's positions; the first seven are the base's place and quaternion.
-        qvel: (S, nv) MuJoCo's velocities; the first six are the base's, of which the linear ones are along the world's axes.
+        qvel: (S, nv) MuJoCo's velocities; the first six are the base's, of which the linear ones
+            are along the world's axes.
         ahead: (p,) ticks from now to each target that is seen.
         bounds: (n,) greatest size of each number of an observation.
         out: (S, n) space for observations.
@@ -104,8 +128,14 @@ def observe_rows(
     seen_targets = np.empty((len(ahead), ERRORS))
     past = np.empty(((len(bounds) - 2 - ERRORS * len(ahead)) // 2, 2))
     for i in range(len(out)):
-        k, off = rows.ticks[i], rows.noise[i, rows.ticks[i]]
-        x, y, (qw, qx, qy, qz) = qpos[i, 0], qpos[i, 1], (qpos[i, 3], qpos[i, 4], qpos[i, 5], qpos[i, 6])
+        k = rows.ticks[i]
+        off = rows.noise[i, k]
+        x = qpos[i, 0]
+        y = qpos[i, 1]
+        qw = qpos[i, 3]
+        qx = qpos[i, 4]
+        qy = qpos[i, 5]
+        qz = qpos[i, 6]
         yaw = math.atan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
         v = math.cos(yaw) * qvel[i, 0] + math.sin(yaw) * qvel[i, 1]
         seen = Observation(x + off[0], y + off[1], yaw + off[2], v + off[3], qvel[i, 5] + off[4])
@@ -117,7 +147,8 @@ def observe_rows(
         write_view(seen, seen_targets, past, out[i])
         for n in range(len(bounds)):
             number = out[i, n]
-            out[i, n] = min(max(number, -bounds[n]), bounds[n]) if math.isfinite(number) else 0.0
+            bounded = min(max(number, -bounds[n]), bounds[n])
+            out[i, n] = bounded if math.isfinite(number) else 0.0
         distance = math.hypot(x - rows.targets[i, k, 0], y - rows.targets[i, k, 1])
         away[i] = distance if math.isfinite(distance) else math.inf
 
@@ -130,7 +161,8 @@ class Ticked(NamedTuple):
     rewards: FloatArray
     """(S,) in [0, 1]; 0 where an episode has just begun."""
     lost: NDArray[np.bool_]
-    """(S,) whether the robot was lost: too far from its target, spinning, or given up by the simulator."""
+    """(S,) whether the robot was lost: too far from its target, spinning, or given up by the
+    simulator."""
     over: NDArray[np.bool_]
     """(S,) whether the episode's time is over, and the robot was not lost."""
     began: NDArray[np.bool_]
@@ -140,7 +172,7 @@ class Ticked(NamedTuple):
 
 
 class TrackBatch:
-    """S robots, each in an episode of its own; a tick is 50 ms. Where an episode has ended, the next tick begins another."""
+    """S robots, each in an episode of its own, which another follows; a tick is 50 ms."""
 
     @mujoco_failures()
     def __init__(self, task: TrackTask, count: int = 1, workers: int | None = None) -> None:
@@ -161,7 +193,8 @@ class TrackBatch:
         self._plants = [source.make_plant(first.parameters, first.drive) for _ in range(count)]
         self._bodies = MujocoBodies(self._plants, workers or os.cpu_count() or 1)
         self._generators = [np.random.default_rng() for _ in range(count)]
-        self._bounds, self._ahead = source.bounds, np.array(AHEAD_TICKS)
+        self._bounds = source.bounds
+        self._ahead = np.array(AHEAD_TICKS)
         most = source.most_ticks
         self._rows = EpisodeRows(
             ticks=np.zeros(count, dtype=np.int64),
@@ -173,7 +206,8 @@ class TrackBatch:
             noise=np.zeros((count, most + 1, 5)),
         )
         self._pushes = np.zeros((count, most, source.steps))
-        self._lengths, self._ended = np.zeros(count, dtype=np.int64), np.ones(count, dtype=np.bool_)
+        self._lengths = np.zeros(count, dtype=np.int64)
+        self._ended = np.ones(count, dtype=np.bool_)
 
     def __len__(self) -> int:
         """Return S, the number of robots."""
@@ -192,36 +226,53 @@ class TrackBatch:
         """Advance every episode by a tick, or begin another where it has ended.
 
         Args:
-            actions: (S, 2) speeds [m/s] and yaw rates [rad/s]; beyond the drives' limits they are as the limits.
+            actions: (S, 2) speeds [m/s] and yaw rates [rad/s]; beyond the drives' limits they are
+                as the limits.
 
         Raises:
             ValueError: actions that are not finite numbers of this shape; nothing has moved.
         """
-        wanted = self._checked(actions)
+        commands = self._commands(actions)
         began = self._ended.copy()
         self._begin(np.flatnonzero(began))
         going = np.flatnonzero(~began).astype(np.int32)
         if len(going):
             references = np.empty((len(going), self.source.steps, 2))
             pushes = self._pushes[going, self._rows.ticks[going]]
-            plan_ticks(self._rows, going, wanted[going], references)
-            self._bodies.advance(references, pushes, None if len(going) == len(self) else going)
-        bodies, observations, away = self._bodies, np.empty((len(self), len(self._bounds))), np.empty(len(self))
-        observe_rows(self._rows, bodies.qpos, bodies.qvel, self._ahead, self._bounds, observations, away)
-        lost = ~began & ~((away < self.source.lost) & (np.abs(bodies.qvel[:, 5]) < SPINNING) & ~bodies.gave_up)
+            plan_ticks(self._rows, going, commands[going], references)
+            some = None if len(going) == len(self) else going
+            self._bodies.advance(references, pushes, some)
+        bodies = self._bodies
+        observations = np.empty((len(self), len(self._bounds)))
+        away = np.empty(len(self))
+        observe_rows(
+            self._rows,
+            bodies.qpos,
+            bodies.qvel,
+            ahead=self._ahead,
+            bounds=self._bounds,
+            out=observations,
+            away=away,
+        )
+        near = away < self.source.lost
+        steady = np.abs(bodies.qvel[:, 5]) < SPINNING
+        lost = ~began & ~(near & steady & ~bodies.gave_up)
         over = ~began & ~lost & (self._rows.ticks >= self._lengths)
         self._ended = lost | over
         rewards = np.where(began | lost, 0.0, 1.0 / (1.0 + (away / WIDTH) ** 2))
         return Ticked(observations, rewards, lost, over, began, away)
 
-    def _checked(self, actions: Any) -> FloatArray:
+    def _commands(self, actions: Any) -> FloatArray:
+        """Return actions as (S, 2) commands within the drives' limits."""
         try:
             numbers = np.asarray(actions, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             numbers = np.empty(0)
         if numbers.shape != (len(self), 2) or not np.all(np.isfinite(numbers)):
             shape = "action must be (2,)" if len(self) == 1 else f"actions must be ({len(self)}, 2)"
-            raise ValueError(f"{shape} finite numbers, v [m/s] and omega [rad/s]; got {shortened(actions, 60)}")
+            raise ValueError(
+                f"{shape} finite numbers, v [m/s] and omega [rad/s]; got {shortened(actions, 60)}"
+            )
         return np.clip(numbers, -self.source.top, self.source.top)
 
     @mujoco_failures()
@@ -229,14 +280,17 @@ class TrackBatch:
         """Draw an episode for each of these rows and put its robot on the ground."""
         if not len(which):
             return
-        rows, starts = self._rows, []
+        rows = self._rows
+        starts = []
         for i in which:
             episode = self.source.draw_episode(self._generators[i])
             self._plants[i] = self.source.make_plant(episode.calibration, episode.drive)
             starts.append(episode.start)
             numbers = drive_numbers(episode.drive, VELOCITY_PERIOD, self._plants[i].dt)
-            rows.drives[i], rows.ticks[i] = numbers, 0
-            rows.held[i] = rolling(Sides(episode.start.wheel_left, episode.start.wheel_right), numbers)
+            rows.drives[i] = numbers
+            rows.ticks[i] = 0
+            wheels = Sides(episode.start.wheel_left, episode.start.wheel_right)
+            rows.held[i] = rolling(wheels, numbers)
             rows.before[i] = episode.before
             rows.targets[i, : len(episode.targets)] = episode.targets
             rows.noise[i, : len(episode.noise)] = episode.noise

@@ -1,4 +1,4 @@
-"""A robot as a dm_control entity, for tasks of one's own: its file, calibrated by a profile, with a profile's motors."""
+"""A robot as a dm_control entity: its file, calibrated by a profile, with a profile's motors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ try:
     from dm_control import composer, mjcf
 except ImportError as missing:
     raise ImportError(
-        "RobotEntity and ground need dm_control, which Python 3.11 and 3.12 have; the rest of validation.learning does not"
+        "RobotEntity and ground need dm_control, which Python 3.11 and 3.12 have; "
+        "the rest of validation.learning does not"
     ) from missing
 
 
@@ -50,15 +51,19 @@ def _tree(robot: Robot) -> Any:
 
 
 def ground(robot: Robot) -> composer.Arena:
-    """Return a plane under a lamp, with the solver's settings of the robot: an attached robot does not bring its own."""
+    """A plane under a lamp, with the robot's solver settings, which attaching does not bring."""
     arena = composer.Arena(name="ground")
-    made, root = _tree(robot), arena.mjcf_model
-    # dm_control's noslip iterations would take the softness of the motors' slips for sliding that is to be stopped.
-    for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance", "noslip_iterations"):
-        setattr(root.option, name, getattr(made.option, name))
-    root.option.flag.multiccd = made.option.flag.multiccd
-    root.option.flag.eulerdamp = made.option.flag.eulerdamp
+    robot_tree = _tree(robot)
+    root = arena.mjcf_model
+    for name in ("timestep", "integrator", "cone", "impratio", "iterations", "tolerance"):
+        setattr(root.option, name, getattr(robot_tree.option, name))
+    # dm_control's own iterations would stop the motors' slips, which they take for sliding.
+    root.option.noslip_iterations = robot_tree.option.noslip_iterations
+    root.option.flag.multiccd = robot_tree.option.flag.multiccd
+    root.option.flag.eulerdamp = robot_tree.option.flag.eulerdamp
     root.compiler.angle = "radian"
     root.worldbody.add("geom", name="plane", type="plane", size=[0, 0, 0.05], condim=3)
-    root.worldbody.add("light", name="sun", mode="fixed", directional=True, pos=[0, 0, 10], dir=[0.3, 0.2, -1])
+    root.worldbody.add(
+        "light", name="sun", mode="fixed", directional=True, pos=[0, 0, 10], dir=[0.3, 0.2, -1]
+    )
     return arena

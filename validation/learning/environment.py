@@ -19,8 +19,9 @@ _SEED = Parameter("seed", Parameter.KEYWORD_ONLY, default=None)
 class Tracking(dm_env.Environment):
     """One robot that follows a moving target.
 
-    An action is a command, v [m/s] and omega [rad/s], read every 50 ms. The reward is 1 / (1 + (distance / 0.1 m)^2). An
-    episode ends with discount 0 where the robot is lost, and with discount 1 where its time is over.
+    An action is a command, v [m/s] and omega [rad/s], read every 50 ms. The reward is 1 / (1 +
+    (distance / 0.1 m)^2). An episode ends with discount 0 where the robot is lost, and with
+    discount 1 where its time is over.
     """
 
     __signature__ = Signature([*signature(TrackTask).parameters.values(), _SEED])
@@ -41,7 +42,7 @@ class Tracking(dm_env.Environment):
 
     def reset(self) -> dm_env.TimeStep:
         """Begin an episode."""
-        return dm_env.restart(self._named(self.batch.reset()[0]))
+        return dm_env.restart(self._by_name(self.batch.reset()[0]))
 
     def step(self, action: Any) -> dm_env.TimeStep:
         """Advance by 50 ms, or begin an episode where none is under way.
@@ -50,20 +51,23 @@ class Tracking(dm_env.Environment):
             ValueError: the action is not two finite numbers; nothing has moved.
         """
         now = self.batch.step([action])
-        seen = self._named(now.observations[0])
+        seen = self._by_name(now.observations[0])
         if now.began[0]:
             return dm_env.restart(seen)
         reward = float(now.rewards[0])
         if now.lost[0]:
             return dm_env.termination(reward, seen)
-        return dm_env.truncation(reward, seen) if now.over[0] else dm_env.transition(reward, seen)
+        if now.over[0]:
+            return dm_env.truncation(reward, seen)
+        return dm_env.transition(reward, seen)
 
-    def _named(self, row: FloatArray) -> dict[str, FloatArray]:
-        return {n: row[part].reshape(shape) for n, (part, shape) in self.batch.source.slices.items()}
+    def _by_name(self, row: FloatArray) -> dict[str, FloatArray]:
+        slices = self.batch.source.slices
+        return {name: row[part].reshape(shape) for name, (part, shape) in slices.items()}
 
     def observation_spec(self) -> dict[str, specs.BoundedArray]:
         """Return shape and bounds of each part of an observation."""
-        named = self._named(self.batch.source.bounds)
+        named = self._by_name(self.batch.source.bounds)
         return {n: specs.BoundedArray(b.shape, np.float64, -b, b, name=n) for n, b in named.items()}
 
     def action_spec(self) -> specs.BoundedArray:

@@ -1,6 +1,7 @@
-"""Episodes of trajectory tracking: what may be drawn for one, and one that was drawn.
+"""Episodes of trajectory tracking: their distributions, and one that was drawn.
 
-Everything about an episode follows from a generator: the robot, the reference, where it starts, and all noise.
+Everything about an episode follows from a generator: the robot, the reference, where it starts, and
+all noise.
 """
 
 from __future__ import annotations
@@ -28,19 +29,33 @@ from validation.simulator.description import Robot
 from validation.simulator.plant import MujocoPlant
 
 AHEAD_TICKS = (0, 4, 8, 12)
-"""Ticks from now to each target in an observation: up to 0.6 s ahead, three dead times of the thesis' robot."""
+"""Ticks from now to each target in an observation: up to 0.6 s ahead, three dead times of the
+thesis' robot."""
 ERRORS = 5
-"""Numbers of a target in an observation: e_rho, e_y [m], e_alpha [rad], its speed [m/s] and yaw rate [rad/s]."""
+"""Numbers of a target in an observation: e_rho, e_y [m], e_alpha [rad], its speed [m/s] and yaw
+rate [rad/s]."""
 LOST_TRACKS = 2.0
-"""Distance from the target at which an episode ends, over the robot's track [1]; 1.1 m for a Husky."""
-FRICTION, MASS, DELAY, RADIUS_DIFFERENCE, CENTRE = 0.3, 0.1, 0.25, 0.01, 0.1
-"""Greatest deviations of a drawn robot from its profile [1]: of friction, of mass and inertia, and of the dead times, over
-their own; of the left radii from the right over the radius; of the centre of mass over wheelbase and track."""
-START_PLACE, START_YAW = 0.5, 0.5
-"""Greatest deviations of a drawn start from the reference's: of x and y over the track [1], and of the heading [rad]."""
-CURVATURE, YAW_SHARE = 1.3, 0.45
-"""Greatest curvature of a drawn reference over one over the track [1], and greatest share of the drive's yaw rate that it
-asks for [1]."""
+"""Distance from the target at which an episode ends, over the robot's track [1]; 1.1 m for a
+Husky."""
+# Greatest deviations of a drawn robot from its profile [1].
+FRICTION = 0.3
+"""Of friction, over the profile's."""
+MASS = 0.1
+"""Of mass and inertia, over the profile's."""
+DELAY = 0.25
+"""Of the dead times, over the profile's."""
+RADIUS_DIFFERENCE = 0.01
+"""Of the left radii from the right, over the radius."""
+CENTRE = 0.1
+"""Of the centre of mass, over wheelbase and track."""
+START_PLACE = 0.5
+"""Greatest deviation of a drawn start from the reference's in x and y, over the track [1]."""
+START_YAW = 0.5
+"""Greatest deviation of a drawn start from the reference's heading [rad]."""
+CURVATURE = 1.3
+"""Greatest curvature of a drawn reference times the track [1]."""
+YAW_SHARE = 0.45
+"""Greatest share of the drive's yaw rate that a drawn reference asks for [1]."""
 SPEED_SHARE = 0.8
 """Greatest share of the drive's speed that is drawn [1]."""
 
@@ -50,10 +65,11 @@ class TrackTask:
     """Task that the episodes of an environment set."""
 
     profiles: str | None = None
-    """Names or paths of profiles, comma-separated; each episode takes one at random. None for `thesis-lab`, or the robot's
-    own numbers if that is of another robot than `robot`."""
+    """Names or paths of profiles, comma-separated; each episode takes one at random. None for
+    `thesis-lab`, or the robot's own numbers if that is of another robot than `robot`."""
     reference: str | None = None
-    """A reference by name or the path of a file of waypoints; None for a winding path that is drawn for each episode."""
+    """A reference by name or the path of a file of waypoints; None for a winding path that is drawn
+    for each episode."""
     speed: float | tuple[float, float] = (0.2, 0.8)
     """Reference speed, or the range in which each episode draws one [m/s]."""
     robot: str | Path | Robot | None = None
@@ -61,12 +77,13 @@ class TrackTask:
     seconds: float = 20.0
     """Greatest length of an episode [s]; a reference that ends before ends the episode."""
     spread: float = 1.0
-    """Share of the greatest deviations of robots and starts that is drawn [1]; 0 for the profiles' own robots, at rest at
-    the first waypoint."""
+    """Share of the greatest deviations of robots and starts that is drawn [1]; 0 for the profiles'
+    own robots, at rest at the first waypoint."""
     noise: bool = True
     """Whether feedback is noisy (Tab. 3.4) and the yaw is pushed at random (Sec. 3.4.5)."""
     timestep: float = 0.005
-    """Physics step [s]: longer than that of the shipped profiles, 0.002, which is the physics of all other programs."""
+    """Physics step [s]: longer than that of the shipped profiles, 0.002, which is the physics of
+    all other programs."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number outside its range."""
@@ -74,12 +91,16 @@ class TrackTask:
         require_in_range(self, "spread", 0.0, 1.0)
         low, high = self.speeds
         if not 0.0 < low <= high < math.inf:
-            raise ValueError(f"speed {self.speed} must be a positive number, or two that do not fall [m/s]")
+            raise ValueError(
+                f"speed {self.speed} must be a positive number, or two that do not fall [m/s]"
+            )
 
     @property
     def speeds(self) -> tuple[float, float]:
         """The least and the greatest reference speed [m/s]."""
-        return self.speed if isinstance(self.speed, tuple) else (self.speed, self.speed)
+        if isinstance(self.speed, tuple):
+            return self.speed
+        return (self.speed, self.speed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +116,10 @@ class Episode:
     before: tuple[float, float]
     """Command until the beginning: speed [m/s] and yaw rate [rad/s]."""
     targets: FloatArray
-    """(T + 1 + the farthest preview, 5) x, y, heading, speed and yaw rate of the target at each tick."""
+    """(T + 1 + the farthest preview, 5) x, y, heading, speed and yaw rate of the target at each
+    tick."""
     noise: FloatArray
-    """(T + 1, 5) what the feedback adds to x, y, yaw, speed and yaw rate at each tick."""
+    """(T + 1, 5) errors of the feedback in x, y, yaw, speed and yaw rate at each tick."""
     pushes: FloatArray
     """(T, n) yaw acceleration at each physics step [rad/s2]."""
 
@@ -109,32 +131,46 @@ class EpisodeSource:
         """Read profiles and reference.
 
         Raises:
-            ValueError: profiles or waypoints that cannot be read, several robots or kinds of motor, or a physics step that
-                does not divide the period of commands.
+            ValueError: profiles or waypoints that cannot be read, several robots or kinds of motor,
+                or a physics step that does not divide the period of commands.
         """
         self.task = task
-        names = [None] if task.profiles is None else [name.strip() for name in task.profiles.split(",") if name.strip()]
+        names: list[str | None] = [None]
+        if task.profiles is not None:
+            names = [name.strip() for name in task.profiles.split(",") if name.strip()]
         profiles = [choose_profile(name, task.robot, "thesis-lab") for name in names]
         if len({p.robot for p in profiles}) != 1:
-            raise ValueError(f"the profiles must be of one robot, they are of {', '.join(p.robot.name for p in profiles)}")
-        sections: list[PlantProfile] = [p.plants["mujoco"] for p in profiles]
-        self.sections = [replace(s, parameters=replace(s.parameters, timestep=task.timestep)) for s in sections]
+            robots = ", ".join(profile.robot.name for profile in profiles)
+            raise ValueError(f"the profiles must be of one robot, they are of {robots}")
+        self.sections: list[PlantProfile] = []
+        for profile in profiles:
+            section = profile.plants["mujoco"]
+            parameters = replace(section.parameters, timestep=task.timestep)
+            self.sections.append(replace(section, parameters=parameters))
         first = self.sections[0]
         if len({s.parameters.wheel_shape for s in self.sections}) != 1:
             raise ValueError("all profiles must have one shape of tyre")
-        self.waypoints = None if task.reference is None else open_reference(task.reference, task.speeds[1])[1]
-        self.steps = whole_steps(VELOCITY_PERIOD, first.parameters.timestep, "the period of commands")
-        most = task.seconds if self.waypoints is None else min(task.seconds, self._at(task.speeds[0]).duration)
-        self.most_ticks = math.ceil(most / VELOCITY_PERIOD - 1e-9)
-        longest = max(max(s.drive.delay_v, s.drive.delay_w) + s.drive.command_ramp for s in self.sections)
-        self.past = 1 + math.ceil((1.0 + DELAY) * longest / VELOCITY_PERIOD - 1e-9)
+        self.waypoints: Waypoints | None = None
+        slowest, fastest = task.speeds
+        longest = task.seconds
+        if task.reference is not None:
+            self.waypoints = open_reference(task.reference, fastest)[1]
+            longest = min(longest, self._at(slowest).duration)
+        timestep = first.parameters.timestep
+        self.steps = whole_steps(VELOCITY_PERIOD, timestep, "the period of commands")
+        self.most_ticks = math.ceil(longest / VELOCITY_PERIOD - 1e-9)
+        drives = [section.drive for section in self.sections]
+        latest = max(max(d.delay_v, d.delay_w) + d.command_ramp for d in drives)
+        self.past = 1 + math.ceil((1.0 + DELAY) * latest / VELOCITY_PERIOD - 1e-9)
         self.track = 2.0 * first.parameters.half_track
         self.lost = LOST_TRACKS * self.track
 
     @cached_property
     def top(self) -> FloatArray:
-        """(2,) greatest command that any of the drives lets through: speed [m/s] and yaw rate [rad/s]."""
-        return np.array([max(s.drive.v_max for s in self.sections), max(s.drive.w_max for s in self.sections)])
+        """(2,) greatest command that any drive lets through: speed [m/s] and yaw rate [rad/s]."""
+        v = max(section.drive.v_max for section in self.sections)
+        w = max(section.drive.w_max for section in self.sections)
+        return np.array([v, w])
 
     @cached_property
     def bounds(self) -> FloatArray:
@@ -163,34 +199,46 @@ class EpisodeSource:
     def _at(self, speed: float) -> Waypoints:
         """Return the reference of the task at a speed [m/s]."""
         assert self.waypoints is not None  # only asked for then
-        return self.waypoints if len({*self.task.speeds}) == 1 else self.waypoints.at_speed(speed)
+        if len({*self.task.speeds}) == 1:
+            return self.waypoints
+        return self.waypoints.at_speed(speed)
 
     def draw_episode(self, rng: np.random.Generator) -> Episode:
         """Return an episode; equal generators give equal ones."""
         section = self.sections[int(rng.integers(len(self.sections)))]
         calibration, drive = self._draw_robot(section, rng)
-        low, high = (min(s, max(SPEED_SHARE * drive.v_max, self.task.speeds[0])) for s in self.task.speeds)
-        speed = float(rng.uniform(low, high))
+        slowest, fastest = self.task.speeds
+        limit = max(SPEED_SHARE * drive.v_max, slowest)
+        speed = float(rng.uniform(slowest, min(fastest, limit)))
         if self.waypoints is None:  # a winding path that is long enough
-            most, piece = min(CURVATURE / self.track, YAW_SHARE * drive.w_max / speed), 1.5 * self.track
+            most = min(CURVATURE / self.track, YAW_SHARE * drive.w_max / speed)
+            piece = 1.5 * self.track
             count = 2 + math.ceil(speed * self.task.seconds / piece)
             waypoints = winding(speed, rng.uniform(-most, most, count).tolist(), piece)
         else:
             waypoints = self._at(speed)
         n = min(self.most_ticks, math.ceil(waypoints.duration / VELOCITY_PERIOD - 1e-9))
-        targets = targets_at(waypoints.course(), VELOCITY_PERIOD * np.arange(n + 1.0 + max(AHEAD_TICKS)))
+        times = VELOCITY_PERIOD * np.arange(n + 1.0 + max(AHEAD_TICKS))
+        targets = targets_at(waypoints.course(), times)
         start, before = self._draw_start(waypoints.start, speed, drive, rng)
         seed = int(rng.integers(2**32))
-        noise, push = (np.random.default_rng([seed, k]) for k in range(2))
         if self.task.noise:
-            off = noise.standard_normal((n + 1, 5)) * np.array(LoopSettings().deviations())[:5]
-            pushes = yaw_disturbance(n * VELOCITY_PERIOD, VELOCITY_PERIOD / self.steps, push).reshape(n, self.steps)
+            deviations = np.array(LoopSettings().deviations())[:5]
+            off = np.random.default_rng([seed, 0]).standard_normal((n + 1, 5)) * deviations
+            push = np.random.default_rng([seed, 1])
+            dt = VELOCITY_PERIOD / self.steps
+            pushes = yaw_disturbance(n * VELOCITY_PERIOD, dt, push).reshape(n, self.steps)
         else:
-            off, pushes = np.zeros((n + 1, 5)), np.zeros((n, self.steps))
+            off = np.zeros((n + 1, 5))
+            pushes = np.zeros((n, self.steps))
         return Episode(calibration, drive, start, before, targets, off, pushes)
 
-    def _draw_robot(self, section: PlantProfile, rng: np.random.Generator) -> tuple[Calibration, Drive]:
-        c, d, geometry = section.parameters, section.drive, section.robot.geometry
+    def _draw_robot(
+        self, section: PlantProfile, rng: np.random.Generator
+    ) -> tuple[Calibration, Drive]:
+        c = section.parameters
+        d = section.drive
+        geometry = section.robot.geometry
         friction, mass, delay, radius, x, y = self.task.spread * rng.uniform(-1.0, 1.0, 6)
         calibration = replace(
             c,
@@ -207,10 +255,17 @@ class EpisodeSource:
     def _draw_start(
         self, first: State, speed: float, drive: Drive, rng: np.random.Generator
     ) -> tuple[State, tuple[float, float]]:
-        """Return a state near the first waypoint, rolling straight ahead, and the command that it obeys."""
-        most = START_PLACE * self.track, START_PLACE * self.track, START_YAW
-        x, y, yaw = self.task.spread * rng.uniform(-1.0, 1.0, 3) * most
+        """Return a state near the first waypoint, rolling straight ahead, and its command."""
+        place = START_PLACE * self.track
+        x, y, yaw = self.task.spread * rng.uniform(-1.0, 1.0, 3) * (place, place, START_YAW)
         v = self.task.spread * float(rng.uniform(0.0, speed))
         wheels = wheel_rates(v, 0.0, drive.command_half_track, drive.command_radius)
-        state = State(first.x + x, first.y + y, first.yaw + yaw, v, 0.0, 0.0, float(wheels.left), float(wheels.right))
+        state = State(
+            first.x + x,
+            first.y + y,
+            first.yaw + yaw,
+            v,
+            wheel_left=float(wheels.left),
+            wheel_right=float(wheels.right),
+        )
         return state, (v, 0.0)

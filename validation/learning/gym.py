@@ -1,6 +1,7 @@
 """Trajectory tracking as the Gymnasium environment `ssmr/Track-v0` (extra `learning`).
 
-Importing this module registers it; `gymnasium.make("validation.learning.gym:ssmr/Track-v0")` does both.
+Importing this module registers it; `gymnasium.make("validation.learning.gym:ssmr/Track-v0")` does
+both.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ try:
     import gymnasium
 except ImportError as missing:
     raise ImportError(
-        "Gymnasium is missing: install it with pip install 'ssmr-testbed[learning]' (in a source tree: '.[learning]'), "
+        "Gymnasium is missing: install it with pip install 'ssmr-testbed[learning]' "
+        "(in a source tree: '.[learning]'), "
         "or use validation.learning.tracking, which needs dm_env alone"
     ) from missing
 from gymnasium import spaces
@@ -31,7 +33,7 @@ FloatRow = NDArray[np.float32]
 
 
 class TrackEnv(gymnasium.Env):
-    """One robot that follows a moving target; observations and actions are in shares of their bounds, in [-1, 1]."""
+    """One robot that follows a moving target; observations and actions are shares in [-1, 1]."""
 
     metadata = {"render_modes": []}  # noqa: RUF012 # Gymnasium declares it without ClassVar
     __signature__ = inspect.signature(TrackTask)
@@ -46,8 +48,10 @@ class TrackEnv(gymnasium.Env):
         self.observation_space = spaces.Box(-1.0, 1.0, (len(self.batch.source.bounds),), np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[FloatRow, dict[str, Any]]:
-        """Begin an episode; with a seed, it and all that follow are those of that seed. There are no options."""
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[FloatRow, dict[str, Any]]:
+        """Begin an episode; a seed decides it and all that follow. There are no options."""
         super().reset(seed=seed)
         if seed is not None:
             self.batch.seed(0, seed)
@@ -61,7 +65,8 @@ class TrackEnv(gymnasium.Env):
         """
         now = self.batch.step(np.asarray(action, dtype=np.float64)[None] * self.batch.source.top)
         seen = self._shares(now.observations)
-        return seen, float(now.rewards[0]), bool(now.lost[0]), bool(now.over[0]), {"away": float(now.away[0])}
+        reward = float(now.rewards[0])
+        return seen, reward, bool(now.lost[0]), bool(now.over[0]), {"away": float(now.away[0])}
 
     def _shares(self, observations: FloatArray) -> FloatRow:
         return (observations[0] / self.batch.source.bounds).astype(np.float32)

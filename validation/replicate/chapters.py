@@ -1,7 +1,7 @@
-"""The chapters of a replication: tables, and sentences, which stand in `templates/*.md` with places for numbers.
+"""The chapters of a replication: tables, and sentences from `templates/*.md`.
 
-A template begins with the chapter's title, `# TITLE`, and a line `## NUMBER: CAPTION` for each table; `4.5–4.12` shows
-several tables of the thesis as one. The rest are sentences.
+A template begins with the chapter's title, `# TITLE`, and a line `## NUMBER: CAPTION` for each
+table; `4.5–4.12` shows several tables of the thesis as one. The rest are sentences.
 """
 
 from __future__ import annotations
@@ -11,6 +11,9 @@ from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from ssmr.types import FloatArray
 from validation.progress import Progressing
 from validation.report.columns import Unit, ending_of
 from validation.report.drawing import PanelRow
@@ -77,17 +80,26 @@ class Section(NamedTuple):
 
 
 def chosen_sections(sections: Sequence[Section], names: Sequence[str]) -> list[Section]:
-    """Return the sections with these keys or tables, in their own order, all without any; a ValueError lists the keys."""
+    """The sections with these keys or tables, in their own order; all of them if none is named.
+
+    Raises:
+        ValueError: an unknown name; the message lists the keys.
+    """
     for name in names:
-        if not any(name == s.key or name in s.tables for s in sections):
-            known = ", ".join(s.key for s in sections)
-            raise ValueError(f"'{name}' in only is no section ({known}) and no table of one of them, such as 3.9")
-    return [s for s in sections if not names or s.key in names or any(t in names for t in s.tables)]
+        if not any(name == section.key or name in section.tables for section in sections):
+            keys = ", ".join(section.key for section in sections)
+            raise ValueError(
+                f"'{name}' in only is no section ({keys}) and no table of one of them, such as 3.9"
+            )
+    if not names:
+        return list(sections)
+    return [s for s in sections if not {s.key, *s.tables}.isdisjoint(names)]
 
 
 def template(name: str) -> str:
     """Return the text of a template, whose places wait for numbers."""
-    return resources.files("validation.replicate").joinpath(f"templates/{name}.md").read_text(encoding="utf-8")
+    file = resources.files("validation.replicate") / f"templates/{name}.md"
+    return file.read_text(encoding="utf-8")
 
 
 class Chapter(NamedTuple):
@@ -106,88 +118,139 @@ class Chapter(NamedTuple):
         for table in self.tables:
             grid = table.grid()
             lines += [f"**{markdown(grid.title)}**", "", *markdown_table(grid), ""]
-            lines += [f"- {markdown(line)}" for line in grid.caption.splitlines()] + [""] * bool(grid.caption)
+            lines += [f"- {markdown(line)}" for line in grid.caption.splitlines()]
+            if grid.caption:
+                lines.append("")
         return [*lines, *self.text.splitlines()]
 
 
 def chapter_of(section: Section, findings: Findings) -> Chapter:
-    """Return what a section found as a chapter."""
-    title, *lines = template(section.key.partition("-")[0]).format_map(dict(findings.words)).strip().splitlines()
+    """Return the findings of a section as a chapter."""
+    filled = template(section.key.partition("-")[0]).format_map(dict(findings.words))
+    title, *lines = filled.strip().splitlines()
     tables = []
+    sentences = []
     for line in lines:
-        if line.startswith("## "):
-            numbers, _, caption = line.removeprefix("## ").partition(": ")
-            first, _, last = numbers.partition("–")
-            shown = [n for n in findings.tables if order_of(first) <= order_of(n) <= order_of(last or first)]
-            tables.append(_side_by_side(f"{named(numbers)}. {caption}", {n: findings.tables[n] for n in shown}))
-    text = "\n".join(line for line in lines if not line.startswith("## ")).strip()
-    several = [named(t) for t in section.tables]
-    where = f"{several[0]}–{section.tables[-1]}" if len(several) > 2 else ", ".join(several)
+        if not line.startswith("## "):
+            sentences.append(line)
+            continue
+        numbers, _, caption = line.removeprefix("## ").partition(": ")
+        heading = f"{named(numbers)}. {caption}"
+        tables.append(_side_by_side(heading, _tables_between(numbers, findings.tables)))
+    text = "\n".join(sentences).strip()
+    where = ", ".join(map(named, section.tables))
+    if len(section.tables) > 2:
+        where = f"{named(section.tables[0])}–{section.tables[-1]}"
     return Chapter(f"{title.removeprefix('# ')} ({where})", [*tables, *findings.more], text)
 
 
+def _tables_between(numbers: str, tables: Mapping[str, Rows]) -> dict[str, Rows]:
+    """The table of a number, or those of a range such as `4.5–4.12`."""
+    first, _, last = numbers.partition("–")
+    lower = order_of(first)
+    upper = order_of(last or first)
+    return {n: rows for n, rows in tables.items() if lower <= order_of(n) <= upper}
+
+
+def deviation(values: Sequence[float] | FloatArray) -> float | None:
+    """Return the standard deviation of some numbers; None of a single one."""
+    if len(values) > 1:
+        return float(np.std(values, ddof=1))
+    return None
+
+
 def named(number: str) -> str:
-    """Return the name of a table, such as `Tab. 3.9`, or of what stands in place of one."""
-    return f"Tab. {number}" if number[0].isdigit() else number
+    """The name of a table, such as `Tab. 3.9`; a section or figure without one keeps its own."""
+    if number[0].isdigit():
+        return f"Tab. {number}"
+    return number
 
 
 def order_of(number: str) -> tuple[int, ...]:
-    """Return a sort key that puts tables by number, and after them what has no number."""
-    return tuple(map(int, number.split("."))) if number[0].isdigit() else (99, *map(ord, number))
+    """Return a sort key that puts tables by number, and sections and figures after them."""
+    if number[0].isdigit():
+        return tuple(map(int, number.split(".")))
+    return (99, *map(ord, number))
 
 
 def judged(number: str, rows: Rows) -> dict[str, tuple[dict[str, Verdict], Verdict]]:
     """Return by row the verdicts on its numbers by metric, and that on the whole row."""
-    verdicts_of_rows = {row: {m: judge(number, row, m, pair) for m, pair in pairs.items()} for row, pairs in rows.items()}
-    return {row: (verdicts, judge_row(rows[row], verdicts)) for row, verdicts in verdicts_of_rows.items()}
+    judgements = {}
+    for row, pairs in rows.items():
+        verdicts = {metric: judge(number, row, metric, pair) for metric, pair in pairs.items()}
+        judgements[row] = (verdicts, judge_row(pairs, verdicts))
+    return judgements
 
 
 def is_printed(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> bool:
-    """Return whether the thesis has a row, though its numbers may be lost; the others are shown for the record."""
+    """Whether the thesis has a row, though its numbers may be lost; others are for the record."""
     return any(pair.is_given or verdicts[metric].see for metric, pair in pairs.items())
 
 
 def _side_by_side(title: str, tables: Mapping[str, Rows]) -> Table:
-    """Return tables of the thesis as one, with printed and own numbers side by side and the reasons of the verdicts below.
+    """Tables of the thesis as one: printed numbers beside ours, and below them the reasons.
 
-    A row has all its metrics side by side where each metric has one unit; else each number has a row, with its unit.
+    A row has all its metrics side by side where each metric has one unit; else each number has a
+    row, with its unit.
     """
     every = [pairs for rows in tables.values() for pairs in rows.values()]
-    units = {m: {pairs[m].unit for pairs in every if m in pairs} for pairs in every for m in pairs}
+    units: dict[str, set[str]] = {}
+    for pairs in every:
+        for metric, pair in pairs.items():
+            units.setdefault(metric, set()).add(pair.unit)
     wide = max(map(len, every)) > 1 and all(len(u) == 1 for u in units.values())
-    lines, why = list[Row](), dict[tuple[str, str], list[str]]()
+    lines = list[Row]()
+    rows_by_source = dict[tuple[str, str], list[str]]()
     for number, rows in tables.items():
         for row, (verdicts, whole) in judged(number, rows).items():
-            head, criterion = {"Tab.": number} if len(tables) > 1 else {}, criterion_of(number, row)
-            kind = criterion.evidence if is_printed(rows[row], verdicts) else None
-            if kind is not None:
-                why.setdefault((whole.reason, whole.see), []).append(head.get("Tab.", row))
+            pairs = rows[row]
+            head = {"Tab.": number} if len(tables) > 1 else {}
+            criterion = criterion_of(number, row)
+            evidence = None
+            if is_printed(pairs, verdicts):
+                evidence = criterion.evidence
+                source = (whole.reason, whole.see)
+                rows_by_source.setdefault(source, []).append(head.get("Tab.", row))
+            line: dict[str, Any]
             if wide:
-                numbers = {k: v for m, p in rows[row].items() for k, v in _wide(m, p, criterion.within.get(m)).items()}
-                lines.append({**head, "row": row.replace("_", " "), "verdict": whole.status, "evidence": kind, **numbers})
-            else:
-                for metric, pair in rows[row].items():
-                    head |= {"row": row} | ({"what": metric.replace("_", " ")} if len(units) > 1 else {})
-                    status = whole.status if len(rows[row]) == 1 else verdicts[metric].status
-                    shown = _tall(pair, criterion.within.get(metric))
-                    lines.append({**head, "unit": pair.unit, "verdict": status, "evidence": kind, **shown})
-    captions = [
-        f"{', '.join(names)}: {reason}{f' (docs/{see})' if see else ''}." for (reason, see), names in why.items() if reason
-    ]
+                name = row.replace("_", " ")
+                line = {**head, "row": name, "verdict": whole.status, "evidence": evidence}
+                for metric, pair in pairs.items():
+                    line |= _metric_columns(metric, pair, criterion.within.get(metric))
+                lines.append(line)
+                continue
+            for metric, pair in pairs.items():
+                line = {**head, "row": row}
+                if len(units) > 1:
+                    line["what"] = metric.replace("_", " ")
+                status = whole.status if len(pairs) == 1 else verdicts[metric].status
+                line |= {"unit": pair.unit, "verdict": status, "evidence": evidence}
+                line |= _pair_columns(pair, criterion.within.get(metric))
+                lines.append(line)
     used = {key for line in lines for key, value in line.items() if value is not None}
     headings = {key: key.removesuffix(ending_of(key)) for key in used} if wide else {}
     ratios = {key: Unit("", 1.0, 4, significant=5) for key in used if "_ratio" in key}
     kept = [{k: v for k, v in line.items() if k in used} for line in lines]
-    return Table(title, kept, "\n".join(captions), units=ratios, headings=headings)
+    return Table(title, kept, _caption(rows_by_source), units=ratios, headings=headings)
 
 
-def _wide(metric: str, pair: Pair, within: Sequence[float] | None) -> Row:
-    """Return columns named after the metric; a number with a spread has an interval of one such to either side."""
+def _caption(rows_by_source: Mapping[tuple[str, str], Sequence[str]]) -> str:
+    """Return a line for each reason, from names of rows by reason and page of docs/."""
+    lines = []
+    for (reason, page), names in rows_by_source.items():
+        if reason:
+            source = f" (docs/{page})" if page else ""
+            lines.append(f"{', '.join(names)}: {reason}{source}.")
+    return "\n".join(lines)
+
+
+def _metric_columns(metric: str, pair: Pair, within: Sequence[float] | None) -> Row:
+    """Columns named after the metric; a spread makes a number an interval to both sides."""
     ending = ending_of(metric)
     supposed = pair.supposed
     columns = {
         "printed": pair.published,
-        **_words(within),
+        **_limit_columns(within),
         "ours": _interval(pair.ours, pair.spread),
         **pair.beside,
         "supposed": None if supposed is None else _interval(supposed.value, supposed.spread),
@@ -196,17 +259,28 @@ def _wide(metric: str, pair: Pair, within: Sequence[float] | None) -> Row:
     return {f"{stem} {name.replace('_', ' ')}{ending}": value for name, value in columns.items()}
 
 
-def _interval(value: float | None, spread: float | None) -> float | tuple[float, float, float] | None:
-    return value if value is None or spread is None else (value, value - spread, value + spread)
+def _interval(
+    value: float | None, spread: float | None
+) -> float | tuple[float, float, float] | None:
+    if value is None or spread is None:
+        return value
+    return (value, value - spread, value + spread)
 
 
-def _tall(pair: Pair, within: Sequence[float] | None) -> Row:
+def _pair_columns(pair: Pair, within: Sequence[float] | None) -> Row:
     supposed = None if pair.supposed is None else pair.supposed.value
-    numbers = {"ours": pair.ours, "spread": pair.spread, "supposed": supposed, **pair.beside}
-    return {
-        name.replace("_", " "): value for name, value in {"printed": pair.published, **_words(within), **numbers}.items()
+    columns = {
+        "printed": pair.published,
+        **_limit_columns(within),
+        "ours": pair.ours,
+        "spread": pair.spread,
+        "supposed": supposed,
+        **pair.beside,
     }
+    return {name.replace("_", " "): value for name, value in columns.items()}
 
 
-def _words(within: Sequence[float] | None) -> Row:
-    return {} if within is None else {"least": within[0], "most": within[1]}
+def _limit_columns(within: Sequence[float] | None) -> Row:
+    if within is None:
+        return {}
+    return {"least": within[0], "most": within[1]}

@@ -1,10 +1,12 @@
-"""Chapter 4: gains tuned as in the thesis, its tables of tracked references (Tab. 4.5-4.38), and motors at their limit.
+"""Chapter 4: tuned gains, tables of tracked references (Tab. 4.5-4.38), motors at their limit.
 
-Reference against simulated: the improved model with noise and disturbance, as in the thesis' simulations. Simulated against
-real: the MuJoCo robot takes the place of the real robot, with the lab's noise and, as in the lab, without disturbance.
+Reference against simulated: the improved model with noise and disturbance, as in the thesis'
+simulations. Simulated against real: the MuJoCo robot takes the place of the real robot, with the
+lab's noise and, as in the lab, without disturbance.
 
-Some rows agree only under a supposition about what the thesis does not print. Each supposition holds for all tables of its
-kind, never for a single row; docs/tracking.md shows what was tried, and what each does to every row.
+Some rows agree only under a supposition about what the thesis does not print. Each supposition
+holds for all tables of its kind, never for a single row; docs/tracking.md shows what was tried, and
+what each does to every row.
 """
 
 from __future__ import annotations
@@ -28,8 +30,15 @@ from validation.bench.tracked import reference_of, saturated
 from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress
-from validation.replicate.chapters import Findings, Section, Task, judged
-from validation.report.drawing import PanelRow, draw_section, inset, plain_ticks, side_by_side, text_row
+from validation.replicate.chapters import Findings, Section, Task, deviation, judged
+from validation.report.drawing import (
+    PanelRow,
+    draw_section,
+    inset,
+    plain_ticks,
+    side_by_side,
+    text_row,
+)
 from validation.report.palette import VERDICT_INKS
 from validation.thesis import published
 from validation.thesis.verdicts import RULE_OF, Pair, Rows, Rule, Supposed
@@ -42,84 +51,128 @@ TUNED_TABLES: Mapping[str, str] = {"pid": "4.4", "lqr": "4.21"}
 """Tables of gains by controller."""
 GAIN_NAMES: Mapping[str, Mapping[str, str]] = {
     "pid": {
-        "K_P_rho": "k_p_rho", "K_I_rho": "k_i_rho", "K_P_y": "k_p_y", "K_I_y": "k_i_y", "K_P_alpha": "k_p_alpha",
-        "K_I_alpha": "k_i_alpha", "K_P_u": "k_p_u", "K_I_u": "k_i_u", "K_P_omega": "k_p_w", "K_I_omega": "k_i_w",
-        "K_P_FF_u": "ff_u", "K_P_FF_omega": "ff_w",
+        "K_P_rho": "k_p_rho",
+        "K_I_rho": "k_i_rho",
+        "K_P_y": "k_p_y",
+        "K_I_y": "k_i_y",
+        "K_P_alpha": "k_p_alpha",
+        "K_I_alpha": "k_i_alpha",
+        "K_P_u": "k_p_u",
+        "K_I_u": "k_i_u",
+        "K_P_omega": "k_p_w",
+        "K_I_omega": "k_i_w",
+        "K_P_FF_u": "ff_u",
+        "K_P_FF_omega": "ff_w",
     },
     "lqr": {
-        "Q_11": "q_x", "Q_22": "q_v", "Q_33": "q_yaw", "Q_44": "q_w", "R_11": "r_v", "R_22": "r_w", "K_alpha": "k_alpha",
-        "K_y": "k_y", "K_I_rho": "k_i_rho",
+        "Q_11": "q_x",
+        "Q_22": "q_v",
+        "Q_33": "q_yaw",
+        "Q_44": "q_w",
+        "R_11": "r_v",
+        "R_22": "r_w",
+        "K_alpha": "k_alpha",
+        "K_y": "k_y",
+        "K_I_rho": "k_i_rho",
     },
-}  # fmt: skip
+}
 """Names of the thesis' gains in our gain sets, by controller."""
 _FAST = 0.5
 """Speed at which, says Sec. 4.5, motors were often at their limit [m/s]."""
 _KNOWN_GEOMETRY = ("line", "circle")
-"""References whose geometry the thesis gives, so that a supposition about anything else can be tested."""
+"""References whose geometry the thesis gives, so that a supposition about anything else can be
+tested."""
 PATH_RATE_HZ = SAMPLE_RATES_HZ["command"]
-"""Supposed rate at which the simulated path was logged before it was compared with a reference [Hz]: that of commands."""
-K_11, K_33 = 4.0, 2.75
-"""Supposed gains of the LQR from the error along the path to speed, and from that of heading to yaw rate [1/s]."""
+"""Supposed rate at which the simulated path was logged before it was compared with a reference
+[Hz]: that of commands."""
+K_11 = 4.0
+"""Supposed gain of the LQR from the error along the path to speed [1/s]."""
+K_33 = 2.75
+"""Supposed gain of the LQR from the error of heading to yaw rate [1/s]."""
 _LOGGED = f"the simulated path was logged at {PATH_RATE_HZ:g} Hz"
 _DRIVEN = (
-    f"the LQR drove with K_11 = {K_11:g} and K_33 = {K_33:g} 1/s and no weight on the rates, instead of the manual column "
-    "of Tab. 4.21"
+    f"the LQR drove with K_11 = {K_11:g} and K_33 = {K_33:g} 1/s and no weight on the rates, "
+    "instead of the manual column of Tab. 4.21"
 )
 _REAL_SEEDS = 1000
 """First seed of the MuJoCo robot's noise, since the real robot's noise was not the simulation's."""
 _LOST = "every seed lost the reference"
 
 
-def _deviation(values: Sequence[float]) -> float | None:
-    return float(np.std(values, ddof=1)) if len(values) > 1 else None
-
-
-def _tuned(controller: str, task: Task) -> Findings:
+def _tune_gains(controller: str, task: Task) -> Findings:
     """Search a controller's gains as Sec. 4.3.3 and 4.4.3 did."""
     population, generations = task.budget.tune or (None, None)
     searches = []
     for seed in range(task.seed, task.seed + task.budget.searches):
         search = tune(
-            controller, ("generic@0.25",), _PROFILE, plants=("improved",), held_out=(), gains="published", from_scratch=True,
-            guard=0.0, noise_seed=0, population=population, generations=generations, seed=seed, workers=task.workers,
+            controller,
+            ("generic@0.25",),
+            _PROFILE,
+            plants=("improved",),
+            held_out=(),
+            gains="published",
+            from_scratch=True,
+            guard=0.0,
+            noise_seed=0,
+            population=population,
+            generations=generations,
+            seed=seed,
+            workers=task.workers,
             progress=task.progress,
-        ).as_dict()  # fmt: skip
+        ).as_dict()
         if search["status"] == "interrupted":
             raise KeyboardInterrupt
         searches.append(search)
+    number = TUNED_TABLES[controller]
     best = min(searches, key=lambda search: float(search["cost"]))
+    baseline = best["baseline_cost"]
     words = {
         "law": controller.upper(),
-        "number": TUNED_TABLES[controller],
+        "number": number,
         "costs": ", ".join(f"{search['cost']:.3f}" for search in searches),
-        "baseline": math.nan if best["baseline_cost"] is None else best["baseline_cost"],
+        "baseline": math.nan if baseline is None else baseline,
         "generations": best["generations"],
     }
-    return Findings({TUNED_TABLES[controller]: gain_rows(controller, searches)}, words)
+    return Findings({number: gain_rows(controller, searches)}, words)
 
 
 def gain_rows(controller: str, searches: Sequence[Mapping[str, Any]]) -> Rows:
-    """Return the thesis' gains beside those of the search with the lowest cost, as tune.json has them, and the cost."""
+    """The thesis' gains beside those of the best search, as tune.json has them, and its cost."""
     best = min(searches, key=lambda search: float(search["cost"]))
     rows: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table(TUNED_TABLES[controller])["rows"].items():
-        name, unit = GAIN_NAMES[controller][row], printed["unit"]
-        spread = _deviation([search["gains"][name] for search in searches])
+        name = GAIN_NAMES[controller][row]
+        unit = printed["unit"]
+        spread = deviation([search["gains"][name] for search in searches])
         obstacle = "" if spread is not None else "a single search has no spread"
         if name not in best["parameters"]:
             obstacle = "set by hand in the thesis; taken over"
         searched = printed.get("search", ())
         theirs = float(printed.get("optimised", printed.get("value", math.nan)))
-        beside = {"set_by_hand_in_the_thesis": float(printed["manual"])} if "manual" in printed else {}
-        ours = best["gains"][name]
-        rows[row] = {"optimised": Pair(theirs, ours, "spread", unit, spread, beside, obstacle, None, searched, searched)}
-    spread, baseline = _deviation([search["cost"] for search in searches]), best["baseline_cost"]
+        beside = {}
+        if "manual" in printed:
+            beside["set_by_hand_in_the_thesis"] = float(printed["manual"])
+        pair = Pair(
+            theirs,
+            best["gains"][name],
+            "spread",
+            unit,
+            spread,
+            beside,
+            obstacle=obstacle,
+            bounds=searched,
+            printed_bounds=searched,
+        )
+        rows[row] = {"optimised": pair}
+    spread = deviation([search["cost"] for search in searches])
+    baseline = best["baseline_cost"]
     beside = {} if baseline is None else {"with_the_published_gains": baseline}
-    return rows | {"cost": {"optimised": Pair(None, best["cost"], "none", "1", spread, beside)}}
+    rows["cost"] = {"optimised": Pair(None, best["cost"], "none", "1", spread, beside)}
+    return rows
 
 
 class TrackedTables:
-    """The runs along the references of the thesis' tables, each driven once, and the rows that they give."""
+    """The runs along the references of the thesis' tables, each driven once, and their rows."""
 
     def __init__(self, profile: Profile, seeds: int, workers: int | None = None) -> None:
         """Build the robots.
@@ -129,27 +182,33 @@ class TrackedTables:
             seeds: number of draws of noise and disturbance for each row.
             workers: number of threads, None for all processors; the result does not depend on it.
         """
-        self._profile, self._seeds, self._workers = profile, seeds, workers
+        self._profile = profile
+        self._seeds = seeds
+        self._workers = workers
         self._robots = {plant: make_robot(profile, plant) for plant in ("improved", "mujoco")}
-        self._known: dict[tuple[str, str, float, str], list[ClosedRun]] = {}
+        self._runs: dict[tuple[str, str, float, str], list[ClosedRun]] = {}
 
     def _drive(self, gains: GainSet, reference: str, speed: float, plant: str) -> list[ClosedRun]:
         """Return the runs with some gains along a reference at a speed [m/s] with a plant."""
         key = gains.name, reference, speed, plant
-        if key not in self._known:
-            n, first = self._seeds, _REAL_SEEDS if plant == "mujoco" else 0
-            loop, law = LoopSettings(disturbance=plant != "mujoco"), make_controller(self._profile, gains)
-            waypoints, seeds = open_reference(reference, speed)[1], range(first, first + n)
+        if key not in self._runs:
+            n = self._seeds
+            first = _REAL_SEEDS if plant == "mujoco" else 0
+            loops = [LoopSettings(disturbance=plant != "mujoco")] * n
+            laws = [make_controller(self._profile, gains)] * n
+            waypoints = open_reference(reference, speed)[1]
+            seeds = range(first, first + n)
             robots = [self._robots[plant]] * n
-            self._known[key] = run_robots(robots, [law] * n, [loop] * n, waypoints, seeds, self._workers)
-        return self._known[key]
+            self._runs[key] = run_robots(robots, laws, loops, waypoints, seeds, self._workers)
+        return self._runs[key]
 
     def compared(self, number: str, supposed: bool = False) -> FloatArray:
         """Return (n, 3) metrics of a table, see `RULE_OF`, of the runs that kept the reference.
 
         Args:
             number: number of the table.
-            supposed: whether under the supposition about what the thesis does not print, see `supposition`.
+            supposed: whether under the supposition about what the thesis does not print, see
+                `supposition`.
         """
         theirs = published.table(number)
         gains = load_gains(theirs["controller"], theirs.get("gains", "published"))
@@ -158,126 +217,166 @@ class TrackedTables:
         where = theirs["trajectory"], float(theirs["speed_m_s"])
         simulated = self._drive(gains, *where, "improved")
         if theirs["comparison"] == "reference_vs_simulated":
-            wanted = reference_of(simulated[0], open_reference(*where)[1], whole=True)
-            motions = [supposed_path(s.motion) if supposed else s.motion for s in simulated if not s.lost]
-            measured = [compare_paths(motion, wanted) for motion in motions]
+            reference = reference_of(simulated[0], open_reference(*where)[1], whole=True)
+            motions = [run.motion for run in simulated if not run.lost]
+            if supposed:
+                motions = [supposed_path(motion) for motion in motions]
+            measured = [compare_paths(motion, reference) for motion in motions]
         else:
             both = zip(simulated, self._drive(gains, *where, "mujoco"), strict=True)
-            measured = [compare_paths(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
-        return np.array([[m[name] for name in RULE_OF] for m in measured]).reshape(-1, len(RULE_OF))
+            kept = [(s.motion, r.motion) for s, r in both if not (s.lost or r.lost)]
+            measured = [compare_paths(*motions) for motions in kept]
+        numbers = [[m[name] for name in RULE_OF] for m in measured]
+        return np.array(numbers).reshape(-1, len(RULE_OF))
 
     def _mean(self, values: FloatArray) -> tuple[float | None, float | None]:
-        """Return mean and standard deviation; None where every seed lost the reference, or there is one seed."""
+        """Mean and standard deviation; None if every seed lost the reference, or there is one."""
         if not len(values):
             return None, None
-        return float(values.mean()), float(values.std()) if self._seeds > 1 else None
+        spread = float(values.std()) if self._seeds > 1 else None
+        return float(values.mean()), spread
 
     def rows(self, number: str) -> Rows:
-        """Return a table of the thesis beside ours, which are means over the seeds that kept the reference."""
-        theirs, measured, text = published.table(number), self.compared(number), supposition(number)
+        """A table of the thesis beside ours, which are means over the seeds that kept to it."""
+        theirs = published.table(number)
+        measured = self.compared(number)
+        text = supposition(number)
         printed: Mapping[str, float] = next(iter(theirs["rows"].values()), {})
         under = self.compared(number, supposed=True) if text else measured[:0]
         pairs = {}
         for k, (metric, rule) in enumerate(RULE_OF.items()):
             ours, spread = self._mean(measured[:, k])
-            supposed, by = self._mean(under[:, k])
+            value, by = self._mean(under[:, k])
+            supposed = None
+            if value is not None:
+                supposed = Supposed(value, by, text, "tracking.md")
             pairs[metric] = Pair(
-                printed.get(metric), ours, rule, "m" if metric.endswith("_m") else "1", spread,
+                printed.get(metric),
+                ours,
+                rule,
+                "m" if metric.endswith("_m") else "1",
+                spread,
                 obstacle=_LOST if ours is None else "",
-                supposed=None if supposed is None else Supposed(supposed, by, text, "tracking.md"),
-            )  # fmt: skip
+                supposed=supposed,
+            )
         return {f"{theirs['trajectory']}_{theirs['speed_m_s']:.2f}": pairs}
 
 
 def supposed_gains(gains: GainSet) -> GainSet:
-    """Return an LQR's set with the supposed K_11 and K_33: K_11 = sqrt(Q_11 / R_11), K_33 = sqrt(Q_33 / R_22)."""
+    """An LQR's set with the supposed K_11 = sqrt(Q_11 / R_11) and K_33 = sqrt(Q_33 / R_22)."""
     old = gains.values
     new = {"q_x": K_11**2 * old["r_v"], "q_yaw": K_33**2 * old["r_w"], "q_v": 0.0, "q_w": 0.0}
     return GainSet(gains.controller, f"{gains.name}, supposed", {**old, **new})
 
 
 def supposed_path(motion: Trajectory) -> Trajectory:
-    """Return a motion as it is logged at `PATH_RATE_HZ`: each sample is the first of the motion at or after its time."""
+    """A motion as logged at `PATH_RATE_HZ`: samples are the first at or after their instants."""
     times = np.arange(motion.t[0], motion.t[-1], 1.0 / PATH_RATE_HZ)
-    k = np.unique(np.append(np.searchsorted(motion.t, times - 1e-9), len(motion.t) - 1))
+    first = np.searchsorted(motion.t, times - 1e-9)  # rounding must not skip a sample
+    k = np.unique(np.append(first, len(motion.t) - 1))
     return Trajectory(motion.t[k], motion.pose[k], motion.twist[k], motion.wheels[k])
 
 
 def supposition(number: str) -> str:
-    """Return the supposition for one of the thesis' tables in words, without a full stop; empty if there is none."""
+    """The supposition for a table of the thesis, without a full stop; empty if there is none."""
     theirs = published.table(number)
-    known = theirs["trajectory"] in _KNOWN_GEOMETRY and not theirs.get("suspect")
-    if not known or theirs["comparison"] != "reference_vs_simulated":
+    if theirs["comparison"] != "reference_vs_simulated":
         return ""
-    return ", and ".join([*[_DRIVEN] * (theirs["controller"] == "lqr"), _LOGGED])
+    if theirs["trajectory"] not in _KNOWN_GEOMETRY or theirs.get("suspect"):
+        return ""
+    if theirs["controller"] == "lqr":
+        return f"{_DRIVEN}, and {_LOGGED}"
+    return _LOGGED
 
 
-def _tracked(task: Task) -> Findings:
-    made, tables = TrackedTables(load_profile(_PROFILE), task.budget.draws, task.workers), dict[str, Rows]()
+def _track_references(task: Task) -> Findings:
+    runs = TrackedTables(load_profile(_PROFILE), task.budget.draws, task.workers)
+    tables = dict[str, Rows]()
     for number in CONTROL_TABLES:
-        tables[number] = made.rows(number)
+        tables[number] = runs.rows(number)
         task.progress(Progress(len(tables), len(CONTROL_TABLES), f"Tab. {number}"))
-    both: dict[tuple[str, str], Mapping[str, Pair]] = {}
+    panels = _panels(tables)
+    # Tab. 4.37 repeats the rows of the tables against the real robot, with numbers of its own.
+    real_rows: dict[str, Mapping[str, Pair]] = {}
     for number, rows in tables.items():
-        if published.table(number)["comparison"] == "simulated_vs_real":
-            both |= {(published.table(number)["controller"], row): pairs for row, pairs in rows.items()}
-    repeated = {
-        row: {m: replace(pair, published=float(printed[m])) for m, pair in both[tuple(row.split("_", 1))].items()}
-        for row, printed in published.table("4.37")["rows"].items()
-    }
-    panels = _drawn({n: tables[n] for n in CONTROL_TABLES})
-    return Findings({**tables, "4.37": repeated}, {"seeds": task.budget.draws}, panels=panels)
+        theirs = published.table(number)
+        if theirs["comparison"] == "simulated_vs_real":
+            for row, pairs in rows.items():
+                real_rows[f"{theirs['controller']}_{row}"] = pairs
+    repeated = {}
+    for row, printed in published.table("4.37")["rows"].items():
+        pairs = real_rows[row]
+        repeated[row] = {m: replace(p, published=float(printed[m])) for m, p in pairs.items()}
+    tables_of_chapter = {**tables, "4.37": repeated}
+    return Findings(tables_of_chapter, {"seeds": task.budget.draws}, panels=panels)
 
 
-def _drawn(tables: Mapping[str, Rows]) -> list[PanelRow]:
+def _panels(tables: Mapping[str, Rows]) -> list[PanelRow]:
     def draw(comparison: str, title: str, ax: Axes) -> None:
-        some = {n: rows for n, rows in tables.items() if published.table(n)["comparison"] == comparison}
-        labels = []
-        for k, (number, rows) in enumerate(some.items()):
+        labels = list[str]()
+        for number, rows in tables.items():
+            theirs = published.table(number)
+            if theirs["comparison"] != comparison:
+                continue
+            k = len(labels)
             ((row, pairs),) = rows.items()
             pair = pairs["d_rms_m"]
-            ink = VERDICT_INKS[judged(number, rows)[row][1].status]
-            labels.append(f"{number}  {published.table(number)['controller']} {row.replace('_', ' ')}")
+            verdict = judged(number, rows)[row][1]
+            labels.append(f"{number}  {theirs['controller']} {row.replace('_', ' ')}")
             if pair.ours is not None:
-                ax.errorbar(1e3 * pair.ours, k, xerr=1e3 * (pair.spread or 0.0), fmt="o", color=ink, capsize=3)
+                half_bar = 1e3 * (pair.spread or 0.0)
+                ink = VERDICT_INKS[verdict.status]
+                ax.errorbar(1e3 * pair.ours, k, xerr=half_bar, fmt="o", color=ink, capsize=3)
             if pair.supposed is not None:
                 ax.plot(1e3 * pair.supposed.value, k, "o", mfc="none", color="0.3")
             if pair.published is not None:
                 ax.plot(1e3 * pair.published, k, "|", color="black", ms=14, mew=2)
-        ax.set(xscale="log", xlabel="d_rms [mm]", ylim=(len(some) - 0.5, -0.5), title=title)
-        ax.set_yticks(range(len(some)), labels)
+        ax.set(xscale="log", xlabel="d_rms [mm]", ylim=(len(labels) - 0.5, -0.5), title=title)
+        ax.set_yticks(range(len(labels)), labels)
         inset(ax, left=1.4)
         plain_ticks(ax.xaxis)
 
-    heading = "Tracked references. Bar: printed; dot: ours, with the deviation over seeds; ring: ours under the supposition"
-    names = {"reference_vs_simulated": "Reference against simulated", "simulated_vs_real": "Simulated against real"}
+    heading = (
+        "Tracked references. Bar: printed; dot: ours, with the deviation over seeds; "
+        "ring: ours under the supposition"
+    )
+    names = {
+        "reference_vs_simulated": "Reference against simulated",
+        "simulated_vs_real": "Simulated against real",
+    }
     panels = [partial(draw, comparison, title) for comparison, title in names.items()]
     return [text_row(0.3, partial(draw_section, heading)), side_by_side(5.2, panels)]
 
 
 def _saturation(task: Task) -> Findings:
     """Find how often motors are at their limit on the generic reference (Sec. 4.5)."""
-    profile, n = load_profile(_PROFILE), task.budget.draws
+    profile = load_profile(_PROFILE)
+    n = task.budget.draws
     rows: dict[str, dict[str, Pair]] = {}
     for plant in ("improved", "mujoco"):
         robot = make_robot(profile, plant)
+        robots = [robot] * n
         limit = {"side_torque_limit_N_m": robot.limits["side_torque_limit_N_m"]}
         loops = [LoopSettings(disturbance=plant != "mujoco")] * n
         for law, gains in (("pid", "published"), ("lqr", "manual")):
-            control = make_controller(profile, load_gains(law, gains))
+            laws = [make_controller(profile, load_gains(law, gains))] * n
             for speed in (0.25, 0.5):
                 waypoints = open_reference("generic", speed)[1]
-                runs = run_robots([robot] * n, [control] * n, loops, waypoints, range(n), task.workers)
+                runs = run_robots(robots, laws, loops, waypoints, range(n), task.workers)
                 shares = [100.0 * float(np.mean(saturated(run, limit))) for run in runs]
                 rule: Rule = "words" if speed == _FAST else "none"
-                pair = Pair(None, float(np.mean(shares)), rule, "%", _deviation(shares))
+                mean = float(np.mean(shares))
+                pair = Pair(None, mean, rule, "%", deviation(shares))
                 rows[f"{plant}, {law}, {speed:g} m/s"] = {"time_at_limit_percent": pair}
     return Findings({"Sec. 4.5, motors": rows}, {"seeds": n})
 
 
 CONTROL_SECTIONS = (
-    *(Section(f"tune-{law}", (number,), partial(_tuned, law)) for law, number in TUNED_TABLES.items()),
+    *(
+        Section(f"tune-{law}", (number,), partial(_tune_gains, law))
+        for law, number in TUNED_TABLES.items()
+    ),
     Section("saturation", ("Sec. 4.5, motors",), _saturation),
-    Section("tables", (*CONTROL_TABLES, "4.37"), _tracked),
+    Section("tables", (*CONTROL_TABLES, "4.37"), _track_references),
 )
 """The sections on chapter 4."""

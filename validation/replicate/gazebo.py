@@ -1,9 +1,10 @@
-"""Gazebo (Sec. 3.7): the settings of Tab. 3.16 in ODE, Gazebo's engine, with its three friction models.
+"""Gazebo (Sec. 3.7): the settings of Tab. 3.16 in ODE, its engine, with three friction models.
 
-Gazebo itself does not run. Its Husky, its contacts and its three friction models are handed to the distribution's ODE, see
-`validation.engines.ode`. Whether Gazebo 9 still had the friction direction of the Husky's description is not known, so each
-model is driven with that direction, and with the one that ODE takes without it. Friction then depends on the heading, and
-the time step decides when a wheel hops, so every run starts several times, each a little turned and with another step.
+Gazebo itself does not run. Its Husky, its contacts and its three friction models are handed to the
+distribution's ODE, see `validation.engines.ode`. Whether Gazebo 9 still had the friction direction
+of the Husky's description is not known, so each model is driven with that direction, and with the
+one that ODE takes without it. Friction then depends on the heading, and the time step decides when
+a wheel hops, so every run starts several times, each a little turned and with another step.
 """
 
 from __future__ import annotations
@@ -23,19 +24,31 @@ from validation.engines.ode_library import ode
 from validation.engines.plant import EnginePlant
 from validation.plants.profile import load_profile, make_plant
 from validation.progress import Progress
-from validation.replicate.chapters import Findings, Section, Task
+from validation.replicate.chapters import Findings, Section, Task, deviation
 from validation.report.columns import METRES
 from validation.report.table import Table
 from validation.simulator.turning import STRAIGHT_SPEED
 from validation.thesis import published
 from validation.thesis.verdicts import Pair, Rule
 
-_SOURCE, _SAMPLE, _LEAD = "traj3", 0.05, 3.0
-_LAWS: Mapping[str, FrictionLaw] = {"pyramid": "pyramid", "box": "gazebo_box", "cone": "gazebo_cone"}
-_DIRECTIONS: Mapping[FrictionDirection, str] = {"wheel": "of the Husky's wheels", "world": "of the world"}
-_HARD, _STRAIGHT = 0.5, 0.05
-"""Wheels ask for a hard turn if it is at least this share of their hardest [1]; the robot drives straight if it turns at
-less than this share of what they ask for [1]."""
+_SOURCE = "traj3"
+_SAMPLE = 0.05
+"""Sample period of the motions [s]."""
+_LEAD = 3.0
+"""Time after which a robot is under way [s]."""
+_LAWS: Mapping[str, FrictionLaw] = {
+    "pyramid": "pyramid",
+    "box": "gazebo_box",
+    "cone": "gazebo_cone",
+}
+_DIRECTIONS: Mapping[FrictionDirection, str] = {
+    "wheel": "of the Husky's wheels",
+    "world": "of the world",
+}
+_HARD = 0.5
+"""Wheels ask for a hard turn if it is at least this share of their hardest [1]."""
+_STRAIGHT = 0.05
+"""The robot drives straight if it turns at less than this share of its wheels' demand [1]."""
 _TURNED = 0.035
 """The starts are turned by up to so much to either side [rad]."""
 
@@ -59,24 +72,37 @@ def starts(n: int) -> list[tuple[float, float]]:
     """Return heading [rad] and time step [s] of n starts; one start has those of the thesis."""
     if n == 1:
         return [(0.0, published.value("3.16", "max_step_size"))]
-    return [(yaw, _SAMPLE / (50 - n // 2 + k)) for k, yaw in enumerate(np.linspace(-_TURNED, _TURNED, n).tolist())]
+    yaws = np.linspace(-_TURNED, _TURNED, n).tolist()
+    fewest = 50 - n // 2  # physics steps a sample: 50 are the thesis' time step
+    return [(yaw, _SAMPLE / (fewest + k)) for k, yaw in enumerate(yaws)]
 
 
 def straight_share(motion: Trajectory, commanded: FloatArray) -> float:
-    """Return the share of the time in which a robot drives straight while its wheels ask for a hard turn [1].
+    """Share of the hard turns, in time, in which a robot drives straight [1].
 
     Args:
         motion: the motion.
         commanded: (M,) yaw rate that the wheels ask for [rad/s].
     """
     hard = np.abs(commanded) >= _HARD * np.abs(commanded).max()
-    return float((np.abs(motion.twist[hard, 2]) < _STRAIGHT * np.abs(commanded[hard])).mean())
+    straight = np.abs(motion.twist[:, 2]) < _STRAIGHT * np.abs(commanded)
+    return float(straight[hard].mean())
 
 
-def driven_on_trajectory_3(law: FrictionLaw, direction: FrictionDirection, start: tuple[float, float]) -> GazeboRun:
-    """Drive trajectory 3 with the settings of Tab. 3.16 and a friction model, from a heading [rad] with a time step [s]."""
-    profile, mu = load_profile("thesis-lab"), published.value("3.16", "mu")
-    section, (yaw, timestep) = profile.section("ode"), start
+def driven_on_trajectory_3(
+    law: FrictionLaw, direction: FrictionDirection, start: tuple[float, float]
+) -> GazeboRun:
+    """Drive trajectory 3 with the settings of Tab. 3.16 and a friction model.
+
+    Args:
+        law: the friction model.
+        direction: the first direction of friction.
+        start: heading [rad] and time step [s].
+    """
+    profile = load_profile("thesis-lab")
+    mu = published.value("3.16", "mu")
+    section = profile.section("ode")
+    yaw, timestep = start
     settings = replace(
         GAZEBO,
         friction_law=law,
@@ -91,12 +117,15 @@ def driven_on_trajectory_3(law: FrictionLaw, direction: FrictionDirection, start
     piece = replace(open_source(_SOURCE).pieces[0], start=State(yaw=yaw))
     plant = EnginePlant("ode", lambda body: OdeBody(body, settings), numbers, section.drive)
     motion = drive(plant, piece, section.localiser, _SAMPLE)
-    improved = drive(make_plant(profile, "improved"), piece, profile.plants["improved"].localiser, _SAMPLE)
-    commanded = 0.5 * numbers.wheel_radius / numbers.half_track * np.diff(motion.wheels, axis=1)[:, 0]
+    localiser = profile.plants["improved"].localiser
+    improved = drive(make_plant(profile, "improved"), piece, localiser, _SAMPLE)
+    half_ratio = 0.5 * numbers.wheel_radius / numbers.half_track
+    commanded = half_ratio * np.diff(motion.wheels, axis=1)[:, 0]
     on = motion.t >= _LEAD
+    turning = np.mean(motion.twist[on, 2] ** 2) / np.mean(commanded[on] ** 2)
     return GazeboRun(
         straight_share(motion, commanded),
-        float(np.sqrt(np.mean(motion.twist[on, 2] ** 2) / np.mean(commanded[on] ** 2))),
+        float(np.sqrt(turning)),
         float(np.mean(np.prod(motion.wheels, axis=1) < 0.0)),
         float(motion.twist[on, 0].max()) / STRAIGHT_SPEED - 1.0,
         compare_paths(motion, improved)["d_rms_m"],
@@ -107,14 +136,15 @@ _Driven = Mapping[tuple[str, FrictionDirection], Sequence[GazeboRun]]
 
 
 def _rows(driven: _Driven) -> dict[str, dict[str, Pair]]:
-    """Return what the thesis says in words of each friction model, beside ours over all starts and both directions."""
+    """The thesis' words on each friction model beside ours, by all starts and both directions."""
 
-    def pair(law: str, what: Callable[[GazeboRun], float], unit: str = "1") -> Pair:
-        rule: Rule = "none" if law == "cone" else "words"  # of the cone alone the thesis says nothing
-        wheel, world = ([what(run) for run in driven[law, direction]] for direction in _DIRECTIONS)
-        spread = float(np.std(wheel, ddof=1)) if len(wheel) > 1 else None
+    def pair(law: str, quantity: Callable[[GazeboRun], float], unit: str = "1") -> Pair:
+        # Of the cone alone the thesis says nothing.
+        rule: Rule = "none" if law == "cone" else "words"
+        wheel = [quantity(run) for run in driven[law, "wheel"]]
+        world = [quantity(run) for run in driven[law, "world"]]
         beside = {"world": float(np.median(world))}
-        return Pair(None, float(np.median(wheel)), rule, unit, spread, beside)
+        return Pair(None, float(np.median(wheel)), rule, unit, deviation(wheel), beside)
 
     rows = {
         law: {
@@ -127,41 +157,56 @@ def _rows(driven: _Driven) -> dict[str, dict[str, Pair]]:
     }
     far = {key: float(np.median([run.d_rms for run in runs])) for key, runs in driven.items()}
     worse = {d: far["box", d] / max(far["pyramid", d], far["cone", d]) for d in _DIRECTIONS}
-    rows["box"]["times_the_others"] = Pair(None, worse["wheel"], "words", beside={"world": worse["world"]})
+    beside = {"world": worse["world"]}
+    rows["box"]["times_the_others"] = Pair(None, worse["wheel"], "words", beside=beside)
     return rows
 
 
 def _gazebo(task: Task) -> Findings:
-    """Drive the three runs of Sec. 3.7, each with two friction directions and from several starts."""
-    words = {"straight": _STRAIGHT, "starts": task.budget.starts, "turned": np.degrees(_TURNED), "closest": 0, "cases": 0}
+    """Drive the runs of Sec. 3.7, each with two friction directions and from several starts."""
+    words = {
+        "straight": _STRAIGHT,
+        "starts": task.budget.starts,
+        "turned": np.degrees(_TURNED),
+        "closest": 0,
+        "cases": 0,
+    }
     try:
         ode()
     except EngineMissingError as error:
-        gone = Pair(None, None, "words", obstacle=str(error))
-        return Findings({"Sec. 3.7": {law: {"straight_share": gone} for law in _LAWS}}, words)
+        obstacle = Pair(None, None, "words", obstacle=str(error))
+        return Findings({"Sec. 3.7": {law: {"straight_share": obstacle} for law in _LAWS}}, words)
     driven: dict[tuple[str, FrictionDirection], list[GazeboRun]] = {}
-    every, done = starts(task.budget.starts), 0
+    every = starts(task.budget.starts)
+    total = len(_LAWS) * len(_DIRECTIONS) * len(every)
+    done = 0
     for name, law in _LAWS.items():
         for direction in _DIRECTIONS:
+            runs: list[GazeboRun] = []
+            driven[name, direction] = runs
             for start in every:
-                task.progress(Progress(done, len(_LAWS) * len(_DIRECTIONS) * len(every), name))
-                driven.setdefault((name, direction), []).append(driven_on_trajectory_3(law, direction, start))
+                task.progress(Progress(done, total, name))
+                runs.append(driven_on_trajectory_3(law, direction, start))
                 done += 1
-    rows = [
-        {
-            "friction model": name, "direction": _DIRECTIONS[direction],
+    rows = []
+    for (name, direction), runs in driven.items():
+        row = {
+            "friction model": name,
+            "direction": _DIRECTIONS[direction],
             "straight_share": _range([run.straight_share for run in runs]),
             "faster_than_commanded_share": _range([run.excess for run in runs]),
             "d_rms_m": _range([run.d_rms for run in runs]),
         }
-        for (name, direction), runs in driven.items()
-    ]  # fmt: skip
-    closest = {d: np.argmin([[run.d_rms for run in driven[n, d]] for n in _LAWS], axis=0) for d in _DIRECTIONS}
+        rows.append(row)
     cone = list(_LAWS).index("cone")
-    words |= {"closest": sum(int(np.sum(k == cone)) for k in closest.values()), "cases": len(_DIRECTIONS) * len(every)}
-    units = {"d_rms_m": METRES}
-    more = [Table("The same by direction: median over the starts, least and greatest", rows, units=units)]
-    return Findings({"Sec. 3.7": _rows(driven)}, words, more)
+    closest = 0
+    for direction in _DIRECTIONS:
+        distances = [[run.d_rms for run in driven[name, direction]] for name in _LAWS]
+        closest += int(np.sum(np.argmin(distances, axis=0) == cone))
+    words |= {"closest": closest, "cases": len(_DIRECTIONS) * len(every)}
+    title = "The same by direction: median over the starts, least and greatest"
+    table = Table(title, rows, units={"d_rms_m": METRES})
+    return Findings({"Sec. 3.7": _rows(driven)}, words, [table])
 
 
 def _range(values: Sequence[float]) -> tuple[float, float, float]:

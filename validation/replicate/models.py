@@ -1,6 +1,7 @@
 """Chapter 3: models fitted to trajectory 4 and judged on all four, and accelerations.
 
-The MuJoCo Husky of profile `thesis-lab` takes the place of the thesis' robot, whose measured motion is not published.
+The MuJoCo Husky of profile `thesis-lab` takes the place of the thesis' robot, whose measured motion
+is not published.
 """
 
 from __future__ import annotations
@@ -17,28 +18,49 @@ from validation.fit import fit
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate.chapters import Findings, Section, Task
 from validation.thesis import published
-from validation.thesis.verdicts import RULE_OF, Pair, Rows
+from validation.thesis.verdicts import RULE_OF, Pair, Rows, Rule
 
 _PROFILE = "thesis-lab"
-_FITS: Mapping[str, tuple[str, str]] = {"coulomb": ("3.8", "3.9"), "improved": ("3.11", "3.12"), "linear": ("3.14", "3.15")}
+_FITS: Mapping[str, tuple[str, str]] = {
+    "coulomb": ("3.8", "3.9"),
+    "improved": ("3.11", "3.12"),
+    "linear": ("3.14", "3.15"),
+}
 """Tables of each model: parameters and distances."""
 _NAMES: Mapping[str, str] = {
-    "delay_u_s": "delay", "delay_w_s": "delay", "u_x": "u_x", "mu_c": "mu_c", "mu_s": "mu_s", "mu_d": "mu_d", "K_u": "k_u",
-    "K_y": "k_y", "K_P_tau": "gain",
-}  # fmt: skip
+    "delay_u_s": "delay",
+    "delay_w_s": "delay",
+    "u_x": "u_x",
+    "mu_c": "mu_c",
+    "mu_s": "mu_s",
+    "mu_d": "mu_d",
+    "K_u": "k_u",
+    "K_y": "k_y",
+    "K_P_tau": "gain",
+}
 """Names of the thesis' parameters in a fit, which has one delay for both of the thesis'."""
-_DRIVEN = ("coulomb", "improved", "linear", "mujoco")
+_PLANTS = ("coulomb", "improved", "linear", "mujoco")
 _JUDGED = ("coulomb", "improved")
 """Models of whose accelerations the thesis says something in words."""
 
 
-def _fitted(model: str, task: Task) -> Findings:
+def _fit_model(model: str, task: Task) -> Findings:
     """Fit a model's parameters as Sec. 3.5.4-3.5.6 did."""
-    (population, generations), (parameters, distances) = task.budget.fit, _FITS[model]
+    population, generations = task.budget.fit
+    parameters, distances = _FITS[model]
     fitted = fit(
-        model, "traj4@mujoco", _PROFILE, held_out=("traj1", "traj2", "traj3"), objective="path", population=population,
-        generations=generations, search="jde", seed=task.seed, workers=task.workers, progress=task.progress,
-    ).as_dict()  # fmt: skip
+        model,
+        "traj4@mujoco",
+        _PROFILE,
+        held_out=("traj1", "traj2", "traj3"),
+        objective="path",
+        population=population,
+        generations=generations,
+        search="jde",
+        seed=task.seed,
+        workers=task.workers,
+        progress=task.progress,
+    ).as_dict()
     if fitted["status"] == "interrupted":
         raise KeyboardInterrupt
     words = {
@@ -48,9 +70,11 @@ def _fitted(model: str, task: Task) -> Findings:
         "population": population,
         **{name: fitted[name] for name in ("evaluations", "generations", "cost", "seed")},
     }
-    return Findings(
-        {parameters: parameter_rows(parameters, model, fitted), distances: distance_rows(distances, fitted)}, words
-    )
+    tables = {
+        parameters: parameter_rows(parameters, model, fitted),
+        distances: distance_rows(distances, fitted),
+    }
+    return Findings(tables, words)
 
 
 def parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
@@ -58,47 +82,65 @@ def parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
     numbers: Mapping[str, Mapping[str, Any]] = fitted["parameters"]
     rows: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table(number)["rows"].items():
-        unit, value = printed["unit"], float(printed["value"])
+        unit = printed["unit"]
+        value = float(printed["value"])
         if row in _NAMES:
             p = numbers[_NAMES[row]]
-            error, bounds = p["standard_error"], (float(p["lower"]), float(p["upper"]))
-            obstacle = "no standard error could be estimated" if error is None else ""
-            searched = printed.get("search", ())
-            rows[row] = {"value": Pair(value, p["value"], "spread", unit, error, {}, obstacle, None, bounds, searched)}
+            error = p["standard_error"]
+            pair = Pair(
+                value,
+                p["value"],
+                "spread",
+                unit,
+                error,
+                obstacle="no standard error could be estimated" if error is None else "",
+                bounds=(float(p["lower"]), float(p["upper"])),
+                printed_bounds=printed.get("search", ()),
+            )
         else:
-            held = load_profile(_PROFILE).plants[model].drive.torque_limit
-            rows[row] = {"value": Pair(value, held, "spread", unit, obstacle="taken from the thesis, not searched")}
+            limit = load_profile(_PROFILE).plants[model].drive.torque_limit
+            obstacle = "taken from the thesis, not searched"
+            pair = Pair(value, limit, "spread", unit, obstacle=obstacle)
+        rows[row] = {"value": pair}
     return rows
 
 
 def distance_rows(number: str, fitted: Mapping[str, Any]) -> Rows:
-    """Return the distances of the fitted model from the robot, for us the MuJoCo Husky, on trajectories 1-4."""
-    scored = {name.partition("@")[0]: metrics for name, metrics in fitted["held_out"].items()} | {"traj4": fitted["train"]}
-    return {
-        row: {m: Pair(printed.get(m), scored[row][m], rule, "m" if m.endswith("_m") else "1") for m, rule in RULE_OF.items()}
-        for row, printed in published.table(number)["rows"].items()
-    }
+    """Distances of the fitted model from the robot, our MuJoCo Husky, on trajectories 1-4."""
+    scores = {name.partition("@")[0]: metrics for name, metrics in fitted["held_out"].items()}
+    scores["traj4"] = fitted["train"]
+    rows: dict[str, dict[str, Pair]] = {}
+    for row, printed in published.table(number)["rows"].items():
+        rows[row] = {}
+        for metric, rule in RULE_OF.items():
+            unit = "m" if metric.endswith("_m") else "1"
+            rows[row][metric] = Pair(printed.get(metric), scores[row][metric], rule, unit)
+    return rows
 
 
 def _accelerations(task: Task) -> Findings:
     """Find how often yaw accelerations alternate on trajectory 4 (Fig. 3.33)."""
-    plants = {name: make_plant(load_profile(_PROFILE), name) for name in _DRIVEN}
-    driven = {name: plant.run(TRAJECTORIES["traj4"].commands(), State(), plant.dt) for name, plant in plants.items()}
+    profile = load_profile(_PROFILE)
+    commands = TRAJECTORIES["traj4"].commands()
     rows: dict[str, dict[str, Pair]] = {}
-    for name, motion in driven.items():
+    for name in _PLANTS:
+        plant = make_plant(profile, name)
+        motion = plant.run(commands, State(), plant.dt)
         share = alternations(motion.channels["yaw_acceleration_rad_s2"]) / (len(motion) - 2)
-        rows[name] = {"alternating_percent": Pair(None, 100.0 * share, "words" if name in _JUDGED else "none", "%")}
+        rule: Rule = "words" if name in _JUDGED else "none"
+        rows[name] = {"alternating_percent": Pair(None, 100.0 * share, rule, "%")}
     return Findings({"Fig. 3.33": rows})
 
 
 def alternations(acceleration: FloatArray) -> int:
-    """Return how many samples of an (M,) acceleration have another sign than both neighbours, as they do in chatter."""
+    """How many samples of an (M,) acceleration differ in sign from both neighbours, as chatter."""
     sign = np.sign(acceleration)
-    return int(np.sum((sign[1:-1] * sign[:-2] < 0.0) & (sign[1:-1] * sign[2:] < 0.0)))
+    changes = sign[1:] * sign[:-1] < 0.0
+    return int(np.sum(changes[:-1] & changes[1:]))
 
 
 MODEL_SECTIONS = (
-    *(Section(f"fit-{model}", tables, partial(_fitted, model)) for model, tables in _FITS.items()),
+    *(Section(f"fit-{name}", tables, partial(_fit_model, name)) for name, tables in _FITS.items()),
     Section("accelerations", ("Fig. 3.33",), _accelerations),
 )
 """The sections on chapter 3."""

@@ -1,1 +1,1 @@
-"""The result of every program: tables of rows, notes, pictures and recordings, put together in one `Report`."""
+"""The result of every program: tables, notes, pictures and recordings in one `Report`."""

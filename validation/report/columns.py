@@ -1,7 +1,8 @@
 """Columns of tables: heading, unit, digits and meaning of a value by the name of its key.
 
-A key ends with its unit (`d_rms_m`, `yaw_median_rad`, `mass_kg`), so most columns need no declaration. A declared one, a
-`ssmr.metrics.declared.Metric`, has a heading of its own, a direction that is better, and a sentence for the legend.
+A key ends with its unit (`d_rms_m`, `yaw_median_rad`, `mass_kg`), so most columns need no
+declaration. A declared one, a `ssmr.metrics.declared.Metric`, has a heading of its own, a direction
+that is better, and a sentence for the legend.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ class Unit:
         if self.significant > 0:
             scaled = float(f"{scaled:.{self.significant}g}")
         text = f"{scaled:.{self.decimals}f}"
-        return text.removeprefix("-") if float(text) == 0.0 else text
+        if float(text) == 0.0:
+            return text.removeprefix("-")
+        return text
 
 
 METRES = Unit("m", 1.0, 3)
@@ -64,13 +67,18 @@ _ENDINGS: Mapping[str, Unit] = {
     "_share": PERCENT,
     "_fraction": PERCENT,
 }
-"""Units by the ending of a key, longer endings first; a key of `_us` or `_ms` holds seconds, as all values are SI."""
+"""Units by the ending of a key, longer endings first; a key of `_us` or `_ms` holds seconds, as all
+values are SI."""
 _PLAIN = Unit("", 1.0, 3, significant=4)
 
 REAL_TIME = Metric(
-    "real_time_factor", "real time", "×", "high",
-    "simulated time over the time that simulating took; above 1 the simulation is faster than the clock",
-)  # fmt: skip
+    "real_time_factor",
+    "real time",
+    "×",
+    "high",
+    "simulated time over the time that simulating took; "
+    "above 1 the simulation is faster than the clock",
+)
 DECLARED: dict[str, Metric] = {**METRICS, **SIGNALS, REAL_TIME.name: REAL_TIME}
 """Columns with a declaration, by key."""
 
@@ -106,7 +114,7 @@ def unit_of(key: str, values: Sequence[float], lengths: Sequence[float] = ()) ->
     Args:
         key: its key.
         values: its numbers [SI].
-        lengths: all lengths of the table [m]; they are written alike.
+        lengths: all lengths of the table [m]; all have one unit.
     """
     if is_length(key):
         return length_unit(lengths)
@@ -123,7 +131,9 @@ def unit_of(key: str, values: Sequence[float], lengths: Sequence[float] = ()) ->
 
 def is_length(key: str) -> bool:
     """Return whether a column holds lengths [m]."""
-    return DECLARED[key].unit == "m" if key in DECLARED else ending_of(key) == "_m"
+    if key in DECLARED:
+        return DECLARED[key].unit == "m"
+    return ending_of(key) == "_m"
 
 
 def legend(keys: Iterable[str]) -> list[str]:

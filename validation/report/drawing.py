@@ -1,7 +1,7 @@
 """Parts of all pictures: inks, markers, rows of panels.
 
-Everything is drawn by matplotlib's objects under a style of its own (style.mplstyle): no pyplot, and no setting outlives a
-call.
+Everything is drawn by matplotlib's objects under a style of its own (style.mplstyle): no pyplot,
+and no setting outlives a call.
 """
 
 from __future__ import annotations
@@ -33,23 +33,30 @@ from validation.simulator.terrain import FLAT, Terrain
 from validation.store import write_atomic
 from validation.words import shortened
 
-WIDTH_IN, DPI, EDGE_IN = 12.8, 125, 0.12  # 1600 px
-MARGINS_IN = (0.66, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels and title
+# A figure is 1600 px wide.
+WIDTH_IN = 12.8
+DPI = 125
+EDGE_IN = 0.12
+MARGINS_IN = (0.66, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels
 STYLE = Path(__file__).with_name("style.mplstyle")
 
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
 Panel = Callable[[Axes], None]
 Ink = str | tuple[float, float, float]
 
-BROAD, NARROW = 2.6, 1.5
-QUIET, ALARM = "0.4", "#b00020"
+BROAD = 2.6
+NARROW = 1.5
+QUIET = "0.4"
+ALARM = "#b00020"
 DASHED: Dashes = (0.0, (4.0, 1.8))
 BESIDE_INK: Ink = "0.45"
 """Ink of the baseline of a result: the plant before a fit, or the gains before a tuning."""
 REFERENCE_INK: Ink = "0.1"
 REFERENCE_DASHES: Dashes = (0.0, (5.0, 2.5))
 """Ink of the reference that a controller follows."""
-_SECTION_IN, _LINE_IN, _WRAP = 0.3, 0.185, 160  # height of a heading and of a line of notes; characters in such a line
+_SECTION_IN = 0.3  # height of a heading
+_LINE_IN = 0.185  # height of a line of notes
+_WRAP = 160  # most characters in such a line
 
 
 def ink_of(name: str) -> tuple[float, float, float]:
@@ -59,45 +66,73 @@ def ink_of(name: str) -> tuple[float, float, float]:
 
 
 def joined(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Return (M,) abscissae and (M, ...) ordinates of all pieces, with a NaN behind each, where the line breaks."""
-    xs = [np.append(x, np.nan) for x, _ in parts]
-    ys = [np.append(y, np.full((1, *y.shape[1:]), np.nan), axis=0) for _, y in parts]
-    return (np.concatenate(xs)[:-1], np.concatenate(ys)[:-1]) if parts else (np.empty(0), np.empty(0))
+    """(M,) abscissae and (M, ...) ordinates of all pieces, with a NaN where the line breaks."""
+    if not parts:
+        return np.empty(0), np.empty(0)
+    xs = list[FloatArray]()
+    ys = list[FloatArray]()
+    for x, y in parts:
+        xs += [x, np.array([np.nan])]
+        ys += [y, np.full((1, *y.shape[1:]), np.nan)]
+    return np.concatenate(xs[:-1]), np.concatenate(ys[:-1])
 
 
 # --- marks in a panel ---
 
 
 def draw_dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
-    """Draw a triangle in a plant's colour at a pose (x, y [m], yaw [rad]) that points along its yaw."""
-    ax.plot(*pose[:2], marker=(3, 0, math.degrees(pose[2]) - 90.0), markersize=size, color=ink_of(name),
-            markeredgecolor="white", markeredgewidth=0.6, zorder=4.0)  # fmt: skip
+    """Draw a triangle in a plant's colour that points along a pose (x, y [m], yaw [rad])."""
+    ax.plot(
+        *pose[:2],
+        marker=(3, 0, math.degrees(pose[2]) - 90.0),
+        markersize=size,
+        color=ink_of(name),
+        markeredgecolor="white",
+        markeredgewidth=0.6,
+        zorder=4.0,
+    )
 
 
 def draw_ring(ax: Axes, x: float, y: float) -> None:
     """Draw a ring where motions start."""
-    ax.plot(x, y, "o", markersize=8.0, markerfacecolor="white", markeredgecolor="0.1", markeredgewidth=1.5, zorder=3.5)
-
-
-def draw_ellipse(
-    ax: Axes, middle: FloatArray, covariance: FloatArray, reach: float, ink: tuple[float, float, float]
-) -> None:
-    """Draw the ellipse of (2,) positions [m] that lie within `reach` standard deviations of a (2, 2) covariance [m²]."""
-    variances, axes = np.linalg.eigh(covariance)
-    width, height = 2.0 * reach * np.sqrt(np.maximum(variances, 0.0))
-    angle = math.degrees(math.atan2(axes[1, 0], axes[0, 0]))
-    ax.add_patch(
-        Ellipse((float(middle[0]), float(middle[1])), width, height, angle=angle, facecolor=ink, edgecolor=ink, alpha=0.13)
+    ax.plot(
+        x,
+        y,
+        "o",
+        markersize=8.0,
+        markerfacecolor="white",
+        markeredgecolor="0.1",
+        markeredgewidth=1.5,
+        zorder=3.5,
     )
 
 
+def draw_ellipse(
+    ax: Axes,
+    middle: FloatArray,
+    covariance: FloatArray,
+    reach: float,
+    ink: tuple[float, float, float],
+) -> None:
+    """Draw the ellipse of `reach` standard deviations about a (2,) position [m].
+
+    The (2, 2) covariance is in m².
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    width, height = 2.0 * reach * np.sqrt(np.maximum(variances, 0.0))
+    angle = math.degrees(math.atan2(axes[1, 0], axes[0, 0]))
+    centre = (float(middle[0]), float(middle[1]))
+    ax.add_patch(Ellipse(centre, width, height, angle=angle, color=ink, alpha=0.13))
+
+
 def equal_scales(ax: Axes, smallest: float) -> None:
-    """Give a panel equal scales that fill it and show all data and at least `smallest` [m] each way."""
+    """Give a panel equal scales that show all data and at least `smallest` [m] each way."""
     ax.margins(0.09)
     ax.autoscale_view()
-    for limits, hold in ((ax.get_xlim(), ax.set_xlim), (ax.get_ylim(), ax.set_ylim)):
-        spare = max(0.0, 0.5 * (smallest - (limits[1] - limits[0])))
-        hold(limits[0] - spare, limits[1] + spare, auto=True)  # which equal scales may widen
+    for limits, set_limits in ((ax.get_xlim(), ax.set_xlim), (ax.get_ylim(), ax.set_ylim)):
+        low, high = limits
+        spare = max(0.0, 0.5 * (smallest - (high - low)))
+        set_limits(low - spare, high + spare, auto=True)  # which equal scales may widen
     ax.set_aspect("equal", adjustable="datalim")
 
 
@@ -110,8 +145,18 @@ def at_least(ax: Axes, reach: float) -> None:
 
 def corner_note(ax: Axes, text: str, ink: str = QUIET) -> None:
     """Write a remark in a panel's corner."""
-    ax.text(0.995, 0.02, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=8.5, color=ink, zorder=6.0,
-            bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0})  # fmt: skip
+    ax.text(
+        0.995,
+        0.02,
+        text,
+        transform=ax.transAxes,
+        ha="right",
+        va="bottom",
+        fontsize=8.5,
+        color=ink,
+        zorder=6.0,
+        bbox={"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0},
+    )
 
 
 def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
@@ -121,22 +166,44 @@ def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def draw_header(ax: Axes, title: str, handles: Sequence[Artist], labels: Sequence[str], ink: str = "0.0") -> None:
-    """Write a picture's title, and below it the legend in one line, as small as its width asks for."""
+def draw_header(
+    ax: Axes, title: str, handles: Sequence[Artist], labels: Sequence[str], ink: str = "0.0"
+) -> None:
+    """Write a picture's title, and below it the legend in one line, as small as it must be."""
     ax.set_axis_off()
-    ax.text(0.0, 1.0, title, transform=ax.transAxes, fontsize=14.0, fontweight="bold", va="top", color=ink)
+    ax.text(
+        0.0,
+        1.0,
+        title,
+        transform=ax.transAxes,
+        fontsize=14.0,
+        fontweight="bold",
+        va="top",
+        color=ink,
+    )
     for size in (9.5, 9.0, 8.5, 8.0, 7.5, 7.0):
         legend = ax.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 0.0), ncols=len(labels), frameon=False, fontsize=size,
-            borderaxespad=0.0, borderpad=0.0, handlelength=2.8, columnspacing=1.4, handletextpad=0.6,
-        )  # fmt: skip
+            handles,
+            labels,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 0.0),
+            ncols=len(labels),
+            frameon=False,
+            fontsize=size,
+            borderaxespad=0.0,
+            borderpad=0.0,
+            handlelength=2.8,
+            columnspacing=1.4,
+            handletextpad=0.6,
+        )
         if legend.get_window_extent().width <= ax.get_window_extent().width:
             break
 
 
 def narrow(text: Text, most: float) -> None:
     """Shorten a text that is wider than `most` [in]: its end says more than its beginning."""
-    whole, figure = text.get_text(), text.get_figure(root=True)
+    whole = text.get_text()
+    figure = text.get_figure(root=True)
     assert figure is not None
     n = len(whole)
     while text.get_window_extent().width / figure.dpi > most and n > 2:
@@ -160,38 +227,64 @@ class HorizonMarks:
     """Medians over overlapping windows with their intervals, by horizon [s]."""
 
 
-def draw_horizons(marks: Sequence[HorizonMarks], what: Literal["position", "yaw"], ax: Axes) -> None:
-    """Draw everybody's median error by horizon, a bar up to the 95th percentile, and the median's interval where known."""
-    unit, scale, ending = ("m", 1.0, "m") if what == "position" else ("deg", math.degrees(1.0), "rad")
+def draw_horizons(
+    marks: Sequence[HorizonMarks], what: Literal["position", "yaw"], ax: Axes
+) -> None:
+    """Draw median errors by horizon with their intervals, and bars to the 95th percentiles."""
+    scale = 1.0 if what == "position" else math.degrees(1.0)
+    unit = "m" if what == "position" else "deg"
+    ending = "m" if what == "position" else "rad"
 
-    def values(errors: Iterable[object], *names: str) -> FloatArray:
-        return np.array([[scale * getattr(e, f"{what}_{name}_{ending}") for name in names] for e in errors]).T
+    def values(errors: Sequence[object], name: str) -> FloatArray:
+        return scale * np.array([getattr(e, f"{what}_{name}_{ending}") for e in errors])
 
-    horizons, smallest = sorted({h for each in marks for h in each.errors}), math.inf
+    horizons = sorted(set().union(*(each.errors for each in marks)))
+    smallest = math.inf
     for k, each in enumerate(marks):
-        at = {h: horizons.index(h) + 0.4 * (2 * k + 1 - len(marks)) / len(marks) for h in each.errors}
-        median, high = values(each.errors.values(), "median", "p95")
-        ax.vlines([*at.values()], median, high, colors=[each.ink], linewidth=2.5, zorder=2.5)
-        ax.plot([*at.values()], high, "_", color=each.ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
-        ax.plot([*at.values()], median, each.marker, color=each.ink, markersize=8.0, markeredgecolor="white", zorder=3.0,
-                gid=each.name)  # fmt: skip
+        aside = 0.4 * (2 * k + 1 - len(marks)) / len(marks)
+        at = {h: horizons.index(h) + aside for h in each.errors}
+        places = [*at.values()]
+        errors = [*each.errors.values()]
+        median = values(errors, "median")
+        high = values(errors, "p95")
+        ink = each.ink
+        ax.vlines(places, median, high, colors=[ink], linewidth=2.5, zorder=2.5)
+        ax.plot(places, high, "_", color=ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
+        ax.plot(
+            places,
+            median,
+            each.marker,
+            color=ink,
+            markersize=8.0,
+            markeredgecolor="white",
+            zorder=3.0,
+            gid=each.name,
+        )
         smallest = min(smallest, float(median.min()))
-        if known := [h for h in each.errors if h in each.overlapping]:
-            low, most = values((each.overlapping[h] for h in known), "low", "high")
-            ax.vlines([at[h] for h in known], low, most, colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
+        if shared := [h for h in each.errors if h in each.overlapping]:
+            overlapping = [each.overlapping[h] for h in shared]
+            low = values(overlapping, "low")
+            most = values(overlapping, "high")
+            middles = [at[h] for h in shared]
+            ax.vlines(middles, low, most, colors=[ink], linewidth=9.0, alpha=0.3, zorder=2.2)
             smallest = min(smallest, float(low.min()))
     if smallest > 0.0:
         ax.set_yscale("log")
         ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
         ax.yaxis.set_minor_formatter(NullFormatter())
     ax.margins(y=0.15)
-    counts = [sorted({each.errors[h].n for each in marks if h in each.errors}) for h in horizons]
-    words = [str(n[0]) if len(n) == 1 else f"{n[0]} to {n[-1]}" for n in counts]
-    texts = [f"{h:g} s\n{n} window{'s' * (n != '1')}" for h, n in zip(horizons, words, strict=True)]
-    ax.set_xticks(range(len(horizons)), texts)
+    ax.set_xticks(range(len(horizons)), [_horizon_label(h, marks) for h in horizons])
     ax.grid(visible=False, axis="x")
-    pale = "; pale: its 90 % interval" * any(each.overlapping for each in marks)
-    ax.set(title=f"{what.capitalize()} error [{unit}]: median, bar to 95 %{pale}", xlim=(-0.55, len(horizons) - 0.45))
+    title = f"{what.capitalize()} error [{unit}]: median, bar to 95 %"
+    if any(each.overlapping for each in marks):
+        title += "; pale: its 90 % interval"
+    ax.set(title=title, xlim=(-0.55, len(horizons) - 0.45))
+
+
+def _horizon_label(horizon: float, marks: Sequence[HorizonMarks]) -> str:
+    counts = sorted({each.errors[horizon].n for each in marks if horizon in each.errors})
+    count = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    return f"{horizon:g} s\n{count} window{'s' * (count != '1')}"
 
 
 # --- rows of panels ---
@@ -199,10 +292,12 @@ def draw_horizons(marks: Sequence[HorizonMarks], what: Literal["position", "yaw"
 
 def inset(ax: Axes, left: float = 0.0, right: float = 0.0) -> None:
     """Give a panel more room beside it [in], taken from its own."""
-    figure, box = ax.get_figure(root=True), ax.get_position()
+    figure = ax.get_figure(root=True)
+    box = ax.get_position()
     assert figure is not None
-    wide = figure.get_figwidth()
-    ax.set_position((box.x0 + left / wide, box.y0, box.width - (left + right) / wide, box.height))
+    total = figure.get_figwidth()
+    width = box.width - (left + right) / total
+    ax.set_position((box.x0 + left / total, box.y0, width, box.height))
 
 
 def draw_section(text: str, ax: Axes) -> None:
@@ -232,10 +327,14 @@ class PanelRow:
         """Draw the panels, from `top` [in] above the figure's lower edge downwards."""
         left, right, bottom, above = (0.0, 0.0, 0.0, 0.0) if self.bare else MARGINS_IN
         wide, tall = figure.get_size_inches()
-        x, room = EDGE_IN, wide - 2.0 * EDGE_IN
+        x = EDGE_IN
+        room = wide - 2.0 * EDGE_IN
+        y = top - self.height + bottom
+        height = self.height - bottom - above
         for share, panel in self.panels:
-            box = (x + left, top - self.height + bottom, share * room - left - right, self.height - bottom - above)
-            panel(figure.add_axes((box[0] / wide, box[1] / tall, box[2] / wide, box[3] / tall)))
+            width = share * room - left - right
+            box = ((x + left) / wide, y / tall, width / wide, height / tall)
+            panel(figure.add_axes(box))
             x += share * room
 
 
@@ -249,8 +348,10 @@ def text_row(height: float, panel: Panel) -> PanelRow:
     return PanelRow(height, ((1.0, panel),), bare=True)
 
 
-def footer_row(profile: str, terrain: Terrain, words: Iterable[str], versions: Mapping[str, str]) -> PanelRow:
-    """Return a line that says how robots were driven: by which profile, on which ground, by which versions."""
+def footer_row(
+    profile: str, terrain: Terrain, words: Iterable[str], versions: Mapping[str, str]
+) -> PanelRow:
+    """A line that says how robots were driven: by which profile, ground and versions."""
     ground = [] if terrain == FLAT else [f"terrain {terrain.spec}"]
     used = [f"{name} {versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in versions]
     parts = [f"profile {shortened(profile, 32)}", *words, *ground, *used]
@@ -258,26 +359,32 @@ def footer_row(profile: str, terrain: Terrain, words: Iterable[str], versions: M
 
 
 def note_rows(notes: Sequence[str]) -> list[PanelRow]:
-    """Return sentences below a heading, as many lines as they need, each behind a bullet; nothing for none."""
-    lines = [line for note in notes for line in textwrap.wrap(note, _WRAP, initial_indent="• ", subsequent_indent="   ")]
+    """Sentences below a heading, each behind a bullet, in as many lines as they need."""
+    lines = list[str]()
+    for note in notes:
+        lines += textwrap.wrap(note, _WRAP, initial_indent="• ", subsequent_indent="   ")
     if not lines:
         return []
 
     def draw(ax: Axes) -> None:
         ax.set_axis_off()
         for k, line in enumerate(lines):
-            ax.text(0.0, 1.0 - (k + 0.5) / len(lines), line, transform=ax.transAxes, fontsize=9.0, va="center", color="0.2")
+            y = 1.0 - (k + 0.5) / len(lines)
+            ax.text(0.0, y, line, transform=ax.transAxes, fontsize=9.0, va="center", color="0.2")
 
-    return [text_row(_SECTION_IN, partial(draw_section, "Notes")), text_row(0.08 + _LINE_IN * len(lines), draw)]
+    heading = text_row(_SECTION_IN, partial(draw_section, "Notes"))
+    return [heading, text_row(0.08 + _LINE_IN * len(lines), draw)]
 
 
 def put_together(rows: Sequence[PanelRow]) -> Figure:
     """Draw rows from top to bottom into a figure 1600 px wide.
 
-    The figure is drawn once, so that its ticks have this style too; `save_figure` writes that drawing.
+    The figure is drawn once, so that its ticks have this style too; `save_figure` writes that
+    drawing.
     """
+    height = 2.0 * EDGE_IN + sum(row.height for row in rows)
     with matplotlib.style.context(["default", STYLE]):
-        figure = Figure(figsize=(WIDTH_IN, 2.0 * EDGE_IN + sum(row.height for row in rows)), dpi=DPI)
+        figure = Figure(figsize=(WIDTH_IN, height), dpi=DPI)
         FigureCanvasAgg(figure)
         top = float(figure.get_size_inches()[1]) - EDGE_IN
         for row in rows:
@@ -297,7 +404,8 @@ def save_figure(figure: Figure, path: Path) -> None:
     canvas = figure.canvas
     if path.suffix.lower() == ".png" and isinstance(canvas, FigureCanvasAgg) and not figure.stale:
         pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))
-        write_atomic(path, lambda temporary: pixels.save(temporary, dpi=(figure.dpi, figure.dpi), compress_level=1))
+        resolution = (figure.dpi, figure.dpi)
+        write_atomic(path, lambda part: pixels.save(part, dpi=resolution, compress_level=1))
         return
     with matplotlib.style.context(["default", STYLE]):
         write_atomic(path, lambda temporary: figure.savefig(temporary, dpi=figure.dpi))

@@ -1,6 +1,7 @@
 """Motions as one picture: paths, errors by horizon or over time, velocities and wheel loads.
 
-Everything is drawn by matplotlib's objects under a style of its own: no pyplot, and no setting outlives a call.
+Everything is drawn by matplotlib's objects under a style of its own: no pyplot, and no setting
+outlives a call.
 """
 
 from __future__ import annotations
@@ -45,27 +46,42 @@ from validation.report.drawing import (
     side_by_side,
     text_row,
 )
-from validation.report.motions import HEADLINE_HORIZON, Comparison, compared_tracks, given_commands, headline_error
+from validation.report.motions import (
+    HEADLINE_HORIZON,
+    Comparison,
+    compared_tracks,
+    given_commands,
+    headline_error,
+)
 from validation.report.scene_robots import Track
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.words import shortened
 
 _LONGEST_PATH = 30.0
-"""Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by then."""
+"""Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by
+then."""
 _WINDOWS = 4
 """Number of windows shown; their errors are spread evenly from the least to the greatest."""
 _LEAST_MOTION = 0.05
 """Way [m] or turn [rad] from which a plant moves in a window."""
-_LONGEST_SHOWN, _STRETCH = 60.0, 36.0
-"""Runs longer than the first show velocities over a stretch as long as the second only [s]: more would be a smear."""
+_LONGEST_SHOWN = 60.0
+"""Runs longer than this show velocities over a part only [s]: more would be a smear."""
+_STRETCH = 36.0
+"""Length of that part [s]."""
 _MEAN_TIME = 0.25
 """Time over which wheel loads are averaged [s]: five periods of the driver's commands."""
 _COMMAND_INK = "0.5"
 _MARKERS = {
-    "mujoco": "o", "improved": "s", "coulomb": "^", "linear": "D", "kinematic": "v",
-    "four_wheel": "p", "ode": "P", "drake": "X",
-}  # fmt: skip
+    "mujoco": "o",
+    "improved": "s",
+    "coulomb": "^",
+    "linear": "D",
+    "kinematic": "v",
+    "four_wheel": "p",
+    "ode": "P",
+    "drake": "X",
+}
 _DASHES: dict[str, Dashes] = {
     "improved": (0.0, (6.0, 1.5)),
     "coulomb": (0.0, (1.5, 1.0)),
@@ -77,72 +93,98 @@ _DASHES: dict[str, Dashes] = {
 
 def look_of(track: Track) -> dict[str, Any]:
     """Return the properties of a motion's line: the reference's is broad, and behind the others."""
-    width, order = (BROAD, 2.0) if track.reference is None else (NARROW, 2.5)
-    dashes = _DASHES.get(track.name, "solid")
-    return {"color": ink_of(track.name), "linestyle": dashes, "linewidth": width, "zorder": order, "gid": track.name}
+    is_reference = track.reference is None
+    return {
+        "color": ink_of(track.name),
+        "linestyle": _DASHES.get(track.name, "solid"),
+        "linewidth": BROAD if is_reference else NARROW,
+        "zorder": 2.0 if is_reference else 2.5,
+        "gid": track.name,
+    }
 
 
 # --- paths ---
 
 
-def _draw_band(comparison: Comparison, motion: Track, window: tuple[int, int, int], at: FloatArray, ax: Axes) -> None:
-    """Draw where a plant says that the robot will be with 90 %, every second of a window that starts `at` a pose."""
+def _draw_band(
+    comparison: Comparison, motion: Track, window: tuple[int, int, int], at: FloatArray, ax: Axes
+) -> None:
+    """Draw a plant's 90 % ellipses, every second of a window that starts `at` a pose."""
     result = comparison.plants.get(motion.name)
     if result is None or result.band is None or motion.reference is None:
         return
     i, a, b = window
-    t, pose = motion.pieces[i].t, motion.pieces[i].pose
+    t = motion.pieces[i].t
+    pose = motion.pieces[i].pose
     ends = np.searchsorted(t, np.arange(t[b], t[a], -1.0))
     covariance, _ = result.band.covariance(pose, np.full(len(ends), a), ends)
     middles = compose(at, relative(pose[a], pose[ends]))[:, :2]
     axes = rotate_body_to_world(np.eye(2), at[2]).T
+    reach = result.band.reach_position
     for middle, one in zip(middles, covariance, strict=True):
-        draw_ellipse(ax, middle, axes @ one @ axes.T, result.band.reach_position, ink_of(motion.name))
+        draw_ellipse(ax, middle, axes @ one @ axes.T, reach, ink_of(motion.name))
 
 
 def draw_paths(comparison: Comparison, ax: Axes) -> None:
     """Draw the paths as they were driven."""
     for motion in compared_tracks(comparison):
-        ax.plot(*joined([(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]), **look_of(motion))
+        first = motion.pieces[0]
+        paths = [(piece.pose[:, 0], piece.pose[:, 1]) for piece in motion.pieces]
+        ax.plot(*joined(paths), **look_of(motion))
         draw_dart(ax, motion.pieces[-1].pose[-1], motion.name, 12.0)
-        _draw_band(comparison, motion, (0, 0, len(motion.pieces[0]) - 1), motion.pieces[0].pose[0], ax)
+        _draw_band(comparison, motion, (0, 0, len(first) - 1), first.pose[0], ax)
     draw_ring(ax, *map(float, comparison.reference[0].xy[0]))
     equal_scales(ax, 1.0)
     ax.set(title="Paths [m] (ring: start)", xlabel="x [m]", ylabel="y [m]")
 
 
 def _windows(comparison: Comparison) -> tuple[str, list[tuple[int, int, int]]]:
-    """Return what windows to show, in words, and (piece, first, last sample) of each, in the order of their errors.
+    """A heading for the windows shown, and (piece, first, last sample) of each by error.
 
-    All windows of the horizon closest to `HEADLINE_HORIZON` in which a plant moves are put in the order of the plants' mean
-    error, and some that are spread evenly are shown. Where none fits, whole pieces serve.
+    All windows of the horizon closest to `HEADLINE_HORIZON` in which a plant moves are put in the
+    order of the plants' mean error, and some that are spread evenly are shown. Where none fits,
+    whole pieces serve.
     """
     reference, *others = compared_tracks(comparison)
-    words, windows = "whole pieces", [(i, 0, len(piece) - 1) for i, piece in enumerate(reference.pieces)]
-    for horizon in sorted({*comparison.scoring} or {HEADLINE_HORIZON}, key=lambda h: abs(h - HEADLINE_HORIZON)):
-        cuts = list(comparison.scoring.get(horizon, ())) or [horizon_windows(p.t, horizon) for p in reference.pieces]
-        if all_windows := [(i, int(a), int(b)) for i, ends in enumerate(cuts) for a, b in zip(*ends, strict=True)]:
-            words, windows = f"windows of {horizon:g} s", all_windows
+    words = "whole pieces"
+    windows = [(i, 0, len(piece) - 1) for i, piece in enumerate(reference.pieces)]
+    horizons = list(comparison.scoring) or [HEADLINE_HORIZON]
+    for horizon in sorted(horizons, key=lambda h: abs(h - HEADLINE_HORIZON)):
+        cuts = list(comparison.scoring.get(horizon, ()))
+        if not cuts:
+            cuts = [horizon_windows(piece.t, horizon) for piece in reference.pieces]
+        fitting = list[tuple[int, int, int]]()
+        for i, (first, last) in enumerate(cuts):
+            fitting.extend((i, int(a), int(b)) for a, b in zip(first, last, strict=True))
+        if fitting:
+            words = f"windows of {horizon:g} s"
+            windows = fitting
             break
 
     def moves(window: tuple[int, int, int]) -> bool:
         i, a, b = window
-        return any(np.ptp(m.pieces[i].pose[a : b + 1], axis=0).max() > _LEAST_MOTION for m in others)
+        paths = [motion.pieces[i].pose[a : b + 1] for motion in others]
+        return any(np.ptp(path, axis=0).max() > _LEAST_MOTION for path in paths)
 
     def error(window: tuple[int, int, int]) -> float:
-        i, ends = window[0], (np.array(window[1:2]), np.array(window[2:]))
-        return sum(float(relative_pose_error(m.pieces[i].pose, reference.pieces[i].pose, *ends)[0][0]) for m in others)
+        i, a, b = window
+        ends = (np.array([a]), np.array([b]))
+        true = reference.pieces[i].pose
+        errors = [relative_pose_error(motion.pieces[i].pose, true, *ends) for motion in others]
+        return sum(float(position[0]) for position, _ in errors)
 
-    ranked = sorted([w for w in windows if moves(w)] or windows, key=error)
+    ranked = sorted(list(filter(moves, windows)) or windows, key=error)
     n = min(_WINDOWS, len(ranked))
-    return f"{n} of {len(windows)} {words}", [ranked[int((k + 0.5) / n * len(ranked))] for k in range(n)]
+    spread = [ranked[int((k + 0.5) / n * len(ranked))] for k in range(n)]
+    return f"{n} of {len(windows)} {words}", spread
 
 
 def _draw_window(comparison: Comparison, window: tuple[int, int, int], ax: Axes) -> None:
     """Draw the paths over one window, each seen from its own pose at the window's start."""
     i, a, b = window
     for motion in compared_tracks(comparison):
-        seen = relative(motion.pieces[i].pose[a], motion.pieces[i].pose[a : b + 1])
+        pose = motion.pieces[i].pose
+        seen = relative(pose[a], pose[a : b + 1])
         ax.plot(seen[:, 0], seen[:, 1], **look_of(motion))
         _draw_band(comparison, motion, window, np.zeros(3), ax)
         draw_dart(ax, seen[-1], motion.name, 12.0)
@@ -162,36 +204,58 @@ def _span(comparison: Comparison) -> tuple[float, float]:
 
 
 def _shown_span(comparison: Comparison) -> tuple[float, float]:
-    """Return the span that velocities are shown over [s]: of a long run the part of its longest piece with most motion."""
+    """Return the span over which velocities are shown [s]: the liveliest of the longest piece."""
     start, stop = _span(comparison)
     if stop - start <= _LONGEST_SHOWN:
         return start, stop
     longest = max(comparison.reference, key=lambda piece: float(piece.t[-1] - piece.t[0]))
-    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(longest.pose, axis=0)).sum(axis=1))])
-    begins = np.arange(longest.t[0], max(longest.t[-1] - _STRETCH, longest.t[0] + 0.5), 1.0)
-    ways = np.interp(begins + _STRETCH, longest.t, way) - np.interp(begins, longest.t, way)
+    t = longest.t
+    steps = np.abs(np.diff(longest.pose, axis=0)).sum(axis=1)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    begins = np.arange(t[0], max(t[-1] - _STRETCH, t[0] + 0.5), 1.0)
+    ways = np.interp(begins + _STRETCH, t, way) - np.interp(begins, t, way)
     begin = min(float(begins[np.argmax(ways)]), stop - _STRETCH)
     return begin, begin + _STRETCH
 
 
 def _draw_over_time(
-    comparison: Comparison, motions: Sequence[Track], values: Callable[[Trajectory], FloatArray], ax: Axes, **look: Any
+    comparison: Comparison,
+    motions: Sequence[Track],
+    values: Callable[[Trajectory], FloatArray],
+    ax: Axes,
+    **look: Any,
 ) -> None:
-    """Draw a quantity of motions over the span of time that velocities are shown over; `look` may differ from theirs."""
-    span, whole = _shown_span(comparison), _span(comparison)
+    """Draw a quantity of motions over the span of velocities; `look` may differ from theirs."""
+    span = _shown_span(comparison)
+    whole = _span(comparison)
     for motion in motions:
-        kept = [(piece, (piece.t >= span[0]) & (piece.t <= span[1])) for piece in motion.pieces]
-        ax.plot(*joined([(piece.t[k], values(piece)[k]) for piece, k in kept if k.any()]), **look_of(motion) | look)
+        parts = []
+        for piece in motion.pieces:
+            k = (piece.t >= span[0]) & (piece.t <= span[1])
+            if k.any():
+                parts.append((piece.t[k], values(piece)[k]))
+        ax.plot(*joined(parts), **look_of(motion) | look)
     ax.set_xlim(*span)
-    ax.set_xlabel("time [s]" if span == whole else f"time [s], part of {whole[0]:.0f} to {whole[1]:.0f} s")
+    label = "time [s]"
+    if span != whole:
+        label += f", part of {whole[0]:.0f} to {whole[1]:.0f} s"
+    ax.set_xlabel(label)
 
 
 def draw_velocity(comparison: Comparison, title: str, column: int, command: int, ax: Axes) -> None:
     """Draw one component of every robot's velocity, and of the command if it is a velocity."""
     if has_speed_commands(comparison):
         parts = [(t, values[:, command]) for t, values in given_commands(comparison)]
-        ax.plot(*joined(parts), color=_COMMAND_INK, linewidth=1.0, drawstyle="steps-post", zorder=1.8, gid="command")
-    _draw_over_time(comparison, compared_tracks(comparison), lambda piece: piece.twist[:, column], ax)
+        ax.plot(
+            *joined(parts),
+            color=_COMMAND_INK,
+            linewidth=1.0,
+            drawstyle="steps-post",
+            zorder=1.8,
+            gid="command",
+        )
+    motions = compared_tracks(comparison)
+    _draw_over_time(comparison, motions, lambda piece: piece.twist[:, column], ax)
     ax.set_title(title)
     at_least(ax, 0.1)
 
@@ -201,32 +265,66 @@ def has_speed_commands(comparison: Comparison) -> bool:
     return all(commands.kind == "twist" for commands in comparison.commands)
 
 
-def _draw_error(comparison: Comparison, title: str, error: Callable[[Trajectory, Trajectory], FloatArray], ax: Axes) -> None:
+def _draw_error(
+    comparison: Comparison,
+    title: str,
+    error: Callable[[Trajectory, Trajectory], FloatArray],
+    scale: float,
+    ax: Axes,
+) -> None:
     reference, *others = compared_tracks(comparison)
     for motion in others:
         pairs = zip(motion.pieces, reference.pieces, strict=True)
-        ax.plot(*joined([(true.t, error(piece, true)) for piece, true in pairs]), **look_of(motion))
+        errors = [(true.t, scale * error(piece, true)) for piece, true in pairs]
+        ax.plot(*joined(errors), **look_of(motion))
     ax.set(title=f"{title} at equal times", xlabel="time [s]", xlim=_span(comparison))
     at_least(ax, 1e-3)
 
 
 def _mean_load(channel: str, wheel: int, piece: Trajectory) -> FloatArray:
-    size = max(1, round(_MEAN_TIME / float(np.median(np.diff(piece.t))))) if len(piece) > 1 else 1
+    size = 1
+    if len(piece) > 1:
+        period = float(np.median(np.diff(piece.t)))
+        size = max(1, round(_MEAN_TIME / period))
     return np.asarray(uniform_filter1d(piece.channels[channel][:, wheel], size, mode="nearest"))
 
 
 def draw_loads(comparison: Comparison, motion: Track, ax: Axes) -> None:
-    """Draw the loads of the four wheels, averaged over a quarter of a second, and the verdict on the contact."""
+    """Draw the loads of the four wheels, averaged over 0.25 s, and the verdict on the contact."""
     for k, wheel in enumerate(WHEELS):
         ink = ink_of(motion.name) if wheel.startswith("front") else "0.25"
         dashes = (0.0, (4.0, 1.5)) if wheel.endswith("right") else "solid"
-        _draw_over_time(comparison, [motion], partial(_mean_load, "wheel_load_N", k), ax, color=ink, linestyle=dashes,
-                        gid=wheel, label=wheel.replace("_", " "))  # fmt: skip
+        _draw_over_time(
+            comparison,
+            [motion],
+            partial(_mean_load, "wheel_load_N", k),
+            ax,
+            color=ink,
+            linestyle=dashes,
+            gid=wheel,
+            label=wheel.replace("_", " "),
+        )
         if motion.channel(QUASI_STATIC) is not None:
-            _draw_over_time(comparison, [motion], partial(_mean_load, QUASI_STATIC, k), ax, color=QUIET, linewidth=1.0,
-                            linestyle=(0.0, (1.0, 1.0)), gid=f"{wheel} quasi-static")  # fmt: skip
-    ax.legend(loc="lower right", bbox_to_anchor=(1.01, 0.98), ncols=4, frameon=False, fontsize=9.0, handlelength=1.8,
-              columnspacing=1.2, borderaxespad=0.0)  # fmt: skip
+            _draw_over_time(
+                comparison,
+                [motion],
+                partial(_mean_load, QUASI_STATIC, k),
+                ax,
+                color=QUIET,
+                linewidth=1.0,
+                linestyle=(0.0, (1.0, 1.0)),
+                gid=f"{wheel} quasi-static",
+            )
+    ax.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.01, 0.98),
+        ncols=4,
+        frameon=False,
+        fontsize=9.0,
+        handlelength=1.8,
+        columnspacing=1.2,
+        borderaxespad=0.0,
+    )
     ax.set_title(f"Wheel loads [N]: means over {_MEAN_TIME:g} s; dotted: quasi-static")
     at_least(ax, 10.0)
     low, high = ax.get_ylim()
@@ -234,8 +332,11 @@ def draw_loads(comparison: Comparison, motion: Track, ax: Axes) -> None:
     result = comparison.plants.get(motion.name)
     if result is not None and (health := result.health) is not None:
         verdict = health.verdict if health.ok else health.verdict.upper()
-        words = f"lowest load {health.lowest_load_share:.0%} of a wheel's mean, deviation {health.load_deviation:.1%}"
-        corner_note(ax, f"{motion.name} {verdict}: {words}", ALARM if health.advice else QUIET)
+        note = (
+            f"{motion.name} {verdict}: lowest load {health.lowest_load_share:.0%} "
+            f"of a wheel's mean, deviation {health.load_deviation:.1%}"
+        )
+        corner_note(ax, note, ALARM if health.advice else QUIET)
 
 
 # --- all of it ---
@@ -243,41 +344,74 @@ def draw_loads(comparison: Comparison, motion: Track, ax: Axes) -> None:
 
 def _panels(comparison: Comparison) -> list[PanelRow]:
     """Return the panels below the paths, row by row; those without data are left out."""
-    motions, rows = compared_tracks(comparison), list[PanelRow]()
-    if shown := {n: r for n, r in comparison.plants.items() if r.horizons}:
-        marks = [HorizonMarks(n, ink_of(n), _MARKERS.get(n, "o"), r.horizons, r.overlapping) for n, r in shown.items()]
-        rows.append(side_by_side(2.3, [partial(draw_horizons, marks, "position"), partial(draw_horizons, marks, "yaw")]))
+    motions = compared_tracks(comparison)
+    rows = list[PanelRow]()
+    marks = []
+    for name, result in comparison.plants.items():
+        if result.horizons:
+            marker = _MARKERS.get(name, "o")
+            marks.append(
+                HorizonMarks(name, ink_of(name), marker, result.horizons, result.overlapping)
+            )
+    if marks:
+        position = partial(draw_horizons, marks, "position")
+        rows.append(side_by_side(2.3, [position, partial(draw_horizons, marks, "yaw")]))
     elif len(motions) > 1:
-        pairs = [zip(motion.pieces, comparison.reference, strict=True) for motion in motions[1:]]
-        unit = length_unit([float(np.hypot(*(p.xy - r.xy).T).max()) for pair in pairs for p, r in pair])
-        rows.append(side_by_side(2.3, [
-            partial(_draw_error, comparison, f"Position error [{unit.symbol}]",
-                    lambda piece, true: unit.scale * np.hypot(*(piece.xy - true.xy).T)),
-            partial(_draw_error, comparison, "Yaw error [deg]",
-                    lambda piece, true: np.degrees(wrap_angle(piece.yaw - true.yaw))),
-        ]))  # fmt: skip
+        rows.append(_error_panels(comparison, motions[1:]))
     command = " and command" if has_speed_commands(comparison) else ""
-    rows.append(side_by_side(2.3, [
+    velocities = [
         partial(draw_velocity, comparison, f"Speed v_x [m/s]{command}", 0, 0),
         partial(draw_velocity, comparison, f"Yaw rate [rad/s]{command}", 2, 1),
-    ]))  # fmt: skip
-    loaded = [m for m in motions if m.channel("wheel_load_N") is not None]
-    return [*rows, *(side_by_side(2.3, [partial(draw_loads, comparison, motion)]) for motion in loaded[:1])]
+    ]
+    rows.append(side_by_side(2.3, velocities))
+    loaded = [motion for motion in motions if motion.channel("wheel_load_N") is not None]
+    if loaded:
+        rows.append(side_by_side(2.3, [partial(draw_loads, comparison, loaded[0])]))
+    return rows
+
+
+def _error_panels(comparison: Comparison, motions: Sequence[Track]) -> PanelRow:
+    """Return panels of the motions' errors at equal times."""
+
+    def distance(piece: Trajectory, true: Trajectory) -> FloatArray:
+        return np.hypot(*(piece.xy - true.xy).T)
+
+    def yaw_error(piece: Trajectory, true: Trajectory) -> FloatArray:
+        return np.degrees(wrap_angle(piece.yaw - true.yaw))
+
+    greatest = []
+    for motion in motions:
+        pairs = zip(motion.pieces, comparison.reference, strict=True)
+        greatest += [float(distance(piece, true).max()) for piece, true in pairs]
+    unit = length_unit(greatest)
+    panels = [
+        partial(_draw_error, comparison, f"Position error [{unit.symbol}]", distance, unit.scale),
+        partial(_draw_error, comparison, "Yaw error [deg]", yaw_error, 1.0),
+    ]
+    return side_by_side(2.3, panels)
 
 
 def _draw_header(comparison: Comparison, ax: Axes) -> None:
     """Draw the title, and the only legend of plants."""
-    kind = "commands" if has_speed_commands(comparison) else "measured wheel rates"
+    by_speed = has_speed_commands(comparison)
+    kind = "commands" if by_speed else "measured wheel rates"
     n = len(comparison.plants)
-    title = shortened(Path(comparison.source).name, 48) + f": {n} plant{'s' * (n > 1)} driven by the same {kind}" * (n > 0)
+    title = shortened(Path(comparison.source).name, 48)
+    if n:
+        title += f": {n} plant{'s' * (n > 1)} driven by the same {kind}"
     marked = any(result.horizons for result in comparison.plants.values())
-    handles, labels = list[Line2D](), list[str]()
+    handles = list[Line2D]()
+    labels = list[str]()
     for motion in compared_tracks(comparison):
-        marker = _MARKERS.get(motion.name, "o") if marked and motion.reference is not None else ""
+        marker = ""
+        about = "reference"
+        if motion.reference is not None:
+            about = headline_error(comparison.plants[motion.name])
+            if marked:
+                marker = _MARKERS.get(motion.name, "o")
         handles.append(Line2D([], [], marker=marker, **look_of(motion)))
-        about = "reference" if motion.reference is None else headline_error(comparison.plants[motion.name])
         labels.append(f"{motion.name}\n{about}")
-    if has_speed_commands(comparison):
+    if by_speed:
         handles.append(Line2D([], [], color=_COMMAND_INK, linewidth=1.0))
         labels.append("command\nas given")
     draw_header(ax, title, handles, labels)
@@ -286,20 +420,28 @@ def _draw_header(comparison: Comparison, ax: Axes) -> None:
 def comparison_figure(comparison: Comparison) -> Figure:
     """Return everything about a comparison that can be seen in one look, 1600 px wide.
 
-    It shows paths (or windows of a long run, all from one pose), errors by horizon (or over time), speed and yaw rate, and
-    wheel loads. Panels for which there are no data are left out. Lines carry the name of their motion, or `command`, as gid.
+    It shows paths (or windows of a long run, all from one pose), errors by horizon (or over time),
+    speed and yaw rate, and wheel loads. Panels for which there are no data are left out. Lines
+    carry the name of their motion, or `command`, as gid.
     """
-    rows, (start, stop) = [text_row(0.78, partial(_draw_header, comparison))], _span(comparison)
+    rows = [text_row(0.78, partial(_draw_header, comparison))]
+    start, stop = _span(comparison)
     if stop - start > _LONGEST_PATH or len(comparison.reference) > 1:
         words, windows = _windows(comparison)
-        shaded = "; shaded: 90 % band" if any(result.band for result in comparison.plants.values()) else ""
-        heading = f"Paths over {words} [m]: all start at the same pose; from small to large errors{shaded}"
+        heading = f"Paths over {words} [m]: all start at the same pose; from small to large errors"
+        if any(result.band for result in comparison.plants.values()):
+            heading += "; shaded: 90 % band"
         rows.append(text_row(0.28, partial(draw_section, heading)))
-        rows.append(side_by_side(3.2, [partial(_draw_window, comparison, window) for window in windows]))
+        panels = [partial(_draw_window, comparison, window) for window in windows]
+        rows.append(side_by_side(3.2, panels))
     else:
-        width, height = np.ptp(np.concatenate([piece.xy for piece in comparison.reference]), axis=0) + 0.5
-        rows.append(side_by_side(float(np.clip(10.0 * height / width, 3.0, 5.5)), [partial(draw_paths, comparison)]))
-    chosen = [name for name, value in comparison.options.items() if value is True]
-    made = [f"reference {comparison.reference_name}", f"seed {comparison.seed}", *chosen]
-    foot = footer_row(comparison.profile_label, comparison.terrain, made, comparison.versions)
+        path = np.concatenate([piece.xy for piece in comparison.reference])
+        width, height = np.ptp(path, axis=0) + 0.5
+        tall = float(np.clip(10.0 * height / width, 3.0, 5.5))
+        rows.append(side_by_side(tall, [partial(draw_paths, comparison)]))
+    flags = [name for name, value in comparison.options.items() if value is True]
+    words_below = [f"reference {comparison.reference_name}", f"seed {comparison.seed}", *flags]
+    foot = footer_row(
+        comparison.profile_label, comparison.terrain, words_below, comparison.versions
+    )
     return put_together([*rows, *_panels(comparison), *note_rows(comparison.notes()), foot])

@@ -1,7 +1,8 @@
 """One colour for each plant and controller, the same in every picture, plot and recording.
 
-Each is declared with its plant or law. The hues shipped are those of Okabe and Ito, which people with any of the common
-colour blindnesses tell apart; they differ in lightness too, so most survive a grey print.
+Each is declared with its plant or law. The hues shipped are those of Okabe and Ito, which people
+with any of the common colour blindnesses tell apart; they differ in lightness too, so most survive
+a grey print.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _REFERENCES: Mapping[str, Rgb] = {
 
 
 def colour(name: str) -> Rgb:
-    """Return the colour of a plant, as it declares it, or of `recording` or `truth`; grey for any other name."""
+    """The colour of a plant as it declares it, of `recording` or `truth`; grey for others."""
     if name not in known_plants():
         return _REFERENCES.get(name, GREY)
     red, green, blue = bytes.fromhex(plant_kind(name).colour.removeprefix("#"))

@@ -1,4 +1,4 @@
-"""Robots that followed a reference, as one picture: paths, wanted and actual velocities, errors (Fig. 4.10-4.41)."""
+"""A picture of robots on a reference: paths, velocities and errors (Fig. 4.10-4.41)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from ssmr.types import FloatArray, Trajectory
 from validation.bench.tracked import TrackedRobot, headline, lost_text, saturated
 from validation.report.columns import DEGREES, Unit, length_unit
 from validation.report.drawing import (
@@ -38,12 +39,21 @@ _SPEEDS = (
     ("Speed u [m/s]", ("v_x", "u_ref", "v_cmd"), 0),
     ("Yaw rate [rad/s]", ("yaw_rate", "w_ref", "w_cmd"), 2),
 )
-_WANTED, _COMMAND, _SATURATED = "0.2", "0.65", "#d9534f"
+_WANTED = "0.2"
+_COMMAND = "0.65"
+_SATURATED = "#d9534f"
+
+
+def longest_target(robots: Sequence[TrackedRobot]) -> Trajectory:
+    """Return the target that was followed for the longest time."""
+    return max((robot.target for robot in robots), key=len)
 
 
 def _draw_header(robots: Sequence[TrackedRobot], ax: Axes) -> None:
-    first, alone = robots[0], len(robots) == 1
-    title = f"{headline(first)} · {f'plant {first.plant}' if alone else f'{len(robots)} plants'}"
+    first = robots[0]
+    alone = len(robots) == 1
+    plants = f"plant {first.plant}" if alone else f"{len(robots)} plants"
+    title = f"{headline(first)} · {plants}"
     if lost := [r for r in robots if r.run.lost]:
         title += f" · LOST: {', '.join(r.plant for r in lost)}"
     handles = [Line2D([], [], color=ink_of(r.plant), linewidth=2.4) for r in robots]
@@ -53,75 +63,170 @@ def _draw_header(robots: Sequence[TrackedRobot], ax: Axes) -> None:
     handles.append(Line2D([], [], color=_WANTED, linewidth=0.8, alpha=0.6))
     labels += ["reference\n", "wanted by the\nposition loop"]
     if alone:
-        handles += [Line2D([], [], color=_COMMAND), Line2D([], [], color=_SATURATED, linewidth=7.0, alpha=0.2)]
+        handles.append(Line2D([], [], color=_COMMAND))
+        handles.append(Line2D([], [], color=_SATURATED, linewidth=7.0, alpha=0.2))
         labels += ["command to\nthe drive", "a torque or the\ncommand at its limit"]
     draw_header(ax, shortened(title, 100), handles, labels, ALARM if lost else "0.0")
 
 
 def _finish_time(robots: Sequence[TrackedRobot], ax: Axes) -> None:
-    """Set the time axis, and mark where robots were lost, and where the only one was at its limits."""
+    """Set the time axis, and mark where robots were lost, or the only one at its limits."""
     last = max((float(r.run.t[-1]) for r in robots if len(r.run.t)), default=0.0)
     ax.set(xlim=(0.0, max(last, 0.5)), xlabel="time [s]")
     ax.locator_params(axis="y", nbins=6)
     for r in robots:
         if r.run.lost and len(r.run.t):
-            ax.axvline(r.run.t[-1], color=ALARM, linewidth=1.0, linestyle=":", zorder=1.9, gid=f"{r.plant} lost")
-    at_limit = saturated(robots[0].run, robots[0].options)
+            ax.axvline(
+                r.run.t[-1],
+                color=ALARM,
+                linewidth=1.0,
+                linestyle=":",
+                zorder=1.9,
+                gid=f"{r.plant} lost",
+            )
+    run = robots[0].run
+    at_limit = saturated(run, robots[0].options)
     if len(robots) == 1 and at_limit.any():
-        lasting = at_limit | np.append(False, at_limit[:-1])  # a tick stands for the time until the next
+        # A tick stands for the time until the next.
+        lasting = at_limit | np.append(False, at_limit[:-1])
         ax.fill_between(
-            robots[0].run.t, 0.0, 1.0, where=lasting, step="post", transform=ax.get_xaxis_transform(), color=_SATURATED,
-            alpha=0.12, linewidth=0.0, zorder=0.5, gid="saturated",
-        )  # fmt: skip
+            run.t,
+            0.0,
+            1.0,
+            where=lasting,
+            step="post",
+            transform=ax.get_xaxis_transform(),
+            color=_SATURATED,
+            alpha=0.12,
+            linewidth=0.0,
+            zorder=0.5,
+            gid="saturated",
+        )
 
 
 def _marker(robot: TrackedRobot) -> str:  # of a robot that was lost before there is a line to show
-    return "o" if len(robot.run.t) < 2 else ""
+    if len(robot.run.t) < 2:
+        return "o"
+    return ""
 
 
-def _draw_speed(robots: Sequence[TrackedRobot], title: str, names: tuple[str, str, str], column: int, ax: Axes) -> None:
-    """Draw the actual, wanted and commanded velocity, and that of the reference, whose last sample stands for no time."""
+def _draw_speed(
+    robots: Sequence[TrackedRobot], title: str, names: tuple[str, str, str], column: int, ax: Axes
+) -> None:
+    """Draw the actual, wanted and commanded velocity, and that of the reference."""
     done, wanted, commanded = names
-    target = max(robots, key=lambda r: len(r.target)).target
-    ax.plot(target.t[:-1], target.twist[:-1, column], color=REFERENCE_INK, linewidth=0.9, linestyle=REFERENCE_DASHES,
-            zorder=2.2, gid="reference")  # fmt: skip
+    target = longest_target(robots)
+    ax.plot(
+        target.t[:-1],
+        target.twist[:-1, column],
+        color=REFERENCE_INK,
+        linewidth=0.9,
+        linestyle=REFERENCE_DASHES,
+        zorder=2.2,
+        gid="reference",
+    )
     for r in robots:
-        run, ink = r.run, _WANTED if len(robots) == 1 else ink_of(r.plant)
+        run = r.run
+        ink = _WANTED if len(robots) == 1 else ink_of(r.plant)
         if len(robots) == 1:
-            ax.plot(run.t, run.column(commanded), color=_COMMAND, linewidth=0.9, drawstyle="steps-post", zorder=1.5)
-        ax.plot(run.t, run.column(wanted), color=ink, linewidth=0.8, alpha=0.6, zorder=1.8, gid=f"{r.plant} wanted")
-        ax.plot(run.t, run.column(done), color=ink_of(r.plant), linewidth=NARROW, marker=_marker(r), zorder=2.5, gid=r.plant)
+            ax.plot(
+                run.t,
+                run.column(commanded),
+                color=_COMMAND,
+                linewidth=0.9,
+                drawstyle="steps-post",
+                zorder=1.5,
+            )
+        ax.plot(
+            run.t,
+            run.column(wanted),
+            color=ink,
+            linewidth=0.8,
+            alpha=0.6,
+            zorder=1.8,
+            gid=f"{r.plant} wanted",
+        )
+        ax.plot(
+            run.t,
+            run.column(done),
+            color=ink_of(r.plant),
+            linewidth=NARROW,
+            marker=_marker(r),
+            zorder=2.5,
+            gid=r.plant,
+        )
     ax.set_title(title)
     at_least(ax, 0.1)
     _finish_time(robots, ax)
 
 
-def _draw_error(robots: Sequence[TrackedRobot], title: str, column: str, unit: Unit, least: float, ax: Axes) -> None:
+def _draw_error(
+    robots: Sequence[TrackedRobot], title: str, column: str, unit: Unit, least: float, ax: Axes
+) -> None:
     """Draw one of the errors that the controller sees, and the value that it should reach."""
     lookahead = robots[0].options.get("lookahead_m")
     goal = float(lookahead) if column == "e_rho" and isinstance(lookahead, int | float) else 0.0
-    ax.axhline(goal * unit.scale, color=REFERENCE_INK, linewidth=0.9, linestyle=REFERENCE_DASHES, zorder=1.8, gid="goal")
+    ax.axhline(
+        goal * unit.scale,
+        color=REFERENCE_INK,
+        linewidth=0.9,
+        linestyle=REFERENCE_DASHES,
+        zorder=1.8,
+        gid="goal",
+    )
     for r in robots:
         error = r.run.column(column) * unit.scale
-        ax.plot(r.run.t, error, color=ink_of(r.plant), linewidth=1.2, marker=_marker(r), zorder=2.5, gid=r.plant)
+        ax.plot(
+            r.run.t,
+            error,
+            color=ink_of(r.plant),
+            linewidth=1.2,
+            marker=_marker(r),
+            zorder=2.5,
+            gid=r.plant,
+        )
     ax.set_title(f"{title} [{unit.symbol}]")
     at_least(ax, least * unit.scale)
     _finish_time(robots, ax)
 
 
 def _draw_paths(robots: Sequence[TrackedRobot], ax: Axes) -> None:
-    """Draw the reference, from its ring to its square, and the paths of the robots, which end in darts."""
-    wanted = max(robots, key=lambda r: len(r.target)).target.xy
-    ax.plot(*wanted.T, color=REFERENCE_INK, linewidth=1.1, linestyle=REFERENCE_DASHES, zorder=2.8, gid="reference")
-    ax.plot(*wanted[-1], "s", markersize=6.5, markerfacecolor="white", markeredgecolor=REFERENCE_INK, zorder=3.4)
-    draw_ring(ax, *map(float, wanted[0]))
+    """Draw the reference, from its ring to its square, and the robots' paths, ended by darts."""
+    reference = longest_target(robots).xy
+    ax.plot(
+        *reference.T,
+        color=REFERENCE_INK,
+        linewidth=1.1,
+        linestyle=REFERENCE_DASHES,
+        zorder=2.8,
+        gid="reference",
+    )
+    ax.plot(
+        *reference[-1],
+        "s",
+        markersize=6.5,
+        markerfacecolor="white",
+        markeredgecolor=REFERENCE_INK,
+        zorder=3.4,
+    )
+    draw_ring(ax, *map(float, reference[0]))
     for r in robots:
         x, y = r.run.columns("x", "y").T
         ax.plot(x, y, color=ink_of(r.plant), linewidth=2.0, zorder=2.5, gid=r.plant)
-        if len(x):
-            draw_dart(ax, r.run.columns("x", "y", "yaw")[-1], r.plant, 12.0)
-        if len(x) and r.run.lost:
-            ax.plot(x[-1], y[-1], "x", color=ALARM, markersize=10.0, markeredgewidth=2.1, zorder=4.5, gid=f"{r.plant} lost")
+        if not len(x):
+            continue
+        draw_dart(ax, r.run.columns("x", "y", "yaw")[-1], r.plant, 12.0)
+        if r.run.lost:
+            ax.plot(
+                x[-1],
+                y[-1],
+                "x",
+                color=ALARM,
+                markersize=10.0,
+                markeredgewidth=2.1,
+                zorder=4.5,
+                gid=f"{r.plant} lost",
+            )
     equal_scales(ax, 0.6)
     ax.set(title="Paths [m] (ring: start; square: end)", xlabel="x [m]", ylabel="y [m]")
 
@@ -136,26 +241,35 @@ def error_units(robots: Sequence[TrackedRobot]) -> dict[str, Unit]:
 def draw_track(robots: Sequence[TrackedRobot]) -> Figure:
     """Return the picture of robots that followed one reference, 1600 px wide.
 
-    It shows paths, speed and yaw rate with what the position loop wanted and what was commanded, and the three errors of up
-    to five robots. Lines carry their plant as gid, or `PLANT wanted`, `reference`.
+    It shows paths, speed and yaw rate with what the position loop wanted and what was commanded,
+    and the three errors of up to five robots. Lines carry their plant as gid, or `PLANT wanted`,
+    `reference`.
     """
-    titles, units = ("distance to the target", "offset to the left", "heading"), error_units(robots)
-    errors = side_by_side(2.0, [
-        partial(_draw_error, robots, f"{column}: {title}", column, unit, math.radians(1.0) if unit is DEGREES else 0.01)
-        for title, (column, unit) in zip(titles, units.items(), strict=True)
-    ])  # fmt: skip
+    titles = ("distance to the target", "offset to the left", "heading")
+    units = error_units(robots)
+    panels = []
+    for title, (column, unit) in zip(titles, units.items(), strict=True):
+        least = math.radians(1.0) if unit is DEGREES else 0.01
+        panels.append(partial(_draw_error, robots, f"{column}: {title}", column, unit, least))
+    errors = side_by_side(2.0, panels)
     speeds = [partial(_draw_speed, robots, *speed) for speed in _SPEEDS]
     paths = partial(_draw_paths, robots)
-    every = np.concatenate([xy for r in robots for xy in (r.target.xy, r.run.columns("x", "y"))])
-    width, height = np.ptp(every, axis=0) + 0.3
+    places = list[FloatArray]()
+    for r in robots:
+        places += [r.target.xy, r.run.columns("x", "y")]
+    width, height = np.ptp(np.concatenate(places), axis=0) + 0.3
     if width > _WIDE * height:
-        above = [side_by_side(float(np.clip(12.0 * height / width + 0.75, 1.5, 2.25)), [paths]), side_by_side(2.0, speeds)]
+        tall = float(np.clip(12.0 * height / width + 0.75, 1.5, 2.25))
+        above = [side_by_side(tall, [paths]), side_by_side(2.0, speeds)]
     else:
         above = [PanelRow(3.6, ((0.3, paths), (0.35, speeds[0]), (0.35, speeds[1])))]
     lost = [f"{r.plant} was {lost_text(r.run)}" for r in robots if r.run.lost]
     first = robots[0]
     gains = " · ".join(f"{name} {value:.4g}" for name, value in first.gains.items())
     notes = note_rows([*lost, f"gains {shortened(first.gains_name, 40)}: {gains}"])
-    feedback = [f"feedback {first.options['feedback']}"] if "feedback" in first.options else []
-    foot = footer_row(first.profile_label, first.terrain, [f"seed {first.seed}", *feedback], first.versions)
-    return put_together([text_row(0.85, partial(_draw_header, robots)), *above, errors, *notes, foot])
+    words = [f"seed {first.seed}"]
+    if "feedback" in first.options:
+        words.append(f"feedback {first.options['feedback']}")
+    foot = footer_row(first.profile_label, first.terrain, words, first.versions)
+    head = text_row(0.85, partial(_draw_header, robots))
+    return put_together([head, *above, errors, *notes, foot])

@@ -26,19 +26,21 @@ from validation.report.palette import BLACK, GREY, WHITE, mix
 from validation.report.report import Report
 from validation.report.scene_robots import Track, bright
 from validation.report.table import Row, Table
-from validation.report.track_panels import draw_track, error_units
+from validation.report.track_panels import draw_track, error_units, longest_target
 from validation.simulator.terrain import FLAT
 from validation.words import one_line
 
 SCHEMA = "ssmr.track/1"
-_MUCH_SATURATED = 0.05  # a robot at its limits for a greater share of time follows them rather than its controller
-_UNSETTLED = 0.5  # a speed whose root mean square differs from the reference's by a greater share is pointed out
+_MUCH_SATURATED = 0.05
+"""Share of time at its limits above which a robot follows these rather than its controller."""
+_UNSETTLED = 0.5
+"""A speed whose RMS differs from the reference's by a greater share is pointed out."""
 declare(*TRACK_METRICS.values())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tracked(Report):
-    """One robot or several that followed one reference under one controller; the first one is the report's own."""
+    """Robots that followed one reference under one controller; the first is the report's own."""
 
     robots: tuple[TrackedRobot, ...]
     """The robots, each another plant."""
@@ -58,7 +60,9 @@ class Tracked(Report):
             raise self.failure
 
 
-def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (), **more: Any) -> Tracked:
+def tracking_report(
+    robots: Sequence[TrackedRobot], remarks: Sequence[str] = (), **more: Any
+) -> Tracked:
     """Return the report on robots that followed one reference.
 
     Args:
@@ -73,10 +77,12 @@ def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (),
     if first.filter is not None:
         caption += " · the thesis' filter"
     labels = [f"{r.plant} (lost)" if r.run.lost else r.plant for r in robots]
-    path, loop = list[Row](), list[Row]()
+    path = list[Row]()
+    loop = list[Row]()
     for label, r in zip(labels, robots, strict=True):
-        own = [name for name in r.metrics if name not in TRACK_METRICS]
-        path.append({"plant": label, **{name: r.metrics[name] for name in (*OF_THE_PATH, *own)}})
+        undeclared = [name for name in r.metrics if name not in TRACK_METRICS]
+        of_the_path = {name: r.metrics[name] for name in (*OF_THE_PATH, *undeclared)}
+        path.append({"plant": label, **of_the_path})
         of_the_loop = {name: r.metrics[name] for name in OF_THE_LOOP}
         loop.append({"plant": label, **of_the_loop, REAL_TIME.name: r.real_time_factor})
     lost = next((r for r in robots if r.run.lost), None)
@@ -97,13 +103,13 @@ def tracking_report(robots: Sequence[TrackedRobot], remarks: Sequence[str] = (),
         "failure": None if lost is None else lost.failure(),
         "robots": tuple(robots),
     }
-    return Tracked(**{**about, **more})
+    return Tracked(**(about | more))
 
 
 def _document(robots: Sequence[TrackedRobot]) -> dict[str, Any]:
-    """Return what track.json holds: the first robot, and the others under `beside`, by plant."""
+    """Content of track.json: the first robot, and the others under `beside`, by plant."""
     first, *others = robots
-    own = first.as_dict()
+    fields = first.as_dict()
     document = {
         "schema": SCHEMA,
         "controller": first.controller,
@@ -115,8 +121,8 @@ def _document(robots: Sequence[TrackedRobot]) -> dict[str, Any]:
         "gains_name": first.gains_name,
         "gains": dict(first.gains),
         "seed": first.seed,
-        "metrics": {**{name: own.pop(name) for name in first.metrics}, "lost": first.run.lost},
-        **own,
+        "metrics": {**{name: fields.pop(name) for name in first.metrics}, "lost": first.run.lost},
+        **fields,
     }
     if first.filter is not None:
         document["filter"] = {"name": "thesis", **asdict(first.filter)}
@@ -126,41 +132,56 @@ def _document(robots: Sequence[TrackedRobot]) -> dict[str, Any]:
 
 
 def track_notes(robots: Sequence[TrackedRobot]) -> list[str]:
-    """Return sentences on what the tables do not say, or what should not be overlooked in them."""
+    """Return sentences that add to the tables or point out striking numbers in them."""
     notes = []
     for r in robots:
         m = r.metrics
         if r.run.lost:
-            notes.append(f"{r.plant} was {lost_text(r.run)}: its numbers cover only the time before that.")
+            notes.append(
+                f"{r.plant} was {lost_text(r.run)}: its numbers cover only the time before that."
+            )
         if m["saturated_fraction"] > _MUCH_SATURATED:
-            notes.append(f"{r.plant}: a torque or the command was at its limit {m['saturated_fraction']:.0%} of the time.")
+            notes.append(
+                f"{r.plant}: a torque or the command was at its limit "
+                f"{m['saturated_fraction']:.0%} of the time."
+            )
         if not r.run.lost and abs(m["u_rms_ratio"] - 1.0) > _UNSETTLED:
             notes.append(
-                f"{r.plant}: its speed was {m['u_rms_ratio']:.2f} times that of the reference, by root mean square."
+                f"{r.plant}: its speed was {m['u_rms_ratio']:.2f} times "
+                "that of the reference, by root mean square."
             )
-        beyond = float(np.mean(np.abs(r.run.column("e_rho")) > ALPHA_SWITCH)) if len(r.run.t) else 0.0
+        far = np.abs(r.run.column("e_rho")) > ALPHA_SWITCH
+        beyond = float(np.mean(far)) if len(far) else 0.0
         if beyond > 0.0:
             notes.append(
-                f"{r.plant}: the target was farther than {ALPHA_SWITCH:g} m for {max(beyond, 0.001):.1%} of the time, "
+                f"{r.plant}: the target was farther than {ALPHA_SWITCH:g} m "
+                f"for {max(beyond, 0.001):.1%} of the time, "
                 "where errors of heading count as zero."
             )
     begin = robots[0].options.get("start")
     if isinstance(begin, list) and any(begin):
         x, y, yaw = begin
-        apart = f"{math.hypot(x, y):.3g} m from the start of the reference and turned by {math.degrees(yaw):.3g} degrees"
-        notes.append(f"The robot begins {apart}.")
+        notes.append(
+            f"The robot begins {math.hypot(x, y):.3g} m from the start of the reference "
+            f"and turned by {math.degrees(yaw):.3g} degrees."
+        )
     lookahead = robots[0].options.get("lookahead_m")
     if isinstance(lookahead, float) and lookahead > 0.0:
-        notes.append(f"The robot keeps {lookahead:g} m behind its target by intention: e_rho should become that, not zero.")
+        notes.append(
+            f"The robot keeps {lookahead:g} m behind its target by intention: "
+            "e_rho should become that, not zero."
+        )
     return notes
 
 
 def scene_tracks(robots: Sequence[TrackedRobot]) -> list[Track]:
     """Return the robots and, last, the target that they follow."""
-    ground = next((r.terrain for r in robots if r.terrain != FLAT), FLAT)  # planar models stand on none
-    longest = max(robots, key=lambda r: len(r.target)).target
+    # Planar models stand on no ground.
+    ground = next((r.terrain for r in robots if r.terrain != FLAT), FLAT)
+    longest = longest_target(robots)
     motions = [*((r.plant, r.run.motion) for r in robots), ("reference", longest)]
-    return [Track(name, (motion,), None, terrain=ground, robot=robots[0].body) for name, motion in motions]
+    body = robots[0].body
+    return [Track(name, (motion,), None, terrain=ground, robot=body) for name, motion in motions]
 
 
 def _draw(report: Tracked) -> Figure:
@@ -168,7 +189,7 @@ def _draw(report: Tracked) -> Figure:
 
 
 def write_track_recording(report: Tracked, path: Path) -> None:
-    """Write the robots, the moving target and what is drawn over time as a rerun recording, whole or not at all.
+    """Write robots, moving target and signals as a rerun recording, whole or not at all.
 
     Raises:
         OSError: the file cannot be written.
@@ -176,23 +197,38 @@ def write_track_recording(report: Tracked, path: Path) -> None:
     """
     from validation.report.scene import Scene, Series, write_scene
 
-    shown = [robot.thinned() for robot in report.robots]
-    *robots, target = scene_tracks(shown)
-    (motion,), plots = target.pieces, dict[str, Series]()
+    thinned = [robot.thinned() for robot in report.robots]
+    *robots, target = scene_tracks(thinned)
+    (motion,) = target.pieces
+    plots = dict[str, Series]()
     for quantity, unit, column in (("speed", "m/s", 0), ("yaw_rate", "rad/s", 2)):
-        plots[f"{quantity}/reference"] = Series(["reference"], unit, [GREY], motion.t[:-1], motion.twist[:-1, column])
-    for r in shown:
-        for quantity, unit, wanted, commanded in (
+        values = motion.twist[:-1, column]
+        plots[f"{quantity}/reference"] = Series(["reference"], unit, [GREY], motion.t[:-1], values)
+    units = error_units(thinned)
+    for r in thinned:
+        ink = bright(r.plant)
+        inks = [mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)]
+        names = [f"{r.plant} wanted", f"{r.plant} command"]
+        for quantity, unit, *columns in (
             ("speed", "m/s", "u_ref", "v_cmd"),
             ("yaw_rate", "rad/s", "w_ref", "w_cmd"),
         ):
-            pale, dark = mix(bright(r.plant), WHITE, 0.5), mix(bright(r.plant), BLACK, 0.3)
-            names = [f"{r.plant} {word}" for word in ("wanted", "command")]
-            both = r.run.columns(wanted, commanded)
-            plots[f"{quantity}/{r.plant}_wanted"] = Series(names, unit, [pale, dark], r.run.t, both, held=True)
-        for error, shown_in in error_units(shown).items():
-            values = shown_in.scale * r.run.column(error)
-            plots[f"{error}/{r.plant}"] = Series([r.plant], shown_in.symbol, [bright(r.plant)], r.run.t, values)
+            both = r.run.columns(*columns)
+            plots[f"{quantity}/{r.plant}_wanted"] = Series(
+                names, unit, inks, r.run.t, both, held=True
+            )
+        for error, error_unit in units.items():
+            values = error_unit.scale * r.run.column(error)
+            plots[f"{error}/{r.plant}"] = Series(
+                [r.plant], error_unit.symbol, [ink], r.run.t, values
+            )
     title = f"{report.title}, profile {report.robots[0].profile_label}"
-    scene = Scene(program="track", title=title, tracks=robots, report=report.markdown(), plots=plots, target=target)
+    scene = Scene(
+        program="track",
+        title=title,
+        tracks=robots,
+        report=report.markdown(),
+        plots=plots,
+        target=target,
+    )
     write_scene(scene, path)

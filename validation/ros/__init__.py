@@ -1,4 +1,4 @@
-"""The MuJoCo robot on a ROS 2 graph, and controllers for a robot that is there: `sim(Sim(...))`, `control(Control(...))`."""
+"""The MuJoCo robot on a ROS 2 graph, and controllers for a robot there: `sim`, `control`."""
 
 import lazy_loader as lazy
 

@@ -36,7 +36,8 @@ def _control(options: Control) -> None:
             report = control(options)
         ignore_signals()
         robot = report.robots[0]
-        folder = options.out or Path("runs") / "ros" / file_name(f"{robot.controller}-{robot.reference}")
+        name = file_name(f"{robot.controller}-{robot.reference}")
+        folder = options.out or Path("runs") / "ros" / name
         cli.report_result(report, report.save(cli.output_folder(folder), recording=False))
     report.require_complete()
     if report.status == INTERRUPTED:
@@ -45,12 +46,13 @@ def _control(options: Control) -> None:
 
 @contextlib.contextmanager
 def _one_signal_ends() -> Iterator[Callable[[], None]]:
-    """Let one signal end a node as Ctrl-C does, and none disturb it while its robot is being stopped and its drive saved.
+    """Let one signal end a node as Ctrl-C does, and none disturb the stop and the saving.
 
     Yields:
         The function after whose call no signal disturbs any more.
     """
-    before: dict[int, Any] = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before: dict[int, Any] = {number: signal.getsignal(number) for number in numbers}
 
     def ignore() -> None:
         for number in before:
@@ -60,7 +62,8 @@ def _one_signal_ends() -> Iterator[Callable[[], None]]:
         ignore()
         raise KeyboardInterrupt
 
-    for number, handler in before.items():  # a shell without job control has programs in the background ignore Ctrl-C
+    # A shell without job control has programs in the background ignore Ctrl-C.
+    for number, handler in before.items():
         if number == signal.SIGINT or handler is not signal.SIG_IGN:
             signal.signal(number, end)
     try:

@@ -27,12 +27,17 @@ from validation.ros.follower import FRESH, LATE, PathFollower, StoppedError
 
 _logger = logging.getLogger(__name__)
 
+_ARRIVED = "arrived"
+"""Status of a drive that came to its reference's end."""
 STOP_TIME = 0.5
 """Time for which the robot is commanded to stand at the end [s]."""
 _SLACK = 0.004
-"""Delay of the velocity loop behind the first message of the position loop [s], so that later messages may be a bit late."""
-_FEEDBACK_KEPT, _POSES_KEPT = 16, 32
-"""Messages of odometry and of a tracking system that wait for the loop: as many as may come in a quarter of a second."""
+"""Delay of the velocity loop behind the first message of the position loop [s], so that later
+messages may be a bit late."""
+_FEEDBACK_KEPT = 16
+_POSES_KEPT = 32
+"""Messages of odometry and of a tracking system that wait for the loop: as many as may come in a
+quarter of a second."""
 
 
 @dataclass(frozen=True)
@@ -40,26 +45,38 @@ class Control(Graph):
     """Options of `control`."""
 
     controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
-    """Controller: pid and lqr are the thesis'; lqr-scheduled is linearised about the operating speed. With +predictor behind
-    its name a law acts on the state one dead time ahead; mpc plans ahead."""
-    reference: Annotated[str | None, tyro.conf.Positional, cli.option(metavar="REFERENCE", default="none")] = None
+    """Controller: pid and lqr are the thesis'; lqr-scheduled is linearised about the operating
+    speed. With +predictor behind its name a law acts on the state one dead time ahead; mpc plans
+    ahead."""
+    reference: Annotated[
+        str | None, tyro.conf.Positional, cli.option(metavar="REFERENCE", default="none")
+    ] = None
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv: x, y[, t])."""
-    speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
+    speed: Annotated[
+        cli.Number,
+        cli.option(metavar="M/S", default="0.25 for named references, a file's own times"),
+    ] = None
     """Mean speed between waypoints; it replaces the times of a file."""
     robot: cli.AnyRobot = None
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = None
+    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = (
+        None
+    )
     """A controller of your own instead of CONTROLLER: a class in a Python file, which is run."""
-    gains: Annotated[str | None, cli.option(metavar="NAME|PATH", default="as in validation.track")] = None
+    gains: Annotated[
+        str | None, cli.option(metavar="NAME|PATH", default="as in validation.track")
+    ] = None
     """Gains: published, manual (lqr), tuned, or the path of a TOML file."""
     odometry: Annotated[str, cli.option(metavar="TOPIC", default="the robot's filter")] = ""
     """Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose."""
     pose: Annotated[str, cli.option(metavar="TOPIC", default="/vrpn_mocap/ROBOT/pose")] = ""
-    """Topic of a tracking system's geometry_msgs/PoseStamped, by which the drive is judged if it is there."""
+    """Topic of a tracking system's geometry_msgs/PoseStamped, by which the drive is judged if it is
+    there."""
     command: Annotated[str, cli.option(metavar="TOPIC", default="cmd_vel")] = ""
     """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens."""
     stop: Annotated[str, cli.option(metavar="TOPIC", default=msg.STOP_TOPIC)] = ""
-    """Topic of std_msgs/Bool that says whether the emergency stop is on: the target waits while it is."""
+    """Topic of std_msgs/Bool that says whether the emergency stop is on: the target waits while it
+    is."""
     feedback: Annotated[Literal["odometry", "pose"], cli.option()] = "odometry"
     """Pose that the controller sees: the odometry's or the tracking system's."""
     v_limit: Annotated[float, cli.option(metavar="M/S")] = 1.0
@@ -71,22 +88,34 @@ class Control(Graph):
     patience: Annotated[float, cli.option(metavar="SECONDS")] = 30.0
     """Time for which a robot is waited for, before the drive and where it does not obey."""
     out: Annotated[
-        Path | None, cli.option(metavar="DIR", default="runs/ros/CONTROLLER-REFERENCE", help="Folder for the files.")
+        Path | None,
+        cli.option(
+            metavar="DIR", default="runs/ros/CONTROLLER-REFERENCE", help="Folder for the files."
+        ),
     ] = None
     overwrite: cli.Flag = False
     """Replace files that are there already."""
 
 
 class ControlNode:
-    """The loop of the node: states go to the path follower as they come, commands to the robot at their instants."""
+    """The node's loop: states go to the follower as they come, commands out at their instants."""
 
     def __init__(
-        self, node: Node, follower: PathFollower, options: Control, clock: Callable[[], float] = time.monotonic
+        self,
+        node: Node,
+        follower: PathFollower,
+        options: Control,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Open the topics, which the options name; nothing is sent yet. `clock` returns monotonic time [s]."""
-        self._node, self._follower, self._options, self._clock = node, follower, options, clock
-        self._speeds, self._speeds_at = msg.STAND_STILL, -math.inf
-        self._said, self._said_late = "", False
+        """Open the topics of the options; nothing is sent yet. `clock` is monotonic [s]."""
+        self._node = node
+        self._follower = follower
+        self._options = options
+        self._clock = clock
+        self._speeds = msg.STAND_STILL
+        self._speeds_at = -math.inf
+        self._last_held = ""
+        self._warned_late = False
         self.drove = 0.0
         """Time for which the robot was driven [s]."""
         node.advertise(options.command, "geometry_msgs/msg/Twist")
@@ -116,80 +145,98 @@ class ControlNode:
             raise
         finally:
             self.drove = self._clock() - began
-            until = self._clock() + STOP_TIME
-            while (now := self._clock()) < until:
-                self._node.publish(self._options.command, msg.twist_message(*msg.STAND_STILL))
-                while (left := now + VELOCITY_PERIOD - self._clock()) > 0.0:
-                    for topic, value in self._node.receive(left):
-                        if topic == self._options.pose:  # for the record
-                            self._follower.track(*value)
+            self._stand_still()
+
+    def _stand_still(self) -> None:
+        """Command the robot to stand for `STOP_TIME`, and go on recording its pose."""
+        until = self._clock() + STOP_TIME
+        while (now := self._clock()) < until:
+            self._node.publish(self._options.command, msg.twist_message(*msg.STAND_STILL))
+            while (left := now + VELOCITY_PERIOD - self._clock()) > 0.0:
+                for topic, value in self._node.receive(left):
+                    if topic == self._options.pose:
+                        self._follower.track(*value)
 
     def _wait(self) -> None:
-        began, logged, o = self._clock(), "", self._options
+        began = self._clock()
+        logged = ""
+        o = self._options
         _logger.info("waiting for the robot on %s", o.odometry)
         while self._follower.phase == "waiting":
             heard = self._node.subscribers(o.command) > 0
-            why = (self._refusals() or self._follower.why_waiting) if heard else f"nobody listens to {o.command}"
+            why = f"nobody listens to {o.command}"
+            if heard:
+                why = self._refusals() or self._follower.why_waiting
             if self._clock() > began + o.patience:
                 raise StoppedError(f"no robot to drive after {o.patience:g} s: {why}")
-            came = self._node.receive(0.1)  # what comes before somebody listens is old when it counts
-            self._take(came if heard else ())
+            messages = self._node.receive(0.1)
+            if heard:  # a message that comes before is old when it counts
+                self._take(messages)
             if why != logged and self._clock() > began + 1.0:
                 logged = why
                 self._node.say("waiting", f"still waiting: {why}", logging.INFO)
 
     def _refusals(self) -> str:
-        """Return what is wrong with feedback that comes and cannot be used; empty where nothing is."""
+        """What is wrong with feedback that comes and cannot be used; empty where nothing is."""
         o = self._options
         topics = (o.pose, o.odometry) if o.feedback == "pose" else (o.odometry,)
         return "; ".join(filter(None, map(self._node.refusals, topics)))
 
     def _drive(self) -> None:
         """Take messages as they come, and send commands at absolute deadlines."""
-        start, k = self._clock() + _SLACK, 0
+        start = self._clock() + _SLACK
+        k = 0
         while self._follower.phase == "driving":
             if (left := start + k * VELOCITY_PERIOD - self._clock()) > 0.0:
                 self._take(self._node.receive(left))
                 continue
             command = self._follower.command(self._clock(), self._refusals())
-            self._say_what_is_odd()
+            self._log_changes()
             self._node.publish(self._options.command, msg.twist_message(*command))
             passed = math.floor((self._clock() - start) / VELOCITY_PERIOD)
             k = max(k + 1, passed)  # no deadline that was slept through is made up for
 
-    def _say_what_is_odd(self) -> None:
+    def _log_changes(self) -> None:
+        """Warn when the target begins to wait or goes on, and once when feedback is late."""
         follower = self._follower
-        if follower.held != self._said:
-            self._said = follower.held
-            _logger.warning("%s", f"the target waits: {self._said}" if self._said else "the robot obeys again: it goes on")
-        if follower.late > LATE and not self._said_late:
-            self._said_late = True
+        if follower.held != self._last_held:
+            self._last_held = follower.held
+            if follower.held:
+                _logger.warning("the target waits: %s", follower.held)
+            else:
+                _logger.warning("the robot obeys again: it goes on")
+        if follower.late > LATE and not self._warned_late:
+            self._warned_late = True
             _logger.warning("%s", late_sentence(follower.late))
 
-    def _take(self, came: Sequence[tuple[str, Any]]) -> None:
-        o, now = self._options, self._clock()
+    def _take(self, messages: Sequence[tuple[str, Any]]) -> None:
+        o = self._options
+        now = self._clock()
         by_pose = o.feedback == "pose"
-        for topic, value in came:
+        for topic, value in messages:
             if topic == self._stop:
                 self._follower.emergency_stop = value
                 continue
             stamp, seen = value
             if topic == o.odometry:
-                self._speeds, self._speeds_at = (seen.v, seen.w), now
+                self._speeds = (seen.v, seen.w)
+                self._speeds_at = now
                 if not by_pose:
                     self._follower.update(stamp, seen, now)
                 continue
             if not self._follower.track(stamp, seen):
-                self._node.say("tracked", f"{topic}: stamp {stamp:.3f} s does not go on from those before")
+                text = f"{topic}: stamp {stamp:.3f} s does not go on from those before"
+                self._node.say("tracked", text)
             if by_pose and now - self._speeds_at <= FRESH:
                 v, w = self._speeds
                 self._follower.update(stamp, seen._replace(v=v, w=w), now)
 
 
 def late_sentence(late: float) -> str:
-    """Return what it means that feedback is late by some time [s]."""
+    """Return a sentence about feedback that is late by some time [s]."""
     return (
-        f"the robot answers {late:.2f} s later than its profile says: its odometry is late, or its dead time is longer; "
+        f"the robot answers {late:.2f} s later than its profile says: "
+        "its odometry is late, or its dead time is longer; "
         "a law that plans by the profile overshoots then"
     )
 
@@ -204,54 +251,112 @@ def control(options: Control) -> Tracked:
     - when feedback is older than 0.5 s, or its pose jumps by 0.5 m;
     - when it is 3 m from its target.
 
-    The target waits while the emergency stop is on or the robot does not do what it is told. Then the robot goes on with at
-    most 1.2 times the path's speed.
+    The target waits while the emergency stop is on or the robot does not do what it is told. Then
+    the robot goes on with at most 1.2 times the path's speed.
 
     Writes track.json and track.png, also of a drive that was stopped.
 
     The tracking system's pose judges the drive, else the odometry's.
 
     Raises:
-        ValueError: an option that cannot be; cyclonedds is missing, or the network interface is not there.
+        ValueError: an option that cannot be; cyclonedds is missing, or the network interface is not
+            there.
         StoppedError, KeyboardInterrupt: the drive ended before the robot had gone anywhere.
     """
-    controller, wanted = cli.controller_and_reference(options.controller, options.reference, options.own)
+    names = (options.controller, options.reference, options.own)
+    controller, reference_name = cli.controller_and_reference(*names)
     profile = choose_profile(options.profile, options.robot, "thesis-lab")
     robot = profile.robot.name
-    o = replace(
-        options,
-        odometry=options.odometry or options.topic(msg.FILTERED_TOPIC),
-        pose=options.pose or msg.tracking_topic(robot),
-        command=options.command or options.topic("/cmd_vel"),
-    )
-    if not o.patience > 0.0:
-        raise ValueError(f"--patience {o.patience:g} s must be positive")
+    o = _with_topics(options, robot)
     law, gains = chosen_controller(controller, profile, o.gains)
-    reference, waypoints = open_reference(wanted, o.speed)
+    reference, waypoints = open_reference(reference_name, o.speed)
     law = law.on(profile.plants["mujoco"].drive)
-    follower = PathFollower(law, waypoints, v_limit=o.v_limit, w_limit=o.w_limit, lookahead=o.lookahead, patience=o.patience)
-    node, status, why, remarks = Node(f"{msg.ros_name(robot)}_control", o), "arrived", "", tuple[str, ...]()
+    follower = PathFollower(
+        law,
+        waypoints,
+        v_limit=o.v_limit,
+        w_limit=o.w_limit,
+        lookahead=o.lookahead,
+        patience=o.patience,
+    )
+    node = Node(f"{msg.ros_name(robot)}_control", o)
+    status = _ARRIVED
+    why = ""
     try:
         loop = ControlNode(node, follower, o)
         loop.run()
     except (KeyboardInterrupt, StoppedError) as error:
         if not follower.has_run:
             raise
-        status, why = ("stopped", str(error)) if isinstance(error, StoppedError) else (INTERRUPTED, "")
-        remarks = (
-            f"The drive ended before the reference did ({status}): its path is compared with the whole reference, and "
-            "the errors to the moving target cover the time until then.",
-        )
+        status = INTERRUPTED
+        if isinstance(error, StoppedError):
+            status = "stopped"
+            why = str(error)
     finally:
         node.close()
+    run = follower.run()
+    conditions = _conditions(o, follower)
+    tracked = TrackedRobot(
+        controller=law.name,
+        gains_name=gains.name if gains else "none",
+        gains=dict(gains.values) if gains else {},
+        reference=reference,
+        speed=waypoints.speed,
+        plant="ros",
+        profile=profile.name,
+        seed=0,
+        run=run,
+        target=reference_of(run, waypoints),
+        metrics=track_metrics(run, waypoints, conditions),
+        wall_s=loop.drove,
+        options=conditions,
+        versions=store.versions(),
+        body=profile.robot,
+    )
+    failure = StoppedError(why) if why else None
+    remarks = _remarks(follower, status)
+    report = tracking_report([tracked], remarks, status=status, failure=failure)
+    return replace(report, document={**report.document, "stopped_because": why})
+
+
+def _with_topics(options: Control, robot: str) -> Control:
+    """Return options whose topics are named, by default those of a Clearpath robot.
+
+    Raises:
+        ValueError: a patience that is not positive.
+    """
+    if not options.patience > 0.0:
+        raise ValueError(f"--patience {options.patience:g} s must be positive")
+    return replace(
+        options,
+        odometry=options.odometry or options.topic(msg.FILTERED_TOPIC),
+        pose=options.pose or msg.tracking_topic(robot),
+        command=options.command or options.topic("/cmd_vel"),
+    )
+
+
+def _remarks(follower: PathFollower, status: str) -> list[str]:
+    """Return sentences on a drive that ended before its reference, waited, or was late."""
+    remarks = []
+    if status != _ARRIVED:
+        remarks.append(
+            f"The drive ended before the reference did ({status}): "
+            "its path is compared with the whole reference, and "
+            "the errors to the moving target cover the time until then."
+        )
     if follower.held_time:
-        remarks += (
-            f"The target waited for {follower.held_time:.1f} s for a robot that did not obey; that time is left out.",
+        remarks.append(
+            f"The target waited for {follower.held_time:.1f} s for a robot that did not obey; "
+            "that time is left out."
         )
     if follower.late > LATE:
-        remarks += (f"Warning: {late_sentence(follower.late)}.",)
-    run = follower.run()
-    made = {
+        remarks.append(f"Warning: {late_sentence(follower.late)}.")
+    return remarks
+
+
+def _conditions(o: Control, follower: PathFollower) -> dict[str, object]:
+    """Return the conditions of a drive for its report."""
+    return {
         "feedback": f"{o.feedback} by ROS",
         "judged_by": o.pose if follower.tracked else o.odometry,
         "lookahead_m": o.lookahead,
@@ -261,10 +366,3 @@ def control(options: Control) -> Tracked:
         "held_s": follower.held_time,
         "late_s": follower.late,
     }
-    name, values = (gains.name, dict(gains.values)) if gains else ("none", {})
-    tracked = TrackedRobot(
-        law.name, name, values, reference, waypoints.speed, "ros", profile.name, 0, run, reference_of(run, waypoints),
-        track_metrics(run, waypoints, made), loop.drove, made, store.versions(), body=profile.robot,
-    )  # fmt: skip
-    report = tracking_report([tracked], remarks, status=status, failure=StoppedError(why) if why else None)
-    return replace(report, document={**report.document, "stopped_because": why})

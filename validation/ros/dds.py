@@ -1,22 +1,24 @@
 """A node on a ROS 2 graph: DDS by cyclonedds, the extra `ros2`, without any installation of ROS.
 
-What ROS 2 adds to DDS is kept here. A type is a name, a layout of bytes (CDR, version 1) and, since Iron, a hash of its
-definition in the user data of each reader and writer (`RIHS01_…`, REP 2011); the definitions are those of Jazzy that rosbags
-ships. Writers are reliable and keep the last ten messages, so that everybody can listen. Readers of sensors ask for best
-effort, so that they hear everybody; readers of commands ask for reliable writers, as a robot's own multiplexer does.
+What ROS 2 adds to DDS is kept here. A type is a name, a layout of bytes (CDR, version 1) and, since
+Iron, a hash of its definition in the user data of each reader and writer (`RIHS01_…`, REP 2011);
+the definitions are those of Jazzy that rosbags ships. Writers are reliable and keep the last ten
+messages, so that everybody can listen. Readers of sensors ask for best effort, so that they hear
+everybody; readers of commands ask for reliable writers, as a robot's own multiplexer does.
 """
 
 from __future__ import annotations
 
 import importlib
 import logging
+import math
 import os
 import re
 import struct
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 from typing import Annotated, Any
 
@@ -35,13 +37,15 @@ _MOST_DOMAIN = 232
 _NAME = re.compile(r"(/?[A-Za-z][A-Za-z0-9_]*)*", re.ASCII)
 _INTERFACE = re.compile(r"[A-Za-z0-9_.:-]*", re.ASCII)
 _GLOBAL = ("/clock", "/vrpn_mocap/")
-"""Beginnings of topics outside of a robot's namespace: time, and the node of the tracking system."""
+"""Beginnings of topics outside of a robot's namespace: time, and the node of the tracking
+system."""
 _KEPT = 10
 """Messages that a writer keeps for slow readers: ROS 2's default."""
 _SENSORS = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped")
 """Types that are listened to with best effort."""
-_ALSO_AS = {"geometry_msgs/msg/Twist": "geometry_msgs/msg/TwistStamped"}
-"""Types that come and go in two forms: robots of Humble take Twist, and those of Jazzy TwistStamped, under one name."""
+_ALSO_AS = {"geometry_msgs/msg/Twist": ("geometry_msgs/msg/TwistStamped",)}
+"""Types that come and go in two forms: robots of Humble take Twist, and those of Jazzy
+TwistStamped, under one name."""
 _LOG_PERIOD = 1.0
 """Least time between two lines of one kind in the log [s]."""
 _LONGEST = 300
@@ -51,8 +55,10 @@ _UNREADABLE = (struct.error, ValueError, TypeError, IndexError, OverflowError, M
 _FATAL = 1
 """Cyclone's DDS_LC_FATAL: of its messages only those with which it ends."""
 _CONFIGURATION = (
-    "<CycloneDDS><Domain Id='any'><General><Interfaces><NetworkInterface {}/></Interfaces></General>"
-    "<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>{}"
+    "<CycloneDDS><Domain Id='any'>"
+    "<General><Interfaces><NetworkInterface {}/></Interfaces></General>"
+    "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>{}"
     "</Discovery></Domain></CycloneDDS>"
 )
 
@@ -67,47 +73,69 @@ class Graph(cli.Checked):
     """Number of the domain."""
     namespace: Annotated[str, cli.option(metavar="NAME", default="none")] = ""
     """Namespace of the robot, such as a200_0000."""
-    interface: Annotated[str, cli.option(metavar="NAME|ADDRESS", default="loopback, or what CYCLONEDDS_URI says")] = ""
+    interface: Annotated[
+        str, cli.option(metavar="NAME|ADDRESS", default="loopback, or what CYCLONEDDS_URI says")
+    ] = ""
     """Network interface."""
 
     def domain_number(self) -> int:
-        """Return the number of the domain; a ValueError says what cannot be: ROS, domain, namespace or interface."""
+        """Return the domain's number.
+
+        Raises:
+            ValueError: ROS, domain, namespace or interface cannot be.
+        """
         if self.ros != "2":
-            raise ValueError(f"--ros {shortened(self.ros, 20)}: nodes of ROS 1 are gone; there is ROS 2")
-        number = os.environ.get("ROS_DOMAIN_ID") or "0" if self.domain is None else str(self.domain)
+            raise ValueError(
+                f"--ros {shortened(self.ros, 20)}: nodes of ROS 1 are gone; there is ROS 2"
+            )
+        number = os.environ.get("ROS_DOMAIN_ID") or "0"
+        if self.domain is not None:
+            number = str(self.domain)
         if not number.isdecimal() or not number.isascii() or int(number[:9]) > _MOST_DOMAIN:
-            raise ValueError(f"the domain (--domain, ROS_DOMAIN_ID) is {shortened(number, 20)}, must be 0 to {_MOST_DOMAIN}")
+            raise ValueError(
+                f"the domain (--domain, ROS_DOMAIN_ID) is {shortened(number, 20)}, "
+                f"must be 0 to {_MOST_DOMAIN}"
+            )
         if not _NAME.fullmatch(self.namespace):
-            raise ValueError("a namespace has letters, digits and underscores, a letter first, and '/' between its parts")
+            raise ValueError(
+                "a namespace has letters, digits and underscores, a letter first, "
+                "and '/' between its parts"
+            )
         if not _INTERFACE.fullmatch(self.interface):
             raise ValueError("an interface is a name such as eth0, or an address")
         return int(number)
 
     def topic(self, name: str) -> str:
-        """Return the name of a topic on this graph: in the robot's namespace, unless it belongs to all robots."""
-        own = self.namespace.strip("/")
-        return name if not own or name.startswith(_GLOBAL) else f"/{own}{name}"
+        """Return a topic's name here: in the robot's namespace, unless it belongs to all robots."""
+        namespace = self.namespace.strip("/")
+        if not namespace or name.startswith(_GLOBAL):
+            return name
+        return f"/{namespace}{name}"
 
 
 def configuration(interface: str) -> str:
-    """Return Cyclone's configuration for one network interface, by name or address; for loopback alone if that is empty.
+    """Return Cyclone's configuration for a network interface, by name or address; empty: loopback.
 
-    On loopback, peers are found on the ports of up to 33 participants: containers have no multicast.
+    On loopback, peers are found on the ports of up to 33 participants: containers have no
+    multicast.
     """
     if interface:
         by = "address" if "." in interface or ":" in interface else "name"
         return _CONFIGURATION.format(f"{by}='{interface}'", "")
-    return _CONFIGURATION.format("address='127.0.0.1' multicast='false'", "<Peers><Peer address='127.0.0.1'/></Peers>")
+    peers = "<Peers><Peer address='127.0.0.1'/></Peers>"
+    return _CONFIGURATION.format("address='127.0.0.1' multicast='false'", peers)
 
 
 def load_dds() -> SimpleNamespace:
     """Return the modules of cyclonedds by their names; a ValueError says how to install it."""
+    names = ("core", "domain", "internal", "pub", "qos", "sub", "topic", "util")
     try:
-        names = ("core", "domain", "internal", "pub", "qos", "sub", "topic", "util")
-        return SimpleNamespace(**{name: importlib.import_module(f"cyclonedds.{name}") for name in names})
+        modules = {name: importlib.import_module(f"cyclonedds.{name}") for name in names}
+        return SimpleNamespace(**modules)
     except ImportError as error:
         raise ValueError(
-            f"ROS 2 needs cyclonedds ({error}): pip install 'ssmr-testbed[ros2]' (in a source tree: '.[ros2]')"
+            f"ROS 2 needs cyclonedds ({error}): "
+            "pip install 'ssmr-testbed[ros2]' (in a source tree: '.[ros2]')"
         ) from None
 
 
@@ -118,7 +146,7 @@ def definitions() -> Typestore:
 
 
 def user_data(kind: str) -> bytes:
-    """Return the user data of a reader or writer of a type, `package/msg/Type`: the hash of its definition."""
+    """User data of a reader or writer of a type `package/msg/Type`: its definition's hash."""
     return f"typehash={definitions().hash_rihs01(kind)};".encode()
 
 
@@ -126,10 +154,11 @@ def user_data(kind: str) -> bytes:
 def idl_class(kind: str) -> type[Any]:
     """Return cyclonedds' class of a type; its name on the wire is `package::msg::dds_::Type_`."""
     package, _, name = kind.split("/")
-    fields = {field: _idl_type(node, what) for field, (node, what) in definitions().fielddefs[kind][1]}
+    declared = definitions().fielddefs[kind][1]
+    fields = {field: _idl_type(node, what) for field, (node, what) in declared}
     idl: Any = importlib.import_module("cyclonedds.idl")
-    made: type[Any] = idl.make_idl_struct(name, f"{package}::msg::dds_::{name}_", fields)
-    return made
+    struct: type[Any] = idl.make_idl_struct(name, f"{package}::msg::dds_::{name}_", fields)
+    return struct
 
 
 def _idl_type(node: Any, what: Any) -> Any:
@@ -138,21 +167,27 @@ def _idl_type(node: Any, what: Any) -> Any:
         return idl_class(what)
     if node is Nodetype.BASE:
         return {"string": str, "bool": bool}.get(what[0]) or getattr(types, what[0])
-    element, count = _idl_type(*what[0]), what[1]
-    return types.array[element, count] if node is Nodetype.ARRAY else types.sequence[element]
+    element = _idl_type(*what[0])
+    count = what[1]
+    if node is Nodetype.ARRAY:
+        return types.array[element, count]
+    return types.sequence[element]
 
 
 def idl_message(kind: str, values: Mapping[str, Any]) -> Any:
-    """Return a message of a type with values by its fields; a field that is left out is zero or empty."""
+    """A message of a type with values by its fields; a field that is left out is zero or empty."""
     fields = definitions().fielddefs[kind][1]
-    return idl_class(kind)(*[_field_value(node, what, values.get(name)) for name, (node, what) in fields])
+    numbers = [_field_value(node, what, values.get(name)) for name, (node, what) in fields]
+    return idl_class(kind)(*numbers)
 
 
 def _field_value(node: Any, what: Any, value: Any) -> Any:
     if node is Nodetype.NAME:
         return idl_message(what, value or {})
     if node is Nodetype.BASE:
-        return {"string": "", "bool": False}.get(what[0], 0) if value is None else value
+        if value is None:
+            return {"string": "", "bool": False}.get(what[0], 0)
+        return value
     (element, of_what), count = what
     if value is None:
         value = [None] * (count if node is Nodetype.ARRAY else 0)
@@ -170,15 +205,16 @@ class _Subscription:
 
 
 class Node:
-    """Topics of a node, whose messages come when it asks for them; types are named `package/msg/Type`."""
+    """A node's topics, whose messages come on request; types are named `package/msg/Type`."""
 
     def __init__(self, name: str, graph: Graph) -> None:
-        """Join the graph's domain; a ValueError says that the graph cannot be, or what is missing."""
+        """Join the graph's domain; a ValueError says that it cannot be, or what is missing."""
         domain = graph.domain_number()
         self._dds = dds = load_dds()
-        self.graph, self._clock = graph, time.monotonic
+        self.graph = graph
+        self._clock = time.monotonic
         self._subscriptions: dict[str, _Subscription] = {}
-        self._said: dict[str, float] = {}
+        self._logged_at: dict[str, float] = {}
         if graph.interface:
             os.environ["CYCLONEDDS_URI"] = configuration(graph.interface)
         os.environ.setdefault("CYCLONEDDS_URI", configuration(""))
@@ -187,7 +223,9 @@ class Node:
             qos = dds.qos.Qos(policy.Userdata(b"enclave=/;"), policy.EntityName(name))
             self._participant = dds.domain.DomainParticipant(domain, qos=qos)
         except dds.core.DDSException as error:
-            where = f"interface {graph.interface}" if graph.interface else f"CYCLONEDDS_URI {os.environ['CYCLONEDDS_URI']}"
+            where = f"CYCLONEDDS_URI {os.environ['CYCLONEDDS_URI']}"
+            if graph.interface:
+                where = f"interface {graph.interface}"
             raise ValueError(f"no ROS 2 graph in domain {domain} by {where}: {error.msg}") from None
         # From here on whoever reaches the port could fill a log with warnings of malformed packets.
         dds.internal.load_cyclonedds().dds_set_log_mask(_FATAL)
@@ -195,37 +233,45 @@ class Node:
         self._writers: dict[str, list[tuple[Any, str]]] = {}
 
     def say(self, kind: str, text: str, level: int = logging.WARNING) -> None:
-        """Log a line, at most once a second for each kind; kinds come from this program and never from a message."""
+        """Log a line, at most once a second for each kind; kinds never come from a message."""
         now = self._clock()
-        if now - self._said.get(kind, float("-inf")) >= _LOG_PERIOD:
-            self._said[kind] = now
+        if now - self._logged_at.get(kind, -math.inf) >= _LOG_PERIOD:
+            self._logged_at[kind] = now
             _logger.log(level, "%s", shortened(text, _LONGEST))
 
     def _qos(self, kind: str, depth: int, *, reliable: bool, latch: bool = False) -> Any:
         policy = self._dds.qos.Policy
-        patience = self._dds.util.duration(milliseconds=1)
+        reliability = policy.Reliability.BestEffort
+        if reliable:
+            reliability = policy.Reliability.Reliable(self._dds.util.duration(milliseconds=1))
         return self._dds.qos.Qos(
-            policy.Reliability.Reliable(patience) if reliable else policy.Reliability.BestEffort,
+            reliability,
             policy.Durability.TransientLocal if latch else policy.Durability.Volatile,
             policy.History.KeepLast(depth),
             policy.Userdata(user_data(kind)),
-            policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
+            policy.DataRepresentation(
+                use_cdrv0_representation=True, use_xcdrv2_representation=False
+            ),
             policy.WriterDataLifecycle(autodispose=False),
         )
 
     def _topics(self, topic: str, kind: str) -> list[tuple[str, Any]]:
-        forms = [kind, _ALSO_AS[kind]] if kind in _ALSO_AS else [kind]
-        return [(form, self._dds.topic.Topic(self._participant, f"rt{topic}", idl_class(form))) for form in forms]
+        new = partial(self._dds.topic.Topic, self._participant, f"rt{topic}")
+        return [(form, new(idl_class(form))) for form in (kind, *_ALSO_AS.get(kind, ()))]
 
     def advertise(self, topic: str, kind: str, *, latch: bool = False) -> None:
-        """Open a topic for sending, one of Twist for TwistStamped too; with `latch`, late joiners get the last message."""
+        """Open a topic for sending, one of Twist for TwistStamped too.
+
+        With `latch`, late joiners get the last message.
+        """
         self._writers[topic] = []
         for form, place in self._topics(topic, kind):
             qos = self._qos(form, 1 if latch else _KEPT, reliable=True, latch=latch)
-            self._writers[topic].append((self._dds.pub.DataWriter(self._participant, place, qos=qos), form))
+            writer = self._dds.pub.DataWriter(self._participant, place, qos=qos)
+            self._writers[topic].append((writer, form))
 
     def publish(self, topic: str, values: Fields) -> None:
-        """Send a message without waiting for slow subscribers; in two forms, each only to those who listen to it.
+        """Send a message without waiting; in two forms, each only to those who listen to it.
 
         A TwistStamped has the stamp 0, which robots take as the time of its arrival.
         """
@@ -246,7 +292,8 @@ class Node:
 
         `read` returns what the node needs of a message, and raises a ValueError if that cannot be.
         """
-        subscription, core = _Subscription(read, depth), self._dds.core
+        subscription = _Subscription(read, depth)
+        core = self._dds.core
         self._subscriptions[topic] = subscription
         states = core.ViewState.Any | core.InstanceState.Any | core.SampleState.Any
         for form, place in self._topics(topic, kind):
@@ -256,7 +303,7 @@ class Node:
             subscription.readers.append(reader)
 
     def receive(self, timeout: float = 0.0) -> list[tuple[str, Any]]:
-        """Return what came, topic and value, by subscriptions; if nothing did, wait for at most `timeout` [s].
+        """Messages that came, topic and value; if none did, wait for at most `timeout` [s].
 
         A message that cannot be is logged, and changes nothing.
         """
@@ -267,44 +314,49 @@ class Node:
                 messages.append((topic, subscription.read(message)))
                 subscription.refused = 0
             except ValueError as error:
-                subscription.refused, subscription.why = subscription.refused + 1, str(error)
+                subscription.refused = subscription.refused + 1
+                subscription.why = str(error)
                 self.say(topic, f"{topic}: {error}; ignored")
         return messages
 
     def refusals(self, topic: str) -> str:
-        """Return how many messages of a topic were refused since its last good one, and why; empty if none was."""
+        """How many messages of a topic were refused since its last good one, and why, or empty."""
         s = self._subscriptions[topic]
-        return f"{s.refused} messages on {topic} were refused, the last one because {s.why}" if s.refused else ""
+        if s.refused:
+            return f"{s.refused} messages on {topic} were refused, the last one because {s.why}"
+        return ""
 
     def _take(self, timeout: float) -> list[tuple[str, Any]]:
         if not self._waitset.wait(self._dds.util.duration(seconds=timeout)):
             return []
-        return [
-            (topic, message.twist if stamped else message)
-            for topic, subscription in self._subscriptions.items()
-            for stamped, reader in enumerate(subscription.readers)
-            for message in self._samples(topic, reader, subscription.depth)
-        ]
+        messages = []
+        for topic, subscription in self._subscriptions.items():
+            for stamped, reader in enumerate(subscription.readers):
+                for message in self._samples(topic, reader, subscription.depth):
+                    messages.append((topic, message.twist if stamped else message))
+        return messages
 
     def _samples(self, topic: str, reader: Any, depth: int) -> list[Any]:
         samples = []
         for _ in range(depth):  # one by one: of a batch, one that cannot be decoded would lose all
             try:
-                came = reader.take()
+                batch = reader.take()
             except _UNREADABLE as error:
-                self.say(f"unreadable {topic}", f"{topic}: a message that cannot be decoded ({error}); ignored")
+                text = f"{topic}: a message that cannot be decoded ({error}); ignored"
+                self.say(f"unreadable {topic}", text)
                 continue
-            if not came:
+            if not batch:
                 break
-            (sample,) = came
+            (sample,) = batch
             if sample.sample_info.instance_state == self._dds.core.InstanceState.NotAliveNoWriters:
                 self.say(f"left {topic}", f"{topic}: nobody sends any more")
-            if not isinstance(sample, self._dds.internal.InvalidSample):  # the last message, or the end alone
+            # An invalid sample is the end alone; others come with the last message.
+            if not isinstance(sample, self._dds.internal.InvalidSample):
                 samples.append(sample)
         return samples
 
     def close(self) -> None:
-        """Leave the domain; what was sent last is still delivered."""
+        """Leave the domain; the last messages are still delivered."""
         self._writers.clear()  # cyclonedds deletes what nobody refers to
         self._subscriptions.clear()
         del self._waitset, self._participant

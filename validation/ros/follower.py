@@ -1,11 +1,13 @@
-"""A controller on its reference for a robot that answers by messages: when to start, what to command and when to stop.
+"""A controller on its reference over messages: when to start, what to command, when to stop.
 
-The position loop runs with each message that has the robot's pose, the velocity loop at the instants of a clock
-(Sec. 4.3.2). Mission time is counted by the messages' stamps, so target and observation belong to one instant, however long
-the message took. The receiver's own clock watches that messages still come. There is no ROS and no clock in this module.
+The position loop runs with each message that has the robot's pose, the velocity loop at the
+instants of a clock (Sec. 4.3.2). Mission time is counted by the messages' stamps, so target and
+observation belong to one instant, however long the message took. The receiver's own clock watches
+that messages still come. There is no ROS and no clock in this module.
 
-Mission time stands still while the emergency stop is on, and while the robot does not do what it is told: then it is that of
-the last message by which the robot obeyed. So no error grows that the robot would chase later.
+Mission time stands still while the emergency stop is on, and while the robot does not do what it is
+told: then it is that of the last message by which the robot obeyed. So no error grows that the
+robot would chase later.
 """
 
 from __future__ import annotations
@@ -17,7 +19,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ssmr.control.law import Command, Observation
-from ssmr.control.loop import VELOCITY_PERIOD, Clock, ClosedRun, LoopSettings, make_trackers, robot_sides
+from ssmr.control.loop import (
+    VELOCITY_PERIOD,
+    Clock,
+    ClosedRun,
+    LoopSettings,
+    make_trackers,
+    robot_sides,
+)
 from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, Truth, is_lost, record
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
@@ -33,20 +42,25 @@ _SETTLED = 5
 _MOVING = 0.05
 """A robot faster than this is not taken over [m/s, rad/s]."""
 _SAME_CLOCK = 5.0
-"""Greatest difference between the stamps of a tracking system and of the feedback, if they are of one clock [s]."""
+"""Greatest difference between the stamps of a tracking system and of the feedback, if they are of
+one clock [s]."""
 _SHARE = 0.25
 """Least share of the commanded motion by which a robot counts as one that obeys [1]."""
 _ANSWER = 0.5
-"""Time after its dead time within which a robot begins to do what it is told [s]."""
+"""Time after its dead time within which a robot begins to obey [s]."""
 JUMP = 0.5
 """Least distance between two poses beyond what the speed explains that is a jump [m]."""
 LATE = 0.15
-"""Lateness of the feedback that is worth a warning [s]: half of it is what robots take to speed up."""
-GENTLE, _GENTLE_TIME = 1.2, 3.0
-"""Greatest share of the path's greatest speed and yaw rate [1] that is commanded until some time [s] after the robot obeys
-again, from when half the time for its answer is over."""
+"""Lateness of the feedback that is worth a warning [s]: half of it is what robots take to
+speed up."""
+GENTLE = 1.2
+"""Greatest share of the path's greatest speed and yaw rate that is commanded of a robot that has
+just obeyed again [1]."""
+_GENTLE_TIME = 3.0
+"""Time for which that lasts [s]; it begins when half the time for the robot's answer is over."""
 _GENTLE_BEND = 1.0
-"""Radius of the bend that is always allowed then at the path's greatest speed [m], so that a straight path can be found."""
+"""Radius of the bend that is always allowed then at the path's greatest speed [m], so that a
+straight path can be found."""
 
 
 class StoppedError(SsmrError):
@@ -54,7 +68,7 @@ class StoppedError(SsmrError):
 
 
 class _LastResponse(NamedTuple):
-    """The follower at the last message by which the robot did what it was told."""
+    """The follower at the last message by which the robot obeyed."""
 
     stamp: float  # of the message [s]
     t: float  # mission time [s]
@@ -64,7 +78,7 @@ class _LastResponse(NamedTuple):
 
 
 class PathFollower:
-    """A controller on its reference, fed with the states of a robot, without ROS and without a clock."""
+    """A controller on its reference, fed with a robot's states, without ROS and a clock."""
 
     def __init__(
         self,
@@ -78,8 +92,8 @@ class PathFollower:
     ) -> None:
         """Design the law and compile the loops, so that nothing is slow once the robot moves.
 
-        The reference begins at the robot's pose.
-        A controller that is a Python object is made twice: the first one computes one command and is thrown away.
+        The reference begins at the robot's pose. A controller that is a Python object is made
+        twice: the first one computes one command and is thrown away.
 
         Args:
             controller: the law.
@@ -91,15 +105,25 @@ class PathFollower:
 
         Raises:
             ControllerError: the object cannot be made, or gives no command.
-            ValueError: a number out of its range, gains that the law refuses, or a reference faster than the limit.
+            ValueError: a number out of its range, gains that the law refuses, or a reference faster
+                than the limit.
         """
         if not (0.0 < v_limit <= 10.0 and 0.0 < w_limit <= 10.0):
-            raise ValueError(f"v_limit = {v_limit:g}, w_limit = {w_limit:g}: both must be positive and at most 10")
-        drive, fastest = controller.drive, float(waypoints.segment_speeds.max())
-        self.v_limit, self.w_limit, self.lookahead = min(drive.v_max, v_limit), min(drive.w_max, w_limit), lookahead
+            raise ValueError(
+                f"v_limit = {v_limit:g}, w_limit = {w_limit:g}: "
+                "both must be positive and at most 10"
+            )
+        drive = controller.drive
+        fastest = float(waypoints.segment_speeds.max())
+        self.v_limit = min(drive.v_max, v_limit)
+        self.w_limit = min(drive.w_max, w_limit)
+        self.lookahead = lookahead
         if fastest > self.v_limit:
-            raise ValueError(f"the reference asks for {fastest:.3g} m/s; the limit is {self.v_limit:g} m/s")
-        self.controller, self.waypoints = controller.on(replace(drive, v_max=self.v_limit, w_max=self.w_limit)), waypoints
+            raise ValueError(
+                f"the reference asks for {fastest:.3g} m/s; the limit is {self.v_limit:g} m/s"
+            )
+        self.controller = controller.on(replace(drive, v_max=self.v_limit, w_max=self.w_limit))
+        self.waypoints = waypoints
         self.phase = "waiting"
         """Phase of the drive: waiting, driving or arrived."""
         self.why_waiting = "no feedback yet"
@@ -108,16 +132,26 @@ class PathFollower:
         self.held = ""
         """Why the target waits; empty while it does not."""
         self.held_time = self.late = 0.0
-        """Time for which the target has waited, and greatest lateness of the feedback so far [s]."""
-        course, self._patience = waypoints.course(), patience
+        """Time for which the target has waited, and greatest lateness of the feedback [s]."""
+        course = waypoints.course()
+        self._patience = patience
         turn = max(float(np.abs(course["w"]).max()), fastest / _GENTLE_BEND)
-        self._gentle, self._gentle_until = (GENTLE * fastest, GENTLE * turn), -math.inf
-        self._sent, self._asked, self._first, self._least_age = Command(*STAND_STILL), math.inf, 0.0, math.inf
+        self._gentle = (GENTLE * fastest, GENTLE * turn)
+        self._gentle_until = -math.inf
+        self._sent = Command(*STAND_STILL)
+        self._asked = math.inf
+        self._first = 0.0
+        self._least_age = math.inf
         self._arrival = self._stamp = -math.inf
-        self._fresh, self._repeated, self._begin, self._at = 0, 0, 0.0, INITIAL_STATE.seen
+        self._fresh = 0
+        self._repeated = 0
+        self._begin = 0.0
+        self._at = INITIAL_STATE.seen
         self._response: _LastResponse
-        self._to_reference, self._yaw = np.zeros(3), 0.0
-        self._times, self._rows = list[float](), list[FloatArray]()
+        self._to_reference = np.zeros(3)
+        self._yaw = 0.0
+        self._times = list[float]()
+        self._rows = list[FloatArray]()
         self._poses = list[tuple[float, float, float, float]]()
         self._pose_to_reference: FloatArray | None = None
         self._start_law()
@@ -129,7 +163,8 @@ class PathFollower:
     def _start_law(self) -> None:
         law = self.controller
         loop = LoopSettings("truth", disturbance=False, lookahead=self.lookahead)
-        clock = Clock(VELOCITY_PERIOD, 1, 1, 1)  # the messages' stamps give the time, so only the law and the course matter
+        # The messages' stamps give the time, so only the law and the course matter.
+        clock = Clock(VELOCITY_PERIOD, 1, 1, 1)
         trackers = make_trackers([law], [loop], self.waypoints, clock, self.waypoints.start)
         (self._side,) = robot_sides([law], [loop], self.waypoints, trackers)
 
@@ -138,16 +173,19 @@ class PathFollower:
         return self._side.state.command
 
     def _run_position_loop(self, seen: Observation, t: float, dt: float) -> FloatArray:
-        """Return what a run records of this step; lateral speed, wheels and torques are not known."""
+        """What a run records of this step; lateral speed, wheels and torques are not known."""
         self._side.position_tick(seen, t, dt)
         row = np.empty(len(LOG_COLUMNS))
-        record(row, Truth(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, 0.0, 0.0, 0.0, 0.0), self._side.state)
+        unknown = (0.0, 0.0, 0.0, 0.0)  # wheel rates and torques
+        truth = Truth(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, *unknown)
+        record(row, truth, self._side.state)
         return row
 
     def track(self, stamp: float, seen: Observation) -> bool:
         """Take a pose from a tracking system, for the record and not for the controller.
 
-        Return False for one whose stamp does not increase, or is of another clock than the feedback's.
+        Return False for one whose stamp does not increase, or is of another clock than the
+        feedback's.
         """
         if self.phase == "waiting":
             self._poses.clear()  # the last one before the start counts
@@ -159,20 +197,22 @@ class PathFollower:
         return True
 
     def update(self, stamp: float, seen: Observation, now: float) -> None:
-        """Take pose and speeds, measured at `stamp` [s] and arrived at `now` [s], and run the position loop.
+        """Take pose and speeds of `stamp` [s] that came at `now` [s], and run the position loop.
 
         A message with the stamp of the last one is the same message again.
 
         Raises:
-            StoppedError: the sender's clock or the pose jumped, the robot has not obeyed for too long, or it is farther from
-                its target than it may be.
+            StoppedError: the sender's clock or the pose jumped, the robot has not obeyed for too
+                long, or it is farther from its target than it may be.
             ControllerError: the controller failed.
         """
-        dt, self._stamp = stamp - self._stamp, stamp
+        dt = stamp - self._stamp
+        self._stamp = stamp
         if dt == 0.0:
             self._repeated += 1
             return
-        self._arrival, self._repeated = now, 0
+        self._arrival = now
+        self._repeated = 0
         if self.phase == "waiting":
             self._start_if_settled(seen, dt)
         if self.phase != "driving":
@@ -187,25 +227,29 @@ class PathFollower:
         if self._is_held(stamp, seen):
             return
         t = stamp - self._begin - self.held_time
-        self._yaw += float(wrap_angle(seen.yaw - self._yaw))  # unwrapped from the last one (Sec. 4.2)
-        x, y, yaw = map(float, compose(self._to_reference, np.array([seen.x, seen.y, self._yaw])))
-        self._rows.append(self._run_position_loop(Observation(x, y, yaw, seen.v, seen.w), t, dt))
+        self._yaw += float(wrap_angle(seen.yaw - self._yaw))  # unwrapped (Sec. 4.2)
+        pose = np.array([seen.x, seen.y, self._yaw])
+        x, y, yaw = map(float, compose(self._to_reference, pose))
+        on_reference = Observation(x, y, yaw, seen.v, seen.w)
+        self._rows.append(self._run_position_loop(on_reference, t, dt))
         self._times.append(t)
         aim = self._side.state.target
         if is_lost(x, y, seen.w, aim.x, aim.y):
             away = math.hypot(x - aim.x, y - aim.y)
-            raise StoppedError(f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {LOST:g} m)")
+            raise StoppedError(
+                f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {LOST:g} m)"
+            )
         if t >= self.waypoints.duration - 1e-9:
             self.phase = "arrived"
 
     def _is_held(self, stamp: float, seen: Observation) -> bool:
-        """Return whether the target waits, and take back what came since the robot did not obey."""
-        half, sent = self.controller.drive.command_half_track, self._sent
-        demand, moved = math.hypot(sent.v, half * sent.w), math.hypot(seen.v, half * seen.w)
-        last, within = self._response, max(self.controller.drive.delay_v, self.controller.drive.delay_w) + _ANSWER
-        way = math.hypot(seen.x - last.seen.x, seen.y - last.seen.y) + half * abs(wrap_angle(seen.yaw - last.seen.yaw))
-        if not self.emergency_stop and (demand < _MOVING or moved > _SHARE * demand or way > _SHARE * demand * within):
-            self.held, t = "", stamp - self._begin - self.held_time
+        """Whether the target waits; if so, drop the record since the robot last obeyed."""
+        drive = self.controller.drive
+        within = max(drive.delay_v, drive.delay_w) + _ANSWER
+        last = self._response
+        if not self.emergency_stop and self._obeys(seen, within):
+            self.held = ""
+            t = stamp - self._begin - self.held_time
             self._response = _LastResponse(stamp, t, seen, len(self._rows), len(self._poses))
             return False
         waited = stamp - last.stamp
@@ -216,36 +260,66 @@ class PathFollower:
         if waited > self._patience:
             raise StoppedError(f"the robot has not obeyed for {waited:.0f} s ({self.held})")
         if not self.held:
-            del self._rows[last.rows :], self._times[last.rows :], self._poses[last.poses :]
-        self.held = "the emergency stop is on" if self.emergency_stop else "it does not do what it is told"
+            del self._rows[last.rows :]
+            del self._times[last.rows :]
+            del self._poses[last.poses :]
+        self.held = "it does not do what it is told"
+        if self.emergency_stop:
+            self.held = "the emergency stop is on"
         self.held_time = stamp - self._begin - last.t
         return True
 
+    def _obeys(self, seen: Observation, within: float) -> bool:
+        """Return whether the robot moves as commanded, or has since its last response.
+
+        Args:
+            seen: its pose and speeds.
+            within: time in which it answers [s].
+        """
+        half = self.controller.drive.command_half_track
+        demand = math.hypot(self._sent.v, half * self._sent.w)
+        least = _SHARE * demand
+        if demand < _MOVING or math.hypot(seen.v, half * seen.w) > least:
+            return True
+        last = self._response.seen
+        turn = abs(wrap_angle(seen.yaw - last.yaw))
+        way = math.hypot(seen.x - last.x, seen.y - last.y) + half * turn
+        return bool(way > least * within)
+
     def _watch_lateness(self, stamp: float, seen: Observation, now: float) -> None:
-        """Measure how late feedback comes: behind the quickest, and behind what the drive makes of the first command."""
+        """Measure how late feedback is: behind the quickest, and the first command's effect."""
         self._least_age = min(self._least_age, now - stamp)
         self.late = max(self.late, now - stamp - self._least_age)
         drive = self.controller.drive
         if not math.isfinite(self._asked) or abs(seen.v) <= _SHARE * self._first:
             return
         expected = drive.delay_v + _SHARE * self._first / drive.acceleration_v
-        self.late, self._asked = max(self.late, now - self._asked - expected), math.nan
+        self.late = max(self.late, now - self._asked - expected)
+        self._asked = math.nan
 
     def _start_if_settled(self, seen: Observation, dt: float) -> None:
         """Drive a robot that stands and whose feedback comes steadily."""
-        self._fresh += 1
+        obstacle = ""
         if not 0.0 < dt < FRESH:
-            self.why_waiting, self._fresh = "the feedback does not come steadily", 0
+            obstacle = "the feedback does not come steadily"
         elif self.emergency_stop:
-            self.why_waiting, self._fresh = "the emergency stop is on", 0
+            obstacle = "the emergency stop is on"
         elif abs(seen.v) > _MOVING or abs(seen.w) > _MOVING:
-            self.why_waiting, self._fresh = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)", 0
+            obstacle = f"the robot moves ({seen.v:.2f} m/s, {seen.w:.2f} rad/s)"
+        if obstacle:
+            self.why_waiting = obstacle
+            self._fresh = 0
+            return
+        self._fresh += 1
         if self._fresh < _SETTLED:
             return
         start = self.waypoints.start
         origin = np.array([start.x, start.y, start.yaw])
         self._to_reference = compose(origin, invert(np.array([seen.x, seen.y, seen.yaw])))
-        self._yaw, self._begin, self.phase, self._at = seen.yaw, self._stamp, "driving", seen
+        self._yaw = seen.yaw
+        self._begin = self._stamp
+        self.phase = "driving"
+        self._at = seen
         self._response = _LastResponse(self._stamp, 0.0, seen, 0, len(self._poses))
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
             self._pose_to_reference = compose(origin, invert(self._poses[0][1:]))
@@ -263,26 +337,39 @@ class PathFollower:
             return STAND_STILL
         age = now - self._arrival
         if age > FRESH:
-            again = f"{self._repeated} messages repeat the stamp {self._stamp:.3f} s" if self._repeated else ""
-            why = fault or again
-            raise StoppedError(f"no feedback {f'that can be used for {age:.2f} s: {why}' if why else f'for {age:.2f} s'}")
-        if self.held:
-            aim = self._side.state.target
-            v, w = STAND_STILL if self.emergency_stop else (aim.v, aim.w)  # to see when it obeys again
-        else:
-            v, w = self._run_velocity_loop(self._stamp - self._begin - self.held_time + age)
+            why = fault
+            if self._repeated and not fault:
+                why = f"{self._repeated} messages repeat the stamp {self._stamp:.3f} s"
+            if why:
+                raise StoppedError(f"no feedback that can be used for {age:.2f} s: {why}")
+            raise StoppedError(f"no feedback for {age:.2f} s")
+        v, w = self._unlimited_twist(self._stamp - self._begin - self.held_time + age)
         if not (math.isfinite(v) and math.isfinite(w)):
             raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
         if self._stamp < self._gentle_until:  # both less, so that the bend stays
-            share = min(1.0, *(most / max(abs(u), 1e-9) for u, most in zip((v, w), self._gentle, strict=True)))
-            v, w = share * v, share * w
-        sent = Command(*np.clip((v, w), (-self.v_limit, -self.w_limit), (self.v_limit, self.w_limit)).tolist())
+            most_v, most_w = self._gentle
+            share = min(1.0, most_v / max(abs(v), 1e-9), most_w / max(abs(w), 1e-9))
+            v = share * v
+            w = share * w
+        limits = np.array([self.v_limit, self.w_limit])
+        sent = Command(*np.clip((v, w), -limits, limits).tolist())
         if math.isinf(self._asked) and abs(sent.v) > _MOVING:
-            self._asked, self._first = now, abs(sent.v)
-        self._sent, self._side.state = sent, self._side.state._replace(command=sent)
+            self._asked = now
+            self._first = abs(sent.v)
+        self._sent = sent
+        self._side.state = self._side.state._replace(command=sent)
         if self._side.tracker.predicts:
             self._side.tracker.past[-1] = sent
         return sent
+
+    def _unlimited_twist(self, t: float) -> Twist:
+        """The law's output at mission time `t` [s]; while the target waits, its twist or a stop."""
+        if not self.held:
+            return self._run_velocity_loop(t)
+        if self.emergency_stop:
+            return STAND_STILL
+        target = self._side.state.target  # its twist shows when the robot obeys again
+        return target.v, target.w
 
     @property
     def has_run(self) -> bool:
@@ -292,10 +379,13 @@ class PathFollower:
     @property
     def tracked(self) -> bool:
         """True if a tracking system saw the whole drive."""
-        return len(self._poses) > 1 and self._poses[-1][0] - self._begin >= self._times[-1] - FRESH
+        if len(self._poses) < 2:
+            return False
+        last = self._poses[-1][0] - self._begin
+        return last >= self._times[-1] - FRESH
 
     def run(self) -> ClosedRun:
-        """Return the drive at even instants: the motion by the tracking system if there was one, else by the feedback.
+        """Return the drive at even instants, by the tracking system if there was one, or feedback.
 
         Lateral speed, wheel rates and torques are not known, and 0.
 
@@ -304,15 +394,19 @@ class PathFollower:
         """
         if not self.has_run:
             raise StoppedError("the robot was not driven")
-        times, rows = np.array(self._times), np.array(self._rows)
+        times = np.array(self._times)
+        rows = np.array(self._rows)
         period = float(np.median(np.diff(times)))
-        t = period * np.arange(int(times[-1] / period + 1e-6) + 1, dtype=np.float64)
-        table: FloatArray = rows[np.searchsorted(times, t + 1e-9, side="right") - 1]
+        count = int(times[-1] / period + 1e-6) + 1
+        t = period * np.arange(count, dtype=np.float64)
+        before = np.searchsorted(times, t + 1e-9, side="right") - 1
+        table: FloatArray = rows[before]
         motion = rows[:, :3]
         if self.tracked and self._pose_to_reference is not None:
             poses = np.array(self._poses)
             poses[:, 3] = np.unwrap(poses[:, 3])
-            times, motion = poses[1:, 0] - self._begin, compose(self._pose_to_reference, poses[1:, 1:])
+            times = poses[1:, 0] - self._begin
+            motion = compose(self._pose_to_reference, poses[1:, 1:])
         for k in range(3):
             table[:, k] = np.interp(t, times, motion[:, k])
         return ClosedRun(t, table, lost=False)

@@ -1,8 +1,9 @@
-"""Names and fields of ROS messages: the only module that knows the fields and units of live messages.
+"""Names, fields and units of live ROS messages, which no other module knows.
 
-Frames follow REP 103 and 105: x forward, y left, z up; poses in `odom`, twists in `base_link`. Covariances are 6 x 6 by rows
-in the order x, y, z, roll, pitch, yaw. A message to be sent is a mapping from its fields to values, in which a field that is
-left out is zero or empty. A message that came is any object with the fields; whatever is read of it is checked.
+Frames follow REP 103 and 105: x forward, y left, z up; poses in `odom`, twists in `base_link`.
+Covariances are 6 x 6 by rows in the order x, y, z, roll, pitch, yaw. A message to be sent is a
+mapping from its fields to values, in which a field that is left out is zero or empty. A message
+that came is any object with the fields; whatever is read of it is checked.
 """
 
 from __future__ import annotations
@@ -22,19 +23,27 @@ FILTERED_TOPIC = "/platform/odom/filtered"
 STOP_TOPIC = "/platform/emergency_stop"
 """Topic of std_msgs/Bool that says whether the emergency stop is on."""
 STOPS_KEPT = 32
-"""Messages of the emergency stop that wait for a loop: none that stops may be lost. Of others the last one counts."""
-ODOM, BASE, IMU, WORLD = "odom", "base_link", "imu_link", "world"
-"""Frames of dead reckoning, of the robot, of its IMU and of the tracking system."""
+"""Messages of the emergency stop that wait for a loop: none that stops may be lost. Of others the
+last one counts."""
+# Frames of dead reckoning, of the robot, of its IMU and of the tracking system.
+ODOM = "odom"
+BASE = "base_link"
+IMU = "imu_link"
+WORLD = "world"
 MOST_DISTANCE = 1e6
 """Greatest plausible coordinate in a message [m]; doubles keep 0.1 nm there."""
 MOST_RATE = 100.0
-"""Greatest plausible speed [m/s] and yaw rate [rad/s] in a message; no robot of this kind comes near them."""
+"""Greatest plausible speed [m/s] and yaw rate [rad/s] in a message; no robot of this kind comes
+near them."""
 _MOST_STAMP = 2.0**32
 """End of the times that a stamp of ROS can hold [s]."""
-_LEAST_LENGTH, _MOST_COMPONENT = 1e-6, 1e3
-"""Least length of a quaternion that is normalised here, and greatest size of its numbers."""
+_LEAST_LENGTH = 1e-6
+"""Least length of a quaternion that is normalised here."""
+_MOST_COMPONENT = 1e3
+"""Greatest size of a quaternion's numbers."""
 _FLAT_VARIANCE = 1e-6
-"""Variance of z, roll and pitch of a robot on a plane [m2, rad2 and per s2]; small, but it keeps a covariance invertible."""
+"""Variance of z, roll and pitch of a robot on a plane [m2, rad2 and per s2]; small, but it keeps a
+covariance invertible."""
 _PLANAR = np.ix_((0, 1, 5), (0, 1, 5))
 _NANO = 1_000_000_000
 
@@ -46,9 +55,11 @@ STAND_STILL: Twist = (0.0, 0.0)
 
 
 def ros_name(robot: str) -> str:
-    """Return a robot's name as names of ROS have it: letters, digits and underscores, a letter first."""
+    """A robot's name as names of ROS have it: letters, digits and underscores, a letter first."""
     name = "".join(c if c.isascii() and c.isalnum() else "_" for c in robot)
-    return name if name[:1].isalpha() else f"robot_{name}"
+    if name[:1].isalpha():
+        return name
+    return f"robot_{name}"
 
 
 def tracking_topic(robot: str) -> str:
@@ -100,12 +111,16 @@ def pose_message(stamp: float, frame: str, pose: FloatArray) -> Fields:
 
 
 def odometry_message(
-    stamp: float, pose: FloatArray, twist: Twist, pose_covariance: FloatArray, twist_covariance: FloatArray
+    stamp: float,
+    pose: FloatArray,
+    twist: Twist,
+    pose_covariance: FloatArray,
+    twist_covariance: FloatArray,
 ) -> Fields:
     """Return a nav_msgs/Odometry.
 
-    It takes the time [s], the base's (3,) pose in `odom` [m, m, rad], its v [m/s] and omega [rad/s], and the (3, 3)
-    covariances of x, y, yaw and of v_x, v_y, omega.
+    It takes the time [s], the base's (3,) pose in `odom` [m, m, rad], its v [m/s] and omega
+    [rad/s], and the (3, 3) covariances of x, y, yaw and of v_x, v_y, omega.
     """
     return {
         "header": _header(stamp, ODOM),
@@ -115,40 +130,60 @@ def odometry_message(
     }
 
 
-def imu_message(stamp: float, rates: FloatArray, forces: FloatArray, variances: tuple[float, float]) -> Fields:
+def imu_message(
+    stamp: float, rates: FloatArray, forces: FloatArray, variances: tuple[float, float]
+) -> Fields:
     """Return a raw sensor_msgs/Imu as in REP 145: without orientation, with gravity.
 
-    It takes the time [s], the (3,) angular velocity [rad/s], the (3,) specific force [m/s2], which is (0, 0, g) at rest, and
-    the variances of each rate [rad2/s2] and of each force [m2/s4].
+    It takes the time [s], the (3,) angular velocity [rad/s], the (3,) specific force [m/s2], which
+    is (0, 0, g) at rest, and the variances of each rate [rad2/s2] and of each force [m2/s4].
     """
-    rate_covariance, force_covariance = (np.diag(np.full(3, variance)).ravel().tolist() for variance in variances)
+    of_rates, of_forces = variances
     return {
         "header": _header(stamp, IMU),
         "orientation": _quaternion(0.0),
         "orientation_covariance": [-1.0, *[0.0] * 8],
         "angular_velocity": _vector(rates),
-        "angular_velocity_covariance": rate_covariance,
+        "angular_velocity_covariance": (of_rates * np.eye(3)).ravel().tolist(),
         "linear_acceleration": _vector(forces),
-        "linear_acceleration_covariance": force_covariance,
+        "linear_acceleration_covariance": (of_forces * np.eye(3)).ravel().tolist(),
     }
 
 
-def joint_message(stamp: float, names: Sequence[str], angles: FloatArray, rates: FloatArray) -> Fields:
-    """Return a sensor_msgs/JointState with (N,) angles [rad] and rates [rad/s] of named joints; there are no efforts."""
-    return {"header": _header(stamp, ""), "name": list(names), "position": angles.tolist(), "velocity": rates.tolist()}
+def joint_message(
+    stamp: float, names: Sequence[str], angles: FloatArray, rates: FloatArray
+) -> Fields:
+    """Return a sensor_msgs/JointState with (N,) angles [rad] and rates [rad/s] of named joints."""
+    return {
+        "header": _header(stamp, ""),
+        "name": list(names),
+        "position": angles.tolist(),
+        "velocity": rates.tolist(),
+    }
 
 
-def transform_message(stamp: float, frames: tuple[str, str], pose: FloatArray, z: float = 0.0) -> Fields:
+def transform_message(
+    stamp: float, frames: tuple[str, str], pose: FloatArray, z: float = 0.0
+) -> Fields:
     """Return a tf2_msgs/TFMessage with one transform.
 
-    It takes the time [s], the frames of parent and child, and the child's (3,) pose [m, m, rad] and height [m] there.
+    It takes the time [s], the frames of parent and child, and the child's (3,) pose [m, m, rad] and
+    height [m] there.
     """
-    moved = {"translation": _vector((pose[0], pose[1], z)), "rotation": _quaternion(pose[2])}
-    return {"transforms": [{"header": _header(stamp, frames[0]), "child_frame_id": frames[1], "transform": moved}]}
+    parent, child = frames
+    transform = {
+        "header": _header(stamp, parent),
+        "child_frame_id": child,
+        "transform": {
+            "translation": _vector((pose[0], pose[1], z)),
+            "rotation": _quaternion(pose[2]),
+        },
+    }
+    return {"transforms": [transform]}
 
 
 def plausible(name: str, value: Any, most: float, least: float = -math.inf) -> float:
-    """Return the number in a field of a message: the one check of everything that comes; a ValueError says what is wrong."""
+    """Return the number in a field of a message, checked; a ValueError says what is wrong."""
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
@@ -160,28 +195,37 @@ def plausible(name: str, value: Any, most: float, least: float = -math.inf) -> f
 
 
 def read_twist(message: Any) -> Twist:
-    """Return v [m/s] and omega [rad/s] of a geometry_msgs/Twist; a ValueError says what is not plausible."""
-    return plausible("linear.x", message.linear.x, MOST_RATE), plausible("angular.z", message.angular.z, MOST_RATE)
+    """Speed [m/s] and yaw rate [rad/s] of a geometry_msgs/Twist; a ValueError if not plausible."""
+    v = plausible("linear.x", message.linear.x, MOST_RATE)
+    w = plausible("angular.z", message.angular.z, MOST_RATE)
+    return v, w
 
 
 def read_odometry(message: Any) -> tuple[float, Observation]:
-    """Return stamp [s], pose and speeds of a nav_msgs/Odometry; a ValueError says what is not plausible."""
-    return _read_stamp(message), Observation(*_read_pose(message.pose.pose), *read_twist(message.twist.twist))
+    """Stamp [s], pose and speeds of a nav_msgs/Odometry; a ValueError if not plausible."""
+    stamp = _read_stamp(message)
+    x, y, yaw = _read_pose(message.pose.pose)
+    v, w = read_twist(message.twist.twist)
+    return stamp, Observation(x, y, yaw, v, w)
 
 
 def read_pose(message: Any) -> tuple[float, Observation]:
-    """Return stamp [s] and pose of a geometry_msgs/PoseStamped, NaN as speeds; a ValueError says what is not plausible."""
-    return _read_stamp(message), Observation(*_read_pose(message.pose), math.nan, math.nan)
+    """Stamp [s] and pose of a geometry_msgs/PoseStamped, speeds NaN; ValueError if implausible."""
+    stamp = _read_stamp(message)
+    x, y, yaw = _read_pose(message.pose)
+    return stamp, Observation(x, y, yaw, math.nan, math.nan)
 
 
 def _read_stamp(message: Any) -> float:
     stamp = message.header.stamp
-    seconds, nano = (plausible(f"header.stamp.{f}", getattr(stamp, f), _MOST_STAMP, 0.0) for f in ("sec", "nanosec"))
+    seconds = plausible("header.stamp.sec", stamp.sec, _MOST_STAMP, 0.0)
+    nano = plausible("header.stamp.nanosec", stamp.nanosec, _MOST_STAMP, 0.0)
     return seconds + nano / _NANO
 
 
 def _read_pose(pose: Any) -> tuple[float, float, float]:
-    x, y = (plausible(f"position.{axis}", getattr(pose.position, axis), MOST_DISTANCE) for axis in "xy")
+    x = plausible("position.x", pose.position.x, MOST_DISTANCE)
+    y = plausible("position.y", pose.position.y, MOST_DISTANCE)
     orientation = [(f"orientation.{axis}", getattr(pose.orientation, axis)) for axis in "wxyz"]
     quat = np.array([plausible(name, value, _MOST_COMPONENT) for name, value in orientation])
     length = float(np.linalg.norm(quat))

@@ -20,39 +20,50 @@ from validation.simulator.plant import MujocoPlant
 SENSOR_RATE = 50.0
 """Rate of encoders, IMU and filter [Hz]; Tab. 3.5, husky_control."""
 BASE_TIMEOUT = 0.25
-"""Time without a command after which the wheel controller brakes [s] (control.yaml, cmd_vel_timeout)."""
+"""Time without a command after which the wheel controller brakes [s] (control.yaml,
+cmd_vel_timeout)."""
 _WHEEL_POSE_VARIANCE = (1e-3, 1e-3, 0.03)
-"""Variances of x, y [m2] and yaw [rad2] in the maker's wheel odometry (husky_control/config/control.yaml)."""
+"""Variances of x, y [m2] and yaw [rad2] in the maker's wheel odometry
+(husky_control/config/control.yaml)."""
 _SIDE_SLIP_VARIANCE = 2.5e-3
-"""Variance of the lateral speed, which is not measured [m2/s2]: 0.05 m/s, as in turns on the lab's floor."""
+"""Variance of the lateral speed, which is not measured [m2/s2]: 0.05 m/s, as in turns on the lab's
+floor."""
 _FORCE_VARIANCE = 1e-2
-"""Variance reported for the accelerometer [m2/s4]: 0.1 m/s2, a MEMS sensor on a vibrating robot. No noise is added."""
+"""Variance reported for the accelerometer [m2/s4]: 0.1 m/s2, a MEMS sensor on a vibrating robot. No
+noise is added."""
 
 
 class CommandGate:
     """Passes the last command on, and brakes on an emergency stop and without commands."""
 
     def __init__(self, topic: str, report: Callable[[str], object]) -> None:
-        """Begin without a command; they come on `topic`, and `report` takes a sentence about each change."""
-        self._topic, self._report = topic, report
-        self._command, self._since, self._stopped = STAND_STILL, -math.inf, False
+        """Begin without a command; they come on `topic`, and `report` takes sentences."""
+        self._topic = topic
+        self._report = report
+        self._command = STAND_STILL
+        self._since = -math.inf
+        self._stopped = False
 
     def offer(self, command: Twist, now: float) -> None:
-        """Take a plausible command that came at `now` [s]; while the emergency stop is on, it counts for nothing."""
+        """Take a plausible command that came at `now` [s]; an emergency stop ignores it."""
         if self._stopped:
             return
         if self._since == -math.inf:
             self._report(f"{self._topic} commands")
-        self._command, self._since = command, now
+        self._command = command
+        self._since = now
 
     def emergency_stop(self, stop: bool) -> None:
         """Block commands, or release them."""
         if stop != self._stopped:
-            self._report(f"emergency stop: {'the robot brakes and takes no commands' if stop else 'released'}")
-        self._stopped, self._since = stop, -math.inf if stop else self._since
+            effect = "the robot brakes and takes no commands" if stop else "released"
+            self._report(f"emergency stop: {effect}")
+        self._stopped = stop
+        if stop:
+            self._since = -math.inf
 
     def command(self, now: float) -> Twist:
-        """Return the robot's command at `now` [s]: the last one that was passed on, or to stand if that is too old."""
+        """The robot's command at `now` [s]: the last one passed on, or to stand if that is old."""
         if now - self._since <= BASE_TIMEOUT:
             return self._command
         if self._since > -math.inf:
@@ -62,9 +73,11 @@ class CommandGate:
 
 
 class SimulatedRobot:
-    """A robot that advances only when `advance` is called: wheel odometry, IMU and state filter on top of the physics."""
+    """A robot that advances on request: wheel odometry, IMU and state filter on the physics."""
 
-    def __init__(self, plant: MujocoPlant, start: State | None = None, *, noise: bool = True, seed: int = 0) -> None:
+    def __init__(
+        self, plant: MujocoPlant, start: State | None = None, *, noise: bool = True, seed: int = 0
+    ) -> None:
         """Put the robot to rest at its start, with the thesis' filter, which knows that pose.
 
         Args:
@@ -73,8 +86,10 @@ class SimulatedRobot:
             noise: False for encoders and gyro without noise.
             seed: seed of the noise.
         """
-        self._plant, self._start = plant, start or State()
-        self._seed, self._errors = seed, SensorModel().packed() if noise else SensorErrors(0.0, 0.0, 0.0)
+        self._plant = plant
+        self._start = start or State()
+        self._seed = seed
+        self._errors = SensorModel().packed() if noise else SensorErrors(0.0, 0.0, 0.0)
         self.filter = odometry_of(plant.drive)
         self._numbers = self.filter.packed()
         self._reset()
@@ -88,8 +103,10 @@ class SimulatedRobot:
         self.state = self._plant.reset(self._start)
         self.steps = self._sensed_at = 0
         self.belief = initial_belief(State())
-        self._wheel_pose, self._wheel_twist = np.zeros(3), STAND_STILL
-        self._wheels, self._gyro = np.zeros((2, 2)), np.zeros(3)
+        self._wheel_pose = np.zeros(3)
+        self._wheel_twist = STAND_STILL
+        self._wheels = np.zeros((2, 2))
+        self._gyro = np.zeros(3)
 
     @property
     def description(self) -> Robot:
@@ -112,23 +129,28 @@ class SimulatedRobot:
         return np.array([self.state.x, self.state.y, self.state.yaw])
 
     def advance(self, steps: int, command: Twist) -> None:
-        """Hold a command for `steps` physics steps; a DivergedError says that the simulator gave up."""
+        """Hold a command for `steps` physics steps; a DivergedError ends a failed simulation."""
         for _ in range(steps):
             self.state = self._plant.step(command, self.dt)
             self.steps += 1
 
     def sense(self) -> None:
         """Read encoders and gyro, and update wheel odometry and filter."""
-        dt, self._sensed_at = (self.steps - self._sensed_at) * self.dt, self.steps
-        s, draws = self.state, self._noise.standard_normal(5)
+        dt = (self.steps - self._sensed_at) * self.dt
+        self._sensed_at = self.steps
+        s = self.state
+        draws = self._noise.standard_normal(5)
         sample = sense(s.wheel_left, s.wheel_right, s.yaw_rate, tuple(draws[:3]), self._errors)
         filter_step(self.belief, sample, dt, self._numbers)
         self._wheels[1] = sample.left, sample.right
         self._wheels[0] += dt * self._wheels[1]
-        self._gyro = np.array([*(self._plant.imu()[0][:2] + self._errors.gyro_std * draws[3:]), sample.gyro])
-        v, w = (float(rate) for rate in body_rates(sample.left, sample.right, self.filter.half_track, self.filter.radius))
+        roll_pitch = self._plant.imu()[0][:2] + self._errors.gyro_std * draws[3:]
+        self._gyro = np.array([*roll_pitch, sample.gyro])
+        ekf = self.filter
+        v, w = map(float, body_rates(sample.left, sample.right, ekf.half_track, ekf.radius))
         heading = self._wheel_pose[2] + 0.5 * dt * w
-        self._wheel_pose = self._wheel_pose + dt * np.array([v * math.cos(heading), v * math.sin(heading), w])
+        rates = np.array([v * math.cos(heading), v * math.sin(heading), w])
+        self._wheel_pose = self._wheel_pose + dt * rates
         self._wheel_twist = v, w
 
     def filtered_odometry(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
@@ -136,17 +158,21 @@ class SimulatedRobot:
         mean, p = self.belief
         twist_cov = np.diag([0.0, _SIDE_SLIP_VARIANCE, 0.0])
         twist_cov[np.ix_((0, 2), (0, 2))] = p[V : W + 1, V : W + 1]
-        return mean[:3].copy(), (float(mean[V]), float(mean[W])), p[:3, :3].copy(), twist_cov
+        twist = (float(mean[V]), float(mean[W]))
+        return mean[:3].copy(), twist, p[:3, :3].copy(), twist_cov
 
     def wheel_odometry(self) -> tuple[FloatArray, Twist, FloatArray, FloatArray]:
         """Return pose, twist and covariances by the wheels alone, as `filtered_odometry` does."""
-        twist_cov = np.diag([self.filter.variance_v, _SIDE_SLIP_VARIANCE, self.filter.variance_wheel_yaw_rate])
-        return self._wheel_pose.copy(), self._wheel_twist, np.diag(_WHEEL_POSE_VARIANCE), twist_cov
+        ekf = self.filter
+        twist_cov = np.diag([ekf.variance_v, _SIDE_SLIP_VARIANCE, ekf.variance_wheel_yaw_rate])
+        pose_cov = np.diag(_WHEEL_POSE_VARIANCE)
+        return self._wheel_pose.copy(), self._wheel_twist, pose_cov, twist_cov
 
     def joints(self) -> tuple[FloatArray, FloatArray]:
-        """Return the (4,) angles [rad] and rates [rad/s] of the wheels by the encoders, one a side."""
+        """The (4,) angles [rad] and rates [rad/s] of the wheels by the encoders, one a side."""
         return np.tile(self._wheels[0], 2), np.tile(self._wheels[1], 2)
 
     def imu(self) -> tuple[FloatArray, FloatArray, tuple[float, float]]:
-        """Return the (3,) rates sensed last [rad/s], the (3,) specific force [m/s2], and the variances reported for both."""
-        return self._gyro, self._plant.imu()[1], (self.filter.variance_gyro, _FORCE_VARIANCE)
+        """(3,) rates sensed last [rad/s], (3,) specific force [m/s2], and variances of both."""
+        _, force = self._plant.imu()
+        return self._gyro, force, (self.filter.variance_gyro, _FORCE_VARIANCE)

@@ -27,8 +27,9 @@ _logger = logging.getLogger(__name__)
 _BEHIND = 0.1
 """Lateness from which the simulation reports that it is not at real time [s]."""
 _MOST_BEHIND = 2.0
-"""Lateness that is caught up with [s], as after the stalls of a busy machine; a greater one is dropped. After a long time on
-too slow a machine, the simulation would otherwise run fast for as long, once the machine has time again."""
+"""Lateness that is caught up with [s], as after the stalls of a busy machine; a greater one is
+dropped. After a long time on too slow a machine, the simulation would otherwise run fast for as
+long, once the machine has time again."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,9 @@ class Sim(Graph):
 
     robot: cli.AnyRobot = None
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    start: Annotated[tuple[float, float, float], cli.option(metavar="X Y YAW", default="the origin")] = (0.0, 0.0, 0.0)
+    start: Annotated[
+        tuple[float, float, float], cli.option(metavar="X Y YAW", default="the origin")
+    ] = (0.0, 0.0, 0.0)
     """Pose of the robot in the tracking system's frame [m, m, rad]."""
     duration: Annotated[float, cli.option(metavar="SECONDS", default="until Ctrl-C")] = math.inf
     """Time after which to end."""
@@ -47,7 +50,7 @@ class Sim(Graph):
 
 
 def is_due(step: int, rate: float, dt: float) -> bool:
-    """Return whether a sample of a rate [Hz] is due with a step of `dt` [s]: the k-th is with the first at or after k/rate.
+    """Whether a sample of a rate [Hz] is due with a step of `dt` [s]: the first at or after k/rate.
 
     So a rate whose period is no whole number of steps is kept on average, to the step.
     """
@@ -56,7 +59,7 @@ def is_due(step: int, rate: float, dt: float) -> bool:
 
 
 class SimulationNode:
-    """The loop of the node: takes commands, advances the physics and sends sensor messages, each at its instant."""
+    """The node's loop: takes commands, advances the physics and sends sensor messages on time."""
 
     def __init__(
         self,
@@ -65,66 +68,118 @@ class SimulationNode:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ) -> None:
-        """Open the robot's topics and publish its description; `clock` returns monotonic time [s], and `sleep` waits [s]."""
-        self._node, self._robot, self._clock, self._sleep = node, robot, clock, sleep
-        topic, joints = node.graph.topic, [f"{wheel}_wheel_joint" for wheel in WHEELS]
+        """Open the robot's topics and describe it; `clock` is monotonic [s], `sleep` waits [s]."""
+        self._node = node
+        self._robot = robot
+        self._clock = clock
+        self._sleep = sleep
         self._topics: dict[str, tuple[float, Callable[[float], msg.Fields]]] = {}
         """Rate of each topic [Hz] (Tab. 3.5, Sec. 4.2), and the message of a stamp [s]."""
-        for name, kind, rate, message in (
-            ("/clock", "rosgraph_msgs/msg/Clock", 100.0, msg.clock_message),
-            (msg.FILTERED_TOPIC, "nav_msgs/msg/Odometry", SENSOR_RATE,
-             lambda t: msg.odometry_message(t, *robot.filtered_odometry())),
-            ("/platform/odom", "nav_msgs/msg/Odometry", SENSOR_RATE,
-             lambda t: msg.odometry_message(t, *robot.wheel_odometry())),
-            ("/sensors/imu_0/data", "sensor_msgs/msg/Imu", SENSOR_RATE, lambda t: msg.imu_message(t, *robot.imu())),
-            ("/platform/joint_states", "sensor_msgs/msg/JointState", SENSOR_RATE,
-             lambda t: msg.joint_message(t, joints, *robot.joints())),
-            ("/tf", "tf2_msgs/msg/TFMessage", SENSOR_RATE,
-             lambda t: msg.transform_message(t, (msg.ODOM, msg.BASE), robot.filtered_odometry()[0])),
-            (msg.tracking_topic(robot.description.name), "geometry_msgs/msg/PoseStamped", 120.0,
-             lambda t: msg.pose_message(t, msg.WORLD, robot.pose)),
-        ):  # fmt: skip
-            node.advertise(topic(name), kind)
-            self._topics[topic(name)] = rate, message
-        x, y, z = robot.description.geometry.imu
-        mount = msg.transform_message(0.0, (msg.BASE, msg.IMU), np.array([x, y, 0.0]), z)
-        description = {"data": urdf_text(robot.description)}
-        for name, kind, once in (
-            ("/tf_static", "tf2_msgs/msg/TFMessage", mount),
-            ("/robot_description", "std_msgs/msg/String", description),
-        ):
-            node.advertise(topic(name), kind, latch=True)
-            node.publish(topic(name), once)
-        self._command, self._stop = topic("/cmd_vel"), topic(msg.STOP_TOPIC)
+        self._command = node.graph.topic("/cmd_vel")
+        self._stop = node.graph.topic(msg.STOP_TOPIC)
         self._gate = CommandGate(self._command, self._say)
+        self._advertise()
+        self._describe()
         node.subscribe(self._command, "geometry_msgs/msg/Twist", msg.read_twist)
         node.subscribe(self._stop, "std_msgs/msg/Bool", lambda m: bool(m.data), msg.STOPS_KEPT)
 
+    def _advertise(self) -> None:
+        """Open the topics that are sent at a rate."""
+        robot = self._robot
+        joint_names = [f"{wheel}_wheel_joint" for wheel in WHEELS]
+        odom_to_base = (msg.ODOM, msg.BASE)
+        topics: tuple[tuple[str, str, float, Callable[[float], msg.Fields]], ...] = (
+            ("/clock", "rosgraph_msgs/msg/Clock", 100.0, msg.clock_message),
+            (
+                msg.FILTERED_TOPIC,
+                "nav_msgs/msg/Odometry",
+                SENSOR_RATE,
+                lambda t: msg.odometry_message(t, *robot.filtered_odometry()),
+            ),
+            (
+                "/platform/odom",
+                "nav_msgs/msg/Odometry",
+                SENSOR_RATE,
+                lambda t: msg.odometry_message(t, *robot.wheel_odometry()),
+            ),
+            (
+                "/sensors/imu_0/data",
+                "sensor_msgs/msg/Imu",
+                SENSOR_RATE,
+                lambda t: msg.imu_message(t, *robot.imu()),
+            ),
+            (
+                "/platform/joint_states",
+                "sensor_msgs/msg/JointState",
+                SENSOR_RATE,
+                lambda t: msg.joint_message(t, joint_names, *robot.joints()),
+            ),
+            (
+                "/tf",
+                "tf2_msgs/msg/TFMessage",
+                SENSOR_RATE,
+                lambda t: msg.transform_message(t, odom_to_base, robot.filtered_odometry()[0]),
+            ),
+            (
+                msg.tracking_topic(robot.description.name),
+                "geometry_msgs/msg/PoseStamped",
+                120.0,
+                lambda t: msg.pose_message(t, msg.WORLD, robot.pose),
+            ),
+        )
+        for name, kind, rate, message in topics:
+            topic = self._node.graph.topic(name)
+            self._node.advertise(topic, kind)
+            self._topics[topic] = rate, message
+
+    def _describe(self) -> None:
+        """Send the robot's description and the place of its IMU, for late joiners too."""
+        robot = self._robot.description
+        x, y, z = robot.geometry.imu
+        mount = msg.transform_message(0.0, (msg.BASE, msg.IMU), np.array([x, y, 0.0]), z)
+        description = {"data": urdf_text(robot)}
+        for name, kind, message in (
+            ("/tf_static", "tf2_msgs/msg/TFMessage", mount),
+            ("/robot_description", "std_msgs/msg/String", description),
+        ):
+            topic = self._node.graph.topic(name)
+            self._node.advertise(topic, kind, latch=True)
+            self._node.publish(topic, message)
+
     def run(self, duration: float = math.inf) -> None:
         """Simulate for `duration` [s]; a DivergedError says that the simulator gave up."""
-        robot, node, start = self._robot, self._node, self._clock()
+        robot = self._robot
+        node = self._node
+        start = self._clock()
         for step in itertools.count(1):
             if step * robot.dt > duration + 1e-9:
                 return
             due = [name for name, (rate, _) in self._topics.items() if is_due(step, rate, robot.dt)]
             if not due:
                 continue
-            for name, value in node.receive():
-                if name == self._stop:
-                    self._gate.emergency_stop(value)
-                else:
-                    self._gate.offer(value, self._clock())
+            self._receive_commands()
             robot.advance(step - robot.steps, self._gate.command(self._clock()))
             if is_due(step, SENSOR_RATE, robot.dt):
                 robot.sense()
             deadline = start + robot.time
             while (left := deadline - self._clock()) > 0.0:
                 self._sleep(left)
-            start -= left if left < -_MOST_BEHIND else 0.0
-            if (late := -left) > _BEHIND:
-                self._say(f"{late:.2f} s behind real time: this machine is too slow, or busy", "late", logging.WARNING)
+            late = -left
+            if late > _MOST_BEHIND:
+                start += late
+            if late > _BEHIND:
+                text = f"{late:.2f} s behind real time: this machine is too slow, or busy"
+                self._say(text, "late", logging.WARNING)
             for name in due:
-                node.publish(name, self._topics[name][1](robot.time))
+                _, message = self._topics[name]
+                node.publish(name, message(robot.time))
+
+    def _receive_commands(self) -> None:
+        for topic, value in self._node.receive():
+            if topic == self._stop:
+                self._gate.emergency_stop(value)
+            else:
+                self._gate.offer(value, self._clock())
 
     def _say(self, text: str, kind: str = "", level: int = logging.INFO) -> None:
         self._node.say(kind or text, f"{self._robot.time:.2f} s: {text}", level)
@@ -136,7 +191,8 @@ def sim(options: Sim) -> None:
     Its topics are those of a Clearpath robot of its name; docs/ros.md lists them.
 
     Raises:
-        ValueError: an option that cannot be; cyclonedds is missing, or the network interface is not there.
+        ValueError: an option that cannot be; cyclonedds is missing, or the network interface is not
+            there.
         DivergedError: the simulator gave up.
     """
     o = options
@@ -149,7 +205,11 @@ def sim(options: Sim) -> None:
     node = Node(f"{msg.ros_name(profile.robot.name)}_simulation", o)
     try:
         simulation = SimulationNode(node, robot)
-        _logger.info("the robot %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends", profile.robot.name, *o.start)
+        _logger.info(
+            "the robot %s stands at x %g m, y %g m, yaw %g rad; Ctrl-C ends",
+            profile.robot.name,
+            *o.start,
+        )
         simulation.run(o.duration)
     finally:
         node.close()

@@ -1,8 +1,9 @@
 """The numbers that the thesis prints: every table by its number.
 
-The data are in `published.toml` beside this module; its first lines say what each key means. A number is what the thesis
-prints, even if the print is wrong: such rows and tables have `suspect` or a `note`. A table whose numbers are not available
-has `lost`, or `taken_from` if another table repeats them.
+The data are in `published.toml` beside this module; its first lines say what each key means. A
+number is what the thesis prints, even if the print is wrong: such rows and tables have `suspect` or
+a `note`. A table whose numbers are not available has `lost`, or `taken_from` if another table
+repeats them.
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ from typing import Any
 
 @cache
 def published_tables() -> Mapping[str, Any]:
-    """Return `schema`, `source`, each table under its number ("3.1" to "4.38"), and the running text's under "text"."""
-    return tomllib.loads(resources.files("validation.thesis").joinpath("published.toml").read_text(encoding="utf-8"))
+    """Return `schema`, `source`, the tables by number ("3.1" to "4.38") and "text" of the prose."""
+    file = resources.files("validation.thesis") / "published.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def table(number: str) -> Mapping[str, Any]:
-    """Return one table of the thesis, such as "3.9": its `caption`, `rows` (numbers by name of the row) and remarks."""
+    """Return a table such as "3.9": its `caption`, `rows` (numbers by row) and remarks."""
     content: Mapping[str, Any] = published_tables()[number]
     return content
 
@@ -32,6 +34,7 @@ def value(number: str, row: str, key: str = "value") -> float:
     Args:
         number: the table's number, as for `table`.
         row: the row's name, such as "u_x", "traj4" or "line_0.25".
-        key: which of the row's numbers: "value" for a parameter, "d_rms_m" and its like for a metric.
+        key: which of the row's numbers: "value" for a parameter, "d_rms_m" and its like for a
+            metric.
     """
     return float(table(number)["rows"][row][key])

@@ -1,8 +1,8 @@
-"""Verdicts: whether a number of ours agrees with the printed one, how much that says, and known reasons where it does not.
+"""Verdicts: whether our numbers agree with the printed ones, how much that says, and known reasons.
 
-The rules are here, each stated once. `verdicts.toml` beside this module declares what each row is evidence of, what words of
-the thesis are taken to mean, and the known reasons, each with the page of docs/ that shows it. A difference without a known
-reason is called unexplained.
+The rules are here, each stated once. `verdicts.toml` beside this module declares what each row is
+evidence of, what words of the thesis are taken to mean, and the known reasons, each with the page
+of docs/ that shows it. A difference without a known reason is called unexplained.
 """
 
 from __future__ import annotations
@@ -21,28 +21,32 @@ RATIO_REACH = 0.01
 SPREADS = 2.0
 """Numbers of a search agree within this many standard deviations, or standard errors, of ours."""
 TOO_WIDE = 0.5
-"""Share of a search's range [1]: a number whose interval of `SPREADS` to either side covers more tells nothing."""
+"""Share of a search's range [1]: a number whose interval of `SPREADS` to either side covers more
+tells nothing."""
 AT_BOUND = 0.05
-"""Share of a search's range [1]: a number, ours or the printed one, that is so near to an end tells where the end is."""
+"""Share of a search's range [1]: a number, ours or the printed one, that is so near to an end tells
+where the end is."""
 _ROUNDING = 1.0 + 1e-9
 """Factor of all limits, for rounding."""
 
 Rule = Literal["distance", "ratio", "spread", "words", "none"]
-"""Rule by which two numbers are compared. `distance` compares by their ratio, `ratio` by their difference because one is
-perfect, `spread` by the uncertainty of ours. `words` is for what the thesis says in words: ours must lie within what they
-are taken to mean. `none` compares nothing and shows the number for the record."""
+"""Rule by which two numbers are compared. `distance` compares by their ratio, `ratio` by their
+difference because one is perfect, `spread` by the uncertainty of ours. `words` is for what the
+thesis says in words: ours must lie within what they are taken to mean. `none` compares nothing and
+shows the number for the record."""
 RULE_OF: Mapping[str, Rule] = {"d_rms_m": "distance", "d_haus_m": "distance", "d_ratio": "ratio"}
 """Rules of the metrics of a path, whatever table they stand in."""
 Status = Literal["agrees", "agrees if", "not told apart", "nearer", "differs", "not compared"]
-"""`not told apart`: ours is so uncertain that agreement would say nothing. `nearer`: it differs, but a distance of ours is
-smaller than the printed one. `agrees if`: a row that does not agree as printed, but in
-every number under one supposition about what the thesis does not print."""
+"""`not told apart`: ours is so uncertain that agreement would say nothing. `nearer`: it differs,
+but a distance of ours is smaller than the printed one. `agrees if`: a row that does not agree as
+printed, but in every number under one supposition about what the thesis does not print."""
 STATUSES: tuple[Status, ...] = get_args(Status)
 _WORSE: tuple[Status, ...] = ("not compared", "agrees", "not told apart", "nearer", "differs")
 Evidence = Literal["independent", "fitted", "recovered", "duplicate", "impossible"]
-"""Classes of evidence of a row that agrees. `independent`: nothing of ours was fitted to it. `fitted`: it rests on an
-assumption, or on numbers chosen with it in view. `recovered`: what was put in comes out. `duplicate`: it repeats a row.
-`impossible`: the thesis or this project has no number, or the path is unknown."""
+"""Classes of evidence of a row that agrees. `independent`: nothing of ours was fitted to it.
+`fitted`: it rests on an assumption, or on numbers chosen with it in view. `recovered`: what was put
+in comes out. `duplicate`: it repeats a row. `impossible`: the thesis or this project has no number,
+or the path is unknown."""
 EVIDENCE: tuple[Evidence, ...] = get_args(Evidence)
 UNEXPLAINED = "unexplained"
 """Reason of a difference for which no reason is known."""
@@ -56,7 +60,8 @@ class Supposed(NamedTuple):
     spread: float | None
     """Its standard deviation; None if it is not known."""
     text: str
-    """The supposition in words, without a full stop; it ends a sentence that begins with "it agrees if"."""
+    """The supposition in words, without a full stop; it ends a sentence that begins with "it agrees
+    if"."""
     see: str
     """Page of docs/ that shows it."""
 
@@ -109,13 +114,22 @@ class _About:
 
     def concerns(self, table: str, row: str, metric: str = "") -> bool:
         """Return whether it is about this number, or about this row."""
-        named = any(row == r or (r.endswith("*") and row.startswith(r[:-1])) for r in self.rows)
-        return table in self.tables and (named or not self.rows) and (metric in self.metrics or not self.metrics)
+        if table not in self.tables:
+            return False
+        if self.metrics and metric not in self.metrics:
+            return False
+        return not self.rows or any(_matches(row, name) for name in self.rows)
+
+
+def _matches(row: str, name: str) -> bool:
+    if name.endswith("*"):
+        return row.startswith(name[:-1])
+    return row == name
 
 
 @dataclass(frozen=True, kw_only=True)
 class Criterion(_About):
-    """Criterion of rows: what they are evidence of, and what words of the thesis on them are taken to mean."""
+    """What rows are evidence of, and how words of the thesis on them are read."""
 
     evidence: Evidence
     """Class of evidence that their agreement would be."""
@@ -150,7 +164,8 @@ class Verdict(NamedTuple):
 
 @cache
 def _declared() -> Mapping[str, Any]:
-    return tomllib.loads(resources.files("validation.thesis").joinpath("verdicts.toml").read_text(encoding="utf-8"))
+    file = resources.files("validation.thesis") / "verdicts.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 @cache
@@ -161,43 +176,82 @@ def reasons() -> tuple[Reason, ...]:
 
 @cache
 def criteria() -> tuple[Criterion, ...]:
-    """Return what rows are evidence of; the first that fits is the one that counts."""
+    """Return the criteria of rows; the first that fits is the one that counts."""
     return tuple(Criterion(**entry) for entry in _declared()["criterion"])
 
 
 def criterion_of(table: str, row: str) -> Criterion:
-    """Return what is declared of a row; what nothing is declared of is the record of a number that the thesis lacks."""
+    """The criterion of a row; without a declaration, that of a number that the thesis lacks."""
     matching = (c for c in criteria() if c.concerns(table, row))
     return next(matching, Criterion(tables=(table,), rows=(row,), evidence="impossible"))
 
 
 def at_bound(value: float, bounds: Sequence[float]) -> bool:
-    """Return whether a number lies at an end of the range in which it was searched, or beyond; never without a range."""
-    return len(bounds) == 2 and min(value - bounds[0], bounds[1] - value) <= AT_BOUND * (bounds[1] - bounds[0])
+    """Whether a number lies at an end of its search's range, or beyond; never without a range."""
+    if len(bounds) != 2:
+        return False
+    lower, upper = bounds
+    return min(value - lower, upper - value) <= AT_BOUND * (upper - lower)
 
 
 def compared(pair: Pair, within: Sequence[float] = ()) -> Status:
-    """Return the verdict of a pair's rule on two numbers that can be compared; `within` is what words are taken to mean."""
-    ours, printed, reach = pair.ours, pair.published, SPREADS * (pair.spread or 0.0) * _ROUNDING
+    """Return the verdict on two numbers that can be compared; `within` are the limits of words."""
+    ours = pair.ours
+    printed = pair.published
+    reach = SPREADS * (pair.spread or 0.0) * _ROUNDING
     assert ours is not None
     if pair.rule == "words":
         apart = max(within[0] - ours, ours - within[1], 0.0)
-        return "agrees" if apart == 0.0 else "not told apart" if apart <= reach else "differs"
+        if apart == 0.0:
+            return "agrees"
+        return "not told apart" if apart <= reach else "differs"
     assert printed is not None
-    apart, (low, high) = abs(ours - printed), sorted((abs(ours), abs(printed)))
+    apart = abs(ours - printed)
     if pair.rule == "spread":
-        vague = len(pair.bounds) == 2 and 2.0 * reach > TOO_WIDE * (pair.bounds[1] - pair.bounds[0])
-        return "not told apart" if vague else "agrees" if apart <= reach else "differs"
-    if apart <= RATIO_REACH * _ROUNDING if pair.rule == "ratio" else high <= FACTOR * low * _ROUNDING:
+        if len(pair.bounds) == 2:
+            lower, upper = pair.bounds
+            if 2.0 * reach > TOO_WIDE * (upper - lower):
+                return "not told apart"
+        return "agrees" if apart <= reach else "differs"
+    if pair.rule == "ratio":
+        agrees = apart <= RATIO_REACH * _ROUNDING
+    else:
+        low, high = sorted((abs(ours), abs(printed)))
+        agrees = high <= FACTOR * low * _ROUNDING
+    if agrees:
         return "agrees"
     if apart <= reach:
         return "not told apart"
-    return "nearer" if pair.rule == "distance" and ours < printed else "differs"
+    if pair.rule == "distance" and ours < printed:
+        return "nearer"
+    return "differs"
 
 
-def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason] | None = None) -> Verdict:
-    """Return the verdict on one number of ours, with the `known` reasons or, if not given, those of `verdicts.toml`."""
-    about = [r for r in (reasons() if known is None else known) if r.concerns(table, row, metric)]
+def judge(
+    table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason] | None = None
+) -> Verdict:
+    """Return the verdict on one number of ours.
+
+    Reasons are `known` or, if not given, those of `verdicts.toml`.
+    """
+    every = reasons() if known is None else known
+    about = [reason for reason in every if reason.concerns(table, row, metric)]
+    obstacle = _obstacle(pair, about)
+    if obstacle is not None:
+        return obstacle
+    status = compared(pair, criterion_of(table, row).within.get(metric, ()))
+    if status == "agrees":
+        return Verdict(status)
+    if status == "not told apart":
+        return Verdict(status, "ours is too uncertain")
+    for reason in about:
+        if not reason.when or status in reason.when:
+            return Verdict(status, reason.text, reason.see)
+    return Verdict(status, UNEXPLAINED)
+
+
+def _obstacle(pair: Pair, about: Sequence[Reason]) -> Verdict | None:
+    """Return the verdict on a number that cannot be compared; None for one that can be."""
     if pair.obstacle:
         return Verdict("not compared", pair.obstacle)
     for reason in about:
@@ -207,34 +261,38 @@ def judge(table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason]
         return Verdict("not compared", "the thesis prints no number")
     if pair.rule == "none" or pair.ours is None:
         return Verdict("not compared", "shown for the record")
-    ends = {"ours": (pair.ours, pair.bounds), "the printed number": (pair.published, pair.printed_bounds)}
+    ends = {
+        "ours": (pair.ours, pair.bounds),
+        "the printed number": (pair.published, pair.printed_bounds),
+    }
     for whose, (value, bounds) in ends.items():
         if value is not None and at_bound(value, bounds):
             return Verdict("not compared", f"{whose} lies at a bound of its search")
-    status = compared(pair, criterion_of(table, row).within.get(metric, ()))
-    if status == "agrees":
-        return Verdict(status)
-    if status == "not told apart":
-        return Verdict(status, "ours is too uncertain")
-    entry = next((r for r in about if not r.when or status in r.when), None)
-    return Verdict(status, entry.text, entry.see) if entry else Verdict(status, UNEXPLAINED)
+    return None
 
 
 def judge_row(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> Verdict:
     """Return the verdict on a row from those on its numbers by metric: that of its worst number.
 
-    Only the numbers which the thesis gives count; where it gives none, those that are lost; else all. Numbers that cannot be
-    compared count only if none can.
+    Only the numbers which the thesis gives count; where it gives none, those that are lost; else
+    all. Numbers that cannot be compared count only if none can.
     """
     given = {m: v for m, v in verdicts.items() if pairs[m].is_given and pairs[m].rule != "none"}
     counted = given or {m: v for m, v in verdicts.items() if v.see} or verdicts
     judged = {m: v for m, v in counted.items() if v.status != "not compared"} or counted
     worst = max((v.status for v in judged.values()), key=_WORSE.index)
-    able = [pairs[m] for m in given if m in judged and verdicts[m].status != "not compared"]
-    under = [replace(p, ours=p.supposed.value, spread=p.supposed.spread) for p in able if p.supposed is not None]
-    if worst in _WORSE[2:] and under and len(under) == len(able) and all(compared(p) == "agrees" for p in under):
-        supposed = able[0].supposed
-        assert supposed is not None
+    comparable = [pairs[m] for m, v in judged.items() if m in given and v.status != "not compared"]
+    supposed = comparable[0].supposed if comparable else None
+    if supposed is not None and worst in _WORSE[2:] and all(map(_agrees_if, comparable)):
         return Verdict("agrees if", f"it agrees if {supposed.text}", supposed.see)
-    texts, pages = (dict.fromkeys(filter(None, column)) for column in zip(*(v[1:] for v in judged.values()), strict=True))
+    texts = dict.fromkeys(v.reason for v in judged.values() if v.reason)
+    pages = dict.fromkeys(v.see for v in judged.values() if v.see)
     return Verdict(worst, "; ".join(texts), "; ".join(pages))
+
+
+def _agrees_if(pair: Pair) -> bool:
+    """Whether our number agrees under its supposition."""
+    under = pair.supposed
+    if under is None:
+        return False
+    return compared(replace(pair, ours=under.value, spread=under.spread)) == "agrees"

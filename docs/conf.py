@@ -1,6 +1,7 @@
 """The site of these pages: `python -m sphinx -W -b html docs docs/_build`. GitHub shows the same pages as they are.
 
-Only index.md lists the pages: each of its headings with pages becomes a group of the site's navigation.
+Only index.md lists the pages: each of its headings with pages becomes a group of the site's
+navigation.
 """
 
 from __future__ import annotations
@@ -36,8 +37,8 @@ html_css_files = ["site.css"]
 def mathml(latex: str, display: str) -> str:
     """Return an equation as MathML.
 
-    Raises:
-        ExtensionError: the converter did not understand a part of it, which it then leaves unchanged.
+    Raises: ExtensionError: the converter did not understand a part of it, which it then leaves
+        unchanged.
     """
     made = convert(latex.replace("{aligned}", "{align*}"), display=display)
     if "\\" in made or ">&<" in made:
@@ -59,9 +60,12 @@ def write_block(translator: HTML5Translator, node: nodes.math_block) -> None:
 
 def navigation(index: str, pages: set[str]) -> str:
     """Return the site's tables of contents: for each section of the index its pages; the rest as `More`."""
-    out, left = [], pages - {"index"}
+    out = []
+    left = pages - {"index"}
     for section in re.split(r"^## ", index, flags=re.MULTILINE)[1:]:
-        listed = [page for page in dict.fromkeys(re.findall(r"\]\((\w+)\.md\)", section)) if page in left]
+        listed = [
+            page for page in dict.fromkeys(re.findall(r"\]\((\w+)\.md\)", section)) if page in left
+        ]
         left -= set(listed)
         out.append((section.splitlines()[0], listed))
     out.append(("More", sorted(left)))
@@ -83,4 +87,5 @@ def setup(app: Sphinx) -> None:
     """Equations become MathML while the site is built: browsers draw it without a script, so the site works offline."""
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
     app.connect("source-read", prepare)
-    app.connect("env-get-outdated", lambda app, env, added, changed, removed: ["index"])  # new pages change its navigation
+    # new pages change its navigation
+    app.connect("env-get-outdated", lambda app, env, added, changed, removed: ["index"])

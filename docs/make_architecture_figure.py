@@ -1,6 +1,7 @@
 """Draw docs/img/architecture.svg from the imports: the rooms, and which imports which.
 
-Run `python docs/make_architecture_figure.py`; tests/test_docs.py compares the picture with the code.
+Run `python docs/make_architecture_figure.py`; tests/test_docs.py compares the picture with the
+code.
 """
 
 from __future__ import annotations
@@ -17,11 +18,17 @@ sys.path.insert(0, str(ROOT))
 from tests.test_architecture import room_imports  # noqa: E402
 
 OUT = ROOT / "docs" / "img" / "architecture.svg"
-WIDTH, HEIGHT, STEP, BOX = 980, 736, 62, 30
+WIDTH = 980
+HEIGHT = 736
+STEP = 62
+BOX = 30
 INK, FLOW = "#24292f", "#0072b2"
 PANELS = {"validation": (10, 500, "#fdebcf"), "ssmr": (535, 435, "#dbeaf7")}
 """Left edge, width and colour of each package's panel."""
-WORDS = {"validation": "validation: MuJoCo, files, pictures, command lines", "ssmr": "ssmr: numbers in, numbers out"}
+WORDS = {
+    "validation": "validation: MuJoCo, files, pictures, command lines",
+    "ssmr": "ssmr: numbers in, numbers out",
+}
 Graph = dict[str, set[str]]
 Place = tuple[float, float]
 
@@ -34,7 +41,11 @@ def reached(graph: Graph, room: str) -> set[str]:
 def reduced(graph: Graph) -> Graph:
     """Return the graph without arrows that lead where others lead too."""
     return {
-        room: {other for other in others if not any(other in reached(graph, via) for via in others - {other})}
+        room: {
+            other
+            for other in others
+            if not any(other in reached(graph, via) for via in others - {other})
+        }
         for room, others in graph.items()
     }
 
@@ -56,7 +67,9 @@ def with_waypoints(graph: Graph, floor: dict[str, int]) -> list[list[str]]:
     chains = []
     for room in sorted(graph):
         for other in sorted(graph[room]):
-            between = [f"{room}>{other}>{level}" for level in range(floor[room] - 1, floor[other], -1)]
+            between = [
+                f"{room}>{other}>{level}" for level in range(floor[room] - 1, floor[other], -1)
+            ]
             floor |= {name: int(name.rpartition(">")[2]) for name in between}
             chains.append([room, *between, other])
     return chains
@@ -70,10 +83,15 @@ def places(chains: list[list[str]], floor: dict[str, int], panel: str) -> dict[s
             near[one].add(other)
             near[other].add(one)
     x = dict.fromkeys(floor, 0.5)
-    rows = [[name for name in floor if floor[name] == level] for level in range(1 + max(floor.values()))]
+    rows = [
+        [name for name in floor if floor[name] == level] for level in range(1 + max(floor.values()))
+    ]
     for _ in range(24):
         for row in rows:  # ties are broken by name, so that every run draws the same picture
-            middle = {n: sum(sorted(x[o] for o in near[n])) / len(near[n]) if near[n] else 0.5 for n in row}
+            middle = {
+                n: sum(sorted(x[o] for o in near[n])) / len(near[n]) if near[n] else 0.5
+                for n in row
+            }
             row.sort(key=lambda name: (round(middle[name], 9), name))
             for i, name in enumerate(row):
                 x[name] = (i + 0.5) / len(row)
@@ -83,12 +101,18 @@ def places(chains: list[list[str]], floor: dict[str, int], panel: str) -> dict[s
 
 def arrow(points: list[Place]) -> str:
     """Return an arrow from below one box, past waypoints, to the top of another box."""
-    points = [(points[0][0], points[0][1] + BOX / 2), *points[1:-1], (points[-1][0], points[-1][1] - BOX / 2 - 2)]
+    points = [
+        (points[0][0], points[0][1] + BOX / 2),
+        *points[1:-1],
+        (points[-1][0], points[-1][1] - BOX / 2 - 2),
+    ]
     path = f"M{points[0][0]:.0f} {points[0][1]:.0f}"
     for (x0, y0), (x1, y1) in pairwise(points):
         middle = 0.5 * (y0 + y1)
         path += f" C{x0:.0f} {middle:.0f} {x1:.0f} {middle:.0f} {x1:.0f} {y1:.0f}"
-    return f'<path d="{path}" fill="none" stroke="{FLOW}" stroke-width="1.5" marker-end="url(#head)"/>'
+    return (
+        f'<path d="{path}" fill="none" stroke="{FLOW}" stroke-width="1.5" marker-end="url(#head)"/>'
+    )
 
 
 def box(room: str, centre: Place, width: float) -> str:
@@ -105,7 +129,11 @@ def panel(package: str, graph: Graph) -> list[str]:
     """Return a package's panel: its rooms and the arrows between them."""
     left, width, fill = PANELS[package]
     mine = reduced(
-        {room: {o for o in others if o.startswith(package)} for room, others in graph.items() if room.startswith(package)}
+        {
+            room: {o for o in others if o.startswith(package)}
+            for room, others in graph.items()
+            if room.startswith(package)
+        }
     )
     floor = heights(mine)
     chains = with_waypoints(mine, floor)
@@ -127,13 +155,19 @@ def figure() -> str:
     graph = room_imports()
     x = PANELS["validation"][0] + PANELS["validation"][1]
     across = f'<path d="M{x} {HEIGHT / 2:.0f} L{PANELS["ssmr"][0] - 3} {HEIGHT / 2:.0f}" stroke="{FLOW}" stroke-width="4" '
-    parts = [*panel("validation", graph), *panel("ssmr", graph), across + 'marker-end="url(#head)"/>']
+    parts = [
+        *panel("validation", graph),
+        *panel("ssmr", graph),
+        across + 'marker-end="url(#head)"/>',
+    ]
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
         'font-family="Helvetica, Arial, sans-serif">'
         '<defs><marker id="head" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="7" markerHeight="7" orient="auto" '
         f'markerUnits="userSpaceOnUse"><path d="M0 0 L10 5 L0 10 z" fill="{FLOW}"/></marker></defs>'
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#ffffff"/>\n' + "\n".join(parts) + "</svg>\n"
+        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#ffffff"/>\n'
+        + "\n".join(parts)
+        + "</svg>\n"
     )
 
 

@@ -1,7 +1,7 @@
 """Print how far each plant is from each answer of the cases, which the table of docs/cases.md sums up.
 
-Run from the project's root: `python docs/make_cases_table.py`. A dash means that the plant cannot have the answer, or that
-its engine is not installed.
+Run from the project's root: `python docs/make_cases_table.py`. A dash means that the plant cannot
+have the answer, or that its engine is not installed.
 """
 
 from __future__ import annotations
@@ -16,7 +16,11 @@ PLANTS = ("coulomb", "improved", "linear", "four_wheel", "mujoco", *ENGINES)
 def measured(name: str, plant: str) -> dict[str, tuple[float, float]]:
     """Return the error of each number of an answer and how great it may be, at the steps of the tests."""
     try:
-        return errors(name, plant, 0.001 if name.startswith("energy") else 0.002) if possible(name, plant) else {}
+        return (
+            errors(name, plant, 0.001 if name.startswith("energy") else 0.002)
+            if possible(name, plant)
+            else {}
+        )
     except pytest.skip.Exception:
         return {}
 
@@ -26,7 +30,9 @@ def print_errors(name: str) -> None:
     answers = {plant: measured(name, plant) for plant in PLANTS}
     for key, limit in ANSWERS[name][0]["tolerance"].items():
         if any(key in numbers for numbers in answers.values()):
-            each = " | ".join(f"{numbers[key][0]:.5f}" if key in numbers else "–" for numbers in answers.values())
+            each = " | ".join(
+                f"{numbers[key][0]:.5f}" if key in numbers else "–" for numbers in answers.values()
+            )
             print(f"| {name} | {key} | {limit} | {each} |", flush=True)
 
 

@@ -23,7 +23,8 @@ PLACES = {
     "maker, earlier": (-0.087, 0.0, "#9f4ea0", "v"),
 }
 """Centre of mass ahead of the middle and to its left [m], colour and marker."""
-RECORDED, ERROR = 1.721, 0.005
+RECORDED = 1.721
+ERROR = 0.005
 """Multiplier of the kinematic fit to the recording, and its standard error [1]."""
 
 
@@ -38,19 +39,45 @@ def draw() -> None:
     above, law = figure.subplots(1, 2, width_ratios=(0.6, 1.0))
     for side in (-0.5, 0.5):
         for end in (-0.5, 0.5):
-            above.plot(side * GEOMETRY.track, end * GEOMETRY.wheelbase, "s", color="0.8", markersize=22)
+            above.plot(
+                side * GEOMETRY.track, end * GEOMETRY.wheelbase, "s", color="0.8", markersize=22
+            )
     for name, (x, y, colour, marker) in PLACES.items():
         above.plot(y, x, marker, color=colour, markersize=7, label=name)
-        law.plot(x, multiplier(x, y), marker, color=colour, markersize=7, label=f"{name}: {multiplier(x, y):.2f}")
+        law.plot(
+            x,
+            multiplier(x, y),
+            marker,
+            color=colour,
+            markersize=7,
+            label=f"{name}: {multiplier(x, y):.2f}",
+        )
     above.axhline(BODY.com_x, color=PLACES["fitted"][2], ls="--", lw=1.0)
-    above.set(xlabel="left of the middle [m]", ylabel="ahead of the middle [m]", title="Centre of mass", aspect="equal")
+    above.set(
+        xlabel="left of the middle [m]",
+        ylabel="ahead of the middle [m]",
+        title="Centre of mass",
+        aspect="equal",
+    )
     above.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0.98), ncols=2)
     above.set(xlim=(0.38, -0.38), ylim=(-0.42, 0.5))
     along = np.linspace(-0.1, 0.1, 81)
     for ratio, style in ((1.0, "-"), (0.947, "--")):
         measured = [multiplier(float(x), 0.0, ratio) for x in along]
-        law.plot(along, measured, style, color="0.3", lw=1.2, label=f"on the long axis, friction across/along {ratio:g}")
-    law.axhspan(RECORDED - 2.0 * ERROR, RECORDED + 2.0 * ERROR, color="0.85", label=f"recording: {RECORDED}, 95 %")
+        law.plot(
+            along,
+            measured,
+            style,
+            color="0.3",
+            lw=1.2,
+            label=f"on the long axis, friction across/along {ratio:g}",
+        )
+    law.axhspan(
+        RECORDED - 2.0 * ERROR,
+        RECORDED + 2.0 * ERROR,
+        color="0.85",
+        label=f"recording: {RECORDED}, 95 %",
+    )
     law.set(
         xlabel="centre of mass ahead of the middle [m]",
         ylabel="wheels' yaw rate over the robot's",

@@ -1,7 +1,7 @@
 """Draw the figure of docs/why_drift.md on the sideways drift, and print its numbers.
 
-Run from the project's root: `python docs/make_contact_figures.py`. The page's other figure is that of
-`python -m validation.study contact`.
+Run from the project's root: `python docs/make_contact_figures.py`. The page's other figure is that
+of `python -m validation.study contact`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from validation.simulator.turning import SAMPLE, SPIN_LEAD, TURNED, spin
 from validation.study.contact import Setting, all_settings
 
 _ROBOT = load_robot("husky")
-WHEELBASE, TRACK = _ROBOT.geometry.wheelbase, _ROBOT.geometry.track
+WHEELBASE = _ROBOT.geometry.wheelbase
+TRACK = _ROBOT.geometry.track
 
 OUT = Path(__file__).parent / "img" / "sideways_drift.png"
 LADDER = {
@@ -51,7 +52,9 @@ def whole_robot(offset: float, section: PlantProfile) -> float:
 def by_heading(setting: Setting, section: PlantProfile) -> tuple[np.ndarray, np.ndarray]:
     """Return (BINS,) headings [deg] and (BINS,) mean yaw rates over rim speed [rad/m] of a slow turn."""
     plant = setting.plant(section)
-    motion = plant.run(Commands(0.05, np.tile([0.0, SLOW], (round(SLOW_TIME / 0.05), 1))), State(), SAMPLE)
+    motion = plant.run(
+        Commands(0.05, np.tile([0.0, SLOW], (round(SLOW_TIME / 0.05), 1))), State(), SAMPLE
+    )
     tail = motion.t > SPIN_LEAD
     rims = 0.5 * section.parameters.wheel_radius * np.diff(motion.wheels[tail], axis=1)[:, 0].mean()
     heading = np.degrees(np.mod(motion.yaw[tail], 0.5 * math.pi))
@@ -68,7 +71,10 @@ def draw_theory(section: PlantProfile, result: dict[str, Setting], ax: Axes) -> 
         (0.0, "#0072b2", "centre in the middle", "cone: pyramidal"),
         (y, "#d55e00", "maker's centre", "near ODE: maker's centre"),
     ):
-        theory = [polygonal_turn("diamond", math.radians(h), WHEELBASE, TRACK, 0.0, place).yaw_rate for h in headings]
+        theory = [
+            polygonal_turn("diamond", math.radians(h), WHEELBASE, TRACK, 0.0, place).yaw_rate
+            for h in headings
+        ]
         ax.plot(headings, theory, color=colour, lw=1.4, label=f"friction polygon, {words}")
         ax.axhline(
             turn_on_the_spot(WHEELBASE, TRACK, 0.0, place).yaw_rate,
@@ -89,7 +95,9 @@ def draw_theory(section: PlantProfile, result: dict[str, Setting], ax: Axes) -> 
     ax.legend(fontsize=7.5, frameon=False, loc="upper left", ncols=1)
     ax.set_title("Turning slowly on the spot (dots: MuJoCo)", fontsize=10)
     straight = polygonal_turn("diamond", 0.25 * math.pi, WHEELBASE, TRACK, 0.0, y)
-    print(f"polygon at 45 degrees, maker's centre: {straight.forward:.3f} ahead, {straight.yaw_rate:.3f} rad/m of rim speed")
+    print(
+        f"polygon at 45 degrees, maker's centre: {straight.forward:.3f} ahead, {straight.yaw_rate:.3f} rad/m of rim speed"
+    )
     turn = turn_on_the_spot(WHEELBASE, TRACK, 0.0, y)
     print(f"circle: centre of rotation {turn.forward / turn.yaw_rate:.3f} m to the left")
 
@@ -99,10 +107,21 @@ def draw_paths(section: PlantProfile, measured: dict[str, Setting], ax: Axes) ->
     for key, (colour, words) in LADDER.items():
         motion = spin(measured[key].plant(section))
         tail = motion.t >= SPIN_LEAD
-        xy, turned = motion.xy[tail] - motion.xy[tail][0], float(np.ptp(motion.yaw[tail]))
+        xy = motion.xy[tail] - motion.xy[tail][0]
+        turned = float(np.ptp(motion.yaw[tail]))
         last = words.endswith("middle")
-        ax.plot(*xy.T, "o" if last else "-", color=colour, lw=1.0, ms=4.5, label=words, zorder=3 if last else 2)
-        print(f"{words}: {turned / (2.0 * np.pi):.2f} turns, {np.hypot(*xy.T).max():.3f} m from its place at most")
+        ax.plot(
+            *xy.T,
+            "o" if last else "-",
+            color=colour,
+            lw=1.0,
+            ms=4.5,
+            label=words,
+            zorder=3 if last else 2,
+        )
+        print(
+            f"{words}: {turned / (2.0 * np.pi):.2f} turns, {np.hypot(*xy.T).max():.3f} m from its place at most"
+        )
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel="x [m]", ylabel="y [m]")
     ax.set_title("Path of the robot's middle, 36 s of turning", fontsize=10)
@@ -126,7 +145,9 @@ def main() -> None:
     """Draw the three panels."""
     section = load_profile("thesis-lab").plants["mujoco"]
     measured = all_settings()
-    print(f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m")
+    print(
+        f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m"
+    )
     figure = Figure(figsize=(12.6, 3.9), dpi=120, layout="constrained")
     panels = figure.subplots(1, 3, width_ratios=(1.15, 0.85, 1.15))
     for draw, ax in zip((draw_theory, draw_paths, draw_speed), panels, strict=True):

@@ -1,7 +1,7 @@
 """Print the table of docs/drivetrain.md on what MuJoCo's contacts can do of the slip law that a Husky's currents ask for.
 
-Run from the project's root: `python docs/make_drivetrain_tables.py husky_wet_grass_train.csv`. The page's figure is that of
-`python -m validation.study drivetrain`.
+Run from the project's root: `python docs/make_drivetrain_tables.py husky_wet_grass_train.csv`. The
+page's figure is that of `python -m validation.study drivetrain`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)
 
 FRICTION = 0.55
-"""Friction coefficient of the MuJoCo Husky [1]: that of the Husky on wet grass if its torque constant is 2.5 N m/A."""
+"""Friction coefficient of the MuJoCo Husky [1]: that of the Husky on wet grass if its torque
+constant is 2.5 N m/A."""
 IMPRATIOS = (100.0, 10.0, 2.0, 1.0, 0.5, 0.2, 0.1)
 LAW_SCALE = 0.080
 """Slip scale of the law [1], as the study finds it."""
@@ -38,11 +39,16 @@ CURVE = np.array([[2.5, 1.25], [3.0, 1.5]])
 HUSKY = chassis_of(load_profile("husky-tile"))
 
 
-def mujoco_shares(rates: FloatArray, impratio: float, timestep: float = 0.002) -> tuple[FloatArray, float]:
+def mujoco_shares(
+    rates: FloatArray, impratio: float, timestep: float = 0.002
+) -> tuple[FloatArray, float]:
     """Return (2, n) torques of the sides over their friction torque at (2, n) steady wheel rates, and the creep [m/s]."""
-    calibration = husky(friction=FRICTION, wheel_radius=HUSKY.geometry.radius, mass=HUSKY.mass, timestep=timestep)
+    calibration = husky(
+        friction=FRICTION, wheel_radius=HUSKY.geometry.radius, mass=HUSKY.mass, timestep=timestep
+    )
     plant = MujocoPlant(calibration, Drive(), settings=PhysicsSettings(impratio=impratio))
-    ramp, shares = np.clip(np.arange(100) / 20.0, 0.0, 1.0)[:, None], np.empty_like(rates)  # 5 s, the first one speeds up
+    # 5 s, the first one speeds up
+    ramp, shares = np.clip(np.arange(100) / 20.0, 0.0, 1.0)[:, None], np.empty_like(rates)
     for k, rate in enumerate(rates.T):
         motion = plant.run(Commands(0.05, ramp * rate, "wheels"), State(), 0.01)
         late = motion.t > 3.0
@@ -54,13 +60,16 @@ def mujoco_shares(rates: FloatArray, impratio: float, timestep: float = 0.002) -
 
 def law_shares(rates: FloatArray, scale: float) -> FloatArray:
     """Return (2, n) forces of the sides over their friction limits under the slip law."""
-    return side_forces(rates, quasi_static_twist(rates, HUSKY.geometry, scale), HUSKY.geometry, scale)
+    return side_forces(
+        rates, quasi_static_twist(rates, HUSKY.geometry, scale), HUSKY.geometry, scale
+    )
 
 
 def main(path: str) -> None:
     """Fit friction, losses and rho to the currents with each contact, and print how much that explains."""
     log = drive_log(path)
-    samples, sensor = window_samples(log), sensor_of(log)
+    samples = window_samples(log)
+    sensor = sensor_of(log)
     rates, inverse = np.unique(samples.rates.round(3), axis=1, return_inverse=True)
 
     def explains(shares: FloatArray) -> float:
@@ -68,10 +77,15 @@ def main(path: str) -> None:
 
         def off(x: FloatArray) -> FloatArray:
             loss = np.where(samples.side == 0, x[1], x[2]) * np.sign(samples.rate)
-            return bridge_reading(x[0] * effort + loss, samples.rate, x[3], sensor.ripple, sensor.idle) - samples.current
+            return (
+                bridge_reading(x[0] * effort + loss, samples.rate, x[3], sensor.ripple, sensor.idle)
+                - samples.current
+            )
 
         bounds = ([1.0, -2.0, -2.0, 0.03], [60.0, 9.0, 9.0, 0.5])
-        solution = least_squares(off, [12.0, 2.4, 3.0, 0.15], bounds=bounds, loss="soft_l1", f_scale=1.3)
+        solution = least_squares(
+            off, [12.0, 2.4, 3.0, 0.15], bounds=bounds, loss="soft_l1", f_scale=1.3
+        )
         return float(1.0 - np.mean(off(solution.x) ** 2) / np.var(samples.current))
 
     print("| contacts | R² | nearest slip scale | creep on a slope [mm/s] |\n|---|---:|---:|---:|")
@@ -80,15 +94,21 @@ def main(path: str) -> None:
     for impratio in IMPRATIOS:
         shares, speed = mujoco_shares(rates, impratio)
         near = least_squares(
-            lambda x, shares=shares: (law_shares(rates, x[0]) - shares).ravel(), [0.05], bounds=([0.001], [2.0])
+            lambda x, shares=shares: (law_shares(rates, x[0]) - shares).ravel(),
+            [0.05],
+            bounds=([0.001], [2.0]),
         )
         print(
-            f"| MuJoCo, impratio {impratio:g} | {explains(shares):.2f} | {near.x[0]:.3f} | {1e3 * speed:.2f} |", flush=True
+            f"| MuJoCo, impratio {impratio:g} | {explains(shares):.2f} | {near.x[0]:.3f} | {1e3 * speed:.2f} |",
+            flush=True,
         )
     fine, _ = mujoco_shares(rates, CHECKED, 0.001)
     print(f"impratio {CHECKED:g} at 1 ms: R² {explains(fine):.2f}")
     curve, _ = mujoco_shares(CURVE, CHECKED)
-    print(f"shares of the right side in a curve and at half its speed: MuJoCo {curve[1].round(3)}", end=", ")
+    print(
+        f"shares of the right side in a curve and at half its speed: MuJoCo {curve[1].round(3)}",
+        end=", ",
+    )
     print(f"law {law_shares(CURVE, LAW_SCALE)[1].round(3)}")
 
 

@@ -34,15 +34,25 @@ _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)
 CAPSULE = husky().capsule_half_width
 HALF_WIDTH = {"ellipsoid": 0.0, "capsule": CAPSULE, "cylinder": 0.5 * _ROBOT.geometry.wheel_width}
-WHEELBASE, TRACK = _ROBOT.geometry.wheelbase, _ROBOT.geometry.track
+WHEELBASE = _ROBOT.geometry.wheelbase
+TRACK = _ROBOT.geometry.track
 
-RADIUS, WEIGHT = 0.1651, 73.30 * GRAVITY
+RADIUS = 0.1651
+WEIGHT = 73.30 * GRAVITY
 DIAGONAL = math.hypot(WHEELBASE, TRACK)
-CONTACT_TIME, GREATEST_IMPEDANCE = 0.02, 0.95
+CONTACT_TIME = 0.02
+GREATEST_IMPEDANCE = 0.95
 """solref[0] [s] and solimp[1], equal in both contacts."""
 HALF_TRACK = 0.5 * TRACK * 1.8
 """Half-track of the driver in all turns below [m]."""
-FREE = Drive(v_max=5.0, w_max=5.0, delay_v=0.0, delay_w=0.0, command_half_track=HALF_TRACK, torque_limit=math.inf)
+FREE = Drive(
+    v_max=5.0,
+    w_max=5.0,
+    delay_v=0.0,
+    delay_w=0.0,
+    command_half_track=HALF_TRACK,
+    torque_limit=math.inf,
+)
 """A drive that does at once whatever it is told."""
 OUT = Path(__file__).parent / "img" / "contact.png"
 
@@ -69,13 +79,20 @@ class Turn:
     """Torque of a side [N m]."""
 
 
-def turn(calibration: Calibration, rate: float = 0.6, solimp: Impedance | None = None, seconds: float = 6.0) -> Turn:
+def turn(
+    calibration: Calibration,
+    rate: float = 0.6,
+    solimp: Impedance | None = None,
+    seconds: float = 6.0,
+) -> Turn:
     """Turn on the spot with unlimited torque."""
     model = robot_model(calibration, settings=PhysicsSettings(solimp=solimp))
     data = mujoco.MjData(model)
     data.ctrl[:] = wheel_rates(0.0, rate, HALF_TRACK, RADIUS)
-    left, right = model.joint("front_left_wheel").dofadr[0], model.joint("front_right_wheel").dofadr[0]
-    rows, skip = [], round((seconds - 3.0) / calibration.timestep)
+    left = model.joint("front_left_wheel").dofadr[0]
+    right = model.joint("front_right_wheel").dofadr[0]
+    rows = []
+    skip = round((seconds - 3.0) / calibration.timestep)
     for k in range(round(seconds / calibration.timestep)):
         mujoco.mj_step(model, data)
         if k >= skip:
@@ -108,12 +125,15 @@ def print_row(*cells: object) -> None:
 
 def table_turning() -> None:
     """Print multipliers by shape, friction and step, under soft and default contact."""
-    print("\nshape, friction: soft at 1, 2, 5 ms; by contact radius at 2 ms; closed form; default contact at 1, 2, 5 ms")
+    print(
+        "\nshape, friction: soft at 1, 2, 5 ms; by contact radius at 2 ms; closed form; default contact at 1, 2, 5 ms"
+    )
     for shape, half_width in HALF_WIDTH.items():
         for friction in (0.1, 0.3, 0.6, 0.8):
             base = husky(friction=friction, wheel_shape=shape)  # type: ignore[arg-type]
             steps = [replace(base, timestep=dt) for dt in (0.001, 0.002, 0.005)]
-            soft, default = [turn(c) for c in steps], [turn(c, solimp=MUJOCO_IMPEDANCE) for c in steps]
+            soft = [turn(c) for c in steps]
+            default = [turn(c, solimp=MUJOCO_IMPEDANCE) for c in steps]
             print_row(
                 shape,
                 friction,
@@ -133,7 +153,9 @@ def table_turning() -> None:
     for friction in (0.1, 0.3, 0.6, 0.8):
         shown = turn(husky(friction=friction))
         form = shown.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
-        print_row(friction, f"{shown.torque:.2f}", f"{form:.2f}", f"depth {1e3 * shown.depth:.2f} mm")
+        print_row(
+            friction, f"{shown.torque:.2f}", f"{form:.2f}", f"depth {1e3 * shown.depth:.2f} mm"
+        )
 
 
 def table_lift() -> None:
@@ -141,14 +163,17 @@ def table_lift() -> None:
     print("\nimpedance d0, friction: mu v at which a tyre lifts [m/s]")
     for d0 in (0.1, 0.2, 0.5, 0.9):
         for friction in (0.3, 0.6, 1.0):
-            low, high, impedance = 0.05, 20.0, (d0, 0.95, 0.005, 0.5, 2.0)
+            low = 0.05
+            high = 20.0
+            impedance = (d0, 0.95, 0.005, 0.5, 2.0)
             for _ in range(8):
                 rate = math.sqrt(low * high)
                 shown = turn(husky(friction=friction), rate, impedance, 4.0)
                 if shown.lowest_load < 0.01:
                     high = rate
                 else:
-                    low, last = rate, shown
+                    low = rate
+                    last = shown
             slip = last.rate * 0.5 * WHEELBASE * DIAGONAL / TRACK
             print_row(d0, friction, f"{friction * slip:.4f}")
 
@@ -164,15 +189,25 @@ def table_rise() -> None:
 
 def table_trembling() -> None:
     """Print how far the loads' sum trembles on trajectories 1 and 4, by gain, armature and lag."""
-    print("\ngain, armature, lag [ms]: rms of the loads' sum about the weight on trajectories 1 and 4 [N]")
+    print(
+        "\ngain, armature, lag [ms]: rms of the loads' sum about the weight on trajectories 1 and 4 [N]"
+    )
     for gain, armature, lag in (
         (2100.0, 1.8, 0.0), (2100.0, 1.8, 0.02), (2100.0, 1.8, 0.05), (2100.0, 0.3, 0.0),
         (118.04, 0.3, 0.0), (118.04, 0.1, 0.02), (118.04, 0.1, 0.05),
     ):  # fmt: skip
         calibration = husky(friction=0.7, gain=gain, armature=armature)
         plant = MujocoPlant(calibration, replace(lab_drive(400.0), wheel_lag=lag))
-        runs = [plant.run(TRAJECTORIES[name].commands(), State(), plant.dt) for name in ("traj1", "traj4")]
-        print_row(gain, armature, 1e3 * lag, *(f"{run_health(plant.model, [run]).load_sum_rms_N:.1f}" for run in runs))
+        runs = [
+            plant.run(TRAJECTORIES[name].commands(), State(), plant.dt)
+            for name in ("traj1", "traj4")
+        ]
+        print_row(
+            gain,
+            armature,
+            1e3 * lag,
+            *(f"{run_health(plant.model, [run]).load_sum_rms_N:.1f}" for run in runs),
+        )
 
 
 def lab_drive(torque_limit: float) -> Drive:
@@ -180,9 +215,13 @@ def lab_drive(torque_limit: float) -> Drive:
     return Drive(command_half_track=HALF_TRACK, torque_limit=torque_limit)
 
 
-def trajectory(scenario: str, calibration: Calibration, drive: Drive, settings: PhysicsSettings = SHIPPED) -> Trajectory:
+def trajectory(
+    scenario: str, calibration: Calibration, drive: Drive, settings: PhysicsSettings = SHIPPED
+) -> Trajectory:
     """Drive one of trajectories 1-4, sampled every 10 ms."""
-    return MujocoPlant(calibration, drive, settings=settings).run(TRAJECTORIES[scenario].commands(), State(), 0.01)
+    return MujocoPlant(calibration, drive, settings=settings).run(
+        TRAJECTORIES[scenario].commands(), State(), 0.01
+    )
 
 
 def ends_apart(coarse: Trajectory, fine: Trajectory) -> float:
@@ -192,29 +231,61 @@ def ends_apart(coarse: Trajectory, fine: Trajectory) -> float:
 
 def table_steps() -> None:
     """Print convergence with the time step on trajectories 1-4, and over servo gain and armature."""
-    print("\nfriction, torque limit, trajectory: end moves from 5 to 2, 2 to 1, 1 to 0.5 ms [mm]; loads; side slip [m/s]")
+    print(
+        "\nfriction, torque limit, trajectory: end moves from 5 to 2, 2 to 1, 1 to 0.5 ms [mm]; loads; side slip [m/s]"
+    )
     lab = load_profile("thesis-lab").plants["mujoco"]
-    grounds = {(mu, limit): (husky(friction=mu), lab_drive(limit)) for mu, limit in ((0.14, 7.0), (0.4, 20.0))}
-    for ground, (calibration, drive) in {**grounds, ("thesis-lab",): (lab.parameters, lab.drive)}.items():
+    grounds = {
+        (mu, limit): (husky(friction=mu), lab_drive(limit))
+        for mu, limit in ((0.14, 7.0), (0.4, 20.0))
+    }
+    for ground, (calibration, drive) in {
+        **grounds,
+        ("thesis-lab",): (lab.parameters, lab.drive),
+    }.items():
         for scenario in TRAJECTORIES:
-            runs = [trajectory(scenario, replace(calibration, timestep=dt), drive) for dt in (0.005, 0.002, 0.001, 0.0005)]
+            runs = [
+                trajectory(scenario, replace(calibration, timestep=dt), drive)
+                for dt in (0.005, 0.002, 0.001, 0.0005)
+            ]
             apart = [f"{ends_apart(a, b):.2f}" for a, b in pairwise(runs)]
             health = check_health(runs[1].channels["wheel_load_N"])
             slip = np.abs(runs[1].twist[runs[1].t > 3.0, 1]).max()
             loads = f"{health.lowest_load_share:.2f}", f"{health.load_deviation:.3f}"
-            print_row(*ground, scenario, *apart, *loads, f"{slip:.3f}", f"yaw {np.ptp(runs[1].yaw):.2f} rad")
+            print_row(
+                *ground,
+                scenario,
+                *apart,
+                *loads,
+                f"{slip:.3f}",
+                f"yaw {np.ptp(runs[1].yaw):.2f} rad",
+            )
     print("\npyramidal cone, trajectory 4: end moves from 2 to 1, 1 to 0.5 ms [mm]")
     for (friction, _), (calibration, drive) in grounds.items():
         steps = [replace(calibration, timestep=dt) for dt in (0.002, 0.001, 0.0005)]
-        runs = [trajectory("traj4", step, drive, PhysicsSettings(cone="pyramidal")) for step in steps]
+        runs = [
+            trajectory("traj4", step, drive, PhysicsSettings(cone="pyramidal")) for step in steps
+        ]
         print_row(friction, *(f"{ends_apart(a, b):.0f}" for a, b in pairwise(runs)))
-    print("\ngain, armature: time constant [ms], end moves from 2 to 1 ms on trajectories 1 and 4 [mm]")
+    print(
+        "\ngain, armature: time constant [ms], end moves from 2 to 1 ms on trajectories 1 and 4 [mm]"
+    )
     for gain, armature in (
         (118.04, 1.0), (118.04, 0.3), (118.04, 0.1), (118.04, 0.03), (400.0, 0.3), (783.0, 0.3), (783.0, 0.11),
     ):  # fmt: skip
-        steps = [husky(friction=0.14, gain=gain, armature=armature, timestep=dt) for dt in (0.002, 0.001)]
-        moved = [ends_apart(*(trajectory(scenario, c, lab_drive(7.0)) for c in steps)) for scenario in ("traj1", "traj4")]
-        print_row(gain, armature, f"{2e3 * (armature + 0.04411) / gain:.1f}", *(f"{mm:.1f}" for mm in moved))
+        steps = [
+            husky(friction=0.14, gain=gain, armature=armature, timestep=dt) for dt in (0.002, 0.001)
+        ]
+        moved = [
+            ends_apart(*(trajectory(scenario, c, lab_drive(7.0)) for c in steps))
+            for scenario in ("traj1", "traj4")
+        ]
+        print_row(
+            gain,
+            armature,
+            f"{2e3 * (armature + 0.04411) / gain:.1f}",
+            *(f"{mm:.1f}" for mm in moved),
+        )
 
 
 def settled(calibration: Calibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -233,24 +304,33 @@ def table_rest() -> None:
             speeds = []
             for impratio in (1.0, 10.0, 100.0):
                 calibration = husky(friction=friction, wheel_shape=shape)  # type: ignore[arg-type]
-                plant = MujocoPlant(calibration, lab_drive(math.inf), settings=PhysicsSettings(impratio=impratio))
+                plant = MujocoPlant(
+                    calibration, lab_drive(math.inf), settings=PhysicsSettings(impratio=impratio)
+                )
                 speeds.append(f"{1e3 * creep(plant):.3f}")
             print_row(shape, friction, *speeds)
-    print("\nfriction: stop from 0.5 forward, 0.5 sideways, 1.5 forward, 1.5 sideways [% off v^2 / (2 mu g)]")
+    print(
+        "\nfriction: stop from 0.5 forward, 0.5 sideways, 1.5 forward, 1.5 sideways [% off v^2 / (2 mu g)]"
+    )
     for friction in (0.1, 0.3, 0.6, 0.8):
         off = []
         for speed in (0.5, 1.5):
             for axis in (0, 1):
                 model, data = settled(husky(friction=friction, armature=30.0, gain=1e4))
-                data.qvel[axis], start = speed, data.qpos[axis]
+                data.qvel[axis] = speed
+                start = data.qpos[axis]
                 mujoco.mj_step(model, data, nstep=round(2.0 * speed / (friction * GRAVITY) / 0.002))
-                off.append(f"{100.0 * ((data.qpos[axis] - start) / (speed**2 / (2.0 * friction * GRAVITY)) - 1.0):+.1f}")
+                off.append(
+                    f"{100.0 * ((data.qpos[axis] - start) / (speed**2 / (2.0 * friction * GRAVITY)) - 1.0):+.1f}"
+                )
         print_row(friction, *off)
 
 
 def table_between() -> None:
     """Print side slip and droop, in which the MuJoCo Husky differs from a planar model."""
-    print("\nfriction, v, omega: measured v_y, predicted [m/s], x_ICR [m], multiplier by contact radius at rest")
+    print(
+        "\nfriction, v, omega: measured v_y, predicted [m/s], x_ICR [m], multiplier by contact radius at rest"
+    )
     lag = 0.5 * CONTACT_TIME * GREATEST_IMPEDANCE
     for friction in (0.2, 0.4, 0.8):
         for v, w in ((0.25, 0.5), (0.5, 0.25), (0.5, 0.5), (0.5, 0.75), (1.0, 0.5)):
@@ -258,10 +338,23 @@ def table_between() -> None:
                 Commands(0.05, np.tile([v, w], (200, 1))), State(), 0.01
             )
             tail = motion.t > 7.0
-            (v_x, v_y, rate), wheels = motion.twist[tail].mean(axis=0), motion.wheels[tail].mean(axis=0)
-            expected = -v_x * rate**2 * DIAGONAL**3 / (2.0 * friction * GRAVITY * WHEELBASE * TRACK) - lag * v_x * rate
+            (v_x, v_y, rate), wheels = (
+                motion.twist[tail].mean(axis=0),
+                motion.wheels[tail].mean(axis=0),
+            )
+            expected = (
+                -v_x * rate**2 * DIAGONAL**3 / (2.0 * friction * GRAVITY * WHEELBASE * TRACK)
+                - lag * v_x * rate
+            )
             multiplier = RADIUS * (wheels[1] - wheels[0]) / (TRACK * rate)
-            numbers = f"{v_x:.3f}", f"{rate:.3f}", f"{v_y:.4f}", f"{expected:.4f}", f"{-v_y / rate:.3f}", f"{multiplier:.3f}"
+            numbers = (
+                f"{v_x:.3f}",
+                f"{rate:.3f}",
+                f"{v_y:.4f}",
+                f"{expected:.4f}",
+                f"{-v_y / rate:.3f}",
+                f"{multiplier:.3f}",
+            )
             print_row(friction, v, w, *numbers)
     print("\nfriction, gain, commanded rate: share of the wheels' share reached, predicted")
     for friction in (0.14, 0.4):
@@ -271,7 +364,14 @@ def table_between() -> None:
                 wheel = HALF_TRACK * w / RADIUS
                 load = shown.contact_radius * friction * 0.5 * WEIGHT * WHEELBASE / DIAGONAL
                 reached = shown.multiplier * TRACK * shown.rate / (2.0 * RADIUS * wheel)
-                print_row(friction, gain, w, f"{reached:.4f}", f"{1.0 - load / gain / wheel:.4f}", f"{shown.rate / w:.3f}")
+                print_row(
+                    friction,
+                    gain,
+                    w,
+                    f"{reached:.4f}",
+                    f"{1.0 - load / gain / wheel:.4f}",
+                    f"{shown.rate / w:.3f}",
+                )
 
 
 def draw() -> None:
@@ -279,8 +379,14 @@ def draw() -> None:
     steps = (0.00025, 0.0005, 0.001, 0.002, 0.005, 0.01)
     figure = Figure(figsize=(9.0, 3.6), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    looks = {"ellipsoid": ("o", "ellipsoid (touches at a point)"), "cylinder": ("s", "cylinder (touches along a line)")}
-    for solimp, colour, contact in ((MUJOCO_IMPEDANCE, "#d55e00", "default"), (None, "#0072b2", "soft")):
+    looks = {
+        "ellipsoid": ("o", "ellipsoid (touches at a point)"),
+        "cylinder": ("s", "cylinder (touches along a line)"),
+    }
+    for solimp, colour, contact in (
+        (MUJOCO_IMPEDANCE, "#d55e00", "default"),
+        (None, "#0072b2", "soft"),
+    ):
         for shape, (marker, label) in looks.items():
             base = husky(friction=0.6, wheel_shape=shape)  # type: ignore[arg-type]
             measured = [turn(replace(base, timestep=dt), solimp=solimp).multiplier for dt in steps]
@@ -291,12 +397,20 @@ def draw() -> None:
         form = turn_on_the_spot(WHEELBASE, TRACK, half_width=HALF_WIDTH[shape]).multiplier
         name = "a point" if shape == "ellipsoid" else "a line"
         left.axhline(form, color="black", lw=0.8, ls=style, label=f"formula for {name}: {form:.3f}")
-    left.set(xscale="log", xlabel="time step [ms]", ylabel="wheels' yaw rate over the robot's", ylim=(1.7, 3.5))
+    left.set(
+        xscale="log",
+        xlabel="time step [ms]",
+        ylabel="wheels' yaw rate over the robot's",
+        ylim=(1.7, 3.5),
+    )
     left.set_xticks([1e3 * dt for dt in steps], [f"{1e3 * dt:g}" for dt in steps], minor=False)
     left.minorticks_off()
     left.legend(fontsize=8, frameon=False, loc="upper left")
     left.set_title("Turning on the spot, friction 0.6", fontsize=10)
-    for solimp, colour, contact in ((MUJOCO_IMPEDANCE, "#d55e00", "default"), (None, "#0072b2", "soft")):
+    for solimp, colour, contact in (
+        (MUJOCO_IMPEDANCE, "#d55e00", "default"),
+        (None, "#0072b2", "soft"),
+    ):
         plant = MujocoPlant(husky(friction=0.6), FREE, settings=PhysicsSettings(solimp=solimp))
         motion = plant.run(Commands(0.05, np.tile([0.0, 0.6], (100, 1))), State(), plant.dt)
         shown = motion.t > 4.8
@@ -312,6 +426,14 @@ def draw() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["--tables"]:
-        for table in (table_turning, table_lift, table_rise, table_trembling, table_steps, table_rest, table_between):
+        for table in (
+            table_turning,
+            table_lift,
+            table_rise,
+            table_trembling,
+            table_steps,
+            table_rest,
+            table_between,
+        ):
             table()
     draw()

@@ -1,7 +1,8 @@
 """Draw the figure of docs/tile.md; with `--tables RECORDING`, measure what the gyro explains.
 
-Run from the project's root: `python docs/make_identification_figures.py [--tables husky_tile_train.csv]`. The figure needs
-no recording: it shows what profile `husky-tile` says of itself.
+Run from the project's root: `python docs/make_identification_figures.py [--tables
+husky_tile_train.csv]`. The figure needs no recording: it shows what profile `husky-tile` says of
+itself.
 """
 
 from __future__ import annotations
@@ -32,10 +33,14 @@ GYRO_LAG = 0.2
 AIMS: Mapping[tuple[str, str], tuple[float, float]] = {
     ("wheels", "mujoco"): (31.0, math.degrees(0.036)),
     ("wheels", "kinematic"): (31.0, math.degrees(0.036)),
-    **{("wheels", plant): (33.0, math.degrees(0.040)) for plant in ("improved", "coulomb", "linear")},
+    **{
+        ("wheels", plant): (33.0, math.degrees(0.040))
+        for plant in ("improved", "coulomb", "linear")
+    },
     ("commands", "mujoco"): (40.0, math.degrees(0.045)),
 }
-"""Targets of the project for the held-out median error after 6 s, by input and plant [mm], [deg]."""
+"""Targets of the project for the held-out median error after 6 s, by input and plant [mm],
+[deg]."""
 OUT = Path(__file__).parent / "img" / "tile.png"
 
 
@@ -59,15 +64,35 @@ def draw_tile() -> None:
                     next(v for label, v in _provenance(plant)[part].items() if given in label)
                     for part in ("train", "held_out")
                 )
-                low, middle, high = (unit * held[what.format(word)] for word in ("low", "median", "high"))
+                low, middle, high = (
+                    unit * held[what.format(word)] for word in ("low", "median", "high")
+                )
                 ax.errorbar(
-                    middle, row, xerr=[[middle - low], [high - middle]], fmt="o", color=ink, markersize=7, capsize=3, lw=1.5
+                    middle,
+                    row,
+                    xerr=[[middle - low], [high - middle]],
+                    fmt="o",
+                    color=ink,
+                    markersize=7,
+                    capsize=3,
+                    lw=1.5,
                 )
                 ax.plot(
-                    unit * train[what.format("median")], row, "o", markerfacecolor="white", markeredgecolor=ink, markersize=6
+                    unit * train[what.format("median")],
+                    row,
+                    "o",
+                    markerfacecolor="white",
+                    markeredgecolor=ink,
+                    markersize=6,
                 )
                 if (given, plant) in AIMS:
-                    ax.plot([AIMS[given, plant][k]] * 2, [row - 0.32, row + 0.32], color="0.25", lw=1.4, zorder=1)
+                    ax.plot(
+                        [AIMS[given, plant][k]] * 2,
+                        [row - 0.32, row + 0.32],
+                        color="0.25",
+                        lw=1.4,
+                        zorder=1,
+                    )
             ax.set_ylim(-0.6, len(PLANTS) - 0.4)
             ax.set_xlim(0.0, (60.0, 4.2)[k])
             ax.grid(axis="x", color="0.93")
@@ -75,20 +100,38 @@ def draw_tile() -> None:
             ax.tick_params(axis="y", length=0)
             ax.set_axisbelow(True)
             ax.set_title(
-                ("Position", "Heading")[k] + f", from {'measured wheel rates' if given == 'wheels' else 'commands'}",
+                ("Position", "Heading")[k]
+                + f", from {'measured wheel rates' if given == 'wheels' else 'commands'}",
                 fontsize=10,
                 loc="left",
             )
         line[0].set_yticks(list(rows.values()), list(rows))
     for ax, name in zip(
-        panels[1], ("median position error after 6 s [mm]", "median heading error after 6 s [deg]"), strict=True
+        panels[1],
+        ("median position error after 6 s [mm]", "median heading error after 6 s [deg]"),
+        strict=True,
     ):
         ax.set_xlabel(name)
     ax = panels[0, 0]
     marks = [
         *ax.plot([], [], "o", color="0.3", label="held out: the last 150 s (bar: 90 % interval)"),
-        *ax.plot([], [], "o", markerfacecolor="white", markeredgecolor="0.3", label="data of the fit: the first 500 s"),
-        *ax.plot([], [], "|", color="0.25", markersize=11, markeredgewidth=1.4, label="target for held out"),
+        *ax.plot(
+            [],
+            [],
+            "o",
+            markerfacecolor="white",
+            markeredgecolor="0.3",
+            label="data of the fit: the first 500 s",
+        ),
+        *ax.plot(
+            [],
+            [],
+            "|",
+            color="0.25",
+            markersize=11,
+            markeredgewidth=1.4,
+            label="target for held out",
+        ),
     ]
     figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False, fontsize=8.5)
     figure.savefig(OUT)
@@ -97,7 +140,9 @@ def draw_tile() -> None:
 # --- numbers from the recording ---
 
 
-def _overlapping(t: FloatArray, fresh: NDArray[np.bool_] | None, horizon: float) -> tuple[IndexArray, IndexArray]:
+def _overlapping(
+    t: FloatArray, fresh: NDArray[np.bool_] | None, horizon: float
+) -> tuple[IndexArray, IndexArray]:
     """Return the windows that begin every second."""
     entries: set[tuple[int, int]] = set()
     for offset in np.arange(0.0, horizon, 1.0):
@@ -124,13 +169,19 @@ def table_floor(path: str) -> None:
     log = read_csv(path)
     rows = []
     for stretch in log.stretches():
-        t, wheels = log.t[stretch], log.table(COMMAND_COLUMNS["wheels"])[stretch]
-        gyro, pose = log.columns["gyro_z"][stretch], log.table(POSE_COLUMNS)[stretch]
+        t = log.t[stretch]
+        wheels = log.table(COMMAND_COLUMNS["wheels"])[stretch]
+        gyro = log.columns["gyro_z"][stretch]
+        pose = log.table(POSE_COLUMNS)[stretch]
         turned = integral(t, gyro)
-        rolled = np.cumulative_sum(wheels[: len(t) - 1] * np.diff(t)[:, None], axis=0, include_initial=True)
+        rolled = np.cumulative_sum(
+            wheels[: len(t) - 1] * np.diff(t)[:, None], axis=0, include_initial=True
+        )
         for i, j in zip(*_overlapping(t, fresh_poses(t, pose), 6.0), strict=True):
             if t[i] - GYRO_LAG >= t[0]:
-                by_gyro = np.interp(t[j] - GYRO_LAG, t, turned) - np.interp(t[i] - GYRO_LAG, t, turned)
+                by_gyro = np.interp(t[j] - GYRO_LAG, t, turned) - np.interp(
+                    t[i] - GYRO_LAG, t, turned
+                )
                 difference = wheels[[j - 1, i], 1] - wheels[[j - 1, i], 0]
                 rows.append(
                     [
@@ -143,10 +194,18 @@ def table_floor(path: str) -> None:
                     ]
                 )
     data = np.array(rows)
-    print("yaw of the localiser after 6 s: windows; median and rms left by the gyro; by the wheels' rotation [rad]")
+    print(
+        "yaw of the localiser after 6 s: windows; median and rms left by the gyro; by the wheels' rotation [rad]"
+    )
     for part, which in (("train", data[:, 0] < SPLIT - 6.0), ("held out", data[:, 0] >= SPLIT)):
-        left = [_least_sizes(data[which][:, columns], data[which, 1]) for columns in ([2, 3], [4, 5, 6])]
-        print(part, which.sum(), *(f"{np.median(np.abs(e)):.4f} {math.sqrt(float(np.mean(e**2))):.4f}" for e in left))
+        left = [
+            _least_sizes(data[which][:, columns], data[which, 1]) for columns in ([2, 3], [4, 5, 6])
+        ]
+        print(
+            part,
+            which.sum(),
+            *(f"{np.median(np.abs(e)):.4f} {math.sqrt(float(np.mean(e**2))):.4f}" for e in left),
+        )
 
 
 if __name__ == "__main__":

@@ -73,7 +73,9 @@ def print_lags() -> None:
             other = steady_curve(rigid, speed)
             wanted = other[1] * (v * w) / (other[0] * other[2])
             lag = (wanted - v_y) / (v * w)
-            print(f"d_0 {d_0}, {speed} m/s: v_y {v_y:.4f}, rigid tyres {other[1]:.4f} m/s, lag {1e3 * lag:.2f} ms")
+            print(
+                f"d_0 {d_0}, {speed} m/s: v_y {v_y:.4f}, rigid tyres {other[1]:.4f} m/s, lag {1e3 * lag:.2f} ms"
+            )
 
 
 def print_work(motions: Mapping[str, Trajectory]) -> None:
@@ -90,7 +92,9 @@ def print_work(motions: Mapping[str, Trajectory]) -> None:
         knowing = SAMPLE_DT * (of_load * sides * rates).sum()
         shift = np.abs(np.diff(sides)).max()
         moment = 0.5 * HUSKY.geometry.track * numbers.rolling_resistance * shift
-        print(f"{name}: motors {work:.0f} J, lost {lost:.0f} J, by load {knowing:.0f} J, moment {moment:.2f} N m")
+        print(
+            f"{name}: motors {work:.0f} J, lost {lost:.0f} J, by load {knowing:.0f} J, moment {moment:.2f} N m"
+        )
 
 
 def main() -> None:
@@ -110,7 +114,11 @@ def main() -> None:
     for armature in (0.05, 0.4):
         other = driven("mujoco", changed("mujoco", "parameters", armature=armature))
         peaks = [np.abs(m.channels["torque_N_m"]).max() for m in (base["traj1"], other["traj1"])]
-        print(f"armature {armature}:", apart(base, other), f"mm, peak torque on 1 {peaks[1]:.1f} for {peaks[0]:.1f} N m")
+        print(
+            f"armature {armature}:",
+            apart(base, other),
+            f"mm, peak torque on 1 {peaks[1]:.1f} for {peaks[0]:.1f} N m",
+        )
     print_work(base)
 
 

@@ -33,8 +33,11 @@ GRIP = published.value("3.11", "mu_d") * GRAVITY
 """Greatest acceleration towards the centre of a curve that mu_d can give [m/s2]."""
 RATES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.75, 0.8, 0.82, 0.85, 0.9, 1.0)
 """Commanded yaw rates of the curves [rad/s]."""
-SPEED, TIME, LEAD = 0.5, 12.0, 8.0
-"""Commanded speed [m/s] and duration [s] of the curves, and the time after which they are measured [s]."""
+SPEED = 0.5
+TIME = 12.0
+LEAD = 8.0
+"""Commanded speed [m/s] and duration [s] of the curves, and the time after which they are measured
+[s]."""
 CHANGES: dict[str, dict[str, Any]] = {
     "as shipped": {},
     "longitudinal friction 0.5": {"friction": 0.5, "friction_ratio": 0.0818},
@@ -58,9 +61,12 @@ def driven(scenario: str, plant: str) -> Trajectory:
 
 def print_agreement() -> None:
     """Print the first table: the four trajectories by both plants."""
-    print("\ntrajectory; final yaws: improved, mujoco [rad]; d_rms, d_haus [mm]; published; v_y, a omega [m/s]; demand")
+    print(
+        "\ntrajectory; final yaws: improved, mujoco [rad]; d_rms, d_haus [mm]; published; v_y, a omega [m/s]; demand"
+    )
     for scenario, motion in TRAJECTORIES.items():
-        model, robot = driven(scenario, "improved"), driven(scenario, "mujoco")
+        model = driven(scenario, "improved")
+        robot = driven(scenario, "mujoco")
         metrics = compare_paths(model, robot)
         rate = float(np.abs(robot.twist[:, 2]).max())
         cells = (
@@ -79,16 +85,26 @@ def print_choices() -> None:
     print("\nchange; final yaws on 1-4 [rad]; d_rms from the improved model on 1-4 [mm]")
     for words, changed in CHANGES.items():
         plant = MujocoPlant(replace(NUMBERS, **changed), PROFILE.plants["mujoco"].drive)
-        runs = {name: plant.run(motion.commands(), State(), SAMPLE_DT) for name, motion in TRAJECTORIES.items()}
-        gaps = [1e3 * compare_paths(driven(name, "improved"), run)["d_rms_m"] for name, run in runs.items()]
+        runs = {
+            name: plant.run(motion.commands(), State(), SAMPLE_DT)
+            for name, motion in TRAJECTORIES.items()
+        }
+        gaps = [
+            1e3 * compare_paths(driven(name, "improved"), run)["d_rms_m"]
+            for name, run in runs.items()
+        ]
         yaws = ", ".join(f"{run.yaw[-1]:.3f}" for run in runs.values())
         print(f"| {words} | {yaws} | {', '.join(f'{gap:.0f}' for gap in gaps)} |", flush=True)
 
 
 def draw_path(scenario: str, ax: Axes) -> None:
     """Draw one trajectory by both plants."""
-    model, robot = driven(scenario, "improved"), driven(scenario, "mujoco")
-    for motion, plant, words in ((model, "improved", "improved model"), (robot, "mujoco", "the same numbers in MuJoCo")):
+    model = driven(scenario, "improved")
+    robot = driven(scenario, "mujoco")
+    for motion, plant, words in (
+        (model, "improved", "improved model"),
+        (robot, "mujoco", "the same numbers in MuJoCo"),
+    ):
         ax.plot(*motion.xy.T, color=np.array(colour(plant)) / 255.0, lw=1.5, label=words)
     metrics = compare_paths(model, robot)
     ax.set_aspect("equal")
@@ -105,8 +121,11 @@ def draw_path(scenario: str, ax: Axes) -> None:
 def draw_curves(ax: Axes) -> None:
     """Draw where the centre of rotation lies in steady curves, against the acceleration that they need."""
     plant = make_plant(PROFILE, "mujoco")
-    held, lost = [], []
-    print("\ncommanded yaw rate; v omega reached [m/s2]; centre of rotation ahead of the middle [m]; change of v_y [m/s2]")
+    held = []
+    lost = []
+    print(
+        "\ncommanded yaw rate; v omega reached [m/s2]; centre of rotation ahead of the middle [m]; change of v_y [m/s2]"
+    )
     for rate in RATES:
         commands = Commands(0.05, np.tile([SPEED, rate], (round(TIME / 0.05), 1)))
         motion = plant.run(commands, State(), 0.01)
@@ -122,13 +141,30 @@ def draw_curves(ax: Axes) -> None:
     ink = np.array(colour("mujoco")) / 255.0
     ax.plot(*np.transpose(held), "o", color=ink, ms=5)
     ax.plot(*np.transpose(lost), "o", color=ink, ms=5, markerfacecolor="white")
-    ax.annotate("front axle", (0.02, AXLE), (0, 4), textcoords="offset points", fontsize=8.5, color="0.35")
-    ax.annotate("improved model: in the middle", (0.02, 0.0), (0, 4), textcoords="offset points", fontsize=8.5)
     ax.annotate(
-        f"$\\mu_d\\,g$ = {GRIP:.3f} m/s²", (GRIP, 0.93), (-5, 0), textcoords="offset points", ha="right", fontsize=8.5
+        "front axle", (0.02, AXLE), (0, 4), textcoords="offset points", fontsize=8.5, color="0.35"
+    )
+    ax.annotate(
+        "improved model: in the middle",
+        (0.02, 0.0),
+        (0, 4),
+        textcoords="offset points",
+        fontsize=8.5,
+    )
+    ax.annotate(
+        f"$\\mu_d\\,g$ = {GRIP:.3f} m/s²",
+        (GRIP, 0.93),
+        (-5, 0),
+        textcoords="offset points",
+        ha="right",
+        fontsize=8.5,
     )
     ax.annotate("slides on and on\n(open: after 12 s)", (GRIP + 0.008, 0.82), fontsize=8.5)
-    ax.set(xlim=(0.0, 0.55), ylim=(-0.06, 1.2), xlabel="acceleration $v\\,\\omega$ that the curve needs [m/s²]")
+    ax.set(
+        xlim=(0.0, 0.55),
+        ylim=(-0.06, 1.2),
+        xlabel="acceleration $v\\,\\omega$ that the curve needs [m/s²]",
+    )
     ax.set_ylabel("centre of rotation ahead of the middle [m]")
     ax.set_title("Curves at 0.5 m/s", fontsize=9.5, loc="left")
 

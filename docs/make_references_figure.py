@@ -13,7 +13,9 @@ from matplotlib.figure import Figure
 from validation.bench.waypoint_files import REFERENCES
 
 OUT = Path(__file__).parent / "img" / "references.png"
-NAMES = [name for name in REFERENCES if name not in ("line", "circle", "sine", "generic", "long-line")]
+NAMES = [
+    name for name in REFERENCES if name not in ("line", "circle", "sine", "generic", "long-line")
+]
 """References with a panel; a line of 200 m has nothing to see."""
 SPEED = 0.5
 """[m/s]"""
@@ -34,8 +36,12 @@ def draw() -> None:
         path.set_xlabel("x [m]")
         motion = waypoints.trajectory(0.02)
         straight = not np.any(motion.twist[:, 2])
-        time.plot(motion.t[:-1], motion.twist[:-1, 0 if straight else 2], color="#1f5fa8", linewidth=1.3)
-        time.set_title(f"{'speed [m/s]' if straight else 'yaw rate [rad/s]'} at {SPEED:g} m/s", fontsize=9)
+        time.plot(
+            motion.t[:-1], motion.twist[:-1, 0 if straight else 2], color="#1f5fa8", linewidth=1.3
+        )
+        time.set_title(
+            f"{'speed [m/s]' if straight else 'yaw rate [rad/s]'} at {SPEED:g} m/s", fontsize=9
+        )
         time.set_xlabel("time [s]")
     rows[0, 0].set_ylabel("y [m]")
     for ax in rows.flat:

@@ -1,7 +1,7 @@
 """Draw the figure of docs/wet_grass.md, and print the numbers of its tables.
 
-Run from the project's root: `python docs/make_wet_grass_figure.py husky_tile_train.csv husky_wet_grass_train.csv` with the
-paths of both recordings; it takes a minute or two.
+Run from the project's root: `python docs/make_wet_grass_figure.py husky_tile_train.csv
+husky_wet_grass_train.csv` with the paths of both recordings; it takes a minute or two.
 """
 
 from __future__ import annotations
@@ -17,7 +17,12 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from ssmr.geometry import integral
-from ssmr.metrics.windows import OverlappingErrors, WindowErrors, overlapping_windows, relative_pose_error
+from ssmr.metrics.windows import (
+    OverlappingErrors,
+    WindowErrors,
+    overlapping_windows,
+    relative_pose_error,
+)
 from ssmr.types import FloatArray
 from validation.bench.sources import Source, drive, open_source
 from validation.plants.kind import PlantProfile
@@ -34,7 +39,9 @@ _MOVES = 0.3
 """A window counts if one side's wheels turn by at least this much [rad]: 5 cm of way."""
 _BLOCK = 6
 """Windows that are resampled together, as many as share data."""
-_DRAWS, _ROUNDS, _SMALL = 300, 40, 2e-3
+_DRAWS = 300
+_ROUNDS = 40
+_SMALL = 2e-3
 FLOOR = "fitted to this part itself"
 Scores = dict[tuple[str, str, str], OverlappingErrors]
 """Heading errors by ground, profile and plant."""
@@ -85,7 +92,10 @@ class Turns:
     def wheels(self, late: float) -> FloatArray:
         """Return (2, W) rotations of the sides in windows that begin and end so much earlier [rad]."""
         return np.stack(
-            [np.interp(self.end - late, self.t, s) - np.interp(self.begin - late, self.t, s) for s in self.travel]
+            [
+                np.interp(self.end - late, self.t, s) - np.interp(self.begin - late, self.t, s)
+                for s in self.travel
+            ]
         )
 
     def errors(self, sides: Sides) -> FloatArray:
@@ -94,14 +104,18 @@ class Turns:
         return sides.right * right - sides.left * left - self.turned
 
 
-def moving(source: Source, horizon: float = HORIZON) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+def moving(
+    source: Source, horizon: float = HORIZON
+) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
     """Return starts and ends of the windows in which wheels turn, piece by piece; none spans a gap or a jump."""
     rows = []
     for piece in source.pieces:
         assert piece.t is not None
         assert piece.reference is not None
         starts, ends = piece.windows(overlapping_windows, piece.t, horizon)
-        way = np.cumulative_sum(np.abs(piece.reference.wheels[:-1]).max(axis=1) * np.diff(piece.t), include_initial=True)
+        way = np.cumulative_sum(
+            np.abs(piece.reference.wheels[:-1]).max(axis=1) * np.diff(piece.t), include_initial=True
+        )
         turns = way[ends] - way[starts] > _MOVES
         rows.append((starts[turns], ends[turns]))
     return rows
@@ -109,7 +123,9 @@ def moving(source: Source, horizon: float = HORIZON) -> list[tuple[NDArray[np.in
 
 def turns_of(source: Source) -> Turns:
     """Return what headings and wheels did in the windows of a recording that moves."""
-    t, travel, rows = [], [], []
+    t = []
+    travel = []
+    rows = []
     offset = np.zeros(2)
     for piece, (starts, ends) in zip(source.pieces, moving(source), strict=True):
         assert piece.t is not None
@@ -126,11 +142,16 @@ def turns_of(source: Source) -> Turns:
 
 def fit_sides(turns: Turns, which: NDArray[np.intp] | None = None, start: Sides = START) -> Sides:
     """Return the numbers that make the sum of absolute errors of the windows least, all or those of `which`."""
-    rows, measured, step = slice(None) if which is None else which, start, 0.02
+    rows = slice(None) if which is None else which
+    measured = start
+    step = 0.02
     for _ in range(_ROUNDS):
         left, right = turns.wheels(measured.late)
-        early, later = turns.wheels(measured.late - step), turns.wheels(measured.late + step)
-        slope = (measured.right * (later - early)[1] - measured.left * (later - early)[0]) / (2.0 * step)
+        early = turns.wheels(measured.late - step)
+        later = turns.wheels(measured.late + step)
+        slope = (measured.right * (later - early)[1] - measured.left * (later - early)[0]) / (
+            2.0 * step
+        )
         matrix = np.column_stack([-left, right, slope])[rows]
         error = turns.errors(measured)[rows]
         weight = 1.0 / np.sqrt(np.maximum(np.abs(error), _SMALL))
@@ -141,7 +162,8 @@ def fit_sides(turns: Turns, which: NDArray[np.intp] | None = None, start: Sides 
 
 def scatter(turns: Turns, measured: Sides, seed: int = 0) -> tuple[float, float, float]:
     """Return standard errors of gain [1], radius difference [m] and delay [s] by resampled blocks of windows."""
-    rng, n = np.random.default_rng(seed), len(turns.turned)
+    rng = np.random.default_rng(seed)
+    n = len(turns.turned)
     drawn = []
     for _ in range(_DRAWS):
         begins = rng.integers(0, n, -(-n // _BLOCK))
@@ -202,31 +224,48 @@ def print_sides(turns: dict[str, Turns]) -> dict[str, Part]:
 
 def variants() -> dict[str, dict[str, Profile]]:
     """Return the profiles of the table by ground: as shipped, with the clock of the log, and with the other's radii too."""
-    tile, grass = load_profile("husky-tile"), load_profile("husky-wet-grass")
+    tile = load_profile("husky-tile")
+    grass = load_profile("husky-wet-grass")
 
     def late_as(own: Profile, other: Profile) -> Profile:
         plants = {
-            name: replace(plant, localiser=replace(plant.localiser, yaw_late=other.plants[name].localiser.yaw_late))
+            name: replace(
+                plant,
+                localiser=replace(plant.localiser, yaw_late=other.plants[name].localiser.yaw_late),
+            )
             for name, plant in own.plants.items()
         }
         return replace(own, plants=plants)
 
     return {
-        "tile": {"husky-tile": tile, "husky-wet-grass": grass, "husky-wet-grass, the tile's clock": late_as(grass, tile)},
-        "wet grass": {"husky-tile": tile, "husky-tile, the grass's clock": late_as(tile, grass), "husky-wet-grass": grass},
+        "tile": {
+            "husky-tile": tile,
+            "husky-wet-grass": grass,
+            "husky-wet-grass, the tile's clock": late_as(grass, tile),
+        },
+        "wet grass": {
+            "husky-tile": tile,
+            "husky-tile, the grass's clock": late_as(tile, grass),
+            "husky-wet-grass": grass,
+        },
     }
 
 
-def print_scores(rest: dict[str, Source], measured: dict[str, Part], turns: dict[str, Turns]) -> Scores:
+def print_scores(
+    rest: dict[str, Source], measured: dict[str, Part], turns: dict[str, Turns]
+) -> Scores:
     """Print the medians of the heading errors on the part of each log that no profile was fitted to, and return them.
 
-    The last row of each ground is the floor: two radii over the track and a delay, fitted to that part itself.
+    The last row of each ground is the floor: two radii over the track and a delay, fitted to that
+    part itself.
     """
     scores: Scores = {}
     for ground, profiles in variants().items():
         for name, profile in profiles.items():
             for model in PLANTS_SHOWN:
-                errors = scores[ground, name, model] = scored(profile.plants[model], model, rest[ground])
+                errors = scores[ground, name, model] = scored(
+                    profile.plants[model], model, rest[ground]
+                )
                 print(f"{ground:10s} {name:36s} {model:10s} {text(errors)}")
         own = turns[f"{ground}, rest"]
         floor = scores[ground, FLOOR, ""] = interval(own.errors(measured[f"{ground}, rest"].sides))
@@ -239,7 +278,9 @@ def print_tracks(turns: Turns) -> None:
     late = load_profile("husky-wet-grass").plants["linear"].localiser.yaw_late
     for gain in (0.153, 0.155, 0.1565, 0.160, 0.1633):
         errors = np.abs(turns.errors(Sides(gain, gain, late)))
-        print(f"radius over track {gain:.4f}: median {text(interval(errors))}, mean {errors.mean():.3f}")
+        print(
+            f"radius over track {gain:.4f}: median {text(interval(errors))}, mean {errors.mean():.3f}"
+        )
 
 
 def print_commands(path: str) -> None:
@@ -265,8 +306,14 @@ def draw(measured: dict[str, Part], scores: Scores) -> None:
     gain, difference, medians = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.5))
     names = list(measured)[::-1]
     for row, name in enumerate(names):
-        part, colour = measured[name], COLOURS[name.partition(",")[0]]
-        bar = {"fmt": "o", "color": colour, "capsize": 3, "mfc": colour if name.endswith("whole") else "white"}
+        part = measured[name]
+        colour = COLOURS[name.partition(",")[0]]
+        bar = {
+            "fmt": "o",
+            "color": colour,
+            "capsize": 3,
+            "mfc": colour if name.endswith("whole") else "white",
+        }
         gain.errorbar(part.sides.gain, row, xerr=1.96 * part.gain, **bar)
         difference.errorbar(1e3 * part.sides.difference, row, xerr=1.96e3 * part.difference, **bar)
     gain.set(title="Heading per wheel difference", xlabel="radius / effective track [1]")
@@ -276,7 +323,9 @@ def draw(measured: dict[str, Part], scores: Scores) -> None:
         axes.set_ylim(-0.6, len(names) - 0.4)
     difference.axvline(0.0, color="0.6", lw=0.8)
     labels = []
-    for row, (ground, name, model) in enumerate(key for key in list(scores)[::-1] if key[2] in ("kinematic", "mujoco", "")):
+    for row, (ground, name, model) in enumerate(
+        key for key in list(scores)[::-1] if key[2] in ("kinematic", "mujoco", "")
+    ):
         e = scores[ground, name, model]
         ends = [[e.yaw_median_rad - e.yaw_low_rad], [e.yaw_high_rad - e.yaw_median_rad]]
         own = name in (FLOOR, "husky-" + ground.replace(" ", "-"))
@@ -292,7 +341,9 @@ def draw(measured: dict[str, Part], scores: Scores) -> None:
         labels.append(f"{name}{', ' * bool(model)}{model}")
     medians.set_yticks(range(len(labels)), labels, fontsize=8)
     medians.set(
-        title="Heading error after 6 s, part kept for the test", xlabel="median and 90 % interval [rad]", xlim=(0.0, 0.16)
+        title="Heading error after 6 s, part kept for the test",
+        xlabel="median and 90 % interval [rad]",
+        xlim=(0.0, 0.16),
     )
     for axes in (gain, difference, medians):
         axes.grid(axis="x", color="0.9")
@@ -306,11 +357,20 @@ def draw(measured: dict[str, Part], scores: Scores) -> None:
 def main(paths: Sequence[str]) -> None:
     """Print all numbers of the page and draw its figure."""
     logs = dict(zip(SPLIT, paths, strict=True))
-    first = {ground: open_source(path, "wheels", None, SPLIT[ground]) for ground, path in logs.items()}
+    first = {
+        ground: open_source(path, "wheels", None, SPLIT[ground]) for ground, path in logs.items()
+    }
     rest = {ground: open_source(path, "wheels", SPLIT[ground]) for ground, path in logs.items()}
-    parts = {f"{g}, {w}": turns_of(s[g]) for g in SPLIT for w, s in (("first part", first), ("rest", rest))}
+    parts = {
+        f"{g}, {w}": turns_of(s[g])
+        for g in SPLIT
+        for w, s in (("first part", first), ("rest", rest))
+    }
     wholes = {f"{g}, whole": turns_of(open_source(p, "wheels")) for g, p in logs.items()}
-    turns = {name: {**parts, **wholes}[name] for name in sorted({**parts, **wholes}, key=lambda n: n.startswith("wet"))}
+    turns = {
+        name: {**parts, **wholes}[name]
+        for name in sorted({**parts, **wholes}, key=lambda n: n.startswith("wet"))
+    }
     measured = print_sides(turns)
     draw(measured, print_scores(rest, measured, turns))
     print_tracks(turns["wet grass, rest"])

@@ -1,8 +1,8 @@
 """Draw the pictures of README and of these pages anew, each with today's version in its footer.
 
-Run from the project's root: `python docs/pictures.py NAME … [--data FOLDER]`. `--list` says how each is made and how long it
-takes. `quick` names all that take less than two minutes and need no recording, `all` every one. FOLDER has the recordings
-(*.csv), also in folders of it.
+Run from the project's root: `python docs/pictures.py NAME … [--data FOLDER]`. `--list` says how
+each is made and how long it takes. `quick` names all that take less than two minutes and need no
+recording, `all` every one. FOLDER has the recordings (*.csv), also in folders of it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from validation import store
 DOCS = Path(__file__).resolve().parent
 IMAGES = DOCS / "img"
 TILE, GRASS, RAISED, WARTHOG = (
-    f"{name}_train.csv" for name in ("husky_tile", "husky_wet_grass", "husky_wheels_up", "warthog_grass")
+    f"{name}_train.csv"
+    for name in ("husky_tile", "husky_wet_grass", "husky_wheels_up", "warthog_grass")
 )
 
 RUNS = (
@@ -41,7 +42,8 @@ class Picture:
     """This says how a picture is made."""
 
     command: str
-    """A program with its options, or a script of this folder; recordings by the names of their files."""
+    """A program with its options, or a script of this folder; recordings by the names of their
+    files."""
     minutes: float
     """This says how long the drawing takes on two cores."""
     written: str = ""
@@ -58,7 +60,9 @@ PICTURES = {
     "architecture": Picture("make_architecture_figure.py", 0.1),
     "centre_of_mass": Picture("make_centre_of_mass_figure.py", 0.1),
     "contact": Picture("make_figures.py", 0.5),
-    "drivetrain": Picture(f"study drivetrain --recording {RAISED} --ground {GRASS}", 1.0, "study.png", unsigned=False),
+    "drivetrain": Picture(
+        f"study drivetrain --recording {RAISED} --ground {GRASS}", 1.0, "study.png", unsigned=False
+    ),
     "four_wheel": Picture("make_four_wheel_figure.py", 1.0),
     "learning": Picture("examples/learn_to_track.py", 4.0, "learning.png"),
     "printed_parameters": Picture("make_printed_figure.py", 1.0),
@@ -66,13 +70,24 @@ PICTURES = {
     "results": Picture("replicate", 60.0, "replicate.png", unsigned=False),
     "robot": Picture("robots check warthog", 0.2, "robot.png"),
     "runs": Picture(
-        f"study runs {' '.join(RUNS)} --robot husky --plants kinematic,four_wheel,mujoco", 20.0, "study.png", unsigned=False
+        f"study runs {' '.join(RUNS)} --robot husky --plants kinematic,four_wheel,mujoco",
+        20.0,
+        "study.png",
+        unsigned=False,
     ),
     "sideways_drift": Picture("make_contact_figures.py", 1.0),
     "tile": Picture("make_identification_figures.py", 0.1),
-    "track": Picture("track lqr-scheduled generic --gains tuned --plant improved,mujoco", 0.5, "track.png", unsigned=False),
+    "track": Picture(
+        "track lqr-scheduled generic --gains tuned --plant improved,mujoco",
+        0.5,
+        "track.png",
+        unsigned=False,
+    ),
     "track-mpc": Picture(
-        "track mpc slalom --speed 0.5 --no-noise --plant improved,mujoco", 0.5, "track.png", unsigned=False
+        "track mpc slalom --speed 0.5 --no-noise --plant improved,mujoco",
+        0.5,
+        "track.png",
+        unsigned=False,
     ),
     "traj4": Picture("compare traj4", 0.3, "compare.png", unsigned=False),
     "transfer": Picture("study transfer", 15.0, "study.png", unsigned=False),
@@ -108,7 +123,8 @@ def photograph(recording: Path, picture: Path) -> None:
 
 def run_script(words: list[str]) -> None:
     """Run a script of this folder."""
-    kept, sys.argv = sys.argv, [str(DOCS / words[0]), *words[1:]]
+    kept = sys.argv
+    sys.argv = [str(DOCS / words[0]), *words[1:]]
     try:
         runpy.run_path(sys.argv[0], run_name="__main__")
     finally:
@@ -121,7 +137,9 @@ def draw(name: str, data: Path | None) -> None:
     words = shlex.split(made.command)
     for recording in made.recordings():
         there = str(next((data or Path()).rglob(recording)))
-        words = [word.replace(recording, there) if word.startswith(recording) else word for word in words]
+        words = [
+            word.replace(recording, there) if word.startswith(recording) else word for word in words
+        ]
     with tempfile.TemporaryDirectory() as folder:
         if words[0].endswith(".py"):
             run_script([*words, *([folder] if made.written else [])])
@@ -141,9 +159,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", choices=[*PICTURES, "quick", "all"], metavar="NAME")
     parser.add_argument("--data", type=Path, help="folder with the recordings")
-    parser.add_argument("--list", action="store_true", help="say how each picture is made, and draw nothing")
+    parser.add_argument(
+        "--list", action="store_true", help="say how each picture is made, and draw nothing"
+    )
     commanded = parser.parse_args()
-    quick = [name for name, made in PICTURES.items() if made.minutes < 2.0 and not made.recordings()]
+    quick = [
+        name for name, made in PICTURES.items() if made.minutes < 2.0 and not made.recordings()
+    ]
     groups = {"quick": quick, "all": list(PICTURES)}
     names = dict.fromkeys(one for name in commanded.names for one in groups.get(name, [name]))
     if commanded.list or not names:

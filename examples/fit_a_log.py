@@ -6,13 +6,18 @@
 from validation.compare import compare
 from validation.fit import fit
 
-LOG, SEEN = "sample", 50.0
+LOG = "sample"
+SEEN = 50.0
 
 fitted = fit("kinematic", to=LOG, input="wheels", until=SEEN, generations=10, seed=1)
 print(fitted.table())
 fitted.profile.save("runs/examples/fit_a_log.toml")
 
 for name, profile in (("husky-tile", "husky-tile"), ("fitted", fitted.profile)):
-    judged = compare(LOG, profile, plants=("kinematic",), input="wheels", start=SEEN, horizons=(6.0,))
+    judged = compare(
+        LOG, profile, plants=("kinematic",), input="wheels", start=SEEN, horizons=(6.0,)
+    )
     errors = judged.as_dict()["plants"]["kinematic"]["horizons"]["6"]["overlapping"]
-    print(f"{name}: {1e3 * errors['position_median_m']:.0f} mm after 6 s, median of {errors['n']} windows")
+    print(
+        f"{name}: {1e3 * errors['position_median_m']:.0f} mm after 6 s, median of {errors['n']} windows"
+    )

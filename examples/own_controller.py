@@ -13,7 +13,8 @@ class Chase:
 
     def command(self, now):
         """Return speed [m/s] and yaw rate [rad/s]; `now` is described in ssmr/control/mission.py."""
-        x, y = now.target.x - now.seen.x, now.target.y - now.seen.y
+        x = now.target.x - now.seen.x
+        y = now.target.y - now.seen.y
         ahead = math.cos(now.seen.yaw) * x + math.sin(now.seen.yaw) * y
         left = math.cos(now.seen.yaw) * y - math.sin(now.seen.yaw) * x
         return min(max(now.target.v + ahead, 0.0), self.limit), now.target.w + 4.0 * left
@@ -21,5 +22,7 @@ class Chase:
 
 if __name__ == "__main__":
     for controller in (f"{__file__}:Chase", "lqr", "mpc"):
-        run = track(controller, "slalom", plant=("improved", "mujoco"), profile="thesis-lab", speed=0.4)
+        run = track(
+            controller, "slalom", plant=("improved", "mujoco"), profile="thesis-lab", speed=0.4
+        )
         print(run.table())

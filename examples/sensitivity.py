@@ -14,16 +14,29 @@ from validation.progress import silent
 from validation.report.table import Table, text_tables
 from validation.study.sweep import sweep
 
-LAB, TENTH = load_profile("thesis-lab"), ((0.9, 0.0), (1.1, 0.0))
+LAB = load_profile("thesis-lab")
+TENTH = ((0.9, 0.0), (1.1, 0.0))
 SHARED = ("wheel_radius", "gain", "delay_v delay_w", "command_half_track", "acceleration_v")
 VARIED = {
-    "mujoco": ("mass", "friction", "rolling_resistance", "armature", "half_track", "integral_gain", "dc_stiffness", *SHARED),
+    "mujoco": (
+        "mass",
+        "friction",
+        "rolling_resistance",
+        "armature",
+        "half_track",
+        "integral_gain",
+        "dc_stiffness",
+        *SHARED,
+    ),
     "improved": ("mass", "yaw_inertia", "u_x", "mu_d", "mu_s", "effective_half_track", *SHARED[:4]),
 }
 """Numbers of each plant; those in one text are changed together."""
-VARIANTS = {f"{plant}: {names}": (plant, names, TENTH) for plant in VARIED for names in VARIED[plant]}
+VARIANTS = {
+    f"{plant}: {names}": (plant, names, TENTH) for plant in VARIED for names in VARIED[plant]
+}
 VARIANTS |= {
-    "mujoco: yaw_inertia": ("mujoco", "yaw_inertia", ((0.9, 0.0), (1.09, 0.0))),  # no rigid body has a tenth more
+    # no rigid body has a tenth more
+    "mujoco: yaw_inertia": ("mujoco", "yaw_inertia", ((0.9, 0.0), (1.09, 0.0))),
     "mujoco: yaw_inertia -23 %": ("mujoco", "yaw_inertia", ((0.77, 0.0),)),
     "mujoco: armature x5": ("mujoco", "armature", ((5.0, 0.0),)),
     "mujoco: delay +40 ms": ("mujoco", "delay_v delay_w", ((1.0, 0.04),)),
@@ -35,9 +48,13 @@ def driven(plant, names="", factor=1.0, more=0.0):
     """Return trajectory 4 as a plant drives it whose numbers of these names are times `factor`, plus `more`."""
     section = LAB.section(plant)
     for name in names.split():
-        part = next(p for p in ("parameters", "drive", "vehicle") if hasattr(getattr(section, p), name))
+        part = next(
+            p for p in ("parameters", "drive", "vehicle") if hasattr(getattr(section, p), name)
+        )
         owner = getattr(section, part)
-        section = replace(section, **{part: replace(owner, **{name: factor * getattr(owner, name) + more})})
+        section = replace(
+            section, **{part: replace(owner, **{name: factor * getattr(owner, name) + more})}
+        )
     changed = replace(LAB, plants={**LAB.plants, plant: section})
     return make_plant(changed, plant).run(TRAJECTORIES["traj4"].commands(), State(), 0.008)
 
@@ -45,9 +62,20 @@ def driven(plant, names="", factor=1.0, more=0.0):
 def differences(variant):
     """Return the greatest of each measure between the robot as it is and the changed ones."""
     plant, names, changes = variant
-    as_it_is, measured = driven(plant), [driven(plant, names, *change) for change in changes]
-    pairs = [{**compare_paths(motion, as_it_is), **compare_signals([motion], [as_it_is])} for motion in measured]
-    columns = ("d_rms_m", "sync_rms_m", "yaw_rms_rad", "yaw_rate_rms_rad_s", "yaw_acceleration_rms_rad_s2", "torque_rms_N_m")
+    as_it_is = driven(plant)
+    measured = [driven(plant, names, *change) for change in changes]
+    pairs = [
+        {**compare_paths(motion, as_it_is), **compare_signals([motion], [as_it_is])}
+        for motion in measured
+    ]
+    columns = (
+        "d_rms_m",
+        "sync_rms_m",
+        "yaw_rms_rad",
+        "yaw_rate_rms_rad_s",
+        "yaw_acceleration_rms_rad_s2",
+        "torque_rms_N_m",
+    )
     return {key: max(measures[key] for measures in pairs) for key in columns}
 
 

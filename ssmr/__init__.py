@@ -1,6 +1,7 @@
 """Mathematics of skid-steering robots: planar models, tracking controllers, state filter, path metrics and jDE search.
 
-Numbers in, numbers out: nothing here reads a file, draws or prints. Names are imported when they are first used.
+Numbers in, numbers out: nothing here reads a file, draws or prints. Names are imported when they
+are first used.
 """
 
 import lazy_loader as lazy

@@ -1,11 +1,11 @@
 """numba's compilation with a cache on disk that can never be stale, threads, and functions that numba does not have.
 
-numba notices edits to the file of the compiled function alone, not to what that function calls from other files. Here the
-cache folder is named after a digest of all sources of this package, so that an edit compiles afresh. The compiled functions
-keep their Python source, see `source`.
+numba notices edits to the file of the compiled function alone, not to what that function calls from
+other files. Here the cache folder is named after a digest of all sources of this package, so that
+an edit compiles afresh. The compiled functions keep their Python source, see `source`.
 
-numba unpickles what lies in its cache, and who can write there can run code as this user. So the cache is in the user's own
-cache folder. Where that cannot be written, every start compiles anew.
+numba unpickles what lies in its cache, and who can write there can run code as this user. So the
+cache is in the user's own cache folder. Where that cannot be written, every start compiles anew.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ from numba.extending import intrinsic
 from ssmr.types import FloatArray
 
 config: Any = numba_config
-"""Settings of numba, which it reads from the environment when it is imported; no stub declares them."""
+"""Settings of numba, which it reads from the environment when it is imported; no stub declares
+them."""
 _njit: Any = numba.njit
 _item_pointer: Any = cgutils.get_item_pointer
 _normalized: Any = normalize_signature
@@ -49,9 +50,17 @@ _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _PER_QUARTER = 0.6366197723675814  # 2 / pi
 _QUARTER = 0.5 * math.pi
 _SHIFT = 1.5 * 2.0**52  # a number plus this has its nearest whole number in its last bits
-_SINE: tuple[float, ...] = (-1.66666666666666307295e-1, 8.33333333332211858878e-3, -1.98412698295895385996e-4)
+_SINE: tuple[float, ...] = (
+    -1.66666666666666307295e-1,
+    8.33333333332211858878e-3,
+    -1.98412698295895385996e-4,
+)
 _SINE += (2.75573136213857245213e-6, -2.50507477628578072866e-8, 1.58962301576546568060e-10)
-_COSINE: tuple[float, ...] = (4.16666666666665929218e-2, -1.38888888888730564116e-3, 2.48015872888517045348e-5)
+_COSINE: tuple[float, ...] = (
+    4.16666666666665929218e-2,
+    -1.38888888888730564116e-3,
+    2.48015872888517045348e-5,
+)
 _COSINE += (-2.75573141792967388112e-7, 2.08757008419747316778e-9, -1.13585365213876817300e-11)
 """Polynomials of fdlibm (Sun Microsystems, 1993) for sine and cosine between -pi/4 and pi/4."""
 _PACKAGE = Path(__file__).resolve().parent
@@ -63,7 +72,8 @@ def _cache_folder() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(path.read_bytes())
-    mine = f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/ssmr-testbed"  # XDG Base Directory Specification
+    # XDG Base Directory Specification
+    mine = f"{os.environ.get('XDG_CACHE_HOME') or '~/.cache'}/ssmr-testbed"
     why = "no folder for it can be written"
     try:
         root = Path(config.CACHE_DIR or mine).expanduser()
@@ -100,8 +110,9 @@ T = TypeVar("T", bound=tuple[Any, ...])
 def jit(function: F) -> F:
     """Compile a numeric function that compiled functions call, without the interpreter lock and in IEEE arithmetic.
 
-    It is inlined wherever it is called, because the laws are a few lines each and a call costs as much as they do. So it
-    is not kept on disk: what calls it is. Called from Python, it is compiled anew in every process; see `jit_alone`.
+    It is inlined wherever it is called, because the laws are a few lines each and a call costs as
+    much as they do. So it is not kept on disk: what calls it is. Called from Python, it is compiled
+    anew in every process; see `jit_alone`.
     """
     compiled: F = _njit(nogil=True, error_model="numpy", forceinline=True)(function)
     return compiled
@@ -119,8 +130,9 @@ def stop_saving() -> None:
 class _Kept:
     """Compiled code of one function on disk, in a folder of its own for each signature and processor.
 
-    numba keeps all signatures of a function in one index, which two processes that write at once can spoil: then a
-    signature has the code of another one. Here each is alone in its index, and what does not fit is compiled anew.
+    numba keeps all signatures of a function in one index, which two processes that write at once
+    can spoil: then a signature has the code of another one. Here each is alone in its index, and
+    what does not fit is compiled anew.
     """
 
     cache_path = _FOLDER
@@ -176,8 +188,9 @@ def jit_alone(function: F) -> F:
 def share_among_threads(work: Callable[[int, int], object], count: int, workers: int) -> None:
     """Let `work(first, last)` do consecutive shares of `count` things on so many threads of Python's own.
 
-    Compiled functions hold no interpreter lock, so the shares run side by side. numba's own threads are not used: the layer
-    that it has where neither OpenMP nor TBB is installed ends the process when two threads call it at once.
+    Compiled functions hold no interpreter lock, so the shares run side by side. numba's own threads
+    are not used: the layer that it has where neither OpenMP nor TBB is installed ends the process
+    when two threads call it at once.
     """
     shares = max(1, min(count, _SHARES * workers)) if workers > 1 else 1
     if shares == 1:
@@ -206,11 +219,14 @@ def built_in(function: Any) -> Any:
 def numbers_as(typing: Any, template: Any, numbers: Any, first: Any, step: Any) -> Any:
     """Return a named tuple of the template's kind from every `step`-th number of an array, beginning with number `first`.
 
-    Numbers become whole numbers and truth values where the template has such: numba types no loop over mixed fields.
+    Numbers become whole numbers and truth values where the template has such: numba types no loop
+    over mixed fields.
     """
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        array, at, values = context.make_array(numbers)(context, builder, arguments[1]), arguments[2], []
+        array = context.make_array(numbers)(context, builder, arguments[1])
+        at = arguments[2]
+        values = []
         for kind in template.types:
             pointer = _item_pointer(context, builder, numbers, array, [at])
             values.append(context.cast(builder, builder.load(pointer), types.float64, kind))
@@ -232,7 +248,9 @@ def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         double = ir.DoubleType()
-        function = builder.module.declare_intrinsic("llvm.fmuladd", [double], ir.FunctionType(double, [double] * 3))
+        function = builder.module.declare_intrinsic(
+            "llvm.fmuladd", [double], ir.FunctionType(double, [double] * 3)
+        )
         return builder.call(function, arguments)
 
     return types.float64(types.float64, types.float64, types.float64), build
@@ -250,22 +268,31 @@ def _bits(typing: Any, x: Any) -> Any:
 def sine_cosine(angle: float) -> tuple[float, float]:
     """Return sine and cosine of an angle [rad] by arithmetic alone, so that a loop over angles becomes vector instructions.
 
-    The angle less the nearest multiple of pi/2 goes into two polynomials. That pi/2 is a rounded number moves the angle by
-    4e-17 of itself, less than its own rounding. Each is within 2e-16 of that of an angle that lies less than one rounding
-    away from the one given. Beyond 1e15 rad, where a rounding is as large as the angle's direction, they mean nothing.
+    The angle less the nearest multiple of pi/2 goes into two polynomials. That pi/2 is a rounded
+    number moves the angle by 4e-17 of itself, less than its own rounding. Each is within 2e-16 of
+    that of an angle that lies less than one rounding away from the one given. Beyond 1e15 rad,
+    where a rounding is as large as the angle's direction, they mean nothing.
     """
     shifted = fused(angle, _PER_QUARTER, _SHIFT)
     n = shifted - _SHIFT
     r = fused(-n, _QUARTER, angle)
     z = r * r
-    s, c = _SINE[5], _COSINE[5]
-    s, c = fused(s, z, _SINE[4]), fused(c, z, _COSINE[4])
-    s, c = fused(s, z, _SINE[3]), fused(c, z, _COSINE[3])
-    s, c = fused(s, z, _SINE[2]), fused(c, z, _COSINE[2])
-    s, c = fused(s, z, _SINE[1]), fused(c, z, _COSINE[1])
-    s, c = fused(s, z, _SINE[0]), fused(c, z, _COSINE[0])
-    s, c = fused(r * z, s, r), fused(z * z, c, fused(-0.5, z, 1.0))
+    s = _SINE[5]
+    c = _COSINE[5]
+    s = fused(s, z, _SINE[4])
+    c = fused(c, z, _COSINE[4])
+    s = fused(s, z, _SINE[3])
+    c = fused(c, z, _COSINE[3])
+    s = fused(s, z, _SINE[2])
+    c = fused(c, z, _COSINE[2])
+    s = fused(s, z, _SINE[1])
+    c = fused(c, z, _COSINE[1])
+    s = fused(s, z, _SINE[0])
+    c = fused(c, z, _COSINE[0])
+    s = fused(r * z, s, r)
+    c = fused(z * z, c, fused(-0.5, z, 1.0))
     quadrant = _bits(shifted)
     odd = (quadrant & 1) != 0
-    sine, cosine = c if odd else s, s if odd else c
+    sine = c if odd else s
+    cosine = s if odd else c
     return -sine if (quadrant & 2) != 0 else sine, -cosine if ((quadrant + 1) & 2) != 0 else cosine

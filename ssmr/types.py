@@ -1,10 +1,11 @@
 """The values that flow between the parts: commands drive a plant, a plant leaves a trajectory.
 
-N commands drive N + 1 states: `Commands.values[k]` is held over [t_k, t_k+1), and a trajectory sampled at the commands'
-edges has one row more than there are commands. Arrays are copied, checked and read-only, so a value never changes after
-it was made.
+N commands drive N + 1 states: `Commands.values[k]` is held over [t_k, t_k+1), and a trajectory
+sampled at the commands' edges has one row more than there are commands. Arrays are copied, checked
+and read-only, so a value never changes after it was made.
 
-Units are SI and radians. The world frame is fixed; the body frame has x forward, y left; yaw is unwrapped.
+Units are SI and radians. The world frame is fixed; the body frame has x forward, y left; yaw is
+unwrapped.
 """
 
 from __future__ import annotations
@@ -28,11 +29,13 @@ CommandKind = Literal["twist", "wheels"]
 def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) -> FloatArray:
     """Return a contiguous, read-only copy of numbers in the `shape` asked for, `None` in it where any length will do.
 
-    Raises:
-        ValueError: the shape is another one, or a number is not finite; the message calls the values `name`.
+    Raises: ValueError: the shape is another one, or a number is not finite; the message calls the
+        values `name`.
     """
     array = np.array(values, dtype=np.float64, order="C", copy=True)
-    if array.ndim != len(shape) or any(w is not None and g != w for g, w in zip(array.shape, shape, strict=False)):
+    if array.ndim != len(shape) or any(
+        w is not None and g != w for g, w in zip(array.shape, shape, strict=False)
+    ):
         wanted = "x".join("N" if n is None else str(n) for n in shape)
         raise ValueError(f"{name} has shape {array.shape}, wanted {wanted}")
     if not np.all(np.isfinite(array)):
@@ -58,7 +61,9 @@ def increasing_times(values: ArrayLike) -> FloatArray:
     """
     t = frozen_array(values, "t", (None,))
     if np.any(np.diff(t) <= 0.0):
-        raise ValueError(f"t must increase; it does not after sample {int(np.argmax(np.diff(t) <= 0.0))}")
+        raise ValueError(
+            f"t must increase; it does not after sample {int(np.argmax(np.diff(t) <= 0.0))}"
+        )
     return t
 
 
@@ -69,9 +74,11 @@ class Commands:
     dt: float
     """Period for which each command is held [s]."""
     values: FloatArray
-    """(N, 2): v [m/s] and omega [rad/s] for `twist`; left and right wheel rate [rad/s] for `wheels`."""
+    """(N, 2): v [m/s] and omega [rad/s] for `twist`; left and right wheel rate [rad/s] for
+    `wheels`."""
     kind: CommandKind = "twist"
-    """`twist` for body velocities, which the driver turns into wheel rates; `wheels` for the wheel rates themselves."""
+    """`twist` for body velocities, which the driver turns into wheel rates; `wheels` for the wheel
+    rates themselves."""
     before: tuple[float, float] = (0.0, 0.0)
     """Command before the first one, which fills the delay lines."""
 
@@ -85,7 +92,9 @@ class Commands:
         if len(self.values) == 0:
             raise ValueError("there are no commands")
         if not np.all(np.isfinite(self.before)):
-            raise ValueError(f"the command before the first one must be two finite numbers, got {self.before}")
+            raise ValueError(
+                f"the command before the first one must be two finite numbers, got {self.before}"
+            )
 
     @property
     def n(self) -> int:
@@ -139,7 +148,8 @@ class Trajectory:
     wheels: FloatArray
     """(M, 2): left and right wheel rate [rad/s]."""
     channels: Mapping[str, FloatArray] = field(default_factory=dict)
-    """Other signals by name, with the unit at the end, each (M,) or (M, k): loads, torques, accelerations."""
+    """Other signals by name, with the unit at the end, each (M,) or (M, k): loads, torques,
+    accelerations."""
 
     def __post_init__(self) -> None:
         """Check and freeze; a ValueError refuses other lengths, time that does not increase, and numbers not finite."""
@@ -175,13 +185,16 @@ class Trajectory:
 
     def state(self, k: int) -> State:
         """Return the `k`-th sample."""
-        return State(*map(float, self.pose[k]), *map(float, self.twist[k]), *map(float, self.wheels[k]))
+        return State(
+            *map(float, self.pose[k]), *map(float, self.twist[k]), *map(float, self.wheels[k])
+        )
 
 
 class Plant(Protocol):
     """Anything that moves when it is commanded: an analytic model or a simulator.
 
-    A plant includes its driver: saturation, delays, conversion to wheel rates and the wheel torque loop lie inside `step`.
+    A plant includes its driver: saturation, delays, conversion to wheel rates and the wheel torque
+    loop lie inside `step`.
     """
 
     @property
@@ -201,11 +214,18 @@ class Plant(Protocol):
     def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
         """Hold `command` (v [m/s], omega [rad/s]) for `dt` [s], whole physics steps; return where it is then.
 
-        `yaw_acceleration` is a disturbance added meanwhile [rad/s2], see `ssmr.robot.sensors.yaw_disturbance`.
+        `yaw_acceleration` is a disturbance added meanwhile [rad/s2], see
+        `ssmr.robot.sensors.yaw_disturbance`.
         """
         ...
 
-    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+    def run(
+        self,
+        commands: Commands,
+        state: State,
+        sample_dt: float,
+        disturbance: FloatArray | None = None,
+    ) -> Trajectory:
         """Drive `commands` from `state` at once; equal to `reset` and repeated `step`, but as fast as the plant can.
 
         `disturbance` is (n,) yaw acceleration [rad/s2] for the n physics steps.

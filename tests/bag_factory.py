@@ -26,7 +26,8 @@ PACKINGS = {
 }
 PACKED_KINDS = ("ros1 bz2", "ros1 lz4", "sqlite messages", "sqlite file", "mcap zstd", "mcap lz4")
 """Bags that are packed: whole, by chunk, or by message."""
-ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 
 Made = tuple[str, Mapping[str, Any]]
 """Message type, and fields."""
@@ -45,7 +46,10 @@ def twist_of(v: float, w: float) -> dict[str, Any]:
 
 
 def pose_of(x: float, y: float, yaw: float) -> dict[str, Any]:
-    return {"position": {"x": x, "y": y}, "orientation": {"z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}}
+    return {
+        "position": {"x": x, "y": y},
+        "orientation": {"z": math.sin(yaw / 2), "w": math.cos(yaw / 2)},
+    }
 
 
 def twist(v: float, w: float) -> Made:
@@ -61,16 +65,22 @@ def pose_stamped(t: float, x: float, y: float = 0.0, yaw: float = 0.0) -> Made:
 
 
 def odometry(t: float, pose: tuple[float, float, float], v: float, w: float) -> Made:
-    return "nav_msgs/msg/Odometry", stamped(t, pose={"pose": pose_of(*pose)}, twist={"twist": twist_of(v, w)})
+    return "nav_msgs/msg/Odometry", stamped(
+        t, pose={"pose": pose_of(*pose)}, twist={"twist": twist_of(v, w)}
+    )
 
 
 def imu(t: float, rates: Sequence[float], acceleration: Sequence[float] = (0.0, 0.0, 9.81)) -> Made:
     vectors = {"angular_velocity": rates, "linear_acceleration": acceleration}
-    return "sensor_msgs/msg/Imu", stamped(t, **{n: dict(zip("xyz", v, strict=True)) for n, v in vectors.items()})
+    return "sensor_msgs/msg/Imu", stamped(
+        t, **{n: dict(zip("xyz", v, strict=True)) for n, v in vectors.items()}
+    )
 
 
 def joints(t: float, rates: Mapping[str, float]) -> Made:
-    return "sensor_msgs/msg/JointState", stamped(t, name=list(rates), velocity=np.array(list(rates.values())))
+    return "sensor_msgs/msg/JointState", stamped(
+        t, name=list(rates), velocity=np.array(list(rates.values()))
+    )
 
 
 def fix(t: float, latitude: float, longitude: float) -> Made:
@@ -111,16 +121,29 @@ def _fill(writer: Any, messages: Sequence[Message], types: Any, serialize: Any) 
     for topic, t, (kind, fields) in messages:
         if topic not in connections:
             connections[topic] = writer.add_connection(topic, kind, typestore=types)
-        writer.write(connections[topic], round((START + t) * 1e9), serialize(message_of(types, kind, fields), kind))
+        writer.write(
+            connections[topic],
+            round((START + t) * 1e9),
+            serialize(message_of(types, kind, fields), kind),
+        )
 
 
 def circle(n: int = 60, dt: float = 0.05, late: float = 0.01) -> list[Message]:
     """Every type that is read, of a robot on a circle, 0.5 m/s and 0.4 rad/s; written `late` [s] after its stamps."""
-    v, w, messages = 0.5, 0.4, list[Message]()
-    rates = {"front_left_wheel": 2.0, "front_right_wheel": 4.0, "rear_left_wheel": 2.5, "rear_right_wheel": 4.5, "arm": 9.0}
+    v = 0.5
+    w = 0.4
+    messages = list[Message]()
+    rates = {
+        "front_left_wheel": 2.0,
+        "front_right_wheel": 4.0,
+        "rear_left_wheel": 2.5,
+        "rear_right_wheel": 4.5,
+        "arm": 9.0,
+    }
     for t in (1.0 + dt * np.arange(n)).tolist():
         yaw = w * t
-        x, y = v / w * math.sin(yaw), v / w * (1.0 - math.cos(yaw))
+        x = v / w * math.sin(yaw)
+        y = v / w * (1.0 - math.cos(yaw))
         made = {
             "/cmd_vel": twist(v, w),
             "/husky_velocity_controller/odom": odometry(t, (x, y, yaw), v, w),
@@ -137,7 +160,10 @@ def circle(n: int = 60, dt: float = 0.05, late: float = 0.01) -> list[Message]:
 def poses_at(n: int = 20, jump: float = 0.0, value: float | None = None) -> list[Message]:
     """Poses at 10 Hz; the clock of their stamps jumps [s] after the tenth."""
     ticks = [(0.1 * k, 0.1 * k + (jump if k >= 10 else 0.0)) for k in range(n)]
-    return [("/pose", written, pose_stamped(t, written if value is None else value)) for written, t in ticks]
+    return [
+        ("/pose", written, pose_stamped(t, written if value is None else value))
+        for written, t in ticks
+    ]
 
 
 def message_of(types: Any, kind: str, fields: Any) -> Any:

@@ -11,7 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported: threads cost more than small matrices
+# read when numpy is imported: threads cost more than small matrices
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
@@ -31,28 +32,35 @@ EXACT = 0.0
 ROUNDOFF = 1e-12
 """Relative: algebraic identities in double precision, some tens of operations long."""
 SYMMETRY = 1e-8
-"""Rollouts that mirror or move the frame: the contact solver stops at 1e-10, a thousand steps follow; far under any
-physics."""
+"""Rollouts that mirror or move the frame: the contact solver stops at 1e-10, a thousand steps
+follow; far under any physics."""
 DRAKE_SYMMETRY = 1e-5
-"""Drake repeats these rollouts less exactly: its solver stops at a relative 1e-6 of the sum of all momenta, those of wheels
-at some 5 rad/s among them, and Python cannot set a smaller limit (SapSolverParameters)."""
+"""Drake repeats these rollouts less exactly: its solver stops at a relative 1e-6 of the sum of all
+momenta, those of wheels at some 5 rad/s among them, and Python cannot set a smaller limit
+(SapSolverParameters)."""
 DERIVATIVE = 1e-6
 """Relative: central differences with a step of 1e-5 on smooth functions of order one."""
 
 Launch = Callable[..., subprocess.Popen[Any]]
 """What the fixture `launch` is."""
 
-os.environ.pop("COLUMNS", None)  # pytest-xdist sets it to 80 in its workers, and tables would leave out columns there
-if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in a script's background; programs inherit that
+# pytest-xdist sets it to 80 in its workers, and tables would leave out columns there
+os.environ.pop("COLUMNS", None)
+# in a script's background; programs inherit that
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-settings.register_profile("repeat", derandomize=True, database=None, deadline=None)  # the same examples for everybody
-settings.register_profile("explore", max_examples=2000, deadline=None)  # new ones: pytest --hypothesis-profile=explore
+# the same examples for everybody
+settings.register_profile("repeat", derandomize=True, database=None, deadline=None)
+# new ones: pytest --hypothesis-profile=explore
+settings.register_profile("explore", max_examples=2000, deadline=None)
 settings.load_profile("repeat")
 
 
 def data_folder() -> Path:
     """Where the real recordings lie: SSMR_DATA, or `shared/data` beside the source tree."""
-    return Path(os.environ.get("SSMR_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+    return Path(
+        os.environ.get("SSMR_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")
+    )
 
 
 @cache

@@ -6,24 +6,42 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.robot.drivetrain import SetPointLaw, battery_current, quasi_static_twist, rim_speeds, side_forces
+from ssmr.robot.drivetrain import (
+    SetPointLaw,
+    battery_current,
+    quasi_static_twist,
+    rim_speeds,
+    side_forces,
+)
 from ssmr.types import FloatArray
 from validation.files.log import Log
 from validation.identify.motor_logs import Chassis, chassis_of
 from validation.plants.profile import choose_profile, load_profile
 
-HUSKY, WARTHOG = (
-    chassis_of(load_profile("husky-tile")),
-    chassis_of(choose_profile(None, "warthog", "husky-tile"), mass=470.0),
-)
+HUSKY = chassis_of(load_profile("husky-tile"))
+WARTHOG = chassis_of(choose_profile(None, "warthog", "husky-tile"), mass=470.0)
 LAW = SetPointLaw(0.08, 1.04, 0.29, 1.0, 2.2, 1.9, 0.04)
-FRICTION, LOSSES, SLIP, RHO, INERTIA = 11.0, (2.0, 2.8), 0.09, 0.15, 0.2
-"""Friction, losses [A], slip scale [1], resistance over voltage constant [rad/s per A], inertia [A s^2/rad]."""
-TORQUE, LOSS_TORQUES, HEAT, EFFICIENCY = 450.0, (40.0, 60.0), 0.003, 0.93
-"""Friction and losses [N m], resistance over torque constant squared [W/(N m)^2], efficiency [1] of a Warthog."""
-AIR_LOSSES, RIPPLE, IDLE = (0.3, 1.1), 0.8, 0.59
-"""Losses with wheels in the air, ripple on the ground, and readings of a bridge that does not drive [A]."""
-_FINE, _ROWS, _MESSAGES = 0.01, 0.05, 0.15
+FRICTION = 11.0
+LOSSES = (2.0, 2.8)
+SLIP = 0.09
+RHO = 0.15
+INERTIA = 0.2
+"""Friction, losses [A], slip scale [1], resistance over voltage constant [rad/s per A], inertia [A
+s^2/rad]."""
+TORQUE = 450.0
+LOSS_TORQUES = (40.0, 60.0)
+HEAT = 0.003
+EFFICIENCY = 0.93
+"""Friction and losses [N m], resistance over torque constant squared [W/(N m)^2], efficiency [1] of
+a Warthog."""
+AIR_LOSSES = (0.3, 1.1)
+RIPPLE = 0.8
+IDLE = 0.59
+"""Losses with wheels in the air, ripple on the ground, and readings of a bridge that does not drive
+[A]."""
+_FINE = 0.01
+_ROWS = 0.05
+_MESSAGES = 0.15
 """Periods of the computation, of the log's rows and of the robot's messages [s]."""
 
 
@@ -37,20 +55,27 @@ class Motion(NamedTuple):
     """(2, n) wheel rates [rad/s]."""
 
 
-def random_drive(seed: int, commands: int, chassis: Chassis, law: SetPointLaw = LAW, most: float = 0.7) -> Motion:
+def random_drive(
+    seed: int, commands: int, chassis: Chassis, law: SetPointLaw = LAW, most: float = 0.7
+) -> Motion:
     """Return random commands, held for 6 s each after 3 s of rest, and the wheel rates that a driver makes of them."""
     rng = np.random.default_rng(seed)
     chosen = np.vstack([np.zeros((1, 2)), rng.uniform([-most, -1.8], [most, 1.8], (commands, 2))])
     held = np.repeat(chosen, [300, *[600] * commands], axis=0)
     speeds = np.vstack([np.zeros((1, 2)), rim_speeds(held, _FINE, law, chassis.speed_limit)])
     return Motion(
-        np.arange(len(speeds), dtype=np.float64) * _FINE, np.vstack([held, held[-1:]]), speeds.T / chassis.command_radius
+        np.arange(len(speeds), dtype=np.float64) * _FINE,
+        np.vstack([held, held[-1:]]),
+        speeds.T / chassis.command_radius,
     )
 
 
-def bridge_log(name: str, motion: Motion, current: FloatArray, ripple: float, seed: int, yaw: FloatArray | None) -> Log:
+def bridge_log(
+    name: str, motion: Motion, current: FloatArray, ripple: float, seed: int, yaw: FloatArray | None
+) -> Log:
     """Return the log of a Husky: set points in steps, and |I| while the bridge drives, both from messages."""
-    rng, chassis = np.random.default_rng(seed), HUSKY
+    rng = np.random.default_rng(seed)
+    chassis = HUSKY
     step = 0.01 / chassis.command_radius
     sent = np.arange(0.0, motion.t[-1], _MESSAGES) + rng.uniform(0.0, 0.02)
     at = np.searchsorted(motion.t, sent) - 1
@@ -62,7 +87,8 @@ def bridge_log(name: str, motion: Motion, current: FloatArray, ripple: float, se
     power = (motion.rates[:, at] * true + RHO * true**2).sum(axis=0)
     voltage = 25.0 - 0.014 * power + 0.005 * rng.standard_normal(len(at))
     rows = np.arange(0.0, motion.t[-1] - _FINE, _ROWS)
-    last, now = np.maximum(np.searchsorted(sent, rows) - 1, 0), np.searchsorted(motion.t, rows)
+    last = np.maximum(np.searchsorted(sent, rows) - 1, 0)
+    now = np.searchsorted(motion.t, rows)
     columns = {
         "t": rows, "cmd_v": motion.commands[now, 0], "cmd_w": motion.commands[now, 1],
         "enc_left": rates[0, last], "enc_right": rates[1, last],
@@ -93,8 +119,11 @@ def on_grass(seed: int = 2, commands: int = 40, name: str = "grass", slip: float
 
 def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -> Log:
     """Return a log of a Warthog: measured rates, a gyro, and currents of the battery once a second."""
-    rng, chassis = np.random.default_rng(seed), WARTHOG
-    motion = random_drive(seed, commands, chassis, LAW._replace(yaw_rate_limit=3.0, half_track=0.55), most=1.2)
+    rng = np.random.default_rng(seed)
+    chassis = WARTHOG
+    motion = random_drive(
+        seed, commands, chassis, LAW._replace(yaw_rate_limit=3.0, half_track=0.55), most=1.2
+    )
     effort, yaw = _effort(motion.rates, chassis, SLIP)
     torque = TORQUE * effort + np.array(LOSS_TORQUES)[:, None] * np.sign(motion.rates)
     current = battery_current(torque, motion.rates, np.full_like(torque, 47.0), HEAT, EFFICIENCY)

@@ -22,7 +22,9 @@ from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.searchable import find, make_space, with_values
 from validation.plants.table import plant_kind
 
-POSITION, HEADING, TORQUE = 0.002, 0.002, 1.0
+POSITION = 0.002
+HEADING = 0.002
+TORQUE = 1.0
 """Standard deviations of the noise of each sample [m], [rad], [N m]."""
 SECONDS = 10.0
 """Length of the drive: the first half of trajectory 4, in which every kind of bend occurs [s]."""
@@ -91,7 +93,9 @@ def noisy_target(truth: Mapping[str, float], seed: int) -> FitTarget:
     return FitTarget("drawn", replace(source, pieces=(piece,)), (seen,), torques=(torques,))
 
 
-def recover(seed: int, way: Way, torque_weight: float = FitCost.torque_weight, workers: int = 1) -> Recovered:
+def recover(
+    seed: int, way: Way, torque_weight: float = FitCost.torque_weight, workers: int = 1
+) -> Recovered:
     """Fit the default list from default bounds to a robot that was drawn."""
     truth = drawn(seed)
     base = load_profile("thesis-lab").section("mujoco")

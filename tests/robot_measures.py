@@ -1,6 +1,7 @@
 """Measurements that set the simulator beside mechanics: a robot turns, rolls, stands on a slope and slides to a stop.
 
-Speeds and times are those of the robot's size: Froude numbers, and multiples of sqrt(wheel radius / g).
+Speeds and times are those of the robot's size: Froude numbers, and multiples of sqrt(wheel radius /
+g).
 """
 
 from __future__ import annotations
@@ -20,18 +21,25 @@ from validation.simulator.parts import robot_parts
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.turning import closed_form
 
-RIM_SPEED, ROLL_SPEED, STOP_SPEED = 0.13, 0.4, 1.18
-"""Speeds of rims in a slow turn, of a straight drive, and at which wheels are blocked, over sqrt(g wheel radius) [1]."""
-REST_TIME, TURN_TIME, DRIVE_TIME = 8.0, 46.0, 30.0
+RIM_SPEED = 0.13
+ROLL_SPEED = 0.4
+STOP_SPEED = 1.18
+"""Speeds of rims in a slow turn, of a straight drive, and at which wheels are blocked, over sqrt(g
+wheel radius) [1]."""
+REST_TIME = 8.0
+TURN_TIME = 46.0
+DRIVE_TIME = 30.0
 """Times over sqrt(wheel radius / g) [1]; 1.0, 6.0 and 3.9 s for a Husky."""
 STIFF = 20.0
 """Gain of nearly rigid motors over the robot's own [1]."""
 EXACT = PhysicsSettings(solver="Newton")
-"""Solver that is exact enough for laws that hold to rounding; tests/test_solver.py holds the shipped one to it."""
+"""Solver that is exact enough for laws that hold to rounding; tests/test_solver.py holds the
+shipped one to it."""
 LOAD_SHIFTS = (0.005, 0.005, 0.02, 0.2)
-"""A slow turn on the spot may move the loads by these shares, see `turn_on_the_spot` [1]: forces towards the turn's centre
-move half a per cent of the weight to the front or aside; the soft contact, which carries more where it slips faster, moves
-two per cent between diagonals and a fifth between a wide tyre's edges (docs/physics.md, "Other robots")."""
+"""A slow turn on the spot may move the loads by these shares, see `turn_on_the_spot` [1]: forces
+towards the turn's centre move half a per cent of the weight to the front or aside; the soft
+contact, which carries more where it slips faster, moves two per cent between diagonals and a fifth
+between a wide tyre's edges (docs/physics.md, "Other robots")."""
 TILT = math.radians(8.0)
 """Slope on which a robot creeps [rad]."""
 
@@ -39,13 +47,19 @@ TILT = math.radians(8.0)
 def load_sensitivity(calibration: Calibration) -> float:
     """Return by what share the closed form's multiplier may change as the turn itself shifts the loads (`LOAD_SHIFTS`) [1].
 
-    It is small but for long robots with their centre of mass far off the middle, which barely turn at all.
+    It is small but for long robots with their centre of mass far off the middle, which barely turn
+    at all.
     """
     at_rest = math.log(closed_form(calibration).multiplier)
     total = 0.0
     for k, share in enumerate(LOAD_SHIFTS):
-        shifts = [tuple(sign * share if i == k else 0.0 for i in range(len(LOAD_SHIFTS))) for sign in (1.0, -1.0)]
-        total += max(abs(math.log(closed_form(calibration, shift=s).multiplier) - at_rest) for s in shifts)
+        shifts = [
+            tuple(sign * share if i == k else 0.0 for i in range(len(LOAD_SHIFTS)))
+            for sign in (1.0, -1.0)
+        ]
+        total += max(
+            abs(math.log(closed_form(calibration, shift=s).multiplier) - at_rest) for s in shifts
+        )
     return total
 
 
@@ -54,7 +68,8 @@ class Bench:
 
     def __init__(self, calibration: Calibration) -> None:
         """Build it and let it settle."""
-        self.calibration, self.model = calibration, robot_model(calibration, settings=EXACT)
+        self.calibration = calibration
+        self.model = robot_model(calibration, settings=EXACT)
         self.data = mujoco.MjData(self.model)
         self.unit = math.sqrt(calibration.wheel_radius / GRAVITY)
         self.speed = math.sqrt(calibration.wheel_radius * GRAVITY)
@@ -75,7 +90,8 @@ class Bench:
 
     def loads(self) -> FloatArray:
         """Return the (4,) wheel loads over the weight."""
-        out, force = np.zeros(4), np.zeros(6)
+        out = np.zeros(4)
+        force = np.zeros(6)
         for k, contact in enumerate(self.data.contact[: self.data.ncon]):
             mujoco.mj_contactForce(self.model, self.data, k, force)
             wheel = [i for i, tire in enumerate(self._tires) if tire in contact.geom.tolist()]
@@ -99,7 +115,8 @@ class Turned:
     load_deviation: float
     """Greatest standard deviation of a wheel's load over its mean, in the second half [1]."""
     load_shift: float
-    """Greatest difference of a wheel's load from that at rest by mechanics, over a quarter of the weight [1]."""
+    """Greatest difference of a wheel's load from that at rest by mechanics, over a quarter of the
+    weight [1]."""
 
 
 def turn(calibration: Calibration, time: float = TURN_TIME) -> Turned:
@@ -107,14 +124,17 @@ def turn(calibration: Calibration, time: float = TURN_TIME) -> Turned:
     bench = Bench(replace(calibration, gain=STIFF * calibration.gain))
     bench.ask(-RIM_SPEED, RIM_SPEED)
     bench.run(0.5 * time)
-    rates, wheels, loads = [], [], []
+    rates = []
+    wheels = []
+    loads = []
     for _ in range(40):
         bench.run(0.5 * time / 40)
         rates.append(float(bench.data.qvel[5]))
         wheels.append(bench.data.qvel[bench.spins].copy())
         loads.append(bench.loads())
     rims = float(np.mean(wheels, axis=0) @ [-0.5, 0.5, -0.5, 0.5]) * calibration.wheel_radius
-    multiplier, carried = rims / (2.0 * calibration.half_track * float(np.mean(rates))), np.array(loads)
+    multiplier = rims / (2.0 * calibration.half_track * float(np.mean(rates)))
+    carried = np.array(loads)
     return Turned(
         multiplier, math.log(multiplier / closed_form(calibration).multiplier), load_sensitivity(calibration),
         float(np.ptp(rates) / np.mean(rates)), float((carried.std(axis=0) / carried.mean(axis=0)).max()),
@@ -125,7 +145,9 @@ def turn(calibration: Calibration, time: float = TURN_TIME) -> Turned:
 def resting_error(calibration: Calibration) -> tuple[float, float]:
     """Return how far loads at rest are from the weight, over it, and from `static_shares`, over a quarter of it [1]."""
     loads = Bench(calibration).loads()
-    return abs(float(loads.sum()) - 1.0), 4.0 * float(np.abs(loads - static_shares(calibration)).max())
+    return abs(float(loads.sum()) - 1.0), 4.0 * float(
+        np.abs(loads - static_shares(calibration)).max()
+    )
 
 
 def rolling_error(calibration: Calibration) -> float:
@@ -136,7 +158,9 @@ def rolling_error(calibration: Calibration) -> float:
     before = bench.data.qpos.copy()
     bench.run(DRIVE_TIME)
     moved = bench.data.qpos - before
-    turned = float(np.mean([moved[bench.model.joint(f"{wheel}_wheel").qposadr[0]] for wheel in WHEELS]))
+    turned = float(
+        np.mean([moved[bench.model.joint(f"{wheel}_wheel").qposadr[0]] for wheel in WHEELS])
+    )
     return math.hypot(*moved[:2]) / (turned * calibration.wheel_radius) - 1.0
 
 
@@ -154,18 +178,24 @@ def stop_error(calibration: Calibration, sideways: bool) -> float:
     """Return the way that a robot with blocked wheels slides over v^2 / (2 mu g), less one [1]."""
     heavy = 1.6 * calibration.mass * calibration.wheel_radius**2
     bench = Bench(replace(calibration, armature=100.0 * heavy, gain=1e4 * calibration.gain))
-    axis, speed = int(sideways), STOP_SPEED * bench.speed
+    axis = int(sideways)
+    speed = STOP_SPEED * bench.speed
     bench.data.qvel[axis] = speed
     before = float(bench.data.qpos[axis])
     bench.run(2.5 * STOP_SPEED / calibration.friction)
-    return (float(bench.data.qpos[axis]) - before) / (speed**2 / (2.0 * calibration.friction * GRAVITY)) - 1.0
+    return (float(bench.data.qpos[axis]) - before) / (
+        speed**2 / (2.0 * calibration.friction * GRAVITY)
+    ) - 1.0
 
 
 def tipping(calibration: Calibration) -> float:
     """Return how near a robot that slides straight ahead or sideways is to lifting wheels [1]; 1 where it does."""
     robot = calibration.robot
     share = 1.0 - 4.0 * robot.masses.wheel / calibration.mass
-    height = share * (robot.geometry.base_height + calibration.com_z) + (1.0 - share) * calibration.wheel_radius
+    height = (
+        share * (robot.geometry.base_height + calibration.com_z)
+        + (1.0 - share) * calibration.wheel_radius
+    )
     least = min(
         0.5 * robot.geometry.wheelbase - share * abs(calibration.com_x),
         calibration.half_track - share * abs(calibration.com_y),

@@ -16,10 +16,12 @@ from validation.simulator.model import set_calibration
 from validation.simulator.motors import set_motors
 
 HUSKY = load_robot("husky")
-WHEELBASE, TRACK = HUSKY.geometry.wheelbase, HUSKY.geometry.track
-SAME_PATH, SAME_LOADS = 1e-4, 5e-3
-"""Greatest distance between the paths of two settings of physics [m], and greatest root mean square difference of a wheel's
-load over its load at rest [1]."""
+WHEELBASE = HUSKY.geometry.wheelbase
+TRACK = HUSKY.geometry.track
+SAME_PATH = 1e-4
+SAME_LOADS = 5e-3
+"""Greatest distance between the paths of two settings of physics [m], and greatest root mean square
+difference of a wheel's load over its load at rest [1]."""
 
 
 def husky(**changes: Any) -> Calibration:
@@ -35,7 +37,13 @@ def scaled(document: dict[str, Any], length: float, mass: float) -> dict[str, An
         for key, value in section.items():
             factor = factors.get(key, usual)
             many = isinstance(value, list)
-            out[key] = [factor * v for v in value] if many else value if isinstance(value, str) else factor * value
+            out[key] = (
+                [factor * v for v in value]
+                if many
+                else value
+                if isinstance(value, str)
+                else factor * value
+            )
         return out
 
     inertia = mass * length**2
@@ -48,21 +56,25 @@ def scaled(document: dict[str, Any], length: float, mass: float) -> dict[str, An
 
 
 def drawn_document(
-    between: Callable[[float, float], float], one_of: Callable[[Sequence[str]], Any], off_the_middle: float = 0.25
+    between: Callable[[float, float], float],
+    one_of: Callable[[Sequence[str]], Any],
+    off_the_middle: float = 0.25,
 ) -> dict[str, Any]:
     """Return what the file of a robot drawn at random says: 8 to 800 kg, wheels of 0.05 to 0.35 m, any tyres and links.
 
-    Args:
-        between: draws a number between two.
-        one_of: draws one of several words.
-        off_the_middle: how far the centre of mass may lie off the middle, over half the wheelbase and half the track [1].
+    Args: between: draws a number between two. one_of: draws one of several words. off_the_middle:
+        how far the centre of mass may lie off the middle, over half the wheelbase and half the
+        track [1].
     """
-    radius, total = 0.05 * 7.0 ** between(0.0, 1.0), 8.0 * 100.0 ** between(0.0, 1.0)
+    radius = 0.05 * 7.0 ** between(0.0, 1.0)
+    total = 8.0 * 100.0 ** between(0.0, 1.0)
     wheelbase = radius * between(2.1, 4.5)
     track = wheelbase / between(0.5, 1.6)
-    width, wheel = min(radius * between(0.2, 1.0), 0.5 * track), total * between(0.008, 0.06)
+    width = min(radius * between(0.2, 1.0), 0.5 * track)
+    wheel = total * between(0.008, 0.06)
     size = [wheelbase + radius * between(0.2, 2.0), track - width, track * between(0.2, 0.8)]
-    # A box of the size of the hull, whose mass lies nearer to its middle or farther out along each axis.
+    # A box of the size of the hull, whose mass lies nearer to its middle or farther out along each
+    # axis.
     x, y, z = ((total - 4.0 * wheel) * s * s / 12.0 * between(0.5, 2.0) for s in size)
     height = max(0.6 * radius, track * between(0.15, 0.6))
     com = [0.5 * between(-off_the_middle, off_the_middle) * length for length in (wheelbase, track)]
@@ -92,7 +104,9 @@ def former_model(section: PlantProfile) -> mujoco.MjModel:
     """Return the robot as version 1.0 simulated it: with its looks, all sensors, islands, and Newton's method."""
     robot = section.parameters.robot
     spec = compose_robot(robot)
-    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], condim=3)
+    spec.worldbody.add_geom(
+        name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], condim=3
+    )
     model = spec.compile()
     set_calibration(model, section.parameters)
     set_motors(model, section.parameters, section.drive)

@@ -20,7 +20,9 @@ def message(values: Any) -> Any:
     return [message(value) for value in values] if isinstance(values, list) else values
 
 
-def odometry(stamp: float, x: float = 0.0, v: float = 0.0, y: float = 0.0, yaw: float = 0.0, w: float = 0.0) -> Any:
+def odometry(
+    stamp: float, x: float = 0.0, v: float = 0.0, y: float = 0.0, yaw: float = 0.0, w: float = 0.0
+) -> Any:
     """An odometry, on the x axis unless told otherwise."""
     return message(msg.odometry_message(stamp, np.array([x, y, yaw]), (v, w), np.eye(3), np.eye(3)))
 
@@ -34,7 +36,8 @@ class FakeClock:
     """Time that passes when somebody sleeps, and a little more than asked for; it begins at 100 s."""
 
     def __init__(self, overshoot: float = 0.0) -> None:
-        self.now, self.overshoot = 100.0, overshoot
+        self.now = 100.0
+        self.overshoot = overshoot
 
     def __call__(self) -> float:
         """What time it is [s]."""
@@ -50,7 +53,10 @@ class FakeNode(Node):
 
     def __init__(self, clock: FakeClock | None = None) -> None:
         self.clock = clock or FakeClock()
-        self.graph, self._clock, self._subscriptions, self._logged_at = Graph(), self.clock, {}, {}
+        self.graph = Graph()
+        self._clock = self.clock
+        self._subscriptions = {}
+        self._logged_at = {}
         self.coming: list[tuple[float, str, Any]] = []
         self.sent: list[tuple[str, float, Any]] = []
         self.robot_at = 0.0
@@ -82,7 +88,8 @@ class FakeNode(Node):
         if not self.coming or self.coming[0][0] > self.clock():
             self.clock.now = min(self.coming[0][0], until) if self.coming else until
         count = bisect_right(self.coming, self.clock(), key=lambda c: c[0])
-        came, self.coming = self.coming[:count], self.coming[count:]
+        came = self.coming[:count]
+        self.coming = self.coming[count:]
         return [
             (topic, message)
             for topic, subscription in self._subscriptions.items()
@@ -103,21 +110,35 @@ class RobotNode(FakeNode):
 
     def __init__(self, command: str, dead_time: float = 0.2, late: float = 0.0) -> None:
         super().__init__()
-        self.command, self.dead_time, self.late = command, dead_time, late
+        self.command = command
+        self.dead_time = dead_time
+        self.late = late
         self.blocked: Callable[[float], bool] = lambda t: False
         self.jumped: Callable[[float], float] = lambda t: 0.0
-        self.pose, self.speeds, self.tick = np.zeros(3), np.zeros(2), 0
+        self.pose = np.zeros(3)
+        self.speeds = np.zeros(2)
+        self.tick = 0
 
     def _take(self, timeout: float) -> list[tuple[str, Any]]:
         while 0.02 * self.tick <= self.clock() + timeout - 100.0:
             t = 0.02 * self.tick
-            heard = (m for name, at, m in reversed(self.sent) if name == self.command and at - 100.0 <= t - self.dead_time)
+            heard = (
+                m
+                for name, at, m in reversed(self.sent)
+                if name == self.command and at - 100.0 <= t - self.dead_time
+            )
             reported = next(heard, None)
-            wanted = np.array(msg.STAND_STILL if reported is None or self.blocked(t) else msg.read_twist(reported))
+            wanted = np.array(
+                msg.STAND_STILL if reported is None or self.blocked(t) else msg.read_twist(reported)
+            )
             self.speeds = self.speeds + 0.3 * (wanted - self.speeds)
             (v, w), yaw = self.speeds.tolist(), self.pose[2]
             self.pose = self.pose + 0.02 * np.array([v * np.cos(yaw), v * np.sin(yaw), w])
             x, y, yaw = self.pose.tolist()
-            self.plan(msg.FILTERED_TOPIC, t + self.late, odometry(t + 1.0, x + self.jumped(t), v, y, yaw, w))
+            self.plan(
+                msg.FILTERED_TOPIC,
+                t + self.late,
+                odometry(t + 1.0, x + self.jumped(t), v, y, yaw, w),
+            )
             self.tick += 1
         return super()._take(timeout)

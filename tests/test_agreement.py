@@ -1,7 +1,7 @@
 """What the shipped profiles reach: MuJoCo against the published models, the models against MuJoCo, all against a real Husky.
 
-Limits are the thesis' own distances between model and robot, and for the real Husky what a kinematic fit of the field
-reaches; they are never set by what this project happens to get.
+Limits are the thesis' own distances between model and robot, and for the real Husky what a
+kinematic fit of the field reaches; they are never set by what this project happens to get.
 """
 
 from __future__ import annotations
@@ -42,11 +42,14 @@ def driven(profile: Profile, source: str, reference: str, plant: str) -> PlantRe
     return compare(open_source(source), profile, (plant,), reference).plants[plant]
 
 
-# ---------------------------------------------------------------------------------------------------- thesis-lab
+# ----------------------------------------------------------------------------------------------------
+# thesis-lab
 
 
 @pytest.mark.parametrize("trajectory", TRAJECTORIES)
-def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(lab: Profile, trajectory: str) -> None:
+def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(
+    lab: Profile, trajectory: str
+) -> None:
     result = driven(lab, trajectory, "improved", "mujoco")
     assert result.metrics["d_rms_m"] <= limit("improved", trajectory)
     assert result.health is not None
@@ -55,19 +58,28 @@ def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(lab: Profil
 
 @pytest.mark.parametrize("trajectory", TRAJECTORIES)
 @pytest.mark.parametrize("model", MODELS)
-def test_published_models_agree_with_mujoco_unfitted(lab: Profile, model: str, trajectory: str) -> None:
+def test_published_models_agree_with_mujoco_unfitted(
+    lab: Profile, model: str, trajectory: str
+) -> None:
     """The published parameters belong to a robot that MuJoCo stands for: no nearer than twice the real one's distance."""
-    assert driven(lab, trajectory, "mujoco", model).metrics["d_rms_m"] <= 2.0 * limit(model, trajectory)
+    assert driven(lab, trajectory, "mujoco", model).metrics["d_rms_m"] <= 2.0 * limit(
+        model, trajectory
+    )
 
 
 def test_a_comparison_says_at_which_points_its_paths_are_taken(lab: Profile) -> None:
     tables = compare(open_source("traj3"), lab, ("mujoco",), "improved").tables
-    assert any("improved (0, 0) mm" in table.caption and "mujoco (85, 0) mm" in table.caption for table in tables)
+    assert any(
+        "improved (0, 0) mm" in table.caption and "mujoco (85, 0) mm" in table.caption
+        for table in tables
+    )
 
 
-LATE, TORQUE = 5e-3, 0.1
-"""Greatest error of the heading at equal times over the yaw rate [s], and of the torques over the motors' limit [1]: a robot
-on nearly rigid tyres has all of MuJoCo's dynamics but the lag of its friction."""
+LATE = 5e-3
+TORQUE = 0.1
+"""Greatest error of the heading at equal times over the yaw rate [s], and of the torques over the
+motors' limit [1]: a robot on nearly rigid tyres has all of MuJoCo's dynamics but the lag of its
+friction."""
 OTHER_ROBOTS: Mapping[str, tuple[dict[str, float], dict[str, float]]] = {
     "none": ({}, {}),
     "five times the armature": ({"armature": 1.0}, {}),
@@ -77,20 +89,27 @@ OTHER_ROBOTS: Mapping[str, tuple[dict[str, float], dict[str, float]]] = {
 
 
 @pytest.mark.parametrize("change", OTHER_ROBOTS)
-def test_mujocos_dynamics_are_those_of_a_robot_on_rigid_tyres_and_of_no_other(lab: Profile, change: str) -> None:
+def test_mujocos_dynamics_are_those_of_a_robot_on_rigid_tyres_and_of_no_other(
+    lab: Profile, change: str
+) -> None:
     """Trajectory 1 turns quickest. What distances between paths hardly notice must fail here."""
-    commands, tyred, section = SCENARIOS["traj1"].commands(), lab.plants["four_wheel"], lab.plants["mujoco"]
+    commands = SCENARIOS["traj1"].commands()
+    tyred = lab.plants["four_wheel"]
+    section = lab.plants["mujoco"]
     rigid = replace(tyred.parameters, stiffness_x=200.0, stiffness_y=200.0)
     wanted = FourWheelPlant(FourWheelModel(rigid, tyred.drive)).run(commands, State(), 0.008)
     body, drive = OTHER_ROBOTS[change]
     plant = MujocoPlant(replace(section.parameters, **body), replace(section.drive, **drive))
     motion = plant.run(commands, State(), 0.008)
     late = np.sqrt(np.mean((motion.yaw - wanted.yaw) ** 2) / np.mean(wanted.twist[:, 2] ** 2))
-    torque = compare_signals([motion], [wanted])["torque_rms_N_m"] / (2.0 * section.drive.torque_limit)
+    torque = compare_signals([motion], [wanted])["torque_rms_N_m"] / (
+        2.0 * section.drive.torque_limit
+    )
     assert (late < LATE and torque < TORQUE) == (change == "none")
 
 
-# ---------------------------------------------------------------------------------------------------- husky-tile
+# ----------------------------------------------------------------------------------------------------
+# husky-tile
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +125,9 @@ def tile() -> Mapping[str, Mapping[str, PlantResult]]:
     }
 
 
-@pytest.mark.parametrize(("given", "position", "yaw"), [("wheels", 0.033, 0.040), ("commands", 0.045, 0.050)])
+@pytest.mark.parametrize(
+    ("given", "position", "yaw"), [("wheels", 0.033, 0.040), ("commands", 0.045, 0.050)]
+)
 def test_mujoco_follows_a_real_husky(
     tile: Mapping[str, Mapping[str, PlantResult]], given: str, position: float, yaw: float
 ) -> None:
@@ -118,5 +139,7 @@ def test_mujoco_follows_a_real_husky(
     assert after.yaw_median_rad <= 1.2 * yaw
 
 
-def test_a_dynamic_model_follows_a_real_husky_from_commands(tile: Mapping[str, Mapping[str, PlantResult]]) -> None:
+def test_a_dynamic_model_follows_a_real_husky_from_commands(
+    tile: Mapping[str, Mapping[str, PlantResult]],
+) -> None:
     assert min(tile["commands"][m].horizons[6.0].position_median_m for m in MODELS) <= 0.095

@@ -34,7 +34,12 @@ def stranger(folder: Path, seed: int = 5) -> Path:
     radius = float(np.clip(0.035 * mass ** (1.0 / 3.0) * rng.uniform(0.8, 1.2), 0.05, 0.35))
     track_width = radius * rng.uniform(3.0, 4.5)
     wheelbase = max(track_width * rng.uniform(0.5, 1.6), 2.2 * radius)
-    geometry = {"wheelbase": wheelbase, "track": track_width, "wheel_radius": radius, "wheel_width": 0.5 * radius}
+    geometry = {
+        "wheelbase": wheelbase,
+        "track": track_width,
+        "wheel_radius": radius,
+        "wheel_width": 0.5 * radius,
+    }
     document = {
         "schema": "ssmr.robot/1",
         "name": "stranger",
@@ -54,13 +59,18 @@ def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return name if name == "jackal" else str(stranger(tmp_path_factory.mktemp("robots")))
 
 
-# ------------------------------------------------------------------------------------------------- the programs
+# -------------------------------------------------------------------------------------------------
+# the programs
 
 
 def run(program: Any, name: str, out: Path, *arguments: str) -> dict[str, Any]:
     """Run a program in this process for a robot; return its document, which names the robot."""
     assert exit_status(program, *arguments, "--robot", name, "--out", str(out)) == 0
-    (path,) = (path for path in out.glob("*.json") if path.stem in ("compare", "track", "tune", "fit", "study"))
+    (path,) = (
+        path
+        for path in out.glob("*.json")
+        if path.stem in ("compare", "track", "tune", "fit", "study")
+    )
     document: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     assert document["robot"] == load_robot(name).name
     return document
@@ -69,13 +79,23 @@ def run(program: Any, name: str, out: Path, *arguments: str) -> dict[str, Any]:
 def test_compare(robot: str, tmp_path: Path) -> None:
     document = run(compare, robot, tmp_path, "traj4", "--no-rerun")
     for name, plant in document["plants"].items():
-        assert plant["d_rms_m"] < 0.6, name  # of 10 m of path; without the slip of turns it is more than a metre
+        # of 10 m of path; without the slip of turns it is more than a metre
+        assert plant["d_rms_m"] < 0.6, name
     assert document["plants"]["mujoco"]["health"]["ok"]
     assert document["parameters"]["mujoco"]["parameters"]["mass"] == load_robot(robot).masses.total
 
 
 def test_track(robot: str, tmp_path: Path) -> None:
-    document = run(track, robot, tmp_path, "lqr-scheduled", "circle", "--plant", "improved,mujoco", "--no-rerun")
+    document = run(
+        track,
+        robot,
+        tmp_path,
+        "lqr-scheduled",
+        "circle",
+        "--plant",
+        "improved,mujoco",
+        "--no-rerun",
+    )
     assert document["metrics"]["d_rms_m"] < 0.15
     assert document["beside"]["mujoco"]["d_rms_m"] < 0.15
 
@@ -85,29 +105,44 @@ def test_fit_of_a_planar_model(tmp_path: Path) -> None:
     robot = str(stranger(tmp_path))
     short = ["--population", "16", "--generations", "8", "--start", "profile", "--seed", "1"]
     document = run(fit, robot, tmp_path / "out", "improved", "--to", "traj4@mujoco", *short)
-    before = compare("traj4", plants=("improved",), reference="mujoco", robot=robot).plants["improved"].metrics["d_rms_m"]
+    before = (
+        compare("traj4", plants=("improved",), reference="mujoco", robot=robot)
+        .plants["improved"]
+        .metrics["d_rms_m"]
+    )
     assert document["train"]["d_rms_m"] < 0.7 * before
     fitted = load_profile(str(tmp_path / "out" / "profile.toml"))
     assert fitted.robot == load_robot(robot)
     again = compare("traj4", fitted, plants=("improved",), reference="mujoco")
-    assert again.plants["improved"].metrics["d_rms_m"] == pytest.approx(document["train"]["d_rms_m"], rel=1e-9)
+    assert again.plants["improved"].metrics["d_rms_m"] == pytest.approx(
+        document["train"]["d_rms_m"], rel=1e-9
+    )
     assert again.robot == load_robot(robot)
 
 
 def test_recordings(robot: str, tmp_path: Path) -> None:
     """A comparison takes the log of a drive of this robot."""
-    log, commands = tmp_path / "log.csv", TRAJECTORIES["traj4"].commands()
-    motion = make_plant(choose_profile(None, robot, "thesis-lab"), "mujoco").run(commands, State(), commands.dt)
+    log = tmp_path / "log.csv"
+    commands = TRAJECTORIES["traj4"].commands()
+    motion = make_plant(choose_profile(None, robot, "thesis-lab"), "mujoco").run(
+        commands, State(), commands.dt
+    )
     given = np.vstack([commands.values, commands.values[-1:]])
     names = ("t", "x", "y", "yaw", "enc_left", "enc_right", "cmd_v", "cmd_w")
     columns = np.column_stack([motion.t, motion.pose, motion.wheels, given])
     write_csv(dict(zip(names, columns.T, strict=True)), log)
     document = run(compare, robot, tmp_path / "out", str(log), "--no-rerun")
-    errors = {name: plant["horizons"]["6"]["position_median_m"] for name, plant in document["plants"].items()}
-    assert errors["mujoco"] < min(0.1, *(error for name, error in errors.items() if name != "mujoco"))
+    errors = {
+        name: plant["horizons"]["6"]["position_median_m"]
+        for name, plant in document["plants"].items()
+    }
+    assert errors["mujoco"] < min(
+        0.1, *(error for name, error in errors.items() if name != "mujoco")
+    )
 
 
-# ------------------------------------------------------------------------------------------------- doors
+# -------------------------------------------------------------------------------------------------
+# doors
 
 
 def test_every_door_takes_a_robot_in_every_form(robot: str) -> None:
@@ -123,7 +158,10 @@ def test_every_door_takes_a_robot_in_every_form(robot: str) -> None:
     if Path(robot).exists():
         assert doors[0](Path(robot)) == loaded
     assert (
-        tune("lqr", "line@0.5", robot=loaded, held_out=(), free=("q_x",), **small).problem.profile.robot.name == loaded.name
+        tune(
+            "lqr", "line@0.5", robot=loaded, held_out=(), free=("q_x",), **small
+        ).problem.profile.robot.name
+        == loaded.name
     )
 
 
@@ -134,7 +172,8 @@ def test_a_profile_of_another_robot_is_refused(robot: str) -> None:
     assert choose_profile(None, robot, "thesis-lab").robot == load_robot(robot)
 
 
-# ------------------------------------------------------------------------------------------------- numbers
+# -------------------------------------------------------------------------------------------------
+# numbers
 
 
 @pytest.mark.parametrize("name", ["husky", "jackal", "warthog", "pioneer3at"])
@@ -145,20 +184,31 @@ def test_a_robots_own_numbers_lie_within_its_bounds(name: str, plant: str) -> No
     for free in ("scenario", "commands", "wheels"):
         for number in plant_kind(plant).free[free]:
             s = find(plant, number, profile.robot)
-            assert s.lower <= min(s.read(profile), s.upper if math.isinf(s.read(profile)) else math.inf) <= s.upper, number
+            assert (
+                s.lower
+                <= min(s.read(profile), s.upper if math.isinf(s.read(profile)) else math.inf)
+                <= s.upper
+            ), number
 
 
 @pytest.mark.parametrize("name", ["jackal", "warthog", "pioneer3at"])
 def test_planar_models_scale_with_the_robot(name: str) -> None:
     """Speed loops of robots of all sizes are equally fast, and turns on the spot take the slip of dry friction."""
-    robot, thesis = load_robot(name), load_robot("husky")
+    robot = load_robot(name)
+    thesis = load_robot("husky")
 
     def rates(of: Robot) -> list[float]:
-        plants, v = bare_profile(of).plants, of.vehicle
+        plants = bare_profile(of).plants
+        v = of.vehicle
         improved = plants["improved"].parameters.gain / (v.mass * v.wheel_radius**2)
         return [improved, plants["linear"].parameters.gain / (v.mass * v.wheel_radius)]
 
     assert rates(robot) == pytest.approx(rates(thesis), rel=1e-12)
-    g, kinematic = robot.geometry, bare_profile(robot).plants["kinematic"].parameters
-    assert kinematic.y_l == -kinematic.y_r == pytest.approx(0.5 * g.track * (1.0 + (g.wheelbase / g.track) ** 2))
+    g = robot.geometry
+    kinematic = bare_profile(robot).plants["kinematic"].parameters
+    assert (
+        kinematic.y_l
+        == -kinematic.y_r
+        == pytest.approx(0.5 * g.track * (1.0 + (g.wheelbase / g.track) ** 2))
+    )
     assert abs(bare_profile(thesis).plants["kinematic"].parameters.y_l - 0.275) <= EXACT

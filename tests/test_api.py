@@ -35,22 +35,25 @@ def test_every_exported_name_resolves(package: str) -> None:
     assert set(module.__all__) <= set(dir(module))
     for name in module.__all__:
         exported = getattr(module, name)
-        assert callable(exported) or not isinstance(exported, ModuleType), f"{package}.{name} is hidden by a module"
+        assert callable(exported) or not isinstance(exported, ModuleType), (
+            f"{package}.{name} is hidden by a module"
+        )
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_an_import_is_quick_and_loads_no_engine(package: str) -> None:
-    program = (
-        f"import time, sys; import {package}; print(time.process_time(), *{{'numba', 'mujoco', 'scipy'}} & set(sys.modules))"
+    program = f"import time, sys; import {package}; print(time.process_time(), *{{'numba', 'mujoco', 'scipy'}} & set(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     spent, *loaded = done.stdout.split()
     assert float(spent) < PROCESSOR_TIME
     assert not loaded
 
 
 def test_results_and_profiles_can_be_pickled() -> None:
-    lab, small = load_profile("thesis-lab"), {"generations": 1, "population": 6}
+    lab = load_profile("thesis-lab")
+    small = {"generations": 1, "population": 6}
     results = (
         validation.compare("traj4", lab, plants="linear", reference="improved"),
         track("pid", "circle", profile=lab, plant="linear"),
@@ -74,8 +77,14 @@ def test_help_and_completion_have_every_option_and_what_it_means(name: str) -> N
     ("make", "message"),
     [
         (lambda: ssmr.State(x=math.nan), r"State\.x must be a finite number"),
-        (lambda: ssmr.Commands(0.05, np.zeros((2, 2)), before=(math.nan, 0.0)), "must be two finite numbers"),
-        (lambda: compare("traj4", profile={}), "profile is {}, wanted Profile or a text or a path or None"),
+        (
+            lambda: ssmr.Commands(0.05, np.zeros((2, 2)), before=(math.nan, 0.0)),
+            "must be two finite numbers",
+        ),
+        (
+            lambda: compare("traj4", profile={}),
+            "profile is {}, wanted Profile or a text or a path or None",
+        ),
         (lambda: track("pid", "circle", seed=1.5), r"seed is 1\.5, wanted a whole number"),
     ],
 )

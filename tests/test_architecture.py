@@ -21,7 +21,13 @@ ROOMS = (
     {"ssmr.models", "ssmr.estimation"},
     {"ssmr.simulation"},
     {"ssmr.control", "ssmr.lanes"},
-    {"validation.interrupts", "validation.thesis", "validation.store", "validation.progress", "validation.words"},
+    {
+        "validation.interrupts",
+        "validation.thesis",
+        "validation.store",
+        "validation.progress",
+        "validation.words",
+    },
     {"validation.files"},
     {"validation.simulator"},
     {"validation.engines"},
@@ -35,7 +41,8 @@ ROOMS = (
     {"validation.study"},
     {"validation.replicate"},
 )
-"""The house, floor by floor: a room imports only from floors above its own line, and inside a room there is no cycle."""
+"""The house, floor by floor: a room imports only from floors above its own line, and inside a room
+there is no cycle."""
 
 BANNED_IN_SSMR = {
     *("mujoco", "dm_control", "rerun", "matplotlib", "rich", "tyro", "validation"),
@@ -50,7 +57,8 @@ def modules() -> dict[str, Path]:
     for package in ("ssmr", "validation"):
         for path in sorted((ROOT / package).rglob("*.py")):
             name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-            if not name.endswith("__init__") and name != "validation.__main__":  # which is another name of one program
+            # which is another name of one program
+            if not name.endswith("__init__") and name != "validation.__main__":
                 paths[name] = path
     return paths
 
@@ -86,7 +94,9 @@ def room_imports() -> dict[str, set[str]]:
     """Every room with the rooms that its modules import, for the picture of the architecture."""
     drawn: dict[str, set[str]] = {room_of(name): set() for name in modules()}
     for name in modules():
-        drawn[room_of(name)] |= {room_of(other) for other in imports(name) & set(modules())} - {room_of(name)}
+        drawn[room_of(name)] |= {room_of(other) for other in imports(name) & set(modules())} - {
+            room_of(name)
+        }
     return drawn
 
 
@@ -99,14 +109,21 @@ def test_what_is_imported_is_there() -> None:
     packages = {".".join(path.parent.relative_to(ROOT).parts) for path in modules().values()}
     for name in modules():
         for node in ast.walk(tree(name)):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in ("ssmr", "validation"):
-                assert node.module in modules() or node.module in packages, f"{name} imports {node.module}"
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in (
+                "ssmr",
+                "validation",
+            ):
+                assert node.module in modules() or node.module in packages, (
+                    f"{name} imports {node.module}"
+                )
 
 
 def test_imports_run_one_way() -> None:
     for name in modules():
         for other in imports(name) & set(modules()):
-            assert room_of(other) == room_of(name) or floor_of(other) < floor_of(name), f"{name} imports {other}"
+            assert room_of(other) == room_of(name) or floor_of(other) < floor_of(name), (
+                f"{name} imports {other}"
+            )
 
 
 def test_there_is_no_cycle() -> None:
@@ -124,13 +141,18 @@ def test_only_programs_know_the_command_line() -> None:
             or name.count(".") == 1
             or room_of(name) in ("validation.study", "validation.ros")
         )
-        assert not known or is_program or room_of(name) == "validation.cli", f"{name} imports {sorted(known)}"
+        assert not known or is_program or room_of(name) == "validation.cli", (
+            f"{name} imports {sorted(known)}"
+        )
 
 
 def test_ssmr_is_pure() -> None:
     for name in (n for n in modules() if n.startswith("ssmr")):
-        allowed = {"time", "logging"} if name == "ssmr._jit" else set()  # the age of the cache, and why there is none
-        banned = {u for u in imports(name) if u in BANNED_IN_SSMR or u.split(".")[0] in BANNED_IN_SSMR} - allowed
+        # the age of the cache, and why there is none
+        allowed = {"time", "logging"} if name == "ssmr._jit" else set()
+        banned = {
+            u for u in imports(name) if u in BANNED_IN_SSMR or u.split(".")[0] in BANNED_IN_SSMR
+        } - allowed
         assert not banned, f"{name} imports {sorted(banned)}"
         if name != "ssmr._jit":  # the compiler's cache
             assert not imports(name) & {"os", "pathlib", "tempfile", "shutil", "io"}, name
@@ -142,7 +164,10 @@ def test_no_module_needs_ros() -> None:
         assert not {u.split(".")[0] for u in imports(name)} & {"rospy", "rclpy", "cyclonedds"}, name
 
 
-MOST_LINES, MOST_FUNCTION_LINES, MOST_PARAMETERS, MEDIAN_LINES = 600, 80, 8, 250
+MOST_LINES = 600
+MOST_FUNCTION_LINES = 80
+MOST_PARAMETERS = 8
+MEDIAN_LINES = 250
 PROTOCOL = {
     "PROGRAM": "the commands of a program that has several",
     "LAW": "the line of each planar model and of each controller in its table",
@@ -159,7 +184,9 @@ def functions(name: str) -> list[ast.FunctionDef]:
 
 
 def test_modules_stay_short() -> None:
-    lines = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in modules().items()}
+    lines = {
+        name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in modules().items()
+    }
     assert {name: n for name, n in lines.items() if n > MOST_LINES} == {}
     assert statistics.median(lines.values()) <= MEDIAN_LINES
 
@@ -168,7 +195,11 @@ def test_functions_stay_short_and_take_few_parameters() -> None:
     for name in modules():
         for node in functions(name):
             a = node.args
-            parameters = [p.arg for p in (*a.posonlyargs, *a.args, *a.kwonlyargs) if p.arg not in ("self", "cls")]
+            parameters = [
+                p.arg
+                for p in (*a.posonlyargs, *a.args, *a.kwonlyargs)
+                if p.arg not in ("self", "cls")
+            ]
             assert len(parameters) <= MOST_PARAMETERS or name.endswith(".__main__"), (
                 f"{name}.{node.name}: {len(parameters)} parameters"
             )
@@ -182,7 +213,11 @@ def test_a_public_name_means_one_thing() -> None:
     for name in modules():
         if not name.endswith(".__main__"):
             for node in tree(name).body:
-                targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", node)]
+                targets = (
+                    node.targets
+                    if isinstance(node, ast.Assign)
+                    else [getattr(node, "target", node)]
+                )
                 for target in targets:
                     known = getattr(target, "id", getattr(target, "name", "_"))
                     if isinstance(known, str) and not known.startswith("_"):
@@ -309,8 +344,9 @@ PRICES = {
         "speed beside other libraries",
     ),
 }
-"""What each room may cost. A feature buys its room: what needs more takes it from something else in the same commit, or
-the table changes with a sentence on what users get for it. Lines are not counted, so that plain layout costs nothing."""
+"""What each room may cost. A feature buys its room: what needs more takes it from something else in
+the same commit, or the table changes with a sentence on what users get for it. Lines are not
+counted, so that plain layout costs nothing."""
 OPTIONS = {"compare": 24, "fit": 33, "calibrate": 12, "track": 23, "tune": 28}
 """Options of each program's command line, its positional arguments among them.
 
@@ -331,7 +367,9 @@ def is_value_type(node: ast.AST) -> bool:
         return False
     decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
     bases = [ast.unparse(base).rpartition(".")[2] for base in node.bases]
-    return any("dataclass" in d for d in decorators) or bool({"NamedTuple", "TypedDict", "Struct"} & set(bases))
+    return any("dataclass" in d for d in decorators) or bool(
+        {"NamedTuple", "TypedDict", "Struct"} & set(bases)
+    )
 
 
 def price_of(room: str) -> tuple[int, int, int]:
@@ -363,7 +401,11 @@ def test_a_room_keeps_its_price(room: str) -> None:
 
 
 def test_every_room_has_a_price() -> None:
-    rooms = {f"validation/{path.name}" for path in (ROOT / "validation").iterdir() if list(path.glob("*.py"))}
+    rooms = {
+        f"validation/{path.name}"
+        for path in (ROOT / "validation").iterdir()
+        if list(path.glob("*.py"))
+    }
     assert rooms | {"ssmr", "benchmarks", "validation/."} == set(PRICES)
 
 

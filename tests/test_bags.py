@@ -21,7 +21,8 @@ from validation.files.log import RECORDED, ReadOptions, Topic
 from validation.files.reading import FileError
 
 STAMP = 1e-6
-"""Stamps of bags are whole nanoseconds of a Unix time, which a double of seconds keeps to 0.2 microseconds."""
+"""Stamps of bags are whole nanoseconds of a Unix time, which a double of seconds keeps to 0.2
+microseconds."""
 
 
 @pytest.fixture(scope="session", params=KINDS)
@@ -30,7 +31,8 @@ def bag_path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return write(tmp_path_factory.mktemp("bags"), request.param, circle())
 
 
-# ------------------------------------------------------------------------------------------- what is read
+# ------------------------------------------------------------------------------------------- what
+# is read
 def test_a_bag_is_the_motion_that_was_recorded(bag_path: Path) -> None:
     assert is_log(bag_path)
     log = read_log(bag_path).on_one_clock()
@@ -39,12 +41,15 @@ def test_a_bag_is_the_motion_that_was_recorded(bag_path: Path) -> None:
     yaw = 0.4 * (1.0 + log.t)
     np.testing.assert_allclose(there["yaw"], yaw, atol=STAMP)
     np.testing.assert_allclose(there["x"], 1.25 * np.sin(yaw), atol=STAMP)
-    np.testing.assert_allclose(there["enc_left"], 2.25, rtol=ROUNDOFF)  # of the wheels alone, not of the arm
+    # of the wheels alone, not of the arm
+    np.testing.assert_allclose(there["enc_left"], 2.25, rtol=ROUNDOFF)
     np.testing.assert_allclose(there["enc_right"], 4.25, rtol=ROUNDOFF)
-    np.testing.assert_allclose(there["gyro_z"], 0.4, rtol=ROUNDOFF)  # about the vertical, not about its z
+    # about the vertical, not about its z
+    np.testing.assert_allclose(there["gyro_z"], 0.4, rtol=ROUNDOFF)
     assert there["cmd_w"][0] == 0.0  # nobody had commanded yet: the stamp of writing is 10 ms later
     np.testing.assert_allclose(there["cmd_w"][1:], 0.4, rtol=ROUNDOFF)
-    np.testing.assert_allclose(there["gps_east"], 1.25 * (np.sin(yaw) - math.sin(0.4)), atol=1e-4)  # of six digits
+    # of six digits
+    np.testing.assert_allclose(there["gps_east"], 1.25 * (np.sin(yaw) - math.sin(0.4)), atol=1e-4)
     np.testing.assert_allclose(there["odom_v"], 0.5, rtol=ROUNDOFF)
     (piece,) = open_source(str(bag_path), "wheels", stop=2.0).pieces
     assert piece.t[-1] <= 2.0
@@ -76,7 +81,9 @@ def test_every_kind_of_bag_gives_the_same_topics(bag_path: Path) -> None:
 
 def test_commands_count_as_zero_once_they_are_old(tmp_path: Path) -> None:
     commands = [("/cmd_vel", t, make.twist_stamped(t, 1.0, 0.0)) for t in (0.55, 0.65)]
-    log = read_log(write(tmp_path, "ros1", sorted([*poses_at(30), *commands], key=lambda m: m[1]))).on_one_clock()
+    log = read_log(
+        write(tmp_path, "ros1", sorted([*poses_at(30), *commands], key=lambda m: m[1]))
+    ).on_one_clock()
     np.testing.assert_array_equal(log.columns["cmd_v"] > 0.0, (log.t > 0.55) & (log.t < 1.15))
 
 
@@ -103,8 +110,14 @@ def test_topics_are_guessed_by_type_and_by_usual_names(tmp_path: Path) -> None:
     [
         ({"odometry": "/odom"}, "unknown role 'odometry'; there are: cmd, odom"),
         ({"odom": "/nowhere"}, "no topic /nowhere; there are: /cmd_vel"),
-        ({"gps": "/cmd_vel"}, "topic /cmd_vel of geometry_msgs/msg/Twist cannot be gps: wanted latitude or longitude"),
-        ({"cmd": "/rosout"}, "nothing can be read from topic /rosout: 60 messages of std_msgs/msg/String"),
+        (
+            {"gps": "/cmd_vel"},
+            "topic /cmd_vel of geometry_msgs/msg/Twist cannot be gps: wanted latitude or longitude",
+        ),
+        (
+            {"cmd": "/rosout"},
+            "nothing can be read from topic /rosout: 60 messages of std_msgs/msg/String",
+        ),
     ],
 )
 def test_wrong_topics_are_refused(bag_path: Path, named: dict[str, str], message: str) -> None:
@@ -142,16 +155,28 @@ def test_what_cannot_be_used_is_refused_with_the_way_round(tmp_path: Path, case:
         assert message in refused(path, **named)
 
 
-def test_late_samples_are_sorted_and_stamps_of_another_clock_or_one_that_jumps_are_not_believed(tmp_path: Path) -> None:
+def test_late_samples_are_sorted_and_stamps_of_another_clock_or_one_that_jumps_are_not_believed(
+    tmp_path: Path,
+) -> None:
     def topic(ticks: Sequence[tuple[float, float]], name: str) -> Topic:
-        messages = [("/pose", written, make.pose_stamped(t, 0.0)) for t, written in sorted(ticks, key=lambda m: m[1])]
+        messages = [
+            ("/pose", written, make.pose_stamped(t, 0.0))
+            for t, written in sorted(ticks, key=lambda m: m[1])
+        ]
         return topics_of(write(tmp_path, "mcap", messages, name))["/pose"]
 
-    assert np.all(np.diff(topic([(0.1 * k, 0.1 * k + (0.25 if k == 7 else 0.0)) for k in range(20)], "late").t) > 0.0)
+    assert np.all(
+        np.diff(
+            topic([(0.1 * k, 0.1 * k + (0.25 if k == 7 else 0.0)) for k in range(20)], "late").t
+        )
+        > 0.0
+    )
     assert "is another one" in topic([(0.1 * k - 1e6, 0.1 * k) for k in range(20)], "booted").remark
     log = read_log(write(tmp_path, "mcap", poses_at(jump=30.0), "jumped"))
     np.testing.assert_allclose(log.t, 0.1 * np.arange(20), atol=STAMP)
-    assert log.remarks == ["/pose: the messages' clock jumps by 30.000 s, so the times of writing count"]
+    assert log.remarks == [
+        "/pose: the messages' clock jumps by 30.000 s, so the times of writing count"
+    ]
 
 
 def test_what_is_no_bag_is_said_so(tmp_path: Path) -> None:
@@ -162,22 +187,42 @@ def test_what_is_no_bag_is_said_so(tmp_path: Path) -> None:
         assert "no bag that can be read, or a damaged one" in refused(tmp_path / name)
 
 
-# ------------------------------------------------------------------------------------------- geometry
-@given(st.floats(-80.0, 80.0), st.floats(-180.0, 180.0), st.floats(-300.0, 300.0), st.floats(-300.0, 300.0))
-def test_local_metres_agree_with_the_ellipsoid(latitude: float, longitude: float, east: float, north: float) -> None:
+# -------------------------------------------------------------------------------------------
+# geometry
+@given(
+    st.floats(-80.0, 80.0),
+    st.floats(-180.0, 180.0),
+    st.floats(-300.0, 300.0),
+    st.floats(-300.0, 300.0),
+)
+def test_local_metres_agree_with_the_ellipsoid(
+    latitude: float, longitude: float, east: float, north: float
+) -> None:
     """Against the chord between two points of WGS 84 in Cartesian coordinates, which is the distance to 1e-9 there."""
 
     def cartesian(lat: float, lon: float) -> np.ndarray:
-        a, f = 6378137.0, 1.0 / 298.257223563
-        e2, phi, lam = f * (2.0 - f), math.radians(lat), math.radians(lon)
+        a = 6378137.0
+        f = 1.0 / 298.257223563
+        e2 = f * (2.0 - f)
+        phi = math.radians(lat)
+        lam = math.radians(lon)
         n = a / math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
         return np.array(
-            [n * math.cos(phi) * math.cos(lam), n * math.cos(phi) * math.sin(lam), n * (1.0 - e2) * math.sin(phi)]
+            [
+                n * math.cos(phi) * math.cos(lam),
+                n * math.cos(phi) * math.sin(lam),
+                n * (1.0 - e2) * math.sin(phi),
+            ]
         )
 
-    there = (latitude + north / 111_000.0, longitude + east / (111_000.0 * math.cos(math.radians(latitude))))
+    there = (
+        latitude + north / 111_000.0,
+        longitude + east / (111_000.0 * math.cos(math.radians(latitude))),
+    )
     x, y = to_local([latitude, there[0]], [longitude, there[1]])
     distance = float(np.linalg.norm(cartesian(*there) - cartesian(latitude, longitude)))
     # left out is the meridians' convergence, d^2 tan(latitude) / R: 0.16 m for 424 m at 80 degrees
-    assert math.hypot(x[1], y[1]) == pytest.approx(distance, abs=1e-6 + 2.0 * distance**2 * 5.7 / 6.37e6)
+    assert math.hypot(x[1], y[1]) == pytest.approx(
+        distance, abs=1e-6 + 2.0 * distance**2 * 5.7 / 6.37e6
+    )
     assert x[0] == y[0] == 0.0

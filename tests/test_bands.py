@@ -11,7 +11,8 @@ from ssmr.geometry import relative, wrap_angle
 from ssmr.metrics.bands import Band, estimated_band
 from ssmr.types import FloatArray, IndexArray
 
-NOTHING = Band(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.146, 1.645)  # reaches of normal errors in two dimensions and in one
+# reaches of normal errors in two dimensions and in one
+NOTHING = Band(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.146, 1.645)
 DT = 0.1
 
 
@@ -29,17 +30,26 @@ def driven(steps: FloatArray) -> FloatArray:
     yaw = np.concatenate([start, np.cumsum(steps[..., 1], axis=-1)], axis=-1)
     middle = yaw[..., :-1] + 0.5 * steps[..., 1]
     x, y = (np.cumsum(steps[..., 0] * f(middle), axis=-1) for f in (np.cos, np.sin))
-    return np.stack([np.concatenate([start, x], axis=-1), np.concatenate([start, y], axis=-1), yaw], axis=-1)
+    return np.stack(
+        [np.concatenate([start, x], axis=-1), np.concatenate([start, y], axis=-1), yaw], axis=-1
+    )
 
 
 def disturbed(steps: FloatArray, band: Band, rng: np.random.Generator, n: int = 1) -> FloatArray:
     """Return (n, ..., 3) poses of robots whose true motion differs from the prediction as a band says."""
     way, turn = steps.T
-    lasting, walks = rng.standard_normal((3, n, 1)), rng.standard_normal((4, n, len(steps)))
+    lasting = rng.standard_normal((3, n, 1))
+    walks = rng.standard_normal((4, n, len(steps)))
     turned = turn * (1.0 + band.turn_scale * lasting[0]) + band.bend_scale * lasting[1] * way
-    turned = turned + band.turn_walk * np.sqrt(np.abs(turn)) * walks[0] + band.bend_walk * np.sqrt(np.abs(way)) * walks[1]
+    turned = (
+        turned
+        + band.turn_walk * np.sqrt(np.abs(turn)) * walks[0]
+        + band.bend_walk * np.sqrt(np.abs(way)) * walks[1]
+    )
     pose = driven(np.stack([way * (1.0 + band.way_scale * lasting[2]), turned], axis=-1))
-    pose[:, 1:, :2] += np.cumsum(band.way_walk * np.sqrt(np.abs(way)) * walks[2:], axis=-1).transpose(1, 2, 0)
+    pose[:, 1:, :2] += np.cumsum(
+        band.way_walk * np.sqrt(np.abs(way)) * walks[2:], axis=-1
+    ).transpose(1, 2, 0)
     noise = np.sqrt(0.5) * np.array([band.position_noise, band.position_noise, band.yaw_noise])
     return np.asarray(pose + noise * rng.standard_normal(pose.shape))
 
@@ -58,10 +68,15 @@ def errors(predicted: FloatArray, true: FloatArray, i: IndexArray, j: IndexArray
     ids=lambda cause: next(iter(cause)),
 )  # fmt: skip
 def test_errors_of_each_cause_grow_as_it_says(cause: dict[str, float]) -> None:
-    band, steps = replace(NOTHING, **cause), path(200, 3)
-    predicted, rng, ends = driven(steps), np.random.default_rng(1), np.array([20, 90, 200])
+    band = replace(NOTHING, **cause)
+    steps = path(200, 3)
+    predicted = driven(steps)
+    rng = np.random.default_rng(1)
+    ends = np.array([20, 90, 200])
     starts = np.array([0, 30, 60])
-    drawn = np.stack([errors(predicted, true, starts, ends) for true in disturbed(steps, band, rng, 4000)])
+    drawn = np.stack(
+        [errors(predicted, true, starts, ends) for true in disturbed(steps, band, rng, 4000)]
+    )
     covariance, turned = band.covariance(predicted, starts, ends)
     for k in range(len(ends)):
         scale = np.trace(covariance[k]) + 1e-12
@@ -70,7 +85,8 @@ def test_errors_of_each_cause_grow_as_it_says(cause: dict[str, float]) -> None:
 
 
 def test_what_is_mirrored_is_as_sure() -> None:
-    band, steps = Band(0.01, 0.01, 0.02, 0.01, 0.02, 0.01, 0.01, 0.002, 2.1, 1.6), path(200, 4)
+    band = Band(0.01, 0.01, 0.02, 0.01, 0.02, 0.01, 0.01, 0.002, 2.1, 1.6)
+    steps = path(200, 4)
     here = band.covariance(driven(steps), [0, 50], [120, 200])
     there = band.covariance(driven(steps * [1.0, -1.0]), [0, 50], [120, 200])
     flip = np.diag([1.0, -1.0])
@@ -78,12 +94,16 @@ def test_what_is_mirrored_is_as_sure() -> None:
     assert np.allclose(there[1], here[1], rtol=1e-9)
 
 
-def logs(band: Band, n: int, seed: int) -> dict[float, list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]]:
+def logs(
+    band: Band, n: int, seed: int
+) -> dict[float, list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]]:
     """Return windows of 2, 6 and 30 s of a log with errors of a band whose lasting causes change twice a minute."""
-    rng, windows = np.random.default_rng(seed), {2.0: [], 6.0: [], 30.0: []}
+    rng = np.random.default_rng(seed)
+    windows = {2.0: [], 6.0: [], 30.0: []}
     for k in range(n):
         steps = path(310, 100 * seed + k)
-        predicted, true = driven(steps), disturbed(steps, band, rng)[0]
+        predicted = driven(steps)
+        true = disturbed(steps, band, rng)[0]
         for seconds, pieces in windows.items():
             size = round(seconds / DT)
             i = np.arange(0, len(predicted) - size, 10)
@@ -91,7 +111,9 @@ def logs(band: Band, n: int, seed: int) -> dict[float, list[tuple[FloatArray, In
     return windows
 
 
-TRUE = replace(NOTHING, position_noise=0.01, yaw_noise=0.008, way_walk=0.03, turn_walk=0.02, turn_scale=0.02)
+TRUE = replace(
+    NOTHING, position_noise=0.01, yaw_noise=0.008, way_walk=0.03, turn_walk=0.02, turn_scale=0.02
+)
 
 
 def test_a_band_is_found_again_and_holds_more_than_nine_tenths_where_nothing_changes() -> None:
@@ -101,7 +123,8 @@ def test_a_band_is_found_again_and_holds_more_than_nine_tenths_where_nothing_cha
         assert getattr(measured, name) == pytest.approx(getattr(TRUE, name), rel=0.3), name
     sizes = [measured.sizes(*window) for pieces in logs(TRUE, 60, 2).values() for window in pieces]
     for inside in (np.concatenate(part) <= 1.0 for part in zip(*sizes, strict=True)):
-        assert 0.93 < inside.mean() < 0.999  # nothing changes from this log to the next, and bands are for what does
+        # nothing changes from this log to the next, and bands are for what does
+        assert 0.93 < inside.mean() < 0.999
     assert astuple(measured)[8:] == pytest.approx(1.385 * np.array(astuple(NOTHING)[8:]), rel=0.1)
 
 
@@ -109,15 +132,20 @@ def test_windows_that_are_there_twice_change_little() -> None:
     once = logs(TRUE, 20, 3)
     twice = {seconds: [*pieces, *pieces] for seconds, pieces in once.items()}
     bands = [estimated_band(windows) for windows in (once, twice)]
-    assert astuple(bands[1] or NOTHING) == pytest.approx(astuple(bands[0] or NOTHING), rel=0.25, abs=1e-3)
+    assert astuple(bands[1] or NOTHING) == pytest.approx(
+        astuple(bands[0] or NOTHING), rel=0.25, abs=1e-3
+    )
 
 
 def test_four_parts_with_lasting_errors_of_their_own_hold_nine_tenths_of_the_next_one() -> None:
     """Turn gains drawn for each part: the numbers of the others predict it, and those of all four predict the next one."""
-    rng, inside = np.random.default_rng(4), list[float]()
+    rng = np.random.default_rng(4)
+    inside = list[float]()
     for _ in range(200):
-        gains, steps = rng.normal(0.0, 0.05, 5), path(310, int(rng.integers(1e9)))
-        predicted, i = driven(steps), np.arange(0, 11)
+        gains = rng.normal(0.0, 0.05, 5)
+        steps = path(310, int(rng.integers(1e9)))
+        predicted = driven(steps)
+        i = np.arange(0, 11)
         others = (gains[:4].sum() - gains[:4]) / 3.0
         off = [*(gains[:4] - others), gains[4] - gains[:4].mean()]
         true = [driven(steps * [1.0, 1.0 + each]) for each in off]
@@ -129,4 +157,9 @@ def test_four_parts_with_lasting_errors_of_their_own_hold_nine_tenths_of_the_nex
 
 
 def test_too_few_windows_have_no_band() -> None:
-    assert estimated_band({2.0: [(np.zeros((9, 3)), np.arange(3), np.arange(3) + 5, np.zeros((3, 3)))]}) is None
+    assert (
+        estimated_band(
+            {2.0: [(np.zeros((9, 3)), np.arange(3), np.arange(3) + 5, np.zeros((3, 3)))]}
+        )
+        is None
+    )

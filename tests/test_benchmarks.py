@@ -16,9 +16,12 @@ from benchmarks.rows import MissingError, optional
 from validation import cli
 
 ROOT = Path(__file__).resolve().parents[1]
-NAMES = sorted(p.stem for p in (ROOT / "benchmarks").glob("*.py") if p.stem not in ("__init__", "rows"))
+NAMES = sorted(
+    p.stem for p in (ROOT / "benchmarks").glob("*.py") if p.stem not in ("__init__", "rows")
+)
 APART = {"ros"}
-"""Benchmarks that run as processes of their own: what they start would not leave this one as it was."""
+"""Benchmarks that run as processes of their own: what they start would not leave this one as it
+was."""
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -26,7 +29,9 @@ def test_a_quick_run_ends_well(name: str, tmp_path: Path) -> None:
     out = tmp_path / "benchmark.json"
     if name in APART:
         command = [sys.executable, "-m", f"benchmarks.{name}", "--quick", "--out", str(out)]
-        done = subprocess.run(command, cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, timeout=600)
+        done = subprocess.run(
+            command, cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, timeout=600
+        )
         assert done.returncode == 0, done.stderr
     else:
         importlib.import_module(f"benchmarks.{name}").main(out=out, quick=True)
@@ -34,9 +39,12 @@ def test_a_quick_run_ends_well(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "message"), [("--foo", "Unrecognized options: --foo"), ("--repeats=x", "'x' must be a whole")]
+    ("option", "message"),
+    [("--foo", "Unrecognized options: --foo"), ("--repeats=x", "'x' must be a whole")],
 )
-def test_a_mistyped_option_is_one_line(option: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mistyped_option_is_one_line(
+    option: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as left:
         cli.run(simulate.main, "python -m benchmarks.simulate", [option])
     assert left.value.code == cli.EXIT_USER_ERROR

@@ -27,26 +27,37 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lab = load_profile("thesis-lab")
     true = with_values("kinematic", lab.plants["kinematic"], list(TRUTH), TRUTH.values())
     path = tmp_path_factory.mktemp("log") / "drive.csv"
-    write_csv(recorded(Profile("true", "", {**lab.plants, "kinematic": true}, {}), "kinematic", 60.0), path)
+    write_csv(
+        recorded(Profile("true", "", {**lab.plants, "kinematic": true}, {}), "kinematic", 60.0),
+        path,
+    )
     return path
 
 
 def calibrated(log: Path, out: Path, *arguments: str) -> dict[str, Any]:
-    assert exit_status(calibrate, str(log), "--plants", "kinematic", "--out", str(out), *arguments) == 0
+    assert (
+        exit_status(calibrate, str(log), "--plants", "kinematic", "--out", str(out), *arguments)
+        == 0
+    )
     return dict(json.loads((out / "calibrate.json").read_text()))
 
 
 def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> None:
-    document = calibrated(log, tmp_path, "--robot", "husky", "--profile", "thesis-lab")["plants"]["kinematic"]
+    document = calibrated(log, tmp_path, "--robot", "husky", "--profile", "thesis-lab")["plants"][
+        "kinematic"
+    ]
     assert document["better"]
     for name, value in TRUTH.items():
         assert document["parameters"][name]["value"] == pytest.approx(value, abs=0.02), name
-    before, after = document["before"]["6"], document["after"]["6"]
+    before = document["before"]["6"]
+    after = document["after"]["6"]
     assert after["position_median_m"] < 0.2 * before["position_median_m"]
     assert after["position_low_m"] <= after["position_median_m"] <= after["position_high_m"]
     profile = load_profile(tmp_path / "profile.toml").plants["kinematic"]
     assert profile.parameters.drift == document["parameters"]["drift"]["value"]
-    assert profile.drive.delay_v == pytest.approx(load_profile("thesis-lab").plants["kinematic"].drive.delay_v, abs=0.02)
+    assert profile.drive.delay_v == pytest.approx(
+        load_profile("thesis-lab").plants["kinematic"].drive.delay_v, abs=0.02
+    )
     lines = (tmp_path / "diff_drive.yaml").read_text().splitlines()
     reported = {name.strip(): value for name, _, value in (line.partition(": ") for line in lines)}
     track = float(reported["wheel_separation"]) * float(reported["wheel_separation_multiplier"])
@@ -54,7 +65,9 @@ def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> Non
         (load_robot("husky").geometry.track, 0.97), abs=0.02
     )
     for side in ("l", "r"):
-        told_ratio = float(reported[f"{'left' if side == 'l' else 'right'}_wheel_radius_multiplier"])
+        told_ratio = float(
+            reported[f"{'left' if side == 'l' else 'right'}_wheel_radius_multiplier"]
+        )
         assert told_ratio == pytest.approx(TRUTH[f"alpha_{side}"], abs=0.02)
     assert (tmp_path / "calibrate.md").is_file()
 
@@ -71,7 +84,10 @@ def test_what_is_no_better_is_not_kept(log: Path, tmp_path: Path) -> None:
     document = calibrated(bad, tmp_path / "out", "--profile", str(true / "profile.toml"))
     assert document["plants"]["kinematic"]["better"] is False
     assert any("keeps the old numbers" in note for note in document["notes"])
-    kept, was = (load_profile(folder / "profile.toml").plants["kinematic"] for folder in (tmp_path / "out", true))
+    kept, was = (
+        load_profile(folder / "profile.toml").plants["kinematic"]
+        for folder in (tmp_path / "out", true)
+    )
     assert kept.parameters == was.parameters
 
 
@@ -79,12 +95,27 @@ def test_a_log_that_contradicts_itself_is_refused_unless_it_is_trusted(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sound = np.genfromtxt(log, delimiter=",", names=True)
-    names = [{"enc_left": "enc_right", "enc_right": "enc_left"}.get(name, name) for name in sound.dtype.names]
+    names = [
+        {"enc_left": "enc_right", "enc_right": "enc_left"}.get(name, name)
+        for name in sound.dtype.names
+    ]
     swapped = tmp_path / "swapped.csv"
     np.savetxt(
-        swapped, np.array([sound[n] for n in sound.dtype.names]).T, delimiter=",", header=",".join(names), comments=""
+        swapped,
+        np.array([sound[n] for n in sound.dtype.names]).T,
+        delimiter=",",
+        header=",".join(names),
+        comments="",
     )
-    arguments = [str(swapped), "--robot", "husky", "--plants", "kinematic", "--out", str(tmp_path / "out")]
+    arguments = [
+        str(swapped),
+        "--robot",
+        "husky",
+        "--plants",
+        "kinematic",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert exit_status(calibrate, *arguments) == 2
     message = capsys.readouterr().err
     assert "enc_left" in message

@@ -16,7 +16,8 @@ IDENTITY = {"model": "a", "seed": "b"}
 
 
 def test_what_is_written_comes_back_and_what_is_damaged_is_refused(tmp_path: Path) -> None:
-    path, whole = tmp_path / "checkpoint.npz", Search(Jde(2, JdeSettings(6, 10), 1), IDENTITY)
+    path = tmp_path / "checkpoint.npz"
+    whole = Search(Jde(2, JdeSettings(6, 10), 1), IDENTITY)
     for _ in range(3):
         whole.jde.tell(np.sum(whole.jde.ask(), axis=1))
     whole.save(path)
@@ -24,7 +25,13 @@ def test_what_is_written_comes_back_and_what_is_damaged_is_refused(tmp_path: Pat
     for one, other in zip(again.jde.state().values(), whole.jde.state().values(), strict=True):
         assert np.array_equal(one, other)
     written = path.read_bytes()
-    for damaged in (b"", b"PK\x03\x04 rubbish", b"\x80\x04K\x01.", written[: len(written) // 2], written[:-1]):
+    for damaged in (
+        b"",
+        b"PK\x03\x04 rubbish",
+        b"\x80\x04K\x01.",
+        written[: len(written) // 2],
+        written[:-1],
+    ):
         path.write_bytes(damaged)
         refused(path)
     for arrays in ({"a": np.zeros(3)}, {"identity": np.array([{}], dtype=object)}):
@@ -44,7 +51,9 @@ def test_a_checkpoint_that_says_it_is_packed_in_another_way_is_refused(tmp_path:
                 is_local = found.group()[2] == 3
                 damaged[found.start() + (8 if is_local else 10)] = method
                 if is_local:
-                    damaged[found.start() + 50 : found.start() + 90] = bytes(chance.integers(40, size=40).tolist())
+                    damaged[found.start() + 50 : found.start() + 90] = bytes(
+                        chance.integers(40, size=40).tolist()
+                    )
             path.write_bytes(damaged)
             refused(path)
 

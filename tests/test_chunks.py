@@ -22,8 +22,12 @@ def weave(seconds: float, kind: str = "twist") -> Commands:
     """Commands that change all the time; several turns about the vertical."""
     k = np.arange(round(20.0 * seconds))
     if kind == "wheels":
-        return Commands(0.05, np.column_stack([2.0 + np.sin(0.1 * k), 4.0 + np.cos(0.13 * k)]), "wheels")
-    return Commands(0.05, np.column_stack([0.3 + 0.2 * np.sin(0.1 * k), 1.0 + 0.5 * np.cos(0.05 * k)]))
+        return Commands(
+            0.05, np.column_stack([2.0 + np.sin(0.1 * k), 4.0 + np.cos(0.13 * k)]), "wheels"
+        )
+    return Commands(
+        0.05, np.column_stack([0.3 + 0.2 * np.sin(0.1 * k), 1.0 + 0.5 * np.cos(0.05 * k)])
+    )
 
 
 def numbers(plant: MujocoPlant, commands: Commands, push: np.ndarray | None) -> np.ndarray:
@@ -36,7 +40,9 @@ def numbers(plant: MujocoPlant, commands: Commands, push: np.ndarray | None) -> 
 
 @pytest.mark.parametrize("size", [1, 7, 333, 4000])
 @pytest.mark.parametrize("kind", ["twist", "wheels"])
-def test_chunks_of_any_length_give_the_whole_run_to_the_bit(monkeypatch: pytest.MonkeyPatch, size: int, kind: str) -> None:
+def test_chunks_of_any_length_give_the_whole_run_to_the_bit(
+    monkeypatch: pytest.MonkeyPatch, size: int, kind: str
+) -> None:
     plant = make_plant(load_profile("husky-tile"), "mujoco")
     assert isinstance(plant, MujocoPlant)
     commands = weave(8.0 if size > 1 else 1.0, kind)
@@ -51,7 +57,8 @@ def test_chunks_of_any_length_give_the_whole_run_to_the_bit(monkeypatch: pytest.
 @pytest.mark.parametrize("size", [1, 13, 400, 10_000])
 def test_references_in_chunks_are_those_of_the_whole(kind: str, size: int) -> None:
     drive = Drive(delay_v=0.2, delay_w=0.1, acceleration_v=0.7, wheel_lag=0.1, command_ramp=0.03)
-    commands, state = weave(10.0, kind), State(wheel_left=1.0, wheel_right=2.0)
+    commands = weave(10.0, kind)
+    state = State(wheel_left=1.0, wheel_right=2.0)
     chunks = list(reference_chunks(commands, drive, 0.002, state, size))
     assert [len(c) for c in chunks[:-1]] == [size] * (len(chunks) - 1)
     assert np.array_equal(np.concatenate(chunks), wheel_references(commands, drive, 0.002, state))
@@ -59,7 +66,8 @@ def test_references_in_chunks_are_those_of_the_whole(kind: str, size: int) -> No
 
 def test_a_run_that_diverges_in_a_later_chunk_says_when_and_from_what() -> None:
     plant = make_plant(load_profile("thesis-lab"), "mujoco")
-    commands, blow = weave(20.0), 7321
+    commands = weave(20.0)
+    blow = 7321
     push = np.zeros(round(commands.duration / plant.dt))
     push[blow] = 1e200
     with pytest.raises(DivergedError, match="no finite state") as failed:
@@ -68,4 +76,5 @@ def test_a_run_that_diverges_in_a_later_chunk_says_when_and_from_what() -> None:
     assert failed.value.evidence["t"] == pytest.approx(blow * plant.dt, abs=2.0 * plant.dt)
     assert states[-1, 0] == pytest.approx(failed.value.evidence["t"])
     assert np.isfinite(states).all()
-    assert np.isfinite(plant.run(commands, State(), SAMPLE_DT).pose).all()  # nothing of that is left
+    # nothing of that is left
+    assert np.isfinite(plant.run(commands, State(), SAMPLE_DT).pose).all()

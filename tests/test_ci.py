@@ -83,9 +83,19 @@ def ci(house: Path, main: str, readme: str = README) -> tuple[int, list[str], li
     who = ["-c", "user.name=a", "-c", "user.email=a@b"]
     for command in (["init", "-q"], ["add", "-A"], [*who, "commit", "-qm", "house"]):
         subprocess.run(["git", *command], cwd=house, check=True)
-    options = {"cwd": house, "env": surroundings(house), "capture_output": True, "text": True, "timeout": 60}
+    options = {
+        "cwd": house,
+        "env": surroundings(house),
+        "capture_output": True,
+        "text": True,
+        "timeout": 60,
+    }
     done = subprocess.run(["bash", ".ci/run"], **options)
-    return done.returncode, done.stdout.splitlines(), (house.parent / "calls").read_text().splitlines()
+    return (
+        done.returncode,
+        done.stdout.splitlines(),
+        (house.parent / "calls").read_text().splitlines(),
+    )
 
 
 def test_the_readme_s_commands_run_first_and_pytest_has_the_last_word(house: Path) -> None:
@@ -106,21 +116,23 @@ def test_a_main_job_that_fails_is_told_and_hides_nothing_else(house: Path) -> No
 
 
 def test_tests_that_skipped_for_the_newcomer_run_for_the_maintainer(house: Path) -> None:
-    message = (
-        "SKIPPED tests/test_b.py::test_c[a b] - why\nSKIPPED tests/test_a.py - why\nSKIPPED tests/test_b.py::test_c[d] - why"
-    )
+    message = "SKIPPED tests/test_b.py::test_c[a b] - why\nSKIPPED tests/test_a.py - why\nSKIPPED tests/test_b.py::test_c[d] - why"
     readme = README.replace('&& echo "==', f'&& echo "{message}" && echo "==')
     calls = ci(house, "true", readme)[2]
     assert "python -m pytest -q tests/test_a.py tests/test_b.py::test_c" in calls
 
 
-@pytest.mark.parametrize(("command", "status"), [("exit 7", 7), ("echo ready; sleep 600", -signal.SIGTERM)])
+@pytest.mark.parametrize(
+    ("command", "status"), [("exit 7", 7), ("echo ready; sleep 600", -signal.SIGTERM)]
+)
 def test_the_root_of_a_new_machine_goes_however_its_command_ends(
     house: Path, launch: Launch, command: str, status: int
 ) -> None:
     stand_in(house.parent, "mmdebstrap", ROOTS)
     subprocess.run(["git", "init", "-q"], cwd=house, check=True)
-    program = launch(["bash", ".ci/fresh", command], cwd=house, env=surroundings(house), stdout=subprocess.PIPE)
+    program = launch(
+        ["bash", ".ci/fresh", command], cwd=house, env=surroundings(house), stdout=subprocess.PIPE
+    )
     if program.stdout.readline() == b"ready\n":
         program.terminate()
     if program.wait(60) == 69:
@@ -136,20 +148,36 @@ def test_the_root_of_a_new_machine_goes_however_its_command_ends(
         ("if os.environ.get('PYTEST_XDIST_WORKER') == 'gw1':\n    os.abort()", "no tests ran"),
     ],
 )
-def test_a_worker_that_dies_fails_the_run_and_nobody_waits_for_it(death: str, message: str, tmp_path: Path) -> None:
+def test_a_worker_that_dies_fails_the_run_and_nobody_waits_for_it(
+    death: str, message: str, tmp_path: Path
+) -> None:
     for name in ("first", "second"):
         (tmp_path / f"test_{name}.py").write_text("def test_one(): pass\ndef test_two(): pass\n")
     (tmp_path / "test_last.py").write_text(f"import os\n{death}\n")
-    command = [sys.executable, "-m", "pytest", "-c", str(ROOT / "pyproject.toml"), "-p", "tests.workers", "-n", "2"]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-c",
+        str(ROOT / "pyproject.toml"),
+        "-p",
+        "tests.workers",
+        "-n",
+        "2",
+    ]
     command += ["-p", "no:cacheprovider", "--rootdir", str(tmp_path), str(tmp_path)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=100, check=False)
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=100, check=False
+    )
     assert (done.returncode, message in done.stdout.splitlines()[-1]) == (1, True), done.stdout
 
 
 def test_the_readme_has_both_commands() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    main, tests = (READER["runnable"](READER["printed"](name, text), "SOURCE") for name in ("main", "tests"))
+    main, tests = (
+        READER["runnable"](READER["printed"](name, text), "SOURCE") for name in ("main", "tests")
+    )
     assert main.startswith("git clone -q SOURCE ")
     assert re.search(r"pip install -e \.(?!\[)", main), "the main job needs no extra"
     assert re.search(r"""pip install -e ["']?\.\[test\]""", tests)
@@ -171,7 +199,11 @@ def test_the_extra_test_has_what_the_tests_import() -> None:
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             for name in (
-                {n.split(".")[0] for n in names} - sys.stdlib_module_names - {"ssmr", "validation", "benchmarks", "tests"}
+                {n.split(".")[0] for n in names}
+                - sys.stdlib_module_names
+                - {"ssmr", "validation", "benchmarks", "tests"}
             ):
                 distributions = {d.lower().replace("_", "-") for d in owners.get(name, [name])}
-                assert {BROUGHT.get(d, d) for d in distributions} & installed, f"{path.name} imports {name}"
+                assert {BROUGHT.get(d, d) for d in distributions} & installed, (
+                    f"{path.name} imports {name}"
+                )

@@ -39,14 +39,18 @@ def start(launch: Launch) -> Launch:
     def program(text: str, *arguments: str, **options: object) -> subprocess.Popen[str]:
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options}
-        return launch([sys.executable, "-c", text, *arguments], env=environment, text=True, **streams)
+        return launch(
+            [sys.executable, "-c", text, *arguments], env=environment, text=True, **streams
+        )
 
     return program
 
 
 @pytest.mark.usefixtures("hangup")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
-def test_a_signal_ends_the_work_and_keeps_the_result(start: Launch, number: signal.Signals, tmp_path: Path) -> None:
+def test_a_signal_ends_the_work_and_keeps_the_result(
+    start: Launch, number: signal.Signals, tmp_path: Path
+) -> None:
     process = start(PROGRAM, str(tmp_path / "kept.txt"))
     assert process.stdout is not None
     assert process.stdout.readline() == "ready\n"
@@ -91,9 +95,12 @@ def test_a_fault_of_the_program_is_told_from_a_mistake(capsys: pytest.CaptureFix
 
 
 @pytest.mark.parametrize(
-    ("error", "status"), [(SsmrError("it diverged"), 1), (MemoryError(), 1), (OSError(28, "disk is full", "x.json"), 1)]
+    ("error", "status"),
+    [(SsmrError("it diverged"), 1), (MemoryError(), 1), (OSError(28, "disk is full", "x.json"), 1)],
 )
-def test_failed_runs_have_their_status(error: Exception, status: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_failed_runs_have_their_status(
+    error: Exception, status: int, capsys: pytest.CaptureFixture[str]
+) -> None:
     def main() -> None:
         raise error
 
@@ -118,8 +125,11 @@ def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     assert path.read_text() == "old"
 
 
-# ------------------------------------------------------------------------------------------- compiled code
-def test_compiled_code_is_kept_where_nobody_else_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+# -------------------------------------------------------------------------------------------
+# compiled code
+def test_compiled_code_is_kept_where_nobody_else_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Numba unpickles what lies there."""
     monkeypatch.setattr(_jit.config, "CACHE_DIR", "")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -136,7 +146,9 @@ PROGRAMS = ("compare", "fit", "calibrate", "track", "tune", "recordings", "robot
 
 
 @pytest.mark.parametrize("name", ["validation", *(f"validation.{name}" for name in PROGRAMS)])
-def test_ctrl_c_while_a_program_loads_its_libraries_has_no_traceback(name: str, launch: Launch, tmp_path: Path) -> None:
+def test_ctrl_c_while_a_program_loads_its_libraries_has_no_traceback(
+    name: str, launch: Launch, tmp_path: Path
+) -> None:
     slow = "import time; print('loading', flush=True); time.sleep(30)"
     for library in ("numpy", "tyro", "rich"):
         (tmp_path / f"{library}.py").write_text(slow, encoding="utf-8")

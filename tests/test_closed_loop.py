@@ -39,7 +39,8 @@ from validation.simulator.plant import MujocoPlant
 from validation.thesis import published
 
 FRAME = 1e-11
-"""Coordinates of some metres round to 1e-15, times the loops' gains of about ten, through hundreds of damped ticks."""
+"""Coordinates of some metres round to 1e-15, times the loops' gains of about ten, through hundreds
+of damped ticks."""
 FEEDBACKS = ("truth", "noisy", "ekf")
 TORQUES = [LOG_COLUMNS.index("torque_left"), LOG_COLUMNS.index("torque_right")]
 A, B = (tuple(map(tuple, m.tolist())) for m in matrices(Vehicle(), LinearParameters(), Drive()))
@@ -65,7 +66,8 @@ def controller(name: str, **gains: float) -> Controller:
 
 
 COMPILED = (*PLAIN_CONTROLLERS, "pid+predictor", "lqr-scheduled+predictor")
-"""The compiled laws; of those behind a predictor one of each kind, with and without a velocity loop."""
+"""The compiled laws; of those behind a predictor one of each kind, with and without a velocity
+loop."""
 PUBLISHED = {name: controller(name) for name in COMPILED}
 """Every law with its default gains; the PID's are the published ones."""
 
@@ -90,10 +92,14 @@ def exact_husky() -> MujocoPlant:
     return MujocoPlant(section.parameters, section.drive, settings=PhysicsSettings(solver="Newton"))
 
 
-def run_huskies(plants: Sequence[MujocoPlant], *rest: Any, workers: int = 1, start: State | None = None) -> list[ClosedRun]:
+def run_huskies(
+    plants: Sequence[MujocoPlant], *rest: Any, workers: int = 1, start: State | None = None
+) -> list[ClosedRun]:
     """Closed loops of MuJoCo's robots; the rest is laws, settings, waypoints and seeds."""
     drives = [plant.drive for plant in plants]
-    return run_bodies(lambda state: MujocoBodies(plants, workers, state), drives, plants[0].dt, *rest, start)
+    return run_bodies(
+        lambda state: MujocoBodies(plants, workers, state), drives, plants[0].dt, *rest, start
+    )
 
 
 def drive(
@@ -120,14 +126,21 @@ def without_torques(run: ClosedRun) -> FloatArray:
     return np.delete(run.table, TORQUES, axis=1)
 
 
-# ------------------------------------------------------------------------------------------- fused loops and the slow one
+# ------------------------------------------------------------------------------------------- fused
+# loops and the slow one
 
 
 @pytest.mark.parametrize(
     ("name", "law", "feedback"),
-    [(n, law, FEEDBACKS[(i + k) % 3]) for i, n in enumerate(PLANAR_MODELS) for k, law in enumerate(COMPILED)],
+    [
+        (n, law, FEEDBACKS[(i + k) % 3])
+        for i, n in enumerate(PLANAR_MODELS)
+        for k, law in enumerate(COMPILED)
+    ],
 )  # each pair of model, law and feedback meets once
-def test_the_fused_loop_of_planar_models_is_the_slow_one(name: str, law: str, feedback: str) -> None:
+def test_the_fused_loop_of_planar_models_is_the_slow_one(
+    name: str, law: str, feedback: str
+) -> None:
     settings = LoopSettings(feedback=feedback)  # type: ignore[arg-type]
     fast = drive(model(name), PUBLISHED[law], BEND, settings, 3)
     slow = run_loop(PlanarPlant(model(name)), PUBLISHED[law], BEND, settings, 3)
@@ -138,7 +151,9 @@ def test_the_fused_loop_of_planar_models_is_the_slow_one(name: str, law: str, fe
 
 @pytest.mark.parametrize("name", PLANAR_MODELS)
 def test_so_it_is_from_a_rolling_start_at_other_rates_and_with_a_drive_that_lags(name: str) -> None:
-    robot = replace(model(name), drive=Drive(delay_v=0.07, delay_w=0.13, acceleration_v=1.5, wheel_lag=0.05))
+    robot = replace(
+        model(name), drive=Drive(delay_v=0.07, delay_w=0.13, acceleration_v=1.5, wheel_lag=0.05)
+    )
     settings = LoopSettings(position_period=0.01, velocity_period=0.025, lookahead=0.1)
     start = State(0.1, -0.1, 0.3, 0.3, 0.0, 0.2, *wheel_rates(0.3, 0.2, 0.275, 0.1651))
     fast = drive(robot, PUBLISHED["pid"], BEND, settings, 3, start)
@@ -153,24 +168,31 @@ def test_the_batch_of_huskies_is_the_slow_loop(husky: MujocoPlant, law: str, fee
     settings = LoopSettings(feedback=feedback)  # type: ignore[arg-type]
     fast = drive(husky, PUBLISHED[law], BEND, settings, 3)
     slow = run_loop(husky, PUBLISHED[law], BEND, settings, 3)
-    assert np.abs(without_torques(fast) - without_torques(slow)).max() <= 10 * ROUNDOFF  # wheel rates of order 10
+    # wheel rates of order 10
+    assert np.abs(without_torques(fast) - without_torques(slow)).max() <= 10 * ROUNDOFF
     assert fast.lost == slow.lost
 
 
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 def test_a_planar_population_is_its_members(feedback: str) -> None:
-    models = [replace(model("improved"), drive=replace(Drive(), delay_v=0.2 + 0.01 * i)) for i in range(len(MIXED))]
+    models = [
+        replace(model("improved"), drive=replace(Drive(), delay_v=0.2 + 0.01 * i))
+        for i in range(len(MIXED))
+    ]
     laws = [controller(law, **gains) for law, gains, _ in MIXED]
     settings = [replace(s, feedback=feedback, disturbance=True) for *_, s in MIXED]  # type: ignore[arg-type]
     loops = list(zip(models, laws, settings, strict=True))
-    alone = [run_loops([m], [law], [s], BEND, [7 + i % 2])[0] for i, (m, law, s) in enumerate(loops)]
+    alone = [
+        run_loops([m], [law], [s], BEND, [7 + i % 2])[0] for i, (m, law, s) in enumerate(loops)
+    ]
     for n in (1, 2):
         together = run_loops(models, laws, settings, BEND, [7, 8], workers=n)
         assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
     assert len({run.table[-1, 0] for run in alone}) == len(loops)
 
 
-# ------------------------------------------------------------------------------------------------------------- symmetries
+# -------------------------------------------------------------------------------------------------------------
+# symmetries
 
 
 def all_robots(husky: MujocoPlant) -> list[PlanarModel | MujocoPlant]:
@@ -188,32 +210,44 @@ def test_left_and_right_are_alike(exact_husky: MujocoPlant) -> None:
     flip = [1.0, -1.0, -1.0]
     for robot in all_robots(exact_husky):
         for law in PUBLISHED.values():
-            one, other = weaving(robot, law), drive(robot, law, mirrored).columns("x", "y", "yaw")
+            one = weaving(robot, law)
+            other = drive(robot, law, mirrored).columns("x", "y", "yaw")
             tolerance = FRAME if isinstance(robot, PlanarModel) else SYMMETRY
             assert np.abs(one - other * flip).max() <= tolerance, (robot.name, law.name)
             assert np.abs(one[:, 1]).max() > 0.1
 
 
 @pytest.mark.parametrize("frame", [(2.0, -1.0, 0.7), (-30.0, 5.0, 3.0)])
-def test_the_world_frame_does_not_matter(exact_husky: MujocoPlant, frame: tuple[float, float, float]) -> None:
-    c, s = math.cos(frame[2]), math.sin(frame[2])
-    turn, shift = np.array([[c, s], [-s, c]]), frame[:2]
+def test_the_world_frame_does_not_matter(
+    exact_husky: MujocoPlant, frame: tuple[float, float, float]
+) -> None:
+    c = math.cos(frame[2])
+    s = math.sin(frame[2])
+    turn = np.array([[c, s], [-s, c]])
+    shift = frame[:2]
     moved = Waypoints(WEAVE.t, WEAVE.xy @ turn + shift)
     for robot in all_robots(exact_husky):
         for law in PUBLISHED.values():
-            here, there = weaving(robot, law), drive(robot, law, moved).columns("x", "y", "yaw")
+            here = weaving(robot, law)
+            there = drive(robot, law, moved).columns("x", "y", "yaw")
             tolerance = FRAME if isinstance(robot, PlanarModel) else SYMMETRY
-            assert np.abs(here[:, :2] @ turn + shift - there[:, :2]).max() <= tolerance, (robot.name, law.name)
+            assert np.abs(here[:, :2] @ turn + shift - there[:, :2]).max() <= tolerance, (
+                robot.name,
+                law.name,
+            )
             assert np.abs(wrap_angle(here[:, 2] + frame[2] - there[:, 2])).max() <= tolerance
 
 
-# ------------------------------------------------------------------------------------------------ what the equations say
+# ------------------------------------------------------------------------------------------------
+# what the equations say
 
 
 def test_a_robot_on_its_reference_at_its_speed_stays_there() -> None:
-    robot, law = PlanarModel(LinearParameters(), Vehicle(), PROMPT), PUBLISHED["lqr-scheduled"]  # it knows the steady gain
+    # it knows the steady gain
+    robot, law = PlanarModel(LinearParameters(), Vehicle(), PROMPT), PUBLISHED["lqr-scheduled"]
     run = drive(robot, law, line(0.5, 2.0), start=rolling(0.5))
-    assert np.abs(run.columns("e_rho", "e_y", "e_alpha")).max() <= 1e-12  # a metre rounds to 1e-16, the gains are ten
+    # a metre rounds to 1e-16, the gains are ten
+    assert np.abs(run.columns("e_rho", "e_y", "e_alpha")).max() <= 1e-12
     late = replace(robot, drive=replace(PROMPT, delay_v=0.2))
     run = drive(late, law, line(0.5, 6.0), start=rolling(0.5))
     deepest = int(np.argmax(run.column("e_rho")))
@@ -236,20 +270,26 @@ def test_the_lag_of_a_pid_dies_out_as_its_equation_says(k_p: float, k_i: float) 
     begin = 5.0 / k_p
     measured = decay(run, begin, min(begin + 2.0 * k_p / k_i, 40.0))
     slow = np.roots([1.0, k_p, k_i]).max()
-    assert measured == pytest.approx(-1.0 / slow, rel=0.02)  # commands are held for 0.05 s of some 2 to 24
-    assert measured == pytest.approx(k_p / k_i, rel=0.02 + k_i / k_p**2)  # what the first order leaves out
+    # commands are held for 0.05 s of some 2 to 24
+    assert measured == pytest.approx(-1.0 / slow, rel=0.02)
+    # what the first order leaves out
+    assert measured == pytest.approx(k_p / k_i, rel=0.02 + k_i / k_p**2)
 
 
 @pytest.mark.parametrize("disturbed", [False, True])
-@pytest.mark.parametrize(("number", "row", "speed"), [("4.5", "line_0.25", 0.25), ("4.6", "line_0.50", 0.5)])
+@pytest.mark.parametrize(
+    ("number", "row", "speed"), [("4.5", "line_0.25", 0.25), ("4.6", "line_0.50", 0.5)]
+)
 def test_published_gains_on_the_published_model_reproduce_the_published_line(
     number: str, row: str, speed: float, disturbed: bool
 ) -> None:
     """The robot lags by v / K_P exp(-K_I / K_P t), so that is how far it is short of the end when time is up.
 
-    The whole gap is d_haus, and its share of the length is 1 - d_ratio: K_P, K_I, speed and length say both.
+    The whole gap is d_haus, and its share of the length is 1 - d_ratio: K_P, K_I, speed and length
+    say both.
     """
-    way, gains = line(speed), PidGains(**load_gains("pid", "published").values)
+    way = line(speed)
+    gains = PidGains(**load_gains("pid", "published").values)
     settings = LoopSettings() if disturbed else TRUTH
     run = drive(model("improved"), Controller(gains, A, B), way, settings)
     metrics = compare_paths(run.motion, way.trajectory(float(run.t[1])))
@@ -266,11 +306,17 @@ def test_published_gains_on_the_published_model_reproduce_the_published_line(
 @pytest.mark.parametrize("distance", [0.0, 0.1, 0.3])
 def test_the_robot_keeps_the_look_ahead(distance: float) -> None:
     """The PID's lag has died out by exp(-20 / 2.8)."""
-    run = drive(model("improved"), controller("pid", k_i_rho=1.0), line(0.5, 10.0), replace(TRUTH, lookahead=distance))
+    run = drive(
+        model("improved"),
+        controller("pid", k_i_rho=1.0),
+        line(0.5, 10.0),
+        replace(TRUTH, lookahead=distance),
+    )
     assert run.column("e_rho")[-2] == pytest.approx(distance, abs=1e-3)
 
 
-# --------------------------------------------------------------------------------------------------------- rates and clock
+# ---------------------------------------------------------------------------------------------------------
+# rates and clock
 
 
 @pytest.mark.parametrize("law", COMPILED)
@@ -285,7 +331,9 @@ def test_commands_change_with_the_velocity_loop_and_never_between(law: str) -> N
 
 
 @given(st.floats(0.01, 60.0), st.sampled_from([0.002, 0.008, 0.01, 0.05]))
-def test_the_clock_covers_the_whole_mission_and_no_tick_more(duration: float, period: float) -> None:
+def test_the_clock_covers_the_whole_mission_and_no_tick_more(
+    duration: float, period: float
+) -> None:
     way = Waypoints(np.array([3.0, 3.0 + duration]), np.array([[0.0, 0.0], [1.0, 0.0]]))
     clock = make_clock(way, LoopSettings(position_period=period), 0.001)
     end = clock.n * clock.dt
@@ -293,13 +341,20 @@ def test_the_clock_covers_the_whole_mission_and_no_tick_more(duration: float, pe
     assert way.duration - 1e-9 <= end < max(way.duration, period) + period
 
 
-# ------------------------------------------------------------------------------------------------------------------ noise
+# ------------------------------------------------------------------------------------------------------------------
+# noise
 
 
 def test_equal_seeds_give_equal_runs_and_others_do_not(husky: MujocoPlant) -> None:
     for robot in (model("improved"), husky):
-        for settings in (LoopSettings(), LoopSettings(feedback="ekf"), replace(TRUTH, disturbance=True)):
-            one, again, other = (drive(robot, PUBLISHED["pid"], BEND, settings, seed) for seed in (5, 5, 6))
+        for settings in (
+            LoopSettings(),
+            LoopSettings(feedback="ekf"),
+            replace(TRUTH, disturbance=True),
+        ):
+            one, again, other = (
+                drive(robot, PUBLISHED["pid"], BEND, settings, seed) for seed in (5, 5, 6)
+            )
             assert np.array_equal(one.table, again.table)
             assert np.abs(one.table - other.table).max() > 1e-6
         calm = [drive(robot, PUBLISHED["pid"], BEND, TRUTH, seed).table for seed in (5, 6)]
@@ -308,9 +363,14 @@ def test_equal_seeds_give_equal_runs_and_others_do_not(husky: MujocoPlant) -> No
 
 def test_noise_depends_on_the_seed_alone(husky: MujocoPlant) -> None:
     """What is seen less what is true: the same whatever robot and controller, to the rounding of metres."""
-    shown, true = ("seen_x", "seen_y", "seen_yaw", "seen_v", "seen_w"), ("x", "y", "yaw", "v_x", "yaw_rate")
+    shown = ("seen_x", "seen_y", "seen_yaw", "seen_v", "seen_w")
+    true = ("x", "y", "yaw", "v_x", "yaw_rate")
     settings = LoopSettings(noise=SensorNoise(x=1e-4, y=1e-4, yaw=1e-4))
-    runs = [drive(robot, law, BEND, settings, 9) for robot in (model("improved"), husky) for law in PUBLISHED.values()]
+    runs = [
+        drive(robot, law, BEND, settings, 9)
+        for robot in (model("improved"), husky)
+        for law in PUBLISHED.values()
+    ]
     noise = [run.columns(*shown) - run.columns(*true) for run in runs]
     assert all(np.abs(n - noise[0]).max() <= ROUNDOFF for n in noise)
     deviations = settings.deviations()[:5]
@@ -318,7 +378,8 @@ def test_noise_depends_on_the_seed_alone(husky: MujocoPlant) -> None:
     assert np.allclose(noise[0].std(axis=0), deviations, rtol=0.25)
 
 
-# ------------------------------------------------------------------------------------------------------------ lost robots
+# ------------------------------------------------------------------------------------------------------------
+# lost robots
 
 IDLE = controller("pid", k_p_rho=0.0, k_i_rho=0.0)
 """Does not go anywhere."""
@@ -326,7 +387,9 @@ FLIGHT = line(1.0, 5.0)
 
 
 @pytest.mark.parametrize("angle", [0.0, math.pi / 4, 2.0])
-def test_a_robot_that_stays_is_lost_when_its_target_has_gone_too_far_wherever_to(angle: float, husky: MujocoPlant) -> None:
+def test_a_robot_that_stays_is_lost_when_its_target_has_gone_too_far_wherever_to(
+    angle: float, husky: MujocoPlant
+) -> None:
     away = Waypoints(FLIGHT.t, FLIGHT.xy[:, :1] * [math.cos(angle), math.sin(angle)])
     for robot in (model("improved"), husky):
         run = drive(robot, IDLE, away)
@@ -336,9 +399,13 @@ def test_a_robot_that_stays_is_lost_when_its_target_has_gone_too_far_wherever_to
         assert len(run.t) == len(run.table) == len(run.motion)
         with pytest.raises(LostError) as caught:
             run.require_complete("an idle robot")
-        text, evidence = str(caught.value), caught.value.evidence
+        text = str(caught.value)
+        evidence = caught.value.evidence
         assert text.startswith(f"an idle robot left its bounds at t = {run.t[-1]:.2f} s: x = ")
-        assert f"{np.hypot(*(run.columns('target_x', 'target_y')[-1] - run.columns('x', 'y')[-1])):.2f} m from its" in text
+        assert (
+            f"{np.hypot(*(run.columns('target_x', 'target_y')[-1] - run.columns('x', 'y')[-1])):.2f} m from its"
+            in text
+        )
         assert (evidence["t"], evidence["state"], evidence["run"]) == (run.t[-1], run.state, run)
 
 
@@ -365,9 +432,13 @@ def test_one_lost_robot_does_not_disturb_the_others(husky: MujocoPlant) -> None:
     assert all(np.array_equal(a.table, b.table) for a, b in zip(alone, together, strict=True))
 
 
-def test_a_husky_whose_simulation_gives_up_is_lost_and_does_not_begin_again(husky: MujocoPlant) -> None:
+def test_a_husky_whose_simulation_gives_up_is_lost_and_does_not_begin_again(
+    husky: MujocoPlant,
+) -> None:
     """MuJoCo puts a diverged robot back to the origin, which on this reference is not far from the target."""
-    for run in run_huskies([husky] * 2, [PUBLISHED["pid"]] * 2, [TRUTH] * 2, BEND, [1], start=State(v_x=1e11)):
+    for run in run_huskies(
+        [husky] * 2, [PUBLISHED["pid"]] * 2, [TRUTH] * 2, BEND, [1], start=State(v_x=1e11)
+    ):
         assert run.lost
         assert len(run.t) == 1
         with pytest.raises(LostError, match="left its bounds"):

@@ -26,12 +26,18 @@ from validation.plants.profile import Profile, load_profile, make_plant
 def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False) -> Path:
     """A recording of a plant that weaves for 16 s, as CSV; with a gap of 1 s in the middle if asked for."""
     t = np.arange(320) * 0.05
-    driving = (t >= 1.0)[:, None]  # it stands at first: what was commanded before a log begins nobody knows
+    # it stands at first: what was commanded before a log begins nobody knows
+    driving = (t >= 1.0)[:, None]
     commands = Commands(0.05, np.column_stack([0.3 + 0.1 * np.sin(t), np.sin(0.7 * t)]) * driving)
     motion = make_plant(profile, plant).run(commands, State(), 0.05)
     pose = profile.plants[plant].localiser.seen_pose(motion.pose)
     held = np.vstack([commands.values, commands.values[-1:]])
-    columns = {"t": motion.t, "cmd_v": held[:, 0], "cmd_w": held[:, 1], "gyro_z": motion.twist[:, 2]}
+    columns = {
+        "t": motion.t,
+        "cmd_v": held[:, 0],
+        "cmd_w": held[:, 1],
+        "gyro_z": motion.twist[:, 2],
+    }
     columns |= {"enc_left": motion.wheels[:, 0], "enc_right": motion.wheels[:, 1]}
     columns |= dict(zip(("x", "y", "yaw"), pose.T, strict=True))
     keep = (motion.t < 8.0) | (motion.t > 9.0) if gap else np.full(len(motion), fill_value=True)
@@ -44,7 +50,9 @@ def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False)
 
 
 @pytest.mark.parametrize("plant", ["improved", "mujoco", "kinematic"])
-def test_a_plant_is_found_again_in_its_own_recording(lab: Profile, plant: str, tmp_path: Path) -> None:
+def test_a_plant_is_found_again_in_its_own_recording(
+    lab: Profile, plant: str, tmp_path: Path
+) -> None:
     """Through CSV and back: what is left is the estimated speed of the start, and interpolation."""
     source = open_source(str(recorded(lab, plant, tmp_path)))
     comparison = compare(source, lab, (plant,), horizons=(2.0, 6.0))
@@ -71,7 +79,9 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
     (tmp_path / "p.toml").write_text(text)
     shifted = load_profile(str(tmp_path / "p.toml"))
     source = open_source(str(recorded(lab, "kinematic", tmp_path)))
-    there = drive(make_plant(shifted, "kinematic"), source.pieces[0], Localiser(0.3, 0.1), source.sample_dt)
+    there = drive(
+        make_plant(shifted, "kinematic"), source.pieces[0], Localiser(0.3, 0.1), source.sample_dt
+    )
     assert np.allclose(there.pose[0], source.pieces[0].reference.pose[0])  # type: ignore[union-attr]
     error = horizons_of([(source, [there])], (2.0,))[2.0].position_median_m
     assert 0.02 < error < 0.4
@@ -88,12 +98,16 @@ def test_the_document_says_how_it_was_made_and_how_long_it_took(lab: Profile) ->
 # ------------------------------------------------------------------------------- as a program
 
 
-def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_of_ones_own_from_another_folder(
+    lab: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recorded(lab, "improved", tmp_path)
     monkeypatch.chdir(tmp_path)
     words = "drive.csv --plants improved,kinematic --profile thesis-lab --horizons 2,6 --no-rerun"
     assert exit_status(compare.command(), *words.split()) == 0
-    document: dict[str, Any] = json.loads((tmp_path / "runs/compare/drive/compare.json").read_text())
+    document: dict[str, Any] = json.loads(
+        (tmp_path / "runs/compare/drive/compare.json").read_text()
+    )
     assert document["reference"] == "recording"
     assert set(document["plants"]["improved"]["horizons"]) == {"2", "6"}
     assert not (tmp_path / "runs/compare/drive/compare.rrd").exists()
@@ -101,23 +115,31 @@ def test_a_recording_of_ones_own_from_another_folder(lab: Profile, tmp_path: Pat
 
 @pytest.mark.skipif(sys.platform == "win32", reason="interrupts are sent otherwise there")
 def test_an_interrupt_in_mid_run_leaves_nothing(
-    lab: Profile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    lab: Profile,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     recorded(lab, "improved", tmp_path)
     monkeypatch.chdir(tmp_path)
     program = sys.modules["validation.compare"]
     real = program.drive
-    monkeypatch.setattr(program, "drive", lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1])
+    monkeypatch.setattr(
+        program, "drive", lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]
+    )
     assert exit_status(compare.command(), "drive.csv", "--out", "out") == cli.EXIT_INTERRUPTED
     assert capsys.readouterr().err.splitlines()[-1] == "interrupted"
     assert not (tmp_path / "out").exists()
 
 
-def test_a_program_replaces_its_own_files_and_no_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_replaces_its_own_files_and_no_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     words = shlex.split("traj2 --plants linear --reference linear --no-rerun")
     assert [exit_status(compare.command(), *words, "--out", "named") for _ in range(2)] == [0, 0]
-    for name, status in (("compare.png", 0), ("compare.json", 2)):  # which says whose the picture is
+    # which says whose the picture is
+    for name, status in (("compare.png", 0), ("compare.json", 2)):
         (tmp_path / "named" / name).write_text("of somebody else")
         assert exit_status(compare.command(), *words, "--out", "named") == status
     assert exit_status(compare.command(), *words, "--out", "named", "--overwrite") == 0

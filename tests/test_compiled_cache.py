@@ -60,7 +60,9 @@ def start(folder: Path) -> subprocess.Popen[str]:
     environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache"), "PYTHONPATH": places}
     environment.pop("NUMBA_CACHE_DIR", None)
     command = [sys.executable, "-c", RUN]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    return subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
 
 
 def said(process: subprocess.Popen[str]) -> str:
@@ -71,7 +73,9 @@ def kept(folder: Path, ending: str) -> list[Path]:
     return sorted((folder / "cache").rglob(f"*{ending}"))
 
 
-def test_two_first_starts_at_once_and_whatever_lies_in_the_cache_give_the_right_numbers(folder: Path) -> None:
+def test_two_first_starts_at_once_and_whatever_lies_in_the_cache_give_the_right_numbers(
+    folder: Path,
+) -> None:
     """A race can leave the code of one signature under the name of another, and a full disk half a file."""
     first = start(folder)
     second = start(folder)
@@ -86,8 +90,12 @@ def test_two_first_starts_at_once_and_whatever_lies_in_the_cache_give_the_right_
         for path in kept(folder, ending):
             whole = path.read_bytes()
             path.write_bytes(whole[: len(whole) // 2] if damage is None else damage)
-        assert said(start(folder)) == RIGHT, f"{ending} files are {'cut' if damage is None else 'empty'}"
-    assert [path.read_bytes() != b"" for path in kept(folder, ".nbc")] == [True] * 4, "they are written anew"
+        assert said(start(folder)) == RIGHT, (
+            f"{ending} files are {'cut' if damage is None else 'empty'}"
+        )
+    assert [path.read_bytes() != b"" for path in kept(folder, ".nbc")] == [True] * 4, (
+        "they are written anew"
+    )
 
 
 @pytest.mark.parametrize("place", ["root", "folder"])

@@ -16,7 +16,15 @@ from hypothesis import strategies as st
 
 from ssmr.control import lqr, pid
 from ssmr.control.law import EMPTY_MEMORY, Command, Gains, Memory, Observation
-from ssmr.control.laws import LAWS, PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains, position_step, velocity_step
+from ssmr.control.laws import (
+    LAWS,
+    PLAIN_CONTROLLERS,
+    PREDICTOR,
+    Controller,
+    make_gains,
+    position_step,
+    velocity_step,
+)
 from ssmr.control.waypoints import Errors, Target
 from ssmr.models.linear import LinearParameters, matrices
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -24,7 +32,8 @@ from ssmr.types import FloatArray
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
 RICCATI = 1e-7
-"""Relative: two solvers of one Riccati equation, whose pencil has eigenvalues from 0.1 to 1000 1/s for the weights below."""
+"""Relative: two solvers of one Riccati equation, whose pencil has eigenvalues from 0.1 to 1000 1/s
+for the weights below."""
 DT = 0.008
 REST = EMPTY_MEMORY
 STILL = Target(0.0, 0.0, 0.0, 0.0, 0.0, 0)
@@ -72,12 +81,16 @@ def regulator(a: FloatArray, b: FloatArray, q: list[float], r: list[float]) -> F
     return np.linalg.solve(np.diag(r), b.T @ p)
 
 
-# ------------------------------------------------------------------------------------------------------------- PI blocks
+# -------------------------------------------------------------------------------------------------------------
+# PI blocks
 
 
 @given(st.lists(errors, min_size=1, max_size=60), gains, gains)
-def test_a_block_is_p_and_a_forward_euler_integral(signal: list[float], k_p: float, k_i: float) -> None:
-    integral, out = 0.0, []
+def test_a_block_is_p_and_a_forward_euler_integral(
+    signal: list[float], k_p: float, k_i: float
+) -> None:
+    integral = 0.0
+    out = []
     for error in signal:
         u, integral = pid.pi_block(error, integral, k_p, k_i, math.inf, DT)
         out.append(u)
@@ -104,12 +117,18 @@ def test_the_integral_stops_exactly_while_the_output_is_at_its_limit_and_both_ha
 
 
 @given(st.lists(st.tuples(small, errors, errors), min_size=1, max_size=40))
-def test_the_position_loop_is_the_printed_equations(signal: list[tuple[float, float, float]]) -> None:
+def test_the_position_loop_is_the_printed_equations(
+    signal: list[tuple[float, float, float]],
+) -> None:
     """Tab. 4.1, below the limit of u_ref."""
-    g, memory = pid.PidGains(), REST
+    g = pid.PidGains()
+    memory = REST
     for e_rho, e_y, e_alpha in signal:
-        memory = pid.position_loop(numbers(g, "pid"), memory, Errors(e_rho, e_y, e_alpha), STILL, moving(0.0, 0.0), DT)
-    e, sums = np.array(signal), DT * np.sum(signal[:-1], axis=0) if len(signal) > 1 else np.zeros(3)
+        memory = pid.position_loop(
+            numbers(g, "pid"), memory, Errors(e_rho, e_y, e_alpha), STILL, moving(0.0, 0.0), DT
+        )
+    e = np.array(signal)
+    sums = DT * np.sum(signal[:-1], axis=0) if len(signal) > 1 else np.zeros(3)
     u_ref = g.k_p_rho * e[-1, 0] + g.k_i_rho * sums[0]
     w_ref = g.k_p_y * e[-1, 1] + g.k_i_y * sums[1] + g.k_p_alpha * e[-1, 2] + g.k_i_alpha * sums[2]
     assert memory.u_ref == pytest.approx(u_ref, rel=ROUNDOFF, abs=ROUNDOFF)
@@ -117,7 +136,9 @@ def test_the_position_loop_is_the_printed_equations(signal: list[tuple[float, fl
 
 
 @given(st.lists(st.tuples(errors, errors), min_size=1, max_size=40), errors, errors)
-def test_the_velocity_loop_is_the_printed_equations(signal: list[tuple[float, float]], u_ref: float, w_ref: float) -> None:
+def test_the_velocity_loop_is_the_printed_equations(
+    signal: list[tuple[float, float]], u_ref: float, w_ref: float
+) -> None:
     """Tab. 4.2, with references that are held."""
     g = replace(pid.PidGains(), ff_w=0.3)
     memory = Memory(*REST[:5], u_ref, w_ref)
@@ -131,7 +152,8 @@ def test_the_velocity_loop_is_the_printed_equations(signal: list[tuple[float, fl
     assert (memory.u_ref, memory.w_ref) == (u_ref, w_ref)
 
 
-# ------------------------------------------------------------------------------------------------------- all laws alike
+# -------------------------------------------------------------------------------------------------------
+# all laws alike
 
 
 @pytest.mark.parametrize("name", PLAIN_CONTROLLERS)
@@ -140,11 +162,16 @@ def test_left_and_right_are_alike(
     name: str, e: tuple[float, float, float], v_ref: float, w_ref: float, v: float, w: float
 ) -> None:
     c = controller(name)
-    straight, turned = REST, REST
+    straight = REST
+    turned = REST
     for _ in range(3):
-        straight = position_step(c.number, packed(name), straight, Errors(*e), target(v_ref, w_ref), moving(v, w), DT)
+        straight = position_step(
+            c.number, packed(name), straight, Errors(*e), target(v_ref, w_ref), moving(v, w), DT
+        )
         mirrored = Errors(e[0], -e[1], -e[2])
-        turned = position_step(c.number, packed(name), turned, mirrored, target(v_ref, -w_ref), moving(v, -w), DT)
+        turned = position_step(
+            c.number, packed(name), turned, mirrored, target(v_ref, -w_ref), moving(v, -w), DT
+        )
         straight, one = velocity_step(c.number, packed(name), straight, moving(v, w), 0.05)
         turned, other = velocity_step(c.number, packed(name), turned, moving(v, -w), 0.05)
         # the solver leaves 1e-17 where a regulator's gains are zero
@@ -160,44 +187,57 @@ def test_without_errors_and_at_rest_nothing_is_commanded(name: str) -> None:
     assert memory == REST
 
 
-# ----------------------------------------------------------------------------------------------------------- LQR, Eq. 4.5
+# -----------------------------------------------------------------------------------------------------------
+# LQR, Eq. 4.5
 
 
 @settings(max_examples=40)
 @given(weights, st.floats(0.0, 5.0), weights, st.floats(0.0, 5.0), weights, weights)
-def test_the_gain_solves_the_riccati_equation(q1: float, q2: float, q3: float, q4: float, r1: float, r2: float) -> None:
+def test_the_gain_solves_the_riccati_equation(
+    q1: float, q2: float, q3: float, q4: float, r1: float, r2: float
+) -> None:
     g = lqr.LqrGains(q1, q2, q3, q4, r1, r2)
     k = g.packed(A, B)[:8].reshape(2, 4)
     assert np.allclose(k, regulator(A, B, [q1, q2, q3, q4], [r1, r2]), rtol=RICCATI, atol=RICCATI)
     assert np.linalg.eigvals(A - B @ k).real.max() < 0.0
-    # p(s) p(-s) of a chain x'' = a x' + b u at s = 0: the gain of the position does not depend on the plant
+    # p(s) p(-s) of a chain x'' = a x' + b u at s = 0: the gain of the position does not depend on
+    # the plant
     assert k[0, 0] == pytest.approx(math.sqrt(q1 / r1), rel=RICCATI)
     assert k[1, 2] == pytest.approx(math.sqrt(q3 / r2), rel=RICCATI)
     assert np.abs(k[[0, 0, 1, 1], [2, 3, 0, 1]]).max() <= RICCATI  # along and across do not touch
 
 
 @given(small, small, small, small, small)
-def test_the_command_is_minus_k_times_the_state(e_rho: float, e_y: float, e_alpha: float, v: float, w: float) -> None:
-    row, integral = np.array([*packed("lqr")[:8], 0.7, 0.4, 0.5]), 0.05
+def test_the_command_is_minus_k_times_the_state(
+    e_rho: float, e_y: float, e_alpha: float, v: float, w: float
+) -> None:
+    row = np.array([*packed("lqr")[:8], 0.7, 0.4, 0.5])
+    integral = 0.05
     memory = REST._replace(i_rho=integral)
     after = position_step(1, row, memory, Errors(e_rho, e_y, e_alpha), STILL, moving(v, w), DT)
     state = np.array([-(e_rho + integral), v, -(0.7 * e_alpha + 0.4 * e_y), w])
-    assert np.allclose([after.u_ref, after.w_ref], -row[:8].reshape(2, 4) @ state, rtol=ROUNDOFF, atol=ROUNDOFF)
+    assert np.allclose(
+        [after.u_ref, after.w_ref], -row[:8].reshape(2, 4) @ state, rtol=ROUNDOFF, atol=ROUNDOFF
+    )
     assert after.i_rho == integral + 0.5 * e_rho * DT
 
 
 @pytest.mark.parametrize("name", ["lqr", "lqr-scheduled"])
 def test_commands_are_saturated_and_the_integral_is_clamped(name: str) -> None:
-    c, memory = Controller(make_gains(name, {"k_i_rho": 5.0}), *MODEL), REST
+    c = Controller(make_gains(name, {"k_i_rho": 5.0}), *MODEL)
+    memory = REST
     g = c.packed()
     for _ in range(200):
-        memory = position_step(c.number, g, memory, Errors(2.0, 1.0, 1.0), STILL, moving(0.0, 0.0), DT)
+        memory = position_step(
+            c.number, g, memory, Errors(2.0, 1.0, 1.0), STILL, moving(0.0, 0.0), DT
+        )
     assert (memory.u_ref, memory.w_ref) == (lqr.V_LIMIT, lqr.W_LIMIT)
     once = position_step(c.number, g, REST, Errors(2.0, 1.0, 1.0), STILL, moving(0.0, 0.0), DT)
     assert memory.i_rho == once.i_rho
 
 
-# ------------------------------------------------------------------------------------------------------------- scheduled
+# -------------------------------------------------------------------------------------------------------------
+# scheduled
 
 
 def applied(gains: FloatArray, v_ref: float) -> FloatArray:
@@ -207,7 +247,9 @@ def applied(gains: FloatArray, v_ref: float) -> FloatArray:
 
     def answer(e: FloatArray) -> FloatArray:
         off = Errors(*map(float, e[[0, 2, 3]]))
-        after = position_step(SCHEDULED, gains, REST, off, target(v_ref, 0.0), moving(v_ref + e[1], float(e[4])), DT)
+        after = position_step(
+            SCHEDULED, gains, REST, off, target(v_ref, 0.0), moving(v_ref + e[1], float(e[4])), DT
+        )
         return np.array([after.u_ref, after.w_ref])
 
     rest = answer(np.zeros(5))
@@ -215,15 +257,22 @@ def applied(gains: FloatArray, v_ref: float) -> FloatArray:
 
 
 @settings(max_examples=10)  # a dozen Riccati equations each
-@given(*[weights] * 4, st.sampled_from(lqr.OPERATING_SPEEDS[:-1]))  # at the last the feedforward saturates
+# at the last the feedforward saturates
+@given(*[weights] * 4, st.sampled_from(lqr.OPERATING_SPEEDS[:-1]))
 def test_gains_at_the_operating_speeds_are_those_of_a_regulator(
     q_x: float, q_y: float, q_alpha: float, r_w: float, speed: float
 ) -> None:
     g = lqr.ScheduledGains(q_x=q_x, q_y=q_y, q_alpha=q_alpha, r_w=r_w)
     used = applied(g.packed(A, B), speed)
     along = np.array([[0.0, -1.0], [0.0, A[1, 1]]]), np.array([[0.0], [B[1, 0]]])
-    across = np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, A[3, 3]]]), np.array([[0.0], [0.0], [B[3, 1]]])
-    for (a, b), q, r, part in ((along, [q_x, g.q_v], g.r_v, used[:2]), (across, [q_y, q_alpha, g.q_w], r_w, used[2:])):
+    across = (
+        np.array([[0.0, speed, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, A[3, 3]]]),
+        np.array([[0.0], [0.0], [B[3, 1]]]),
+    )
+    for (a, b), q, r, part in (
+        (along, [q_x, g.q_v], g.r_v, used[:2]),
+        (across, [q_y, q_alpha, g.q_w], r_w, used[2:]),
+    ):
         k, _, poles = control.lqr(a, b, np.diag(q), np.diag([r]))
         # differences of commands of order one, over errors of 1e-3
         assert np.allclose(part, k[0], rtol=DERIVATIVE, atol=1e-9)
@@ -235,7 +284,8 @@ def test_gains_at_the_operating_speeds_are_those_of_a_regulator(
 def test_gains_change_with_speed_as_theory_says(one: float, other: float) -> None:
     """Spectral factorisation of the lateral chain at frequency zero: k_y^2 = q_y / r whatever the speed.
 
-    The next coefficient makes k_alpha grow with it: without lag k_alpha^2 = q_alpha / r + 2 v sqrt(q_y / r).
+    The next coefficient makes k_alpha grow with it: without lag k_alpha^2 = q_alpha / r + 2 v
+    sqrt(q_y / r).
     """
     g = lqr.ScheduledGains()
     slow, fast = (applied(packed("lqr-scheduled"), v) for v in sorted((one, other)))
@@ -248,14 +298,22 @@ def test_gains_change_with_speed_as_theory_says(one: float, other: float) -> Non
 @given(st.floats(0.0, 0.9), st.floats(-1.0, 1.0))
 def test_the_feedforward_holds_the_targets_twist(v_ref: float, w_ref: float) -> None:
     after = position_step(
-        SCHEDULED, packed("lqr-scheduled"), REST, NO_ERRORS, target(v_ref, w_ref), moving(v_ref, w_ref), DT
+        SCHEDULED,
+        packed("lqr-scheduled"),
+        REST,
+        NO_ERRORS,
+        target(v_ref, w_ref),
+        moving(v_ref, w_ref),
+        DT,
     )
     change = A @ np.array([0.0, v_ref, 0.0, w_ref]) + B @ np.array([after.u_ref, after.w_ref])
-    assert np.abs(change[[1, 3]]).max() <= 1e-10  # rates of 40 1/s, so absolute accelerations of 1e-11
+    # rates of 40 1/s, so absolute accelerations of 1e-11
+    assert np.abs(change[[1, 3]]).max() <= 1e-10
     assert after.i_rho == 0.0
 
 
-# --------------------------------------------------------------------------------------------------------- what is refused
+# ---------------------------------------------------------------------------------------------------------
+# what is refused
 
 
 @pytest.mark.parametrize("name", PLAIN_CONTROLLERS)

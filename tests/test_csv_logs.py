@@ -33,26 +33,82 @@ def timed(t: list[float], **columns: list[float]) -> Log:
     return Log.of_columns("drive.csv", {"t": t, **(columns or {"cmd_v": [0.0] * len(t)})})
 
 
-# ---------------------------------------------------------------------------------------------------------- bad files
+# ----------------------------------------------------------------------------------------------------------
+# bad files
 BAD_FILES: dict[str, tuple[str | bytes, int | None, str | None, str]] = {
     "empty": ("", None, None, "the file is empty; wanted a header line"),
-    "header alone": (HEADER, None, None, "there are no samples after the header; a log needs at least two"),
-    "no time below blank lines": ("\n\ncmd_v,cmd_w\n0,0\n1,1\n", 3, None, "no column t among 'cmd_v', 'cmd_w'"),
-    "nothing known": ("t,foo,bar\n0,1,2\n1,1,2\n", 1, None, "no known column among 't', 'foo', 'bar'"),
+    "header alone": (
+        HEADER,
+        None,
+        None,
+        "there are no samples after the header; a log needs at least two",
+    ),
+    "no time below blank lines": (
+        "\n\ncmd_v,cmd_w\n0,0\n1,1\n",
+        3,
+        None,
+        "no column t among 'cmd_v', 'cmd_w'",
+    ),
+    "nothing known": (
+        "t,foo,bar\n0,1,2\n1,1,2\n",
+        1,
+        None,
+        "no known column among 't', 'foo', 'bar'",
+    ),
     "same name twice": ("t,x,foo, x\n0,0,0,0\n1,0,0,0\n", 1, "x", "twice"),
     "tabs": ("t\tx\n0\t0\n", 1, None, "tabs separate the columns; wanted commas"),
-    "other names": ("stamp,x\n0,0\n", 1, None, "--columns t=NAME,x=NAME says which columns have other names"),
-    "text for a number": (HEADER + "0,0,0,0,0,0\n1,0,abc,0,0,0\n", 3, "cmd_w", "'abc', wanted a finite number [rad/s]"),
+    "other names": (
+        "stamp,x\n0,0\n",
+        1,
+        None,
+        "--columns t=NAME,x=NAME says which columns have other names",
+    ),
+    "text for a number": (
+        HEADER + "0,0,0,0,0,0\n1,0,abc,0,0,0\n",
+        3,
+        "cmd_w",
+        "'abc', wanted a finite number [rad/s]",
+    ),
     "grouped digits": (HEADER + "0,0,0,0,0,0\n1,1_0,0,0,0,0\n", 3, "cmd_v", "'1_0'"),
-    "nothing": (HEADER + "0,0,0,0,0,0\n1,0,0,0, ,0\n", 3, "y", "there is nothing, wanted a finite number [m]"),
-    "inf": (HEADER + "0,0,0,0,0,0\n0.1,0,0,0,0,-inf\n", 3, "yaw", "'-inf', wanted a finite number [rad]"),
-    "time turns back": (HEADER + "0,0,0,0,0,0\n\n-1,0,0,0,0,0\n", 4, "t", "increase, but -1 s follows 0 s"),
-    "semicolons and decimal commas": ("t;cmd_v;cmd_w\n0;1,5;2\n", 1, None, "semicolons separate the columns; wanted commas"),
-    "too few fields": (HEADER + "0,0,0,0,0,0\n1,0,0\n", 3, None, "3 fields, wanted 6 as in the header"),
+    "nothing": (
+        HEADER + "0,0,0,0,0,0\n1,0,0,0, ,0\n",
+        3,
+        "y",
+        "there is nothing, wanted a finite number [m]",
+    ),
+    "inf": (
+        HEADER + "0,0,0,0,0,0\n0.1,0,0,0,0,-inf\n",
+        3,
+        "yaw",
+        "'-inf', wanted a finite number [rad]",
+    ),
+    "time turns back": (
+        HEADER + "0,0,0,0,0,0\n\n-1,0,0,0,0,0\n",
+        4,
+        "t",
+        "increase, but -1 s follows 0 s",
+    ),
+    "semicolons and decimal commas": (
+        "t;cmd_v;cmd_w\n0;1,5;2\n",
+        1,
+        None,
+        "semicolons separate the columns; wanted commas",
+    ),
+    "too few fields": (
+        HEADER + "0,0,0,0,0,0\n1,0,0\n",
+        3,
+        None,
+        "3 fields, wanted 6 as in the header",
+    ),
     "quote never closed": (HEADER + '0,0,0,0,0,0\n1,"0,0,0,0,0\n2,0,0,0,0,0\n', 3, None, "no CSV"),
     "line counted past a quoted line break": ('t,x,note\n0,0,"a\nb"\n1,?,c\n', 4, "x", "'?'"),
     "binary": (b"\x00\x01\x02\xff", 1, None, "a NUL byte; wanted a CSV file"),
-    "not UTF-8": (HEADER.encode() + b"0,0,0,0,0,0\n1,\xb5,0,0,0,0\n", 3, "cmd_v", "wanted a finite number"),
+    "not UTF-8": (
+        HEADER.encode() + b"0,0,0,0,0,0\n1,\xb5,0,0,0,0\n",
+        3,
+        "cmd_v",
+        "wanted a finite number",
+    ),
     "UTF-16": ((HEADER + "0,0,0,0,0,0\n").encode("utf-16"), 1, None, "plain UTF-8 text"),
 }
 
@@ -63,7 +119,8 @@ def test_bad_file_says_what_and_where_in_one_line(tmp_path: Path, case: str) -> 
     path = on_file(tmp_path, text)
     with pytest.raises(FileError) as caught:
         read_csv(path)
-    error, message = caught.value, str(caught.value)
+    error = caught.value
+    message = str(caught.value)
     assert (error.path, error.line, error.column) == (path, line, column)
     assert what in message
     assert line is None or f"{path}, line {line}" in message
@@ -89,9 +146,14 @@ def test_logs_that_cannot_be_are_not_made(columns: dict[str, list[float]], messa
         Log.of_columns("drive.csv", columns)
 
 
-# --------------------------------------------------------------------------------------------------------- good files
+# ---------------------------------------------------------------------------------------------------------
+# good files
 def test_mark_line_endings_blank_lines_and_spaces_are_fine(tmp_path: Path) -> None:
-    log = read_csv(on_file(tmp_path, "\ufefft, x ,y,yaw,acc_x\r\n0, 1,2,3,4\r\n\r\n0.5,5,6,7,8\r\n\r\n  \r\n\r\n"))
+    log = read_csv(
+        on_file(
+            tmp_path, "\ufefft, x ,y,yaw,acc_x\r\n0, 1,2,3,4\r\n\r\n0.5,5,6,7,8\r\n\r\n  \r\n\r\n"
+        )
+    )
     assert (log.name, log.t.tolist()) == ("drive", [0.0, 0.5])
     turned = 7.0 - 2.0 * math.pi  # yaw is unwrapped
     assert {n: a.tolist() for n, a in log.columns.items()} == {
@@ -103,11 +165,16 @@ def test_mark_line_endings_blank_lines_and_spaces_are_fine(tmp_path: Path) -> No
     ]  # pandas' index, and a last comma
 
 
-@pytest.mark.parametrize("cells", [("a", "b", "c"), ("1", "hm", "3"), ("1", "nan", "3"), ("1", "2", "-inf")])
+@pytest.mark.parametrize(
+    "cells", [("a", "b", "c"), ("1", "hm", "3"), ("1", "nan", "3"), ("1", "2", "-inf")]
+)
 def test_columns_that_are_no_numbers_throughout_are_left_out_with_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, cells: tuple[str, ...]
 ) -> None:
-    path = on_file(tmp_path, "t,x,note,acc_x\n" + "".join(f"{k},0,{cell},{k}\n" for k, cell in enumerate(cells)))
+    path = on_file(
+        tmp_path,
+        "t,x,note,acc_x\n" + "".join(f"{k},0,{cell},{k}\n" for k, cell in enumerate(cells)),
+    )
     with caplog.at_level(logging.WARNING, logger="validation.files"):
         assert list(read_csv(path).columns) == ["x", "acc_x"]
     (message,) = caplog.messages
@@ -117,9 +184,16 @@ def test_columns_that_are_no_numbers_throughout_are_left_out_with_a_warning(
 
 def test_an_empty_cell_is_no_sample(tmp_path: Path) -> None:
     """Topics of different rates as pandas merges them, two of them at the same instant in two rows."""
-    rows = [(0.0, 1.0, 2.0, "", ""), (0.0, "", "", 0.0, ""), (0.1, "", "", 0.2, 5.0), (0.15, "", "", "", 6.0)]
+    rows = [
+        (0.0, 1.0, 2.0, "", ""),
+        (0.0, "", "", 0.0, ""),
+        (0.1, "", "", 0.2, 5.0),
+        (0.15, "", "", "", 6.0),
+    ]
     rows += [(0.2, 3.0, 4.0, 0.4, 7.0), (0.3, "", "", 0.6, "")]
-    text = "t,enc_left,enc_right,x,cmd_v\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+    text = "t,enc_left,enc_right,x,cmd_v\n" + "".join(
+        ",".join(map(str, row)) + "\n" for row in rows
+    )
     log = read_log(on_file(tmp_path, text))
     assert {n: g.t.tolist() for n, g in log.groups.items()} == {
         "wheels": [0.0, 0.2], "pose": [0.0, 0.1, 0.2, 0.3], "cmd": [0.1, 0.15, 0.2],
@@ -139,20 +213,32 @@ def test_columns_cannot_be_changed() -> None:
 
 
 @given(data=st.data(), n=st.integers(2, 12))
-def test_round_trip_is_bit_identical(data: st.DataObject, n: int, tmp_path_factory: pytest.TempPathFactory) -> None:
-    finite, possible = (st.lists(st.floats(-most, most), min_size=n, max_size=n) for most in (1e100, 100.0))
+def test_round_trip_is_bit_identical(
+    data: st.DataObject, n: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    finite, possible = (
+        st.lists(st.floats(-most, most), min_size=n, max_size=n) for most in (1e100, 100.0)
+    )
     moment = st.floats(-1e9, 1e9).map(lambda v: v + 0.0)  # 0.0 and -0.0 are one instant
     names = st.text(st.characters(exclude_categories=["Cs"]), min_size=1).filter(is_column_name)
     t = sorted(data.draw(st.lists(moment, min_size=n, max_size=n, unique=True)))
     known = data.draw(st.dictionaries(st.sampled_from(RECORDED), possible, min_size=1))
-    others = data.draw(st.dictionaries(names.filter(lambda s: s != "t" and s not in COLUMNS), finite, max_size=3))
+    others = data.draw(
+        st.dictionaries(names.filter(lambda s: s != "t" and s not in COLUMNS), finite, max_size=3)
+    )
     path = tmp_path_factory.mktemp("round") / "drive.csv"
-    columns = {n: np.zeros(len(t)) if n.endswith("yaw") else a for n, a in {**known, **others}.items()}
+    columns = {
+        n: np.zeros(len(t)) if n.endswith("yaw") else a for n, a in {**known, **others}.items()
+    }
     written = Log.of_columns("drive.csv", {"t": t, **columns})
     write_csv(written, path)
-    got = read_csv(path, ReadOptions(limits=USUAL.changed(dict.fromkeys(described(LogLimits), math.inf))))
+    got = read_csv(
+        path, ReadOptions(limits=USUAL.changed(dict.fromkeys(described(LogLimits), math.inf)))
+    )
     assert got.t.tobytes() == written.t.tobytes()
-    assert {k: a.tobytes() for k, a in got.columns.items()} == {k: a.tobytes() for k, a in written.columns.items()}
+    assert {k: a.tobytes() for k, a in got.columns.items()} == {
+        k: a.tobytes() for k, a in written.columns.items()
+    }
 
 
 def test_columns_are_written_as_a_log_or_not_at_all(tmp_path: Path) -> None:
@@ -164,7 +250,8 @@ def test_columns_are_written_as_a_log_or_not_at_all(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["drive.csv"]
 
 
-# ------------------------------------------------------------------------------------------------- gaps, cuts, columns
+# -------------------------------------------------------------------------------------------------
+# gaps, cuts, columns
 @given(steps=st.lists(st.floats(1e-3, 1.0), min_size=1, max_size=40))
 def test_stretches_span_no_gap_and_lose_only_lone_samples(steps: list[float]) -> None:
     log = timed(np.cumsum([0.0, *steps]).tolist())
@@ -182,29 +269,53 @@ def test_a_cut_keeps_both_ends_and_moves_no_gap() -> None:
     log = timed([0.0, 1.0, 2.0, 6.0, 7.0], x=list(np.arange(5.0)), a=list(np.arange(5.0)))
     part = log.cut(1.0, 6.0)
     assert part.t.tolist() == [1.0, 2.0, 6.0]
-    assert {n: a.tolist() for n, a in part.columns.items()} == {"x": [1.0, 2.0, 3.0], "a": [1.0, 2.0, 3.0]}
-    assert [part.t[s].tolist() for s in part.stretches()] == [[1.0, 2.0]]  # by its own median step there would be no gap
+    assert {n: a.tolist() for n, a in part.columns.items()} == {
+        "x": [1.0, 2.0, 3.0],
+        "a": [1.0, 2.0, 3.0],
+    }
+    # by its own median step there would be no gap
+    assert [part.t[s].tolist() for s in part.stretches()] == [[1.0, 2.0]]
     assert log.cut(None, 1.5).t.tolist() == [0.0, 1.0]
     assert log.cut().t.tolist() == log.t.tolist()
     with pytest.raises(ValueError, match="nothing but gaps between 2 and 6 s"):
         log.cut(2.0, 6.0).stretches()
     for start, stop in ((8.0, None), (None, -1.0), (3.0, 1.0), (2.0, 3.0), (math.nan, None)):
-        with pytest.raises(FileError, match=r"nothing was logged in .*; there is drive\.csv 0 to 7 s"):
+        with pytest.raises(
+            FileError, match=r"nothing was logged in .*; there is drive\.csv 0 to 7 s"
+        ):
             log.cut(start, stop)
 
 
 def test_columns_with_other_names_and_units_are_read_as_ours(tmp_path: Path) -> None:
-    ours, theirs = tmp_path / "ours.csv", tmp_path / "theirs.csv"
+    ours = tmp_path / "ours.csv"
+    theirs = tmp_path / "theirs.csv"
     t = 0.05 * np.arange(60)
-    columns = {"t": t, "x": 0.5 * t, "y": 0.1 * t, "yaw": 0.2 * t, "enc_left": 3.0 + t, "cmd_v": 0.5 + 0.0 * t}
+    columns = {
+        "t": t,
+        "x": 0.5 * t,
+        "y": 0.1 * t,
+        "yaw": 0.2 * t,
+        "enc_left": 3.0 + t,
+        "cmd_v": 0.5 + 0.0 * t,
+    }
     write_csv(columns, ours)
     factors = {"t": 1e3, "x": 1e3, "y": 1.0, "yaw": 180.0 / np.pi, "enc_left": 0.15, "cmd_v": 3.6}
-    names = {"t": "stamp", "x": "pos_x", "y": "pos_y", "yaw": "heading", "enc_left": "wl", "cmd_v": "v"}
+    names = {
+        "t": "stamp",
+        "x": "pos_x",
+        "y": "pos_y",
+        "yaw": "heading",
+        "enc_left": "wl",
+        "cmd_v": "v",
+    }
     rows = np.column_stack([columns[name] * factors[name] for name in names])
-    np.savetxt(theirs, rows, delimiter=",", header=",".join(names.values()), comments="", fmt="%.12g")
+    np.savetxt(
+        theirs, rows, delimiter=",", header=",".join(names.values()), comments="", fmt="%.12g"
+    )
     read = {"t": ("stamp", "ms"), "x": ("pos_x", "mm"), "y": ("pos_y", ""), "yaw": ("heading", "deg"),
             "enc_left": ("wl", "m/s"), "cmd_v": ("v", "km/h")}  # fmt: skip
-    wanted, measured = read_csv(ours), read_csv(theirs, ReadOptions(columns=read, radius=0.15))
+    wanted = read_csv(ours)
+    measured = read_csv(theirs, ReadOptions(columns=read, radius=0.15))
     assert set(measured.columns) == set(wanted.columns)
     for name, values in wanted.columns.items():
         assert np.allclose(measured.columns[name], values, rtol=1e-9, atol=1e-9), name

@@ -41,7 +41,11 @@ def answered(path: Path, capsys: pytest.CaptureFixture[str]) -> int:
 
 def data_of(bag: Path) -> Path:
     """The file of a bag that has its messages."""
-    return next(file for file in bag.iterdir() if file.name != "metadata.yaml") if bag.is_dir() else bag
+    return (
+        next(file for file in bag.iterdir() if file.name != "metadata.yaml")
+        if bag.is_dir()
+        else bag
+    )
 
 
 def mutated(whole: bytes, chance: np.random.Generator) -> bytes:
@@ -76,12 +80,16 @@ def damage(bag: Path, seed: int, many: int, capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.parametrize("kind", PACKED_KINDS)
-def test_packed_bags_are_read(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_packed_bags_are_read(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert answered(write(tmp_path, kind, circle()), capsys) == 0
 
 
 @pytest.mark.parametrize("kind", ALL_KINDS)
-def test_a_damaged_bag_is_read_or_refused_in_one_line(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_bag_is_read_or_refused_in_one_line(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = write(tmp_path, kind, circle(20))
     whole = data_of(bag).read_bytes()
     data_of(bag).write_bytes(whole[: len(whole) // 3])
@@ -116,7 +124,9 @@ def test_metadata_that_counts_what_cannot_be_is_refused_or_passed_over(
 ) -> None:
     bag = write(tmp_path, "sqlite", circle(20))
     metadata = bag / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("message_count: 20", f"message_count: {count}"))
+    metadata.write_text(
+        metadata.read_text().replace("message_count: 20", f"message_count: {count}")
+    )
     answered(bag, capsys)
 
 

@@ -29,7 +29,10 @@ from validation.simulator.importing import unit_of_key
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-PAGES = [*sorted(DOCS.glob("*.md")), *(p for p in [ROOT / "README.md", ROOT / "SECURITY.md"] if p.is_file())]
+PAGES = [
+    *sorted(DOCS.glob("*.md")),
+    *(p for p in [ROOT / "README.md", ROOT / "SECURITY.md"] if p.is_file()),
+]
 DOCUMENTED = (
     Vehicle,
     Drive,
@@ -48,7 +51,8 @@ GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fit
 def tables(page: str) -> dict[str, list[list[str]]]:
     """Rows of all tables of a page by the heading they stand under; header rows and rulers left out."""
     entries: dict[str, list[list[str]]] = {}
-    heading, header = "", True
+    heading = ""
+    header = True
     for line in (DOCS / page).read_text(encoding="utf-8").splitlines():
         if line.startswith("#"):
             heading = line.lstrip("# ").strip("`")
@@ -57,7 +61,9 @@ def tables(page: str) -> dict[str, list[list[str]]]:
         elif header:
             header = False
         elif not line.startswith("|---"):
-            entries.setdefault(heading, []).append([cell.strip() for cell in line.strip("|").split("|")])
+            entries.setdefault(heading, []).append(
+                [cell.strip() for cell in line.strip("|").split("|")]
+            )
     return entries
 
 
@@ -65,7 +71,9 @@ def matches(written: str, value: object) -> bool:
     """Whether a cell writes this value."""
     if isinstance(value, str):
         return written == value
-    return isinstance(value, int | float) and (math.inf if written == "∞" else float(written)) == value
+    return (
+        isinstance(value, int | float) and (math.inf if written == "∞" else float(written)) == value
+    )
 
 
 @pytest.mark.parametrize("kind", DOCUMENTED, ids=lambda kind: kind.__name__)
@@ -82,7 +90,8 @@ def test_every_parameter_is_listed_with_its_default(kind: Any) -> None:
 def test_every_parameter_has_a_unit_and_a_known_grade() -> None:
     for heading, rows in tables("parameters.md").items():
         for row in rows:
-            unit, grade = row[-3], row[-2]
+            unit = row[-3]
+            grade = row[-2]
             assert unit, (heading, row)
             assert grade in GRADES, (heading, row)
 
@@ -103,7 +112,9 @@ def test_every_key_of_a_robot_s_file_is_listed() -> None:
 def constant(room: str, name: str) -> object:
     """The value of a constant in whichever modules of a room know it, with or without a leading underscore."""
     path = ROOT.joinpath(*room.split("."))
-    inside = [f"{room}.{p.stem}" for p in sorted(path.glob("*.py")) if not p.stem.startswith("__")] or [room]
+    inside = [
+        f"{room}.{p.stem}" for p in sorted(path.glob("*.py")) if not p.stem.startswith("__")
+    ] or [room]
     scopes = [vars(importlib.import_module(module)) for module in inside]
     (value,) = {scope.get(name, scope.get(f"_{name}")) for scope in scopes} - {None}
     return value
@@ -123,10 +134,15 @@ def without_code(text: str) -> str:
 def anchors(page: Path) -> set[str]:
     """What headings of a page are linked by, as GitHub makes it: letters, digits, hyphens, a hyphen for every blank."""
     entries: set[str] = set()
-    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(
+        r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+    )
     for heading in re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE):
         slug = re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
-        copies = sum(name == slug or re.fullmatch(re.escape(slug) + r"-\d+", name) is not None for name in entries)
+        copies = sum(
+            name == slug or re.fullmatch(re.escape(slug) + r"-\d+", name) is not None
+            for name in entries
+        )
         entries.add(f"{slug}-{copies}" if copies else slug)
     return entries
 
@@ -134,7 +150,9 @@ def anchors(page: Path) -> set[str]:
 def links(page: Path) -> list[tuple[str, str]]:
     """Relative links of a page: the file, empty for the page itself, and the heading, empty for none."""
     targets = re.findall(r"\]\(([^)\s]+)[^)]*\)", without_code(page.read_text(encoding="utf-8")))
-    local = [target for target in targets if "://" not in target and not target.startswith("mailto:")]
+    local = [
+        target for target in targets if "://" not in target and not target.startswith("mailto:")
+    ]
     return [(file, heading) for file, _, heading in (target.partition("#") for target in local)]
 
 
@@ -144,7 +162,9 @@ def test_relative_links_lead_somewhere(page: Path) -> None:
         target = page.parent / file if file else page
         assert target.exists(), file
         if heading:
-            assert heading in anchors(target), f"{file}#{heading}: there are {sorted(anchors(target))}"
+            assert heading in anchors(target), (
+                f"{file}#{heading}: there are {sorted(anchors(target))}"
+            )
 
 
 def test_every_page_is_listed_in_the_index() -> None:
@@ -156,14 +176,30 @@ def test_every_page_is_listed_in_the_index() -> None:
 def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     for needed in ("sphinx", "myst_parser", "furo", "latex2mathml"):
         pytest.importorskip(needed, reason="the extra `docs` is not installed")
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html", str(DOCS), str(tmp_path / "site")]
-    built = subprocess.run([*command, "-d", str(tmp_path / "trees")], capture_output=True, text=True, timeout=300)
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "--keep-going",
+        "-b",
+        "html",
+        str(DOCS),
+        str(tmp_path / "site"),
+    ]
+    built = subprocess.run(
+        [*command, "-d", str(tmp_path / "trees")], capture_output=True, text=True, timeout=300
+    )
     assert built.returncode == 0, built.stderr
     equations = (tmp_path / "site" / "equations.html").read_text(encoding="utf-8")
-    assert equations.count('display="block"') == (DOCS / "equations.md").read_text(encoding="utf-8").count("```math")
+    assert equations.count('display="block"') == (DOCS / "equations.md").read_text(
+        encoding="utf-8"
+    ).count("```math")
     for page in (tmp_path / "site").glob("*.html"):  # it works without a network
         commanded = re.findall(
-            r"<(?:script|link|img)[^>]+(?:src|href)=\"(?:https?:)?//[^\"]+", page.read_text(encoding="utf-8")
+            r"<(?:script|link|img)[^>]+(?:src|href)=\"(?:https?:)?//[^\"]+",
+            page.read_text(encoding="utf-8"),
         )
         assert not commanded, page
 

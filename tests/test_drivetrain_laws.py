@@ -30,11 +30,14 @@ from tests.robots import TRACK, WHEELBASE
 
 HUSKY = SkidGeometry(0.1651, 0.5 * TRACK, 0.5 * WHEELBASE)
 SOLVED = 1e-9
-"""Forces over friction limits that a Newton step of 1e-12 m/s leaves, with slip scales from 0.01 on."""
+"""Forces over friction limits that a Newton step of 1e-12 m/s leaves, with slip scales from 0.01
+on."""
 DT = 0.01
 LAW = SetPointLaw(0.1, 1.05, 0.29, 1.0, 2.0, 1.9, 0.0)
 
-rates = st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0)).map(lambda pair: np.array(pair)[:, None])
+rates = st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0)).map(
+    lambda pair: np.array(pair)[:, None]
+)
 scales = st.floats(0.01, 0.8)
 
 
@@ -46,7 +49,11 @@ def balance(w: FloatArray, twist: FloatArray, scale: float) -> FloatArray:
             rim = HUSKY.radius * w[side, 0]
             v = np.array([rim - twist[0, 0] + twist[2, 0] * y, -twist[1, 0] - twist[2, 0] * x])
             speed = math.hypot(*v)
-            force = np.zeros(2) if speed == 0.0 else 0.5 * grip(speed / (abs(rim) + CREEP), scale) * v / speed
+            force = (
+                np.zeros(2)
+                if speed == 0.0
+                else 0.5 * grip(speed / (abs(rim) + CREEP), scale) * v / speed
+            )
             out += [force[0], force[1], (x * force[1] - y * force[0]) / HUSKY.half_track]
     return out
 
@@ -69,7 +76,11 @@ def test_mirror_and_reversal(w: FloatArray, scale: float) -> None:
     twist, mirrored, back = (quasi_static_twist(x, HUSKY, scale) for x in (w, w[::-1], -w))
     assert np.allclose(mirrored, twist * [[1.0], [-1.0], [-1.0]], atol=1e-7)
     assert np.allclose(back, -twist, atol=1e-7)
-    assert np.allclose(side_forces(w[::-1], mirrored, HUSKY, scale), side_forces(w, twist, HUSKY, scale)[::-1], atol=1e-6)
+    assert np.allclose(
+        side_forces(w[::-1], mirrored, HUSKY, scale),
+        side_forces(w, twist, HUSKY, scale)[::-1],
+        atol=1e-6,
+    )
     assert np.abs(side_forces(w, twist, HUSKY, scale)).max() <= 1.0
 
 
@@ -88,7 +99,10 @@ currents = st.floats(-30.0, 30.0)
 
 @given(current=currents, rate=st.floats(-6.0, 6.0), ripple=st.floats(0.0, 3.0))
 def test_a_reading_knows_no_direction(current: float, rate: float, ripple: float) -> None:
-    one, other = (bridge_reading(np.array(s * current), np.array(s * rate), 0.15, ripple, 0.3) for s in (1.0, -1.0))
+    one, other = (
+        bridge_reading(np.array(s * current), np.array(s * rate), 0.15, ripple, 0.3)
+        for s in (1.0, -1.0)
+    )
     if rate != 0.0:
         assert one == pytest.approx(other, rel=1e-12)
     assert one >= 0.0
@@ -96,21 +110,35 @@ def test_a_reading_knows_no_direction(current: float, rate: float, ripple: float
 
 @pytest.mark.parametrize(
     ("current", "rate", "reads"),
-    [(8.0, 2.0, 8.0), (-8.0, -2.0, 8.0), (-8.0, 2.0, 0.3), (-20.0, 2.0, 20.0), (8.0, -2.0, 0.3), (0.0, 2.0, 0.3)],
+    [
+        (8.0, 2.0, 8.0),
+        (-8.0, -2.0, 8.0),
+        (-8.0, 2.0, 0.3),
+        (-20.0, 2.0, 20.0),
+        (8.0, -2.0, 0.3),
+        (0.0, 2.0, 0.3),
+    ],
 )
-def test_a_reading_is_the_current_while_the_bridge_drives(current: float, rate: float, reads: float) -> None:
+def test_a_reading_is_the_current_while_the_bridge_drives(
+    current: float, rate: float, reads: float
+) -> None:
     """At 2 rad/s and 0.15 rad/s per A, a braking current of less than 13.3 A feeds the battery: I (w + rho I) < 0."""
     sharp = bridge_reading(np.array(current), np.array(rate), 0.15, 0.0, 0.3)
     assert sharp == reads
     if abs(current) > 5.0:
-        assert bridge_reading(np.array(current), np.array(rate), 0.15, 1.0, 0.3) == pytest.approx(reads, abs=1e-3)
+        assert bridge_reading(np.array(current), np.array(rate), 0.15, 1.0, 0.3) == pytest.approx(
+            reads, abs=1e-3
+        )
 
 
 @given(current=st.floats(-15.0, 15.0), rate=st.floats(0.1, 4.0))
 def test_a_mean_reading_is_that_of_a_current_that_ripples(current: float, rate: float) -> None:
     draws = current + 1.2 * np.random.default_rng(0).standard_normal(40_000)
     seen = np.where(draws * (rate + 0.15 * draws) > 0.0, np.abs(draws), 0.3).mean()
-    assert bridge_reading(np.array(current), np.array(rate), 0.15, 1.2, 0.3) == pytest.approx(seen, abs=0.12)  # 40 000 draws
+    # 40 000 draws
+    assert bridge_reading(np.array(current), np.array(rate), 0.15, 1.2, 0.3) == pytest.approx(
+        seen, abs=0.12
+    )
 
 
 @given(torque=st.floats(-500.0, 500.0), rate=st.floats(-6.0, 6.0))
@@ -149,7 +177,9 @@ def test_a_driver_keeps_its_limits() -> None:
 
 def test_mujocos_contacts_push_by_sliding_speed_and_not_by_slip() -> None:
     """docs/drivetrain.md: at half the wheel rates MuJoCo's contacts push half as much, those of the law nearly as much."""
-    tables = runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "make_drivetrain_tables.py"))
+    tables = runpy.run_path(
+        str(Path(__file__).resolve().parents[1] / "docs" / "make_drivetrain_tables.py")
+    )
     mujoco, _ = tables["mujoco_shares"](tables["CURVE"], 0.5)
     law = tables["law_shares"](tables["CURVE"], 0.08)
     assert mujoco[1] == pytest.approx([0.334, 0.167], abs=0.005)

@@ -30,7 +30,9 @@ from validation.report.report import Report
 from validation.study.drivetrain import study_drivetrain
 from validation.study.drivetrain_logs import rate_evidence
 
-UP, GRASS, WARTHOG = in_the_air(), on_grass(), warthog_on_grass()
+UP = in_the_air()
+GRASS = on_grass()
+WARTHOG = warthog_on_grass()
 SHORT: dict[str, Any] = {"recording": UP, "ground": GRASS, "resamples": 3}
 HEAVY: dict[str, Any] = {"ground": WARTHOG, "robot": "warthog", "mass": 470.0, "resamples": 2}
 DATA = data_folder()
@@ -56,8 +58,8 @@ KNOWN = {
     "driver_half_track": (LAW.half_track, 0.02), "driver_yaw_rate_limit": (LAW.yaw_rate_limit, 0.02),
     "driver_acceleration": (LAW.acceleration, 0.08), "driver_yaw_acceleration": (LAW.yaw_acceleration, 0.05),
 }  # fmt: skip
-"""What a Husky's logs are made with, and the shares that noise and messages every 0.15 s leave of some 30 commands: about
-three standard errors."""
+"""What a Husky's logs are made with, and the shares that noise and messages every 0.15 s leave of
+some 30 commands: about three standard errors."""
 KNOWN_BY_POWER = {
     "friction_torque": (TORQUE, 0.04),
     "loss_torque_left": (LOSS_TORQUES[0], 0.15), "loss_torque_right": (LOSS_TORQUES[1], 0.15),
@@ -70,8 +72,11 @@ def test_known_numbers_of_a_husky_are_found(husky: Report) -> None:
     measured = numbers(husky)
     for name, (true, within) in KNOWN.items():
         assert measured[name] == pytest.approx(true, rel=within), name
-    # dead time and lag can stand in for each other; their sum is known to a quarter of the log's period
-    assert measured["driver_dead_time"] + measured["driver_lag"] == pytest.approx(LAW.dead_time + LAW.lag, abs=0.0125)
+    # dead time and lag can stand in for each other; their sum is known to a quarter of the log's
+    # period
+    assert measured["driver_dead_time"] + measured["driver_lag"] == pytest.approx(
+        LAW.dead_time + LAW.lag, abs=0.0125
+    )
 
 
 def test_a_husky_is_seen_for_what_it_is(husky: Report) -> None:
@@ -91,7 +96,8 @@ def test_a_husky_is_seen_for_what_it_is(husky: Report) -> None:
 
 
 def test_power_fixes_the_torques_of_a_warthog(warthog: Report) -> None:
-    document, measured = warthog.as_dict(), numbers(warthog)
+    document = warthog.as_dict()
+    measured = numbers(warthog)
     for name, (true, within) in KNOWN_BY_POWER.items():
         assert measured[name] == pytest.approx(true, rel=within), name
     assert (document["current_is"], document["wheel_rates_are"], document["samples"]["kind"]) == (
@@ -100,7 +106,8 @@ def test_power_fixes_the_torques_of_a_warthog(warthog: Report) -> None:
         "values",
     )
     assert document["inertia"] is None
-    assert not {"friction_current", "driver_yaw_rate_limit"} & set(measured)  # no command reaches that limit
+    # no command reaches that limit
+    assert not {"friction_current", "driver_yaw_rate_limit"} & set(measured)
     light = study_drivetrain(**{**HEAVY, "mass": 235.0})
     assert numbers(light)["friction"] == pytest.approx(2.0 * measured["friction"])
 
@@ -108,17 +115,24 @@ def test_power_fixes_the_torques_of_a_warthog(warthog: Report) -> None:
 def test_a_torque_constant_makes_torques_of_currents(husky: Report) -> None:
     scaled = study_drivetrain(**SHORT, torque_constant=2.5)
     for what in ("value", "standard_error"):
-        one, other = numbers(scaled, what), numbers(husky, what)
-        for name, over in (("friction_torque", "friction_current"), ("rotor_inertia", "inertia_current")):
+        one = numbers(scaled, what)
+        other = numbers(husky, what)
+        for name, over in (
+            ("friction_torque", "friction_current"),
+            ("rotor_inertia", "inertia_current"),
+        ):
             assert one[name] == pytest.approx(2.5 * other[over])
     lever = 0.5 * 73.3 * 9.81 * 0.154616  # husky-tile: mass and rolling radius
     assert numbers(scaled)["friction"] == pytest.approx(numbers(scaled)["friction_torque"] / lever)
 
 
 def test_logs_that_are_held_out_judge_and_are_not_fitted(husky: Report) -> None:
-    judged = study_drivetrain(**SHORT, held_out=(in_the_air(5, 12, "up2"), on_grass(6, 14, "grass2")))
+    judged = study_drivetrain(
+        **SHORT, held_out=(in_the_air(5, 12, "up2"), on_grass(6, 14, "grass2"))
+    )
     for name in ("friction_current", "slip_scale", "inertia_current", "driver_gain"):
-        assert numbers(judged)[name] == pytest.approx(numbers(husky)[name], rel=1e-3)  # the whole of each log, as without
+        # the whole of each log, as without
+        assert numbers(judged)[name] == pytest.approx(numbers(husky)[name], rel=1e-3)
     scores = judged.tables[1].rows
     assert [row["log"] for row in scores] == ["up", "up2", "grass"]
     assert judged.as_dict()["wheel_rate_rms_rad_s"] == pytest.approx(scores[1]["rms_rad_s"])
@@ -168,7 +182,9 @@ def real(name: str) -> str:
 
 def test_a_real_warthog_and_tile_are_what_the_page_says() -> None:
     """docs/drivetrain.md; the numbers do not depend on the resamples, their errors do. A golden case has the Husky."""
-    document = study_drivetrain(ground=real("warthog_grass"), robot="warthog", resamples=2).as_dict()
+    document = study_drivetrain(
+        ground=real("warthog_grass"), robot="warthog", resamples=2
+    ).as_dict()
     assert (document["current_is"], document["wheel_rates_are"]) == ("battery", "measured")
     assert document["current_r2"] == pytest.approx(0.97, abs=0.01)
     assert document["parameters"]["friction_torque"]["value"] == pytest.approx(473.0, abs=4.0)

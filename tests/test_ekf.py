@@ -37,12 +37,15 @@ def motion(mean: FloatArray, dt: float) -> FloatArray:
     """The midpoint rule as a book writes it."""
     x, y, yaw, v, w = mean
     heading = yaw + 0.5 * dt * w
-    return np.array([x + dt * v * np.cos(heading), y + dt * v * np.sin(heading), yaw + dt * w, v, w])
+    return np.array(
+        [x + dt * v * np.cos(heading), y + dt * v * np.sin(heading), yaw + dt * w, v, w]
+    )
 
 
 def jacobian(mean: FloatArray, dt: float) -> FloatArray:
     """Its derivative, by hand."""
-    heading, v = mean[2] + 0.5 * dt * mean[4], mean[3]
+    heading = mean[2] + 0.5 * dt * mean[4]
+    v = mean[3]
     f = np.eye(5)
     f[0, 2:] = -dt * v * np.sin(heading), dt * np.cos(heading), -0.5 * dt * dt * v * np.sin(heading)
     f[1, 2:] = dt * v * np.cos(heading), dt * np.sin(heading), 0.5 * dt * dt * v * np.cos(heading)
@@ -53,11 +56,13 @@ def jacobian(mean: FloatArray, dt: float) -> FloatArray:
 def process_noise(mean: FloatArray, dt: float, process: tuple[float, ...]) -> FloatArray:
     """The integral of f(s) q f(s)' over a step, f the columns of the Jacobian after s at the step's heading; by Gauss."""
     nodes, weights = np.polynomial.legendre.leggauss(5)
-    heading, v = mean[2] + 0.5 * dt * mean[4], mean[3]
+    heading = mean[2] + 0.5 * dt * mean[4]
+    v = mean[3]
     total = process[0] * dt * np.diag([1.0, 1.0, 0.0, 0.0, 0.0])
     for node, weight in zip(nodes, weights, strict=True):
         s = 0.5 * dt * (node + 1.0)
-        across, along = np.array([-np.sin(heading), np.cos(heading)]), np.array([np.cos(heading), np.sin(heading)])
+        across = np.array([-np.sin(heading), np.cos(heading)])
+        along = np.array([np.cos(heading), np.sin(heading)])
         columns = (
             np.array([*(s * v * across), 1.0, 0.0, 0.0]),
             np.array([*(s * along), 0.0, 1.0, 0.0]),
@@ -81,18 +86,24 @@ def textbook_step(
     p = f @ p @ f.T + process_noise(mean, dt, process_of(s))
     mean = motion(mean, dt)
     h = np.array([[0, 0, 0, 1, 0], [0, 0, 0, 0, 1], [0, 0, 0, 0, 1]], dtype=float)
-    z = np.array([0.5 * s.radius * (left + right), 0.5 * s.radius * (right - left) / s.half_track, gyro])
+    z = np.array(
+        [0.5 * s.radius * (left + right), 0.5 * s.radius * (right - left) / s.half_track, gyro]
+    )
     r = np.diag([s.variance_v, s.variance_wheel_yaw_rate, s.variance_gyro])
     k = p @ h.T @ np.linalg.inv(h @ p @ h.T + r)
     return mean + k @ (z - h @ mean), (np.eye(5) - k @ h) @ p
 
 
-def circle(dt: float, duration: float = 4.0, v: float = 0.8, w: float = 1.3) -> tuple[FloatArray, FloatArray]:
+def circle(
+    dt: float, duration: float = 4.0, v: float = 0.8, w: float = 1.3
+) -> tuple[FloatArray, FloatArray]:
     t = dt * np.arange(round(duration / dt) + 1)
     return t, np.column_stack([v / w * np.sin(w * t), v / w * (1.0 - np.cos(w * t)), w * t])
 
 
-def exact_sensors(n: int, v: float, w: float, s: EkfSettings = STOCK) -> tuple[FloatArray, FloatArray, FloatArray]:
+def exact_sensors(
+    n: int, v: float, w: float, s: EkfSettings = STOCK
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     left, right = wheel_rates(v, w, s.half_track, s.radius)
     return np.full(n, left), np.full(n, right), np.full(n, w)
 
@@ -102,7 +113,9 @@ def test_exact_sensors_on_a_circle_err_by_the_midpoint_rule_alone() -> None:
     errors = []
     for dt in (0.1, 0.05, 0.025):
         t, pose = circle(dt)
-        got = run_ekf(SensorLog(t, *exact_sensors(len(t), 0.8, 1.3)), STOCK, State(v_x=0.8, yaw_rate=1.3))
+        got = run_ekf(
+            SensorLog(t, *exact_sensors(len(t), 0.8, 1.3)), STOCK, State(v_x=0.8, yaw_rate=1.3)
+        )
         chord = 0.8 * dt / (2.0 * 0.8 / 1.3 * math.sin(0.65 * dt))
         assert np.allclose(got.pose[:, :2], chord * pose[:, :2], rtol=0.0, atol=1e-11)
         assert np.allclose(got.yaw, pose[:, 2], rtol=0.0, atol=1e-11)
@@ -113,14 +126,25 @@ def test_exact_sensors_on_a_circle_err_by_the_midpoint_rule_alone() -> None:
 @given(st.lists(numbers, min_size=5, max_size=5), st.floats(0.001, 1.0))
 def test_the_jacobian_is_the_derivative_of_the_motion(state: list[float], dt: float) -> None:
     """The derivative is that of the textbook filter below, to which the kernel is held."""
-    mean, h = np.array(state), 1e-5
-    differences = np.column_stack([(motion(mean + h * e, dt) - motion(mean - h * e, dt)) / (2 * h) for e in np.eye(5)])
+    mean = np.array(state)
+    h = 1e-5
+    differences = np.column_stack(
+        [(motion(mean + h * e, dt) - motion(mean - h * e, dt)) / (2 * h) for e in np.eye(5)]
+    )
     assert np.allclose(jacobian(mean, dt), differences, rtol=DERIVATIVE, atol=DERIVATIVE)
 
 
 @given(st.integers(0, 1000), st.floats(0.001, 0.2), numbers, numbers, numbers)
-def test_it_is_the_textbook_filter(seed: int, dt: float, left: float, right: float, gyro: float) -> None:
-    s = EkfSettings(process_position=0.1, process_yaw=0.2, process_v=0.3, process_yaw_rate=0.4, variance_gyro=0.05)
+def test_it_is_the_textbook_filter(
+    seed: int, dt: float, left: float, right: float, gyro: float
+) -> None:
+    s = EkfSettings(
+        process_position=0.1,
+        process_yaw=0.2,
+        process_v=0.3,
+        process_yaw_rate=0.4,
+        variance_gyro=0.05,
+    )
     belief = random_belief(seed)
     mean, p = copied(belief)
     for k in range(5):
@@ -132,22 +156,33 @@ def test_it_is_the_textbook_filter(seed: int, dt: float, left: float, right: flo
 
 
 @given(numbers, numbers, st.floats(0.05, 1.0), st.floats(0.0, 1.0))
-def test_how_a_straight_way_is_cut_does_not_matter(yaw: float, v: float, dt: float, cut: float) -> None:
+def test_how_a_straight_way_is_cut_does_not_matter(
+    yaw: float, v: float, dt: float, cut: float
+) -> None:
     whole = Belief(np.array([0.3, 0.4, yaw, v, 0.0]), random_belief(7).covariance)
     parts = copied(whole)
-    process = EkfSettings(process_position=0.1, process_yaw=0.2, process_v=0.3, process_yaw_rate=0.4).packed()
+    process = EkfSettings(
+        process_position=0.1, process_yaw=0.2, process_v=0.3, process_yaw_rate=0.4
+    ).packed()
     predict(whole, dt, process)
     predict(parts, cut * dt, process)
     predict(parts, dt - cut * dt, process)
     for one, two in zip(whole, parts, strict=True):
-        assert np.allclose(one, two, rtol=ROUNDOFF, atol=10 * ROUNDOFF)  # two steps of some forty operations
+        # two steps of some forty operations
+        assert np.allclose(one, two, rtol=ROUNDOFF, atol=10 * ROUNDOFF)
 
 
 @settings(max_examples=8)
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.001, 0.02, 0.5]), st.sampled_from([1.0, 30.0, 1000.0]))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.001, 0.02, 0.5]),
+    st.sampled_from([1.0, 30.0, 1000.0]),
+)
 def test_the_covariance_stays_symmetric_and_positive(seed: int, dt: float, wild: float) -> None:
-    rng, n = np.random.default_rng(seed), 1000
-    belief, out = initial_belief(State()), np.empty((n, 19))
+    rng = np.random.default_rng(seed)
+    n = 1000
+    belief = initial_belief(State())
+    out = np.empty((n, 19))
     for _ in range(100):
         t = np.cumsum(rng.uniform(0.01 * dt, dt, n))
         left, right, gyro = wild * rng.standard_normal((3, n))
@@ -172,16 +207,29 @@ def test_a_sharp_measurement_of_a_wide_guess_leaves_a_positive_variance() -> Non
 class Fleet:
     """Two hundred robots that move as the filter supposes, and their filters; the truth in steps of a quarter of theirs."""
 
-    RUNS, STEPS, DT, PARTS = 200, 200, 0.02, 4
+    RUNS = 200
+    STEPS = 200
+    DT = 0.02
+    PARTS = 4
 
     def __init__(self) -> None:
-        rng, s = np.random.default_rng(2024), replace(STOCK, process_yaw=1e-4)  # enough of every noise to be seen
+        # enough of every noise to be seen
+        rng, s = np.random.default_rng(2024), replace(STOCK, process_yaw=1e-4)
         start = np.array([0.5, -0.3, 0.4, 0.6, 0.2])
         truth = start + SURE * rng.standard_normal((self.RUNS, 5))
         beliefs = [Belief(start.copy(), np.diag(np.square(SURE))) for _ in range(self.RUNS)]
         h = self.DT / self.PARTS
         root = np.sqrt(
-            h * np.array([s.process_position, s.process_position, s.process_yaw, s.process_v, s.process_yaw_rate])
+            h
+            * np.array(
+                [
+                    s.process_position,
+                    s.process_position,
+                    s.process_yaw,
+                    s.process_v,
+                    s.process_yaw_rate,
+                ]
+            )
         )
         self.errors = np.empty((self.STEPS, self.RUNS, 5))
         self.p = np.empty((self.STEPS, self.RUNS, 5, 5))
@@ -193,8 +241,12 @@ class Fleet:
             sensed = truth[:, [3, 4, 4]] + np.sqrt(variances) * rng.standard_normal((self.RUNS, 3))
             for i, belief in enumerate(beliefs):
                 predict(belief, self.DT, s.packed())
-                for j, (state, value, r) in enumerate(zip((3, 4, 4), sensed[i], variances, strict=True)):
-                    self.nis[k, i, j] = (value - belief.mean[state]) ** 2 / (belief.covariance[state, state] + r)
+                for j, (state, value, r) in enumerate(
+                    zip((3, 4, 4), sensed[i], variances, strict=True)
+                ):
+                    self.nis[k, i, j] = (value - belief.mean[state]) ** 2 / (
+                        belief.covariance[state, state] + r
+                    )
                     update(belief, state, value, r)
                 self.errors[k, i] = truth[i] - belief.mean
                 self.p[k, i] = belief.covariance
@@ -226,7 +278,8 @@ def test_it_is_as_sure_of_its_pose_as_it_may_be(fleet: Fleet, k: int) -> None:
     """Nothing measures the pose, so what is claimed of it is all that there is to go by."""
     assert_mean_is_chi_square(nees(fleet.errors[k], fleet.p[k]), 5)
     claimed = np.sqrt(np.diagonal(fleet.p[k], axis1=-2, axis2=-1)[:, :3].mean(axis=0))
-    assert fleet.errors[k, :, :3].std(axis=0) == pytest.approx(claimed, rel=0.2)  # 4 standard errors, 4/sqrt(400)
+    # 4 standard errors, 4/sqrt(400)
+    assert fleet.errors[k, :, :3].std(axis=0) == pytest.approx(claimed, rel=0.2)
 
 
 def test_innovations_are_white_and_of_the_size_foreseen(fleet: Fleet) -> None:
@@ -234,7 +287,8 @@ def test_innovations_are_white_and_of_the_size_foreseen(fleet: Fleet) -> None:
     for j in range(3):
         assert_mean_is_chi_square(fleet.nis[:, :, j], 1)
     centred = fleet.nis - 1.0
-    assert abs((centred[1:] * centred[:-1]).mean()) < 4.0 * 2.0 / math.sqrt(centred[1:].size)  # variance 2 each
+    # variance 2 each
+    assert abs((centred[1:] * centred[:-1]).mean()) < 4.0 * 2.0 / math.sqrt(centred[1:].size)
 
 
 def test_the_gyro_saves_the_yaw_where_the_wheels_slip() -> None:
@@ -244,9 +298,12 @@ def test_the_gyro_saves_the_yaw_where_the_wheels_slip() -> None:
     left, right, gyro = exact_sensors(len(t), 0.8, 1.3, slipping)
     start = State(v_x=0.8, yaw_rate=1.3)
     sound, alone = (SensorLog(t, left, right, g) for g in (gyro, np.full(len(t), np.nan)))
-    turned, wrong, reported = run_ekf(sound, STOCK, start), run_ekf(alone, STOCK, start), run_ekf(alone, slipping, start)
+    turned = run_ekf(sound, STOCK, start)
+    wrong = run_ekf(alone, STOCK, start)
+    reported = run_ekf(alone, slipping, start)
     assert turned.yaw[-1] == pytest.approx(pose[-1, 2], rel=0.002)  # a thousandth of 0.8
-    assert wrong.yaw[-1] == pytest.approx(0.5 / 0.275 * pose[-1, 2], rel=0.02)  # it takes some samples to believe the wheels
+    # it takes some samples to believe the wheels
+    assert wrong.yaw[-1] == pytest.approx(0.5 / 0.275 * pose[-1, 2], rel=0.02)
     assert reported.yaw[-1] == pytest.approx(pose[-1, 2], rel=1e-9)
     assert reported.channels["pose_std"][-1, 2] > 3.0 * turned.channels["pose_std"][-1, 2]
 
@@ -256,26 +313,37 @@ def test_wheels_of_infinite_variance_are_not_used_and_nan_is_no_sample() -> None
     left, right, gyro = exact_sensors(len(t), 0.8, 1.3)
     deaf = replace(STOCK, variance_wheel_yaw_rate=math.inf)
     start = State(v_x=0.8, yaw_rate=1.3)
-    assert run_ekf(SensorLog(t, right, left, gyro), deaf, start).yaw[-1] == pytest.approx(1.3 * t[-1], rel=1e-12)
+    assert run_ekf(SensorLog(t, right, left, gyro), deaf, start).yaw[-1] == pytest.approx(
+        1.3 * t[-1], rel=1e-12
+    )
     half = gyro.copy()
     half[::2] = np.nan
-    assert run_ekf(SensorLog(t, left, right, half), STOCK, start).yaw[-1] == pytest.approx(1.3 * t[-1], rel=1e-12)
+    assert run_ekf(SensorLog(t, left, right, half), STOCK, start).yaw[-1] == pytest.approx(
+        1.3 * t[-1], rel=1e-12
+    )
 
 
 def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
-    n, model = 20001, SensorModel(variance_encoder=0.01, variance_gyro=0.04, gyro_bias=-0.5)
+    n = 20001
+    model = SensorModel(variance_encoder=0.01, variance_gyro=0.04, gyro_bias=-0.5)
     wheels = np.column_stack([np.full(n, 3.0), np.full(n, 4.0)])
     moving = Trajectory(0.002 * np.arange(n), np.zeros((n, 3)), np.full((n, 3), 0.7), wheels)
     log, same = (simulate_sensors(moving, np.random.default_rng(9), model) for _ in range(2))
     assert all(np.array_equal(a, b) for a, b in zip(log, same, strict=True))
     assert np.array_equal(log.t, moving.t[::10])
     m = len(log.t)  # 2001: a sample variance is within 4 standard errors, 4 sqrt(2/2000) = 13 %
-    for seen, mean, variance in ((log.left, 3.0, 0.01), (log.right, 4.0, 0.01), (log.gyro, 0.2, 0.04)):
+    for seen, mean, variance in (
+        (log.left, 3.0, 0.01),
+        (log.right, 4.0, 0.01),
+        (log.gyro, 0.2, 0.04),
+    ):
         assert seen.var() == pytest.approx(variance, rel=0.13)
         assert seen.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(variance / m))
     draws = np.random.default_rng(9).standard_normal((m, 3))
     seen = log.left[5], log.right[5], log.gyro[5]
-    assert sense(3.0, 4.0, 0.7, tuple(draws[5]), model.packed()) == pytest.approx(seen, rel=ROUNDOFF)
+    assert sense(3.0, 4.0, 0.7, tuple(draws[5]), model.packed()) == pytest.approx(
+        seen, rel=ROUNDOFF
+    )
     uneven = simulate_sensors(moving, np.random.default_rng(9), model, rate=130.0)
     assert np.all(np.isin(uneven.t, moving.t))
     assert np.allclose(uneven.t, np.arange(len(uneven.t)) / 130.0, rtol=0.0, atol=0.002)

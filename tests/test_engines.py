@@ -24,7 +24,9 @@ SPIN = Commands(0.05, np.tile([-4.0, 4.0], (80, 1)), "wheels")
 """Four seconds of wheels that turn against each other at given rates."""
 
 
-def made(profile: Profile, name: str, body: Callable[[RigidNumbers], EngineBody], **changes: object) -> EnginePlant:
+def made(
+    profile: Profile, name: str, body: Callable[[RigidNumbers], EngineBody], **changes: object
+) -> EnginePlant:
     installed_plant(profile, name)
     section = profile.section(name)
     calibration = replace(section.parameters, **changes)  # type: ignore[arg-type]
@@ -33,9 +35,12 @@ def made(profile: Profile, name: str, body: Callable[[RigidNumbers], EngineBody]
 
 def multiplier(plant: EnginePlant) -> tuple[float, float]:
     """Yaw rate that the wheels suggest over the body's in a turn on the spot, and the range of the latter over its mean."""
-    motion, c = plant.run(SPIN, State(), 0.01), plant.calibration
+    motion = plant.run(SPIN, State(), 0.01)
+    c = plant.calibration
     rate = motion.twist[motion.t > 1.0, 2]
-    return c.wheel_radius * 8.0 / (2.0 * c.half_track) / float(rate.mean()), float(np.ptp(rate) / rate.mean())
+    return c.wheel_radius * 8.0 / (2.0 * c.half_track) / float(rate.mean()), float(
+        np.ptp(rate) / rate.mean()
+    )
 
 
 def test_gazebo_s_cone_turns_as_a_cone_does(lab: Profile) -> None:
@@ -52,19 +57,25 @@ def test_gazebo_s_box_bounds_friction_in_newtons(lab: Profile) -> None:
     plant = made(lab, "ode", lambda n: OdeBody(n, OdeSettings("gazebo_box", "world", "quick", 50)))
     ahead = Commands(0.05, np.tile([4.0, 4.0], (40, 1)), "wheels")
     speed = float(plant.run(ahead, State(), 0.01).twist[-1, 0])
-    assert speed == pytest.approx(4.0 * plant.calibration.friction * 2.0 / plant.calibration.mass, rel=1e-2)
+    assert speed == pytest.approx(
+        4.0 * plant.calibration.friction * 2.0 / plant.calibration.mass, rel=1e-2
+    )
 
 
 def test_load_transfer_speeds_the_robot_up_in_a_bend_whatever_the_step(lab: Profile) -> None:
     """The outer wheels carry more and so pull more: the robot is faster than its rims by 1.96 mm/s in MuJoCo, 1.57 in Drake.
 
-    Bounds of friction from the normal forces without friction, as dWorldStep has them, give 0.70 at 2 ms and 0.91 at 1 ms.
+    Bounds of friction from the normal forces without friction, as dWorldStep has them, give 0.70 at
+    2 ms and 0.91 at 1 ms.
     """
     bend = Commands(0.05, np.tile([2.0, 4.0], (60, 1)), "wheels")
-    plants = [made(lab, "ode", lambda n: OdeBody(n, OdeSettings()), timestep=dt) for dt in (2e-3, 1e-3)]
+    plants = [
+        made(lab, "ode", lambda n: OdeBody(n, OdeSettings()), timestep=dt) for dt in (2e-3, 1e-3)
+    ]
     rims = 3.0 * plants[0].calibration.wheel_radius
     coarse, fine, mujoco = (
-        float(p.run(bend, State(), 0.01).twist[-1, 0]) - rims for p in [*plants, make_plant(lab, "mujoco")]
+        float(p.run(bend, State(), 0.01).twist[-1, 0]) - rims
+        for p in [*plants, make_plant(lab, "mujoco")]
     )
     assert coarse == pytest.approx(fine, rel=0.01)
     assert coarse == pytest.approx(mujoco, rel=0.2)
@@ -80,7 +91,9 @@ def test_loads_at_rest_are_the_weight(name: str, lab: Profile) -> None:
     assert loads[-1] == pytest.approx(np.full(4, 0.25 * weight), rel=1e-4)
 
 
-def test_a_missing_engine_is_one_line_that_says_how_to_get_it(lab: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_engine_is_one_line_that_says_how_to_get_it(
+    lab: Profile, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ode_library.ode.cache_clear()
     monkeypatch.setattr(ode_library, "NAMES", ("libode_that_is_not.so.8",))
     with pytest.raises(EngineMissingError, match=r"ODE is missing: install libode 0\.16") as caught:
@@ -88,7 +101,10 @@ def test_a_missing_engine_is_one_line_that_says_how_to_get_it(lab: Profile, monk
     assert "\n" not in str(caught.value)
     monkeypatch.setitem(__import__("sys").modules, "pydrake", None)
     monkeypatch.setitem(__import__("sys").modules, "pydrake.geometry", None)
-    with pytest.raises(EngineMissingError, match=r"Drake is missing: install it with pip install 'ssmr-testbed\[engines\]'"):
+    with pytest.raises(
+        EngineMissingError,
+        match=r"Drake is missing: install it with pip install 'ssmr-testbed\[engines\]'",
+    ):
         make_plant(lab, "drake")
     ode_library.ode.cache_clear()
 

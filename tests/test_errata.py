@@ -34,8 +34,8 @@ from validation.replicate.lab import late, variance_above
 from validation.thesis.published import table, value
 
 AGREEMENT = 0.03
-"""The published models lie within 0.0145 to 0.0150 m (d_rms, trajectory 4) of the same robot, so within twice that of
-each other [m]."""
+"""The published models lie within 0.0145 to 0.0150 m (d_rms, trajectory 4) of the same robot, so
+within twice that of each other [m]."""
 
 PUBLISHED: dict[str, object] = {
     "coulomb": CoulombParameters(),
@@ -44,9 +44,13 @@ PUBLISHED: dict[str, object] = {
 }
 
 
-def lab_run(parameters: object, scenario: str = "traj4", drive: Drive | None = None, duration: float = 20.0) -> Trajectory:
+def lab_run(
+    parameters: object, scenario: str = "traj4", drive: Drive | None = None, duration: float = 20.0
+) -> Trajectory:
     commands = replace(TRAJECTORIES[scenario], duration=duration).commands()
-    return PlanarPlant(PlanarModel(parameters, Vehicle(), drive or Drive())).run(commands, State(), SAMPLE_DT)
+    return PlanarPlant(PlanarModel(parameters, Vehicle(), drive or Drive())).run(
+        commands, State(), SAMPLE_DT
+    )
 
 
 def distance(one: Trajectory, other: Trajectory) -> float:
@@ -58,7 +62,11 @@ def distance(one: Trajectory, other: Trajectory) -> float:
 def test_defaults_are_the_published_parameters() -> None:
     for number, parameters, names in (
         ("3.8", CoulombParameters(), {"u_x": "u_x", "mu_c": "mu_c", "gain": "K_P_tau"}),
-        ("3.11", ImprovedParameters(), {"u_x": "u_x", "mu_s": "mu_s", "mu_d": "mu_d", "gain": "K_P_tau"}),
+        (
+            "3.11",
+            ImprovedParameters(),
+            {"u_x": "u_x", "mu_s": "mu_s", "mu_d": "mu_d", "gain": "K_P_tau"},
+        ),
         ("3.14", LinearParameters(), {"k_u": "K_u", "k_y": "K_y", "gain": "K_P_tau"}),
     ):
         for ours, theirs in names.items():
@@ -77,7 +85,13 @@ def test_scenarios_and_noise_are_the_published_ones() -> None:
             row["amplitude_rad_s"],
         )
     noise = SensorNoise()
-    for ours, theirs in {"v_x": "dx", "yaw_rate": "dtheta", "x": "X", "y": "Y", "yaw": "theta"}.items():
+    for ours, theirs in {
+        "v_x": "dx",
+        "yaw_rate": "dtheta",
+        "x": "X",
+        "y": "Y",
+        "yaw": "theta",
+    }.items():
         assert getattr(noise, ours) == value("3.4", theirs)
 
 
@@ -89,7 +103,8 @@ def test_the_published_models_agree_on_trajectory_4(one: str, other: str) -> Non
 
 def test_1_the_torque_limit_is_per_wheel() -> None:
     """With 7 N m a side the improved model's rolling resistance exceeds the greatest thrust: the robot never starts."""
-    p, vehicle = ImprovedParameters(), Vehicle()
+    p = ImprovedParameters()
+    vehicle = Vehicle()
     assert p.u_x * vehicle.mass * vehicle.gravity > 2 * 7.0 / vehicle.wheel_radius
     stuck = lab_run(p, drive=Drive(torque_limit=3.5))
     assert np.abs(stuck.pose).max() == 0.0
@@ -99,7 +114,8 @@ def test_1_the_torque_limit_is_per_wheel() -> None:
 def test_3_the_linear_gain_belongs_to_speeds_in_metres() -> None:
     """Eq. 2.44 without 1/r: divided by r, the published gain is of the size of the nonlinear ones' only as N m s/m."""
     p = LinearParameters()
-    assert p.gain * Vehicle().wheel_radius == pytest.approx(37.9, abs=0.1)  # [N m s/rad], beside 56.75 and 118.04
+    # [N m s/rad], beside 56.75 and 118.04
+    assert p.gain * Vehicle().wheel_radius == pytest.approx(37.9, abs=0.1)
     _, b = linear.matrices(Vehicle(), p, Drive())
     assert b[1, 0] == pytest.approx(2 * p.gain / (Vehicle().wheel_radius * Vehicle().mass))
 
@@ -113,8 +129,9 @@ def test_4_printed_a22_loses_a_third_of_the_speed() -> None:
 def test_4b_the_linear_friction_carries_four_loads() -> None:
     """The published length ratios and the agreement ask for it.
 
-    With g K_u the linear model disagrees with both others; with 4 g K_u it agrees, with Coulomb within 5 mm, and its
-    path is as long as theirs, as the published length ratios (0.9974 of Coulomb's on every trajectory) demand.
+    With g K_u the linear model disagrees with both others; with 4 g K_u it agrees, with Coulomb
+    within 5 mm, and its path is as long as theirs, as the published length ratios (0.9974 of
+    Coulomb's on every trajectory) demand.
     """
     coulomb, improved, four = (lab_run(p) for p in PUBLISHED.values())
     one_load = lab_run(replace(PUBLISHED["linear"], k_u=LinearParameters().k_u / LOAD_SUM))
@@ -122,10 +139,18 @@ def test_4b_the_linear_friction_carries_four_loads() -> None:
     assert distance(improved, four) < AGREEMENT
     assert distance(coulomb, one_load) > AGREEMENT
     assert distance(improved, one_load) > AGREEMENT
-    ratios = [value("3.15", f"traj{i}", "d_ratio") / value("3.9", f"traj{i}", "d_ratio") for i in (1, 2, 3, 4)]
+    ratios = [
+        value("3.15", f"traj{i}", "d_ratio") / value("3.9", f"traj{i}", "d_ratio")
+        for i in (1, 2, 3, 4)
+    ]
     assert np.allclose(ratios, 0.9974, atol=1.5e-4)
     ours = path_length(four.xy) / path_length(coulomb.xy)
-    assert abs(ours - 0.9974) < 0.003 < 0.01 < path_length(one_load.xy) / path_length(coulomb.xy) - 0.9974
+    assert (
+        abs(ours - 0.9974)
+        < 0.003
+        < 0.01
+        < path_length(one_load.xy) / path_length(coulomb.xy) - 0.9974
+    )
 
 
 def test_4c_without_torque_limit_the_linear_model_runs_ahead() -> None:
@@ -136,11 +161,14 @@ def test_4c_without_torque_limit_the_linear_model_runs_ahead() -> None:
 
 def test_5_the_published_k_y_belongs_to_the_printed_lever() -> None:
     """With the moment's own lever a^2 in place of c the yaw gain, 0.973 as printed and close to Coulomb's, becomes 0.993."""
-    vehicle, p = Vehicle(), LinearParameters()
+    vehicle = Vehicle()
+    p = LinearParameters()
     a, b = linear.matrices(vehicle, p, Drive())
     printed = -b[3, 1] / a[3, 3]
     loop = b[3, 1]
-    physical = loop / (loop + vehicle.mass * vehicle.gravity * p.k_y * vehicle.a**2 / vehicle.yaw_inertia)
+    physical = loop / (
+        loop + vehicle.mass * vehicle.gravity * p.k_y * vehicle.a**2 / vehicle.yaw_inertia
+    )
     coulomb = lab_run(CoulombParameters()).twist[:, 2].max() / 0.75
     assert printed == pytest.approx(0.973, abs=0.001)
     assert physical == pytest.approx(0.993, abs=0.001)
@@ -170,8 +198,11 @@ def test_8_printed_dynamic_friction_would_push_a_reversing_robot() -> None:
 def test_9_the_printed_cost_rewards_a_robot_that_stays_at_the_start() -> None:
     """Eq. 3.1 adds K d_ratio: shrinking the path pays; |1 - d_ratio| does not let it."""
     reference = lab_run(ImprovedParameters())
-    half = Trajectory(reference.t, reference.pose * [0.97, 0.97, 1.0], reference.twist, reference.wheels)
-    shrunk, same = compare_paths(half, reference), compare_paths(reference, reference)
+    half = Trajectory(
+        reference.t, reference.pose * [0.97, 0.97, 1.0], reference.twist, reference.wheels
+    )
+    shrunk = compare_paths(half, reference)
+    same = compare_paths(reference, reference)
     assert 5.0 * shrunk["d_ratio"] < 5.0 * same["d_ratio"]
     assert 5.0 * abs(1.0 - shrunk["d_ratio"]) > 5.0 * abs(1.0 - same["d_ratio"])
 
@@ -179,16 +210,23 @@ def test_9_the_printed_cost_rewards_a_robot_that_stays_at_the_start() -> None:
 def test_15_the_lengths_of_coulomb_and_improved_runs_date_the_recording() -> None:
     """They fit a whole run from rest.
 
-    The published length ratios of both models differ by a factor of 1.0002 to 1.0003 on trajectories 1 to 3. Runs of 20 to
-    25 s from rest give 0.9998 to 1.0007 on trajectories 2 to 4 (0.9986 to 0.9994 on 1), shorter and longer ones do not, so
-    the lab compared whole runs. On trajectory 4 the published factor is 1.0088: a misprint.
+    The published length ratios of both models differ by a factor of 1.0002 to 1.0003 on
+    trajectories 1 to 3. Runs of 20 to 25 s from rest give 0.9998 to 1.0007 on trajectories 2 to 4
+    (0.9986 to 0.9994 on 1), shorter and longer ones do not, so the lab compared whole runs. On
+    trajectory 4 the published factor is 1.0088: a misprint.
     """
-    published = [value("3.12", f"traj{i}", "d_ratio") / value("3.9", f"traj{i}", "d_ratio") for i in (1, 2, 3)]
+    published = [
+        value("3.12", f"traj{i}", "d_ratio") / value("3.9", f"traj{i}", "d_ratio")
+        for i in (1, 2, 3)
+    ]
     assert np.allclose(published, 1.00025, atol=1.5e-4)
     assert value("3.12", "traj4", "d_ratio") / value("3.9", "traj4", "d_ratio") > 1.008
     for scenario in ("traj2", "traj3", "traj4"):
         improved, coulomb = (
-            [path_length(lab_run(PUBLISHED[name], scenario, duration=d).xy) for d in (12.0, 20.0, 25.0, 40.0)]
+            [
+                path_length(lab_run(PUBLISHED[name], scenario, duration=d).xy)
+                for d in (12.0, 20.0, 25.0, 40.0)
+            ]
             for name in ("improved", "coulomb")
         )
         short, twenty, twenty_five, long = np.divide(improved, coulomb)
@@ -205,7 +243,8 @@ def test_16_table_3_6_amplitude_is_a_yaw_rate() -> None:
 
 def test_42_the_printed_distance_drives_a_robot_on_that_has_overtaken() -> None:
     """A target at rest a tenth of a metre behind, u = K_P e for 2 s: as printed the robot leaves, else it comes back."""
-    gain, dt = value("4.4", "K_P_rho"), 0.01
+    gain = value("4.4", "K_P_rho")
+    dt = 0.01
     origin = Target(0.0, 0.0, 0.0, 0.0, 0.0, 0)
     ahead = {"printed": 0.1, "used": 0.1}  # how far the robot is ahead of its target
     for _ in range(200):
@@ -221,7 +260,9 @@ def test_43_the_gaps_of_the_line_are_not_those_of_the_manual_weights() -> None:
     for number, row, speed in (("4.22", "line_0.25", 0.25), ("4.23", "line_0.50", 0.5)):
         left = math.exp(-value("4.21", "K_I_rho", "manual") * 10.8 / speed)
         gaps = {
-            column: speed / math.sqrt(value("4.21", "Q_11", column) / value("4.21", "R_11", column)) * left
+            column: speed
+            / math.sqrt(value("4.21", "Q_11", column) / value("4.21", "R_11", column))
+            * left
             for column in ("manual", "optimised")
         }
         printed = value(number, row, "d_haus_m")
@@ -235,7 +276,8 @@ def test_43b_nor_are_the_circles_but_one_pair_of_gains_makes_both(lab: Profile) 
     for number in ("4.22", "4.24"):
         ((_, pairs),) = tables.rows(number).items()
         printed, manual, supposed = (
-            {m: getattr(pair, name) for m, pair in pairs.items()} for name in ("published", "ours", "supposed")
+            {m: getattr(pair, name) for m, pair in pairs.items()}
+            for name in ("published", "ours", "supposed")
         )
         assert manual["d_haus_m"] > 1.8 * printed["d_haus_m"]
         assert abs(manual["d_ratio"] - printed["d_ratio"]) > 0.005
@@ -256,16 +298,20 @@ def test_45_wrong_stamps_make_x_noisy_and_nothing_else() -> None:
     """A state filter's output in a straight run at 0.5 m/s, and the same with stamps that are wrong by 10 ms."""
     t = np.arange(0.0, 40.0, 0.02)
     straight = np.column_stack([0.5 * t, 0.0 * t, 0.0 * t])
-    motion = Trajectory(t, straight, np.tile([0.5, 0.0, 0.0], (len(t), 1)), np.full((len(t), 2), 0.5 / 0.1651))
+    motion = Trajectory(
+        t, straight, np.tile([0.5, 0.0, 0.0], (len(t), 1)), np.full((len(t), 2), 0.5 / 0.1651)
+    )
     log = simulate_sensors(motion, np.random.default_rng(1), rate=50.0)
     seen = run_ekf(log, EkfSettings(), State(v_x=0.5))
     off = late(motion, seen, 0.010, np.random.default_rng(2))
     (x, y, dx), (x_off, y_off, dx_off) = (
-        [variance_above(values, 50.0) for values in (m.pose[:, 0], m.pose[:, 1], m.twist[:, 0])] for m in (seen, off)
+        [variance_above(values, 50.0) for values in (m.pose[:, 0], m.pose[:, 1], m.twist[:, 0])]
+        for m in (seen, off)
     )
     assert x < value("3.4", "X") / 1e3
     assert y < value("3.4", "Y")
-    assert value("3.4", "X") < x_off < 2.5 * value("3.4", "X")  # at the faster of the speeds of Tab. 3.3
+    # at the faster of the speeds of Tab. 3.3
+    assert value("3.4", "X") < x_off < 2.5 * value("3.4", "X")
     assert (y_off, dx_off) == pytest.approx((y, dx), rel=0.05)
 
 
@@ -276,7 +322,8 @@ def test_46_three_bounds_of_the_search_let_unstable_gains_in() -> None:
         "k_p_u": (0.914, "K_P_u", "v_cmd"),
         "k_p_w": (1.010, "K_P_omega", "w_cmd"),
     }
-    robot, seen = PlanarModel(LinearParameters(), Vehicle(), Drive()), LoopSettings("truth", disturbance=False)
+    robot = PlanarModel(LinearParameters(), Vehicle(), Drive())
+    seen = LoopSettings("truth", disturbance=False)
     model = linear.matrices(robot.vehicle, LinearParameters(), robot.drive)
     start = State(y=1e-3, v_x=0.5, wheel_left=0.5 / 0.1651, wheel_right=0.5 / 0.1651)
     for name, (bound, row, column) in bounds.items():
@@ -285,5 +332,9 @@ def test_46_three_bounds_of_the_search_let_unstable_gains_in() -> None:
         laws = [design("pid", {name: value}, *model) for value in values]
         runs = run_loops([robot] * 4, laws, [seen] * 4, line(0.5, 20.0), [0], start)
         thirds = [np.array_split(run.column(column), 3) for run in runs]
-        assert [np.ptp(late) < 0.5 * np.ptp(middle) for _, middle, late in thirds[1:]] == [True, False, False], name
+        assert [np.ptp(late) < 0.5 * np.ptp(middle) for _, middle, late in thirds[1:]] == [
+            True,
+            False,
+            False,
+        ], name
         assert np.ptp(thirds[0][2]) < 2e-3

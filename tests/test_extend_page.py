@@ -14,7 +14,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "extend.md"
-STEP = re.compile(r"^`(?P<path>[\w/.]+)`$|^```(?P<kind>python|diff|bash)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
+STEP = re.compile(
+    r"^`(?P<path>[\w/.]+)`$|^```(?P<kind>python|diff|bash)\n(?P<text>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
 
 
 def steps(section: str) -> Iterator[tuple[str, str, str]]:
@@ -54,7 +57,10 @@ def write_step(folder: Path, kind: str, path: str, text: str) -> None:
     if kind == "python":
         assert not file.exists(), path
         file.parent.mkdir(exist_ok=True)
-    file.write_text(text if kind == "python" else patched(file.read_text(encoding="utf-8"), text), encoding="utf-8")
+    file.write_text(
+        text if kind == "python" else patched(file.read_text(encoding="utf-8"), text),
+        encoding="utf-8",
+    )
 
 
 def test_every_block_of_the_page_fits_the_code(tmp_path: Path) -> None:
@@ -72,8 +78,13 @@ def test_a_section_followed_word_for_word_works(heading: str, tmp_path: Path) ->
     copy_project(tmp_path)
     for kind, path, text in steps(sections()[heading]):
         if kind == "bash":
-            inside = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-            done = subprocess.run(["bash", "-e", "-c", text], cwd=tmp_path, env=inside, capture_output=True, text=True)
+            inside = {
+                **os.environ,
+                "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            }
+            done = subprocess.run(
+                ["bash", "-e", "-c", text], cwd=tmp_path, env=inside, capture_output=True, text=True
+            )
             assert done.returncode == 0, done.stdout + done.stderr
         else:
             write_step(tmp_path, kind, path, text)

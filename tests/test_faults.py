@@ -1,7 +1,7 @@
 """What users really meet, tried on every program: a clear line, the right status, and what is on disk is whole.
 
-Mistyped options, files that are missing, empty, damaged or of another kind, folders and disks that take nothing, and an end
-in mid-run.
+Mistyped options, files that are missing, empty, damaged or of another kind, folders and disks that
+take nothing, and an end in mid-run.
 """
 
 from __future__ import annotations
@@ -39,12 +39,21 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "fit": (f"fit kinematic --to FILE --horizons 1,2 {SMALL}", "log.csv"),
     "track": ("track pid FILE --speed 0.5 --plant kinematic --no-rerun", "way.csv"),
-    "track with gains": ("track pid line --speed 0.5 --plant kinematic --no-rerun --gains FILE", "pid.toml"),
-    "tune": (f"tune pid --reference FILE --speed 0.5 --plant kinematic --held-out line@0.5 {SMALL}", "way.csv"),
+    "track with gains": (
+        "track pid line --speed 0.5 --plant kinematic --no-rerun --gains FILE",
+        "pid.toml",
+    ),
+    "tune": (
+        f"tune pid --reference FILE --speed 0.5 --plant kinematic --held-out line@0.5 {SMALL}",
+        "way.csv",
+    ),
     "recordings info": ("recordings info FILE", "log.csv"),
     "recordings convert": ("recordings convert FILE", "log.csv"),
     "robots check": ("robots check FILE", "robot.toml"),
-    "study drivetrain": ("study drivetrain --recording FILE --ground grass.csv --resamples 2", "up.csv"),
+    "study drivetrain": (
+        "study drivetrain --recording FILE --ground grass.csv --resamples 2",
+        "up.csv",
+    ),
 }
 """Commands of a second, and the file that each reads."""
 
@@ -98,12 +107,19 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "t": t, "cmd_v": 0 * t + 0.5, "cmd_w": 0 * t + 0.3, "enc_left": 0 * t + 3.0, "enc_right": 0 * t + 3.5,
         "gyro_z": 0 * t + 0.3, "x": np.sin(yaw) / 0.6, "y": (1.0 - np.cos(yaw)) / 0.6, "yaw": yaw,
     }  # fmt: skip
-    rows = [",".join(columns), *(",".join(f"{v:.6f}" for v in row) for row in zip(*columns.values(), strict=True))]
+    rows = [
+        ",".join(columns),
+        *(",".join(f"{v:.6f}" for v in row) for row in zip(*columns.values(), strict=True)),
+    ]
     (folder / "log.csv").write_text("\n".join(rows) + "\n")
-    (folder / "way.csv").write_text("x,y\n" + "".join(f"{0.1 * i},{0.004 * i * i}\n" for i in range(20)))
+    (folder / "way.csv").write_text(
+        "x,y\n" + "".join(f"{0.1 * i},{0.004 * i * i}\n" for i in range(20))
+    )
     load_profile("thesis-lab").save(folder / "lab.toml")
     source = Path(__file__).resolve().parents[1]
-    shutil.copy(source / "validation" / "bench" / "gain_sets" / "pid-tuned.toml", folder / "pid.toml")
+    shutil.copy(
+        source / "validation" / "bench" / "gain_sets" / "pid-tuned.toml", folder / "pid.toml"
+    )
     shutil.copy(source / "models" / "husky.toml", folder / "robot.toml")
     for log, name in ((in_the_air(commands=18), "up.csv"), (on_grass(commands=24), "grass.csv")):
         write_csv(log, folder / name)
@@ -114,7 +130,9 @@ def problems(status: int, error: str, before: set[Path], folder: Path) -> list[s
     """Return what is wrong with the end of a program that began with these files in its folder."""
     measured = [f"status {status}"] if status not in (0, 1, 2, *STOPPED) else []
     lines = [line for line in error.splitlines() if line.startswith(("error: ", "run failed: "))]
-    if "Traceback" in error or (status in (1, 2) and (len(lines) != 1 or not error.rstrip().endswith(lines[0]))):
+    if "Traceback" in error or (
+        status in (1, 2) and (len(lines) != 1 or not error.rstrip().endswith(lines[0]))
+    ):
         measured.append(f"no clear line: {error[-300:]}")
     written = {path for path in folder.rglob("*") if path.is_file()} - before
     if status == 2 and written:
@@ -128,7 +146,8 @@ def damage(path: Path) -> str:
         return "left over"
     try:
         if path.suffix == ".json":
-            json.loads(path.read_text(), parse_constant=lambda text: int(text))  # NaN and Infinity are no integers
+            # NaN and Infinity are no integers
+            json.loads(path.read_text(), parse_constant=lambda text: int(text))
         elif path.suffix == ".toml":
             tomllib.loads(path.read_text())
         elif path.suffix == ".png":
@@ -142,7 +161,9 @@ def damage(path: Path) -> str:
         return str(error)
 
 
-def call(words: list[str], capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
+def call(
+    words: list[str], capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> tuple[int, str]:
     """Run a program in this process, as `python -m` does; return its status and standard error."""
     monkeypatch.setattr(sys, "argv", [words[0], *words[1:]])
     capfd.readouterr()
@@ -159,7 +180,10 @@ def test_what_users_meet(
     good: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Every program with every mishap of its file, and every mistake in options that are read alike in all programs."""
-    cases = [*itertools.product(COMMANDS, ["well", *FILES], [""]), *itertools.product(READERS, ["well"], OPTIONS)]
+    cases = [
+        *itertools.product(COMMANDS, ["well", *FILES], [""]),
+        *itertools.product(READERS, ["well"], OPTIONS),
+    ]
     bad = []
     for k, (name, file, option) in enumerate(cases):
         folder = tmp_path / str(k)
@@ -167,13 +191,16 @@ def test_what_users_meet(
         monkeypatch.chdir(folder)
         command, read = COMMANDS[name]
         if file in FILES:
-            change, path = FILES[file], folder / read
+            change = FILES[file]
+            path = folder / read
             path.write_bytes(change(path.read_bytes())) if change else path.unlink()
         before = {path for path in folder.rglob("*") if path.is_file()}
         words = [*command.replace("FILE", read).split(), *OPTIONS.get(option, "").split()]
         status, error = call(words, capfd, monkeypatch)
         wanted = {0} if file == "well" and not option else {0, 2} if file in MAY_BE_READ else {2}
-        measured = problems(status, error, before, folder) + ([f"status {status}"] if status not in wanted else [])
+        measured = problems(status, error, before, folder) + (
+            [f"status {status}"] if status not in wanted else []
+        )
         bad += [f"{name}, {file} {option}: {'; '.join(measured)}"] * bool(measured)
         shutil.rmtree(folder)
     assert bad == [], "\n".join(bad)
@@ -183,7 +210,8 @@ ENDS: dict[str, signal.Signals | None] = {
     "killed": signal.SIGKILL, "Ctrl-C": signal.SIGINT, "ended": signal.SIGTERM, "full disk": None,
 }  # fmt: skip
 STOPPED = (130, -signal.SIGINT, -signal.SIGTERM)
-"""Statuses of programs that a signal ends: 130, and the signal itself while they are being loaded."""
+"""Statuses of programs that a signal ends: 130, and the signal itself while they are being
+loaded."""
 LONG = {
     "fit": "fit improved --to traj4@linear --population 30 --generations 60 --patience 99 --search jde --out out",
     "recordings": "recordings convert log.csv --out out/made.csv --overwrite",
@@ -197,15 +225,22 @@ LONG = {
 def test_an_end_in_mid_run(name: str, good: Path, tmp_path: Path) -> None:
     """Whatever ends a program, each file is whole or not there; then the same command comes to its end."""
     program, *words = LONG[name].split()
-    rng, bad, took = random.Random(name), list[str](), 0.0
+    rng = random.Random(name)
+    bad = list[str]()
+    took = 0.0
     for end in ("undisturbed", *ENDS, "again"):
         again = ["--resume"] if name == "fit" and end not in ("undisturbed", "full disk") else []
         folder = tmp_path / ("undisturbed" if end == "undisturbed" else "rough")
         if not folder.exists():
             shutil.copytree(good, folder)
             (folder / "out").mkdir()
-        before, began = {path for path in folder.rglob("*") if path.is_file()}, time.monotonic()
-        limit = (lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))) if end == "full disk" else None
+        before = {path for path in folder.rglob("*") if path.is_file()}
+        began = time.monotonic()
+        limit = (
+            (lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500)))
+            if end == "full disk"
+            else None
+        )
         child = subprocess.Popen(
             [sys.executable, "-m", f"validation.{program}", *words, *again], cwd=folder, text=True, preexec_fn=limit,
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
@@ -215,12 +250,17 @@ def test_an_end_in_mid_run(name: str, good: Path, tmp_path: Path) -> None:
             child.send_signal(how)
         _, error = child.communicate(timeout=300)
         took = took or time.monotonic() - began
-        left = [] if end == "killed" and child.returncode == -9 else problems(child.returncode, error, before, folder)
+        left = (
+            []
+            if end == "killed" and child.returncode == -9
+            else problems(child.returncode, error, before, folder)
+        )
         if end in ("undisturbed", "again") and child.returncode:
             left.append(f"status {child.returncode}: {error}")
         bad += [f"{end}: {what}" for what in left]
     results = [
-        sorted(p.name for p in (tmp_path / way / "out").rglob("*") if p.suffix != ".npz") for way in ("undisturbed", "rough")
+        sorted(p.name for p in (tmp_path / way / "out").rglob("*") if p.suffix != ".npz")
+        for way in ("undisturbed", "rough")
     ]
     assert bad == [], "\n".join(bad)
     assert results[0] == results[1]

@@ -25,7 +25,9 @@ speeds = st.floats(-5.0, 5.0, allow_subnormal=False)
 
 
 @given(active=st.floats(-500, 500), static=st.floats(0.0, 200), share=st.floats(0.0, 1.0), v=speeds)
-def test_improved_is_odd_bounded_and_dissipates(active: float, static: float, share: float, v: float) -> None:
+def test_improved_is_odd_bounded_and_dissipates(
+    active: float, static: float, share: float, v: float
+) -> None:
     dynamic = share * static
     force = improved_friction(active, static, dynamic, v)
     assert force == -improved_friction(-active, static, dynamic, -v)
@@ -34,7 +36,9 @@ def test_improved_is_odd_bounded_and_dissipates(active: float, static: float, sh
 
 
 @given(active=st.floats(-500, 500), static=st.floats(0.0, 200))
-def test_at_rest_it_holds_up_to_stiction_and_resists_with_it_beyond(active: float, static: float) -> None:
+def test_at_rest_it_holds_up_to_stiction_and_resists_with_it_beyond(
+    active: float, static: float
+) -> None:
     net = active + improved_friction(active, static, 0.5 * static, 0.0)
     if abs(active) <= static:
         assert net == 0.0
@@ -44,7 +48,9 @@ def test_at_rest_it_holds_up_to_stiction_and_resists_with_it_beyond(active: floa
 
 
 @given(before=speeds, after=speeds)
-def test_a_velocity_stops_where_its_sign_changes_and_nowhere_else(before: float, after: float) -> None:
+def test_a_velocity_stops_where_its_sign_changes_and_nowhere_else(
+    before: float, after: float
+) -> None:
     stopped = stop_at_zero_crossing(after, before)
     assert stopped == (0.0 if np.sign(before) * np.sign(after) < 0 else after)
 
@@ -54,7 +60,9 @@ steepness = st.floats(0.1, 100.0)
 
 
 @given(mu=friction, load=st.floats(1.0, 1e3), v=st.floats(1e-3, 5.0), k=st.floats(1.0, 1e6))
-def test_the_arctangent_is_odd_and_tends_to_coulomb(mu: float, load: float, v: float, k: float) -> None:
+def test_the_arctangent_is_odd_and_tends_to_coulomb(
+    mu: float, load: float, v: float, k: float
+) -> None:
     """By arctan(z) = pi/2 - arctan(1/z), a share of at most 2/(pi k_s v) is missing (Eq. 2.34)."""
     force = arctangent_friction(mu, load, v, k)
     assert force == -arctangent_friction(mu, load, -v, k)
@@ -69,8 +77,8 @@ def test_the_line_of_the_arctangent_is_the_friction_of_the_linear_model(
     """Eq. 2.33 to 2.46: each wheel's law, summed and differentiated about rest, gives A_22 and A_44.
 
     As the published coefficients ask for, each wheel carries mg along, and mg/4 across. Across,
-    wheels slide with a omega and brake with the lever a, where the printed K_y has one lever, c, for
-    both: it is K_y a^2 / c.
+    wheels slide with a omega and brake with the lever a, where the printed K_y has one lever, c,
+    for both: it is K_y a^2 / c.
     """
     vehicle = Vehicle()
     weight = vehicle.mass * vehicle.gravity

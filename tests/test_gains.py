@@ -34,14 +34,24 @@ PRINTED = {
     "lqr": "Q_11 Q_22 Q_33 Q_44 R_11 R_22 K_alpha K_y K_I_rho".split(),
 }
 """Names of the thesis, in the order of ours."""
-FROM = {"pid-published": ("4.4", "value"), "lqr-published": ("4.21", "optimised"), "lqr-manual": ("4.21", "manual")}
+FROM = {
+    "pid-published": ("4.4", "value"),
+    "lqr-published": ("4.21", "optimised"),
+    "lqr-manual": ("4.21", "manual"),
+}
 """Table and column of each shipped set."""
 
 
 def document(**changes: Any) -> dict[str, Any]:
     """A good file of gains, changed."""
     gains = dict.fromkeys(FIELDS["lqr"], 1.0)
-    return {"schema": SCHEMA, "controller": "lqr", "name": "mine", "source": "a test", "gains": gains} | changes
+    return {
+        "schema": SCHEMA,
+        "controller": "lqr",
+        "name": "mine",
+        "source": "a test",
+        "gains": gains,
+    } | changes
 
 
 def on_file(folder: Path, content: dict[str, Any] | bytes) -> Path:
@@ -58,7 +68,8 @@ def refused(controller: str, name: str | Path) -> str:
     return str(caught.value)
 
 
-# ----------------------------------------------------------------------------------------------------------- the shipped
+# -----------------------------------------------------------------------------------------------------------
+# the shipped
 
 
 @pytest.mark.parametrize("name", FROM)
@@ -71,7 +82,10 @@ def test_shipped_gains_are_the_printed_ones(name: str) -> None:
     assert set(theirs) == set(published.table(number)["rows"])
     assert gains.provenance["table"] == number
     assert f"Tab. {number}" in gains.source
-    assert name.endswith("manual") or LAWS[controller].gains(**gains.values) == LAWS[controller].gains()
+    assert (
+        name.endswith("manual")
+        or LAWS[controller].gains(**gains.values) == LAWS[controller].gains()
+    )
 
 
 @pytest.mark.parametrize("name", names())
@@ -81,15 +95,19 @@ def test_every_shipped_set_is_found_by_both_names_and_suits_its_controller(name:
     assert (gains.controller, gains.name) == (controller, name)
     assert dump_gains(load_gains(controller, short)) == dump_gains(gains)
     LAWS[controller].gains(**gains.values)
-    by_hand, searched = set(gains.provenance["by_hand"]), set(gains.provenance.get("searched", ()))
+    by_hand = set(gains.provenance["by_hand"])
+    searched = set(gains.provenance.get("searched", ()))
     assert by_hand | searched == set(FIELDS[controller])
     assert not by_hand & searched
 
 
-# ----------------------------------------------------------------------------------------------------------- round trips
+# -----------------------------------------------------------------------------------------------------------
+# round trips
 
 
-@given(st.sampled_from(sorted(FIELDS)), st.data(), st.text(st.characters(codec="utf-8"), max_size=9))
+@given(
+    st.sampled_from(sorted(FIELDS)), st.data(), st.text(st.characters(codec="utf-8"), max_size=9)
+)
 def test_a_set_survives_its_file(
     tmp_path_factory: pytest.TempPathFactory, controller: str, data: st.DataObject, text: str
 ) -> None:
@@ -99,19 +117,36 @@ def test_a_set_survives_its_file(
     path = on_file(tmp_path_factory.mktemp("gains"), dump_gains(gains).encode())
     again = load_gains(controller, str(path))
     assert dict(again.values) == values
-    assert (again.name, again.source, dict(again.provenance)) == (text, text, {"note": text, "seed": 3})
+    assert (again.name, again.source, dict(again.provenance)) == (
+        text,
+        text,
+        {"note": text, "seed": 3},
+    )
     assert list(again.values) == list(FIELDS[controller])
 
 
-# -------------------------------------------------------------------------------------------------------------- mistakes
+# --------------------------------------------------------------------------------------------------------------
+# mistakes
 
 MISTAKES: dict[str, tuple[dict[str, Any] | bytes, str]] = {
     "another controller": (document(controller="pid"), "these are gains of pid, wanted lqr"),
-    "unknown key": (document(gain=1), "the top level has unknown keys gain; there are: controller, gains, name"),
+    "unknown key": (
+        document(gain=1),
+        "the top level has unknown keys gain; there are: controller, gains, name",
+    ),
     "no gains": (document(gains=3), "gains is 3, wanted a table"),
-    "unknown": (document(gains={**document()["gains"], "q_z": 1.0}), "unknown names q_z; lqr has q_x, q_v,"),
-    "missing": (document(gains={"q_x": 1.0, "q_v": 0.0}), "lacks q_yaw, q_w, r_v, r_w, k_alpha, k_y, k_i_rho; lqr needs"),
-    "nan": (document(gains={**document()["gains"], "k_y": math.nan}), "k_y is nan, wanted a finite number"),
+    "unknown": (
+        document(gains={**document()["gains"], "q_z": 1.0}),
+        "unknown names q_z; lqr has q_x, q_v,",
+    ),
+    "missing": (
+        document(gains={"q_x": 1.0, "q_v": 0.0}),
+        "lacks q_yaw, q_w, r_v, r_w, k_alpha, k_y, k_i_rho; lqr needs",
+    ),
+    "nan": (
+        document(gains={**document()["gains"], "k_y": math.nan}),
+        "k_y is nan, wanted a finite number",
+    ),
     "no TOML": (b"schema = \nname", "Invalid value"),
 }
 
@@ -138,28 +173,40 @@ def test_every_real_profile_has_gains_of_its_own() -> None:
 
 
 @pytest.mark.parametrize(("controller", "profile"), OWN)
-def test_gains_of_a_profile_are_chosen_with_it_and_say_how_they_were_found(controller: str, profile: str) -> None:
+def test_gains_of_a_profile_are_chosen_with_it_and_say_how_they_were_found(
+    controller: str, profile: str
+) -> None:
     gains = load_gains(controller, None, profile)
     assert gains.name == f"{controller}-{profile}"
     assert load_gains(controller, profile).values == gains.values
     assert gains.provenance["profile"] == profile
     assert gains.provenance["cost"] < gains.provenance["baseline_cost"]
-    assert {"seed", "tuned_on", "searched", "options", "versions", "followed"} <= set(gains.provenance)
+    assert {"seed", "tuned_on", "searched", "options", "versions", "followed"} <= set(
+        gains.provenance
+    )
     assert origin_sentence(gains, profile) is None
     other = origin_sentence(load_gains(controller, "tuned"), profile)
     assert other is not None
     assert other.endswith(f"not on {profile}; there are {profile} gains of its own.")
-    assert load_gains(controller, None, "thesis-lab").name in (f"{controller}-published", f"{controller}-tuned")
+    assert load_gains(controller, None, "thesis-lab").name in (
+        f"{controller}-published",
+        f"{controller}-tuned",
+    )
 
 
 @pytest.mark.parametrize(("controller", "profile"), OWN)
 def test_gains_of_a_profile_cost_what_their_file_says(controller: str, profile: str) -> None:
-    gains, chosen = load_gains(controller, profile), load_profile(profile)
+    gains = load_gains(controller, profile)
+    chosen = load_profile(profile)
     options = gains.provenance["options"]
-    robot, waypoints = make_robot(chosen, "improved"), circle(0.5)
+    robot = make_robot(chosen, "improved")
+    waypoints = circle(0.5)
     settings = LoopSettings(filter=odometry_of(robot.drive))
-    runs = run_robots([robot], [make_controller(chosen, gains)], [settings], waypoints, options["noise_seeds"])
+    runs = run_robots(
+        [robot], [make_controller(chosen, gains)], [settings], waypoints, options["noise_seeds"]
+    )
     cost = TuneCost(**{k: options[k] for k in ("k_rms", "k_haus", "k_ratio", "k_bend", "k_u")})
     measured = costs_of(runs, waypoints.trajectory(0.008), waypoints.rms_speed, cost)[0]
     message = gains.provenance["followed"]["circle at 0.5 m/s, improved"]["cost"]
-    assert measured == pytest.approx(message, rel=1e-3)  # other processors round otherwise, and noise makes that grow
+    # other processors round otherwise, and noise makes that grow
+    assert measured == pytest.approx(message, rel=1e-3)

@@ -50,14 +50,19 @@ def test_inverse_and_relative_pose(a: np.ndarray, b: np.ndarray) -> None:
 
 
 @given(a=poses, x=st.floats(-1.0, 1.0), y=st.floats(-1.0, 1.0))
-def test_shifting_the_reference_is_composition_with_a_pure_offset(a: np.ndarray, x: float, y: float) -> None:
+def test_shifting_the_reference_is_composition_with_a_pure_offset(
+    a: np.ndarray, x: float, y: float
+) -> None:
     assert np.allclose(shift_reference(a, (x, y)), compose(a, np.array([x, y, 0.0])), atol=NEAR)
 
 
 def test_body_x_points_where_yaw_says() -> None:
     assert np.allclose(rotate_body_to_world([1.0, 0.0], np.pi / 2), [0.0, 1.0])
-    assert np.allclose(rotate_body_to_world([0.0, 1.0], np.pi / 2), [-1.0, 0.0])  # left of north is west
-    assert np.allclose(rotate_world_to_body(rotate_body_to_world([0.3, -2.0], 1.1), 1.1), [0.3, -2.0])
+    # left of north is west
+    assert np.allclose(rotate_body_to_world([0.0, 1.0], np.pi / 2), [-1.0, 0.0])
+    assert np.allclose(
+        rotate_world_to_body(rotate_body_to_world([0.3, -2.0], 1.1), 1.1), [0.3, -2.0]
+    )
 
 
 @given(yaw=st.floats(-3.1, 3.1))

@@ -36,7 +36,8 @@ def lag_of(plant: Plant, radius: float) -> tuple[float, FloatArray]:
     commands = Commands(RECORDING_GRID, np.column_stack([rates, rates]), "wheels")
     driven = plant.run(commands, start, RECORDING_GRID)
     settled = driven.t > 3.99
-    t, angular = driven.t[settled], 2.0 * np.pi * FREQUENCY
+    t = driven.t[settled]
+    angular = 2.0 * np.pi * FREQUENCY
     columns = np.column_stack([np.sin(angular * t), -np.cos(angular * t), t, np.ones_like(t)])
     late, with_it, _, _ = np.linalg.lstsq(columns, driven.pose[settled, 0])[0]
     return -float(np.arctan2(late, with_it)) / angular, driven.wheels[settled]
@@ -46,7 +47,8 @@ def lag_of(plant: Plant, radius: float) -> tuple[float, FloatArray]:
 def test_mujoco_has_no_lag_behind_given_wheels(link: str) -> None:
     """Implicit damping explains 0.1 to 0.2 ms of what is left.
 
-    That is half of a step or a step, over the feedback's time constant of 50, times the contact's 9.5 ms.
+    That is half of a step or a step, over the feedback's time constant of 50, times the contact's
+    9.5 ms.
     """
     pioneer = load_robot("pioneer3at")
     geometry = replace(pioneer.geometry, link=link)  # type: ignore[arg-type]

@@ -1,12 +1,14 @@
 """What each program says in numbers, frozen: a rebuilding of the house must leave these numbers alone.
 
-A file `tests/golden/NAME.json` holds a command line, and every number that the program then writes, by its place in the
-files. It is at once the list of cases: for a new one, write a file with its `command` alone, and `"slow": true` if it takes
-seconds, `"needs": "ode"` if it needs a library. In a command, {out} is an empty folder, {data} the real recordings, {golden}
-the folder of these files; without recordings, their cases skip. What a program writes besides does not matter; a number that
+A file `tests/golden/NAME.json` holds a command line, and every number that the program then writes,
+by its place in the files. It is at once the list of cases: for a new one, write a file with its
+`command` alone, and `"slow": true` if it takes seconds, `"needs": "ode"` if it needs a library. In
+a command, {out} is an empty folder, {data} the real recordings, {golden} the folder of these files;
+without recordings, their cases skip. What a program writes besides does not matter; a number that
 is missing fails.
 
-A golden number changes only with its reason in the commit. This makes files anew, all of them where none is named:
+A golden number changes only with its reason in the commit. This makes files anew, all of them where
+none is named:
 
     python -m tests.test_golden NAME...
 """
@@ -36,11 +38,13 @@ from tests.conftest import data_folder
 
 GOLDEN = Path(__file__).parent / "golden"
 SAME = {"rel_tol": 1e-9, "abs_tol": 1e-15}
-"""Where the numbers were made: programs repeat themselves bit for bit, and sums in another order stay far under this; but a
-run of MuJoCo may not, see ELSEWHERE. What is smaller than the floor is zero but for rounding."""
+"""Where the numbers were made: programs repeat themselves bit for bit, and sums in another order
+stay far under this; but a run of MuJoCo may not, see ELSEWHERE. What is smaller than the floor is
+zero but for rounding."""
 ELSEWHERE = {"rel_tol": 1e-2, "abs_tol": 1e-6}
-"""On other processors or versions: MuJoCo's contacts make of the last bit of a command up to 1e-3 of a pose within a minute
-(measured with the sines of another processor), and 1e-8 of a ripple that is zero; planar models stay within 1e-9."""
+"""On other processors or versions: MuJoCo's contacts make of the last bit of a command up to 1e-3
+of a pose within a minute (measured with the sines of another processor), and 1e-8 of a ripple that
+is zero; planar models stay within 1e-9."""
 
 FROZEN_WORDS = {"schema", "status", "verdict", "model", "controller", "engine", "plant", "best"}
 """Keys whose words are frozen too; other words are prose, names and paths."""
@@ -51,7 +55,8 @@ LEFT_OUT = {
 }
 """Keys of what is timed or installed, of what is handed in, and of what other numbers tell too."""
 MOST_ITEMS = 12
-"""Greatest number of members of a list that are all frozen; of longer ones the sum and some five."""
+"""Greatest number of members of a list that are all frozen; of longer ones the sum and some
+five."""
 
 
 def _thinned(values: Sequence[Any]) -> Mapping[str, Any]:
@@ -89,7 +94,11 @@ def _flat(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
 
 def _table(text: str, delimiter: str) -> Mapping[str, list[float]]:
     """The columns of a table of numbers by their names, or by their number where it has no header."""
-    rows = [row for row in csv.reader(text.splitlines(), delimiter=delimiter) if row and not row[0].startswith("#")]
+    rows = [
+        row
+        for row in csv.reader(text.splitlines(), delimiter=delimiter)
+        if row and not row[0].startswith("#")
+    ]
     names = [str(k) for k in range(len(rows[0]))] if delimiter == " " else rows.pop(0)
     return {name: [float(row[k] or "nan") for row in rows] for k, name in enumerate(names)}
 
@@ -114,9 +123,14 @@ UNDRAWN = {"draw": lambda canvas: None, "print_png": _touch}
 
 def said_by(command: Sequence[str], out: Path) -> dict[str, Any]:
     """The numbers of a command line, which is run in this process."""
-    program, *arguments = (word.format(out=out, data=data_folder(), golden=GOLDEN) for word in command)
+    program, *arguments = (
+        word.format(out=out, data=data_folder(), golden=GOLDEN) for word in command
+    )
     status = 0
-    with mock.patch.object(sys, "argv", [program, *arguments]), mock.patch.multiple(FigureCanvasAgg, **UNDRAWN):
+    with (
+        mock.patch.object(sys, "argv", [program, *arguments]),
+        mock.patch.multiple(FigureCanvasAgg, **UNDRAWN),
+    ):
         try:
             runpy.run_module(f"validation.{program}", run_name="__main__", alter_sys=True)
         except SystemExit as left:
@@ -124,13 +138,21 @@ def said_by(command: Sequence[str], out: Path) -> dict[str, Any]:
     numbers: dict[str, Any] = {"exit status": status}
     for path in sorted(out.iterdir()):
         if path.suffix in READERS:
-            numbers.update(_flat(READERS[path.suffix](path.read_text()), () if path.suffix == ".json" else (path.name,)))
+            numbers.update(
+                _flat(
+                    READERS[path.suffix](path.read_text()),
+                    () if path.suffix == ".json" else (path.name,),
+                )
+            )
     return dict(sorted(numbers.items()))
 
 
 def made_on() -> str:
     """What rounds the numbers: the processor as BLAS sees it, the library of sines, and the versions of what computes."""
-    blas = next((str(each["architecture"]) for each in threadpool_info() if each["user_api"] == "blas"), "no BLAS")
+    blas = next(
+        (str(each["architecture"]) for each in threadpool_info() if each["user_api"] == "blas"),
+        "no BLAS",
+    )
     versions = (f"{name} {version(name)}" for name in ("mujoco", "numpy", "scipy", "numba"))
     return ", ".join([platform.machine(), blas, " ".join(platform.libc_ver()), *versions])
 
@@ -138,7 +160,9 @@ def made_on() -> str:
 def _agree(golden: Any, measured: Any, same: Mapping[str, float]) -> bool:
     """Whether two numbers agree within tolerances, or two words, truth values or nothings are equal."""
     if isinstance(golden, float | int) and isinstance(measured, float | int):
-        return math.isclose(golden, measured, **same) or (math.isnan(golden) and math.isnan(measured))
+        return math.isclose(golden, measured, **same) or (
+            math.isnan(golden) and math.isnan(measured)
+        )
     return bool(golden == measured)
 
 
@@ -149,13 +173,16 @@ def _cases() -> Iterator[Any]:
 
 
 @pytest.mark.parametrize("case", list(_cases()))
-def test_program_says_the_same_numbers(case: Mapping[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_program_says_the_same_numbers(
+    case: Mapping[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if any("{data}" in word for word in case["command"]) and not data_folder().exists():
         pytest.skip(f"there are no recordings in {data_folder()}")
     if "needs" in case and find_library(case["needs"]) is None:
         pytest.skip(f"the library {case['needs']} is not installed")
     monkeypatch.chdir(tmp_path)
-    measured, golden = said_by(case["command"], tmp_path), case["numbers"]
+    measured = said_by(case["command"], tmp_path)
+    golden = case["numbers"]
     same = SAME if case["made_on"] == made_on() else ELSEWHERE
     different = [
         f"{key}: golden {number}, found {measured.get(key, 'nothing')}"
@@ -164,7 +191,9 @@ def test_program_says_the_same_numbers(case: Mapping[str, Any], tmp_path: Path, 
     ]
     if different:
         pytest.fail(
-            f"{len(different)} of {len(golden)} numbers differ:\n" + "\n".join(different[:MOST_ITEMS]), pytrace=False
+            f"{len(different)} of {len(golden)} numbers differ:\n"
+            + "\n".join(different[:MOST_ITEMS]),
+            pytrace=False,
         )
 
 
@@ -177,6 +206,14 @@ if __name__ == "__main__":
         if numbers["exit status"] > 1:  # that of a robot that was lost is 1
             sys.exit(f"{name} ended with {numbers['exit status']}; its file stays")
         path.write_text(
-            json.dumps({**case, "made_with": version("ssmr-testbed"), "made_on": made_on(), "numbers": numbers}, indent=0)
+            json.dumps(
+                {
+                    **case,
+                    "made_with": version("ssmr-testbed"),
+                    "made_on": made_on(),
+                    "numbers": numbers,
+                },
+                indent=0,
+            )
             + "\n"
         )

@@ -23,14 +23,20 @@ MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n
 def with_mjcf(folder: Path, more: str) -> Robot:
     """A Husky whose own MJCF has more in it."""
     text = (models_folder() / "husky.xml").read_text(encoding="utf-8")
-    (folder / "mine.xml").write_text(text.replace("<worldbody>", f"{more}<worldbody>", 1), encoding="utf-8")
-    return parse_robot({**load_robot("husky").as_document(), "name": "mine", "mjcf": "mine.xml"}, folder)
+    (folder / "mine.xml").write_text(
+        text.replace("<worldbody>", f"{more}<worldbody>", 1), encoding="utf-8"
+    )
+    return parse_robot(
+        {**load_robot("husky").as_document(), "name": "mine", "mjcf": "mine.xml"}, folder
+    )
 
 
 def test_an_mjcf_has_the_files_of_its_folder(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "arm.obj").write_text(MESH)
-    (tmp_path / "more.xml").write_text('<mujoco><asset><mesh name="arm" file="parts/arm.obj"/></asset></mujoco>')
+    (tmp_path / "more.xml").write_text(
+        '<mujoco><asset><mesh name="arm" file="parts/arm.obj"/></asset></mujoco>'
+    )
     model = compose_robot(with_mjcf(tmp_path, '<include file="more.xml"/>')).compile()
     assert model.nmesh == 1
     assert model.nbody == compose_robot(load_robot("husky")).compile().nbody
@@ -52,7 +58,9 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_what_would_hang_or_reach_out_is_refused(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_would_hang_or_reach_out_is_refused(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / "robot"
     folder.mkdir()
     os.mkfifo(folder / "pipe")
@@ -61,25 +69,31 @@ def test_what_would_hang_or_reach_out_is_refused(name: str, tmp_path: Path, monk
     (folder / "outer.xml").write_text('<mujoco><include file="../inner.xml"/></mujoco>')
     (tmp_path / "inner.xml").write_text("<mujoco/>")
     monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(3.0, 2 << 30))
-    robot, began = with_mjcf(folder, HOSTILE[name]), time.monotonic()
+    robot = with_mjcf(folder, HOSTILE[name])
+    began = time.monotonic()
     with pytest.raises(ValueError, match=r"mine\.xml: this is no MJCF that can be read") as refused:
         compose_robot(robot)
     assert "\n" not in str(refused.value)
     assert time.monotonic() - began < 8.0
 
 
-def test_a_urdf_is_tried_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_urdf_is_tried_in_a_process_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "r.urdf").write_text(UrdfRobot().text())
     monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(0.01, 2 << 30))
     with pytest.raises(RobotError, match="does not come to an end in 0"):
         import_robot(tmp_path / "r.urdf")
 
 
-def test_what_is_included_is_read_in_the_child_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_included_is_read_in_the_child_and_counts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Empty elements are few bytes, but large objects: this process does not grow by them."""
     (tmp_path / "more.xml").write_text(f"<mujoco>{'<a/>' * ((1 << 24) - 10)}</mujoco>")
     monkeypatch.setattr(foreign, "ALLOWANCE", guarded.Allowance(5.0, 1 << 30))
-    robot, began = with_mjcf(tmp_path, '<include file="more.xml"/>'), time.monotonic()
+    robot = with_mjcf(tmp_path, '<include file="more.xml"/>')
+    began = time.monotonic()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(ValueError, match=r"mine\.xml: this is no MJCF that can be read"):
         compose_robot(robot)
@@ -94,8 +108,12 @@ NANS = {
 
 
 @pytest.mark.parametrize("where", NANS)
-def test_a_nan_is_refused_and_leaves_no_log_of_mujoco(where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "more.xml").write_text('<mujoco><custom><numeric name="n" data="NaN"/></custom></mujoco>')
+def test_a_nan_is_refused_and_leaves_no_log_of_mujoco(
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "more.xml").write_text(
+        '<mujoco><custom><numeric name="n" data="NaN"/></custom></mujoco>'
+    )
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)
@@ -104,7 +122,9 @@ def test_a_nan_is_refused_and_leaves_no_log_of_mujoco(where: str, tmp_path: Path
     assert not list(work.iterdir())
 
 
-def test_a_nan_in_a_urdf_leaves_no_log_of_mujoco(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_nan_in_a_urdf_leaves_no_log_of_mujoco(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = UrdfRobot().text().replace('<mass value="', '<mass value="nan" was="', 1)
     assert "nan" in text
     (tmp_path / "r.urdf").write_text(text)

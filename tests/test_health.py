@@ -23,8 +23,16 @@ from validation.simulator.plant import MujocoPlant
 
 WHEEL_INERTIA = 0.04411  # husky.xml [kg m2]
 PUSHED = 1e-3
-"""Relative, of the apparent mass against its closed form: tyres creep a little, and roll at the radius to 0.1 %."""
-DRIVE = Drive(delay_v=0.2, delay_w=0.2, command_half_track=0.5188, acceleration_v=1.16, wheel_lag=0.02, torque_limit=400.0)
+"""Relative, of the apparent mass against its closed form: tyres creep a little, and roll at the
+radius to 0.1 %."""
+DRIVE = Drive(
+    delay_v=0.2,
+    delay_w=0.2,
+    command_half_track=0.5188,
+    acceleration_v=1.16,
+    wheel_lag=0.02,
+    torque_limit=400.0,
+)
 JERKY = husky(friction=0.7, gain=2100.0, armature=1.8, wheel_radius=0.16)
 
 
@@ -36,14 +44,22 @@ JERKY = husky(friction=0.7, gain=2100.0, armature=1.8, wheel_radius=0.16)
         husky(armature=1.8, gain=2100.0, friction=0.7, rolling_resistance=0.13, wheel_radius=0.15),
         husky(armature=0.3, wheel_shape="cylinder"),
         husky(armature=0.3, radius_difference=0.01),
-        husky(armature=0.2, wheel_shape="capsule", friction_ratio=1.2, com_x=-0.08, mass=110.0, yaw_inertia=6.0),
+        husky(
+            armature=0.2,
+            wheel_shape="capsule",
+            friction_ratio=1.2,
+            com_x=-0.08,
+            mass=110.0,
+            yaw_inertia=6.0,
+        ),
         husky(armature=0.05, timestep=0.005),
     ],
 )
 def test_a_push_feels_the_mass_and_what_turns_with_the_wheels(calibration: Calibration) -> None:
     plant = MujocoPlant(calibration, DRIVE)
     before = mujoco.MjModel.__copy__(plant.model)
-    spin, half = 2.0 * (WHEEL_INERTIA + calibration.armature), 0.5 * calibration.radius_difference
+    spin = 2.0 * (WHEEL_INERTIA + calibration.armature)
+    half = 0.5 * calibration.radius_difference
     radii = calibration.wheel_radius + half, calibration.wheel_radius - half
     wanted = calibration.mass + sum(spin / radius**2 for radius in radii)
     assert apparent_mass(plant.model) == pytest.approx(wanted, rel=PUSHED)
@@ -53,11 +69,16 @@ def test_a_push_feels_the_mass_and_what_turns_with_the_wheels(calibration: Calib
 
 
 @pytest.mark.parametrize("solref", [(0.02, 1.0), (0.006, 1.0)])
-@pytest.mark.parametrize("solimp", [(0.1, 0.95, 0.005, 0.5, 2.0), (0.3, 0.9, 0.004, 0.4, 3.0), (0.9, 0.95, 0.001, 0.5, 2.0)])
+@pytest.mark.parametrize(
+    "solimp",
+    [(0.1, 0.95, 0.005, 0.5, 2.0), (0.3, 0.9, 0.004, 0.4, 3.0), (0.9, 0.95, 0.001, 0.5, 2.0)],
+)
 def test_a_resting_tyre_is_as_deep_as_the_law_of_soft_contact_says(
     solref: tuple[float, float], solimp: tuple[float, float, float, float, float]
 ) -> None:
-    model = robot_model(husky(), settings=PhysicsSettings(solver="Newton", solref=solref, solimp=solimp))
+    model = robot_model(
+        husky(), settings=PhysicsSettings(solver="Newton", solref=solref, solimp=solimp)
+    )
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=round(1.0 / model.opt.timestep))
     contact = data.contact[0]
@@ -68,7 +89,9 @@ def test_a_resting_tyre_is_as_deep_as_the_law_of_soft_contact_says(
 # ------------------------------------------------------------------------------- trembling
 def driven(calibration: Calibration, drive: Drive, scenario: str) -> Health:
     plant = MujocoPlant(calibration, drive)
-    return run_health(plant.model, [plant.run(TRAJECTORIES[scenario].commands(), State(), calibration.timestep)])
+    return run_health(
+        plant.model, [plant.run(TRAJECTORIES[scenario].commands(), State(), calibration.timestep)]
+    )
 
 
 @pytest.mark.parametrize("scenario", ["traj1", "traj4"])
@@ -94,8 +117,13 @@ def test_whoever_follows_the_advice_on_trembling_calms_the_loads(scenario: str) 
 # ------------------------------------------------------------------------------- the verdict
 def loads_of(total: FloatArray) -> Trajectory:
     m = len(total)
-    channels = {"wheel_load_N": np.tile(0.25 * total[:, None], (1, 4)), "torque_N_m": np.tile([3.0, -7.5], (m, 1))}
-    return Trajectory(0.01 * np.arange(m), np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 2)), channels)
+    channels = {
+        "wheel_load_N": np.tile(0.25 * total[:, None], (1, 4)),
+        "torque_N_m": np.tile([3.0, -7.5], (m, 1)),
+    }
+    return Trajectory(
+        0.01 * np.arange(m), np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 2)), channels
+    )
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +157,9 @@ def test_a_limit_that_is_passed_is_named_in_the_advice(model: mujoco.MjModel) ->
     assert shaken.trembles
     assert shaken.verdict == "loads tremble"
     assert "tremble" in shaken.advice
-    given = run_health(model, [loads_of(weight * (1.0 + 0.02 * (-1.0) ** np.arange(1000)))], given_rates=True)
+    given = run_health(
+        model, [loads_of(weight * (1.0 + 0.02 * (-1.0) ** np.arange(1000)))], given_rates=True
+    )
     assert given.peak_torque_N_m is None
     assert "smooth the given wheel rates" in given.advice
     assert "gain" not in given.advice
@@ -142,12 +172,16 @@ def test_compare_tells_inertia_torque_and_trembling(lab: Profile) -> None:
     section = lab.plants["mujoco"]
     plant = MujocoPlant(section.parameters, section.drive)
     motion = plant.run(TRAJECTORIES["traj4"].commands(), State(), 0.008)
-    assert health["peak_torque_N_m"] == pytest.approx(np.abs(motion.channels["torque_N_m"]).max(), rel=0.05)
+    assert health["peak_torque_N_m"] == pytest.approx(
+        np.abs(motion.channels["torque_N_m"]).max(), rel=0.05
+    )
     spin = 4.0 * (WHEEL_INERTIA + section.parameters.armature) / section.parameters.wheel_radius**2
     assert health["apparent_mass_kg"] == pytest.approx(section.parameters.mass + spin, rel=PUSHED)
     after = motion.t >= START_TIME
     total = motion.channels["wheel_load_N"][after].sum(axis=1)
-    assert health["load_sum_rms_N"] == pytest.approx(np.sqrt(np.mean((total - health["weight_N"]) ** 2)), rel=0.05)
+    assert health["load_sum_rms_N"] == pytest.approx(
+        np.sqrt(np.mean((total - health["weight_N"]) ** 2)), rel=0.05
+    )
     assert "health" not in comparison.as_dict()["plants"]["improved"]
     text = comparison.table()
     assert f"{health['apparent_mass_kg']:.1f}" in text

@@ -31,7 +31,14 @@ HALVING = 0.010
 MUJOCO_CONTACT = PhysicsSettings(solimp=(0.9, 0.95, 0.001, 0.5, 2.0))
 """MuJoCo's default impedance."""
 IMU_AHEAD = HUSKY.geometry.imu[0]
-STIFF = Drive(delay_v=0.0, delay_w=0.0, v_max=5.0, w_max=5.0, torque_limit=math.inf, command_half_track=0.5 * TRACK * 1.8)
+STIFF = Drive(
+    delay_v=0.0,
+    delay_w=0.0,
+    v_max=5.0,
+    w_max=5.0,
+    torque_limit=math.inf,
+    command_half_track=0.5 * TRACK * 1.8,
+)
 
 
 @pytest.mark.parametrize("scenario", list(TRAJECTORIES))
@@ -40,7 +47,9 @@ def test_the_shipped_lab_profile_is_healthy_and_converged(scenario: str, lab: ob
     ends = []
     for factor in (1.0, 0.5):
         calibration = replace(section.parameters, timestep=factor * section.parameters.timestep)
-        motion = MujocoPlant(calibration, section.drive).run(TRAJECTORIES[scenario].commands(), State(), SAMPLE_DT)
+        motion = MujocoPlant(calibration, section.drive).run(
+            TRAJECTORIES[scenario].commands(), State(), SAMPLE_DT
+        )
         assert check_health(motion.channels["wheel_load_N"]).ok
         ends.append(motion.xy[-1])
     assert np.hypot(*(ends[0] - ends[1])) <= HALVING
@@ -70,9 +79,11 @@ def test_undriven_energy_only_falls(velocity: tuple[float, float, float]) -> Non
     model.actuator_gainprm[:, 0] = 0.0
     model.actuator_biasprm[:, 2] = 0.0
     wheel = wheel_rates(velocity[0], velocity[2], 0.5 * TRACK, 0.1651)
-    data.qvel[:2], data.qvel[5] = velocity[:2], velocity[2]
+    data.qvel[:2] = velocity[:2]
+    data.qvel[5] = velocity[2]
     data.qvel[6:10] = [wheel[w.endswith("right")] for w in WHEELS]
-    elastic = 0.5 * 73.3 * 9.81 * 0.003  # weight times half the depth of the tyres' impression: what contact can store [J]
+    # weight times half the depth of the tyres' impression: what contact can store [J]
+    elastic = 0.5 * 73.3 * 9.81 * 0.003
     trace = []
     for _ in range(100):
         trace.append(energy(model, data))
@@ -82,14 +93,17 @@ def test_undriven_energy_only_falls(velocity: tuple[float, float, float]) -> Non
     assert trace[-1] < trace[0]
 
 
-# ------------------------------------------------------------------------------- the model as compiled
+# ------------------------------------------------------------------------------- the model as
+# compiled
 
 
 @pytest.mark.parametrize(
     "calibration",
     [
         husky(),
-        husky(mass=85.0, com_x=-0.05, com_y=0.02, yaw_inertia=5.0, wheel_radius=0.158, friction=0.3),
+        husky(
+            mass=85.0, com_x=-0.05, com_y=0.02, yaw_inertia=5.0, wheel_radius=0.158, friction=0.3
+        ),
         husky(half_track=0.275),
     ],
 )
@@ -100,12 +114,18 @@ def test_the_compiled_model_has_the_calibrations_numbers(calibration: Calibratio
     base = model.body("base").id
     assert model.body_subtreemass[base] == pytest.approx(calibration.mass, rel=ROUNDOFF)
     for wheel, sx, sy in zip(WHEELS, (1, 1, -1, -1), (1, -1, 1, -1), strict=True):
-        assert np.allclose(model.body(wheel).pos[:2], [sx * WHEELBASE / 2, sy * calibration.half_track], atol=ROUNDOFF)
+        assert np.allclose(
+            model.body(wheel).pos[:2],
+            [sx * WHEELBASE / 2, sy * calibration.half_track],
+            atol=ROUNDOFF,
+        )
     for geom in robot_parts(model).tires:
         assert model.geom_friction[geom, 0] == calibration.friction
         assert model.geom_condim[geom] == 3
         assert model.geom_priority[geom] == 1
-    assert np.allclose(model.body_ipos[base], [calibration.com_x, calibration.com_y, calibration.com_z])
+    assert np.allclose(
+        model.body_ipos[base], [calibration.com_x, calibration.com_y, calibration.com_z]
+    )
     centred = robot_model(replace(calibration, com_x=0.0, com_y=0.0))
     mujoco.mj_forward(centred, again := mujoco.MjData(centred))
     full = np.zeros((centred.nv, centred.nv))
@@ -119,7 +139,9 @@ def test_seven_newton_metres_a_wheel_turn_the_robot_below_a_friction_of_0_353() 
     assert limit == pytest.approx(0.353, abs=0.0005)
     turn = Commands(0.05, np.tile([0.0, 0.6], (120, 1)))
     for friction, turns in ((0.99 * limit, True), (1.005 * limit, False)):
-        motion = MujocoPlant(husky(friction=friction), replace(STIFF, torque_limit=7.0)).run(turn, State(), 0.05)
+        motion = MujocoPlant(husky(friction=friction), replace(STIFF, torque_limit=7.0)).run(
+            turn, State(), 0.05
+        )
         assert (motion.yaw[-1] > 0.1) == turns
 
 
@@ -130,7 +152,8 @@ def test_imu_reads_gravity_at_rest_and_the_turn() -> None:
         state = plant.step((0.0, 0.6), 0.05)
     gyro, force = plant.imu()
     assert gyro[2] == pytest.approx(state.yaw_rate, rel=ROUNDOFF)
-    assert force[0] == pytest.approx(-(state.yaw_rate**2) * IMU_AHEAD, rel=0.01)  # 190 mm ahead of the middle
+    # 190 mm ahead of the middle
+    assert force[0] == pytest.approx(-(state.yaw_rate**2) * IMU_AHEAD, rel=0.01)
 
 
 def test_the_health_gate_tells_a_bad_run_and_what_to_change() -> None:

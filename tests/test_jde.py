@@ -14,7 +14,16 @@ from hypothesis import settings as effort
 from hypothesis import strategies as st
 
 from ssmr.search import jde
-from ssmr.search.jde import Jde, JdeSettings, adapt, binomial_mask, distinct_partners, mutate, repair, replaces
+from ssmr.search.jde import (
+    Jde,
+    JdeSettings,
+    adapt,
+    binomial_mask,
+    distinct_partners,
+    mutate,
+    repair,
+    replaces,
+)
 from ssmr.search.space import Parameter, ParameterSpace
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
@@ -34,7 +43,8 @@ def finish(search: Jde, objective: Objective = sphere) -> Jde:
 
 
 def same(a: Jde, b: Jde) -> bool:
-    one, other = a.state(), b.state()
+    one = a.state()
+    other = b.state()
     return one.keys() == other.keys() and all(np.array_equal(one[k], other[k]) for k in one)
 
 
@@ -47,18 +57,25 @@ def saved(state: Mapping[str, Any]) -> dict[str, Any]:
         return dict(loaded)
 
 
-# --- formulas -------------------------------------------------------------------------------------------------------------
+# --- formulas
+# -------------------------------------------------------------------------------------------------------------
 
 
 def test_the_defaults_are_table_3_7() -> None:
-    assert (jde.F_INIT, jde.F_BOUNDS, jde.CR_INIT, jde.CR_BOUNDS) == (0.75, (0.1, 0.9), 0.8, (0.0, 1.0))
+    assert (jde.F_INIT, jde.F_BOUNDS, jde.CR_INIT, jde.CR_BOUNDS) == (
+        0.75,
+        (0.1, 0.9),
+        0.8,
+        (0.0, 1.0),
+    )
     assert (jde.TAU, jde.PARTNERS, jde.SLOPE) == (0.1, 4, 0.2)
     assert (JdeSettings.df, JdeSettings.population, JdeSettings.generations) == (1e-3, 50, 300)
 
 
 def test_f_is_drawn_anew_descends_or_stays_at_its_least() -> None:
     """At generation 151 of 300 the descent is 0.2 * 150 / 300 = 0.1."""
-    f, draws = np.array([0.75, 0.75, 0.75, 0.105]), np.array([[0.0, 0.0999, 0.1, 0.5], [0.0, 0.5, 0.5, 0.5]])
+    f = np.array([0.75, 0.75, 0.75, 0.105])
+    draws = np.array([[0.0, 0.0999, 0.1, 0.5], [0.0, 0.5, 0.5, 0.5]])
     adapted = adapt(f, draws, (0.1, 0.9), 0.2 * (151 - 1) / 300)
     assert adapted == pytest.approx([0.1, 0.5, 0.675, 0.1], rel=ROUNDOFF)
 
@@ -80,14 +97,20 @@ def test_the_descent_follows_the_generations(monkeypatch: pytest.MonkeyPatch) ->
 def test_mutation_by_hand() -> None:
     population = np.array([[0.0, 0.0], [1.0, 2.0], [2.0, 4.0], [4.0, 8.0], [8.0, 16.0]])
     before = population.copy()
-    donors = mutate(population, np.array([7.0, 9.0]), np.array([0.5]), np.array([[1], [2], [3], [4]]))
-    assert np.array_equal(donors, [[7.0 + 0.5 * (1 - 2) + 0.5 * (4 - 8), 9.0 + 0.5 * (2 - 4) + 0.5 * (8 - 16)]])
+    donors = mutate(
+        population, np.array([7.0, 9.0]), np.array([0.5]), np.array([[1], [2], [3], [4]])
+    )
+    assert np.array_equal(
+        donors, [[7.0 + 0.5 * (1 - 2) + 0.5 * (4 - 8), 9.0 + 0.5 * (2 - 4) + 0.5 * (8 - 16)]]
+    )
     assert np.array_equal(population, before)
 
 
 def test_repair_by_hand() -> None:
     donors = np.array([[-0.5, 0.25, 1.5], [0.0, 1.0, -1e-9]])
-    assert np.array_equal(repair(donors, np.array([0.5, 0.5, 0.75])), [[0.25, 0.25, 0.875], [0.0, 1.0, 0.375]])
+    assert np.array_equal(
+        repair(donors, np.array([0.5, 0.5, 0.75])), [[0.25, 0.25, 0.875], [0.0, 1.0, 0.375]]
+    )
 
 
 def test_binomial_crossover_by_hand() -> None:
@@ -102,7 +125,8 @@ def test_selection_by_hand() -> None:
     assert np.flatnonzero(replaces(trials, parents)).tolist() == [0, 1, 6]
 
 
-# --- distinct indices -----------------------------------------------------------------------------------------------------
+# --- distinct indices
+# -----------------------------------------------------------------------------------------------------
 
 
 def greedy(draws: FloatArray) -> list[list[int]]:
@@ -115,7 +139,9 @@ def greedy(draws: FloatArray) -> list[list[int]]:
 
 
 @given(st.integers(0, 2**32), st.integers(2, 30), st.data())
-def test_partners_are_distinct_and_as_drawn_one_by_one(seed: int, size: int, data: st.DataObject) -> None:
+def test_partners_are_distinct_and_as_drawn_one_by_one(
+    seed: int, size: int, data: st.DataObject
+) -> None:
     k = data.draw(st.integers(1, min(4, size - 1)))
     draws = np.random.default_rng(seed).random((k, size))
     partners = distinct_partners(draws)
@@ -125,7 +151,8 @@ def test_partners_are_distinct_and_as_drawn_one_by_one(seed: int, size: int, dat
     assert partners.max() < size
 
 
-# --- what never happens ---------------------------------------------------------------------------------------------------
+# --- what never happens
+# ---------------------------------------------------------------------------------------------------
 
 
 @effort(max_examples=40)
@@ -148,11 +175,14 @@ def test_points_stay_in_the_cube_and_f_and_cr_in_their_bounds(seed: int, n: int)
 @effort(max_examples=40)
 @given(st.integers(0, 2**32), st.floats(0.0, 0.9))
 def test_costs_that_are_no_numbers_are_never_selected(seed: int, share: float) -> None:
-    rng, known = np.random.default_rng(seed), set()
+    rng = np.random.default_rng(seed)
+    known = set()
     search = Jde(3, SHORT, seed)
     while not search.finished:
         points = search.ask()
-        costs = np.where(rng.random(12) < share, rng.choice([np.nan, np.inf, -np.inf], 12), sphere(points))
+        costs = np.where(
+            rng.random(12) < share, rng.choice([np.nan, np.inf, -np.inf], 12), sphere(points)
+        )
         known |= {tuple(p) for p in points[np.isfinite(costs)]}
         search.tell(costs)
         held = np.isfinite(search.costs)
@@ -165,16 +195,20 @@ def test_trials_that_win_bring_their_f_and_cr() -> None:
     search = Jde(3, SHORT, 2)
     search.ask()
     search.tell(np.full(12, 1.0))
-    points, before = search.ask(), search.state()
+    points = search.ask()
+    before = search.state()
     won = np.arange(12) % 3 == 0
     search.tell(np.where(won, 1.0, 1.1))
     after = search.state()
     for parent, trial in (("f", "trial_f"), ("cr", "trial_cr")):
         assert np.array_equal(after[parent], np.where(won, before[trial], before[parent]))
-    assert np.array_equal(search.population, np.where(won[:, np.newaxis], points, before["population"]))
+    assert np.array_equal(
+        search.population, np.where(won[:, np.newaxis], points, before["population"])
+    )
 
 
-# --- repetition -----------------------------------------------------------------------------------------------------------
+# --- repetition
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_equal_seeds_give_equal_searches_and_others_do_not() -> None:
@@ -203,7 +237,8 @@ def test_a_restored_search_goes_on_bit_for_bit() -> None:
     assert finished.finished == whole.finished == "generations"
 
 
-# --- stop rules -----------------------------------------------------------------------------------------------------------
+# --- stop rules
+# -----------------------------------------------------------------------------------------------------------
 
 
 def searched(settings: JdeSettings, costs: list[float]) -> Jde:
@@ -218,7 +253,12 @@ def searched(settings: JdeSettings, costs: list[float]) -> Jde:
 
 def test_it_stops_after_the_generations() -> None:
     search = finish(Jde(2, SHORT, 0))
-    assert (search.finished, search.generation, search.evaluations, len(search.history)) == ("generations", 15, 16 * 12, 16)
+    assert (search.finished, search.generation, search.evaluations, len(search.history)) == (
+        "generations",
+        15,
+        16 * 12,
+        16,
+    )
     with pytest.raises(ValueError, match="finished"):
         search.ask()
 
@@ -231,15 +271,19 @@ def test_it_stops_when_the_cost_no_longer_improves(sign: float) -> None:
     assert searched(rule, [base, base - 8.0, base - 11.0]).finished == ""
     assert searched(rule, [base, base - 8.0, base - 10.0]).finished == "improvement"
     assert searched(replace(rule, patience=1), [base, base - 8.0]).finished == "improvement"
-    assert searched(rule, [np.inf, np.inf, np.inf, base]).finished == "", "nothing known then, nothing to compare"
+    assert searched(rule, [np.inf, np.inf, np.inf, base]).finished == "", (
+        "nothing known then, nothing to compare"
+    )
 
 
-# --- it finds what is there -----------------------------------------------------------------------------------------------
+# --- it finds what is there
+# -----------------------------------------------------------------------------------------------
 
 
 def test_start_points_are_in_the_first_population() -> None:
     start = np.array([[0.25, 0.5], [1.0, 0.0]])
-    points, drawn = Jde(2, SHORT, 0, start).ask(), Jde(2, SHORT, 0).ask()
+    points = Jde(2, SHORT, 0, start).ask()
+    drawn = Jde(2, SHORT, 0).ask()
     assert np.array_equal(points[:2], start)
     assert np.array_equal(points[2:], drawn[2:])
 
@@ -250,7 +294,9 @@ def test_sphere() -> None:
 
 # --- the unit cube and what it stands for ---
 
-SPACE = ParameterSpace((Parameter("mu", "1", 0.1, 0.9), Parameter("gain", "N m s/rad", 10.0, 1000.0, "log")))
+SPACE = ParameterSpace(
+    (Parameter("mu", "1", 0.1, 0.9), Parameter("gain", "N m s/rad", 10.0, 1000.0, "log"))
+)
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=2, max_size=2))
@@ -265,6 +311,7 @@ def test_corners_are_the_bounds_and_the_middle_is_a_mean() -> None:
 
 
 def test_slopes_are_derivatives() -> None:
-    x, h = np.array([0.3, 0.7]), 1e-6
+    x = np.array([0.3, 0.7])
+    h = 1e-6
     numeric = (SPACE.values(x + h) - SPACE.values(x - h)) / (2 * h)
     assert SPACE.slopes(x) == pytest.approx(numeric, rel=1e-6)

@@ -34,19 +34,31 @@ class DragParameters:
 
 
 @jit
-def drag(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def drag(
+    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+) -> Advanced:
     actual = side_rates(v, w, robot.vehicle)
-    left, right = 20.0 * (wheels.left - actual.left), 20.0 * (wheels.right - actual.right)
+    left = 20.0 * (wheels.left - actual.left)
+    right = 20.0 * (wheels.right - actual.right)
     resisting = robot.parameters.drag * math.tanh(50.0 * v)
     turning = robot.vehicle.half_track * (right - left) / robot.vehicle.wheel_radius
     thrust = (left + right) / robot.vehicle.wheel_radius - resisting
-    return Advanced(v + dt * thrust / robot.vehicle.mass, w + dt * turning / robot.vehicle.yaw_inertia, left, right)
+    return Advanced(
+        v + dt * thrust / robot.vehicle.mass,
+        w + dt * turning / robot.vehicle.yaw_inertia,
+        left,
+        right,
+    )
 
 
 PlanarLaw("drag", DragParameters, drag)
 KINDS = {**{name: planar_law(name).parameters for name in PLANAR_MODELS}, "drag": DragParameters}
 WIND_UP = {"integral_gain": 300.0, "gear_loss": 2.0, "no_load_rate": 12.0}
-DRIVES = {"plain": {}, "special": {**WIND_UP, "wheel_lag": 0.1, "command_ramp": 0.03}, "quick": {"hold": 0.003}}
+DRIVES = {
+    "plain": {},
+    "special": {**WIND_UP, "wheel_lag": 0.1, "command_ramp": 0.03},
+    "quick": {"hold": 0.003},
+}
 
 
 def candidates(kind: type, count: int, special: dict[str, float]) -> list[PlanarModel]:
@@ -55,12 +67,20 @@ def candidates(kind: type, count: int, special: dict[str, float]) -> list[Planar
     rows = []
     for _ in range(count):
         own = {n: (getattr(kind(), n) or 0.05) * rng.uniform(0.9, 1.1) for n in described(kind)}
-        vehicle = Vehicle(mass=rng.uniform(60, 90), effective_half_track=rng.uniform(0.3, 0.5), x_icr=rng.uniform(-0.1, 0.1))
+        vehicle = Vehicle(
+            mass=rng.uniform(60, 90),
+            effective_half_track=rng.uniform(0.3, 0.5),
+            x_icr=rng.uniform(-0.1, 0.1),
+        )
         drive = Drive(
             delay_v=rng.uniform(0.0, 0.3), delay_w=rng.uniform(0.0, 0.3), acceleration_v=rng.uniform(0.5, 5.0),
             command_half_track=rng.uniform(0.25, 0.4), torque_limit=rng.uniform(3.0, 8.0), **special,
         )  # fmt: skip
-        rows.append(PlanarModel(kind(**own), replace(vehicle, radius_difference=rng.uniform(-0.01, 0.01)), drive))
+        rows.append(
+            PlanarModel(
+                kind(**own), replace(vehicle, radius_difference=rng.uniform(-0.01, 0.01)), drive
+            )
+        )
     return rows
 
 
@@ -73,7 +93,9 @@ def inputs(kind: str = "twist") -> Commands:
 
 
 def alone(models: list[PlanarModel], commands: Commands, starts: list[State]) -> FloatArray:
-    measured = [PlanarPlant(m).run(commands, s, SAMPLE_DT) for m, s in zip(models, starts, strict=True)]
+    measured = [
+        PlanarPlant(m).run(commands, s, SAMPLE_DT) for m, s in zip(models, starts, strict=True)
+    ]
     return np.array([motion.pose for motion in measured])
 
 
@@ -87,22 +109,34 @@ def test_a_robot_in_a_lane_moves_as_it_does_alone(name: str, special: str) -> No
     assert np.abs(together - alone(models, inputs(), starts)).max() == EXACT
     assert np.ptp(together[:, -1, 0]) > 0.1  # they do move apart
     order = np.random.default_rng(5).permutation(len(models))[: LANES + 3]
-    others = run_population([models[i] for i in order], inputs(), [starts[i] for i in order], SAMPLE_DT)
+    others = run_population(
+        [models[i] for i in order], inputs(), [starts[i] for i in order], SAMPLE_DT
+    )
     assert np.abs(others - together[order]).max() == EXACT
-    assert np.abs(run_population(models[4:5], inputs(), starts[4:5], SAMPLE_DT) - together[4]).max() == EXACT
+    assert (
+        np.abs(run_population(models[4:5], inputs(), starts[4:5], SAMPLE_DT) - together[4]).max()
+        == EXACT
+    )
 
 
 @pytest.mark.parametrize("name", PLANAR_MODELS)
 def test_given_wheel_rates_drive_every_lane(name: str) -> None:
-    models, commands = candidates(KINDS[name], LANES + 2, {}), inputs("wheels")
+    models = candidates(KINDS[name], LANES + 2, {})
+    commands = inputs("wheels")
     starts = [State(yaw=0.1 * i) for i in range(len(models))]
-    assert np.abs(run_population(models, commands, starts, SAMPLE_DT) - alone(models, commands, starts)).max() == EXACT
+    assert (
+        np.abs(
+            run_population(models, commands, starts, SAMPLE_DT) - alone(models, commands, starts)
+        ).max()
+        == EXACT
+    )
 
 
 def test_a_lane_that_diverges_leaves_its_neighbours_alone() -> None:
     kind = KINDS["coulomb"]
     models = candidates(kind, 4, {})
-    stiff, free = replace(models[1].parameters, gain=1e6), replace(models[1].drive, torque_limit=math.inf)
+    stiff = replace(models[1].parameters, gain=1e6)
+    free = replace(models[1].drive, torque_limit=math.inf)
     wild = PlanarModel(stiff, models[1].vehicle, free)
     poses = run_population([models[0], wild, *models[2:]], inputs(), [State()] * 4, SAMPLE_DT)
     assert np.isnan(poses[1]).all()
@@ -114,8 +148,18 @@ def test_the_loop_over_the_lanes_is_vector_instructions() -> None:
     """The law with the most branches: only the halves of the step, which all lanes share, are products of single numbers."""
     robot = candidates(KINDS["improved"], 1, {})[0].packed(0.001)
     loop = numba.njit(nogil=True, error_model="numpy")(lanes._run_lanes.py_func)
-    places, rows = np.zeros(2 * LANES, dtype=np.uint64), np.ones((3 + 100) * LANES)
-    loop(robot, True, None, np.zeros(100), places, rows, lanes._Times(0.001, 8, 8), np.empty((1, 2, 3)))
+    places = np.zeros(2 * LANES, dtype=np.uint64)
+    rows = np.ones((3 + 100) * LANES)
+    loop(
+        robot,
+        True,
+        None,
+        np.zeros(100),
+        places,
+        rows,
+        lanes._Times(0.001, 8, 8),
+        np.empty((1, 2, 3)),
+    )
     (code,) = loop.inspect_llvm().values()
     products = [line for line in code.splitlines() if " fmul " in line]
     assert len(products) > 30

@@ -27,7 +27,8 @@ VEHICLE = Vehicle()
 FREE = Drive(delay_v=0.0, delay_w=0.0, torque_limit=math.inf, v_max=100.0)
 MOVING = State(v_x=0.4, yaw_rate=0.3, wheel_left=2.0, wheel_right=3.0)
 PLANAR = (CoulombParameters(), ImprovedParameters(), LinearParameters())
-STALL, NO_LOAD = 3.0, 6.0
+STALL = 3.0
+NO_LOAD = 6.0
 """Greatest torque of a wheel [N m] and rate at which none is left [rad/s]."""
 ROLLING = 0.03
 """Rolling resistance over load: a third of what the motors can do at rest."""
@@ -53,7 +54,10 @@ def test_a_disturbance_is_an_acceleration_to_the_left(name: str, lab: Profile) -
     plant: Any = make_plant(lab, name)
     commands = Commands(0.05, np.tile([0.4, 0.3], (1, 1)))
     steps = round(0.05 / plant.dt)
-    pushed, left_alone = (plant.run(commands, MOVING, plant.dt, np.full(steps, push)).twist[1, 2] for push in (2.0, 0.0))
+    pushed, left_alone = (
+        plant.run(commands, MOVING, plant.dt, np.full(steps, push)).twist[1, 2]
+        for push in (2.0, 0.0)
+    )
     assert pushed - left_alone == pytest.approx(2.0 * plant.dt, rel=0.05)
 
 
@@ -61,7 +65,9 @@ def test_mujoco_is_pushed_to_the_left_too(lab: Profile) -> None:
     plant: Any = make_plant(lab, "mujoco")
     commands = Commands(0.05, np.tile([0.4, 0.3], (4, 1)))
     steps = round(0.2 / plant.dt)
-    pushed, left_alone = (plant.run(commands, MOVING, 0.05, np.full(steps, push)).yaw[-1] for push in (2.0, 0.0))
+    pushed, left_alone = (
+        plant.run(commands, MOVING, 0.05, np.full(steps, push)).yaw[-1] for push in (2.0, 0.0)
+    )
     assert pushed > left_alone
 
 
@@ -70,7 +76,8 @@ def fast(name: str, lab: Profile) -> tuple[Trajectory, float]:
     section = lab.section(name)
     limits = {"torque_limit": STALL, "no_load_rate": NO_LOAD, "acceleration_v": math.inf}
     drive = replace(section.drive, **limits, v_max=100.0, integral_gain=0.0)
-    parameters, vehicle = section.parameters, section.vehicle
+    parameters = section.parameters
+    vehicle = section.vehicle
     weight = 73.3 * 9.81
     if name == "linear":
         vehicle = Vehicle()
@@ -88,12 +95,16 @@ def fast(name: str, lab: Profile) -> tuple[Trajectory, float]:
 
 
 @pytest.mark.parametrize("name", ["linear", "improved", "four_wheel", "mujoco"])
-def test_a_robot_at_full_voltage_drives_where_its_motors_line_meets_the_resistance(name: str, lab: Profile) -> None:
+def test_a_robot_at_full_voltage_drives_where_its_motors_line_meets_the_resistance(
+    name: str, lab: Profile
+) -> None:
     """2 L (1 - w / w_0) a side is what half of the resistance takes, times the radius."""
     motion, resistance = fast(name, lab)
     rate = float(motion.wheels[-1].mean())
     section = lab.section(name)
-    radius = (section.vehicle if name in ("linear", "improved") else section.parameters).wheel_radius
+    radius = (
+        section.vehicle if name in ("linear", "improved") else section.parameters
+    ).wheel_radius
     speed = float(motion.twist[-1, 0])
     force = resistance * speed if name == "linear" else resistance
     line = 2.0 * STALL * (1.0 - rate / NO_LOAD)
@@ -120,10 +131,14 @@ def test_the_linear_model_at_its_motors_limit_is_stepped_exactly(dt: float) -> N
 def test_motors_at_their_limit_on_one_side_alone_know_no_side(parameters: Any) -> None:
     """What the left side's motor at its limit does to a right bend, the right one's does to a left bend."""
     plant = PlanarPlant(PlanarModel(parameters, VEHICLE, replace(FREE, torque_limit=3.0)), 0.01)
-    start = State(v_x=0.5, wheel_left=0.5 / VEHICLE.wheel_radius, wheel_right=0.5 / VEHICLE.wheel_radius)
+    start = State(
+        v_x=0.5, wheel_left=0.5 / VEHICLE.wheel_radius, wheel_right=0.5 / VEHICLE.wheel_radius
+    )
     for wanted in (0.55, 0.65, 0.8):
         left, right = (
-            plant.run(Commands(0.05, np.tile([wanted, turn], (20, 1)), before=(wanted, turn)), start, 0.05)
+            plant.run(
+                Commands(0.05, np.tile([wanted, turn], (20, 1)), before=(wanted, turn)), start, 0.05
+            )
             for turn in (0.3, -0.3)
         )
         assert np.abs(left.pose * [1.0, -1.0, -1.0] - right.pose).max() < 1e-12
@@ -136,7 +151,9 @@ TYRE = Tyre(0.6, 10.0, 8.0, 0.1, 0.02)
 
 
 @given(x=st.floats(-0.3, 0.3), y=st.floats(-0.3, 0.3), rolling=st.floats(0.5, 4.0))
-def test_a_steady_tyre_feels_its_slip_whatever_its_damping(x: float, y: float, rolling: float) -> None:
+def test_a_steady_tyre_feels_its_slip_whatever_its_damping(
+    x: float, y: float, rolling: float
+) -> None:
     """Bend and lead add up to sliding over rolling speed, as long as the brushes do not slide."""
     sliding = AlongAcross(0.02 * x, 0.02 * y)
     for damping in (0.0, 0.01, 0.05):
@@ -148,7 +165,8 @@ def test_a_steady_tyre_feels_its_slip_whatever_its_damping(x: float, y: float, r
 def test_a_standing_tyre_damps_what_shakes_it() -> None:
     """Over a cycle its force takes energy, lead / relaxation length times the square of the speed."""
     phase = np.linspace(0.0, 2.0 * math.pi, 2001)
-    place, speed = 1e-3 * np.sin(phase), 1e-3 * np.cos(phase)
+    place = 1e-3 * np.sin(phase)
+    speed = 1e-3 * np.cos(phase)
     felt = np.array(
         [
             felt_slip(AlongAcross(p / TYRE.relaxation, 0.0), AlongAcross(s, 0.0), 0.0, TYRE).x
@@ -163,8 +181,11 @@ def test_a_standing_tyre_damps_what_shakes_it() -> None:
 def path_of(twist: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
     """Return (M,) headings and (M, 2) places of the middle of a robot with (M, 3) smooth twists."""
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * dt * (twist[1:, 2] + twist[:-1, 2]))])
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    world = np.column_stack([twist[:, 0] * cos - twist[:, 1] * sin, twist[:, 0] * sin + twist[:, 1] * cos])
+    cos = np.cos(yaw)
+    sin = np.sin(yaw)
+    world = np.column_stack(
+        [twist[:, 0] * cos - twist[:, 1] * sin, twist[:, 0] * sin + twist[:, 1] * cos]
+    )
     places = np.cumsum(0.5 * dt * (world[1:] + world[:-1]), axis=0)
     return yaw, np.vstack([np.zeros(2), places])
 
@@ -176,7 +197,8 @@ def test_loads_follow_from_how_the_centre_of_mass_is_accelerated() -> None:
     twist = np.column_stack([0.5 + 0.2 * np.sin(t), 0.1 * np.cos(1.3 * t), 0.8 * np.sin(2.0 * t)])
     model = LoadModel(70.0, 0.12, -0.07, 0.2, 0.5, 0.6)
     yaw, middle = path_of(twist, dt)
-    cos, sin = np.cos(yaw), np.sin(yaw)
+    cos = np.cos(yaw)
+    sin = np.sin(yaw)
     at = middle + np.column_stack(
         [
             model.com_x * cos - model.com_y * sin,

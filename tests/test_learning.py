@@ -22,9 +22,11 @@ from validation.plants.profile import load_profile, make_plant
 from validation.simulator.motors import controls
 
 PLAIN: dict[str, Any] = {"spread": 0.0, "noise": False, "timestep": 0.002}
-"""The profile's own robot at the first waypoint, without noise, in the physics of all other programs."""
+"""The profile's own robot at the first waypoint, without noise, in the physics of all other
+programs."""
 SAME_ROBOT = 2e-5
-"""Over a second of skidding [m]: the entity's free joint sits 13 cm lower, so the solver stops at other digits."""
+"""Over a second of skidding [m]: the entity's free joint sits 13 cm lower, so the solver stops at
+other digits."""
 
 
 class TestInterface(test_utils.EnvironmentTestMixin, unittest.TestCase):
@@ -46,13 +48,17 @@ def ended(batch: TrackBatch, ticks: int, seed: int) -> list[tuple[Any, ...]]:
     commands = [np.random.default_rng([seed + i, 1]) for i in range(len(batch))]
     brought = [(batch.reset(),)]
     for _ in range(ticks):
-        brought.append(tuple(batch.step([rng.uniform([0.0, -0.5], [1.0, 0.5]) for rng in commands])))
+        brought.append(
+            tuple(batch.step([rng.uniform([0.0, -0.5], [1.0, 0.5]) for rng in commands]))
+        )
     return brought
 
 
 def test_a_row_does_not_know_the_others() -> None:
     """Alone or among others, on one thread or two: the same to the bit, over the ends of several episodes."""
-    task, rows, ticks = TrackTask(seconds=2.0), 3, 100
+    task = TrackTask(seconds=2.0)
+    rows = 3
+    ticks = 100
     together = TrackBatch(task, rows, 2)
     for row in range(rows):
         together.seed(row, row)
@@ -85,7 +91,9 @@ def test_the_environment_is_the_plant(profile: str) -> None:
     gap = float(np.hypot(*(aim.xy[60] - (end.x, end.y))))
     assert np.hypot(seen[2], seen[3]) == pytest.approx(gap, abs=SYMMETRY)
     assert seen[5:7] == pytest.approx(aim.twist[60, [0, 2]], abs=ROUNDOFF)
-    np.testing.assert_array_equal(seen[batch.source.slices["commands"][0]].reshape(-1, 2), table[-batch.source.past :])
+    np.testing.assert_array_equal(
+        seen[batch.source.slices["commands"][0]].reshape(-1, 2), table[-batch.source.past :]
+    )
 
 
 def test_who_stands_still_loses_the_target() -> None:
@@ -104,9 +112,13 @@ def test_who_stands_still_loses_the_target() -> None:
 
 def test_what_a_seed_draws() -> None:
     """Robots, starts, paths and speeds differ from episode to episode, and stay within what is said of them."""
-    source, rng = EpisodeSource(TrackTask("thesis-lab,husky-tile")), np.random.default_rng(0)
+    source = EpisodeSource(TrackTask("thesis-lab,husky-tile"))
+    rng = np.random.default_rng(0)
     drawn = [source.draw_episode(rng) for _ in range(60)]
-    of_each = [[e for e in drawn if e.drive.command_half_track == s.drive.command_half_track] for s in source.sections]
+    of_each = [
+        [e for e in drawn if e.drive.command_half_track == s.drive.command_half_track]
+        for s in source.sections
+    ]
     for section, episodes in zip(source.sections, of_each, strict=True):
         assert len(episodes) > 15
         for of, usual, spread in (
@@ -159,24 +171,32 @@ def test_tasks_that_cannot_be(wrong: dict[str, Any], message: str) -> None:
 def test_an_entity_on_its_ground_is_the_plant() -> None:
     """The same wheel rates move a dm_control entity as they move the plant, over a second of speeding up into a bend."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # without a screen dm_control's import warns of its search for one
-        mjcf = pytest.importorskip("dm_control.mjcf", reason="dm_control has no wheels for Python 3.13 and later")
+        # without a screen dm_control's import warns of its search for one
+        warnings.simplefilter("ignore")
+        mjcf = pytest.importorskip(
+            "dm_control.mjcf", reason="dm_control has no wheels for Python 3.13 and later"
+        )
         from validation.learning import RobotEntity, ground
 
     plant = make_plant(load_profile("thesis-lab"), "mujoco")
-    arena, robot = ground(plant.calibration.robot), RobotEntity(plant.calibration.robot)
+    arena = ground(plant.calibration.robot)
+    robot = RobotEntity(plant.calibration.robot)
     arena.add_free_entity(robot)
     physics = mjcf.Physics.from_mjcf_model(arena.mjcf_model)
     robot.calibrate(physics, plant.calibration, plant.drive)
-    model, base, start = physics.model.ptr, f"{robot.prefix}base", plant.placed(State())
+    model = physics.model.ptr
+    base = f"{robot.prefix}base"
+    start = plant.placed(State())
     with physics.reset_context():
         physics.data.qpos[:] = start[1 : 1 + plant.model.nq]
-        physics.data.qpos[2] -= float(model.body(base).pos[2])  # the free joint's frame is the MJCF's origin, not the base
+        # the free joint's frame is the MJCF's origin, not the base
+        physics.data.qpos[2] -= float(model.body(base).pos[2])
     data = mujoco.MjData(plant.model)
     mujoco.mj_setState(plant.model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
     for k in range(500):
         wanted = np.array([3.0, 4.0]) * min(1.0, k / 100)
-        data.ctrl[:], physics.data.ctrl[:] = controls(plant.model, wanted), controls(model, wanted)
+        data.ctrl[:] = controls(plant.model, wanted)
+        physics.data.ctrl[:] = controls(model, wanted)
         mujoco.mj_step(plant.model, data)
         physics.step()
     mujoco.mj_kinematics(plant.model, data)
@@ -199,7 +219,9 @@ def pair() -> tuple[Any, Any]:
         [np.nan, 0.0], [], [0.1, 0.2, 0.3], [[0.1, 0.2]], None, ["\x1b[31m", 0], [10**400, 0], np.zeros((2, 1)),
     ],
 )  # fmt: skip
-def test_an_action_that_cannot_be_is_one_error_and_nothing_has_moved(pair: tuple[Any, Any], action: Any) -> None:
+def test_an_action_that_cannot_be_is_one_error_and_nothing_has_moved(
+    pair: tuple[Any, Any], action: Any
+) -> None:
     """An environment that was told nonsense in between goes on like one that was not."""
     reported, spared = pair
     with pytest.raises(ValueError, match=r"^action must be \(2,\) finite numbers") as refused:
@@ -213,7 +235,9 @@ def test_an_action_that_cannot_be_is_one_error_and_nothing_has_moved(pair: tuple
 
 def test_the_examples_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
     """The PID, read off the page and run as it stands there; a robot that stands still would have less than 0.1."""
-    page = (Path(__file__).resolve().parents[1] / "docs" / "learning.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[1] / "docs" / "learning.md").read_text(
+        encoding="utf-8"
+    )
     example = page.split("```python")[-1].split("```")[0]
     exec(compile(example, "docs/learning.md", "exec"), {})
     reward = float(capsys.readouterr().out.split()[-1])

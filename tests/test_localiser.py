@@ -24,7 +24,9 @@ localisers = st.builds(Localiser, st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st
 
 def curve(profile: Profile):
     """A drive along a curve, in the body's own frame."""
-    commands = Commands(0.05, np.column_stack([np.full(80, 0.4), 0.8 * np.sin(0.1 * np.arange(80))]))
+    commands = Commands(
+        0.05, np.column_stack([np.full(80, 0.4), 0.8 * np.sin(0.1 * np.arange(80))])
+    )
     return make_plant(profile, "improved").run(commands, State(1.0, 2.0, 0.5), 0.01)
 
 
@@ -41,8 +43,10 @@ def test_the_body_is_where_its_tracked_frame_says(localiser: Localiser, state: S
 def test_a_twist_is_the_slope_of_the_pose_in_the_tracked_frame(lab: Profile) -> None:
     motion = PLACED.seen(curve(lab))
     slope = np.gradient(motion.pose, motion.t, axis=0)
-    c, s = np.cos(motion.yaw), np.sin(motion.yaw)
-    forward, left = c * slope[:, 0] + s * slope[:, 1], c * slope[:, 1] - s * slope[:, 0]
+    c = np.cos(motion.yaw)
+    s = np.sin(motion.yaw)
+    forward = c * slope[:, 0] + s * slope[:, 1]
+    left = c * slope[:, 1] - s * slope[:, 0]
     inner = slice(50, -50)
     np.testing.assert_allclose(motion.twist[inner, 0], forward[inner], atol=5e-3)
     np.testing.assert_allclose(motion.twist[inner, 1], left[inner], atol=5e-3)
@@ -68,10 +72,19 @@ def test_every_number_can_be_fitted(lab: Profile) -> None:
 
 @pytest.mark.parametrize("late", [(0.0, 0.0), (0.013, 0.013), (-0.02, 0.051)])
 @pytest.mark.parametrize("stamps", [None, 3.0 + np.linspace(0.0, 4.0, 97)])
-def test_poses_alone_are_told_as_with_the_rest(lab: Profile, late: tuple[float, float], stamps: FloatArray | None) -> None:
+def test_poses_alone_are_told_as_with_the_rest(
+    lab: Profile, late: tuple[float, float], stamps: FloatArray | None
+) -> None:
     """Between samples either the body or its point moves in a line."""
     body = curve(lab)
     slack = 1e-12 if late == (0.0, 0.0) and stamps is None else 1e-5
     for localiser in (Localiser(), Localiser(0.15, -0.04, 0.3, *late), Localiser(tracked_x=-0.1)):
-        assert np.abs(localiser.logged_poses(body.pose, 0.01, stamps) - localiser.seen(body, stamps).pose).max() < slack
-    assert stamps is not None or np.array_equal(Localiser().logged_poses(body.pose, 0.01), body.pose)
+        assert (
+            np.abs(
+                localiser.logged_poses(body.pose, 0.01, stamps) - localiser.seen(body, stamps).pose
+            ).max()
+            < slack
+        )
+    assert stamps is not None or np.array_equal(
+        Localiser().logged_poses(body.pose, 0.01), body.pose
+    )

@@ -25,12 +25,16 @@ def weaving(t: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def made(bias: float = 0.0, **groups: Group) -> Log:
     """A weaving robot of 0.5 m/s: gyro at 50 Hz, wheels at 20 Hz, poses at 30 Hz."""
-    fast, slow, seen = np.arange(0.0, 40.0, 0.02), np.arange(0.003, 40.0, 0.05), np.arange(0.007, 40.0, 1.0 / 30.0)
+    fast = np.arange(0.0, 40.0, 0.02)
+    slow = np.arange(0.003, 40.0, 0.05)
+    seen = np.arange(0.007, 40.0, 1.0 / 30.0)
     fine = np.arange(0.0, 40.0, 1e-3)
     steps = 0.5e-3 * (fine >= 5.0) * np.stack([np.cos(weaving(fine)[0]), np.sin(weaving(fine)[0])])
     x, y = (np.interp(seen, fine, np.cumsum(a)) for a in steps)
     own = {
-        "odom": Group("/odom", slow, {"odom_v": 0.5 * (slow >= 5.0), "odom_w": 0.6 * weaving(slow)[1]}),
+        "odom": Group(
+            "/odom", slow, {"odom_v": 0.5 * (slow >= 5.0), "odom_w": 0.6 * weaving(slow)[1]}
+        ),
         "imu": Group("/imu", fast, {"gyro_z": weaving(fast)[1] + bias}),
         "pose": Group("/pose", seen, {"x": x, "y": y, "yaw": weaving(seen)[0]}),
     }
@@ -45,7 +49,8 @@ def test_the_bias_at_rest_is_found_and_taken_out(bias: float) -> None:
     rest = find_rest(log)
     assert rest is not None
     assert rest.bias == pytest.approx(bias, abs=ROUNDOFF)
-    assert 3.5 < rest.seconds < 5.0  # of five; half a second before the motion, and what the mean sees of it, do not count
+    # of five; half a second before the motion, and what the mean sees of it, do not count
+    assert 3.5 < rest.seconds < 5.0
     cleared = find_rest(unbiased(log))
     assert cleared is not None
     assert cleared.bias == pytest.approx(0.0, abs=ROUNDOFF)
@@ -54,10 +59,15 @@ def test_the_bias_at_rest_is_found_and_taken_out(bias: float) -> None:
         unbiased(log.cut(6.0))
 
 
-# ------------------------------------------------------------------------------------------- one clock
+# ------------------------------------------------------------------------------------------- one
+# clock
 def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> None:
-    a, b = np.arange(0.0, 10.0, 0.13), np.arange(1.0, 12.0, 0.07)
-    groups = {"imu": Group("/imu", a, {"gyro_z": 0.3 * a}), "gps": Group("/fix", b, {"gps_east": 2.0 * b})}
+    a = np.arange(0.0, 10.0, 0.13)
+    b = np.arange(1.0, 12.0, 0.07)
+    groups = {
+        "imu": Group("/imu", a, {"gyro_z": 0.3 * a}),
+        "gps": Group("/fix", b, {"gps_east": 2.0 * b}),
+    }
     log = Log(Path("drive.bag"), groups).on_one_clock(25.0)
     assert log.t[0] == 1.0
     assert log.t[-1] == pytest.approx(a[-1], abs=0.04)
@@ -68,7 +78,13 @@ def test_resampling_meets_a_line_exactly_and_spans_what_all_groups_have() -> Non
 
 @pytest.mark.parametrize(
     ("rate", "message"),
-    [(1e9, "too many samples of 6 columns, for the limit samples is 1e.07; ask for a lower rate"), (1e-3, "do not overlap")],
+    [
+        (
+            1e9,
+            "too many samples of 6 columns, for the limit samples is 1e.07; ask for a lower rate",
+        ),
+        (1e-3, "do not overlap"),
+    ],
 )
 def test_rates_that_make_no_log_are_refused(rate: float, message: str) -> None:
     with pytest.raises(FileError, match=message):

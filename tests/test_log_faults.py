@@ -27,16 +27,28 @@ SPEEDS = {"m/s": 1.0, "km/h": 3.6, "ft/s": 1.0 / 0.3048, "mm/s": 1e3, "m/min": 6
 TURNS = {"deg/s": 180.0 / np.pi, "rpm": 30.0 / np.pi, "rad/min": 60.0}
 WAYS = {"mm": 1e3, "cm": 1e2, "ft": 1.0 / 0.3048, "in": 1.0 / 0.0254}
 RATES = ("gyro_z", "cmd_w", "enc_left", "enc_left enc_right")
-SIGNS = ("gyro_z", "yaw", "cmd_v", "cmd_w", "cmd_v cmd_w", "enc_left", "enc_right", "enc_left enc_right")
-"""Numbers that a logger in another unit writes for one of ours, and columns that are tried with them."""
+SIGNS = (
+    "gyro_z",
+    "yaw",
+    "cmd_v",
+    "cmd_w",
+    "cmd_v cmd_w",
+    "enc_left",
+    "enc_right",
+    "enc_left enc_right",
+)
+"""Numbers that a logger in another unit writes for one of ours, and columns that are tried with
+them."""
 
 
 def drive(seconds: float = 60.0, slow: float = 1.0, speed: float = 1.0) -> dict[str, FloatArray]:
     """Columns of a robot that follows its commands at once, with a localiser of 10 Hz in a log of 20 Hz."""
     t = DT * np.arange(round(seconds / DT))
-    v, w = speed * (0.4 + 0.2 * np.sin(0.5 * t)), 0.5 * np.sin(0.3 * t) * slow
+    v = speed * (0.4 + 0.2 * np.sin(0.5 * t))
+    w = 0.5 * np.sin(0.3 * t) * slow
     yaw = np.cumsum(w) * DT
-    x, y = np.cumsum(v * np.cos(yaw)) * DT, np.cumsum(v * np.sin(yaw)) * DT
+    x = np.cumsum(v * np.cos(yaw)) * DT
+    y = np.cumsum(v * np.sin(yaw)) * DT
     left, right = wheel_rates(v, w, 1.8 * EkfSettings.half_track, EkfSettings.radius)  # it skids
     noise = 0.007 * np.random.default_rng(3).standard_normal((3, len(t)))
     pose = np.repeat((np.array([x, y, yaw]) + noise)[:, ::2], 2, axis=1)[:, : len(t)]
@@ -58,10 +70,15 @@ def swapped(a: str, b: str) -> Callable[[dict[str, FloatArray]], dict[str, Float
 
 def frozen(*names: str) -> Callable[[dict[str, FloatArray]], dict[str, FloatArray]]:
     """Keep columns as they are in the middle of the log from there on."""
-    return lambda columns: {**columns, **{n: columns[n][np.minimum(np.arange(len(columns[n])), 500)] for n in names}}
+    return lambda columns: {
+        **columns,
+        **{n: columns[n][np.minimum(np.arange(len(columns[n])), 500)] for n in names},
+    }
 
 
-def with_jumps(columns: dict[str, FloatArray], jumps: dict[float, float], name: str = "x") -> dict[str, FloatArray]:
+def with_jumps(
+    columns: dict[str, FloatArray], jumps: dict[float, float], name: str = "x"
+) -> dict[str, FloatArray]:
     """The columns, with the localiser moved by so much from each time on."""
     moved = sum(size * (columns["t"] >= at - 1e-9) for at, size in jumps.items())
     return {**columns, name: columns[name] + moved}
@@ -75,20 +92,26 @@ def test_a_sound_log_has_no_faults() -> None:
     assert measured.uncommanded_share == 0.0
 
 
-@pytest.mark.parametrize(("name", "size"), [("x", 3.0 * JUMP_M), ("y", -2.0 * JUMP_M), ("yaw", 2.0 * JUMP_RAD)])
+@pytest.mark.parametrize(
+    ("name", "size"), [("x", 3.0 * JUMP_M), ("y", -2.0 * JUMP_M), ("yaw", 2.0 * JUMP_RAD)]
+)
 def test_jumps_are_found_where_they_are(name: str, size: float) -> None:
     at = [7.3, 20.0, 20.1, 41.5]
     measured = faults_of(with_jumps(drive(), dict.fromkeys(at, size), name)).jumps
     assert measured is not None
     np.testing.assert_allclose(measured.t, at)
     steps = measured.radians if name == "yaw" else measured.metres
-    np.testing.assert_allclose(steps, abs(size), atol=0.13)  # the robot itself drives up to 0.06 m; noise of both poses
+    # the robot itself drives up to 0.06 m; noise of both poses
+    np.testing.assert_allclose(steps, abs(size), atol=0.13)
 
 
 def test_a_localiser_that_stalls_and_catches_up_does_not_jump() -> None:
-    columns, creep = drive(speed=5.0), 1e-6 * np.arange(1200)  # while it stalls, its poses are new ones
+    # while it stalls, its poses are new ones
+    columns, creep = drive(speed=5.0), 1e-6 * np.arange(1200)
     since = np.where(columns["t"] % 6.0 < 1.0, np.round((columns["t"] % 6.0) / DT), 0.0).astype(int)
-    measured = faults_of({**columns, **{name: columns[name][np.arange(1200) - since] + creep for name in ("x", "y")}}).jumps
+    measured = faults_of(
+        {**columns, **{name: columns[name][np.arange(1200) - since] + creep for name in ("x", "y")}}
+    ).jumps
     assert measured is not None
     assert len(measured.t) == 0
     assert measured.caught_up >= 5
@@ -147,7 +170,8 @@ def test_a_column_that_never_changes_is_dead_only_while_the_robot_moves(name: st
     assert faults_of(standing).dead_columns == ()
 
 
-WHEELS, TWIST = COMMAND_COLUMNS["wheels"], COMMAND_COLUMNS["twist"]
+WHEELS = COMMAND_COLUMNS["wheels"]
+TWIST = COMMAND_COLUMNS["twist"]
 Spoil = Callable[[dict[str, FloatArray]], dict[str, FloatArray]]
 
 
@@ -158,30 +182,66 @@ def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
             f"{n} negated": ("sign", n, scaled(-1.0, *n.split()))
             for n in (*SIGNS, "cmd_v cmd_w", "enc_left enc_right", "x y")
         },
-        **{f"{n} negated": ("handedness", n, scaled(-1.0, *n.split())) for n in ("x", "y", "y yaw")},
+        **{
+            f"{n} negated": ("handedness", n, scaled(-1.0, *n.split())) for n in ("x", "y", "y yaw")
+        },
         **{
             f"{a} and {b} swapped": ("swapped", f"{a} {b}", swapped(a, b))
             for a, b in (WHEELS, ("x", "y"), ("cmd_v", "cmd_w"))
         },
-        "wheels swapped and negated": ("swapped", "enc_left", lambda c: swapped(*WHEELS)(scaled(-1.0, *WHEELS)(c))),
+        "wheels swapped and negated": (
+            "swapped",
+            "enc_left",
+            lambda c: swapped(*WHEELS)(scaled(-1.0, *WHEELS)(c)),
+        ),
         "compass": ("handedness", "yaw", lambda c: {**c, "yaw": 0.5 * np.pi - c["yaw"]}),
-        "yaw from the y axis": ("handedness", "yaw", lambda c: {**c, "yaw": c["yaw"] - 0.5 * np.pi}),
+        "yaw from the y axis": (
+            "handedness",
+            "yaw",
+            lambda c: {**c, "yaw": c["yaw"] - 0.5 * np.pi},
+        ),
         "yaw of the rear": ("sign", "yaw", lambda c: {**c, "yaw": c["yaw"] + np.pi}),
-        **{f"wheels in {u}": ("scale", "enc_left enc_right", scaled(f * radius, *WHEELS)) for u, f in SPEEDS.items()},
-        **{f"{n} in {u}": ("scale", n, scaled(f, *n.split())) for n in RATES for u, f in TURNS.items()},
-        **{f"cmd_v in {u}": ("scale", "cmd_v", scaled(f, "cmd_v")) for u, f in SPEEDS.items() if u != "m/s"},
+        **{
+            f"wheels in {u}": ("scale", "enc_left enc_right", scaled(f * radius, *WHEELS))
+            for u, f in SPEEDS.items()
+        },
+        **{
+            f"{n} in {u}": ("scale", n, scaled(f, *n.split()))
+            for n in RATES
+            for u, f in TURNS.items()
+        },
+        **{
+            f"cmd_v in {u}": ("scale", "cmd_v", scaled(f, "cmd_v"))
+            for u, f in SPEEDS.items()
+            if u != "m/s"
+        },
         **{f"x and y in {u}": ("scale", "x y", scaled(f, "x", "y")) for u, f in WAYS.items()},
         "yaw in degrees": ("scale", "yaw", scaled(180.0 / np.pi, "yaw")),
         "one wheel twice": ("swapped", "enc_right", lambda c: {**c, "enc_right": c["enc_left"]}),
-        "yaw in wrapped degrees": ("scale", "yaw", lambda c: {**c, "yaw": np.degrees(c["yaw"]) % 360.0}),
-        "pose of another clock": ("clock", "t", lambda c: {**c, **{n: np.roll(c[n], 60) for n in POSE_COLUMNS}}),
+        "yaw in wrapped degrees": (
+            "scale",
+            "yaw",
+            lambda c: {**c, "yaw": np.degrees(c["yaw"]) % 360.0},
+        ),
+        "pose of another clock": (
+            "clock",
+            "t",
+            lambda c: {**c, **{n: np.roll(c[n], 60) for n in POSE_COLUMNS}},
+        ),
         "t twice as fast": ("scale", "gyro_z yaw", scaled(0.5, "t")),
-        "rows counted for t": ("scale", "gyro_z yaw", lambda c: {**c, "t": np.arange(0.0, len(c["t"]))}),
+        "rows counted for t": (
+            "scale",
+            "gyro_z yaw",
+            lambda c: {**c, "t": np.arange(0.0, len(c["t"]))},
+        ),
         "x and y in degrees of latitude": ("scale", "x y", scaled(1.0 / 111e3, "x", "y")),
         "half the rate of one side": ("scale", "enc_left", scaled(0.5, "enc_left")),
         "t in minutes": ("clock", "t", scaled(1.0 / 60.0, "t")),
         "t in ms of ms": ("clock", "t", scaled(1e-3, "t")),
-        **{f"{n} frozen": ("frozen", n, frozen(*n.split())) for n in ("x y", "yaw", "gyro_z", "enc_left")},
+        **{
+            f"{n} frozen": ("frozen", n, frozen(*n.split()))
+            for n in ("x y", "yaw", "gyro_z", "enc_left")
+        },
         **{f"{n} zero": ("frozen", n, scaled(0.0, n)) for n in ("y", "yaw", "gyro_z", "enc_right")},
         "gyro shows another axis": (
             "swapped",
@@ -193,8 +253,9 @@ def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
 
 BY_RADIUS = {"wheels in km/h", "wheels in ft/s"}
 UNSEEN = {"sample": BY_RADIUS, "husky": BY_RADIUS, "warthog": {*BY_RADIUS, "cmd_v in ft/s"}}
-"""Mistakes that do not show where nobody knows the radius of the wheels: such rates are those of a robot that does not skid.
-A wheel of 0.30 m turns by nearly as many rad/s as its rim makes km/h, or feet a second."""
+"""Mistakes that do not show where nobody knows the radius of the wheels: such rates are those of a
+robot that does not skid. A wheel of 0.30 m turns by nearly as many rad/s as its rim makes km/h, or
+feet a second."""
 
 
 def shipped() -> list[str]:
@@ -208,7 +269,9 @@ def test_mistakes_of_loggers_are_named_and_a_sound_log_is_not_blamed(name: str) 
     columns = {"t": log.t, **log.columns}
     assert faults_of(columns).named == ()
     missed = set()
-    for mistake, (kind, names, spoil) in mistakes(0.3 if name == "warthog" else EkfSettings.radius).items():
+    for mistake, (kind, names, spoil) in mistakes(
+        0.3 if name == "warthog" else EkfSettings.radius
+    ).items():
         measured = faults_of(spoil(dict(columns))).named
         if not any(f.kind == kind and set(names.split()) & set(f.columns) for f in measured):
             missed.add(mistake)
@@ -217,14 +280,17 @@ def test_mistakes_of_loggers_are_named_and_a_sound_log_is_not_blamed(name: str) 
 
 @pytest.mark.parametrize("unit", ["km/h", "ft/s"])
 def test_a_known_radius_shows_the_unit_of_wheel_rates(unit: str) -> None:
-    log, radius = read_log("husky").on_one_clock(), EkfSettings.radius
+    log = read_log("husky").on_one_clock()
+    radius = EkfSettings.radius
     spoiled = scaled(SPEEDS[unit] * radius, *WHEELS)({"t": log.t, **log.columns})
     (found,) = find_faults(Log.of_columns("log.csv", spoiled), radius).named
     assert found.kind == "scale"
     assert "its wheels to be others than those of 0.165 m" in found.sentence
 
 
-@pytest.mark.parametrize("missing", [(), ("gyro_z",), TWIST, WHEELS, POSE_COLUMNS, ("gyro_z", *TWIST)])
+@pytest.mark.parametrize(
+    "missing", [(), ("gyro_z",), TWIST, WHEELS, POSE_COLUMNS, ("gyro_z", *TWIST)]
+)
 def test_a_part_of_a_sound_log_is_not_blamed(missing: tuple[str, ...]) -> None:
     for name in shipped():
         log = read_log(name).on_one_clock()
@@ -236,8 +302,14 @@ def test_a_part_of_a_sound_log_is_not_blamed(missing: tuple[str, ...]) -> None:
 
 def test_degrees_that_turn_by_much_a_sample_are_named_as_such() -> None:
     turned = np.degrees(6.0 * DT) * np.arange(1200)  # 17 degrees a sample
-    spun = {"t": DT * np.arange(1200), "gyro_z": np.full(1200, 6.0), "yaw": (turned + 180.0) % 360.0 - 180.0}
-    assert ("scale", ("yaw",)) in [(f.kind, f.columns) for f in faults_of(spun | {"cmd_w": spun["gyro_z"]}).named]
+    spun = {
+        "t": DT * np.arange(1200),
+        "gyro_z": np.full(1200, 6.0),
+        "yaw": (turned + 180.0) % 360.0 - 180.0,
+    }
+    assert ("scale", ("yaw",)) in [
+        (f.kind, f.columns) for f in faults_of(spun | {"cmd_w": spun["gyro_z"]}).named
+    ]
 
 
 def test_units_of_positions_show_on_ice_where_wheels_hardly_tell_the_way() -> None:
@@ -247,7 +319,10 @@ def test_units_of_positions_show_on_ice_where_wheels_hardly_tell_the_way() -> No
     log = read_log(path).on_one_clock()
     for unit in ("cm", "mm"):
         measured = faults_of(scaled(WAYS[unit], "x", "y")({"t": log.t, **log.columns})).named
-        assert {(f.kind, f.columns) for f in measured} == {("sign", ("gyro_z",)), ("scale", ("x", "y"))}
+        assert {(f.kind, f.columns) for f in measured} == {
+            ("sign", ("gyro_z",)),
+            ("scale", ("x", "y")),
+        }
 
 
 def test_two_signals_that_contradict_each_other_are_both_named() -> None:
@@ -256,21 +331,40 @@ def test_two_signals_that_contradict_each_other_are_both_named() -> None:
     assert {*WHEELS, "yaw"} <= set(measured.columns)
 
 
-def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    errors, costs = [], []
+def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    errors = []
+    costs = []
     settings = {"input": "wheels", "horizons": (6.0,)}
     for name, jumps in (("sound", {}), ("jumped", {10.0: 5.0, 45.0: -3.0})):
         path = tmp_path / f"{name}.csv"
         write_csv(with_jumps(drive(), jumps), path)
         compared = compare(str(path), plants=("kinematic",), workers=1, **settings)
-        fitted = fit("kinematic", path, input="wheels", free=("wheel_radius",), population=5, generations=1, workers=1)
-        message = (caplog.messages, compared.notes(), compared.as_dict()["notes"], fitted.as_dict()["notes"])
-        warned = [any("jumps 2 times" in sentence for sentence in sentences) for sentences in message]
+        fitted = fit(
+            "kinematic",
+            path,
+            input="wheels",
+            free=("wheel_radius",),
+            population=5,
+            generations=1,
+            workers=1,
+        )
+        message = (
+            caplog.messages,
+            compared.notes(),
+            compared.as_dict()["notes"],
+            fitted.as_dict()["notes"],
+        )
+        warned = [
+            any("jumps 2 times" in sentence for sentence in sentences) for sentences in message
+        ]
         assert warned == [name == "jumped"] * len(message)
         errors.append(compared.plants["kinematic"].horizons[6.0].position_p95_m)
         costs.append(fitted.cost)
     assert abs(errors[1] - errors[0]) < 0.5  # of 5 m
-    assert abs(costs[1] - costs[0]) < 0.15  # every fifth window of 6 s would span a jump: 0.5 m on average
+    # every fifth window of 6 s would span a jump: 0.5 m on average
+    assert abs(costs[1] - costs[0]) < 0.15
 
 
 def test_info_writes_what_it_found(tmp_path: Path) -> None:

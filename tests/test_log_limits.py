@@ -32,11 +32,14 @@ def drive(folder: Path, t: np.ndarray, columns: dict[str, np.ndarray] | None = N
     columns = columns or {"x": np.zeros(len(t))}
     path = folder / "drive.csv"
     rows = zip(t.tolist(), *(c.tolist() for c in columns.values()), strict=True)
-    path.write_text("\n".join([",".join(["t", *columns]), *(",".join(map(repr, row)) for row in rows)]) + "\n")
+    path.write_text(
+        "\n".join([",".join(["t", *columns]), *(",".join(map(repr, row)) for row in rows)]) + "\n"
+    )
     return path
 
 
-# --------------------------------------------------------------------------------------------------- files and sizes
+# ---------------------------------------------------------------------------------------------------
+# files and sizes
 @pytest.mark.parametrize("name", ["a.csv", "a.bag", "a.mcap", "folder"])
 def test_a_pipe_is_not_waited_for(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
@@ -57,18 +60,24 @@ def test_sizes_are_limited_before_anything_is_held(tmp_path: Path) -> None:
         read_csv(huge)
     wide = tmp_path / "wide.csv"
     wide.write_text("t," + ",".join(f"x{k}" for k in range(20_000)) + "\n")
-    with pytest.raises(FileError, match=r"line 1: there are 20001 columns, but the limit columns is 1000"):
+    with pytest.raises(
+        FileError, match=r"line 1: there are 20001 columns, but the limit columns is 1000"
+    ):
         read_csv(wide)
     path = drive(tmp_path, np.arange(100.0))
     for limits, line in (({"samples": 50}, 52), ({"cells": 150}, 77)):
-        with pytest.raises(FileError, match=f"line {line}: there are too many rows: the limit {next(iter(limits))} is"):
+        with pytest.raises(
+            FileError,
+            match=f"line {line}: there are too many rows: the limit {next(iter(limits))} is",
+        ):
             read_csv(path, ReadOptions(limits=USUAL.changed(limits)))
     bag = write(tmp_path, "mcap", poses_at())
     with pytest.raises(FileError, match=r"too many messages or topics: the limit samples is 7"):
         read_log(bag, ReadOptions(limits=USUAL.changed({"samples": 7})))
 
 
-# --------------------------------------------------------------------------------------------------- time
+# ---------------------------------------------------------------------------------------------------
+# time
 T = 0.05 * np.arange(1200)
 
 
@@ -88,10 +97,16 @@ T = 0.05 * np.arange(1200)
         (np.append(T, 1e300), 1202, "time jumps from 59.95 to 1e+300 s"),
         (np.append(-1e9, T), 3, "time jumps from -1e+09 to 0 s"),
         (np.sort(np.append(T, 5e-324)), 3, "the step from the sample before is 4.94e-324 s"),
-        (4.0 * np.arange(250_000), 250_001, "the log spans 999996 s, but the limit span is 864000 s"),
+        (
+            4.0 * np.arange(250_000),
+            250_001,
+            "the log spans 999996 s, but the limit span is 864000 s",
+        ),
     ],
 )
-def test_what_is_no_time_in_seconds_is_refused_with_its_line(tmp_path: Path, t: np.ndarray, line: int, message: str) -> None:
+def test_what_is_no_time_in_seconds_is_refused_with_its_line(
+    tmp_path: Path, t: np.ndarray, line: int, message: str
+) -> None:
     with pytest.raises(FileError) as refused:
         read_csv(drive(tmp_path, t))
     assert (refused.value.line, refused.value.column) == (line, "t")
@@ -104,7 +119,8 @@ def test_stamps_too_large_to_be_added_are_one_fault(t: tuple[float, ...]) -> Non
         assert find_time_fault(np.array(t), USUAL) is not None
 
 
-# --------------------------------------------------------------------------------------------------- numbers
+# ---------------------------------------------------------------------------------------------------
+# numbers
 @pytest.mark.parametrize("name", ["cmd_v", "cmd_w", "enc_left", "gyro_z", "x", "yaw"])
 def test_numbers_that_cannot_be_are_refused_with_line_and_column(tmp_path: Path, name: str) -> None:
     path = drive(tmp_path, T, {name: np.where(np.arange(1200) == 700, -1e200, 0.0)})
@@ -114,11 +130,20 @@ def test_numbers_that_cannot_be_are_refused_with_line_and_column(tmp_path: Path,
         assert (refused.value.line, refused.value.column) == (702, name)
 
 
-def test_channels_that_cannot_be_are_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_channels_that_cannot_be_are_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     odd = np.where(np.arange(1200) == 700, 1e308, 0.0)
-    path = drive(tmp_path, T, {"x": np.sin(T), "odom_v": odd, "odom_w": odd, "battery": odd, "acc": 1e30 * (odd > 0.0)})
+    path = drive(
+        tmp_path,
+        T,
+        {"x": np.sin(T), "odom_v": odd, "odom_w": odd, "battery": odd, "acc": 1e30 * (odd > 0.0)},
+    )
     assert list(read_csv(path).groups["channels"].columns) == ["acc"]
-    assert "line 702, column odom_v: there is 1e+308 m/s, more than 100; the column is left out" in caplog.text
+    assert (
+        "line 702, column odom_v: there is 1e+308 m/s, more than 100; the column is left out"
+        in caplog.text
+    )
 
 
 def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_path: Path) -> None:
@@ -138,7 +163,9 @@ def test_numbers_of_a_bag_that_cannot_be_are_refused_with_topic_and_time(tmp_pat
     with pytest.raises(FileError, match=r"/odom, 0.000 s: odom_v is 1e\+200 m/s, more than 100;"):
         read_log(bag)
     stray = write(tmp_path, "ros1", [*poses_at(), ("/pose", 1e6, make.pose_stamped(1e6, 0.0))])
-    with pytest.raises(FileError, match=r"/pose, sample 21: time jumps from 1.9 to 1000000 s, but the limit gap"):
+    with pytest.raises(
+        FileError, match=r"/pose, sample 21: time jumps from 1.9 to 1000000 s, but the limit gap"
+    ):
         read_log(stray)
 
 
@@ -162,8 +189,11 @@ def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
     assert message in str(refused.value)
 
 
-# --------------------------------------------------------------------------------------------------- the limits themselves
-def test_limits_can_be_raised_by_an_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+# ---------------------------------------------------------------------------------------------------
+# the limits themselves
+def test_limits_can_be_raised_by_an_option(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = str(drive(tmp_path, 10.0 * np.arange(100)))
     assert exit_status(PROGRAM, "info", path) == 2
     assert "the limit period is 5 s" in capsys.readouterr().err
@@ -176,6 +206,9 @@ def test_every_limit_is_documented_with_its_default() -> None:
     section = DOCS.read_text(encoding="utf-8").partition("## Limits")[2].partition("\n## ")[0]
     rows = re.findall(r"^\| `(\w+)` \|([^|]+)\|([^|]*)\|", section, re.MULTILINE)
     documented = {name: (float(value.replace(" ", "")), unit.strip()) for name, value, unit in rows}
-    declared = {name: (d.default, "" if d.unit == "1" else d.unit) for name, d in described(LogLimits).items()}
+    declared = {
+        name: (d.default, "" if d.unit == "1" else d.unit)
+        for name, d in described(LogLimits).items()
+    }
     assert documented == declared
     assert all(math.isfinite(d.default) for d in described(LogLimits).values())

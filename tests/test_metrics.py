@@ -14,7 +14,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import directed_hausdorff
 
 from ssmr.geometry import compose, wrap_angle, yaw_to_quat_wxyz
-from ssmr.metrics.declared import METRICS, SIGNALS, compare_paths, compare_pieces, compare_signals, equal_times_rms
+from ssmr.metrics.declared import (
+    METRICS,
+    SIGNALS,
+    compare_paths,
+    compare_pieces,
+    compare_signals,
+    equal_times_rms,
+)
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     LENGTH_FLOOR,
@@ -29,9 +36,14 @@ from ssmr.metrics.windows import TIME_TOLERANCE, horizon_windows, relative_pose_
 from ssmr.types import FloatArray, Trajectory
 from tests.conftest import metrics_of
 
-ROUNDOFF = 1e-12  # relative, and in metres for paths of some metres: algebraic identities and other libraries' distances
-RIGID = 1e-9  # relative: a rigid motion rounds each coordinate, and the bending energy divides that by the spacing squared
-CURVATURE = 0.01  # relative: chords of 2 cm on samples that miss the curve by (step)^2 / 8 R; measured at most 0.8 %
+# relative, and in metres for paths of some metres: algebraic identities and other libraries'
+# distances
+ROUNDOFF = 1e-12
+# relative: a rigid motion rounds each coordinate, and the bending energy divides that by the
+# spacing squared
+RIGID = 1e-9
+# relative: chords of 2 cm on samples that miss the curve by (step)^2 / 8 R; measured at most 0.8 %
+CURVATURE = 0.01
 
 quick = settings(deadline=None)  # the first example compiles
 seeds = st.integers(0, 2**32 - 1)
@@ -83,7 +95,8 @@ def drive(seed: int, n: int = 401, dt: float = 0.05) -> Trajectory:
     rng = np.random.default_rng(seed)
     t = dt * np.arange(n)
     wave = np.sin(t[:, None] * rng.uniform(0.2, 1.5, (1, 4)) + rng.uniform(0.0, 6.0, (1, 4)))
-    speed, yaw_rate = 0.5 + 0.1 * wave[:, :2].sum(axis=1), 0.5 * wave[:, 2:].sum(axis=1)
+    speed = 0.5 + 0.1 * wave[:, :2].sum(axis=1)
+    yaw_rate = 0.5 * wave[:, 2:].sum(axis=1)
     yaw = np.cumsum(yaw_rate) * dt
     xy = np.cumsum(np.column_stack([speed * np.cos(yaw), speed * np.sin(yaw)]), axis=0) * dt
     return trajectory(t, np.column_stack([xy, yaw]))
@@ -115,20 +128,27 @@ def winding(step: float, amplitude: float = 1.5, wave: float = 4.0, waves: int =
     return np.concatenate([np.zeros((1, 2)), xy[fine - 1 :: fine]])
 
 
-# Nearest samples -----------------------------------------------------------------------------------------------------------
+# Nearest samples
+# -----------------------------------------------------------------------------------------------------------
 
 
 @quick
 @given(points=paths, path=paths)
-def test_nearest_distances_are_those_of_the_search_over_all_pairs(points: FloatArray, path: FloatArray):
+def test_nearest_distances_are_those_of_the_search_over_all_pairs(
+    points: FloatArray, path: FloatArray
+):
     measured = nearest_distances(points, path)
     assert np.array_equal(measured, all_pairs(points, path))
-    np.testing.assert_allclose(measured, cKDTree(path).query(points)[0], rtol=ROUNDOFF, atol=ROUNDOFF)
+    np.testing.assert_allclose(
+        measured, cKDTree(path).query(points)[0], rtol=ROUNDOFF, atol=ROUNDOFF
+    )
 
 
 @quick
 @given(seed=seeds, jump=st.floats(0.1, 1e4), jumps=st.integers(1, 5), still=st.integers(0, 300))
-def test_nearest_distances_of_a_path_that_jumps_and_stands_still(seed: int, jump: float, jumps: int, still: int):
+def test_nearest_distances_of_a_path_that_jumps_and_stands_still(
+    seed: int, jump: float, jumps: int, still: int
+):
     """Jumps of a localiser, and a robot that stands: batches of points and boxes of samples lie across both."""
     rng = np.random.default_rng(seed)
     path = random_walk(seed, 600)
@@ -142,19 +162,26 @@ def test_nearest_distances_of_a_path_that_jumps_and_stands_still(seed: int, jump
 
 @pytest.mark.parametrize("step", [1.0, 0.01, 1.0 / 3.0])
 def test_nearest_distances_where_the_bound_is_tight(step: float):
-    # Straight away from the point, back, closer than before for one sample only, and away: to pass over one sample more than
+    # Straight away from the point, back, closer than before for one sample only, and away: to pass
+    # over one sample more than
     # the bound allows is to miss that one.
     for out in range(1, 120):
-        along = np.concatenate([10.0 + np.arange(out), np.arange(10.0 + out, 8.0, -1.0), np.arange(10.0, 200.0)])
+        along = np.concatenate(
+            [10.0 + np.arange(out), np.arange(10.0 + out, 8.0, -1.0), np.arange(10.0, 200.0)]
+        )
         path = step * np.column_stack([along, np.zeros(len(along))])
         for commanded in (path, path[::-1]):
-            # The first batches of points lie at the end of the path, so that the search begins there.
+            # The first batches of points lie at the end of the path, so that the search begins
+            # there.
             points = np.concatenate([np.tile(commanded[-1], (64, 1)), np.zeros((1, 2))])
             for some in (points, points[-1:]):
-                assert np.array_equal(nearest_distances(some, commanded), all_pairs(some, commanded))
+                assert np.array_equal(
+                    nearest_distances(some, commanded), all_pairs(some, commanded)
+                )
 
 
-# Length and bending energy -------------------------------------------------------------------------------------------------
+# Length and bending energy
+# -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("step", [0.0003, 0.004, 0.01, 0.0137, 0.02, 0.033, 0.1])
@@ -170,9 +197,12 @@ def test_bending_energy_of_a_circle(radius: float, length: float, step: float):
 def test_bending_energy_does_not_depend_on_speed_nor_stops(seed: int):
     rng = np.random.default_rng(seed)
     xy = winding(0.002)
-    kept = np.sort(np.concatenate([[0, len(xy) - 1], rng.integers(0, len(xy), 9000)]))  # uneven steps, many coincident
+    # uneven steps, many coincident
+    kept = np.sort(np.concatenate([[0, len(xy) - 1], rng.integers(0, len(xy), 9000)]))
     stop = np.full((500, 2), xy[0])
-    assert bending_energy(np.concatenate([stop, xy[kept]])) == pytest.approx(bending_energy(xy), rel=CURVATURE)
+    assert bending_energy(np.concatenate([stop, xy[kept]])) == pytest.approx(
+        bending_energy(xy), rel=CURVATURE
+    )
 
 
 @pytest.mark.parametrize(
@@ -188,7 +218,8 @@ def test_bending_energy_of_a_standing_robot_is_zero(still: FloatArray):
     assert bending_energy(still) == 0.0
 
 
-# The metrics together ------------------------------------------------------------------------------------------------------
+# The metrics together
+# ------------------------------------------------------------------------------------------------------
 
 
 @quick
@@ -199,22 +230,32 @@ def test_a_path_equals_itself(seed: int):
 
 
 @quick
-@given(seed=seeds, pose=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-7.0, 7.0)))
+@given(
+    seed=seeds, pose=st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-7.0, 7.0))
+)
 def test_a_common_rigid_motion_changes_nothing(seed: int, pose: tuple[float, float, float]):
-    a, b = drive(seed), drive(seed + 1)
-    before, after = compare_paths(a, b), compare_paths(moved(a, pose), moved(b, pose))
+    a = drive(seed)
+    b = drive(seed + 1)
+    before = compare_paths(a, b)
+    after = compare_paths(moved(a, pose), moved(b, pose))
     np.testing.assert_allclose(list(after.values()), list(before.values()), rtol=RIGID, atol=RIGID)
 
 
 @quick
 @given(seed=seeds, n=st.integers(2, 300))
 def test_the_metrics_are_ordered_and_the_symmetric_ones_symmetric(seed: int, n: int):
-    a, b = drive(seed), drive(seed + 1, n)
-    there, back = compare_paths(a, b), compare_paths(b, a)
+    a = drive(seed)
+    b = drive(seed + 1, n)
+    there = compare_paths(a, b)
+    back = compare_paths(b, a)
     for m in (there, back):
         assert 0.0 <= m["d_rms_m"] <= m["d_haus_m"] * (1.0 + ROUNDOFF)
         assert m["d_rms_symmetric_m"] <= m["d_haus_symmetric_m"] * (1.0 + ROUNDOFF)
-    assert there["d_haus_symmetric_m"] == back["d_haus_symmetric_m"] == max(there["d_haus_m"], back["d_haus_m"])
+    assert (
+        there["d_haus_symmetric_m"]
+        == back["d_haus_symmetric_m"]
+        == max(there["d_haus_m"], back["d_haus_m"])
+    )
     assert there["d_rms_symmetric_m"] == pytest.approx(back["d_rms_symmetric_m"], rel=ROUNDOFF)
     assert there["d_rms_symmetric_m"] == pytest.approx(
         math.hypot(there["d_rms_m"], back["d_rms_m"]) / math.sqrt(2.0), rel=ROUNDOFF
@@ -225,15 +266,20 @@ def test_the_metrics_are_ordered_and_the_symmetric_ones_symmetric(seed: int, n: 
 @quick
 @given(seed=seeds)
 def test_hausdorff_distances_are_scipys(seed: int):
-    a, b = drive(seed), drive(seed + 1, 250)
+    a = drive(seed)
+    b = drive(seed + 1, 250)
     m = compare_paths(a, b)
-    from_reference, from_candidate = directed_hausdorff(b.xy, a.xy)[0], directed_hausdorff(a.xy, b.xy)[0]
+    from_reference = directed_hausdorff(b.xy, a.xy)[0]
+    from_candidate = directed_hausdorff(a.xy, b.xy)[0]
     assert m["d_haus_m"] == pytest.approx(from_reference, rel=ROUNDOFF)
-    assert m["d_haus_symmetric_m"] == pytest.approx(max(from_reference, from_candidate), rel=ROUNDOFF)
+    assert m["d_haus_symmetric_m"] == pytest.approx(
+        max(from_reference, from_candidate), rel=ROUNDOFF
+    )
 
 
 def test_ratios_are_finite_where_the_reference_stands_still():
-    still, moving = trajectory(np.arange(401.0), np.zeros((401, 3))), drive(7)
+    still = trajectory(np.arange(401.0), np.zeros((401, 3)))
+    moving = drive(7)
     assert compare_paths(still, still)["d_ratio"] == 1.0
     assert compare_paths(still, still)["e_bend_ratio"] == 1.0
     assert compare_paths(moving, still)["d_ratio"] == path_length(moving.xy) / LENGTH_FLOOR
@@ -252,25 +298,30 @@ def test_the_kernel_answers_a_diverged_candidate_with_nan(bad: float):
     assert np.all(np.isnan(geometric(np.zeros((0, 2)), reference)))
 
 
-# Synchronised errors -------------------------------------------------------------------------------------------------------
+# Synchronised errors
+# -------------------------------------------------------------------------------------------------------
 
 
 @quick
 @given(speed=st.floats(0.1, 2.0), delay=st.floats(0.0, 1.0), turn=st.floats(-0.5, 0.5))
 def test_a_delayed_motion_lags_by_its_speed(speed: float, delay: float, turn: float):
-    # Speed and yaw rate are constant along a straight line, so linear interpolation is exact at other stamps too.
+    # Speed and yaw rate are constant along a straight line, so linear interpolation is exact at
+    # other stamps too.
     t = 0.1 * np.arange(101)
     s = np.sort(np.concatenate([[0.0, 10.0], np.random.default_rng(0).uniform(0.0, 10.0, 60)]))
     reference = trajectory(t, np.column_stack([speed * t, 0.0 * t, turn * t]))
     candidate = trajectory(s, np.column_stack([speed * (s - delay), 0.0 * s, turn * (s - delay)]))
     assert sync_rms(candidate, reference) == pytest.approx(speed * delay, rel=RIGID, abs=ROUNDOFF)
-    assert yaw_rms(candidate, reference) == pytest.approx(abs(turn) * delay, rel=RIGID, abs=ROUNDOFF)
+    assert yaw_rms(candidate, reference) == pytest.approx(
+        abs(turn) * delay, rel=RIGID, abs=ROUNDOFF
+    )
 
 
 @quick
 @given(seed=seeds, turns=st.integers(-3, 3))
 def test_whole_turns_and_wrapping_do_not_count(seed: int, turns: int):
-    a, b = drive(seed), drive(seed + 1)
+    a = drive(seed)
+    b = drive(seed + 1)
     expected = yaw_rms(a, b)
     later = trajectory(b.t[:-1] + 0.02, b.pose[:-1])  # between the candidate's stamps
     turned = trajectory(a.t, a.pose + np.array([0.0, 0.0, 2.0 * np.pi * turns]))
@@ -286,7 +337,8 @@ def test_stamps_that_differ_by_rounding_are_the_same():
     assert sync_rms(a, shifted) < 1.0 * TIME_TOLERANCE  # it moves at less than 1 m/s
 
 
-# evo as oracle -------------------------------------------------------------------------------------------------------------
+# evo as oracle
+# -------------------------------------------------------------------------------------------------------------
 
 
 def evo_trajectory(path: Trajectory):
@@ -298,7 +350,8 @@ def evo_trajectory(path: Trajectory):
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_synchronised_errors_are_evos_absolute_pose_errors(seed: int):
     evo = pytest.importorskip("evo.core.metrics")
-    candidate, reference = drive(seed), drive(seed + 10)
+    candidate = drive(seed)
+    reference = drive(seed + 10)
     m = compare_paths(candidate, reference)
     for relation, ours in (
         (evo.PoseRelation.translation_part, m["sync_rms_m"]),
@@ -313,22 +366,33 @@ def test_synchronised_errors_are_evos_absolute_pose_errors(seed: int):
 @pytest.mark.parametrize("delta", [1, 7, 120])
 def test_relative_pose_errors_are_evos(delta: int, all_pairs_of_evo: bool):
     evo = pytest.importorskip("evo.core.metrics")
-    candidate, reference = drive(3), drive(4)
+    candidate = drive(3)
+    reference = drive(4)
     edges = np.arange(0, len(reference), 1 if all_pairs_of_evo else delta)
     starts = edges[edges + delta < len(reference)]
     ours = relative_pose_error(candidate.pose, reference.pose, starts, starts + delta)
-    for relation, errors in zip((evo.PoseRelation.translation_part, evo.PoseRelation.rotation_angle_rad), ours, strict=True):
+    for relation, errors in zip(
+        (evo.PoseRelation.translation_part, evo.PoseRelation.rotation_angle_rad), ours, strict=True
+    ):
         rpe = evo.RPE(relation, delta, evo.Unit.frames, all_pairs=all_pairs_of_evo)
         rpe.process_data((evo_trajectory(reference), evo_trajectory(candidate)))
         np.testing.assert_allclose(errors, rpe.error, rtol=0.0, atol=ROUNDOFF)
 
 
-# Horizons ------------------------------------------------------------------------------------------------------------------
+# Horizons
+# ------------------------------------------------------------------------------------------------------------------
 
 
 @quick
-@given(seed=seeds, n=st.integers(0, 300), horizon=st.floats(0.01, 20.0), share=st.sampled_from([0.0, 0.1, 0.5, 1.0]))
-def test_windows_follow_each_other_and_cover_the_record(seed: int, n: int, horizon: float, share: float):
+@given(
+    seed=seeds,
+    n=st.integers(0, 300),
+    horizon=st.floats(0.01, 20.0),
+    share=st.sampled_from([0.0, 0.1, 0.5, 1.0]),
+)
+def test_windows_follow_each_other_and_cover_the_record(
+    seed: int, n: int, horizon: float, share: float
+):
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.001, 0.2, n))
     usable = rng.random(n) < share
@@ -371,7 +435,10 @@ def test_the_parts_are_those_of_the_whole() -> None:
         if np.isnan(whole.d_rms):
             assert np.all(np.isnan(one_sided_kernel(candidate, reference, path_length(reference))))
             continue
-        measured = {name: METRICS[name].pool([METRICS[name].of(whole, (0.0, 0.0))], [400]) for name in METRICS}
+        measured = {
+            name: METRICS[name].pool([METRICS[name].of(whole, (0.0, 0.0))], [400])
+            for name in METRICS
+        }
         assert one_sided_kernel(candidate, reference, path_length(reference)) == (
             measured["d_rms_m"],
             measured["d_haus_m"],
@@ -380,15 +447,19 @@ def test_the_parts_are_those_of_the_whole() -> None:
         assert bend_ratio_kernel(candidate, reference) == measured["e_bend_ratio"]
 
 
-# Declarations and pieces ---------------------------------------------------------------------------------------------------
+# Declarations and pieces
+# ---------------------------------------------------------------------------------------------------
 
 
 def test_pieces_are_pooled_as_declared():
     whole = drive(3), drive(4)
-    one, other = compare_paths(*whole), compare_paths(whole[1], whole[0])
+    one = compare_paths(*whole)
+    other = compare_paths(whole[1], whole[0])
     both = compare_pieces(whole, whole[::-1])
     assert compare_pieces(whole[:1], whole[1:]) == one
-    assert both["d_rms_m"] == pytest.approx(math.sqrt(0.5 * (one["d_rms_m"] ** 2 + other["d_rms_m"] ** 2)), rel=ROUNDOFF)
+    assert both["d_rms_m"] == pytest.approx(
+        math.sqrt(0.5 * (one["d_rms_m"] ** 2 + other["d_rms_m"] ** 2)), rel=ROUNDOFF
+    )
     assert both["d_haus_m"] == max(one["d_haus_m"], other["d_haus_m"])
     assert both["d_ratio"] == both["e_bend_ratio"] == 1.0
     with pytest.raises(ValueError, match="nothing to compare"):
@@ -405,8 +476,11 @@ def turning(rate: FloatArray, torque: float, dt: float = 0.01) -> Trajectory:
 
 def test_signals_at_equal_times_see_a_late_robot_that_paths_do_not() -> None:
     """A sine of frequency w that comes s later differs by a cosine of amplitude 2 sin(w s / 2)."""
-    t, w, late = 0.01 * np.arange(2000), math.pi, 0.04
-    on_time, delayed = turning(np.sin(w * t), 3.0), turning(np.sin(w * (t - late)), 5.0)
+    t = 0.01 * np.arange(2000)
+    w = math.pi
+    late = 0.04
+    on_time = turning(np.sin(w * t), 3.0)
+    delayed = turning(np.sin(w * (t - late)), 5.0)
     metrics = compare_signals([delayed], [on_time])
     wanted = math.sqrt(2.0) * math.sin(0.5 * w * late)
     assert metrics["yaw_rate_rms_rad_s"] == pytest.approx(wanted, rel=1e-3)
@@ -418,7 +492,8 @@ def test_signals_at_equal_times_see_a_late_robot_that_paths_do_not() -> None:
 
 def test_a_signal_that_a_motion_does_not_know_is_not_compared() -> None:
     known = turning(np.ones(50), 3.0)
-    bare, without_motors = replace(known, channels={}), turning(np.zeros(50), 0.0)
+    bare = replace(known, channels={})
+    without_motors = turning(np.zeros(50), 0.0)
     assert set(compare_signals([known], [bare])) == {"yaw_rate_rms_rad_s"}
     assert set(compare_signals([without_motors], [known])) == set(SIGNALS) - {"torque_rms_N_m"}
     both = compare_signals([known, without_motors], [known, known])

@@ -136,7 +136,10 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("fit.png", "compare.json", "robot.png", "checkpoint.npz", "drive.toml"):
         (folder / "others" / name).write_text("of somebody else")
     write_csv(in_the_air(), folder / "up.csv")
-    write_csv({"t": 0.05 * np.arange(200), "x": np.zeros(200), "battery": np.ones(200)}, folder / "drive.csv")
+    write_csv(
+        {"t": 0.05 * np.arange(200), "x": np.zeros(200), "battery": np.ones(200)},
+        folder / "drive.csv",
+    )
     bag = write(folder, "ros1", poses_at())
     (folder / "cut.bag").write_bytes(bag.read_bytes()[:-700])
     return folder

@@ -13,7 +13,15 @@ from ssmr.models.coulomb import CoulombParameters
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.linear import LinearParameters
 from ssmr.parameters import packed
-from ssmr.robot.drive import Sides, Wanted, advance_integral, motor_numbers, motor_torques, side_rates, thrusts
+from ssmr.robot.drive import (
+    Sides,
+    Wanted,
+    advance_integral,
+    motor_numbers,
+    motor_torques,
+    side_rates,
+    thrusts,
+)
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
 from ssmr.simulation import PlanarModel, PlanarMotion, PlanarPlant, move
 from ssmr.types import Commands, State
@@ -43,7 +51,9 @@ def wanted(left: float, right: float, integral: float = 0.0) -> Wanted:
 
 def test_without_an_integral_part_the_torque_is_proportional_and_limited() -> None:
     seven = motor_numbers(Drive(), 0.001)
-    assert motor_torques(wanted(3.0, -3.0), Sides(2.9, -2.9), 100.0, seven) == pytest.approx((10.0, -10.0))
+    assert motor_torques(wanted(3.0, -3.0), Sides(2.9, -2.9), 100.0, seven) == pytest.approx(
+        (10.0, -10.0)
+    )
     assert motor_torques(wanted(3.0, -3.0), STILL, 100.0, seven) == (14.0, -14.0)
     free = motor_numbers(Drive(torque_limit=math.inf, no_load_rate=5.0), 0.001)
     assert motor_torques(wanted(3.0, 0.0), STILL, 100.0, free).left == pytest.approx(300.0)
@@ -53,22 +63,28 @@ def test_without_an_integral_part_the_torque_is_proportional_and_limited() -> No
 def test_a_motor_at_full_voltage_loses_torque_with_its_rate(rate: float) -> None:
     """From the stall torque to the no-load rate, forwards and backwards; below full voltage the loop does not notice."""
     motor = motor_numbers(Drive(torque_limit=10.0, no_load_rate=6.0), 0.001)
-    most, least = (motor_torques(wanted(w, w), Sides(rate, rate), 1e6, motor).left for w in (100.0, -100.0))
+    most, least = (
+        motor_torques(wanted(w, w), Sides(rate, rate), 1e6, motor).left for w in (100.0, -100.0)
+    )
     assert most == pytest.approx(20.0 * (1.0 - rate / 6.0))
     assert least == pytest.approx(-20.0 * (1.0 + rate / 6.0))
     if abs(rate) < 5.0:
-        assert motor_torques(wanted(rate + 0.01, rate), Sides(rate, rate), 100.0, motor) == pytest.approx((1.0, 0.0))
+        assert motor_torques(
+            wanted(rate + 0.01, rate), Sides(rate, rate), 100.0, motor
+        ) == pytest.approx((1.0, 0.0))
 
 
 def test_the_integral_part_leaks_to_its_stiffness_and_is_stepped_exactly() -> None:
-    error, often = 0.01, 0.0
+    error = 0.01
+    often = 0.0
     once = advance_integral(0.0, error, motor_numbers(LEAKY, 0.3))
     for _ in range(300):
         often = advance_integral(often, error, motor_numbers(LEAKY, 0.001))
     assert once == pytest.approx(often, rel=1e-12)
     assert once == pytest.approx(1900.0 * error * -math.expm1(-0.3 * 800.0 / 1900.0))
     assert advance_integral(0.0, error, motor_numbers(LEAKY, 1e3)) == pytest.approx(1900.0 * error)
-    assert advance_integral(0.0, 10.0, motor_numbers(LEAKY, 1.0)) == 60.0  # a stuck wheel winds it up to the motor's limit
+    # a stuck wheel winds it up to the motor's limit
+    assert advance_integral(0.0, 10.0, motor_numbers(LEAKY, 1.0)) == 60.0
     true = motor_numbers(replace(LEAKY, dc_stiffness=1e9), 0.3)
     assert advance_integral(0.0, error, true) == pytest.approx(800.0 * error * 0.3, rel=1e-6)
 
@@ -77,7 +93,8 @@ def test_the_integral_part_leaks_to_its_stiffness_and_is_stepped_exactly() -> No
 def test_thrust_and_rates_have_one_power(difference: float) -> None:
     """Torque times wheel rate is thrust times ground speed on each side, whatever the sides' radii."""
     vehicle = vehicle_body(packed(Vehicle(radius_difference=difference)))
-    rates, torque = side_rates(0.4, 0.3, vehicle), Sides(7.0, -3.0)
+    rates = side_rates(0.4, 0.3, vehicle)
+    torque = Sides(7.0, -3.0)
     thrust = thrusts(torque, rates, vehicle, motor_numbers(Drive(), 0.001))
     speeds = 0.4 - vehicle.effective_half_track * 0.3, 0.4 + vehicle.effective_half_track * 0.3
     assert np.multiply(torque, rates) == pytest.approx(np.multiply(thrust, speeds))
@@ -85,22 +102,31 @@ def test_thrust_and_rates_have_one_power(difference: float) -> None:
 
 @pytest.mark.parametrize("limit", [3.0, math.inf])
 @pytest.mark.parametrize("parameters", SMOOTH)
-def test_the_torque_that_is_reported_is_the_one_that_moves_the_robot(parameters: object, limit: float) -> None:
+def test_the_torque_that_is_reported_is_the_one_that_moves_the_robot(
+    parameters: object, limit: float
+) -> None:
     """Sides of unlike radii thrust with their torque over their own radius, at the limit and below it."""
-    vehicle, dt = Vehicle(radius_difference=0.009), 1e-6
+    vehicle = Vehicle(radius_difference=0.009)
+    dt = 1e-6
     robot = PlanarModel(parameters, vehicle, Drive(torque_limit=limit)).packed(dt)
     now = move(PlanarMotion(0.0, 0.0, 0.0, 0.4, 0.3), Sides(2.5, 3.5), 0.0, dt, robot)
-    left, right = now.torque_left / robot.vehicle.radius_left, now.torque_right / robot.vehicle.radius_right
+    left = now.torque_left / robot.vehicle.radius_left
+    right = now.torque_right / robot.vehicle.radius_right
     assert (limit == 3.0) == (abs(now.torque_right) == 6.0)
     assert (now.v - 0.4) / dt == pytest.approx((left + right) / vehicle.mass, rel=1e-3)
-    assert (now.w - 0.3) / dt == pytest.approx(0.275 * (right - left) / vehicle.yaw_inertia, rel=1e-3)
+    assert (now.w - 0.3) / dt == pytest.approx(
+        0.275 * (right - left) / vehicle.yaw_inertia, rel=1e-3
+    )
 
 
 def test_the_linear_model_is_stepped_exactly_with_unlike_radii_too() -> None:
-    model = PlanarModel(LinearParameters(), Vehicle(radius_difference=0.009), Drive(torque_limit=math.inf))
+    model = PlanarModel(
+        LinearParameters(), Vehicle(radius_difference=0.009), Drive(torque_limit=math.inf)
+    )
     ends = []
     for dt in (0.05, 0.0005):
-        now, robot = PlanarMotion(0.0, 0.0, 0.0, 0.4, 0.3), model.packed(dt)
+        now = PlanarMotion(0.0, 0.0, 0.0, 0.4, 0.3)
+        robot = model.packed(dt)
         for _ in range(round(0.1 / dt)):
             now = move(now, Sides(2.5, 3.5), 0.2, dt, robot)
         ends.append((now.v, now.w))
@@ -115,12 +141,17 @@ def test_the_integral_part_takes_the_droop_out_of_every_planar_model(parameters:
         Commands(0.05, np.tile([0.5, 0.3], (400, 1))), State(), 0.05
     )
     commanded = side_rates(0.5, 0.3, vehicle_body(packed(Vehicle())))
-    assert np.array(commanded) - motion.wheels[-1] == pytest.approx(np.full(2, 4.0 / (60.0 + 1900.0)), rel=1e-3)
+    assert np.array(commanded) - motion.wheels[-1] == pytest.approx(
+        np.full(2, 4.0 / (60.0 + 1900.0)), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("parameters", SMOOTH)
-def test_sides_of_different_radius_turn_a_robot_that_is_told_to_drive_straight(parameters: object) -> None:
-    vehicle, drive = Vehicle(radius_difference=0.008), replace(LEAKY, dc_stiffness=1e8)
+def test_sides_of_different_radius_turn_a_robot_that_is_told_to_drive_straight(
+    parameters: object,
+) -> None:
+    vehicle = Vehicle(radius_difference=0.008)
+    drive = replace(LEAKY, dc_stiffness=1e8)
     motion = PlanarPlant(PlanarModel(parameters, vehicle, drive)).run(
         Commands(0.05, np.tile([0.5, 0.0], (400, 1))), State(), 0.05
     )
@@ -148,7 +179,8 @@ def test_a_simulated_wheel_that_was_stuck_is_let_go_without_wind_up() -> None:
     integrals = [model.actuator(f"{side}_integral").id for side in SIDES]
     for _ in range(2500):
         data.ctrl[:] = controls(model, np.full(2, 5.0))
-        data.qvel[dofs], data.qpos[dofs + 1] = 0.0, 0.0
+        data.qvel[dofs] = 0.0
+        data.qpos[dofs + 1] = 0.0
         mujoco.mj_step(model, data)
     assert data.qfrc_actuator[dofs] == pytest.approx(np.full(4, 30.0))
     held = data.actuator_force[integrals]

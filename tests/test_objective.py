@@ -44,12 +44,16 @@ def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Lo
 def scenario(lab: Profile, name: str = "traj4@improved") -> FitTarget:
     source = open_source(name)
     plant = make_plant(lab, source.reference)
-    return FitTarget(name, source, tuple(drive(plant, p, Localiser(), source.sample_dt) for p in source.pieces))
+    return FitTarget(
+        name, source, tuple(drive(plant, p, Localiser(), source.sample_dt) for p in source.pieces)
+    )
 
 
 def log_target(lab: Profile, kind: str = "twist") -> FitTarget:
     source = source_of(recorded(lab), "log", kind)  # type: ignore[arg-type]
-    return FitTarget("log", source, tuple(p.reference for p in source.pieces if p.reference is not None))
+    return FitTarget(
+        "log", source, tuple(p.reference for p in source.pieces if p.reference is not None)
+    )
 
 
 FREE = {
@@ -60,7 +64,9 @@ FREE = {
 
 
 def problem(lab: Profile, target: FitTarget, cost: FitCost, model: str = "improved") -> FitProblem:
-    return FitProblem(model, lab.plants[model], make_space(model, FREE[model], {}, HUSKY), [target], cost)
+    return FitProblem(
+        model, lab.plants[model], make_space(model, FREE[model], {}, HUSKY), [target], cost
+    )
 
 
 def points(n: int, size: int, seed: int = 0) -> np.ndarray:
@@ -74,7 +80,8 @@ def test_the_true_parameters_cost_nothing(lab: Profile) -> None:
         assert p.costs(truth[None])[0] < 1e-9
     p = problem(lab, log_target(lab), FitCost("horizon", horizons=(2.0,)))
     truth = p.space.points([find("improved", n, HUSKY).read(p.base) for n in p.space.names])
-    assert p.costs(truth[None])[0] < 0.003  # the start's twist is estimated, and inputs are held between samples
+    # the start's twist is estimated, and inputs are held between samples
+    assert p.costs(truth[None])[0] < 0.003
 
 
 @pytest.mark.parametrize("objective", ["path", "sync"])
@@ -115,7 +122,9 @@ def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> N
     got = sum(float(r.cost(s)[0]) for r, s in zip(raters, still, strict=True))
     assert got == pytest.approx(np.concatenate(moved).mean(), rel=ROUNDOFF)
     turned = [truth.pose[None] + np.array([shift, 0.0, 0.0]) for truth in target.truth]
-    assert sum(float(r.cost(s)[0]) for r, s in zip(raters, turned, strict=True)) == pytest.approx(0.0, abs=1e-12)
+    assert sum(float(r.cost(s)[0]) for r, s in zip(raters, turned, strict=True)) == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("kind", ["twist", "wheels"])
@@ -143,7 +152,12 @@ def test_workers_do_not_matter(lab: Profile, model: str) -> None:
     target = scenario(lab)
     p = problem(lab, target, FitCost("sync"), model)
     x = points(len(p.space), 3)
-    assert np.abs(np.subtract(*(np.nan_to_num(p.costs(x, workers=w), posinf=-1.0) for w in (1, 2)))).max() == EXACT
+    assert (
+        np.abs(
+            np.subtract(*(np.nan_to_num(p.costs(x, workers=w), posinf=-1.0) for w in (1, 2)))
+        ).max()
+        == EXACT
+    )
 
 
 def test_a_cost_does_not_depend_on_the_company(lab: Profile) -> None:
@@ -165,7 +179,11 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
         piece = target.source.pieces[0]
         for name, plant in lab.plants.items():
             other = replace(plant, localiser=Localiser(0.12, -0.03, 0.05, -0.09, 0.02))
-            many = plant_kind(name).population([plant, None, other], 2).motions([0, 1, 2], piece, target.source.sample_dt)
+            many = (
+                plant_kind(name)
+                .population([plant, None, other], 2)
+                .motions([0, 1, 2], piece, target.source.sample_dt)
+            )
             assert np.isnan(many[1]).all()
             for row, profile in ((0, plant), (2, other)):
                 made = make_plant(Profile("", "", {name: profile}, {}), name)
@@ -180,9 +198,11 @@ def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
     for model in PLANTS:
         for number in searchable(model, HUSKY):
             value = 0.5 * (number.lower + number.upper)
-            names, values = [number.name], [value]
+            names = [number.name]
+            values = [value]
             if number.name == "mu_d":
-                names, values = ["mu_s", "mu_d"], [2.0 * value, value]
+                names = ["mu_s", "mu_d"]
+                values = [2.0 * value, value]
             assert number.read(with_values(model, lab.plants[model], names, values)) == value
         for occasion in ("scenario", "commands", "wheels"):
             names = plant_kind(model).free[occasion]
@@ -191,7 +211,11 @@ def test_every_searchable_number_can_be_read_and_set(lab: Profile) -> None:
 
 def test_impossible_candidates_are_never_driven(lab: Profile) -> None:
     p = FitProblem(
-        "improved", lab.plants["improved"], make_space("improved", ("mu_s", "mu_d"), {}, HUSKY), [scenario(lab)], FitCost()
+        "improved",
+        lab.plants["improved"],
+        make_space("improved", ("mu_s", "mu_d"), {}, HUSKY),
+        [scenario(lab)],
+        FitCost(),
     )
     assert p.candidate(np.array([0.1, 0.9])) is None
     assert p.costs(np.array([[0.1, 0.9], [0.9, 0.1]])).tolist()[0] == np.inf

@@ -15,7 +15,8 @@ from validation.files.offsets import Offset, estimate_offsets, synchronised
 
 SECONDS = 120.0
 FEW_MS = 0.004
-"""Error of an offset that is excused if its standard error is smaller still [s]: a twelfth of a sample."""
+"""Error of an offset that is excused if its standard error is smaller still [s]: a twelfth of a
+sample."""
 
 
 def motion(t: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -24,7 +25,8 @@ def motion(t: np.ndarray) -> tuple[np.ndarray, ...]:
     v = 0.3 + 0.3 * np.sin(0.9 * fine) * np.sin(0.23 * fine)
     w = 0.5 * np.sin(0.7 * fine + 1.0) + 0.3 * np.sin(1.3 * fine)
     yaw = 1e-3 * np.cumsum(w)
-    x, y = 1e-3 * np.cumsum(v * np.cos(yaw)), 1e-3 * np.cumsum(v * np.sin(yaw))
+    x = 1e-3 * np.cumsum(v * np.cos(yaw))
+    y = 1e-3 * np.cumsum(v * np.sin(yaw))
     return tuple(np.interp(t, fine, a) for a in (v, w, x, y, yaw))
 
 
@@ -40,7 +42,11 @@ def made(wheels: float, position: float, yaw: float, seed: int = 0) -> Log:
     v, w = motion(t - wheels)[:2]
     left, right = wheel_rates(v, w, EkfSettings.half_track, EkfSettings.radius)
     x, y = motion(seen - position)[2:4]
-    pose = {"x": noisy(x, 0.007, 2), "y": noisy(y, 0.007, 2), "yaw": noisy(motion(seen - yaw)[4], 0.01, 2)}
+    pose = {
+        "x": noisy(x, 0.007, 2),
+        "y": noisy(y, 0.007, 2),
+        "yaw": noisy(motion(seen - yaw)[4], 0.01, 2),
+    }
     groups = {
         "pose": Group("log", t, pose),
         "wheels": Group("log", t, {"enc_left": noisy(left, 0.05), "enc_right": noisy(right, 0.05)}),
@@ -58,7 +64,9 @@ def error_beyond(offset: Offset, true: float) -> bool:
     return abs(offset.seconds - true) > max(2.0 * offset.standard_error, FEW_MS)
 
 
-@pytest.mark.parametrize(("wheels", "position", "yaw"), [(0.2, 0.1, 0.22), (0.0, 0.15, -0.05), (-0.1, -0.1, 0.3)])
+@pytest.mark.parametrize(
+    ("wheels", "position", "yaw"), [(0.2, 0.1, 0.22), (0.0, 0.15, -0.05), (-0.1, -0.1, 0.3)]
+)
 def test_each_delay_is_recovered(wheels: float, position: float, yaw: float) -> None:
     measured = found_in(made(wheels, position, yaw))
     for name, true in (("wheels", wheels), ("position", position), ("pose_yaw", yaw)):
@@ -72,18 +80,21 @@ def with_group(log: Log, name: str, columns: dict[str, np.ndarray]) -> Log:
 
 
 def test_standard_errors_are_as_large_as_the_errors() -> None:
-    errors, rows = [], []
+    errors = []
+    rows = []
     for seed in range(8):
         measured = found_in(made(0.0, 0.1, 0.2, seed))
         errors.append([measured["position"].seconds - 0.1, measured["pose_yaw"].seconds - 0.2])
         rows.append([measured["position"].standard_error, measured["pose_yaw"].standard_error])
     ratio = np.sqrt(np.mean(np.square(errors), axis=0) / np.mean(np.square(rows), axis=0))
-    assert np.all((ratio > 0.3) & (ratio < 2.0)), ratio  # eight draws: a standard deviation is known to a quarter
+    # eight draws: a standard deviation is known to a quarter
+    assert np.all((ratio > 0.3) & (ratio < 2.0)), ratio
 
 
 def test_jumps_of_the_localiser_move_no_offset() -> None:
     log = made(0.2, 0.1, 0.22)
-    t, columns = log.t, log.groups["pose"].columns
+    t = log.t
+    columns = log.groups["pose"].columns
     jumps = sum(3.0 * (t >= at) for at in (20.0, 33.0, 71.0))
     lost = (t >= 50.0) & (t < 52.0)  # for two seconds it looks somewhere else
     jumped = {**columns, "x": columns["x"] + jumps, "yaw": columns["yaw"] - 0.8 * lost}
@@ -94,7 +105,10 @@ def test_jumps_of_the_localiser_move_no_offset() -> None:
 
 def test_sync_takes_each_delay_out() -> None:
     log = made(0.2, 0.1, 0.22)
-    offsets = [Offset(name, "imu", s, 1.0) for name, s in (("wheels", 0.2), ("position", 0.1), ("pose_yaw", 0.22))]
+    offsets = [
+        Offset(name, "imu", s, 1.0)
+        for name, s in (("wheels", 0.2), ("position", 0.1), ("pose_yaw", 0.22))
+    ]
     after = synchronised(log, offsets)
     pose = after.groups["pose"]
     x, y, yaw = motion(pose.t)[2:]

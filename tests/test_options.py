@@ -34,8 +34,21 @@ OPTIONS = (
     *(study_named(name).options for name in STUDIES),
     *(Info, CheckRobot, Control, Sim),
 )
-NEEDED = {"source": "traj4", "model": "linear", "to": "traj4", "log": "husky", "controller": "pid", "robot": "husky"}
-NEEDED |= {"logs": ("husky",), "recording": "husky", "reference": "circle", "own": None, "ground": "husky"}
+NEEDED = {
+    "source": "traj4",
+    "model": "linear",
+    "to": "traj4",
+    "log": "husky",
+    "controller": "pid",
+    "robot": "husky",
+}
+NEEDED |= {
+    "logs": ("husky",),
+    "recording": "husky",
+    "reference": "circle",
+    "own": None,
+    "ground": "husky",
+}
 
 
 def made(options: Any, **changes: Any) -> Any:
@@ -44,7 +57,11 @@ def made(options: Any, **changes: Any) -> Any:
 
 
 def free_fields(options: Any) -> list[Field[Any]]:
-    return [f for f in fields(options) if f.name != "progress" and "Fixed" not in str(hints_of(options)[f.name])]
+    return [
+        f
+        for f in fields(options)
+        if f.name != "progress" and "Fixed" not in str(hints_of(options)[f.name])
+    ]
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=lambda kind: kind.__name__)
@@ -61,7 +78,9 @@ def test_a_misspelt_choice_is_refused_with_the_choices(options: Any) -> None:
     for option in fields(options):
         choices = choices_of(without_markers(hints[option.name]))
         if choices:
-            with pytest.raises(ValueError, match=f"unknown {option.name} 'lqs'; there are: {', '.join(choices)}"):
+            with pytest.raises(
+                ValueError, match=f"unknown {option.name} 'lqs'; there are: {', '.join(choices)}"
+            ):
                 made(options, **{option.name: "lqs"})
 
 
@@ -73,7 +92,11 @@ def test_a_text_is_what_the_command_line_makes_of_it() -> None:
     assert given.columns == {"yaw": ("heading", "deg")}
     assert given.limits == USUAL.changed({"gap": 1e4})
     assert given.terrain == parse_terrain("ramp:5")
-    assert (given.plants, given.out, given.horizons) == (("mujoco", "linear"), Path("here"), (2.0, 6.0))
+    assert (given.plants, given.out, given.horizons) == (
+        ("mujoco", "linear"),
+        Path("here"),
+        (2.0, 6.0),
+    )
     assert given.start == 3.0
     assert made(Compare, plants=["linear"], seed=np.int64(3)).plants == ("linear",)
 

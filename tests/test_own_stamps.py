@@ -79,7 +79,8 @@ def test_a_slow_localiser_costs_no_sample_of_the_wheels(tmp_path: Path) -> None:
 
 
 def test_commands_begin_at_their_own_stamps_and_end_half_a_second_after_the_last() -> None:
-    seen, commanded = np.arange(0.0, 4.0, 0.1), np.arange(0.53, 2.0, 0.05)
+    seen = np.arange(0.0, 4.0, 0.1)
+    commanded = np.arange(0.53, 2.0, 0.05)
     pose = {"x": 0.01 * seen, "y": 0.0 * seen, "yaw": 0.0 * seen}
     command = {"cmd_v": 1.0 + np.arange(len(commanded)), "cmd_w": 0.0 * commanded}
     groups = {"pose": Group("/pose", seen, pose), "cmd": Group("/cmd_vel", commanded, command)}

@@ -36,7 +36,16 @@ pytest.importorskip("hatchling", reason="building a wheel needs the extra `test`
 @pytest.mark.slow
 def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     """Unpacked, not installed: what it depends on is already here, and the tree is not on the path."""
-    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(tmp_path), str(ROOT)]
+    command = [
+        sys.executable,
+        "-m",
+        "build",
+        "--wheel",
+        "--no-isolation",
+        "--outdir",
+        str(tmp_path),
+        str(ROOT),
+    ]
     built = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert built.returncode == 0, built.stderr
     (wheel,) = tmp_path.glob("*.whl")
@@ -44,17 +53,25 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
         archive.extractall(site)
-    profiles = {f"validation/plants/profiles/{p.name}" for p in (ROOT / "validation/plants/profiles").glob("*.toml")}
+    profiles = {
+        f"validation/plants/profiles/{p.name}"
+        for p in (ROOT / "validation/plants/profiles").glob("*.toml")
+    }
     data = {
         "_models/husky.toml",
         "_models/husky.xml",
         "thesis/published.toml",
-        *(f"files/shipped/{name}" for name in ("sample.csv", "husky.csv", "warthog.csv", "LICENSE", "README.md")),
+        *(
+            f"files/shipped/{name}"
+            for name in ("sample.csv", "husky.csv", "warthog.csv", "LICENSE", "README.md")
+        ),
         "thesis/verdicts.toml",
         "replicate/templates/lead.md",
     }
     assert {*(f"validation/{name}" for name in data), *profiles} <= names
-    assert not any(name.startswith(("tests/", "benchmarks/", "docs/")) or ".nbi" in name for name in names)
+    assert not any(
+        name.startswith(("tests/", "benchmarks/", "docs/")) or ".nbi" in name for name in names
+    )
     (entries,) = site.glob("*.dist-info/entry_points.txt")
     assert "ssmr = validation.__main__:main" in entries.read_text()
     program = f"import sys; sys.path.insert(0, {str(site)!r}); import validation; print(validation.__file__)"
@@ -62,7 +79,12 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     program += "; cli.run(compare.command(), 'compare', ['traj2', '--plants', 'mujoco,improved', '--no-rerun'])"
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=300
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=environment,
+        timeout=300,
     )
     assert done.returncode == 0, done.stderr
     assert str(site) in done.stdout.splitlines()[0]
@@ -78,20 +100,29 @@ def wanted(version: str) -> list[Requirement]:
         *(r for name in extras for r in extras[name] if not r.startswith(PROJECT["name"])),
     ]
     measured = [Requirement(text) for text in everything]
-    return [r for r in measured if r.marker is None or r.marker.evaluate({"python_version": version})]
+    return [
+        r for r in measured if r.marker is None or r.marker.evaluate({"python_version": version})
+    ]
 
 
 def test_the_main_job_runs_without_dm_control_and_rerun(tmp_path: Path) -> None:
     """As in Python 3.13, and in a thin installation; what needs either says so in one line."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, "-c", BARE], capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=300
+        [sys.executable, "-c", BARE],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=environment,
+        timeout=300,
     )
     assert done.returncode == 2, done.stderr
     assert "entity: RobotEntity and ground need dm_control" in done.stdout
     assert "needs the package rerun-sdk" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr
-    assert set(json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]) == {"mujoco", "improved"}
+    assert set(
+        json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]
+    ) == {"mujoco", "improved"}
 
 
 def test_later_pythons_do_without_what_has_no_wheels_for_them() -> None:
@@ -103,13 +134,34 @@ def test_later_pythons_do_without_what_has_no_wheels_for_them() -> None:
 @pytest.mark.parametrize("version", LACKING)
 def test_every_dependency_has_wheels_for_later_pythons(version: str, tmp_path: Path) -> None:
     """The index resolves them, with what they bring; nothing is installed."""
-    resolve = [sys.executable, "-m", "pip", "install", "-q", "--dry-run", "--ignore-installed", "--only-binary=:all:"]
+    resolve = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--dry-run",
+        "--ignore-installed",
+        "--only-binary=:all:",
+    ]
     resolve += ["--target", str(tmp_path), "--python-version", version]
-    if subprocess.run([*resolve, "lazy-loader"], capture_output=True, timeout=300, check=False).returncode != 0:
+    if (
+        subprocess.run(
+            [*resolve, "lazy-loader"], capture_output=True, timeout=300, check=False
+        ).returncode
+        != 0
+    ):
         pytest.skip("no package index can be reached")
     texts = {r.name: str(r).partition(";")[0].strip() for r in wanted("3.12")}
-    done = subprocess.run([*resolve, *(texts[r.name] for r in wanted(version))], capture_output=True, text=True, timeout=900)
+    done = subprocess.run(
+        [*resolve, *(texts[r.name] for r in wanted(version))],
+        capture_output=True,
+        text=True,
+        timeout=900,
+    )
     assert done.returncode == 0, done.stderr
     for package in sorted(LACKING[version]):  # a package that has got wheels can be had again
-        again = subprocess.run([*resolve, texts[package]], capture_output=True, timeout=300, check=False)
+        again = subprocess.run(
+            [*resolve, texts[package]], capture_output=True, timeout=300, check=False
+        )
         assert again.returncode != 0, package

@@ -34,7 +34,10 @@ def test_a_steady_difference_is_seen_and_has_no_direction() -> None:
 def test_neighbours_that_share_data_count_once() -> None:
     """The test tells few equally good candidates apart; a test of single windows would tell many apart by chance."""
     pairs = [(drawn(2 * k), drawn(2 * k + 1)) for k in range(40)]
-    blocks, single = (sum(chance_of_difference(a, b, TIMES, s) < SIGNIFICANCE for a, b in pairs) for s in (6.0, 0.5))
+    blocks, single = (
+        sum(chance_of_difference(a, b, TIMES, s) < SIGNIFICANCE for a, b in pairs)
+        for s in (6.0, 0.5)
+    )
     assert blocks <= 6 < single
 
 
@@ -43,7 +46,10 @@ def test_of_many_pairs_none_is_told_apart_by_their_number() -> None:
     plain = raised = 0
     for seed in range(10):
         some = [drawn(100 * seed + k) for k in range(6)]
-        plain += min(chance_of_difference(a, b, TIMES, 6.0) for a, b in itertools.combinations(some, 2)) < SIGNIFICANCE
+        plain += (
+            min(chance_of_difference(a, b, TIMES, 6.0) for a, b in itertools.combinations(some, 2))
+            < SIGNIFICANCE
+        )
         windows = [WindowErrors(6.0, np.abs(errors), np.abs(errors)) for errors in some]
         plants = {str(k): SimpleNamespace(windows={6.0: w}) for k, w in enumerate(windows)}
         raised += bool(alike_plants(plants)["better"]["position"])  # type: ignore[arg-type, index]

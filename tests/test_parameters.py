@@ -13,7 +13,13 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from tests.robots import HUSKY
 from validation.simulator.calibration import Calibration
 
-SETS = (*(planar_law(name).parameters for name in PLANAR_MODELS), Vehicle, Drive, FourWheelParameters, Calibration)
+SETS = (
+    *(planar_law(name).parameters for name in PLANAR_MODELS),
+    Vehicle,
+    Drive,
+    FourWheelParameters,
+    Calibration,
+)
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,9 @@ def test_what_is_declared_is_described() -> None:
     assert packed(Tyre(1, 2))._asdict() == {"grip": 1.0, "load": 2.0}
 
 
-@pytest.mark.parametrize("changed", [{"grip": 0.0}, {"grip": 6.0}, {"load": -1.0}, {"load": float("nan")}])
+@pytest.mark.parametrize(
+    "changed", [{"grip": 0.0}, {"grip": 6.0}, {"load": -1.0}, {"load": float("nan")}]
+)
 def test_numbers_outside_their_range_are_refused_by_name(changed: dict[str, float]) -> None:
     (name,) = changed
     with pytest.raises(ValueError, match=rf"Tyre\.{name} = .* lies outside"):

@@ -21,7 +21,8 @@ EVERYTHING = PhysicsSettings(
 
 def test_everything_said_is_in_the_model_and_the_calibration_stays() -> None:
     calibration = husky(friction=0.4, mass=80.0)
-    model, shipped = robot_model(calibration, settings=EVERYTHING), robot_model(calibration)
+    model = robot_model(calibration, settings=EVERYTHING)
+    shipped = robot_model(calibration)
     tires = robot_parts(model).tires
     assert model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
     assert model.opt.solver == mujoco.mjtSolver.mjSOL_PGS

@@ -34,7 +34,9 @@ def symmetry(plant: Plant) -> float:
     return DRAKE_SYMMETRY if plant.name == "drake" else SYMMETRY
 
 
-def test_its_name_is_that_of_its_declaration_and_its_step_divides_every_period(make: Make, lab: Profile) -> None:
+def test_its_name_is_that_of_its_declaration_and_its_step_divides_every_period(
+    make: Make, lab: Profile
+) -> None:
     plant = make()
     assert isinstance(lab.section(plant.name).parameters, plant_kind(plant.name).parameters)
     for period in (COMMAND_PERIOD, POSITION_PERIOD, RECORDING_GRID):
@@ -45,7 +47,8 @@ def test_equal_runs_are_equal_bit_for_bit_even_after_another_run(make: Make) -> 
     plant = make()
     first = plant.run(WEAVE, State(), 0.01)
     plant.run(mirrored(WEAVE), State(x=3.0, yaw=1.0, v_x=0.3), 0.01)
-    again, other = plant.run(WEAVE, State(), 0.01), make().run(WEAVE, State(), 0.01)
+    again = plant.run(WEAVE, State(), 0.01)
+    other = make().run(WEAVE, State(), 0.01)
     for name in ("pose", "twist", "wheels"):
         assert np.abs(getattr(first, name) - getattr(again, name)).max() == EXACT
         assert np.abs(getattr(first, name) - getattr(other, name)).max() == EXACT
@@ -55,18 +58,23 @@ def test_a_run_equals_its_single_steps(make: Make) -> None:
     plant = make()
     push = np.random.default_rng(7).normal(0.0, 2.0, round(WEAVE.duration / plant.dt))
     fast = plant.run(WEAVE, State(0.1, -0.2, 0.3, 0.2), 0.01, push)
-    states, period = [plant.reset(State(0.1, -0.2, 0.3, 0.2))], whole_steps(WEAVE.dt, plant.dt, "the command period")
+    states = [plant.reset(State(0.1, -0.2, 0.3, 0.2))]
+    period = whole_steps(WEAVE.dt, plant.dt, "the command period")
     for k, acceleration in enumerate(push.tolist()):
         v, w = WEAVE.values[k // period].tolist()
         states.append(plant.step((v, w), plant.dt, acceleration))
-    slow = np.array([astuple(state) for state in states[:: whole_steps(0.01, plant.dt, "the sample period")]])
-    assert np.abs(fast.pose - slow[:, :3]).max() <= 1e-12  # yaw is unwrapped once a sample in one, once a step in the other
+    slow = np.array(
+        [astuple(state) for state in states[:: whole_steps(0.01, plant.dt, "the sample period")]]
+    )
+    # yaw is unwrapped once a sample in one, once a step in the other
+    assert np.abs(fast.pose - slow[:, :3]).max() <= 1e-12
     assert np.abs(fast.twist - slow[:, 3:6]).max() <= 1e-12
 
 
 def test_left_and_right_are_alike(make_exact: Make) -> None:
     plant = make_exact()
-    one, other = plant.run(WEAVE, State(), 0.01), plant.run(mirrored(WEAVE), State(), 0.01)
+    one = plant.run(WEAVE, State(), 0.01)
+    other = plant.run(mirrored(WEAVE), State(), 0.01)
     flip = np.array([1.0, -1.0, -1.0])
     assert np.abs(one.pose - other.pose * flip).max() <= symmetry(plant)
     assert np.abs(one.twist - other.twist * flip).max() <= symmetry(plant)
@@ -74,7 +82,9 @@ def test_left_and_right_are_alike(make_exact: Make) -> None:
 
 
 @pytest.mark.parametrize("frame", [(2.0, -1.0, 0.7), (-30.0, 5.0, 3.0), (0.0, 0.0, -10.0)])
-def test_the_world_frame_does_not_matter(make_exact: Make, frame: tuple[float, float, float]) -> None:
+def test_the_world_frame_does_not_matter(
+    make_exact: Make, frame: tuple[float, float, float]
+) -> None:
     plant = make_exact()
     here = plant.run(WEAVE, State(), 0.01)
     there = plant.run(WEAVE, State(*frame), 0.01)
@@ -130,7 +140,8 @@ def test_whole_turns_are_counted_however_seldom_one_looks(make: Make) -> None:
     """At some 1.5 rad/s three seconds are more than half a turn."""
     plant = make()
     spin = Commands(0.05, np.tile([0.0, 1.6], (240, 1)))
-    seldom, often = plant.run(spin, State(yaw=9.0), 3.0), plant.run(spin, State(yaw=9.0), 0.05)
+    seldom = plant.run(spin, State(yaw=9.0), 3.0)
+    often = plant.run(spin, State(yaw=9.0), 0.05)
     assert often.yaw[-1] - 9.0 > 2 * np.pi
     assert np.abs(seldom.yaw - often.yaw[::60]).max() <= SYMMETRY
     plant.reset(State(yaw=9.0))

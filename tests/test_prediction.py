@@ -14,7 +14,15 @@ from ssmr.control.law import EMPTY_MEMORY, Memory, Observation
 from ssmr.control.laws import PLAIN_CONTROLLERS, Controller, design, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import ControllerInput, Mission, PythonController
-from ssmr.control.mpc import Mpc, MpcGains, PlannedBody, condense, planned_motion, responses, step_of
+from ssmr.control.mpc import (
+    Mpc,
+    MpcGains,
+    PlannedBody,
+    condense,
+    planned_motion,
+    responses,
+    step_of,
+)
 from ssmr.control.population import run_loops
 from ssmr.control.references import line, sine
 from ssmr.control.tick import LOG_COLUMNS
@@ -44,7 +52,12 @@ def linear(drive: Drive) -> PlanarModel:
     return PlanarModel(LinearParameters(), Vehicle(), drive)
 
 
-def drive(body: PlanarModel, law: Controller | PythonController, way: Waypoints, start: State | None = None) -> ClosedRun:
+def drive(
+    body: PlanarModel,
+    law: Controller | PythonController,
+    way: Waypoints,
+    start: State | None = None,
+) -> ClosedRun:
     return run_loops([body], [law], [TRUTH], way, [1], start)[0]
 
 
@@ -52,28 +65,42 @@ class CompiledSteering:
     """A compiled law as a Python object."""
 
     def __init__(self, controller: Controller, mission: Mission) -> None:
-        self._controller, self._mission, self._memory = controller, mission, EMPTY_MEMORY
+        self._controller = controller
+        self._mission = mission
+        self._memory = EMPTY_MEMORY
         self._acts_on = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
 
     def observe(self, now: ControllerInput) -> None:
         """Run a step of the position loop."""
-        m, self._acts_on, aim, errors = self._mission, now.seen, now.target, now.errors
+        m = self._mission
+        self._acts_on = now.seen
+        aim = now.target
+        errors = now.errors
         if self._controller.predictor:
-            self._acts_on, aim = now.ahead, m.target(now.seen_at + m.dead_time)
+            self._acts_on = now.ahead
+            aim = m.target(now.seen_at + m.dead_time)
             errors = position_errors(now.ahead, aim, ALPHA_SWITCH)
         kept = Errors(errors.rho - m.lookahead, errors.y, errors.alpha)
-        self._memory = Memory(*self._controller.position_step(self._memory, kept, aim, self._acts_on, m.position_period))
+        self._memory = Memory(
+            *self._controller.position_step(
+                self._memory, kept, aim, self._acts_on, m.position_period
+            )
+        )
 
     def command(self, now: ControllerInput) -> tuple[float, float]:
         """Run a step of the velocity loop."""
-        memory, command = self._controller.velocity_step(self._memory, self._acts_on, self._mission.period)
+        memory, command = self._controller.velocity_step(
+            self._memory, self._acts_on, self._mission.period
+        )
         self._memory = Memory(*memory)
         return command.v, command.w
 
 
 def copied(law: Controller) -> PythonController:
     """The compiled law as a Python object."""
-    return PythonController("copy", lambda mission: CompiledSteering(law, mission), law.a, law.b, law.drive)
+    return PythonController(
+        "copy", lambda mission: CompiledSteering(law, mission), law.a, law.b, law.drive
+    )
 
 
 def mpc(body: PlanarModel, **gains: float) -> PythonController:
@@ -82,14 +109,17 @@ def mpc(body: PlanarModel, **gains: float) -> PythonController:
     return law
 
 
-# ------------------------------------------------------------------------------------------------------- the predictor
+# -------------------------------------------------------------------------------------------------------
+# the predictor
 
 
 @pytest.mark.parametrize("name", PLAIN_CONTROLLERS)
 def test_without_dead_time_the_predictor_changes_nothing(name: str) -> None:
     prompt = replace(STRONG, delay_v=0.0, delay_w=0.0)
     law = Controller(make_gains(name, {}), A, B, prompt)
-    plain, behind = (drive(linear(prompt), each, WEAVE) for each in (law, replace(law, predictor=True)))
+    plain, behind = (
+        drive(linear(prompt), each, WEAVE) for each in (law, replace(law, predictor=True))
+    )
     assert np.abs(plain.table - behind.table).max() == EXACT
 
 
@@ -101,11 +131,14 @@ def test_with_the_right_model_the_loop_is_that_without_dead_time_but_later(
     monkeypatch.setattr(predictor, "PREDICTION_STEP", 0.001)
     prompt = replace(STRONG, delay_v=0.0, delay_w=0.0)
     law = Controller(make_gains(name, {}), A, B, STRONG, predictor=True)
-    t = np.sqrt(0.0017) * np.arange(146)  # no tick falls on a waypoint, where the target's heading jumps
-    way = Waypoints(t, np.column_stack([0.25 * t, 0.1 * np.sin(1.5 * t)]))  # heading counts all the way
+    # no tick falls on a waypoint, where the target's heading jumps
+    t = np.sqrt(0.0017) * np.arange(146)
+    # heading counts all the way
+    way = Waypoints(t, np.column_stack([0.25 * t, 0.1 * np.sin(1.5 * t)]))
     late = drive(linear(STRONG), law, way)
     here = [float(np.interp(0.2, t, way.xy[:, k])) for k in (0, 1)]
-    rest = Waypoints(np.append(0.0, t[5:] - 0.2), np.vstack([here, way.xy[5:]]))  # what is left when commands act
+    # what is left when commands act
+    rest = Waypoints(np.append(0.0, t[5:] - 0.2), np.vstack([here, way.xy[5:]]))
     at_once = drive(linear(prompt), Controller(make_gains(name, {}), A, B, prompt), rest, way.start)
     ticks = round(0.2 / 0.008)
     n = len(late.t) - ticks
@@ -113,7 +146,10 @@ def test_with_the_right_model_the_loop_is_that_without_dead_time_but_later(
     apart = late.columns("x", "y", "yaw")[ticks:] - at_once.columns("x", "y", "yaw")[:n]
     assert np.abs(apart).max() <= 1e-4
     blind = drive(linear(STRONG), replace(law, predictor=False), way)
-    assert np.abs(blind.columns("x", "y", "yaw")[ticks:] - at_once.columns("x", "y", "yaw")[:n]).max() > 1e-2
+    assert (
+        np.abs(blind.columns("x", "y", "yaw")[ticks:] - at_once.columns("x", "y", "yaw")[:n]).max()
+        > 1e-2
+    )
 
 
 def test_it_learns_how_fast_the_robot_really_is() -> None:
@@ -127,7 +163,9 @@ def test_it_learns_how_fast_the_robot_really_is() -> None:
 
     law = Controller(make_gains("lqr", {}), A, B, STRONG, predictor=True)
     spy = PythonController("spy", partial(Spy, law), A, B, STRONG)
-    wide = PlanarModel(LinearParameters(), replace(Vehicle(), effective_half_track=0.275 * 4 / 3), STRONG)
+    wide = PlanarModel(
+        LinearParameters(), replace(Vehicle(), effective_half_track=0.275 * 4 / 3), STRONG
+    )
     run = drive(wide, spy, WEAVE)
     rate_of = matrices(wide.vehicle, LinearParameters(), STRONG)
     expected = (rate_of[1][3, 1] / rate_of[0][3, 3]) / (B[3][1] / A[3][3])
@@ -150,12 +188,19 @@ def test_a_controller_does_not_know_of_a_delay_that_its_drive_does_not_tell() ->
         assert isinstance(law, Controller)
         return CompiledSteering(law, mission)
 
-    run_robots([robot, late], [PythonController("spy", spy, law.a, law.b)] * 2, [TRUTH] * 2, line(0.5, 1.0), [0])
+    run_robots(
+        [robot, late],
+        [PythonController("spy", spy, law.a, law.b)] * 2,
+        [TRUTH] * 2,
+        line(0.5, 1.0),
+        [0],
+    )
     assert rows == [robot.drive.delay_v] * 2
     assert late.drive.delay_v == pytest.approx(robot.drive.delay_v + 0.1)
 
 
-# --------------------------------------------------------------------------------------------- controllers in plain Python
+# ---------------------------------------------------------------------------------------------
+# controllers in plain Python
 
 
 @pytest.mark.parametrize("plant", ["improved", "mujoco"])
@@ -163,12 +208,14 @@ def test_a_controller_does_not_know_of_a_delay_that_its_drive_does_not_tell() ->
 @pytest.mark.parametrize("feedback", ["truth", "ekf"])
 def test_a_python_copy_of_a_compiled_law_drives_alike(plant: str, name: str, feedback: Any) -> None:
     lab = load_profile("thesis-lab")
-    robot, law = make_robot(lab, plant), make_controller(lab, load_gains(name))
+    robot = make_robot(lab, plant)
+    law = make_controller(lab, load_gains(name))
     assert isinstance(law, Controller)
     law = law.on(robot.drive)
     settings = LoopSettings(feedback, lookahead=0.05)
     runs = [
-        run_robots([robot] * 2, [each] * 2, [settings] * 2, sine(0.5, 0.3, 2.0, 0.6), [3, 4]) for each in (law, copied(law))
+        run_robots([robot] * 2, [each] * 2, [settings] * 2, sine(0.5, 0.3, 2.0, 0.6), [3, 4])
+        for each in (law, copied(law))
     ]
     for compiled, python in zip(*runs, strict=True):
         off = np.delete(np.abs(compiled.table - python.table), COMMANDS, axis=1)
@@ -179,7 +226,9 @@ def test_a_python_copy_of_a_compiled_law_drives_alike(plant: str, name: str, fee
 def test_an_object_that_observes_is_called_at_every_tick_and_keeps_what_it_likes() -> None:
     class Diary:
         def __init__(self, mission: Mission) -> None:
-            self.mission, self.seen, self.held = mission, [], []
+            self.mission = mission
+            self.seen = []
+            self.held = []
             made.append(self)
 
         def observe(self, now: ControllerInput) -> None:
@@ -197,14 +246,20 @@ def test_an_object_that_observes_is_called_at_every_tick_and_keeps_what_it_likes
     np.testing.assert_allclose(times, 0.05 * np.arange(len(times)))
     assert list(past[1:]) == [[0.1 * (k + 1) % 0.5, 0.0] for k in range(len(past) - 1)]
     assert diary.mission.dead_time == 0.2
-    np.testing.assert_allclose(diary.mission.preview(np.array([-1.0, 0.5, 9.0]))[:, 0], [0.0, 0.25, 0.5])
+    np.testing.assert_allclose(
+        diary.mission.preview(np.array([-1.0, 0.5, 9.0]))[:, 0], [0.0, 0.25, 0.5]
+    )
     assert diary.mission.target(0.5).x == pytest.approx(0.25)
 
 
-# ------------------------------------------------------------------------------------------------------------------ MPC
+# ------------------------------------------------------------------------------------------------------------------
+# MPC
 
 
-STEPS = [[step_of(rate, push, 0.1, h) for h in (0.05, *(0.1,) * 7)] for rate, push in ((8.0, 7.0), (12.0, 11.0))]
+STEPS = [
+    [step_of(rate, push, 0.1, h) for h in (0.05, *(0.1,) * 7)]
+    for rate, push in ((8.0, 7.0), (12.0, 11.0))
+]
 """Steps of speed and of yaw rate of a model with lag."""
 
 
@@ -215,16 +270,21 @@ def model_of(n: int) -> tuple[FloatArray, FloatArray]:
 def step(now: FloatArray, u: FloatArray, k: int, gains: FloatArray, slip: float) -> FloatArray:
     """The (7,) robot after step k of a plan, step by step: x, y, yaw, v, w and both lagged references."""
     x, y, yaw, v, w, lagged_v, lagged_w = now
-    inputs = np.array([[v, gains[0] * lagged_v, gains[0] * u[0]], [w, gains[1] * lagged_w, gains[1] * u[1]]])
+    inputs = np.array(
+        [[v, gains[0] * lagged_v, gains[0] * u[0]], [w, gains[1] * lagged_w, gains[1] * u[1]]]
+    )
     (way, v, l_v), (angle, w, l_w) = (STEPS[i][k] @ inputs[i] for i in (0, 1))
-    heading, aside = yaw + 0.5 * angle, slip * angle
-    x, y = x + way * np.cos(heading) - aside * np.sin(heading), y + way * np.sin(heading) + aside * np.cos(heading)
+    heading = yaw + 0.5 * angle
+    aside = slip * angle
+    x = x + way * np.cos(heading) - aside * np.sin(heading)
+    y = y + way * np.sin(heading) + aside * np.cos(heading)
     return np.array([x, y, yaw + angle, v, w, l_v / gains[0], l_w / gains[1]])
 
 
 def motion(start: PlannedBody, plan: FloatArray) -> list[FloatArray]:
     """The robot at the end of every step of a plan."""
-    bodies, now = [], np.array(start)[:7]
+    bodies = []
+    now = np.array(start)[:7]
     for k, u in enumerate(plan):
         now = step(now, u, k, np.array([start.gain_v, start.gain_w]), start.slip)
         bodies.append(now)
@@ -238,16 +298,21 @@ def example() -> tuple[PlannedBody, FloatArray]:
     return start, np.random.default_rng(3).uniform([0.2, -0.8], [0.7, 0.8], (6, 2))
 
 
-def cost_of(plan: FloatArray, aims: FloatArray, wanted: FloatArray, last: FloatArray, gains: MpcGains) -> float:
+def cost_of(
+    plan: FloatArray, aims: FloatArray, wanted: FloatArray, last: FloatArray, gains: MpcGains
+) -> float:
     """The cost of a plan as the docstring has it, along the motion itself."""
     start, _ = example()
-    total, before = 0.0, last
+    total = 0.0
+    before = last
     for k, body in enumerate(motion(start, plan)):
-        c, s = np.cos(aims[k, 2]), np.sin(aims[k, 2])
+        c = np.cos(aims[k, 2])
+        s = np.sin(aims[k, 2])
         dx, dy = body[:2] - aims[k, :2]
         total += gains.q_along * (c * dx + s * dy) ** 2 + gains.q_across * (c * dy - s * dx) ** 2
         total += gains.q_heading * (body[2] - aims[k, 2]) ** 2
-        off, change = plan[k] - wanted[1 + k], plan[k] - before - (wanted[1 + k] - wanted[k])
+        off = plan[k] - wanted[1 + k]
+        change = plan[k] - before - (wanted[1 + k] - wanted[k])
         total += float(off**2 @ [gains.r_v, gains.r_w] + change**2 @ [gains.d_v, gains.d_w])
         before = plan[k]
     return total
@@ -255,42 +320,60 @@ def cost_of(plan: FloatArray, aims: FloatArray, wanted: FloatArray, last: FloatA
 
 def test_the_program_has_the_gradient_of_the_cost() -> None:
     start, plan = example()
-    rng, gains, model = np.random.default_rng(5), MpcGains(), model_of(6)
-    np.testing.assert_allclose(planned_motion(start, plan, model)[0], [b[:3] for b in motion(start, plan)], rtol=1e-12)
+    rng = np.random.default_rng(5)
+    gains = MpcGains()
+    model = model_of(6)
+    np.testing.assert_allclose(
+        planned_motion(start, plan, model)[0], [b[:3] for b in motion(start, plan)], rtol=1e-12
+    )
     aims = np.array([b[:3] for b in motion(start, plan)]) + rng.normal(0.0, 0.05, (6, 3))
-    wanted, last = rng.uniform(0.0, 0.5, (7, 2)), np.array([0.4, 0.1])
+    wanted = rng.uniform(0.0, 0.5, (7, 2))
+    last = np.array([0.4, 0.1])
     h, f = condense(start, plan, aims, wanted, last, model, packed(gains))
     np.testing.assert_allclose(h, h.T)
     assert np.linalg.eigvalsh(h).min() > 0.0
-    gradient, step = 2.0 * (h @ plan.ravel() + f), 1e-6
+    gradient = 2.0 * (h @ plan.ravel() + f)
+    step = 1e-6
     for i in range(12):
         up, down = (plan + sign * step * np.eye(12)[i].reshape(6, 2) for sign in (1.0, -1.0))
-        slope = (cost_of(up, aims, wanted, last, gains) - cost_of(down, aims, wanted, last, gains)) / (2.0 * step)
+        slope = (
+            cost_of(up, aims, wanted, last, gains) - cost_of(down, aims, wanted, last, gains)
+        ) / (2.0 * step)
         assert gradient[i] == pytest.approx(slope, rel=1e-6, abs=1e-6)
 
 
 def test_without_limits_it_is_the_lqr_of_a_finite_horizon() -> None:
     """On a line the motion is linear in small errors: the first command of the program is that of a Riccati recursion."""
-    gains, none = MpcGains(d_v=0.0, d_w=0.0), np.ones(2)
+    gains = MpcGains(d_v=0.0, d_w=0.0)
+    none = np.ones(2)
     steady = np.array([8.0 / 7.0, 12.0 / 11.0]) * (0.5, 0.0)  # holds 0.5 m/s
     level = np.array([0.0, 0.0, 0.0, 0.5, 0.0, steady[0], 0.0])
     plan = np.tile(steady, (8, 1))
     on_line = motion(PlannedBody(*level, 1.0, 1.0, 0.0), plan)
     aims = np.array([b[:3] for b in on_line])
-    p, q = np.zeros((7, 7)), np.diag([gains.q_along, gains.q_across, gains.q_heading, 0.0, 0.0, 0.0, 0.0])
+    p = np.zeros((7, 7))
+    q = np.diag([gains.q_along, gains.q_across, gains.q_heading, 0.0, 0.0, 0.0, 0.0])
     for k in reversed(range(8)):
-        now, small = level if k == 0 else on_line[k - 1], 1e-6
+        now = level if k == 0 else on_line[k - 1]
+        small = 1e-6
         here = step(now, plan[k], k, none, 0.0)
-        a = np.array([(step(now + small * e, plan[k], k, none, 0.0) - here) / small for e in np.eye(7)]).T
-        b = np.array([(step(now, plan[k] + small * e, k, none, 0.0) - here) / small for e in np.eye(2)]).T
+        a = np.array(
+            [(step(now + small * e, plan[k], k, none, 0.0) - here) / small for e in np.eye(7)]
+        ).T
+        b = np.array(
+            [(step(now, plan[k] + small * e, k, none, 0.0) - here) / small for e in np.eye(2)]
+        ).T
         inside = p + q
         gain = np.linalg.solve(np.diag([gains.r_v, gains.r_w]) + b.T @ inside @ b, b.T @ inside @ a)
         p = a.T @ inside @ (a - b @ gain)
     off = 0.05 * np.array([0.002, -0.003, 0.004, 0.01, -0.02, 0.005, 0.01])
     start = PlannedBody(*(level + off), 1.0, 1.0, 0.0)
-    h, f = condense(start, plan, aims, np.vstack([steady, plan]), steady, model_of(8), packed(gains))
+    h, f = condense(
+        start, plan, aims, np.vstack([steady, plan]), steady, model_of(8), packed(gains)
+    )
     first = np.linalg.solve(h, -f)[:2]
-    np.testing.assert_allclose(first - steady, -gain @ off, rtol=0.005, atol=1e-6)  # the plan is linearised where it starts
+    # the plan is linearised where it starts
+    np.testing.assert_allclose(first - steady, -gain @ off, rtol=0.005, atol=1e-6)
 
 
 def test_its_commands_keep_the_limits_and_their_rates() -> None:
@@ -298,7 +381,9 @@ def test_its_commands_keep_the_limits_and_their_rates() -> None:
     body = linear(tight)
     way = sine(0.5, 0.2, 4.0, 2.0)
     run = drive(body, mpc(body), way, State(-0.5, 0.3, way.start.yaw + 0.5))
-    sent = run.columns("v_cmd", "w_cmd")[np.searchsorted(run.t, np.arange(0.0, run.t[-1], 0.05) + 0.01)]
+    sent = run.columns("v_cmd", "w_cmd")[
+        np.searchsorted(run.t, np.arange(0.0, run.t[-1], 0.05) + 0.01)
+    ]
     assert (np.abs(sent).max(axis=0) <= [0.7 + ROUNDOFF, 0.8 + ROUNDOFF]).all()
     assert np.abs(sent).max(axis=0) == pytest.approx([0.7, 0.8], abs=1e-6)  # it needed them
     changes = np.abs(np.diff(sent, axis=0)).max(axis=0)
@@ -308,7 +393,8 @@ def test_its_commands_keep_the_limits_and_their_rates() -> None:
 
 
 def test_its_left_and_right_are_alike() -> None:
-    body, law = linear(STRONG), mpc(linear(STRONG))
+    body = linear(STRONG)
+    law = mpc(linear(STRONG))
     mirrored = Waypoints(WEAVE.t, WEAVE.xy * [1.0, -1.0])
     one, other = (drive(body, law, way).columns("x", "y", "yaw") for way in (WEAVE, mirrored))
     assert np.abs(one - other * [1.0, -1.0, -1.0]).max() <= SYMMETRY
@@ -334,8 +420,10 @@ def test_it_goes_on_with_its_plan_where_the_solver_fails() -> None:
 
 def test_mpc_is_calm_on_a_fast_straight_line() -> None:
     """Noise in the yaw rate must not come back as commands from one limit to the other, which dry friction answers late."""
-    lab, way = load_profile("thesis-lab"), line(0.8)
-    robot, law = make_robot(lab, "improved"), make_controller(lab, load_gains("mpc"))
+    lab = load_profile("thesis-lab")
+    way = line(0.8)
+    robot = make_robot(lab, "improved")
+    law = make_controller(lab, load_gains("mpc"))
     (run,) = run_robots([robot], [law], [LoopSettings()], way, [3])
     assert not run.lost
     assert track_metrics(run, way, robot.limits)["d_rms_m"] < 0.01

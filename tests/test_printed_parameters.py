@@ -24,8 +24,8 @@ AXLE = 0.256
 YAW = 0.01
 """How far the final yaws of the two plants may lie apart [rad]: 1 % of the largest."""
 PATH = {"traj1": 0.10, "traj2": 0.02, "traj3": 0.04, "traj4": 0.10}
-"""Least d_rms between the two paths that counts as another path [m]; two to nine times 0.0145 m, by which the published
-model missed the real robot on trajectory 4 (Tab. 3.12)."""
+"""Least d_rms between the two paths that counts as another path [m]; two to nine times 0.0145 m, by
+which the published model missed the real robot on trajectory 4 (Tab. 3.12)."""
 
 
 @cache
@@ -45,7 +45,9 @@ def twist(v: float, w: float, seconds: float) -> Commands:
 def test_the_profile_has_the_printed_numbers() -> None:
     section = printed().plants["mujoco"]
     numbers = section.parameters
-    assert numbers.friction * numbers.friction_ratio == pytest.approx(published.value("3.11", "mu_d"))
+    assert numbers.friction * numbers.friction_ratio == pytest.approx(
+        published.value("3.11", "mu_d")
+    )
     assert numbers.rolling_resistance == published.value("3.11", "u_x")
     assert numbers.gain == published.value("3.11", "K_P_tau")
     assert numbers.mass == published.value("3.1", "mass")
@@ -58,7 +60,8 @@ def test_the_profile_has_the_printed_numbers() -> None:
 
 @pytest.mark.parametrize("scenario", list(PATH))
 def test_it_turns_as_the_improved_model_but_drives_elsewhere(scenario: str) -> None:
-    model, robot = driven(scenario, "improved"), driven(scenario, "mujoco")
+    model = driven(scenario, "improved")
+    robot = driven(scenario, "mujoco")
     assert check_health(robot.channels["wheel_load_N"]).ok
     assert abs(robot.yaw[-1] - model.yaw[-1]) < YAW
     assert abs(model.yaw[-1]) > 5.0 * YAW
@@ -69,9 +72,11 @@ def test_it_turns_as_the_improved_model_but_drives_elsewhere(scenario: str) -> N
 @pytest.mark.parametrize("scenario", list(PATH))
 def test_it_slides_out_of_its_curves(scenario: str) -> None:
     """The robot moves outward as fast as its axles swing, where friction can hold it so: A hypot(v, 2 pi f a) < mu_d g."""
-    robot, motion = driven(scenario, "mujoco"), TRAJECTORIES[scenario]
+    robot = driven(scenario, "mujoco")
+    motion = TRAJECTORIES[scenario]
     late = robot.t > 4.0
-    across, rate = robot.twist[late, 1], robot.twist[late, 2]
+    across = robot.twist[late, 1]
+    rate = robot.twist[late, 2]
     assert np.mean(across * rate) < -0.2 * AXLE * np.mean(rate**2)
     swing = AXLE * np.abs(rate).max()
     commanded = motion.amplitude * math.hypot(motion.speed, 2.0 * math.pi * motion.frequency * AXLE)
@@ -83,7 +88,9 @@ def test_it_slides_out_of_its_curves(scenario: str) -> None:
 
 
 @pytest.mark.parametrize("rate", [0.25, 0.5])
-def test_sideways_friction_holds_a_curve_only_with_the_centre_of_rotation_at_an_axle(rate: float) -> None:
+def test_sideways_friction_holds_a_curve_only_with_the_centre_of_rotation_at_an_axle(
+    rate: float,
+) -> None:
     """The axles' frictions cancel while the centre of rotation lies between them: no force towards the curve's centre."""
     robot = make_plant(printed(), "mujoco").run(twist(0.5, rate, 12.0), State(), 0.01)
     tail = robot.t > 8.0
@@ -96,7 +103,8 @@ def test_a_curve_that_needs_more_than_mu_d_g_is_not_held_at_all() -> None:
     """The whole friction, m mu_d g, acts towards the centre; what v omega needs beyond that makes the robot slide faster."""
     robot = make_plant(printed(), "mujoco").run(twist(0.5, 1.0, 12.0), State(), 0.01)
     tail = robot.t > 6.0
-    across, needed = robot.twist[tail, 1], robot.twist[tail, 0] * robot.twist[tail, 2]
+    across = robot.twist[tail, 1]
+    needed = robot.twist[tail, 0] * robot.twist[tail, 2]
     gained = (across[-1] - across[0]) / (robot.t[tail][-1] - robot.t[tail][0])
     assert needed.min() > 0.0409 * GRAVITY
     assert gained < -0.05
@@ -106,9 +114,14 @@ def test_a_curve_that_needs_more_than_mu_d_g_is_not_held_at_all() -> None:
 def test_the_printed_torque_turns_tyres_of_equal_friction_only_below_0_158() -> None:
     """Of a side's 14 N m rolling resistance takes u_x (m g / 2) r, and turning takes r mu (m g / 2) L / hypot(L, B)."""
     section = printed().plants["mujoco"]
-    numbers, side = section.parameters, 2.0 * section.drive.torque_limit
+    numbers = section.parameters
+    side = 2.0 * section.drive.torque_limit
     lever = numbers.wheel_radius * 0.5 * numbers.mass * GRAVITY
-    limit = (side / lever - numbers.rolling_resistance) * math.hypot(2 * AXLE, 2 * numbers.half_track) / (2 * AXLE)
+    limit = (
+        (side / lever - numbers.rolling_resistance)
+        * math.hypot(2 * AXLE, 2 * numbers.half_track)
+        / (2 * AXLE)
+    )
     assert limit == pytest.approx(0.158, abs=5e-4)
     for friction, turns in ((0.98 * limit, True), (1.02 * limit, False)):
         equal = replace(numbers, friction=friction, friction_ratio=1.0, wheel_shape="ellipsoid")

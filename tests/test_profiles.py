@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 
 from validation.compare import compare
-from validation.plants.profile import PLANTS, Pace, ProfileError, bare_profile, load_profile, make_plant, shipped
+from validation.plants.profile import (
+    PLANTS,
+    Pace,
+    ProfileError,
+    bare_profile,
+    load_profile,
+    make_plant,
+    shipped,
+)
 from validation.plants.simulated import OneByOne
 from validation.simulator.description import load_robot
 
@@ -31,7 +39,8 @@ def test_a_shipped_profile_loads_drives_and_has_provenance(name: str) -> None:
 
 
 def test_the_lab_profile_has_the_published_models() -> None:
-    lab, empty = load_profile("thesis-lab"), type(load_profile("thesis-lab").plants["improved"].parameters)()
+    lab = load_profile("thesis-lab")
+    empty = type(load_profile("thesis-lab").plants["improved"].parameters)()
     assert lab.plants["improved"].parameters == empty
 
 
@@ -64,7 +73,10 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
         (HEAD + "[drive]\ndelay_v = 'long'\n", "drive.delay_v is 'long', wanted a number"),
         (HEAD + "[drive]\ndelay_v = -1\n", r"\[drive\] Drive.delay_v = -1.0 lies outside"),
         (HEAD + "[drive]\ndelay_v = true\n", "wanted a number"),
-        (HEAD + "[plants.mujoco.parameters]\nwheel_shape = 'box'\n", "unknown wheel shape 'box'; there are: ellipsoid"),
+        (
+            HEAD + "[plants.mujoco.parameters]\nwheel_shape = 'box'\n",
+            "unknown wheel shape 'box'; there are: ellipsoid",
+        ),
         (HEAD + "plants = 3\n", "plants is 3, wanted a table"),
         ("this is no TOML", "profile .*mine.toml"),
     ],
@@ -90,7 +102,9 @@ def test_a_saved_profile_loads_again(tmp_path: Path) -> None:
     assert (again.provenance, again.fitted_at) == (lab.provenance, lab.fitted_at)
 
 
-def test_what_is_clearly_faster_than_the_fit_is_told_with_both_numbers(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_clearly_faster_than_the_fit_is_told_with_both_numbers(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     on = np.arange(100) < 50
     pace = Pace.of(2.0 * on, -0.5 * on)
     assert (pace.speed, pace.lateral_acceleration) == (2.0, 1.0)

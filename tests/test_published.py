@@ -1,7 +1,7 @@
 """The published numbers: complete, finite, read-only, and consistent wherever the thesis says a thing twice.
 
-Where the thesis contradicts itself the test states both sides, so that the print is known to be wrong and not
-the copy.
+Where the thesis contradicts itself the test states both sides, so that the print is known to be
+wrong and not the copy.
 """
 
 import itertools
@@ -26,7 +26,10 @@ ERRATA_4_38_LAST_DIGIT = {
     ("generic_0.50", "d_ratio"): (5.70, 5.71),
 }
 """Entries of Tab. 4.38 off by one in the last digit: printed, computed from Tab. 4.37."""
-ERRATA_4_38_WRONG = {("sine_0.25", "d_haus"): (34.86, 19.79), ("sine_0.25", "d_rms"): (34.88, 31.25)}
+ERRATA_4_38_WRONG = {
+    ("sine_0.25", "d_haus"): (34.86, 19.79),
+    ("sine_0.25", "d_rms"): (34.88, 31.25),
+}
 """Entries of Tab. 4.38 that no rounding of Tab. 4.37 explains: printed, computed from Tab. 4.37."""
 
 
@@ -60,15 +63,19 @@ def change_percent_bounds(row: str, metric: str) -> tuple[float, float]:
     return lower - PERCENT_DIGIT, upper + PERCENT_DIGIT
 
 
-# --------------------------------------------------------------------------------------- the file as a whole
+# --------------------------------------------------------------------------------------- the file
+# as a whole
 
 
 def test_every_table_of_the_thesis_is_present_in_order():
-    tables = [key for key, item in published.published_tables().items() if isinstance(item, Mapping)]
+    tables = [
+        key for key, item in published.published_tables().items() if isinstance(item, Mapping)
+    ]
     assert tables == [*NUMBERS, "text"]
 
 
-# ------------------------------------------------------------------------------------- laws that cross-check
+# ------------------------------------------------------------------------------------- laws that
+# cross-check
 
 
 def test_erratum_4_8_copies_4_7():
@@ -78,7 +85,9 @@ def test_erratum_4_8_copies_4_7():
     assert published.table("4.8")["suspect"]
     # no other pair of tables shares its three numbers
     rows = {n: dict(row) for n in SINGLE_ROW_TABLES for row in published.table(n)["rows"].values()}
-    assert [(a, b) for a, b in itertools.combinations(rows, 2) if rows[a] == rows[b]] == [("4.7", "4.8")]
+    assert [(a, b) for a, b in itertools.combinations(rows, 2) if rows[a] == rows[b]] == [
+        ("4.7", "4.8")
+    ]
 
 
 def test_table_4_37_repeats_the_single_tables():
@@ -95,7 +104,8 @@ def test_table_4_37_repeats_the_single_tables():
         if "taken_from" not in content:
             compared.append(number)
     assert covered == set(published.table("4.37")["rows"])
-    # independent prints of the same three numbers; the other five tables were taken from 4.37 itself
+    # independent prints of the same three numbers; the other five tables were taken from 4.37
+    # itself
     assert compared == ["4.13", "4.15", "4.16", "4.19", "4.30", "4.32", "4.33", "4.35", "4.36"]
 
 
@@ -125,8 +135,11 @@ def test_pid_gains_searched_and_set_by_hand():
     assert len(searched) == published.value("text", "pid_gains_searched")  # Sec. 4.3.3
     assert len(rows) == published.value("text", "pid_parameters_in_all")  # Sec. 4.5
     assert set(rows) - set(searched) == {"K_P_FF_u", "K_P_FF_omega"}
-    assert all(rows[name]["value"] == rows[name]["optimised"] for name in searched)  # printed as "="
-    branches = [row for number in ("4.1", "4.2") for row in published.table(number)["rows"].values()]
+    # printed as "="
+    assert all(rows[name]["value"] == rows[name]["optimised"] for name in searched)
+    branches = [
+        row for number in ("4.1", "4.2") for row in published.table(number)["rows"].values()
+    ]
     used = [gain for row in branches for gain in row["gains"]]
     assert used == list(rows)
 
@@ -138,7 +151,8 @@ def test_lqr_parameters_searched_and_set_by_hand():
     assert len(rows) - len(searched) == published.value("text", "lqr_parameters_by_hand")
 
 
-# ------------------------------------------------------------------------------- contradictions in the print
+# ------------------------------------------------------------------------------- contradictions in
+# the print
 
 
 def test_erratum_3_8_only_mu_c_lies_outside_its_search_bounds():
@@ -155,7 +169,11 @@ def test_erratum_3_8_only_mu_c_lies_outside_its_search_bounds():
 
 def test_erratum_4_21_every_manual_q_lies_outside_the_search_bounds():
     rows = published.table("4.21")["rows"]
-    outside = [n for n, row in rows.items() if "search" in row and not is_inside(row["manual"], row["search"])]
+    outside = [
+        n
+        for n, row in rows.items()
+        if "search" in row and not is_inside(row["manual"], row["search"])
+    ]
     assert outside == ["Q_11", "Q_22", "Q_33", "Q_44"]
 
 

@@ -28,7 +28,10 @@ def test_the_tile_husky_turns_at_less_than_an_eight_asks_for(plant: str) -> None
     robot = make_robot(load_profile("husky-tile"), plant)
     message = demand_of(eight(0.5), robot, "husky-tile", "eight")
     asks = f"eight at 0.5 m/s asks {plant} of husky-tile for a yaw rate of 1.20 rad/s"
-    match = re.fullmatch(asks + r" where (0.\d\d) rad/s are possible; at (0.\d\d) m/s it could be followed.", message or "")
+    match = re.fullmatch(
+        asks + r" where (0.\d\d) rad/s are possible; at (0.\d\d) m/s it could be followed.",
+        message or "",
+    )
     assert match is not None, message
     possible, speed = map(float, match.groups())
     assert 0.85 < possible < 1.0
@@ -39,7 +42,9 @@ def test_the_tile_husky_turns_at_less_than_an_eight_asks_for(plant: str) -> None
 def test_it_is_said_at_the_start_and_kept_in_the_result() -> None:
     tracked = track("lqr", "eight@0.5", "improved", "husky-tile", "tuned")
     origin, demand, fast = tracked.alarms
-    assert origin.startswith("The gains lqr-tuned were found on the profile thesis-lab, not on husky-tile")
+    assert origin.startswith(
+        "The gains lqr-tuned were found on the profile thesis-lab, not on husky-tile"
+    )
     assert demand.startswith("eight at 0.5 m/s asks improved of husky-tile")
     assert "husky-tile was fitted at 0.35 m/s" in fast
     assert {origin, demand, fast} <= set(tracked.as_dict()["notes"])

@@ -84,12 +84,16 @@ def test_no_toml_is_nested_too_deep_or_takes_long(tmp_path: Path, loader: str, c
     assert "deep" in refused(LOADERS[loader], tmp_path / "deep.toml")
 
 
-@pytest.mark.parametrize("text", [f"a = {10**400}", f"a = {2**63}", f"a = -{2**63}0", "a = 1" + "0" * 5000])
+@pytest.mark.parametrize(
+    "text", [f"a = {10**400}", f"a = {2**63}", f"a = -{2**63}0", "a = 1" + "0" * 5000]
+)
 def test_a_whole_number_of_toml_has_64_bits(tmp_path: Path, text: str) -> None:
     (tmp_path / "great.toml").write_text(text)
     refused(reading.read_toml, tmp_path / "great.toml")
 
 
-def test_a_byte_that_is_no_text_is_named_by_its_line(tmp_path: Path, load: Callable[[Path], object]) -> None:
+def test_a_byte_that_is_no_text_is_named_by_its_line(
+    tmp_path: Path, load: Callable[[Path], object]
+) -> None:
     (tmp_path / "mine.toml").write_bytes(b"a = 1\n\xff\n")
     assert "cannot be read as text; line 2" in refused(load, tmp_path / "mine.toml")

@@ -15,15 +15,30 @@ from validation.files.formats import SHIPPED_LOGS, log_path, read_log
 from validation.recordings import PROGRAM
 
 
-# ------------------------------------------------------------------------------------------- what it writes
-def test_info_and_convert_as_they_are_called(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+# ------------------------------------------------------------------------------------------- what
+# it writes
+def test_info_and_convert_as_they_are_called(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bag = str(write(tmp_path, "ros1", circle()))
     assert exit_status(PROGRAM, "info", bag) == 0
     reported = capsys.readouterr().out
-    for words in ("/husky_velocity_controller/odom", "Odometry", "20.0", "not read", "latitude", "wheels"):
+    for words in (
+        "/husky_velocity_controller/odom",
+        "Odometry",
+        "20.0",
+        "not read",
+        "latitude",
+        "wheels",
+    ):
         assert words in reported
     out = tmp_path / "folder" / "drive.csv"
-    assert exit_status(PROGRAM, "convert", bag, "--out", str(out), *"--from 1 --until 2 --rate 50".split()) == 0
+    assert (
+        exit_status(
+            PROGRAM, "convert", bag, "--out", str(out), *"--from 1 --until 2 --rate 50".split()
+        )
+        == 0
+    )
     recording = read_csv(out)
     assert np.median(np.diff(recording.t)) == pytest.approx(0.02)
     assert recording.t[0] >= 1.0
@@ -31,9 +46,14 @@ def test_info_and_convert_as_they_are_called(tmp_path: Path, capsys: pytest.Capt
     assert sorted(p.name for p in out.parent.iterdir()) == ["drive.csv"]
 
 
-@pytest.mark.parametrize(("name", "of", "begin"), [("husky", "husky_tile", 530.0), ("warthog", "warthog_grass", 200.0)])
-def test_the_real_logs_are_excerpts_of_what_their_readme_says(name: str, of: str, begin: float) -> None:
-    excerpt, whole = read_log(name), data_folder() / of / f"{of}_train.csv"
+@pytest.mark.parametrize(
+    ("name", "of", "begin"), [("husky", "husky_tile", 530.0), ("warthog", "warthog_grass", 200.0)]
+)
+def test_the_real_logs_are_excerpts_of_what_their_readme_says(
+    name: str, of: str, begin: float
+) -> None:
+    excerpt = read_log(name)
+    whole = data_folder() / of / f"{of}_train.csv"
     assert excerpt.t[0] == 0.0
     assert excerpt.t[-1] <= 60.0
     assert open_source(name, "wheels").reference == "recording"

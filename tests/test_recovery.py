@@ -116,7 +116,9 @@ def test_planar_torques_are_not_believed(target: FitTarget) -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])
-def test_given_wheels_take_the_torque_of_the_same_wheels_that_a_motor_turns(lab: Profile, noise: float) -> None:
+def test_given_wheels_take_the_torque_of_the_same_wheels_that_a_motor_turns(
+    lab: Profile, noise: float
+) -> None:
     """In a steady bend, less what gear and rolling take, also where measured rates scatter.
 
     The contact is 0.2 % farther from the axle than the rolling radius.

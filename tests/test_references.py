@@ -10,7 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ssmr.control.references import SPACING, circle, eight, line, sine, spiral, square, stop_and_go, u_turn
+from ssmr.control.references import (
+    SPACING,
+    circle,
+    eight,
+    line,
+    sine,
+    spiral,
+    square,
+    stop_and_go,
+    u_turn,
+)
 from ssmr.control.waypoints import Waypoints
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
@@ -20,7 +30,8 @@ from validation.bench.waypoint_files import REFERENCES
 from validation.thesis import published
 
 PRINTED = 1e-6
-"""generic.csv is written to the micrometre: half of that at both ends of a segment, and of the table's pieces [m]."""
+"""generic.csv is written to the micrometre: half of that at both ends of a segment, and of the
+table's pieces [m]."""
 LAST_DIGIT = 0.5e-4
 """Half a unit of the last digit that the thesis prints of d_haus and d_ratio."""
 
@@ -31,7 +42,8 @@ SMOOTH = ("sine", "eight", "slalom", "square", "spiral", "u-turn", "stop-and-go"
 
 def curvatures(waypoints: Waypoints) -> FloatArray:
     """Signed, at the waypoints between the ends, each once, however long the target waits there [1/m]."""
-    lengths, headings = waypoints.lengths[waypoints.moving], waypoints.headings[waypoints.moving]
+    lengths = waypoints.lengths[waypoints.moving]
+    headings = waypoints.headings[waypoints.moving]
     return np.diff(headings) / (0.5 * (lengths[1:] + lengths[:-1]))
 
 
@@ -58,7 +70,8 @@ def test_closed_references_end_where_they_begin_and_as_they_begin(name: str, tur
     waypoints = REFERENCES[name](0.25)
     assert np.allclose(waypoints.xy[-1], waypoints.xy[0], atol=ROUNDOFF)
     turned = waypoints.headings[-1] - waypoints.headings[0]
-    one_step = np.max(np.abs(np.diff(waypoints.headings)))  # the first and the last chord are a step apart
+    # the first and the last chord are a step apart
+    one_step = np.max(np.abs(np.diff(waypoints.headings)))
     assert abs(turned - 2.0 * math.pi * turns) <= one_step + ROUNDOFF
 
 
@@ -68,7 +81,8 @@ def test_an_eight_is_the_lemniscate(half_width: float) -> None:
     waypoints = eight(0.25, half_width)
     x, y = waypoints.xy.T
     assert np.allclose((x**2 + y**2) ** 2, half_width**2 * (x**2 - y**2), rtol=1e-9, atol=1e-9)
-    short = (SPACING * 3.0 / half_width) ** 2 / 24.0  # the greatest share by which a chord is shorter than its arc
+    # the greatest share by which a chord is shorter than its arc
+    short = (SPACING * 3.0 / half_width) ** 2 / 24.0
     assert (1.0 - short) * 5.244115 < waypoints.length / half_width < 5.244116
     expected = 3.0 * np.hypot(x, y)[1:-1] / half_width**2
     assert np.allclose(np.abs(curvatures(waypoints)), expected, atol=4e-3 * 3.0 / half_width)
@@ -77,7 +91,8 @@ def test_an_eight_is_the_lemniscate(half_width: float) -> None:
 @given(st.floats(2.0, 6.0), st.floats(2.0, 10.0))
 def test_a_square_touches_its_sides_and_closes(side: float, curvature: float) -> None:
     waypoints = square(0.25, side, curvature)
-    low, high = waypoints.xy.min(axis=0), waypoints.xy.max(axis=0)
+    low = waypoints.xy.min(axis=0)
+    high = waypoints.xy.max(axis=0)
     assert np.allclose((*low, *high), (-0.5 * side, 0.0, 0.5 * side, side), atol=1e-9)
     assert np.allclose(waypoints.xy[-1], 0.0, atol=1e-9)
     assert np.max(curvatures(waypoints)) <= curvature * (1.0 + 1e-9)
@@ -100,7 +115,9 @@ def test_a_u_turn_comes_back_at_its_width(width: float, straight: float) -> None
 
 
 @given(st.floats(0.1, 2.0), st.floats(0.2, 3.0), st.floats(0.1, 5.0), st.integers(1, 6))
-def test_stop_and_go_drives_at_its_speed_and_waits(speed: float, leg: float, wait: float, legs: int) -> None:
+def test_stop_and_go_drives_at_its_speed_and_waits(
+    speed: float, leg: float, wait: float, legs: int
+) -> None:
     waypoints = stop_and_go(speed, leg, wait, legs)
     assert waypoints.duration == pytest.approx(legs * (leg / speed + wait), rel=1e-9)
     assert waypoints.speed == pytest.approx(speed, rel=1e-9)
@@ -112,15 +129,18 @@ def test_stop_and_go_drives_at_its_speed_and_waits(speed: float, leg: float, wai
 def lengths_by(number: str) -> tuple[float, float]:
     """Lengths of the line that a table's printed digits allow: a robot short by d_haus lacks the share 1 - d_ratio."""
     (row,) = published.table(number)["rows"]
-    gap, missing = published.value(number, row, "d_haus_m"), 1.0 - published.value(number, row, "d_ratio")
+    gap = published.value(number, row, "d_haus_m")
+    missing = 1.0 - published.value(number, row, "d_ratio")
     return (gap - LAST_DIGIT) / (missing + LAST_DIGIT), (gap + LAST_DIGIT) / (missing - LAST_DIGIT)
 
 
 def test_the_length_of_the_line_is_what_the_tables_allow() -> None:
     length = inspect.signature(line).parameters["length"].default
     bounds = np.array([lengths_by(number) for number in ("4.5", "4.6", "4.22", "4.23")])
-    low, high = np.max(bounds[:, 0]), np.min(bounds[:, 1])
-    assert (round(low, 2), round(high, 2)) == (10.79, 10.85)  # what docs/references.md says of all four
+    low = np.max(bounds[:, 0])
+    high = np.min(bounds[:, 1])
+    # what docs/references.md says of all four
+    assert (round(low, 2), round(high, 2)) == (10.79, 10.85)
     assert low < length < high
 
 
@@ -136,7 +156,9 @@ def test_a_circle_is_as_long_and_as_far_as_its_radius_says(radius: float, turns:
 
 
 @given(st.floats(0.05, 1.0), st.floats(1.0, 6.0), st.floats(0.5, 3.0))
-def test_a_sine_is_one_with_steps_of_one_length(amplitude: float, wavelength: float, periods: float) -> None:
+def test_a_sine_is_one_with_steps_of_one_length(
+    amplitude: float, wavelength: float, periods: float
+) -> None:
     waypoints = sine(0.25, amplitude, wavelength, periods)
     x, y = waypoints.xy.T
     k = 2.0 * math.pi / wavelength
@@ -148,7 +170,8 @@ def test_a_sine_is_one_with_steps_of_one_length(amplitude: float, wavelength: fl
     assert np.max(np.abs(curvatures(waypoints))) <= tightest * (1.0 + 1e-3)
 
 
-# ------------------------------------------------------------------------------------------------------------- generic
+# -------------------------------------------------------------------------------------------------------------
+# generic
 
 
 def test_generic_saturates_at_half_a_metre_a_second_and_not_at_a_quarter() -> None:
@@ -161,7 +184,9 @@ def test_generic_saturates_at_half_a_metre_a_second_and_not_at_a_quarter() -> No
 
 def drawn(pieces: list[list[str]]) -> FloatArray:
     """Corners of the pieces of docs/references.md; each is begun where the one before ended, in complex numbers."""
-    z, direction, corners = 0j, 1 + 0j, [0j]
+    z = 0j
+    direction = 1 + 0j
+    corners = [0j]
     for kind, size, angle in pieces:
         turn = 0.0 if kind == "straight" else math.radians(float(angle))
         length = float(size) * (abs(turn) or 1.0)
@@ -170,7 +195,8 @@ def drawn(pieces: list[list[str]]) -> FloatArray:
             half = 0.5 * turn * i / n
             chord = length * i / n * (math.sin(half) / half if half else 1.0)
             corners.append(z + direction * chord * complex(math.cos(half), math.sin(half)))
-        z, direction = corners[-1], direction * complex(math.cos(turn), math.sin(turn))
+        z = corners[-1]
+        direction = direction * complex(math.cos(turn), math.sin(turn))
     return np.column_stack([np.real(corners), np.imag(corners)])
 
 
@@ -187,6 +213,8 @@ def test_the_page_lists_what_each_reference_asks_for() -> None:
     for name, _, *written in rows:
         waypoints = REFERENCES[name](0.25)
         tightest = np.max(np.abs(curvatures(waypoints)))
-        for text, value in zip(written, (waypoints.length, tightest, 0.25 * tightest, 0.5 * tightest), strict=True):
+        for text, value in zip(
+            written, (waypoints.length, tightest, 0.25 * tightest, 0.5 * tightest), strict=True
+        ):
             digits = len(text.partition(".")[2])
             assert abs(float(text) - value) <= 0.55 * 10.0**-digits, (name, text, value)

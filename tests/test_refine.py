@@ -24,7 +24,8 @@ from validation.plants.table import plant_kind
 
 FREE = ("u_x", "gain", "effective_half_track", "delay")
 RECOVERED = 1e-3
-"""Greatest error of a recovered number, as a share of the width of its bounds; the motions have no noise."""
+"""Greatest error of a recovered number, as a share of the width of its bounds; the motions have no
+noise."""
 
 
 def quick(**more: Any) -> dict[str, Any]:
@@ -36,7 +37,9 @@ def truth(lab: Profile, names: tuple[str, ...]) -> FloatArray:
 
 
 @pytest.mark.parametrize("objective", ["sync", "path"])
-def test_a_short_search_arrives_at_the_numbers_that_made_the_motion(lab: Profile, objective: Any) -> None:
+def test_a_short_search_arrives_at_the_numbers_that_made_the_motion(
+    lab: Profile, objective: Any
+) -> None:
     """Twelve candidates over four generations are nowhere near; least squares go on to the truth."""
     options = {**quick(), "objective": objective}
     short = fit("improved", "traj4@improved", lab, search="jde", **options)
@@ -45,7 +48,9 @@ def test_a_short_search_arrives_at_the_numbers_that_made_the_motion(lab: Profile
     assert whole.course.evaluations == sum(whole.course.by_stage.values())
     assert whole.cost < 0.05 * short.cost
     for parameter, wanted in zip(whole.parameters, truth(lab, FREE), strict=True):
-        assert abs(parameter.share(parameter.value) - parameter.share(wanted)) < RECOVERED, parameter.name
+        assert abs(parameter.share(parameter.value) - parameter.share(wanted)) < RECOVERED, (
+            parameter.name
+        )
 
 
 def test_least_squares_alone_begin_with_the_profile(lab: Profile) -> None:
@@ -53,27 +58,50 @@ def test_least_squares_alone_begin_with_the_profile(lab: Profile) -> None:
     assert result.cost < 1e-6  # these are the profile's own numbers
     assert result.course.jde.generation == 0
     away = fit(
-        "improved", "traj4@improved", lab, free=FREE, objective="sync", search="lsq", start={"delay": 0.3, "gain": 60.0}
+        "improved",
+        "traj4@improved",
+        lab,
+        free=FREE,
+        objective="sync",
+        search="lsq",
+        start={"delay": 0.3, "gain": 60.0},
     )
     assert away.cost < 1e-4
     assert away.course.stopped_by == "least squares"
 
 
-def test_least_squares_leave_the_start_on_a_log_in_which_the_robot_mostly_stands(tmp_path: Path) -> None:
+def test_least_squares_leave_the_start_on_a_log_in_which_the_robot_mostly_stands(
+    tmp_path: Path,
+) -> None:
     """The weak prior has more rows the longer a log is, and all are zero at the start."""
     columns = drive()
-    late = {name: np.append(np.full(6, columns[name][0]), columns[name][:-6]) for name in ("x", "y", "yaw")}
+    late = {
+        name: np.append(np.full(6, columns[name][0]), columns[name][:-6])
+        for name in ("x", "y", "yaw")
+    }
     rest = {name: values[-1] if name in late else 0.0 for name, values in (columns | late).items()}
-    held = {name: np.append(values, np.full(6000, rest[name])) for name, values in (columns | late).items()}
+    held = {
+        name: np.append(values, np.full(6000, rest[name]))
+        for name, values in (columns | late).items()
+    }
     held["t"] = 0.05 * np.arange(len(held["t"]))
-    np.savetxt(tmp_path / "still.csv", np.column_stack([*held.values()]), delimiter=",", header=",".join(held), comments="")
+    np.savetxt(
+        tmp_path / "still.csv",
+        np.column_stack([*held.values()]),
+        delimiter=",",
+        header=",".join(held),
+        comments="",
+    )
     result = fit("kinematic", tmp_path / "still.csv", robot="husky", input="wheels", search="lsq")
     assert {p.name: p.value for p in result.parameters}["yaw_late"] == pytest.approx(0.3, abs=0.1)
 
 
-def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: Path, monkeypatch: Any) -> None:
+def test_an_interrupted_search_goes_on_to_the_same_end(
+    lab: Profile, tmp_path: Path, monkeypatch: Any
+) -> None:
     whole = fit("improved", "traj4@improved", lab, search="hybrid", **quick(objective="sync"))
-    real, calls = FitProblem.residuals, []
+    real = FitProblem.residuals
+    calls = []
 
     def cut(self: FitProblem, points: FloatArray, workers: int = 1) -> FloatArray:
         calls.append(len(points))
@@ -87,13 +115,22 @@ def test_an_interrupted_search_goes_on_to_the_same_end(lab: Profile, tmp_path: P
     assert part.status == "interrupted"
     assert math.isfinite(part.cost)
     monkeypatch.setattr(FitProblem, "residuals", real)
-    rest = fit("improved", "traj4@improved", lab, search="hybrid", out=tmp_path, resume=True, **quick(objective="sync"))
+    rest = fit(
+        "improved",
+        "traj4@improved",
+        lab,
+        search="hybrid",
+        out=tmp_path,
+        resume=True,
+        **quick(objective="sync"),
+    )
     assert rest.cost == whole.cost
     assert rest.course.evaluations == whole.course.evaluations
     assert [p.value for p in rest.parameters] == [p.value for p in whole.parameters]
 
 
-# ------------------------------------------------------------------------------------------------------- parts
+# -------------------------------------------------------------------------------------------------------
+# parts
 
 
 class Plateau:
@@ -120,7 +157,8 @@ class Line:
     """A straight line through points of which some lie far off."""
 
     def __init__(self, outliers: int, robust: bool = False) -> None:
-        self.robust, self.cheap = robust, False
+        self.robust = robust
+        self.cheap = False
         rng = np.random.default_rng(1)
         self.x = np.linspace(-1.0, 1.0, 60)
         self.y = 0.3 + 0.4 * self.x + rng.normal(0.0, 0.01, 60)
@@ -159,10 +197,16 @@ def test_squares_of_residuals_are_the_costs_terms(lab: Profile) -> None:
         assert len(problem.blocks) == problem.residuals(points).shape[1]
         if cost.objective == "sync":
             poses = plant_kind("improved").population([problem.candidate(p) for p in points], 1)
-            error = poses.motions(range(3), target.source.pieces[0], target.source.sample_dt) - target.truth[0].pose
+            error = (
+                poses.motions(range(3), target.source.pieces[0], target.source.sample_dt)
+                - target.truth[0].pose
+            )
             error = error[:, :: round(0.1 / float(target.truth[0].t[1]))]
-            wanted = ((error[..., :2] ** 2).sum(axis=2) + 0.09 * wrap_angle(error[..., 2]) ** 2).mean(axis=1)
+            wanted = (
+                (error[..., :2] ** 2).sum(axis=2) + 0.09 * wrap_angle(error[..., 2]) ** 2
+            ).mean(axis=1)
             assert np.allclose(squares, wanted, rtol=1e-12)
         else:
             assert isinstance(problem._pieces[0][2], PathRater)
-            assert np.all(np.sqrt(squares) <= 1.1 * problem.costs(points))  # the faint errors at equal times come on top
+            # the faint errors at equal times come on top
+            assert np.all(np.sqrt(squares) <= 1.1 * problem.costs(points))

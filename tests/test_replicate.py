@@ -18,7 +18,15 @@ from validation.engines.body import EngineMissingError
 from validation.plants.profile import Profile
 from validation.progress import Progress, silent
 from validation.replicate import gazebo, replicate
-from validation.replicate.chapters import QUICK, Findings, Section, Task, chapter_of, chosen_sections, template
+from validation.replicate.chapters import (
+    QUICK,
+    Findings,
+    Section,
+    Task,
+    chapter_of,
+    chosen_sections,
+    template,
+)
 from validation.replicate.control import (
     CONTROL_TABLES,
     GAIN_NAMES,
@@ -46,7 +54,8 @@ def section(key: str) -> Section:
     return next(s for s in ALL_SECTIONS if s.key == key)
 
 
-# ------------------------------------------------------------------------------------------------------------- the program
+# -------------------------------------------------------------------------------------------------------------
+# the program
 
 
 def test_every_table_of_the_thesis_has_one_section_that_answers_for_it() -> None:
@@ -56,7 +65,11 @@ def test_every_table_of_the_thesis_has_one_section_that_answers_for_it() -> None
 
 
 def test_sections_are_chosen_by_key_and_by_table_in_their_own_order() -> None:
-    assert [s.key for s in chosen_sections(ALL_SECTIONS, ("4.9", "noise", "3.9"))] == ["noise", "fit-coulomb", "tables"]
+    assert [s.key for s in chosen_sections(ALL_SECTIONS, ("4.9", "noise", "3.9"))] == [
+        "noise",
+        "fit-coulomb",
+        "tables",
+    ]
     with pytest.raises(ValueError, match=r"'5\.1' in only is no section"):
         replicate(only=("noise", "5.1"))
 
@@ -66,13 +79,21 @@ def test_every_template_has_a_caption_for_each_of_its_tables() -> None:
         text = template(each.key.partition("-")[0]).splitlines()
         headings = [line[3:].partition(": ")[0] for line in text if line.startswith("## ")]
         spans = [h.split("–") for h in headings if not h.startswith("{")]
-        assert len(headings) == len(each.tables) or {t for span in spans for t in span} <= set(each.tables), each.key
+        assert len(headings) == len(each.tables) or {t for span in spans for t in span} <= set(
+            each.tables
+        ), each.key
 
 
-def test_files_hold_every_number_beside_ours_with_a_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_hold_every_number_beside_ours_with_a_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("validation.replicate.run.QUICK", SMALL.budget)
     report = replicate(quick=True, only=("3.9",), workers=2)
-    assert [p.name for p in report.save(tmp_path)] == ["replicate.json", "replicate.png", "replicate.md"]
+    assert [p.name for p in report.save(tmp_path)] == [
+        "replicate.json",
+        "replicate.png",
+        "replicate.md",
+    ]
     document = json.loads((tmp_path / "replicate.json").read_text(encoding="utf-8"))
     assert (document["schema"], document["quick"]) == ("ssmr.replicate/1", True)
     assert list(document["tables"]) == ["3.8", "3.9"]
@@ -84,10 +105,16 @@ def test_files_hold_every_number_beside_ours_with_a_verdict(tmp_path: Path, monk
                 assert {"published", "ours"} <= set(pair)
                 assert pair["verdict"] == "agrees" or pair["reason"], (number, row, metric)
     for row, printed in published.table("3.9")["rows"].items():
-        assert {m: document["tables"]["3.9"]["rows"][row][m]["published"] for m in printed} == printed
-    assert document["tables"]["3.8"]["rows"]["tau_max_wheel_N_m"]["value"]["verdict"] == "not compared"
+        assert {
+            m: document["tables"]["3.9"]["rows"][row][m]["published"] for m in printed
+        } == printed
+    assert (
+        document["tables"]["3.8"]["rows"]["tau_max_wheel_N_m"]["value"]["verdict"] == "not compared"
+    )
     assert sum(document["verdicts"].values()) == 6 + 4
-    assert document["verdicts"] == {s: sum(some[s] for some in document["evidence"].values()) for s in STATUSES}
+    assert document["verdicts"] == {
+        s: sum(some[s] for some in document["evidence"].values()) for s in STATUSES
+    }
     text = (tmp_path / "replicate.md").read_text(encoding="utf-8")
     assert all(f"| {row} |" in text for row in published.table("3.8")["rows"])
     assert "{" not in text
@@ -106,7 +133,8 @@ def test_an_interrupt_keeps_the_sections_that_are_finished() -> None:
     assert exit_status(replicate, "--only", "5.1") == 2
 
 
-# ------------------------------------------------------------------------------------------------------------------ numbers
+# ------------------------------------------------------------------------------------------------------------------
+# numbers
 
 
 def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis() -> None:
@@ -115,7 +143,9 @@ def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis(
     for name, pairs in measured.tables["3.4"].items():
         pair = pairs["variance"]
         assert pair.ours is not None
-        assert pair.beside["of what is simulated"] == pytest.approx(0.623 * (pair.published or 0.0), rel=0.15), name
+        assert pair.beside["of what is simulated"] == pytest.approx(
+            0.623 * (pair.published or 0.0), rel=0.15
+        ), name
         assert (pair.beside["with jitter"] > 100.0 * pair.ours) == (name == "X")
     assert np.square(high_pass(50.0)).sum() == pytest.approx(0.623, abs=0.001)
 
@@ -130,10 +160,13 @@ def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
         assert set(GAIN_NAMES[controller]) == set(published.table(number)["rows"])
 
 
-# -------------------------------------------------------------------------------------------------------- tracked references
+# --------------------------------------------------------------------------------------------------------
+# tracked references
 
 
-def test_the_line_comes_out_as_printed_and_the_husky_as_near_the_prediction_as_the_real_robot(lab: Profile) -> None:
+def test_the_line_comes_out_as_printed_and_the_husky_as_near_the_prediction_as_the_real_robot(
+    lab: Profile,
+) -> None:
     """Tab. 4.5 and 4.6 have certain geometry and gains: gap at the end and length, within what four seeds spread."""
     tables = TrackedTables(lab, 4)
     for number in ("4.5", "4.6"):
@@ -146,7 +179,9 @@ def test_the_line_comes_out_as_printed_and_the_husky_as_near_the_prediction_as_t
 
 
 def test_the_supposed_gains_are_those_of_the_regulator(lab: Profile) -> None:
-    k = np.reshape(make_controller(lab, supposed_gains(load_gains("lqr", "manual"))).packed()[:8], (2, 4))
+    k = np.reshape(
+        make_controller(lab, supposed_gains(load_gains("lqr", "manual"))).packed()[:8], (2, 4)
+    )
     assert (k[0, 0], k[1, 2]) == pytest.approx((K_11, K_33), rel=1e-6)
     assert abs(k[[0, 1], [1, 3]]).max() < 0.1, "hardly any feedback of rates"
 
@@ -160,7 +195,8 @@ def test_the_supposed_path_has_its_rate_and_both_ends() -> None:
     assert len(sampled.t) == pytest.approx(8.0 * PATH_RATE_HZ, abs=2)
 
 
-# ------------------------------------------------------------------------------------------------------------------- Gazebo
+# -------------------------------------------------------------------------------------------------------------------
+# Gazebo
 
 
 def test_a_robot_that_turns_as_its_wheels_ask_never_drives_straight() -> None:
@@ -182,18 +218,24 @@ def test_sixteen_starts_differ_a_little_and_one_is_the_thesis_own() -> None:
     assert 0.05 / step == pytest.approx(np.round(0.05 / step))
 
 
-def test_without_ode_the_section_on_gazebo_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ode_the_section_on_gazebo_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     def missing() -> None:
         raise EngineMissingError("install it")
 
     monkeypatch.setattr(gazebo, "ode", missing)
     measured: Findings = section("gazebo").run(SMALL)
-    assert {row["straight_share"].obstacle for row in measured.tables["Sec. 3.7"].values()} == {"install it"}
+    assert {row["straight_share"].obstacle for row in measured.tables["Sec. 3.7"].values()} == {
+        "install it"
+    }
     assert "install it" in "\n".join(chapter_of(section("gazebo"), measured).markdown())
 
 
 @pytest.mark.slow
-def test_gazebo_s_pyramid_along_the_worlds_axes_is_as_fast_as_the_thesis_saw_and_never_turns(lab: Profile) -> None:
+def test_gazebo_s_pyramid_along_the_worlds_axes_is_as_fast_as_the_thesis_saw_and_never_turns(
+    lab: Profile,
+) -> None:
     """Sec. 3.7 describes a run that turns, and ours does not, so the lost direction is a conjecture (docs/why_drift.md)."""
     installed_plant(lab, "ode")
     measured = gazebo.driven_on_trajectory_3("pyramid", "world", gazebo.starts(1)[0])
@@ -210,7 +252,9 @@ DECIBEL = 10.0 ** (-value("text", "noise_highpass_attenuation") / 20.0)
 
 
 @pytest.mark.parametrize("rate", [25.0, 50.0, 120.0, 1000.0])
-def test_the_filter_passes_what_is_above_its_transition_and_keeps_that_part_of_the_band(rate: float) -> None:
+def test_the_filter_passes_what_is_above_its_transition_and_keeps_that_part_of_the_band(
+    rate: float,
+) -> None:
     """Parseval: the sum of the squared taps is the mean squared gain; the transition's middle is the band's edge."""
     taps = high_pass(rate)
     assert np.array_equal(taps, taps[::-1])
@@ -222,7 +266,8 @@ def test_the_filter_passes_what_is_above_its_transition_and_keeps_that_part_of_t
 @pytest.mark.parametrize("rate", [25.0, 50.0, 120.0])
 def test_ramps_are_taken_away_and_white_noise_leaves_its_share(rate: float) -> None:
     t = np.arange(0.0, 400.0, 1.0 / rate)
-    ramp, noise = 3.0 + 0.5 * t, np.random.default_rng(1).normal(0.0, 0.003, len(t))
+    ramp = 3.0 + 0.5 * t
+    noise = np.random.default_rng(1).normal(0.0, 0.003, len(t))
     assert variance_above(ramp, rate) < (1e2 * ROUNDOFF * np.ptp(ramp)) ** 2
     weave = 0.3 * np.sin(2.0 * np.pi * 0.5 * t)  # as in trajectory 1
     share = np.square(high_pass(rate)).sum()

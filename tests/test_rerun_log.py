@@ -32,7 +32,8 @@ from validation.report.viewer import open_viewer
 from validation.simulator.description import WHEELS, load_robot
 
 SINGLE = 2.0**-22
-"""Relative: what a number in double precision loses when rerun keeps it in single, with room for an operation or two."""
+"""Relative: what a number in double precision loses when rerun keeps it in single, with room for an
+operation or two."""
 PLANTS = ("mujoco", "improved", "coulomb", "linear", "kinematic")
 RADIUS = 0.165
 COLOUR = re.compile(r"\x1b\[[\d;]*m")  # rerun writes the parts of an address in different ones
@@ -49,14 +50,21 @@ def strict_rerun() -> Iterator[None]:
 
 def stamps(period: float, last: float, first: float = 0.0) -> FloatArray:
     """(M,) stamps from `first` to `last` [s]."""
-    return np.asarray(first + period * np.arange(round((last - first) / period) + 1), dtype=np.float64)
+    return np.asarray(
+        first + period * np.arange(round((last - first) / period) + 1), dtype=np.float64
+    )
 
 
-def arc(speed: float, yaw_rate: float, t: FloatArray, start: Sequence[float] = (0.0, 0.0, 0.0)) -> Trajectory:
+def arc(
+    speed: float, yaw_rate: float, t: FloatArray, start: Sequence[float] = (0.0, 0.0, 0.0)
+) -> Trajectory:
     """A drive along a circle at constant speed, its wheels rolling; wheel loads, torques and accelerations made up."""
-    angle, one = yaw_rate * (t - t[0]), np.ones(len(t))
-    x, y = speed / yaw_rate * np.sin(angle), speed / yaw_rate * (1.0 - np.cos(angle))
-    c, s = math.cos(start[2]), math.sin(start[2])
+    angle = yaw_rate * (t - t[0])
+    one = np.ones(len(t))
+    x = speed / yaw_rate * np.sin(angle)
+    y = speed / yaw_rate * (1.0 - np.cos(angle))
+    c = math.cos(start[2])
+    s = math.sin(start[2])
     pose = np.column_stack([start[0] + c * x - s * y, start[1] + s * x + c * y, start[2] + angle])
     wheels = np.outer(one, [speed - 0.5 * yaw_rate, speed + 0.5 * yaw_rate]) / RADIUS
     channels = {
@@ -70,31 +78,64 @@ def arc(speed: float, yaw_rate: float, t: FloatArray, start: Sequence[float] = (
 
 
 def without(trajectory: Trajectory, *names: str) -> Trajectory:
-    return replace(trajectory, channels={k: v for k, v in trajectory.channels.items() if k not in names})
+    return replace(
+        trajectory, channels={k: v for k, v in trajectory.channels.items() if k not in names}
+    )
 
 
-def comparison(times: Sequence[FloatArray], plants: Sequence[str] = PLANTS, speed: float = 0.5) -> Comparison:
+def comparison(
+    times: Sequence[FloatArray], plants: Sequence[str] = PLANTS, speed: float = 0.5
+) -> Comparison:
     """Plants on slightly different circles, MuJoCo's the reference."""
     pieces = {}
     for k, name in enumerate(plants):
         made = tuple(arc(speed + 0.02 * k, 0.8, t, (float(t[0]), 0.1 * k, 3.0)) for t in times)
-        pieces[name] = made if name == "mujoco" else tuple(without(p, "wheel_load_N", "force_x_N") for p in made)
-    commands = tuple(Commands(0.05, np.tile([speed, 0.8], (max(1, round((t[-1] - t[0]) / 0.05)), 1))) for t in times)
+        pieces[name] = (
+            made
+            if name == "mujoco"
+            else tuple(without(p, "wheel_load_N", "force_x_N") for p in made)
+        )
+    commands = tuple(
+        Commands(0.05, np.tile([speed, 0.8], (max(1, round((t[-1] - t[0]) / 0.05)), 1)))
+        for t in times
+    )
     results = {name: PlantResult(name, p, UNRATED, {}, 0.1, 20.0) for name, p in pieces.items()}
     options = {"input": "commands", "noise": False, "horizons": 6.0}
-    return compared("traj4", pieces[plants[0]], commands, results, seed=3, options=options, versions={"mujoco": "3.17"})
+    return compared(
+        "traj4",
+        pieces[plants[0]],
+        commands,
+        results,
+        seed=3,
+        options=options,
+        versions={"mujoco": "3.17"},
+    )
 
 
-def compared(source: str, reference: Any, commands: Any, plants: Mapping[str, PlantResult], **more: Any) -> Comparison:
+def compared(
+    source: str, reference: Any, commands: Any, plants: Mapping[str, PlantResult], **more: Any
+) -> Comparison:
     """A comparison of plants with the first of them, of which only the motions matter."""
-    about = {"program": "compare", "title": source, "tables": (), "document": {}, "draw": Figure, "profile": "thesis-lab"}
+    about = {
+        "program": "compare",
+        "title": source,
+        "tables": (),
+        "document": {},
+        "draw": Figure,
+        "profile": "thesis-lab",
+    }
     motions = {"source": source, "reference": reference, "commands": commands, "plants": plants}
-    return Comparison(**{**about, **motions, "reference_name": next(iter(plants)), "seed": 0, **more})
+    return Comparison(
+        **{**about, **motions, "reference_name": next(iter(plants)), "seed": 0, **more}
+    )
 
 
 def against_a_recording(made: Comparison) -> Comparison:
     """The same, its reference recorded: a motion that is no plant's and has no channels."""
-    recorded = tuple(replace(p, pose=np.add(p.pose, (0.0, 1.0, 2.0 * math.pi)), channels={}) for p in made.reference)
+    recorded = tuple(
+        replace(p, pose=np.add(p.pose, (0.0, 1.0, 2.0 * math.pi)), channels={})
+        for p in made.reference
+    )
     return replace(made, reference_name="recording", reference=recorded)
 
 
@@ -111,14 +152,19 @@ class Read:
         static: dict[str, dict[str, Any]] = {}
         over_time: dict[str, dict[str, tuple[FloatArray, list[Any]]]] = {}
         for chunk in RrdReader(path).stream():
-            batch, entity = chunk.to_record_batch(), chunk.entity_path.removeprefix("/")
+            batch = chunk.to_record_batch()
+            entity = chunk.entity_path.removeprefix("/")
             names = [n for n in batch.schema.names if n not in ("rerun.controls.RowId", "sim_time")]
             if chunk.is_static:
-                static.setdefault(entity, {}).update({n: batch.column(n).to_pylist()[0] for n in names})
+                static.setdefault(entity, {}).update(
+                    {n: batch.column(n).to_pylist()[0] for n in names}
+                )
                 continue
             assert chunk.timeline_names == ["sim_time"]
             at = 1e-9 * np.array(batch.column("sim_time").cast("int64").to_pylist())
-            over_time.setdefault(entity, {}).update({n: (at, batch.column(n).to_pylist()) for n in names})
+            over_time.setdefault(entity, {}).update(
+                {n: (at, batch.column(n).to_pylist()) for n in names}
+            )
         return cls(static, over_time)
 
     def track(self, entity: str, component: str) -> tuple[FloatArray, FloatArray]:
@@ -134,7 +180,8 @@ A_MOMENT = stamps(0.008, 0.08)
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path, Read]:
     """Five plants over two seconds: what went in, the file, and what it holds."""
-    made, path = comparison([TWO_SECONDS]), tmp_path_factory.mktemp("recording") / "a.rrd"
+    made = comparison([TWO_SECONDS])
+    path = tmp_path_factory.mktemp("recording") / "a.rrd"
     write_recording(made, path)
     return made, path, Read.file(path)
 
@@ -143,7 +190,8 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path, R
 def in_pieces(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Read]:
     """Three plants and a recording with two gaps."""
     times = [stamps(0.05, 11.0, 10.0), stamps(0.05, 13.5, 12.0), stamps(0.05, 20.5, 20.0)]
-    made, path = against_a_recording(comparison(times, PLANTS[:3])), tmp_path_factory.mktemp("pieces") / "b.rrd"
+    made = against_a_recording(comparison(times, PLANTS[:3]))
+    path = tmp_path_factory.mktemp("pieces") / "b.rrd"
     write_recording(made, path)
     return made, Read.file(path)
 
@@ -157,7 +205,9 @@ def run_rerun(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("plant", PLANTS)
-def test_the_poses_read_back_are_those_given(shown: tuple[Comparison, Path, Read], plant: str) -> None:
+def test_the_poses_read_back_are_those_given(
+    shown: tuple[Comparison, Path, Read], plant: str
+) -> None:
     made, _, read = shown
     motion = made.plants[plant].pieces[0]
     t, translation = read.track(f"world/{plant}/robot", "Transform3D:translation")
@@ -173,15 +223,20 @@ def test_the_poses_read_back_are_those_given(shown: tuple[Comparison, Path, Read
     wanted = np.column_stack([np.zeros((len(half), 2)), np.sin(half), np.cos(half)])
     assert np.abs(quat_xyzw - wanted).max() <= SINGLE
     heading = Rotation.from_quat(quat_xyzw).apply([1.0, 0.0, 0.0])
-    assert np.abs(heading[:, :2] - np.column_stack([np.cos(2.0 * half), np.sin(2.0 * half)])).max() <= 4.0 * SINGLE
+    assert (
+        np.abs(heading[:, :2] - np.column_stack([np.cos(2.0 * half), np.sin(2.0 * half)])).max()
+        <= 4.0 * SINGLE
+    )
 
 
 def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(scene_robots, "MOST_POSES", 50)
     monkeypatch.setattr(scene, "_MOST_SAMPLES", 60)
-    made, path = comparison([TWO_SECONDS], PLANTS[:2]), tmp_path / "long.rrd"
+    made = comparison([TWO_SECONDS], PLANTS[:2])
+    path = tmp_path / "long.rrd"
     write_recording(made, path)
-    read, motion = Read.file(path), made.plants["improved"].pieces[0]
+    read = Read.file(path)
+    motion = made.plants["improved"].pieces[0]
     at, places = read.track("world/improved/robot", "Transform3D:translation")
     assert len(at) <= 52
     assert np.allclose(places[-1, :2], motion.xy[-1], atol=1e-6)
@@ -190,7 +245,9 @@ def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: 
 
 
 @pytest.mark.parametrize(("speed", "direction"), [(0.5, -1.0), (-0.5, 1.0)])
-def test_wheels_roll_the_way_the_robot_drives(tmp_path: Path, speed: float, direction: float) -> None:
+def test_wheels_roll_the_way_the_robot_drives(
+    tmp_path: Path, speed: float, direction: float
+) -> None:
     t = stamps(0.01, 0.1)
     write_recording(comparison([t], ["mujoco"], speed), tmp_path / "a.rrd")
     read = Read.file(tmp_path / "a.rrd")
@@ -199,10 +256,12 @@ def test_wheels_roll_the_way_the_robot_drives(tmp_path: Path, speed: float, dire
         _, quat_xyzw = read.track(f"world/mujoco/robot/{wheel}", "Transform3D:quaternion")
         contact = Rotation.from_quat(quat_xyzw).apply([0.0, 0.0, -RADIUS])
         assert np.abs(contact[0] - [0.0, 0.0, -RADIUS]).max() <= SINGLE
-        assert np.all(np.diff(direction * contact[:, 0]) > 0.0)  # the contact point moves against the drive
+        # the contact point moves against the drive
+        assert np.all(np.diff(direction * contact[:, 0]) > 0.0)
         assert np.abs(contact[:, 1]).max() <= SINGLE
         turned[wheel] = math.asin(-contact[-1, 0] / RADIUS)
-    left, right = (speed - 0.4) * t[-1] / RADIUS, (speed + 0.4) * t[-1] / RADIUS
+    left = (speed - 0.4) * t[-1] / RADIUS
+    right = (speed + 0.4) * t[-1] / RADIUS
     wanted = {w: left if w.endswith("left") else right for w in WHEELS}
     assert turned == pytest.approx(wanted, rel=1e-5)  # single precision through an arc sine
 
@@ -226,7 +285,9 @@ def test_forces_of_the_ground_are_arrows_of_one_scale_where_a_plant_tells_them(
         assert values.shape == (len(motion), 4)
 
 
-def test_the_centre_of_rotation_of_a_circle_is_its_middle(shown: tuple[Comparison, Path, Read]) -> None:
+def test_the_centre_of_rotation_of_a_circle_is_its_middle(
+    shown: tuple[Comparison, Path, Read],
+) -> None:
     """A robot on a circle to the left with v = 0.5 m/s and 0.8 rad/s turns about a point beside it."""
     _, _, read = shown
     _, points = read.over_time["world/mujoco/robot/rotation_centre"]["Points3D:positions"]
@@ -259,7 +320,9 @@ def test_nothing_is_drawn_across_gaps(in_pieces: tuple[Comparison, Read]) -> Non
         t, _ = columns["Scalars:scalars"]
         breaks, _ = columns["Clear:is_recursive"]
         assert breaks == pytest.approx([11.5, 16.75])
-        assert not np.any((t > 11.0 + 1e-6) & (t < 12.0 - 1e-6) | (t > 13.5 + 1e-6) & (t < 20.0 - 1e-6))
+        assert not np.any(
+            (t > 11.0 + 1e-6) & (t < 12.0 - 1e-6) | (t > 13.5 + 1e-6) & (t < 20.0 - 1e-6)
+        )
         if not entity.endswith("commanded"):
             assert t == pytest.approx(wanted)
     t, _ = read.track("world/coulomb/robot", "Transform3D:translation")
@@ -272,7 +335,14 @@ def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -
     result = PlantResult("kinematic", (still,), UNRATED, {}, 0.1, 20.0)
     commands = (Commands(0.008, np.zeros((max(1, len(t) - 1), 2))),)
     write_recording(compared("a", (still,), commands, {"kinematic": result}), tmp_path / "a.rrd")
-    assert len(Read.file(tmp_path / "a.rrd").track("world/kinematic/robot", "Transform3D:translation")[0]) >= 1
+    assert (
+        len(
+            Read.file(tmp_path / "a.rrd").track("world/kinematic/robot", "Transform3D:translation")[
+                0
+            ]
+        )
+        >= 1
+    )
 
 
 # --- the file ---
@@ -282,7 +352,10 @@ def test_a_repeated_run_compares_equal_and_another_has_another_id(
     shown: tuple[Comparison, Path, Read], tmp_path: Path
 ) -> None:
     path = shown[1]
-    for name, other in (("same", comparison([TWO_SECONDS])), ("moved", comparison([TWO_SECONDS], speed=0.51))):
+    for name, other in (
+        ("same", comparison([TWO_SECONDS])),
+        ("moved", comparison([TWO_SECONDS], speed=0.51)),
+    ):
         write_recording(other, tmp_path / f"{name}.rrd")
     assert run_rerun("rrd", "compare", "--unordered", path, tmp_path / "same.rrd").returncode == 0
     files = (path, *(tmp_path / f"{name}.rrd" for name in ("same", "moved")))
@@ -298,8 +371,11 @@ def raiser(failure: BaseException) -> Callable[..., None]:
     return fail
 
 
-def test_a_failure_leaves_nothing_and_spares_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, made = tmp_path / "a.rrd", comparison([A_MOMENT], PLANTS[:2])
+def test_a_failure_leaves_nothing_and_spares_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.rrd"
+    made = comparison([A_MOMENT], PLANTS[:2])
     path.write_bytes(b"before")
     with pytest.raises(ValueError, match="zip"):
         write_recording(replace(made, commands=made.commands * 2), path)
@@ -321,7 +397,8 @@ class FakeViewer:
     """A viewer that stays, ends at once, or cannot be started."""
 
     def __init__(self, fate: str) -> None:
-        self.fate, self.command = fate, list[str]()
+        self.fate = fate
+        self.command = list[str]()
 
     def __call__(self, command: list[str], **_: object) -> FakeViewer:
         """Start."""
@@ -371,4 +448,6 @@ def test_a_robot_looks_as_large_as_it_is(name: str) -> None:
         assert abs(y) == pytest.approx(0.5 * track)
         assert (x > 0.0) == wheel.startswith("front")
         assert (y > 0.0) == wheel.endswith("left")
-        assert max(solid.size[0] for solid in looks.solids[wheel]) == pytest.approx(radius, rel=0.02)
+        assert max(solid.size[0] for solid in looks.solids[wheel]) == pytest.approx(
+            radius, rel=0.02
+        )

@@ -23,7 +23,8 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.resting import level_rest, solved_exactly
 
 SETTLED = 1e-9
-"""Heights [m] and parts of quaternions [1]: settling for four seconds comes as near to rest as this."""
+"""Heights [m] and parts of quaternions [1]: settling for four seconds comes as near to rest as
+this."""
 
 STILL = 1e-5
 """Change of a load [N], and yaw rate [rad/s], of a robot at rest."""
@@ -59,14 +60,19 @@ def lie(qpos: np.ndarray) -> np.ndarray:
     ],
 )
 def test_a_robot_rests_as_it_settles(change: dict[str, Any]) -> None:
-    plant = MujocoPlant(Calibration.of(load_robot(change["robot"])) if "robot" in change else husky(**change), Drive())
+    plant = MujocoPlant(
+        Calibration.of(load_robot(change["robot"])) if "robot" in change else husky(**change),
+        Drive(),
+    )
     measured = level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
     assert measured is not None
     assert np.abs(lie(measured) - settled(plant, 4.0)).max() <= SETTLED
 
 
 def test_what_the_body_does_at_rest_is_nothing() -> None:
-    plant = MujocoPlant(husky(com_x=0.12, com_y=-0.05), Drive(), settings=PhysicsSettings(solver="Newton"))
+    plant = MujocoPlant(
+        husky(com_x=0.12, com_y=-0.05), Drive(), settings=PhysicsSettings(solver="Newton")
+    )
     stand = plant.run(Commands(0.05, np.zeros((40, 2))), State(), SAMPLE_DT)
     assert np.ptp(stand.channels["wheel_load_N"], axis=0).max() < STILL
     assert np.abs(stand.twist[:, 2]).max() < STILL
@@ -75,8 +81,12 @@ def test_what_the_body_does_at_rest_is_nothing() -> None:
 def test_how_it_rests_does_not_hang_on_what_was_computed_before() -> None:
     plant = MujocoPlant(husky(com_x=0.05), Drive())
     first = level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
-    MujocoPlant(husky(com_x=-0.1, wheel_radius=0.15), Drive()).run(TRAJECTORIES["traj1"].commands(), State(), SAMPLE_DT)
-    assert np.array_equal(first, level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration))
+    MujocoPlant(husky(com_x=-0.1, wheel_radius=0.15), Drive()).run(
+        TRAJECTORIES["traj1"].commands(), State(), SAMPLE_DT
+    )
+    assert np.array_equal(
+        first, level_rest(plant.model, mujoco.MjData(plant.model), plant.calibration)
+    )
 
 
 def test_a_robot_that_tips_over_has_no_rest_that_is_computed() -> None:
@@ -88,8 +98,15 @@ def test_a_robot_that_tips_over_has_no_rest_that_is_computed() -> None:
 def test_a_population_does_not_hang_on_those_before_it() -> None:
     """Order and reuse of plants change nothing."""
     section = load_profile("husky-tile").plants["mujoco"]
-    stretch = type("Stretch", (), {"commands": Commands(0.05, np.tile([0.5, 0.3], (20, 1))), "start": State(), "t": None})()
-    chosen = [replace(section, parameters=replace(section.parameters, friction=f)) for f in (0.3, 0.6, 0.9)]
+    stretch = type(
+        "Stretch",
+        (),
+        {"commands": Commands(0.05, np.tile([0.5, 0.3], (20, 1))), "start": State(), "t": None},
+    )()
+    chosen = [
+        replace(section, parameters=replace(section.parameters, friction=f))
+        for f in (0.3, 0.6, 0.9)
+    ]
     population = plant_kind("mujoco").population
     forward = population(chosen, 1).motions([0, 1, 2], stretch, SAMPLE_DT)
     backward = population(chosen[::-1], 1).motions([0, 1, 2], stretch, SAMPLE_DT)

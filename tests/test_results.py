@@ -39,8 +39,19 @@ def interrupt(now: Progress) -> None:
 
 
 SMALL: dict[str, Any] = {"population": 8, "generations": 3, "seed": 1}
-TUNED: dict[str, Any] = {"plants": ("linear",), "free": ("q_x", "r_v"), "noise": False, "held_out": ("line@0.5",), **SMALL}
-FITTED: dict[str, Any] = {"held_out": ("traj1@improved",), "objective": "path", "free": ("y_l", "alpha_l"), **SMALL}
+TUNED: dict[str, Any] = {
+    "plants": ("linear",),
+    "free": ("q_x", "r_v"),
+    "noise": False,
+    "held_out": ("line@0.5",),
+    **SMALL,
+}
+FITTED: dict[str, Any] = {
+    "held_out": ("traj1@improved",),
+    "objective": "path",
+    "free": ("y_l", "alpha_l"),
+    **SMALL,
+}
 HORIZONS = (2.0, 6.0)
 MADE: dict[str, Callable[[str], Any]] = {
     "compare": lambda log: compare("traj4", "thesis-lab"),
@@ -49,7 +60,9 @@ MADE: dict[str, Callable[[str], Any]] = {
     "fit": lambda log: fit("kinematic", log, **FITTED),
     "fit, interrupted": lambda log: fit("linear", "traj4@improved", progress=interrupt, **SMALL),
     "track": lambda log: track("lqr", circle(0.5), "linear"),
-    "track four plants": lambda log: track("pid", line(0.5), ("linear", "kinematic", "improved", "coulomb"), lookahead=0.2),
+    "track four plants": lambda log: track(
+        "pid", line(0.5), ("linear", "kinematic", "improved", "coulomb"), lookahead=0.2
+    ),
     "track, lost": lambda log: track("pid", line(0.5), ("kinematic", "linear"), gains=hopeless()),
     "tune": lambda log: tune("lqr", ("circle@0.5", "line@0.4"), **TUNED),
     "tune, interrupted": lambda log: tune("lqr", "circle@0.5", progress=interrupt, **TUNED),
@@ -92,8 +105,12 @@ def saved(made: Any, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def seen(figure: Figure) -> list[Text]:
     """Everything written in a figure, numbers at the axes left out."""
-    numbers = {id(label) for ax in figure.axes for label in (*ax.get_xticklabels(), *ax.get_yticklabels())}
-    every = [text for text in figure.findobj(Text) if isinstance(text, Text) and id(text) not in numbers]
+    numbers = {
+        id(label) for ax in figure.axes for label in (*ax.get_xticklabels(), *ax.get_yticklabels())
+    }
+    every = [
+        text for text in figure.findobj(Text) if isinstance(text, Text) and id(text) not in numbers
+    ]
     return [text for text in every if text.get_visible() and text.get_text().strip()]
 
 
@@ -101,8 +118,16 @@ def overlapping(figure: Figure) -> list[str]:
     """Texts that leave the figure or cover one another."""
     renderer, whole = figure.canvas.get_renderer(), figure.bbox  # type: ignore[attr-defined]
     boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in seen(figure)]
-    wrong = [t for t, b in boxes if b.x0 < whole.x0 or b.x1 > whole.x1 or b.y0 < whole.y0 or b.y1 > whole.y1]
-    return wrong + [f"{one!r} covers {two!r}" for (one, a), (two, b) in itertools.combinations(boxes, 2) if a.overlaps(b)]
+    wrong = [
+        t
+        for t, b in boxes
+        if b.x0 < whole.x0 or b.x1 > whole.x1 or b.y0 < whole.y0 or b.y1 > whole.y1
+    ]
+    return wrong + [
+        f"{one!r} covers {two!r}"
+        for (one, a), (two, b) in itertools.combinations(boxes, 2)
+        if a.overlaps(b)
+    ]
 
 
 @pytest.mark.parametrize("width", [80, 120])
@@ -131,7 +156,9 @@ def test_its_files_are_whole_and_finite_and_rerun_takes_them(made: Any, saved: l
 
 
 @pytest.mark.parametrize("name", ["compare", "track four plants"])
-def test_a_picture_shows_the_paths_that_were_driven(name: str, result: Callable[[str], Any]) -> None:
+def test_a_picture_shows_the_paths_that_were_driven(
+    name: str, result: Callable[[str], Any]
+) -> None:
     made = result(name)
     paths = [r.run.columns("x", "y") for r in made.robots] if hasattr(made, "robots") else [
         result.pieces[0].xy for result in made.plants.values()
@@ -153,7 +180,9 @@ def test_no_line_over_time_bridges_a_gap(result: Callable[[str], Any]) -> None:
 def test_no_setting_leaks_into_a_picture(result: Callable[[str], Any], tmp_path: Path) -> None:
     made = result("compare one plant")
     save_figure(made.figure(), tmp_path / "plain.png")
-    with matplotlib.rc_context({"font.size": 30.0, "axes.facecolor": "black", "lines.linewidth": 9.0, "savefig.dpi": 20}):
+    with matplotlib.rc_context(
+        {"font.size": 30.0, "axes.facecolor": "black", "lines.linewidth": 9.0, "savefig.dpi": 20}
+    ):
         save_figure(made.figure(), tmp_path / "styled.png")
     assert np.array_equal(imread(tmp_path / "plain.png"), imread(tmp_path / "styled.png"))
 

@@ -26,37 +26,46 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import Terrain
 
 SIMILAR = 1e-7
-"""Greatest difference of similar motions over their size: rounding, with a solver that is given no tolerance."""
+"""Greatest difference of similar motions over their size: rounding, with a solver that is given no
+tolerance."""
 
 TURN_ERROR = 0.02
-"""Relative, of the multiplier against its closed form, where that hardly depends on loads that the turn itself shifts: the
-skidding tyres' radius takes half a per cent."""
+"""Relative, of the multiplier against its closed form, where that hardly depends on loads that the
+turn itself shifts: the skidding tyres' radius takes half a per cent."""
 CALM = 0.02
-"""Sensitivity to such loads (`load_sensitivity`) up to which that holds. Of 500 drawn robots, 410 are calmer."""
+"""Sensitivity to such loads (`load_sensitivity`) up to which that holds. Of 500 drawn robots, 410
+are calmer."""
 SOFTNESS = 0.01
 """The error, relative, that comes on top of the sensitivity of others."""
 WEIGHT = 1e-6
-"""Greatest relative error of the loads' sum at rest, which the constraint solver's tolerance leaves."""
-RIPPLE, LOAD_DEVIATION = 1e-3, 1e-3
-"""Greatest relative variation of the yaw rate and of the loads in a steady turn; a yaw rate that loads decide varies by its
-sensitivity to them times that."""
+"""Greatest relative error of the loads' sum at rest, which the constraint solver's tolerance
+leaves."""
+RIPPLE = 1e-3
+LOAD_DEVIATION = 1e-3
+"""Greatest relative variation of the yaw rate and of the loads in a steady turn; a yaw rate that
+loads decide varies by its sensitivity to them times that."""
 STEP_SPREAD = 1e-4
-"""Relative, between time steps: steady turning is a fixed point of the simulation, which robots that barely turn approach so
-slowly that 2e-5 are left when it is measured."""
+"""Relative, between time steps: steady turning is a fixed point of the simulation, which robots
+that barely turn approach so slowly that 2e-5 are left when it is measured."""
 CREEP = 7e-5
 """Down a slope of 8 degrees, over sqrt(g wheel radius) [1]; 0.09 mm/s for a Husky."""
-STOP_ERROR, STEADY = 0.035, 0.7
-"""Greatest relative error of a slide's length; tyres that begin to slide rise. It holds for robots that come no
-nearer to lifting wheels than 0.7."""
-ROLLING, REST_LOADS = 1e-5, 0.05
-"""Greatest errors of the rolling radius and of a wheel's load at rest, over a quarter of the weight: contact stiffens with
-load, so with the centre of mass far off towards a corner the four springs are not alike."""
+STOP_ERROR = 0.035
+STEADY = 0.7
+"""Greatest relative error of a slide's length; tyres that begin to slide rise. It holds for robots
+that come no nearer to lifting wheels than 0.7."""
+ROLLING = 1e-5
+REST_LOADS = 0.05
+"""Greatest errors of the rolling radius and of a wheel's load at rest, over a quarter of the
+weight: contact stiffens with load, so with the centre of mass far off towards a corner the four
+springs are not alike."""
 SAME = 1e-3
-"""Between two motors with belts and four motors [m, rad and relative]: a belt is a soft constraint."""
+"""Between two motors with belts and four motors [m, rad and relative]: a belt is a soft
+constraint."""
 SHIPPED = shipped_robots()
 
 DRAWN = settings(derandomize=True, deadline=None, phases=[Phase.explicit, Phase.generate])
-"""The same robots are drawn in each run. One that fails is shown as it was drawn: each try to simplify it costs a second."""
+"""The same robots are drawn in each run. One that fails is shown as it was drawn: each try to
+simplify it costs a second."""
 
 DRIVES: dict[str, dict[str, float]] = {
     "proportional": {
@@ -71,21 +80,26 @@ DRIVES: dict[str, dict[str, float]] = {
 """Drives of a robot of the Husky's size."""
 
 
-def motion(document: dict[str, Any], drive: dict[str, float], length: float, mass: float, given_rates: bool) -> FloatArray:
+def motion(
+    document: dict[str, Any], drive: dict[str, float], length: float, mass: float, given_rates: bool
+) -> FloatArray:
     """Drive a robot of the Husky's size, enlarged `length` times in space and root `length` times in time.
 
-    Returns:
-        (M, 10) place over wheel radius, yaw, wheel rates times the unit of time, loads over a quarter of the weight, and
-        torques over weight and wheel radius, which there are none of where rates are given.
+    Returns: (M, 10) place over wheel radius, yaw, wheel rates times the unit of time, loads over a
+        quarter of the weight, and torques over weight and wheel radius, which there are none of
+        where rates are given.
     """
-    time, torque = math.sqrt(length), mass * length
+    time = math.sqrt(length)
+    torque = mass * length
     factors = {
         "v_max": time, "w_max": 1.0 / time, "acceleration_v": 1.0, "acceleration_w": 1.0 / length,
         "command_half_track": length, "command_radius": length, "torque_limit": torque, "no_load_rate": 1.0 / time,
         "gear_loss": torque, "integral_gain": torque, "dc_stiffness": torque * time,
     }  # fmt: skip
     robot = parse_robot(scaled(document, length, mass))
-    calibration = Calibration.of(robot, timestep=0.002 * time, rolling_resistance=0.02, radius_difference=0.001 * length)
+    calibration = Calibration.of(
+        robot, timestep=0.002 * time, rolling_resistance=0.02, radius_difference=0.001 * length
+    )
     plant = MujocoPlant(
         calibration,
         Drive(**{name: value * factors.get(name, time) for name, value in drive.items()}),
@@ -96,9 +110,14 @@ def motion(document: dict[str, Any], drive: dict[str, float], length: float, mas
     twists = TRAJECTORIES["traj4"].commands().values[:120]
     commands = Commands(0.05 * time, twists * [time, 1.0 / time])
     if given_rates:
-        commands = Commands(0.05 * time, 4.0 / time * np.column_stack([twists[:, 0], twists[:, 0] + twists[:, 1]]), "wheels")
+        commands = Commands(
+            0.05 * time,
+            4.0 / time * np.column_stack([twists[:, 0], twists[:, 0] + twists[:, 1]]),
+            "wheels",
+        )
     measured = plant.run(commands, State(), 0.05 * time)
-    radius, weight = robot.geometry.wheel_radius, calibration.mass * 9.81
+    radius = robot.geometry.wheel_radius
+    weight = calibration.mass * 9.81
     torques = measured.channels.get("torque_N_m", np.zeros((len(measured), 2)))
     return np.column_stack(
         [
@@ -112,18 +131,30 @@ def motion(document: dict[str, Any], drive: dict[str, float], length: float, mas
 
 
 @settings(DRAWN, max_examples=8)
-@given(documents(), st.sampled_from(list(DRIVES)), st.floats(0.25, 4.0), st.floats(0.1, 10.0), st.booleans())
+@given(
+    documents(),
+    st.sampled_from(list(DRIVES)),
+    st.floats(0.25, 4.0),
+    st.floats(0.1, 10.0),
+    st.booleans(),
+)
 def test_similar_robots_move_alike(
     document: dict[str, Any], kind: str, length: float, mass: float, given_rates: bool
 ) -> None:
     """Froude's similarity: lengths grow by a factor, times by its root, masses by any factor.
 
-    Where a number of one robot's size stood in the composed model, the contacts or the motors, these would part.
+    Where a number of one robot's size stood in the composed model, the contacts or the motors,
+    these would part.
     """
-    document = scaled(document, 0.1651 / document["geometry"]["wheel_radius"], 73.3 / document["mass"]["total"])
+    document = scaled(
+        document, 0.1651 / document["geometry"]["wheel_radius"], 73.3 / document["mass"]["total"]
+    )
     drive = {**DRIVES[kind], "command_half_track": 0.6 * document["geometry"]["track"]}
-    one, other = (motion(document, drive, *factors, given_rates) for factors in ((1.0, 1.0), (length, mass)))
-    size = np.maximum(np.abs(one).max(axis=0), 1.0)  # wheels that turn at given rates take great torques
+    one, other = (
+        motion(document, drive, *factors, given_rates) for factors in ((1.0, 1.0), (length, mass))
+    )
+    # wheels that turn at given rates take great torques
+    size = np.maximum(np.abs(one).max(axis=0), 1.0)
     assert np.abs((one - other) / size).max() < SIMILAR
     assert np.hypot(*one[-1, :2]) > 1.0
 
@@ -134,7 +165,10 @@ def test_the_composed_husky_is_the_hand_made_one(profile: str) -> None:
     section = load_profile(profile).plants["mujoco"]
     composed = replace(section.parameters, robot=replace(HUSKY, mjcf=""))
     commands = TRAJECTORIES["traj4"].commands()
-    one, other = (MujocoPlant(c, section.drive).run(commands, State(), 0.05) for c in (section.parameters, composed))
+    one, other = (
+        MujocoPlant(c, section.drive).run(commands, State(), 0.05)
+        for c in (section.parameters, composed)
+    )
     assert np.array_equal(one.pose, other.pose)
     assert np.array_equal(one.channels["wheel_load_N"], other.channels["wheel_load_N"])
 
@@ -142,10 +176,13 @@ def test_the_composed_husky_is_the_hand_made_one(profile: str) -> None:
 def check_turn(calibration: Calibration) -> None:
     """Compare a turn on the spot with mechanics, and two time steps with each other."""
     measured = [
-        measures.turn(replace(calibration, timestep=dt)) for dt in (calibration.timestep, 0.5 * calibration.timestep)
+        measures.turn(replace(calibration, timestep=dt))
+        for dt in (calibration.timestep, 0.5 * calibration.timestep)
     ]
     for turned in measured:
-        assert abs(turned.error) <= (TURN_ERROR if turned.sensitivity <= CALM else SOFTNESS + turned.sensitivity)
+        assert abs(turned.error) <= (
+            TURN_ERROR if turned.sensitivity <= CALM else SOFTNESS + turned.sensitivity
+        )
         assert turned.ripple < RIPPLE * max(1.0, turned.sensitivity)
         assert turned.load_deviation < LOAD_DEVIATION
     assert measured[1].multiplier == pytest.approx(measured[0].multiplier, rel=STEP_SPREAD)
@@ -183,34 +220,69 @@ def test_a_drawn_robot_rests_rolls_and_stops_as_mechanics_says(document: dict[st
 
 
 def test_small_wheels_get_short_steps() -> None:
-    for radius, step in ((0.35, 0.002), (0.1651, 0.002), (0.094, 0.002), (0.092, 0.001), (0.05, 0.001), (0.02, 0.0005)):
-        geometry = {"wheelbase": 2.5 * radius, "track": 3.0 * radius, "wheel_radius": radius, "wheel_width": 0.4 * radius}
-        document = {"schema": "ssmr.robot/1", "name": "small", "geometry": geometry, "mass": {"total": 20.0}}
+    for radius, step in (
+        (0.35, 0.002),
+        (0.1651, 0.002),
+        (0.094, 0.002),
+        (0.092, 0.001),
+        (0.05, 0.001),
+        (0.02, 0.0005),
+    ):
+        geometry = {
+            "wheelbase": 2.5 * radius,
+            "track": 3.0 * radius,
+            "wheel_radius": radius,
+            "wheel_width": 0.4 * radius,
+        }
+        document = {
+            "schema": "ssmr.robot/1",
+            "name": "small",
+            "geometry": geometry,
+            "mass": {"total": 20.0},
+        }
         assert parse_robot(document).simulation.timestep == step
         message = parse_robot({**document, "simulation": {"timestep": 0.004}})
         assert message.simulation.timestep == 0.004
 
 
-# ------------------------------------------------------------------------------------------- a motor for each wheel
+# ------------------------------------------------------------------------------------------- a
+# motor for each wheel
 def both_links(robot: Any, **drive: float) -> tuple[MujocoPlant, MujocoPlant]:
     """The robot with belts, and with a motor for each wheel."""
     plants = []
     for link in ("belt", "none"):
         linked = replace(robot, geometry=replace(robot.geometry, link=link), mjcf="")
         c = Calibration.of(linked, com_x=0.0, com_y=0.0)
-        base = {"delay_v": 0.0, "delay_w": 0.0, "v_max": 5.0, "w_max": 5.0, "command_radius": c.wheel_radius}
-        settled = {**base, "torque_limit": math.inf, "command_half_track": 1.5 * c.half_track, **drive}
+        base = {
+            "delay_v": 0.0,
+            "delay_w": 0.0,
+            "v_max": 5.0,
+            "w_max": 5.0,
+            "command_radius": c.wheel_radius,
+        }
+        settled = {
+            **base,
+            "torque_limit": math.inf,
+            "command_half_track": 1.5 * c.half_track,
+            **drive,
+        }
         plants.append(MujocoPlant(c, Drive(**settled)))
     return plants[0], plants[1]
 
 
 @pytest.mark.parametrize("name", ["husky", "jackal"])
 @pytest.mark.parametrize("integral", [False, True])
-def test_four_motors_turn_a_symmetrical_robot_as_two_with_belts_do(name: str, integral: bool) -> None:
+def test_four_motors_turn_a_symmetrical_robot_as_two_with_belts_do(
+    name: str, integral: bool
+) -> None:
     """All wheels of a side have the same load and slip on the spot: a belt carries nothing, and a side's torques add up."""
     robot = load_robot(name)
     size = robot.masses.total / 73.3 * robot.geometry.wheel_radius / 0.1651
-    parts = {"integral_gain": 800.0 * size, "dc_stiffness": 1900.0 * size, "torque_limit": 60.0 * size} if integral else {}
+    parts = (
+        {"integral_gain": 800.0 * size, "dc_stiffness": 1900.0 * size, "torque_limit": 60.0 * size}
+        if integral
+        else {}
+    )
     belts, motors = both_links(robot, **parts)
     assert (len(belts.calibration.robot.motors), len(motors.calibration.robot.motors)) == (2, 4)
     spin = Commands(0.05, np.tile([0.0, 0.6], (80, 1)))
@@ -218,7 +290,10 @@ def test_four_motors_turn_a_symmetrical_robot_as_two_with_belts_do(name: str, in
     assert np.abs(one.pose - other.pose).max() < SAME
     late = one.t > 2.0
     torque = np.abs(one.channels["torque_N_m"][late]).mean()
-    assert np.abs(one.channels["torque_N_m"] - other.channels["torque_N_m"])[late].max() < SAME * torque
+    assert (
+        np.abs(one.channels["torque_N_m"] - other.channels["torque_N_m"])[late].max()
+        < SAME * torque
+    )
 
 
 def test_a_motor_of_its_own_slows_down_by_its_own_load() -> None:
@@ -247,9 +322,17 @@ def test_a_shipped_robot_that_is_told_to_stand_on_ten_degrees_stands(name: str) 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_robot_is_as_heavy_to_push_as_the_rule_of_its_rotors_says(name: str) -> None:
     robot = load_robot(name)
-    mass, radius, (_, spin) = robot.masses.total, robot.geometry.wheel_radius, robot.masses.wheel_inertia
+    mass, radius, (_, spin) = (
+        robot.masses.total,
+        robot.geometry.wheel_radius,
+        robot.masses.wheel_inertia,
+    )
     measured = apparent_mass(MujocoPlant(Calibration.of(robot), robot.motor_drive).model)
-    assert measured == pytest.approx(mass * (1.0 + 4.0 * ROTOR_SHARE) + 4.0 * spin / radius**2, rel=0.01)
+    assert measured == pytest.approx(
+        mass * (1.0 + 4.0 * ROTOR_SHARE) + 4.0 * spin / radius**2, rel=0.01
+    )
     assert 1.45 < measured / mass < 1.55
-    untold = parse_robot({**robot.as_document(), "sources": {}, "simulation": {"friction": 0.3}}).simulation
+    untold = parse_robot(
+        {**robot.as_document(), "sources": {}, "simulation": {"friction": 0.3}}
+    ).simulation
     assert untold.armature == pytest.approx(ROTOR_SHARE * mass * radius**2)

@@ -34,7 +34,9 @@ def read_back(robot: Robot) -> mujoco.MjModel:
     """The URDF of a robot as MuJoCo reads it."""
     text = export_robot(robot, "urdf")
     return mujoco.MjModel.from_xml_string(
-        text.replace(">", '><mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>', 1)
+        text.replace(
+            ">", '><mujoco><compiler fusestatic="false" discardvisual="true"/></mujoco>', 1
+        )
     )
 
 
@@ -52,7 +54,9 @@ def test_a_urdf_read_back_in_mujoco_is_the_robot(name: str) -> None:
     np.testing.assert_allclose(chassis.ipos, robot.masses.com, atol=1e-6)
 
 
-def in_plain_mujoco(text: str, start: np.ndarray[Any, Any], references: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+def in_plain_mujoco(
+    text: str, start: np.ndarray[Any, Any], references: np.ndarray[Any, Any]
+) -> np.ndarray[Any, Any]:
     """(N + 1, 3) x, y, yaw of an MJCF's robot, which has (N, 2) wheel rates from a whole state on."""
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
@@ -61,7 +65,9 @@ def in_plain_mujoco(text: str, start: np.ndarray[Any, Any], references: np.ndarr
     poses = []
     for pair in [*references, references[-1]]:
         w, x, y, z = data.qpos[3:7]
-        poses.append([*data.qpos[:2], np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))])
+        poses.append(
+            [*data.qpos[:2], np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))]
+        )
         data.ctrl[:] = np.where(right, pair[1], pair[0])
         mujoco.mj_step(model, data)
     return np.array(poses)
@@ -75,9 +81,12 @@ def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float 
     profile = load_profile(name) if given else bare_profile(load_robot(name))
     section = profile.section("mujoco")
     drive = section.drive if limit is None else replace(section.drive, torque_limit=limit)
-    plant, commands = MujocoPlant(section.parameters, drive), TRAJECTORIES["traj4"].commands()
+    plant = MujocoPlant(section.parameters, drive)
+    commands = TRAJECTORIES["traj4"].commands()
     references = wheel_references(commands, drive, plant.dt, State())
-    measured = in_plain_mujoco(mjcf_text(section.parameters, drive), plant.placed(State()), references)
+    measured = in_plain_mujoco(
+        mjcf_text(section.parameters, drive), plant.placed(State()), references
+    )
     wanted = plant.run(commands, State(), plant.dt)
     np.testing.assert_allclose(measured[:, :2], wanted.xy, atol=1e-5)
     np.testing.assert_allclose(np.unwrap(measured[:, 2]), wanted.yaw, atol=1e-5)
@@ -87,9 +96,13 @@ def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float 
 def test_ros2_control_turns_a_robot_as_it_is_told(name: str) -> None:
     """The rates that diff_drive_controller makes of a turn on the spot turn the robot at that rate, by its own mechanics."""
     robot = load_robot(name)
-    rows = dict(line.strip().split(": ") for line in export_robot(robot, "diff-drive").splitlines()[2:])
+    rows = dict(
+        line.strip().split(": ") for line in export_robot(robot, "diff-drive").splitlines()[2:]
+    )
     numbers = {key: float(value) for key, value in rows.items() if not value.startswith("[")}
-    assert all("." in rows[key] for key in numbers), "ROS refuses whole numbers where it wants others"
+    assert all("." in rows[key] for key in numbers), (
+        "ROS refuses whole numbers where it wants others"
+    )
     assert "front_right" in rows["right_wheel_names"]
     rate = 0.2
     rim = 0.5 * rate * numbers["wheel_separation"] * numbers["wheel_separation_multiplier"]
@@ -103,12 +116,23 @@ def test_ros2_control_has_a_profiles_radii_and_separation() -> None:
     """Straight and turning by the profile's kinematic plant, for rates that diff_drive_controller asks the wheels for."""
     profile = load_profile("husky-tile")
     section = profile.section("kinematic")
-    rows = dict(line.strip().split(": ") for line in export_robot("husky", "diff-drive", profile).splitlines()[4:9])
+    rows = dict(
+        line.strip().split(": ")
+        for line in export_robot("husky", "diff-drive", profile).splitlines()[4:9]
+    )
     n = {key: float(value) for key, value in rows.items()}
-    v, w = 0.4, 0.3
+    v = 0.4
+    w = 0.3
     half = 0.5 * n["wheel_separation"] * n["wheel_separation_multiplier"] * w
-    rates = [(v + sign * half) / (n["wheel_radius"] * n[f"{side}_wheel_radius_multiplier"]) for sign, side in SIDE_SIGNS]
-    end = make_plant(profile, "kinematic").run(Commands(0.1, np.tile(rates, (40, 1)), kind="wheels"), State(), 0.1).twist[-1]
+    rates = [
+        (v + sign * half) / (n["wheel_radius"] * n[f"{side}_wheel_radius_multiplier"])
+        for sign, side in SIDE_SIGNS
+    ]
+    end = (
+        make_plant(profile, "kinematic")
+        .run(Commands(0.1, np.tile(rates, (40, 1)), kind="wheels"), State(), 0.1)
+        .twist[-1]
+    )
     off_middle = 0.5 * (section.parameters.y_l + section.parameters.y_r) * w
     assert end[2] == pytest.approx(w, rel=1e-6)
     assert end[0] == pytest.approx(v + off_middle, rel=1e-6)
@@ -116,11 +140,14 @@ def test_ros2_control_has_a_profiles_radii_and_separation() -> None:
 
 @pytest.mark.parametrize("name", shipped_robots())
 def test_an_sdf_read_by_drake_is_the_robot(name: str) -> None:
-    multibody = pytest.importorskip("pydrake.multibody.plant", reason="Drake, of the extra engines, reads SDF")
+    multibody = pytest.importorskip(
+        "pydrake.multibody.plant", reason="Drake, of the extra engines, reads SDF"
+    )
     from pydrake.multibody.parsing import Parser
     from pydrake.systems.framework import DiagramBuilder
 
-    robot, builder = load_robot(name), DiagramBuilder()
+    robot = load_robot(name)
+    builder = DiagramBuilder()
     plant, scene = multibody.AddMultibodyPlantSceneGraph(builder, 0.001)
     Parser(plant).AddModelsFromString(export_robot(robot, "sdf"), "sdf")
     plant.Finalize()
@@ -144,4 +171,6 @@ def test_an_sdf_read_by_drake_is_the_robot(name: str) -> None:
         joint = plant.GetJointByName(f"{wheel}_wheel_joint")
         assert tuple(joint.revolute_axis()) == (0.0, 1.0, 0.0)
         if np.isfinite(robot.drive.torque_limit):
-            assert plant.GetJointActuatorByName(joint.name()).effort_limit() == pytest.approx(0.5 * robot.drive.torque_limit)
+            assert plant.GetJointActuatorByName(joint.name()).effort_limit() == pytest.approx(
+                0.5 * robot.drive.torque_limit
+            )

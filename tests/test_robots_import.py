@@ -38,15 +38,20 @@ def robots(draw: st.DrawFn) -> UrdfRobot:
     wheelbase = 2.0 * radius + size * (0.05 + 0.4 * draw(numbers))
     width = size * (0.03 + 0.1 * draw(numbers))
     track = width + size * (0.2 + 0.4 * draw(numbers))
-    mass, wheel = 400.0 * size**3 * (0.1 + draw(numbers)), 20.0 * size**3 * (0.05 + draw(numbers))
-    share = 0.5 + 0.3 * np.array([draw(numbers), draw(numbers), draw(numbers)])  # so that the body fits into the robot
+    mass = 400.0 * size**3 * (0.1 + draw(numbers))
+    wheel = 20.0 * size**3 * (0.05 + draw(numbers))
+    # so that the body fits into the robot
+    share = 0.5 + 0.3 * np.array([draw(numbers), draw(numbers), draw(numbers)])
     box = share * np.array([wheelbase + 2.0 * radius, track, 1.2 * radius])
     spread = box**2 / 12.0
     inertia = mass * (spread.sum() - spread)
     away = 0.2 * box * np.array([draw(numbers) - 0.5, draw(numbers) - 0.5, draw(numbers) - 0.5])
-    names = draw(st.permutations(["w1", "wheel_b", "front_right_wheel", "rueda"]))  # names that lie, or say nothing
+    # names that lie, or say nothing
+    names = draw(st.permutations(["w1", "wheel_b", "front_right_wheel", "rueda"]))
     flips = draw(st.lists(st.sampled_from([1.0, -1.0]), min_size=4, max_size=4))
-    rolls = draw(st.lists(st.sampled_from([0.0, math.pi, 0.5 * math.pi, -0.7]), min_size=4, max_size=4))
+    rolls = draw(
+        st.lists(st.sampled_from([0.0, math.pi, 0.5 * math.pi, -0.7]), min_size=4, max_size=4)
+    )
     axle = size * (draw(numbers) - 0.5) * 0.2
     return UrdfRobot(
         wheelbase, track, radius, width, axle, mass,
@@ -58,16 +63,24 @@ def robots(draw: st.DrawFn) -> UrdfRobot:
 
 
 @given(made=robots())
-def test_what_was_written_is_found(tmp_path_factory: pytest.TempPathFactory, made: UrdfRobot) -> None:
+def test_what_was_written_is_found(
+    tmp_path_factory: pytest.TempPathFactory, made: UrdfRobot
+) -> None:
     with pytest.MonkeyPatch.context() as here:  # another process for each would take a minute
         here.setattr(foreign, "tried_files", lambda text: {})
         robot = imported(made, tmp_path_factory.mktemp("urdf")).robot
-    g, m = robot.geometry, robot.masses
+    g = robot.geometry
+    m = robot.masses
     wanted = (made.wheelbase, made.track, made.radius, made.width, made.axle)
     np.testing.assert_allclose(
-        [g.wheelbase, g.track, g.wheel_radius, g.wheel_width, g.axle_height], wanted, rtol=DIGITS, atol=1e-9
+        [g.wheelbase, g.track, g.wheel_radius, g.wheel_width, g.axle_height],
+        wanted,
+        rtol=DIGITS,
+        atol=1e-9,
     )
-    np.testing.assert_allclose([m.total, m.wheel], [made.mass + 4.0 * made.wheel, made.wheel], rtol=DIGITS)
+    np.testing.assert_allclose(
+        [m.total, m.wheel], [made.mass + 4.0 * made.wheel, made.wheel], rtol=DIGITS
+    )
     np.testing.assert_allclose(m.com, made.com, rtol=DIGITS, atol=1e-7)
     np.testing.assert_allclose(m.wheel_inertia, made.spin(), rtol=DIGITS)
     np.testing.assert_allclose(m.inertia, made.inertia, rtol=1e-5)
@@ -102,14 +115,19 @@ def test_rockers_are_no_wheels(tmp_path: Path) -> None:
     (tmp_path / "rockers.urdf").write_text(text)
     robot = import_robot(tmp_path / "rockers.urdf").robot
     assert robot.geometry.wheelbase == pytest.approx(0.5)
-    assert "front_left_joint, front_right_joint, rear_left_joint, rear_right_joint" in robot.source("geometry.track")[1]
+    assert (
+        "front_left_joint, front_right_joint, rear_left_joint, rear_right_joint"
+        in robot.source("geometry.track")[1]
+    )
 
 
 def test_an_arm_and_a_lidar_are_lumped_into_the_body(tmp_path: Path) -> None:
     arm = extra_wheel("shoulder", 0.1, 0.0, axis="0 0 1", kind="revolute") + extra_wheel(
         "elbow", 0.1, 0.0, "shoulder", kind="revolute"
     )
-    robot = imported(UrdfRobot(more=arm + extra_wheel("laser", 0.0, 0.0, axis="0 0 1")), tmp_path).robot
+    robot = imported(
+        UrdfRobot(more=arm + extra_wheel("laser", 0.0, 0.0, axis="0 0 1")), tmp_path
+    ).robot
     assert robot.masses.total == pytest.approx(40.0 + 8.0 + 3.0)
     x = (40.0 * 0.02 + 1.0 * 0.1 + 1.0 * 0.2) / 43.0
     assert robot.masses.com[0] == pytest.approx(x)
@@ -117,7 +135,9 @@ def test_an_arm_and_a_lidar_are_lumped_into_the_body(tmp_path: Path) -> None:
 
 def box(size: str, z: float) -> str:
     """Return a shape of collision on a link of the body."""
-    geometry = f'<collision><origin xyz="0 0 {z}"/><geometry><box size="{size}"/></geometry></collision>'
+    geometry = (
+        f'<collision><origin xyz="0 0 {z}"/><geometry><box size="{size}"/></geometry></collision>'
+    )
     hinge = '<joint name="b" type="fixed"><parent link="base_link"/><child link="shape"/></joint>'
     return f'<link name="shape">{geometry}</link>{hinge}'
 
@@ -141,7 +161,9 @@ MOTOR = {
 
 @pytest.mark.parametrize(("kind", "count", "link"), [("transmission", 4, "none"), ("ros2_control", 4, "none"),
                                                       ("transmission", 2, "belt"), ("state only", 4, "belt")])  # fmt: skip
-def test_four_motorised_wheels_are_four_motors(tmp_path: Path, kind: str, count: int, link: str) -> None:
+def test_four_motorised_wheels_are_four_motors(
+    tmp_path: Path, kind: str, count: int, link: str
+) -> None:
     """As of a Scout; a robot of which two wheels have motors has belts."""
     more = "".join(MOTOR[kind].format(name) for name in UrdfRobot().names[:count])
     robot = imported(UrdfRobot(more=more), tmp_path).robot
@@ -151,7 +173,8 @@ def test_four_motorised_wheels_are_four_motors(tmp_path: Path, kind: str, count:
 
 WHEELS = UrdfRobot().text()
 ON_BASE = '<parent link="base_link"/><child link="'
-LOOP, END = '<joint name="l" type="fixed"><parent link="part0"/><child link="', '"/></joint></robot>'
+LOOP = '<joint name="l" type="fixed"><parent link="part0"/><child link="'
+END = '"/></joint></robot>'
 BOMB = '<!DOCTYPE b [<!ENTITY a "aaaa"><!ENTITY c "&a;&a;">]><robot name="&c;"/>'
 REFUSED = {
     "six wheels": (UrdfRobot(more=extra_wheel("m1", 0, 0.3) + extra_wheel("m2", 0, -0.3)).text(), "it has 6 joints"),

@@ -43,7 +43,9 @@ def run(*arguments: str) -> None:
 
 # ------------------------------------------------------------------------------------------- check
 @pytest.mark.parametrize("name", SHIPPED)
-def test_every_shipped_robot_is_without_a_fault(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_shipped_robot_is_without_a_fault(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     run("check", name, "--out", str(tmp_path))
     document = json.loads((tmp_path / "robot.json").read_text())
     assert set(document) >= KEYS
@@ -67,12 +69,16 @@ def test_every_shipped_robot_is_without_a_fault(name: str, tmp_path: Path, capsy
 @pytest.mark.parametrize("com", [(0.0, 0.0), (0.15, 0.1), (-0.3, 0.0)])
 def test_the_simulated_robot_needs_the_torque_that_mechanics_says(com: tuple[float, float]) -> None:
     """Also where the rear wheels carry so much that they roll and only the front ones skid."""
-    robot = changed(mass={"com": [*com, 0.1]}, drive={"torque_limit": 1000.0, "command_half_track": 0.56821})
+    robot = changed(
+        mass={"com": [*com, 0.1]}, drive={"torque_limit": 1000.0, "command_half_track": 0.56821}
+    )
     spot = spot_turn(robot)
     assert spot is not None
     motion = spin(MujocoPlant(Calibration.of(robot), robot.drive), 20.0, 0.4)
     torque = np.abs(motion.channels["torque_N_m"][motion.t > 8.0]).mean(axis=0)
-    np.testing.assert_allclose(torque, robot.simulation.friction * turning_torque(robot, spot), rtol=0.03)
+    np.testing.assert_allclose(
+        torque, robot.simulation.friction * turning_torque(robot, spot), rtol=0.03
+    )
 
 
 FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
@@ -129,8 +135,13 @@ def test_a_hint_is_no_fault(name: str) -> None:
 def test_nothing_is_wrong_only_where_nothing_was_guessed() -> None:
     """A wheel mass of 0 stands for an estimate, and is one."""
     document = load_robot("warthog").as_document()
-    document["sources"] = {section: "measured: on a bench" for section in ("geometry", "mass", "drive", "simulation")}
-    document |= {"name": "known", "geometry": {**document["geometry"], "body_size": [1.4, 0.8, 0.3]}}
+    document["sources"] = {
+        section: "measured: on a bench" for section in ("geometry", "mass", "drive", "simulation")
+    }
+    document |= {
+        "name": "known",
+        "geometry": {**document["geometry"], "body_size": [1.4, 0.8, 0.3]},
+    }
     document["simulation"] |= {"gain": 200.0, "armature": 1.0}
     assert check_robot(parse_robot(document)).sentences[0] == "known: nothing is wrong with it"
     guessed = check_robot(parse_robot({**document, "mass": {**document["mass"], "wheel": 0.0}}))
@@ -139,7 +150,9 @@ def test_nothing_is_wrong_only_where_nothing_was_guessed() -> None:
     assert guessed.as_dict()["guessed"] == ["mass.wheel"]
 
 
-def test_a_fault_is_a_failed_run_whose_files_are_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fault_is_a_failed_run_whose_files_are_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     robot = changed(geometry={"wheel_width": 1.2})
     (tmp_path / "wide.toml").write_text(tomli_w.dumps(robot.as_document()))
     with pytest.raises(SystemExit) as left:
@@ -149,7 +162,8 @@ def test_a_fault_is_a_failed_run_whose_files_are_there(tmp_path: Path, capsys: p
     assert "tyres touch" in capsys.readouterr().out
 
 
-# ------------------------------------------------------------------------------------------- new, and the command line
+# ------------------------------------------------------------------------------------------- new,
+# and the command line
 def test_a_new_robot_has_what_was_measured_and_says_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                                              capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)

@@ -1,6 +1,7 @@
 """The nodes on a ROS 2 graph: names, types and bytes, then DDS on loopback, as the extra `ros2` brings it.
 
-Nothing here waits for a certain time: what must come is polled for, with a deadline that only a broken program meets.
+Nothing here waits for a certain time: what must come is polled for, with a deadline that only a
+broken program meets.
 """
 
 from __future__ import annotations
@@ -28,8 +29,11 @@ from validation.ros.dds import Graph, Node
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 90.0
-"""Longest time for which anything is waited for [s]: a node starts in 3 s, and on a busy machine in twenty."""
-TWIST, STRING, ODOMETRY = "geometry_msgs/msg/Twist", "std_msgs/msg/String", "nav_msgs/msg/Odometry"
+"""Longest time for which anything is waited for [s]: a node starts in 3 s, and on a busy machine in
+twenty."""
+TWIST = "geometry_msgs/msg/Twist"
+STRING = "std_msgs/msg/String"
+ODOMETRY = "nav_msgs/msg/Odometry"
 FORMS = (TWIST, "geometry_msgs/msg/TwistStamped")
 KINDS = (
     *FORMS, STRING, ODOMETRY, "std_msgs/msg/Bool", "geometry_msgs/msg/PoseWithCovarianceStamped", "sensor_msgs/msg/Imu",
@@ -49,7 +53,8 @@ def graph(cyclone: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
     """A domain on loopback in which nobody is, and which no other test takes as long as a port of it is bound here."""
     monkeypatch.setenv("CYCLONEDDS_URI", dds.configuration(""))
     for domain in range(1, 101):  # the ports of greater ones are those that the system hands out
-        port = 7400 + 250 * domain  # DDSI-RTPS 9.6.2: + 10 for the first participant, + 248 for the 120th, which none is
+        # DDSI-RTPS 9.6.2: + 10 for the first participant, + 248 for the 120th, which none is
+        port = 7400 + 250 * domain
         with contextlib.suppress(OSError), contextlib.ExitStack() as bound:
             for offset in (248, 10):
                 taken = bound.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -73,12 +78,15 @@ class Peer:
     """A participant without this project's node: readers and writers of any quality."""
 
     def __init__(self, cyclone: Any, graph: Graph) -> None:
-        self.dds, self.participant = cyclone, cyclone.domain.DomainParticipant(graph.domain)
+        self.dds = cyclone
+        self.participant = cyclone.domain.DomainParticipant(graph.domain)
 
     def _open(self, kind_of_port: Any, topic: str, kind: str, reliable: bool, latched: bool) -> Any:
         policy = self.dds.qos.Policy
         qos = self.dds.qos.Qos(
-            policy.Reliability.Reliable(self.dds.util.duration(seconds=1)) if reliable else policy.Reliability.BestEffort,
+            policy.Reliability.Reliable(self.dds.util.duration(seconds=1))
+            if reliable
+            else policy.Reliability.BestEffort,
             policy.Durability.TransientLocal if latched else policy.Durability.Volatile,
         )
         place = self.dds.topic.Topic(self.participant, f"rt{topic}", dds.idl_class(kind))
@@ -109,11 +117,17 @@ def test_a_namespace_stands_before_what_belongs_to_the_robot() -> None:
     names = ("/cmd_vel", "/tf", "/clock", msg.tracking_topic("jackal"))
     assert tuple(map(Graph().topic, names)) == names
     named = Graph(namespace="fleet/a200_0000")
-    assert tuple(map(named.topic, names)) == ("/fleet/a200_0000/cmd_vel", "/fleet/a200_0000/tf", *names[2:])
+    assert tuple(map(named.topic, names)) == (
+        "/fleet/a200_0000/cmd_vel",
+        "/fleet/a200_0000/tf",
+        *names[2:],
+    )
 
 
 def test_types_on_the_wire_are_ros_2s(cyclone: Any) -> None:
-    assert dds.idl_class(TWIST).__idl__.idl_transformed_typename == "geometry_msgs::msg::dds_::Twist_"
+    assert (
+        dds.idl_class(TWIST).__idl__.idl_transformed_typename == "geometry_msgs::msg::dds_::Twist_"
+    )
     # the hash of Twist in ROS 2's own documentation of `ros2 topic info --verbose`
     known = b"typehash=RIHS01_9c45bf16fe0983d80e3cfe750d6835843d265a9a6c46bd2e609fcddde6fb8d2a;"
     assert dds.user_data(TWIST) == known
@@ -122,15 +136,20 @@ def test_types_on_the_wire_are_ros_2s(cyclone: Any) -> None:
 def filled(message: Any, rng: np.random.Generator) -> Any:
     """Return a message with something in each of its fields."""
     for field in fields(message):
-        value, new = getattr(message, field.name), None
+        value = getattr(message, field.name)
+        new = None
         if is_dataclass(value):
             new = filled(value, rng)
         elif isinstance(value, list) and field.name == "transforms":
             new = [filled(dds.idl_message("geometry_msgs/msg/TransformStamped", {}), rng)]
         elif isinstance(value, list):
-            new = ["joint"] * 3 if field.name == "name" else rng.normal(size=len(value) or 3).tolist()
+            new = (
+                ["joint"] * 3 if field.name == "name" else rng.normal(size=len(value) or 3).tolist()
+            )
         else:
-            new = {str: "Ωmega", bool: True, int: int(rng.integers(1, 2**31))}.get(type(value), rng.normal())
+            new = {str: "Ωmega", bool: True, int: int(rng.integers(1, 2**31))}.get(
+                type(value), rng.normal()
+            )
         setattr(message, field.name, new)
     return message
 
@@ -139,7 +158,8 @@ def filled(message: Any, rng: np.random.Generator) -> Any:
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_bytes_are_those_of_rosbags(kind: str) -> None:
     """An implementation of ROS 2's serialisation that knows nothing of DDS."""
-    message, store = filled(dds.idl_message(kind, {}), np.random.default_rng(0)), dds.definitions()
+    message = filled(dds.idl_message(kind, {}), np.random.default_rng(0))
+    store = dds.definitions()
     written = message.serialize(use_version_2=False)
     again = bytes(store.serialize_cdr(store.deserialize_cdr(written, kind), kind))
     assert written[4:].rstrip(b"\0") == again[4:].rstrip(b"\0"), "but for the padding at the end"
@@ -149,7 +169,9 @@ def test_the_bytes_are_those_of_rosbags(kind: str) -> None:
 # --- mistakes ---
 
 
-def test_without_the_extra_one_line_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_the_extra_one_line_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     for name in [name for name in sys.modules if name.partition(".")[0] == "cyclonedds"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "cyclonedds", None)
@@ -159,7 +181,9 @@ def test_without_the_extra_one_line_says_so(monkeypatch: pytest.MonkeyPatch, cap
     assert "pip install 'ssmr-testbed[ros2]'" in " ".join(capsys.readouterr().err.split())
 
 
-def test_an_interface_that_is_not_there_is_one_line(cyclone: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interface_that_is_not_there_is_one_line(
+    cyclone: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", "")
     with pytest.raises(ValueError, match="no ROS 2 graph in domain 101 by interface nowhere0"):
         Node("tester", Graph(domain=101, interface="nowhere0"))
@@ -183,7 +207,10 @@ def test_a_late_joiner_gets_what_was_latched_and_nothing_else(graph: Graph, cycl
             node.advertise(topic, STRING, latch=latch)
             node.publish(topic, {"data": "<robot/>"})
         peer = Peer(cyclone, graph)
-        latched, old = (peer.reader(topic, STRING, latched=topic != "/old") for topic in ("/robot_description", "/old"))
+        latched, old = (
+            peer.reader(topic, STRING, latched=topic != "/old")
+            for topic in ("/robot_description", "/old")
+        )
         wait_for(lambda: node.subscribers("/old"), "the late joiner")
         (came,) = wait_for(latched.take, "what was latched")
         assert came.data == "<robot/>"
@@ -191,11 +218,15 @@ def test_a_late_joiner_gets_what_was_latched_and_nothing_else(graph: Graph, cycl
 
 
 @pytest.mark.parametrize("reliable", [False, True])
-def test_sensors_match_readers_and_writers_of_either_quality(graph: Graph, cyclone: Any, reliable: bool) -> None:
+def test_sensors_match_readers_and_writers_of_either_quality(
+    graph: Graph, cyclone: Any, reliable: bool
+) -> None:
     """Drivers send what they measure with best effort, and RViz and rosbag2 ask for the one or the other."""
-    peer, came = Peer(cyclone, graph), set[str]()
+    peer = Peer(cyclone, graph)
+    came = set[str]()
     with joined(graph) as node:
-        reader, writer = peer.reader("/ours", ODOMETRY, reliable), peer.writer("/theirs", ODOMETRY, reliable)
+        reader = peer.reader("/ours", ODOMETRY, reliable)
+        writer = peer.writer("/theirs", ODOMETRY, reliable)
         node.advertise("/ours", ODOMETRY)
         node.subscribe("/theirs", ODOMETRY, msg.read_odometry)
         good = msg.odometry_message(1.0, np.zeros(3), (0.0, 0.0), np.eye(3), np.eye(3))
@@ -210,14 +241,17 @@ def test_sensors_match_readers_and_writers_of_either_quality(graph: Graph, cyclo
 
 
 @pytest.mark.parametrize("kind", FORMS)
-def test_commands_come_and_go_as_twist_and_as_twist_stamped(graph: Graph, cyclone: Any, kind: str) -> None:
+def test_commands_come_and_go_as_twist_and_as_twist_stamped(
+    graph: Graph, cyclone: Any, kind: str
+) -> None:
     """Robots of Humble take the one and those of Jazzy the other; a node of this project speaks and hears both."""
     peer = Peer(cyclone, graph)
     with joined(graph) as node:
         node.advertise("/out", TWIST)
         node.subscribe("/in", TWIST, msg.read_twist)
         assert node.subscribers("/out") == 0
-        reader, writer = peer.reader("/out", kind), peer.writer("/in", kind)
+        reader = peer.reader("/out", kind)
+        writer = peer.writer("/in", kind)
         wait_for(lambda: node.subscribers("/out"), "the robot")
 
         def sent() -> Any:
@@ -250,7 +284,8 @@ def test_nonsense_is_refused_and_what_is_right_goes_on(
         node.subscribe("/words", STRING, lambda m: m.data)
         driver.advertise("/cmd_vel", TWIST)
         driver.advertise("/words", STRING)
-        serialize, broken = dds.idl_class(STRING).serialize, {"abc": b"\xff\xfe\xfd"}
+        serialize = dds.idl_class(STRING).serialize
+        broken = {"abc": b"\xff\xfe\xfd"}
 
         def no_text(message: Any, *given: Any, **named: Any) -> bytes:
             written = serialize(message, *given, **named)
@@ -262,7 +297,10 @@ def test_nonsense_is_refused_and_what_is_right_goes_on(
             driver.publish("/cmd_vel", msg.twist_message(float("nan"), 0.1))
             driver.publish("/words", {"data": "abc"})
             assert node.receive() == []
-            return "linear.x is nan" in node.refusals("/cmd_vel") and "cannot be decoded" in caplog.text
+            return (
+                "linear.x is nan" in node.refusals("/cmd_vel")
+                and "cannot be decoded" in caplog.text
+            )
 
         wait_for(refused, "refusals of both")
         driver.publish("/words", {"data": "cut"})
@@ -286,12 +324,20 @@ def test_of_many_messages_the_last_ones_wait_and_a_writer_that_leaves_is_said(
         with joined(graph, "driver") as driver:
             driver.advertise("/cmd_vel", TWIST)
             driver.advertise("/words", STRING)
-            wait_for(lambda: driver.subscribers("/cmd_vel") == 2 and driver.subscribers("/words"), "the robot")
+            wait_for(
+                lambda: driver.subscribers("/cmd_vel") == 2 and driver.subscribers("/words"),
+                "the robot",
+            )
             for k in range(9):
                 driver.publish("/cmd_vel", msg.twist_message(0.1 * k, 0.0))
                 driver.publish("/words", {"data": str(k)})
-            wait_for(lambda: [m.data for m in readers[-1].read(9)] == ["5", "6", "7", "8"], "the last messages")
-        wait_for(lambda: not any(r.get_matched_publications() for r in readers), "the end of the writer")
+            wait_for(
+                lambda: [m.data for m in readers[-1].read(9)] == ["5", "6", "7", "8"],
+                "the last messages",
+            )
+        wait_for(
+            lambda: not any(r.get_matched_publications() for r in readers), "the end of the writer"
+        )
         came = node.receive()
         assert {value for topic, value in came if topic == "/cmd_vel"} == {(0.8, 0.0)}
         assert [value for topic, value in came if topic == "/words"] == ["5", "6", "7", "8"]
@@ -303,12 +349,25 @@ def test_of_many_messages_the_last_ones_wait_and_a_writer_that_leaves_is_said(
 
 
 @contextlib.contextmanager
-def process(tmp_path: Path, graph: Graph, *arguments: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+def process(
+    tmp_path: Path, graph: Graph, *arguments: str
+) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     """A node's process and the file of what it says; killed at the end."""
     log = tmp_path / f"{arguments[0]}.log"
-    command = [sys.executable, "-m", "validation.ros", *arguments, "--ros", "2", "--domain", str(graph.domain)]
+    command = [
+        sys.executable,
+        "-m",
+        "validation.ros",
+        *arguments,
+        "--ros",
+        "2",
+        "--domain",
+        str(graph.domain),
+    ]
     with log.open("wb") as out:
-        running = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, cwd=ROOT, start_new_session=True)
+        running = subprocess.Popen(
+            command, stdout=out, stderr=subprocess.STDOUT, cwd=ROOT, start_new_session=True
+        )
     try:
         yield running, log
     finally:
@@ -326,8 +385,19 @@ def test_a_robot_is_driven_along_a_line_and_ctrl_c_ends_it(tmp_path: Path, graph
     path.write_text("x,y\n0,0\n0.3,0\n0.6,0\n", encoding="utf-8")
     out = tmp_path / "out"
     with process(tmp_path, graph, "sim", "--no-noise") as (robot, said_by_robot):
-        control = ("control", "pid", str(path), "--speed", "0.2", "--patience", str(PATIENCE), "--out", str(out))
-        for _ in range(3):  # a machine that stalls for half a second has the robot stopped, as it should
+        control = (
+            "control",
+            "pid",
+            str(path),
+            "--speed",
+            "0.2",
+            "--patience",
+            str(PATIENCE),
+            "--out",
+            str(out),
+        )
+        # a machine that stalls for half a second has the robot stopped, as it should
+        for _ in range(3):
             with process(tmp_path, graph, *control) as (controller, log):
                 status = controller.wait(2.0 * PATIENCE)
             if status == 0 or "no feedback for" not in text_of(log):
@@ -346,7 +416,10 @@ def test_a_killed_robot_stops_the_controller(tmp_path: Path, graph: Graph) -> No
     """Feedback ends without a word; the controller says so, and keeps the drive."""
     out = tmp_path / "out"
     control = ("control", "pid", "line", "--patience", str(PATIENCE), "--out", str(out))
-    with process(tmp_path, graph, "sim") as (robot, _), process(tmp_path, graph, *control) as (controller, log):
+    with (
+        process(tmp_path, graph, "sim") as (robot, _),
+        process(tmp_path, graph, *control) as (controller, log),
+    ):
         with joined(graph) as node:
             node.subscribe("/cmd_vel", TWIST, msg.read_twist, 10)
             sent: list[float] = []
@@ -363,13 +436,17 @@ def test_a_killed_robot_stops_the_controller(tmp_path: Path, graph: Graph) -> No
     assert json.loads((out / "track.json").read_text(encoding="utf-8"))["status"] == "stopped"
 
 
-def test_a_flood_of_malformed_packets_fills_no_log(graph: Graph, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_flood_of_malformed_packets_fills_no_log(
+    graph: Graph, capfd: pytest.CaptureFixture[str]
+) -> None:
     """Cyclone itself writes a line for each, and whoever reaches the port can send as many as they like."""
     header = b"RTPS" + bytes([2, 5, 1, 16]) + bytes(12)
     cut_short = bytes([0x15, 1, 255, 255]) + bytes(range(40))
     with joined(graph) as node, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for _ in range(500):
-            sender.sendto(header + cut_short, ("127.0.0.1", 7400 + 250 * node.graph.domain_number() + 10))
+            sender.sendto(
+                header + cut_short, ("127.0.0.1", 7400 + 250 * node.graph.domain_number() + 10)
+            )
         time.sleep(0.3)  # a message that nobody prints cannot be waited for
     written = capfd.readouterr().err
     assert len(written) < 500, written[:300]

@@ -32,8 +32,12 @@ from validation.ros.__main__ import PROGRAM
 from validation.ros.control import STOP_TIME, Control, ControlNode
 from validation.ros.follower import FRESH, PathFollower, StoppedError
 
-COMMAND, POSE = "/cmd_vel", msg.tracking_topic("husky")
-BEND = Waypoints(np.arange(13.0) * 0.5, 1.2 * np.column_stack([np.sin(np.arange(13) / 10), 1 - np.cos(np.arange(13) / 10)]))
+COMMAND = "/cmd_vel"
+POSE = msg.tracking_topic("husky")
+BEND = Waypoints(
+    np.arange(13.0) * 0.5,
+    1.2 * np.column_stack([np.sin(np.arange(13) / 10), 1 - np.cos(np.arange(13) / 10)]),
+)
 """A left bend of 1.2 m radius at 0.24 m/s, 6 s long."""
 SHORT = Waypoints(BEND.t[:7], BEND.xy[:7])
 REST = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
@@ -47,7 +51,9 @@ def follower_of(lab: Profile, waypoints: Waypoints = BEND, **settings: Any) -> P
     return PathFollower(law(lab), waypoints, **settings)
 
 
-def started(follower: PathFollower, at: Observation = REST, stamp: float = 10.0, period: float = 0.02) -> float:
+def started(
+    follower: PathFollower, at: Observation = REST, stamp: float = 10.0, period: float = 0.02
+) -> float:
     """Messages of a robot that stands, until the follower drives; the stamp then."""
     for k in range(20):
         follower.update(stamp + k * period, at, stamp + k * period)
@@ -62,14 +68,19 @@ def started(follower: PathFollower, at: Observation = REST, stamp: float = 10.0,
 @pytest.mark.parametrize("name", ["pid", "lqr-scheduled", "lqr-scheduled+predictor"])
 def test_driving_by_messages_is_the_closed_loop_of_the_process(lab: Profile, name: str) -> None:
     """Same instants, perfect messages, any start: the same motion, to what the first tick's period makes of it."""
-    controller, settings = law(lab, name), LoopSettings("truth", disturbance=False, position_period=0.01)
+    controller = law(lab, name)
+    settings = LoopSettings("truth", disturbance=False, position_period=0.01)
     plant = make_plant(lab, "improved")
     expected = run_loop(plant, controller, SHORT, settings, 0).motion
-    state, follower = plant.reset(State(3.0, -2.0, 2.5)), PathFollower(controller, SHORT)
-    command, steps = (0.0, 0.0), round(0.01 / plant.dt)
+    state = plant.reset(State(3.0, -2.0, 2.5))
+    follower = PathFollower(controller, SHORT)
+    command = (0.0, 0.0)
+    steps = round(0.01 / plant.dt)
 
     def seen() -> Observation:
-        return Observation(state.x, state.y, math.remainder(state.yaw, 2.0 * math.pi), state.v_x, state.yaw_rate)
+        return Observation(
+            state.x, state.y, math.remainder(state.yaw, 2.0 * math.pi), state.v_x, state.yaw_rate
+        )
 
     begin = started(follower, seen(), 5.0, 0.01)
     k = 0
@@ -89,8 +100,13 @@ def test_driving_by_messages_is_the_closed_loop_of_the_process(lab: Profile, nam
 def test_it_waits_for_a_robot_that_stands_and_speaks_steadily(lab: Profile) -> None:
     follower = follower_of(lab)
     assert follower.command(0.0) == (0.0, 0.0)
-    fast, turning = REST._replace(v=0.3), REST._replace(w=-0.1)
-    for why, at, stamp, period in (("moves", fast, 10, 0.02), ("moves", turning, 12, 0.02), ("steadily", REST, 20, 1.0)):
+    fast = REST._replace(v=0.3)
+    turning = REST._replace(w=-0.1)
+    for why, at, stamp, period in (
+        ("moves", fast, 10, 0.02),
+        ("moves", turning, 12, 0.02),
+        ("steadily", REST, 20, 1.0),
+    ):
         assert math.isnan(started(follower, at, stamp, period))
         assert why in follower.why_waiting
     assert started(follower, REST, 50.0) == pytest.approx(50.1)
@@ -104,7 +120,9 @@ def test_it_stops_on_stale_feedback_and_says_what_came_instead(lab: Profile) -> 
     follower.command(now + FRESH)
     with pytest.raises(StoppedError, match=r"^no feedback for 0\.51 s$"):
         follower.command(now + FRESH + 0.01)
-    with pytest.raises(StoppedError, match=r"no feedback that can be used for 0\.60 s: 27 messages were refused"):
+    with pytest.raises(
+        StoppedError, match=r"no feedback that can be used for 0\.60 s: 27 messages were refused"
+    ):
         follower.command(now + 0.6, "27 messages were refused")
     for k in range(40):
         follower.update(now, REST, now + 0.02 * k)
@@ -146,7 +164,9 @@ def test_commands_keep_their_limits_and_those_that_cannot_be_are_refused(lab: Pr
     now = started(follower)
     sent = []
     for k in range(1, 100):  # a robot that turns the wrong way and lags behind its target
-        follower.update(now + 0.05 * k, REST._replace(x=0.004 * k, v=0.08, yaw=-0.01 * k), now + 0.05 * k)
+        follower.update(
+            now + 0.05 * k, REST._replace(x=0.004 * k, v=0.08, yaw=-0.01 * k), now + 0.05 * k
+        )
         sent.append(follower.command(now + 0.05 * k))
     assert np.abs(sent).max(axis=0).tolist() == [0.26, 0.1]
     with pytest.raises(ValueError, match=r"0\.24 m/s"):
@@ -158,40 +178,58 @@ def test_commands_keep_their_limits_and_those_that_cannot_be_are_refused(lab: Pr
 
 def test_a_tracking_system_judges_and_its_half_turns_are_no_jumps(lab: Profile) -> None:
     """The tracking system's frame is its own: what counts is the way from where it was at the start (Sec. 4.2)."""
-    follower, turned = follower_of(lab), math.pi - 0.05
+    follower = follower_of(lab)
+    turned = math.pi - 0.05
     follower.track(9.99, Observation(7.0, 8.0, turned, math.nan, math.nan))
     now = started(follower)
     for k in range(11):
-        t, way = now + 0.02 * k, 0.01 * k
+        t = now + 0.02 * k
+        way = 0.01 * k
         follower.update(t, REST._replace(x=0.5 * way), t)
-        there = 7.0 + way * math.cos(turned), 8.0 + way * math.sin(turned), math.remainder(turned + way, 2 * math.pi)
+        there = (
+            7.0 + way * math.cos(turned),
+            8.0 + way * math.sin(turned),
+            math.remainder(turned + way, 2 * math.pi),
+        )
         follower.track(t, Observation(*there, 0.0, 0.0))
     assert follower.tracked
-    start, run = BEND.start, follower.run()
+    start = BEND.start
+    run = follower.run()
     x, y, yaw = run.columns("x", "y", "yaw")[-1]
     assert math.hypot(x - start.x, y - start.y) == pytest.approx(0.1, abs=1e-9)
     assert yaw == pytest.approx(start.yaw + 0.1, abs=1e-9)
-    assert run.column("seen_x")[-1] - run.column("seen_x")[0] == pytest.approx(0.05 * math.cos(start.yaw), abs=1e-9)
+    assert run.column("seen_x")[-1] - run.column("seen_x")[0] == pytest.approx(
+        0.05 * math.cos(start.yaw), abs=1e-9
+    )
 
 
 # --- the node ---
 
 
 def node_of(lab: Profile, **options: Any) -> tuple[ControlNode, FakeNode, PathFollower]:
-    node, follower = FakeNode(), follower_of(lab)
+    node = FakeNode()
+    follower = follower_of(lab)
     topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
-    return ControlNode(node, follower, Control("pid", **topics, **options), node.clock), node, follower
+    return (
+        ControlNode(node, follower, Control("pid", **topics, **options), node.clock),
+        node,
+        follower,
+    )
 
 
 def speak(node: FakeNode, until: float, begin: float = 0.0, x: float | None = None) -> None:
     """Let odometry come at 50 Hz."""
     for k in range(round(50.0 * begin), round(50.0 * until)):
-        node.plan(msg.FILTERED_TOPIC, 0.02 * k, odometry(0.02 * k + 1.0, 0.004 * k if x is None else x))
+        node.plan(
+            msg.FILTERED_TOPIC, 0.02 * k, odometry(0.02 * k + 1.0, 0.004 * k if x is None else x)
+        )
 
 
 def commands(node: FakeNode) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] and (M, 2) commands that were sent."""
-    return np.array([t for t, _ in node.of(COMMAND)]), np.array([msg.read_twist(m) for _, m in node.of(COMMAND)])
+    return np.array([t for t, _ in node.of(COMMAND)]), np.array(
+        [msg.read_twist(m) for _, m in node.of(COMMAND)]
+    )
 
 
 def stands(node: FakeNode) -> bool:
@@ -214,16 +252,25 @@ def test_commands_come_at_20_hz_to_who_listens_and_end_in_a_stop(lab: Profile) -
     assert stands(node)
 
 
-NAN, FAR = math.nan, 1e300
+NAN = math.nan
+FAR = 1e300
 
 
 @pytest.mark.parametrize(
     ("good", "bad", "why"),
     [
         (2.0, None, r"^no feedback for 0\.5\d s$"),
-        (1.0, NAN, r"no feedback that can be used for 0\.5\d s: \d\d messages on \S+ were refused, .*position\.x is nan"),
+        (
+            1.0,
+            NAN,
+            r"no feedback that can be used for 0\.5\d s: \d\d messages on \S+ were refused, .*position\.x is nan",
+        ),
         (0.0, None, "no robot to drive after 2 s: no feedback yet"),
-        (0.0, FAR, r"no robot to drive after 2 s: \d+ messages on \S+ were refused, .* position\.x is 1e\+300"),
+        (
+            0.0,
+            FAR,
+            r"no robot to drive after 2 s: \d+ messages on \S+ were refused, .* position\.x is 1e\+300",
+        ),
     ],
 )
 def test_feedback_that_ends_or_cannot_be_used_stops_the_robot_and_the_reason_is_said(
@@ -240,7 +287,9 @@ def test_feedback_that_ends_or_cannot_be_used_stops_the_robot_and_the_reason_is_
         assert t[np.flatnonzero(np.any(sent != 0.0, axis=1))[-1]] < good + FRESH + 0.051
         assert stands(node)
     else:
-        assert not node.sent, "a robot that was not driven is not stopped either: somebody else may drive it"
+        assert not node.sent, (
+            "a robot that was not driven is not stopped either: somebody else may drive it"
+        )
 
 
 def test_the_law_may_see_the_tracking_systems_pose(lab: Profile) -> None:
@@ -257,7 +306,9 @@ def test_the_law_may_see_the_tracking_systems_pose(lab: Profile) -> None:
     assert follower.tracked
 
 
-def test_a_flood_of_odometry_delays_no_command(lab: Profile, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_flood_of_odometry_delays_no_command(
+    lab: Profile, caplog: pytest.LogCaptureFixture
+) -> None:
     loop, node, _ = node_of(lab)
     speak(node, 10.0)
     for k in range(3000):
@@ -272,11 +323,15 @@ def test_a_flood_of_odometry_delays_no_command(lab: Profile, caplog: pytest.LogC
 # --- a robot that does not obey ---
 
 AT_MOST = 1.2 * 0.2402, 1.2 * 0.2402
-"""Speed [m/s] and yaw rate [rad/s] after a hold: 1.2 times those of the path, or of a bend of 1 m."""
+"""Speed [m/s] and yaw rate [rad/s] after a hold: 1.2 times those of the path, or of a bend of 1
+m."""
 
 
-def with_robot(lab: Profile, name: str = "pid", **robot: float) -> tuple[ControlNode, RobotNode, PathFollower]:
-    node, follower = RobotNode(COMMAND, **robot), PathFollower(law(lab, name), BEND)
+def with_robot(
+    lab: Profile, name: str = "pid", **robot: float
+) -> tuple[ControlNode, RobotNode, PathFollower]:
+    node = RobotNode(COMMAND, **robot)
+    follower = PathFollower(law(lab, name), BEND)
     topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
     return ControlNode(node, follower, Control("pid", **topics), node.clock), node, follower
 
@@ -293,7 +348,10 @@ def test_after_an_emergency_stop_the_robot_goes_on_gently(
         node.plan(msg.STOP_TOPIC, at, message({"data": on}))
     with caplog.at_level(logging.WARNING, "validation"):
         loop.run()
-    assert ("the emergency stop is on" in caplog.text, "the robot obeys again" in caplog.text) == (text, True)
+    assert ("the emergency stop is on" in caplog.text, "the robot obeys again" in caplog.text) == (
+        text,
+        True,
+    )
     assert follower.phase == "arrived"
     assert follower.held_time == pytest.approx(6.0, abs=0.6)
     t, sent = commands(node)
@@ -308,7 +366,9 @@ def test_after_an_emergency_stop_the_robot_goes_on_gently(
 def test_it_gives_up_on_a_robot_that_never_obeys(lab: Profile) -> None:
     loop, node, _ = with_robot(lab)
     node.blocked = lambda t: t > 2.0
-    with pytest.raises(StoppedError, match=r"has not obeyed for 30 s \(it does not do what it is told\)"):
+    with pytest.raises(
+        StoppedError, match=r"has not obeyed for 30 s \(it does not do what it is told\)"
+    ):
         loop.run()
     assert stands(node)
     t, sent = commands(node)
@@ -318,15 +378,24 @@ def test_it_gives_up_on_a_robot_that_never_obeys(lab: Profile) -> None:
 def test_it_does_not_start_under_an_emergency_stop(lab: Profile) -> None:
     loop, node, _ = with_robot(lab)
     node.plan(msg.STOP_TOPIC, 0.0, message({"data": True}))
-    with pytest.raises(StoppedError, match=r"no robot to drive after 30 s: the emergency stop is on"):
+    with pytest.raises(
+        StoppedError, match=r"no robot to drive after 30 s: the emergency stop is on"
+    ):
         loop.run()
     assert not node.sent
 
 
-@pytest.mark.parametrize(("late", "dead_time", "warned"), [(0.0, 0.2, False), (0.2, 0.2, True), (0.0, 0.45, True)])
+@pytest.mark.parametrize(
+    ("late", "dead_time", "warned"), [(0.0, 0.2, False), (0.2, 0.2, True), (0.0, 0.45, True)]
+)
 @pytest.mark.parametrize("name", ["pid", "mpc"])
 def test_late_odometry_is_said(
-    lab: Profile, name: str, late: float, dead_time: float, warned: bool, caplog: pytest.LogCaptureFixture
+    lab: Profile,
+    name: str,
+    late: float,
+    dead_time: float,
+    warned: bool,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     loop, _, follower = with_robot(lab, name, late=late, dead_time=dead_time)
     with caplog.at_level(logging.WARNING, "validation"):
@@ -354,16 +423,24 @@ class Drive:
     """A robot that follows any speed on a line, and a command line that drives it."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, out: Path) -> None:
-        self.out, self.path, self.node = out, out.parent / "way.csv", FakeNode()
+        self.out = out
+        self.path = out.parent / "way.csv"
+        self.node = FakeNode()
         self.path.write_text("x,y\n0,0\n1,0\n2,0\n", encoding="utf-8")  # 8 s
         module = sys.modules[ControlNode.__module__]
         monkeypatch.setattr(module, "Node", lambda name, graph: self.node)
-        monkeypatch.setattr(module, "ControlNode", functools.partial(ControlNode, clock=self.node.clock))
+        monkeypatch.setattr(
+            module, "ControlNode", functools.partial(ControlNode, clock=self.node.clock)
+        )
 
     def speak(self, until: float) -> None:
         """Let odometry come for some seconds."""
         for k in range(round(50.0 * until)):
-            self.node.plan(msg.FILTERED_TOPIC, 0.02 * k, odometry(0.02 * k + 1.0, 0.25 * max(0.02 * k - 0.1, 0.0)))
+            self.node.plan(
+                msg.FILTERED_TOPIC,
+                0.02 * k,
+                odometry(0.02 * k + 1.0, 0.25 * max(0.02 * k - 0.1, 0.0)),
+            )
 
     def interrupt_at(self, instant: float, *numbers: int) -> None:
         """Let signals come with the commands after some seconds."""
@@ -378,7 +455,11 @@ class Drive:
     def run(self) -> int:
         """Drive; the exit status."""
         try:
-            cli.run(PROGRAM, "ros", ("control", "pid", str(self.path), "--speed", "0.25", "--out", str(self.out)))
+            cli.run(
+                PROGRAM,
+                "ros",
+                ("control", "pid", str(self.path), "--speed", "0.25", "--out", str(self.out)),
+            )
         except SystemExit as ended:
             return int(ended.code or 0)
         return 0
@@ -404,7 +485,9 @@ def drive(handlers: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Dr
     return Drive(monkeypatch, tmp_path / "out")
 
 
-def test_a_drive_that_arrives_or_has_to_be_stopped_is_kept(drive: Drive, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_drive_that_arrives_or_has_to_be_stopped_is_kept(
+    drive: Drive, capsys: pytest.CaptureFixture[str]
+) -> None:
     drive.speak(9.0)
     assert drive.run() == 0
     assert (drive.document()["status"], drive.document()["stopped_because"]) == ("arrived", "")
@@ -417,16 +500,23 @@ def test_a_drive_that_arrives_or_has_to_be_stopped_is_kept(drive: Drive, capsys:
     document = drive.document()
     assert document["status"] == "stopped"
     assert "no feedback" in document["stopped_because"]
-    assert capsys.readouterr().err.strip().splitlines()[-1] == f"run failed: {document['stopped_because']}"
+    assert (
+        capsys.readouterr().err.strip().splitlines()[-1]
+        == f"run failed: {document['stopped_because']}"
+    )
     assert stands(drive.node)
 
 
-@pytest.mark.parametrize(("number", "background"), [*((n, False) for n in SIGNALS), (signal.SIGINT, True)])
+@pytest.mark.parametrize(
+    ("number", "background"), [*((n, False) for n in SIGNALS), (signal.SIGINT, True)]
+)
 def test_signals_stop_the_robot_and_keep_the_drive(
     drive: Drive, capsys: pytest.CaptureFixture[str], number: int, background: bool
 ) -> None:
     """Others that come while it is being stopped change nothing; a shell has programs in the background ignore Ctrl-C."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if background else signal.default_int_handler
+    before = (
+        signal.signal(signal.SIGINT, signal.SIG_IGN) if background else signal.default_int_handler
+    )
     drive.speak(9.0)
     drive.interrupt_at(4.0, number, signal.SIGINT, signal.SIGTERM)
     assert drive.run() == cli.EXIT_INTERRUPTED
@@ -441,7 +531,9 @@ def test_signals_stop_the_robot_and_keep_the_drive(
     assert text.err.strip().splitlines()[-1] == "interrupted"
 
 
-def test_who_was_never_driven_leaves_nothing(drive: Drive, capsys: pytest.CaptureFixture[str]) -> None:
+def test_who_was_never_driven_leaves_nothing(
+    drive: Drive, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert drive.run() == 1
     assert not (drive.out / "track.json").exists()
     assert "no robot to drive after 30 s" in capsys.readouterr().err

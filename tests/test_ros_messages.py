@@ -22,9 +22,13 @@ COVARIANCE = np.array([[0.3, 0.1, 0.02], [0.1, 0.4, 0.03], [0.02, 0.03, 0.5]])
 
 
 @given(NUMBERS, NUMBERS, st.floats(-20.0, 20.0), RATES, RATES, st.integers(0, 10**10))
-def test_odometry_there_and_back(x: float, y: float, yaw: float, v: float, w: float, nanoseconds: int) -> None:
+def test_odometry_there_and_back(
+    x: float, y: float, yaw: float, v: float, w: float, nanoseconds: int
+) -> None:
     at = np.array([x, y, yaw])
-    came = message(msg.odometry_message(1e-9 * nanoseconds, at, (v, w), COVARIANCE, 2.0 * COVARIANCE))
+    came = message(
+        msg.odometry_message(1e-9 * nanoseconds, at, (v, w), COVARIANCE, 2.0 * COVARIANCE)
+    )
     stamp, seen = msg.read_odometry(came)
     assert (seen.x, seen.y, seen.v, seen.w) == (x, y, v, w)
     assert abs(float(wrap_angle(seen.yaw - yaw))) < 100 * ROUNDOFF
@@ -43,7 +47,8 @@ def test_a_covariance_stands_where_ros_reads_it() -> None:
 
 def test_an_orientation_is_normalised_and_a_pose_has_no_speeds() -> None:
     came = message(msg.pose_message(1.5, "world", np.array([1.0, 2.0, 0.0])))
-    came.pose.orientation.z = came.pose.orientation.w = 0.1  # a quarter turn to the left, unnormalised
+    # a quarter turn to the left, unnormalised
+    came.pose.orientation.z = came.pose.orientation.w = 0.1
     stamp, seen = msg.read_pose(came)
     assert (stamp, seen.x, seen.y, seen.yaw) == pytest.approx((1.5, 1.0, 2.0, math.pi / 2))
     assert math.isnan(seen.v)
@@ -58,11 +63,16 @@ def test_an_orientation_is_normalised_and_a_pose_has_no_speeds() -> None:
         ("pose.position.x", math.inf, r"position\.x is inf; plausible"),
         ("pose.position.y", 1e7, r"position\.y is 1e\+07; plausible is -1e\+06 to 1e\+06"),
         ("pose.position.x", "far", r"position\.x is no number"),
-        *[(f"header.stamp.{name}", n, r"header\.stamp") for name, n in (("sec", -1), ("nanosec", -1), ("sec", 10**12))],
+        *[
+            (f"header.stamp.{name}", n, r"header\.stamp")
+            for name, n in (("sec", -1), ("nanosec", -1), ("sec", 10**12))
+        ],
         ("header.stamp.nanosec", 10**400, r"header\.stamp"),
     ],
 )
-def test_what_cannot_be_is_refused_by_the_name_of_its_field(field: str, value: Any, why: str) -> None:
+def test_what_cannot_be_is_refused_by_the_name_of_its_field(
+    field: str, value: Any, why: str
+) -> None:
     came = message(msg.pose_message(0.0, "world", np.zeros(3)))
     put(came, field, value)
     with pytest.raises(ValueError, match=why):
@@ -70,7 +80,9 @@ def test_what_cannot_be_is_refused_by_the_name_of_its_field(field: str, value: A
 
 
 ANYTHING = st.one_of(
-    st.floats(), st.integers(), st.sampled_from([10**400, None, "1.0", "x", b"", 1e300, -1e300, 5e-324, True, [], {}])
+    st.floats(),
+    st.integers(),
+    st.sampled_from([10**400, None, "1.0", "x", b"", 1e300, -1e300, 5e-324, True, [], {}]),
 )
 """What a field of a damaged message may hold."""
 READERS: tuple[tuple[Any, Callable[[Any], Any]], ...] = (
@@ -98,13 +110,18 @@ def numeric_fields(came: Any, path: str = "") -> Iterator[str]:
 
 
 @given(st.data())
-def test_whatever_a_field_holds_a_message_is_read_as_plausible_numbers_or_refused(data: st.DataObject) -> None:
+def test_whatever_a_field_holds_a_message_is_read_as_plausible_numbers_or_refused(
+    data: st.DataObject,
+) -> None:
     """The law of the entrance: a `ValueError` of one line, or nothing but finite numbers within the limits."""
     whole, read = data.draw(st.sampled_from(READERS))
     came = message(as_fields(whole))
-    for path in data.draw(st.lists(st.sampled_from(sorted(numeric_fields(came))), min_size=1, max_size=3)):
+    for path in data.draw(
+        st.lists(st.sampled_from(sorted(numeric_fields(came))), min_size=1, max_size=3)
+    ):
         put(came, path, data.draw(ANYTHING))
-    measured, why = None, ""
+    measured = None
+    why = ""
     try:
         measured = read(came)
     except ValueError as error:
@@ -113,10 +130,15 @@ def test_whatever_a_field_holds_a_message_is_read_as_plausible_numbers_or_refuse
     if measured is None:
         return
     numbers = np.concatenate([np.ravel(np.array(part, dtype=np.float64)) for part in measured])
-    known = numbers[~np.isnan(numbers)] if read is msg.read_pose else numbers  # speeds are not known there
+    # speeds are not known there
+    known = numbers[~np.isnan(numbers)] if read is msg.read_pose else numbers
     assert np.all(np.abs(known) <= 2.0**32)
 
 
 def as_fields(came: Any) -> Any:
     """The fields of a message, copied."""
-    return {name: as_fields(value) for name, value in vars(came).items()} if hasattr(came, "__dict__") else came
+    return (
+        {name: as_fields(value) for name, value in vars(came).items()}
+        if hasattr(came, "__dict__")
+        else came
+    )

@@ -20,12 +20,14 @@ from validation.ros.robot import BASE_TIMEOUT, SimulatedRobot
 from validation.ros.simulation import SimulationNode, is_due
 from validation.simulator.plant import MujocoPlant
 
-COMMAND, POSE = "/cmd_vel", msg.tracking_topic("husky")
+COMMAND = "/cmd_vel"
+POSE = msg.tracking_topic("husky")
 
 
 @given(st.sampled_from([7.0, 20.0, 50.0, 100.0, 120.0, 333.3, 500.0]))
 def test_rates_are_kept_to_the_step(rate: float) -> None:
-    dt, seen = 0.002, 0
+    dt = 0.002
+    seen = 0
     for step in range(1, 2000):
         seen += is_due(step, rate, dt)
         assert seen == int(step * dt * rate + 1e-9), "neither early nor more than a step late"
@@ -36,7 +38,9 @@ def plant(lab: Profile) -> MujocoPlant:
     return cast(MujocoPlant, make_plant(lab, "mujoco"))
 
 
-def simulation(plant: MujocoPlant, overshoot: float = 0.0, **options: Any) -> tuple[SimulationNode, FakeNode]:
+def simulation(
+    plant: MujocoPlant, overshoot: float = 0.0, **options: Any
+) -> tuple[SimulationNode, FakeNode]:
     node = FakeNode(FakeClock(overshoot))
     robot = SimulatedRobot(plant, noise=False)
     return SimulationNode(node, robot, clock=node.clock, sleep=node.clock.sleep, **options), node
@@ -44,17 +48,24 @@ def simulation(plant: MujocoPlant, overshoot: float = 0.0, **options: Any) -> tu
 
 def speeds(node: FakeNode) -> tuple[np.ndarray, np.ndarray]:
     """Stamps [s] and speeds [m/s] by the tracking system."""
-    t, xy = np.array([(stamp, (s.x, s.y)) for stamp, s in (msg.read_pose(m) for _, m in node.of(POSE))], dtype=object).T
-    t, xy = t.astype(float), np.array(xy.tolist())
+    t, xy = np.array(
+        [(stamp, (s.x, s.y)) for stamp, s in (msg.read_pose(m) for _, m in node.of(POSE))],
+        dtype=object,
+    ).T
+    t = t.astype(float)
+    xy = np.array(xy.tolist())
     return t[1:], np.hypot(*np.diff(xy, axis=0).T) / np.diff(t)
 
 
 @pytest.mark.parametrize(("stall", "dropped"), [(1.5, 0.0), (3.0, 3.0)])
-def test_lateness_is_caught_up_with_or_dropped(plant: MujocoPlant, stall: float, dropped: float) -> None:
+def test_lateness_is_caught_up_with_or_dropped(
+    plant: MujocoPlant, stall: float, dropped: float
+) -> None:
     """A simulation that stalls for longer than the limit does not run fast afterwards: its time has lost the stall."""
     loop, node = simulation(plant)
     stalls = iter([0.0] * 50 + [stall])
-    receive, clock = node.receive, node.clock
+    receive = node.receive
+    clock = node.clock
     node.receive = lambda *now: clock.sleep(next(stalls, 0.0)) or receive(*now)  # type: ignore[method-assign, func-returns-value]
     loop.run(2.0)
     assert clock.now == pytest.approx(102.0 + dropped, abs=0.01)
@@ -66,19 +77,30 @@ def test_lateness_is_caught_up_with_or_dropped(plant: MujocoPlant, stall: float,
 def test_every_topic_comes_at_its_rate_and_its_instants(plant: MujocoPlant) -> None:
     loop, node = simulation(plant, overshoot=3e-4)
     loop.run(2.0)
-    sensors = ("/platform/odom/filtered", "/platform/odom", "/sensors/imu_0/data", "/platform/joint_states", "/tf")
+    sensors = (
+        "/platform/odom/filtered",
+        "/platform/odom",
+        "/sensors/imu_0/data",
+        "/platform/joint_states",
+        "/tf",
+    )
     assert Counter(topic for topic, *_ in node.sent) == {
         "/tf_static": 1, "/robot_description": 1, "/clock": 200, POSE: 240, **dict.fromkeys(sensors, 100),
     }  # fmt: skip
     stamps = np.array([msg.read_pose(m)[0] for _, m in node.of(POSE)])
-    assert np.all((stamps - np.arange(1, 241) / 120.0 >= -1e-9) & (stamps - np.arange(1, 241) / 120.0 < plant.dt))
+    assert np.all(
+        (stamps - np.arange(1, 241) / 120.0 >= -1e-9)
+        & (stamps - np.arange(1, 241) / 120.0 < plant.dt)
+    )
     sent = np.array([t for t, _ in node.of(POSE)])
     assert np.all((sent - stamps >= 0.0) & (sent - stamps < 1e-3))
     (joints,) = {tuple(m.name) for _, m in node.of("/platform/joint_states")}
     assert joints[0] == "front_left_wheel_joint"
 
 
-def test_a_stream_that_falls_silent_stops_the_robot(plant: MujocoPlant, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_stream_that_falls_silent_stops_the_robot(
+    plant: MujocoPlant, caplog: pytest.LogCaptureFixture
+) -> None:
     loop, node = simulation(plant)
     for k in range(30):
         node.plan(COMMAND, 0.05 * k, twist(0.25))
@@ -105,7 +127,11 @@ def test_an_emergency_stop_holds_until_it_is_released(plant: MujocoPlant) -> Non
     assert np.all(v[((t > 0.8) & (t < 1.0)) | (t > 4.0)] > 0.2)
 
 
-FLOODS = {"commands": twist(0.25), "commands of NaN": twist(math.nan), "huge commands": twist(1e300, -1e300)}
+FLOODS = {
+    "commands": twist(0.25),
+    "commands of NaN": twist(math.nan),
+    "huge commands": twist(1e300, -1e300),
+}
 
 
 @pytest.mark.parametrize("name", FLOODS)
@@ -124,4 +150,7 @@ def test_a_flood_is_a_few_lines_and_the_stop_comes_all_the_same(
     assert np.all(v[t > 2.05] < 0.01)
     assert t[-1] == pytest.approx(node.of(POSE)[-1][0], abs=1e-3), "its clock is the wall's"
     assert len(caplog.records) <= 10
-    assert all(record.getMessage().isprintable() and len(record.getMessage()) < 400 for record in caplog.records)
+    assert all(
+        record.getMessage().isprintable() and len(record.getMessage()) < 400
+        for record in caplog.records
+    )

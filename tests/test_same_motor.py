@@ -1,6 +1,7 @@
 """One closed drive in every plant: PI loop whose integral leaks, torque limit, gear loss and ramped commands.
 
-On a straight line with much grip every robot is one mass and two spinning sides, so one equation says what the motors do.
+On a straight line with much grip every robot is one mass and two spinning sides, so one equation
+says what the motors do.
 """
 
 from __future__ import annotations
@@ -42,18 +43,32 @@ from validation.plants.profile import Profile
 from validation.simulator.loops import MujocoBodies
 from validation.simulator.plant import MujocoPlant
 
-GAIN, ARMATURE, DT = 60.0, 0.2, 0.001
+GAIN = 60.0
+ARMATURE = 0.2
+DT = 0.001
 CALIBRATION = husky(friction=1.0, gain=GAIN, armature=ARMATURE, timestep=DT)
 SPIN = ARMATURE + HUSKY.masses.wheel_inertia[1]
-MASS, RADIUS = CALIBRATION.mass, CALIBRATION.wheel_radius
+MASS = CALIBRATION.mass
+RADIUS = CALIBRATION.wheel_radius
 COMMANDS = Commands(0.05, np.repeat([[0.6, 0.0], [-0.4, 0.0], [0.2, 0.0]], 24, axis=0))
 """The steps are more than the motors can do, and the integral part reaches its limit on each."""
 
 
 def drive(stiffness: float) -> Drive:
     return Drive(
-        **{"delay_v": 0.0, "delay_w": 0.0, "command_ramp": 0.05, "command_half_track": 0.275, "command_radius": RADIUS},
-        **{"torque_limit": 7.0, "integral_gain": 800.0, "dc_stiffness": stiffness, "gear_loss": 3.0},
+        **{
+            "delay_v": 0.0,
+            "delay_w": 0.0,
+            "command_ramp": 0.05,
+            "command_half_track": 0.275,
+            "command_radius": RADIUS,
+        },
+        **{
+            "torque_limit": 7.0,
+            "integral_gain": 800.0,
+            "dc_stiffness": stiffness,
+            "gear_loss": 3.0,
+        },
     )
 
 
@@ -64,8 +79,18 @@ def planar(parameters: object) -> Callable[[Drive], Plant]:
 
 def four_wheels(d: Drive) -> Plant:
     robot = {
-        **{"mass": MASS, "yaw_inertia": CALIBRATION.yaw_inertia, "wheelbase": HUSKY.geometry.wheelbase},
-        **{"half_track": CALIBRATION.half_track, "wheel_radius": RADIUS, "com_x": 0.0, "com_y": 0.0, "com_height": 0.19},
+        **{
+            "mass": MASS,
+            "yaw_inertia": CALIBRATION.yaw_inertia,
+            "wheelbase": HUSKY.geometry.wheelbase,
+        },
+        **{
+            "half_track": CALIBRATION.half_track,
+            "wheel_radius": RADIUS,
+            "com_x": 0.0,
+            "com_y": 0.0,
+            "com_height": 0.19,
+        },
         **{"gain": GAIN, "armature": ARMATURE, "wheel_inertia": HUSKY.masses.wheel_inertia[1]},
         **{"friction": 1.0, "stiffness_x": 300.0, "stiffness_y": 300.0},
     }
@@ -85,15 +110,20 @@ PLANTS: dict[str, Callable[[Drive], Plant]] = {
 @cache
 def expected(stiffness: float) -> tuple[FloatArray, FloatArray]:
     """Return (n,) ways [m] and torques of a side [N m] by the one equation, in twenty small steps a physics step."""
-    few, d = 20, drive(stiffness)
+    few = 20
+    d = drive(stiffness)
     motor: Motor = motor_numbers(d, DT / few)
     inertia = 0.5 * MASS * RADIUS**2 + 2.0 * SPIN
-    rate, integral, way, rows = 0.0, 0.0, 0.0, []
+    rate = 0.0
+    integral = 0.0
+    way = 0.0
+    rows = []
     for reference in wheel_references(COMMANDS, d, DT, State())[:, 0]:
         for _ in range(few):
             commanded = Wanted(float(reference), float(reference), integral, integral)
             torque = motor_torques(commanded, Sides(rate, rate), GAIN, motor).left
-            before, rate = rate, rate + DT / few * (torque - gear_loss(rate, motor)) / inertia
+            before = rate
+            rate = rate + DT / few * (torque - gear_loss(rate, motor)) / inertia
             integral = advance_integral(integral, float(reference) - 0.5 * (before + rate), motor)
             way += DT / few * RADIUS * 0.5 * (before + rate)
         rows.append((way, torque))
@@ -134,19 +164,25 @@ def test_mujocos_motor_is_the_same_in_a_rollout_in_steps_and_in_a_batch() -> Non
 
 
 FINE = 0.00025
-"""Step of the law applied as a force, whose error is of first order in it: a quarter of a millimetre to one [s]."""
+"""Step of the law applied as a force, whose error is of first order in it: a quarter of a
+millimetre to one [s]."""
 
 
 def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> float:
     """Return the greatest distance [m] of MuJoCo's path from that of the law applied as a force in small steps."""
-    section, commands = lab.section("mujoco"), TRAJECTORIES[trajectory].commands()
+    section = lab.section("mujoco")
+    commands = TRAJECTORIES[trajectory].commands()
     drive = replace(section.drive, torque_limit=limit, dc_stiffness=stiffness)
     plant = MujocoPlant(replace(section.parameters, timestep=FINE), drive)
-    model, data, motor = plant.model, mujoco.MjData(plant.model), motor_numbers(plant.drive, plant.dt)
+    model = plant.model
+    data = mujoco.MjData(plant.model)
+    motor = motor_numbers(plant.drive, plant.dt)
     mujoco.mj_setState(model, data, plant.placed(State()), mujoco.mjtState.mjSTATE_FULLPHYSICS)
     model = mujoco.MjModel.__copy__(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-    left, right, path = 0.0, 0.0, [data.qpos[:2].copy()]
+    left = 0.0
+    right = 0.0
+    path = [data.qpos[:2].copy()]
     for reference in wheel_references(commands, plant.drive, plant.dt, State()):
         rates = Sides(*(float(data.qvel[dofs].mean()) for dofs in plant.wheel_dofs))
         commanded = Wanted(*reference.tolist(), left, right)
@@ -158,7 +194,9 @@ def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> floa
         mujoco.mj_step(model, data)
         path.append(data.qpos[:2].copy())
     shipped = MujocoPlant(section.parameters, drive)
-    return math.sqrt(nearest_squared(shipped.run(commands, State(), shipped.dt).xy, np.array(path)).max())
+    return math.sqrt(
+        nearest_squared(shipped.run(commands, State(), shipped.dt).xy, np.array(path)).max()
+    )
 
 
 @pytest.mark.parametrize(
@@ -175,8 +213,11 @@ def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(
 @pytest.mark.parametrize("limit", [5.0, 8.0, 9.0, 10.0, 11.0, 12.0, 15.0, 30.0])
 def test_the_step_hardly_matters_at_the_motors_limit_either(limit: float, lab: Profile) -> None:
     """Half the step moves the end of trajectory 1 by 1.7 mm at most; contacts and the integrator alone, by 0.4 mm."""
-    section, ends = lab.section("mujoco"), []
+    section = lab.section("mujoco")
+    ends = []
     for dt in (0.002, 0.001):
-        plant = MujocoPlant(replace(section.parameters, timestep=dt), replace(section.drive, torque_limit=limit))
+        plant = MujocoPlant(
+            replace(section.parameters, timestep=dt), replace(section.drive, torque_limit=limit)
+        )
         ends.append(plant.run(TRAJECTORIES["traj1"].commands(), State(), 0.05).xy[-1])
     assert math.dist(*ends) < 1.7e-3

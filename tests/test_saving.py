@@ -34,7 +34,18 @@ main()
 """
 """The command `ssmr`, killed as soon as a file of this name is there."""
 COMPARE = ["compare", "traj2", "--plants", "linear", "--reference", "linear"]
-FIT = ["fit", "kinematic", "--to", "traj4@kinematic", "--free", "alpha_l", "--population", "8", "--generations", "1"]
+FIT = [
+    "fit",
+    "kinematic",
+    "--to",
+    "traj4@kinematic",
+    "--free",
+    "alpha_l",
+    "--population",
+    "8",
+    "--generations",
+    "1",
+]
 WHOLE = {
     "compare": {"compare.json", "compare.png", "compare.rrd"},
     "fit": {"fit.json", "profile.toml", "fit.png", "checkpoint.npz"},
@@ -60,7 +71,9 @@ def again(command: list[str], folder: Path) -> int:
 def test_a_command_that_was_killed_between_two_files_can_be_given_again(
     command: list[str], name: str, tmp_path: Path
 ) -> None:
-    done = subprocess.run([sys.executable, "-c", KILLED, name, *command, "--out", str(tmp_path)], check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, name, *command, "--out", str(tmp_path)], check=False
+    )
     assert done.returncode == -signal.SIGKILL
     there = {path.name for path in tmp_path.iterdir()}
     assert name in there
@@ -69,7 +82,9 @@ def test_a_command_that_was_killed_between_two_files_can_be_given_again(
     assert {path.name for path in tmp_path.iterdir()} == WHOLE[command[0]]
 
 
-def test_a_file_that_our_results_do_not_name_is_somebody_elses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_our_results_do_not_name_is_somebody_elses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert again([*COMPARE, "--no-rerun"], tmp_path) == 0
     film = tmp_path / "compare.rrd"
     film.write_text("of somebody else")
@@ -85,9 +100,13 @@ def test_a_file_that_our_results_do_not_name_is_somebody_elses(tmp_path: Path, c
     assert again(COMPARE, tmp_path) == 2
 
 
-def test_numbers_that_cannot_be_drawn_are_written(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_numbers_that_cannot_be_drawn_are_written(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """A checkpoint may hold any cost."""
-    fitted = fit("kinematic", "traj4@kinematic", free=("alpha_l",), population=8, generations=2, search="jde")
+    fitted = fit(
+        "kinematic", "traj4@kinematic", free=("alpha_l",), population=8, generations=2, search="jde"
+    )
     state = {**fitted.course.jde.state(), "history": np.array([38.0, 0.0, 1.7e308])}
     huge = replace(fitted, course=replace(fitted.course, jde=Jde.restore(state)))
     (tmp_path / "fit.png").write_text("of an earlier fit")
@@ -95,6 +114,8 @@ def test_numbers_that_cannot_be_drawn_are_written(tmp_path: Path, caplog: pytest
         written = huge.save(tmp_path)
     assert [path.name for path in written] == ["fit.json", "profile.toml"]
     assert {path.name for path in tmp_path.iterdir()} == {"fit.json", "profile.toml"}
-    (said,) = [record.getMessage() for record in caplog.records if "cannot be drawn" in record.getMessage()]
+    (said,) = [
+        record.getMessage() for record in caplog.records if "cannot be drawn" in record.getMessage()
+    ]
     assert said.startswith(str(tmp_path / "fit.png"))
     assert json.loads((tmp_path / "fit.json").read_text())["cost"] == fitted.cost

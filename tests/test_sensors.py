@@ -28,7 +28,9 @@ def test_noise_has_the_published_variances() -> None:
 
 @pytest.mark.parametrize("rate", [SAMPLE_RATES_HZ["ekf"], 20.0])
 def test_between_samples_the_last_is_held(rate: float) -> None:
-    moving = Trajectory(STILL.t, np.column_stack([STILL.t, 0 * STILL.t, 0 * STILL.t]), STILL.twist, STILL.wheels)
+    moving = Trajectory(
+        STILL.t, np.column_stack([STILL.t, 0 * STILL.t, 0 * STILL.t]), STILL.twist, STILL.wheels
+    )
     quiet = SensorNoise(0.0, 0.0, 0.0, 0.0, 0.0)
     seen = measure(moving, quiet, np.random.default_rng(0), rate)
     assert np.allclose(seen.pose[:, 0], np.floor(moving.t * rate + 1e-9) / rate, atol=1e-9)
@@ -52,7 +54,8 @@ def test_the_disturbance_moves_the_robot() -> None:
     plant = PlanarPlant(PlanarModel(ImprovedParameters(), Vehicle(), Drive()))
     commands = TRAJECTORIES["traj4"].commands()
     push = yaw_disturbance(commands.duration, plant.dt, np.random.default_rng(4))
-    calm, pushed = plant.run(commands, State(), 0.01), plant.run(commands, State(), 0.01, push)
+    calm = plant.run(commands, State(), 0.01)
+    pushed = plant.run(commands, State(), 0.01, push)
     assert np.abs(calm.yaw - pushed.yaw).max() > 1e-3
     with pytest.raises(ValueError, match="disturbances"):
         plant.run(commands, State(), 0.01, push[:-1])
@@ -64,9 +67,12 @@ def test_the_disturbance_moves_the_robot() -> None:
 )
 def test_trajectories_are_table_3_6(name: str, frequency: float, amplitude: float) -> None:
     scenario = TRAJECTORIES[name]
-    values, t = scenario.commands().values, np.arange(scenario.commands().n) * COMMAND_PERIOD
+    values = scenario.commands().values
+    t = np.arange(scenario.commands().n) * COMMAND_PERIOD
     late = t >= scenario.lead_in
     assert np.all(values[:, 0] == 0.5)
     assert np.all(values[~late, 1] == 0.0)
-    assert np.allclose(values[late, 1], amplitude * np.sin(2 * np.pi * frequency * (t[late] - scenario.lead_in)))
+    assert np.allclose(
+        values[late, 1], amplitude * np.sin(2 * np.pi * frequency * (t[late] - scenario.lead_in))
+    )
     assert scenario.commands().duration == scenario.duration

@@ -28,15 +28,18 @@ from validation.simulator.plant import MujocoPlant
 
 NEWTON = PhysicsSettings(solver="Newton")
 SENSED = 1e-4
-"""Of the yaw acceleration, relative: MuJoCo's own sensor does not know of the servos' damping, which is integrated
-implicitly; the channel is the change of the yaw rate over the step."""
+"""Of the yaw acceleration, relative: MuJoCo's own sensor does not know of the servos' damping,
+which is integrated implicitly; the channel is the change of the yaw rate over the step."""
 
 
 def same_motion(calibration: Calibration, drive: Drive, scenario: str) -> str:
     """Drive with both solvers, hold the paths and the loads against one another, and return the solver that is shipped."""
     commands = TRAJECTORIES[scenario].commands()
     plant = MujocoPlant(calibration, drive)
-    now, then = (p.run(commands, State(), SAMPLE_DT) for p in (plant, MujocoPlant(calibration, drive, settings=NEWTON)))
+    now, then = (
+        p.run(commands, State(), SAMPLE_DT)
+        for p in (plant, MujocoPlant(calibration, drive, settings=NEWTON))
+    )
     loads, former = (motion.channels["wheel_load_N"] for motion in (now, then))
     assert np.hypot(*(now.xy - then.xy).T).max() <= SAME_PATH
     assert (np.sqrt(np.mean((loads - former) ** 2, axis=0)) <= SAME_LOADS * former[0]).all()
@@ -55,28 +58,39 @@ def sized(mass: float) -> Robot:
     scale = (mass / HUSKY.masses.total) ** (1.0 / 3.0)
     names = ("wheelbase", "track", "wheel_radius", "wheel_width")
     geometry = {name: scale * getattr(HUSKY.geometry, name) for name in names}
-    masses = {"total": mass, "wheel_inertia": [scale**5 * inertia for inertia in HUSKY.masses.wheel_inertia]}
+    masses = {
+        "total": mass,
+        "wheel_inertia": [scale**5 * inertia for inertia in HUSKY.masses.wheel_inertia],
+    }
     return parse_robot({"schema": SCHEMA, "name": "sized", "geometry": geometry, "mass": masses})
 
 
 @pytest.mark.parametrize("scenario", ["traj2", "traj4"])
 @pytest.mark.parametrize(
-    "robot", [sized(8.0), sized(800.0), *map(load_robot, shipped_robots())], ids=["8 kg", "800 kg", *shipped_robots()]
+    "robot",
+    [sized(8.0), sized(800.0), *map(load_robot, shipped_robots())],
+    ids=["8 kg", "800 kg", *shipped_robots()],
 )
-def test_robots_of_any_size_drive_the_same_paths_with_either_solver(robot: Robot, scenario: str) -> None:
+def test_robots_of_any_size_drive_the_same_paths_with_either_solver(
+    robot: Robot, scenario: str
+) -> None:
     """MuJoCo's tolerance is relative to the robot's inertia, so one tolerance does for all."""
     section = bare_profile(robot).plants["mujoco"]
     assert same_motion(replace(section.parameters, friction=0.6), section.drive, scenario) == "CG"
 
 
 @pytest.mark.parametrize("frame", [(0.0, 0.0, 0.0), (-30.0, 5.0, 3.0)])
-def test_left_and_right_are_alike_in_any_frame_within_a_solvers_tolerance(frame: tuple[float, float, float]) -> None:
+def test_left_and_right_are_alike_in_any_frame_within_a_solvers_tolerance(
+    frame: tuple[float, float, float],
+) -> None:
     """The laws of tests/test_plant_conformance.py for the shipped solver, over a whole trajectory."""
     section = load_profile("husky-tile").plants["mujoco"]
     centred = replace(section.parameters, com_y=0.0, radius_difference=0.0)
-    plant, commands = MujocoPlant(centred, section.drive), TRAJECTORIES["traj4"].commands()
+    plant = MujocoPlant(centred, section.drive)
+    commands = TRAJECTORIES["traj4"].commands()
     mirrored = replace(commands, values=commands.values * [1.0, -1.0])
-    one, other = plant.run(commands, State(), SAMPLE_DT), plant.run(mirrored, State(*frame), SAMPLE_DT)
+    one = plant.run(commands, State(), SAMPLE_DT)
+    other = plant.run(mirrored, State(*frame), SAMPLE_DT)
     there = compose(np.array(frame), one.pose * [1.0, -1.0, -1.0])
     assert np.hypot(*(there - other.pose)[:, :2].T).max() <= 2.0 * SAME_PATH
 
@@ -84,9 +98,17 @@ def test_left_and_right_are_alike_in_any_frame_within_a_solvers_tolerance(frame:
 def test_newtons_method_is_taken_where_conjugate_gradients_converge_badly() -> None:
     """The printed numbers have a twentieth of the friction across the wheels; other physics may be as stiff as it likes."""
     printed = load_profile("thesis-printed").plants["mujoco"]
-    plants = [MujocoPlant(printed.parameters, printed.drive, settings=s) for s in (SHIPPED, PhysicsSettings(solver="CG"))]
-    assert [mujoco.mjtSolver(plant.model.opt.solver).name for plant in plants] == ["mjSOL_NEWTON", "mjSOL_CG"]
-    exact, far = (plant.run(TRAJECTORIES["traj4"].commands(), State(), SAMPLE_DT).xy for plant in plants)
+    plants = [
+        MujocoPlant(printed.parameters, printed.drive, settings=s)
+        for s in (SHIPPED, PhysicsSettings(solver="CG"))
+    ]
+    assert [mujoco.mjtSolver(plant.model.opt.solver).name for plant in plants] == [
+        "mjSOL_NEWTON",
+        "mjSOL_CG",
+    ]
+    exact, far = (
+        plant.run(TRAJECTORIES["traj4"].commands(), State(), SAMPLE_DT).xy for plant in plants
+    )
     assert np.hypot(*(exact - far).T).max() > 0.4 * SAME_PATH
     assert solver_for(SHIPPED, 1.0) == "CG"
     assert solver_for(PhysicsSettings(impratio=1.0), 1.0) == "Newton"
@@ -96,7 +118,9 @@ def test_newtons_method_is_taken_where_conjugate_gradients_converge_badly() -> N
 def test_a_solver_that_is_asked_for_has_its_own_tolerance(solver: Solver) -> None:
     option = MujocoPlant(husky(), Drive(), settings=PhysicsSettings(solver=solver)).model.opt
     assert (option.tolerance, option.iterations) == SOLVING[solver]
-    few = MujocoPlant(husky(), Drive(), settings=PhysicsSettings(solver=solver, iterations=7)).model.opt
+    few = MujocoPlant(
+        husky(), Drive(), settings=PhysicsSettings(solver=solver, iterations=7)
+    ).model.opt
     assert few.iterations == 7
 
 
@@ -106,11 +130,16 @@ def lab_section() -> PlantProfile:
 
 
 def test_the_yaw_acceleration_is_that_of_mujocos_sensor(lab_section: PlantProfile) -> None:
-    plant, full = MujocoPlant(lab_section.parameters, lab_section.drive, settings=NEWTON), former_model(lab_section)
+    plant = MujocoPlant(lab_section.parameters, lab_section.drive, settings=NEWTON)
+    full = former_model(lab_section)
     commands = TRAJECTORIES["traj1"].commands()
     steps = wheel_references(commands, lab_section.drive, plant.dt, State())
-    _, sensors = rollout.rollout(full, mujoco.MjData(full), plant.placed(State())[None], controls(full, steps)[None])
-    sensed = sensors[0][:: round(SAMPLE_DT / plant.dt), full.sensor("angular_acceleration").adr[0] + 2]
+    _, sensors = rollout.rollout(
+        full, mujoco.MjData(full), plant.placed(State())[None], controls(full, steps)[None]
+    )
+    sensed = sensors[0][
+        :: round(SAMPLE_DT / plant.dt), full.sensor("angular_acceleration").adr[0] + 2
+    ]
     motion = plant.run(commands, State(), SAMPLE_DT).channels["yaw_acceleration_rad_s2"]
     assert np.abs(motion[: len(sensed)] - sensed).max() <= SENSED * np.abs(sensed).max()
 
@@ -128,4 +157,5 @@ def test_the_imu_is_mujocos_own_and_reading_it_changes_nothing(lab_section: Plan
         mujoco.mj_forward(full, data)
         gyro, force = read.imu()
         assert gyro == pytest.approx(data.sensor("imu_gyro").data, abs=1e-12)
-        assert force == pytest.approx(data.sensor("imu_accelerometer").data, abs=1e-3)  # two solvers' accelerations
+        # two solvers' accelerations
+        assert force == pytest.approx(data.sensor("imu_accelerometer").data, abs=1e-3)

@@ -45,7 +45,11 @@ def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) ->
 
 def test_every_program_is_there() -> None:
     packages = {path.parent.name for path in ROOT.glob("*/__main__.py")} - {"cli"}
-    files = {path.stem for path in ROOT.glob("[a-z]*.py") if '__name__ == "__main__"' in path.read_text(encoding="utf-8")}
+    files = {
+        path.stem
+        for path in ROOT.glob("[a-z]*.py")
+        if '__name__ == "__main__"' in path.read_text(encoding="utf-8")
+    }
     assert set(ssmr.PROGRAMS) == packages | files
 
 
@@ -58,16 +62,25 @@ def test_help_lists_the_programs_with_a_line_each(arguments: tuple[str, ...], ca
         assert f"{name} {says}" in text
 
 
-@pytest.mark.parametrize(("program", "arguments"), [(tune, []), (ROBOTS, ["export"])], ids=["tune", "robots export"])
+@pytest.mark.parametrize(
+    ("program", "arguments"), [(tune, []), (ROBOTS, ["export"])], ids=["tune", "robots export"]
+)
 def test_help_fits_a_narrow_terminal_and_breaks_lines_between_words(
-    program: Any, arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    program: Any,
+    arguments: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """A line ends where the first word of the next has no room: tyro leaves descriptions long, and docstrings broken."""
     monkeypatch.setenv("COLUMNS", "80")
     assert exit_status(program, *arguments, "--help") == 0
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
-    ends = [(a, b) for a, b in pairwise(lines) if re.match(r" {16,}\S", b) and re.search(r"\w$", a) and "--" not in a[:6]]
+    ends = [
+        (a, b)
+        for a, b in pairwise(lines)
+        if re.match(r" {16,}\S", b) and re.search(r"\w$", a) and "--" not in a[:6]
+    ]
     assert ends or program is ROBOTS
     for line, after in ends:
         assert len(line) + 1 + len(re.split(r"[ ,]", after.split()[0])[0]) > 78, (line, after)
@@ -83,7 +96,9 @@ def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
     ]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
     assert done.returncode == 0, done.stderr
-    assert set(json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]) == {"kinematic", "linear"}
+    assert set(
+        json.loads((tmp_path / "runs/compare/traj2/compare.json").read_text())["plants"]
+    ) == {"kinematic", "linear"}
 
 
 @pytest.mark.parametrize(
@@ -113,9 +128,12 @@ def test_bash_completes_programs_studies_and_options(tmp_path: Path, call: Call)
         ask = f"source complete.sh; COMP_WORDS=({' '.join(words)} ''); COMP_CWORD={len(words)}"
         find = "complete -p ssmr | sed 's/.*-F \\([^ ]*\\).*/\\1/'"
         ask += f"; $({find}); printf '%s\\n' \"${{COMPREPLY[@]}}\""
-        path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"  # the script asks for a python3, as an environment has
+        # the script asks for a python3, as an environment has
+        path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
         env = {**os.environ, "PATH": path}
-        done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, cwd=tmp_path, timeout=60, env=env)
+        done = subprocess.run(
+            ["bash", "-c", ask], capture_output=True, text=True, cwd=tmp_path, timeout=60, env=env
+        )
         return {word.split("\t")[0].strip() for word in done.stdout.splitlines()}
 
     assert set(ssmr.PROGRAMS) <= completed("ssmr")

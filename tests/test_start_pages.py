@@ -17,18 +17,27 @@ from validation.files.formats import log_path
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 DOCS = ROOT / "docs"
-START = (README, *(DOCS / f"{name}.md" for name in ("first_comparison", "your_robot", "controllers")))
+START = (
+    README,
+    *(DOCS / f"{name}.md" for name in ("first_comparison", "your_robot", "controllers")),
+)
 
 
 def commands(page: Path) -> list[list[str]]:
     """The words behind `python -m validation.` of each command of a page that a reader can copy, in their order."""
     text = page.read_text(encoding="utf-8").replace("\\\n", " ")
     match = re.findall(r"^(?: {4}|\S*&& )*python -m validation\.(.*)$", text, re.MULTILINE)
-    return [shlex.split(line, comments=True) for line in match if not re.search(r"[$…&]|\bMODEL\b", line)]
+    return [
+        shlex.split(line, comments=True)
+        for line in match
+        if not re.search(r"[$…&]|\bMODEL\b", line)
+    ]
 
 
 @pytest.mark.parametrize(
-    "page", [README, *sorted(set(DOCS.glob("*.md")) - {DOCS / "extend.md"})], ids=lambda page: page.stem
+    "page",
+    [README, *sorted(set(DOCS.glob("*.md")) - {DOCS / "extend.md"})],
+    ids=lambda page: page.stem,
 )
 def test_every_command_of_a_page_can_be_read(page: Path) -> None:
     """Those of extend.md, which adds programs and plants, run in a test of their own."""
@@ -47,12 +56,21 @@ def shortened(words: list[str]) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", START, ids=lambda page: page.stem)
-def test_a_start_page_runs_from_top_to_bottom(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_start_page_runs_from_top_to_bottom(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     if page == README:  # which says robot.urdf and drive.csv for what its reader has
-        assert exit_status(program_named("robots"), "export", "husky", "--to", "urdf", "--out", "robot.urdf") == 0
+        assert (
+            exit_status(
+                program_named("robots"), "export", "husky", "--to", "urdf", "--out", "robot.urdf"
+            )
+            == 0
+        )
         shutil.copy(log_path("husky"), "drive.csv")
-    measured = [shlex.split(text) for text in dict.fromkeys(shortened(words) for words in commands(page))]
+    measured = [
+        shlex.split(text) for text in dict.fromkeys(shortened(words) for words in commands(page))
+    ]
     assert len(measured) > 4
     for name, *words in measured:
         assert exit_status(program_named(name), *words) == 0, (name, words)

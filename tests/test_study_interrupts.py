@@ -37,7 +37,8 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
         lambda s: 1 + (s.document["current_is"] is not None), 1,
     ),
 }  # fmt: skip
-"""Short options of each study, the function that counts its cases, and the progress at which the first is finished."""
+"""Short options of each study, the function that counts its cases, and the progress at which the
+first is finished."""
 
 
 def test_every_study_is_here() -> None:
@@ -59,6 +60,10 @@ def test_what_was_finished_is_kept(study: str, tmp_path: Path) -> None:
     assert cases(report) == 1
     for path in report.save(tmp_path):
         assert path.stat().st_size
-    assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"
-    assert "interrupted; only what was finished before is here." in (tmp_path / "study.md").read_text(encoding="utf-8")
+    assert (
+        json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))["status"] == "interrupted"
+    )
+    assert "interrupted; only what was finished before is here." in (
+        tmp_path / "study.md"
+    ).read_text(encoding="utf-8")
     assert report.table()

@@ -34,7 +34,9 @@ def test_rows_stand_in_the_order_of_the_variants_whatever_the_workers(workers: i
 
 
 def test_a_measure_that_fails_leaves_a_note_and_the_others() -> None:
-    swept = sweep(VARIANTS, {"squares": squared, "odds": odd_alone}, workers=2, progress=lambda step: None)
+    swept = sweep(
+        VARIANTS, {"squares": squared, "odds": odd_alone}, workers=2, progress=lambda step: None
+    )
     assert [row.get("odd") for row in swept.rows] == [None, 1, None, 3, None, 5]
     assert swept.notes == [f"v{k}: odds failed: an even number diverges." for k in (0, 2, 4)]
     with pytest.raises(SsmrError, match="diverges"):

@@ -27,7 +27,9 @@ def off(waypoints: Waypoints, xy: np.ndarray, t: np.ndarray, reach: float = 3.0)
 def test_off_a_line_it_is_the_lateral_distance_whatever_the_lag(left: float, ahead: float) -> None:
     waypoints = line(0.5, 4.0)
     t = np.linspace(1.0, 7.0, 50)
-    assert off(waypoints, np.column_stack([0.5 * t + ahead, np.full(50, left)]), t) == pytest.approx(abs(left), abs=ROUNDOFF)
+    assert off(
+        waypoints, np.column_stack([0.5 * t + ahead, np.full(50, left)]), t
+    ) == pytest.approx(abs(left), abs=ROUNDOFF)
 
 
 def test_off_a_circle_it_is_the_difference_of_radii() -> None:
@@ -58,7 +60,9 @@ def test_constant_commands_have_the_effort_of_one_and_no_jerk(v: float, w: float
 @given(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(0.01, 0.2))
 def test_the_jerk_is_the_second_derivative(bend: float, slope: float, period: float) -> None:
     t = period * np.arange(40)
-    _, jerk = command_measures(np.column_stack([0.5 * bend * t**2 + slope * t, np.zeros(40)]), period)
+    _, jerk = command_measures(
+        np.column_stack([0.5 * bend * t**2 + slope * t, np.zeros(40)]), period
+    )
     assert jerk == pytest.approx(abs(bend), abs=1e-9 / period**2)
 
 

@@ -38,14 +38,19 @@ def hopeless() -> GainSet:
 
 
 def costs_of_some(draw: st.DrawFn, rows: int, columns: int) -> FloatArray:
-    numbers = arrays(np.float64, (rows, columns), elements=st.one_of(st.integers(1, 6).map(float), st.just(math.inf)))
+    numbers = arrays(
+        np.float64,
+        (rows, columns),
+        elements=st.one_of(st.integers(1, 6).map(float), st.just(math.inf)),
+    )
     return np.asarray(draw(numbers))
 
 
 @st.composite
 def two_tables(draw: st.DrawFn) -> tuple[FloatArray, FloatArray]:
     """Costs on two plants, with equal ones and with losses."""
-    rows, columns = draw(st.integers(1, 4)), draw(st.integers(2, 6))
+    rows = draw(st.integers(1, 4))
+    columns = draw(st.integers(2, 6))
     return costs_of_some(draw, rows, columns), costs_of_some(draw, rows, columns)
 
 
@@ -55,36 +60,48 @@ def test_a_plant_agrees_with_itself(tables: tuple[FloatArray, FloatArray]) -> No
     same = agreement(costs, costs)
     assert (same["regret"], same["same_winner"]) == (0.0, len(costs))
     tau = rank_correlation(costs, costs)
-    assert tau == pytest.approx(1.0, abs=ROUNDOFF) or (math.isnan(tau) and len(set(places(costs).tolist())) == 1)
+    assert tau == pytest.approx(1.0, abs=ROUNDOFF) or (
+        math.isnan(tau) and len(set(places(costs).tolist())) == 1
+    )
 
 
 @given(two_tables(), st.data())
-def test_the_order_of_controllers_is_of_no_account(tables: tuple[FloatArray, FloatArray], data: st.DataObject) -> None:
+def test_the_order_of_controllers_is_of_no_account(
+    tables: tuple[FloatArray, FloatArray], data: st.DataObject
+) -> None:
     costs, truth = tables
     order = data.draw(st.permutations(range(costs.shape[1])))
-    mixed, true = costs[:, order], truth[:, order]
+    mixed = costs[:, order]
+    true = truth[:, order]
     assert (places(mixed) == places(costs)[list(order)]).all()
-    assert rank_correlation(mixed, true) == pytest.approx(rank_correlation(costs, truth), abs=ROUNDOFF, nan_ok=True)
+    assert rank_correlation(mixed, true) == pytest.approx(
+        rank_correlation(costs, truth), abs=ROUNDOFF, nan_ok=True
+    )
     assert regret(mixed, true) == regret(costs, truth)
 
 
 @given(two_tables())
 def test_who_loses_more_is_placed_behind(tables: tuple[FloatArray, FloatArray]) -> None:
     costs, truth = tables
-    lost, place = np.isinf(costs).sum(axis=0), places(costs)
+    lost = np.isinf(costs).sum(axis=0)
+    place = places(costs)
     for a in range(costs.shape[1]):
         for b in range(costs.shape[1]):
             assert lost[a] <= lost[b] or place[a] > place[b]
     chosen = choice(costs, truth)
     assert lost[chosen] == lost.min()
-    assert 0.0 <= regret(costs, truth) or np.isinf(truth).any(), "of those that keep all, none is better than the best"
+    assert 0.0 <= regret(costs, truth) or np.isinf(truth).any(), (
+        "of those that keep all, none is better than the best"
+    )
 
 
 def test_rank_correlation_and_regret_of_a_hand_made_table() -> None:
     truth = np.array([[1.0, 2.0, 4.0], [3.0, 4.0, 6.0]])
     model = np.array([[2.0, 1.0, 9.0]] * 2)
     measured = agreement(model, truth)
-    assert measured["tau"] == pytest.approx(1.0 / 3.0, rel=ROUNDOFF), "one pair of three is turned round"
+    assert measured["tau"] == pytest.approx(1.0 / 3.0, rel=ROUNDOFF), (
+        "one pair of three is turned round"
+    )
     assert (measured["chosen"], measured["same_winner"]) == (1, 0)
     assert measured["regret"] == pytest.approx(3.0 / 2.0 - 1.0, rel=ROUNDOFF)
     assert rank_correlation(-model, truth) == pytest.approx(-1.0 / 3.0, rel=ROUNDOFF)
@@ -120,7 +137,9 @@ def found_in(study: Report) -> dict[str, Any]:
 def test_a_lost_run_is_counted_and_comes_last(study: Report) -> None:
     assert study.tables[1].rows[-1]["controller"] == "pid hopeless"
     for own in found_in(study).values():
-        assert {name for name, each in own["contenders"].items() if each["lost"]} == {"pid hopeless"}
+        assert {name for name, each in own["contenders"].items() if each["lost"]} == {
+            "pid hopeless"
+        }
 
 
 def test_the_judge_agrees_with_itself(study: Report) -> None:
@@ -136,10 +155,14 @@ def test_references_are_as_fast_as_the_robot_can_drive() -> None:
     robot = make_robot(load_profile("husky-tile"), "improved")
     o = TransferStudy(references=("u-turn", "line@0.5", "line"))
     missions = missions_of(o, robot)
-    assert [name for name, _ in missions] == ["u-turn", "u-turn", "line", "line"], "line@0.5 stands there twice"
+    assert [name for name, _ in missions] == ["u-turn", "u-turn", "line", "line"], (
+        "line@0.5 stands there twice"
+    )
     assert [w.speed for _, w in missions[2:]] == pytest.approx([0.5, 0.25], rel=ROUNDOFF)
     slow, fast = (w for _, w in missions[:2])
     assert slow.speed == pytest.approx(0.25, rel=ROUNDOFF)
     assert 0.25 < fast.speed < 0.4
     _, whole = open_reference("u-turn", 0.5)
-    assert fast.speed == pytest.approx(PRACTICABLE * within_reach(whole, robot, 1.0).speed, abs=0.01)
+    assert fast.speed == pytest.approx(
+        PRACTICABLE * within_reach(whole, robot, 1.0).speed, abs=0.01
+    )

@@ -37,11 +37,15 @@ from validation.tune import Tuned, tune
 QUIET = LoopSettings("truth", disturbance=False)
 
 
-def case(lab: Profile, plant: str = "linear", settings: LoopSettings = QUIET, speed: float = 0.5) -> TuneCase:
+def case(
+    lab: Profile, plant: str = "linear", settings: LoopSettings = QUIET, speed: float = 0.5
+) -> TuneCase:
     return TuneCase("circle", "circle", circle(speed, 0.8, 0.5), make_robot(lab, plant), settings)
 
 
-def problem(lab: Profile, cost: TuneCost | None = None, controller: str = "pid", *cases: TuneCase) -> TuneProblem:
+def problem(
+    lab: Profile, cost: TuneCost | None = None, controller: str = "pid", *cases: TuneCase
+) -> TuneProblem:
     base = load_gains(controller, "published")
     space = make_tuning_space(controller, None, False, {})
     return TuneProblem(lab, base, space, cases or (case(lab),), cost or TuneCost(guard=0.0))
@@ -51,13 +55,15 @@ def published_point(p: TuneProblem) -> np.ndarray:
     return p.space.points(np.array([p.base.values[name] for name in p.space.names]))
 
 
-# --------------------------------------------------------------------------------------------------------- costs
+# ---------------------------------------------------------------------------------------------------------
+# costs
 
 
 def test_the_cost_is_that_of_the_thesis(lab: Profile) -> None:
     """Sec. 4.3.3 and 4.4.3, with |1 - ratio|."""
     weights = TuneCost(k_u=50.0, guard=0.0)
-    p, one = problem(lab, weights), case(lab)
+    p = problem(lab, weights)
+    one = case(lab)
     (run,) = run_robots([one.robot], [make_controller(lab, p.base)], [QUIET], one.waypoints, [0])
     m = compare_paths(run.motion, one.target)
     u_rms = track_metrics(run, one.waypoints, one.robot.limits)["u_rms_ratio"]
@@ -68,7 +74,8 @@ def test_the_cost_is_that_of_the_thesis(lab: Profile) -> None:
         + 10 * abs(1 - m["e_bend_ratio"])
         + 50 * abs(1 - u_rms)
     )
-    assert p.costs(published_point(p)[None])[0] == pytest.approx(wanted, rel=1e-9)  # the point went through the unit cube
+    # the point went through the unit cube
+    assert p.costs(published_point(p)[None])[0] == pytest.approx(wanted, rel=1e-9)
 
 
 def test_the_time_cost_sees_the_clock(lab: Profile) -> None:
@@ -76,12 +83,15 @@ def test_the_time_cost_sees_the_clock(lab: Profile) -> None:
     waypoints = line(0.5, 4.0)
     target = waypoints.trajectory(0.008)
     late = np.zeros((len(target), 25))
-    late[:, :3], late[:, 3] = target.pose, 0.5
+    late[:, :3] = target.pose
+    late[:, 3] = 0.5
     late[:, 0] = np.clip(late[:, 0] - 0.1, 0.0, None)
     run = ClosedRun(np.array(target.t), late, lost=False)
     apart = np.hypot(*(late[:, :2] - target.xy).T)
     by = {
-        name: float(costs_of([run], target, 0.5, TuneCost(name, k_ratio=0.0, k_haus=0.0, guard=0.0))[0])  # type: ignore[arg-type]
+        name: float(
+            costs_of([run], target, 0.5, TuneCost(name, k_ratio=0.0, k_haus=0.0, guard=0.0))[0]
+        )  # type: ignore[arg-type]
         for name in ("path", "time")
     }
     assert by["time"] == pytest.approx(100 * math.sqrt(np.mean(apart**2)), rel=ROUNDOFF)
@@ -119,7 +129,9 @@ def test_a_delayed_robot_stands_on_the_same_ground_with_the_same_physics(lab: Pr
     assert late.terrain == ramp.terrain
     assert isinstance(ramp.body, MujocoPlant)
     numbers = lab.plants["mujoco"]
-    pyramidal = MujocoPlant(numbers.parameters, numbers.drive, settings=PhysicsSettings(cone="pyramidal"))
+    pyramidal = MujocoPlant(
+        numbers.parameters, numbers.drive, settings=PhysicsSettings(cone="pyramidal")
+    )
     body = delayed(replace(ramp, body=pyramidal), 0.1).body
     assert isinstance(body, MujocoPlant)
     assert body.model.opt.cone == pyramidal.model.opt.cone != ramp.body.model.opt.cone
@@ -131,27 +143,39 @@ def test_impossible_gains_cost_infinity_and_are_not_driven(lab: Profile) -> None
     assert p.costs(np.array([[0.5, 0.0]]))[0] == np.inf
 
 
-# ------------------------------------------------------------------------------------------------------ programs
+# ------------------------------------------------------------------------------------------------------
+# programs
 
 
 def test_bounds_hold_the_start_and_are_widened_for_it() -> None:
     """The tuned LQR lies outside of Tab. 4.21's bounds: a start moved into them costs 3.6 times as much."""
     start = load_gains("lqr", "tuned").values
-    usual, wide = make_tuning_space("lqr", None, False, {}), make_tuning_space("lqr", None, False, {}, start=start)
+    usual = make_tuning_space("lqr", None, False, {})
+    wide = make_tuning_space("lqr", None, False, {}, start=start)
     outside = [p.name for p in usual.parameters if not p.lower <= start[p.name] <= p.upper]
     assert outside == ["q_yaw", "q_w", "r_v"]
-    assert [p.name for p, q in zip(wide.parameters, usual.parameters, strict=True) if p != q] == outside
+    assert [
+        p.name for p, q in zip(wide.parameters, usual.parameters, strict=True) if p != q
+    ] == outside
     assert all(p.lower < start[p.name] < p.upper for p in wide.parameters)
     with pytest.raises(
-        ValueError, match=r"the bounds of q_yaw, 5 to 15, leave out 3.3723, where the search begins; widen them"
+        ValueError,
+        match=r"the bounds of q_yaw, 5 to 15, leave out 3.3723, where the search begins; widen them",
     ):
         make_tuning_space("lqr", None, False, {"q_yaw": (5.0, 15.0)}, start=start)
 
 
-def test_a_tuning_that_finds_nothing_better_keeps_what_it_began_with(lab: Profile, tmp_path: Path) -> None:
+def test_a_tuning_that_finds_nothing_better_keeps_what_it_began_with(
+    lab: Profile, tmp_path: Path
+) -> None:
     """One gain, in bounds that hold the start at their end and beyond it only what is worse."""
     start = load_gains("lqr", "published").values["r_v"]
-    options = {"plants": ("linear",), "free": ("r_v",), "bounds": {"r_v": (start, 400.0)}, "held_out": ("line@0.5",)}
+    options = {
+        "plants": ("linear",),
+        "free": ("r_v",),
+        "bounds": {"r_v": (start, 400.0)},
+        "held_out": ("line@0.5",),
+    }
     tuned = tune("lqr", "circle@0.5", lab, noise=False, population=8, generations=1, **options)
     assert dict(tuned.gains) == dict(load_gains("lqr", "published").values)
     assert tuned.cost == tuned.baseline_cost
@@ -161,7 +185,13 @@ def test_a_tuning_that_finds_nothing_better_keeps_what_it_began_with(lab: Profil
 
 
 def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
-    options = {"plants": ("linear",), "free": ("q_x",), "population": 5, "generations": 1, "held_out": ("square@0.5",)}
+    options = {
+        "plants": ("linear",),
+        "free": ("q_x",),
+        "population": 5,
+        "generations": 1,
+        "held_out": ("square@0.5",),
+    }
     tuned = tune("lqr", "circle@0.5", lab, noise=False, **options)
     assert tuned.shipped is not None
     assert tuned.shipped.name == "lqr-tuned"
@@ -169,9 +199,13 @@ def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
     assert tuned.shipped_cost == pytest.approx(trained["shipped"].cost, rel=ROUNDOFF)
     document = tuned.as_dict()
     assert document["shipped_cost"] == tuned.shipped_cost
-    assert document["held_out"]["square at 0.5 m/s, linear"]["shipped"]["cost"] == held["shipped"].cost
+    assert (
+        document["held_out"]["square at 0.5 m/s, linear"]["shipped"]["cost"] == held["shipped"].cost
+    )
     own = tune("lqr", ("circle@0.5",), lab, noise=False, gains="tuned", **options)
-    assert "shipped" not in next(iter(own.train.values())), "the shipped gains are what it began with"
+    assert "shipped" not in next(iter(own.train.values())), (
+        "the shipped gains are what it began with"
+    )
     assert own.shipped_cost == own.baseline_cost
 
 
@@ -179,7 +213,9 @@ def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
 def test_a_start_is_seen_from_that_of_the_reference(lab: Profile, plant: str) -> None:
     """A quarter turn to the left of the reference's own heading, 1 m ahead of it and 0.5 m to its left."""
     up = Waypoints.from_path([[2.0, 3.0], [2.0, 4.0]], 0.5)
-    robot = track("pid", up, plant, lab, start=(1.0, 0.5, 0.5 * math.pi), feedback="truth").robots[0]
+    robot = track("pid", up, plant, lab, start=(1.0, 0.5, 0.5 * math.pi), feedback="truth").robots[
+        0
+    ]
     assert np.allclose(robot.run.table[0, :3], (1.5, 4.0, math.pi), atol=1e-9)
 
 
@@ -189,7 +225,13 @@ def test_tune_beats_what_it_began_with_and_resumes(lab: Profile, tmp_path: Path)
             raise KeyboardInterrupt
 
     def tuned(folder: Path, **more: Any) -> Tuned:
-        few = {"plants": ("linear",), "held_out": ("line@0.5",), "population": 8, "generations": 4, "free": ("q_x", "r_v")}
+        few = {
+            "plants": ("linear",),
+            "held_out": ("line@0.5",),
+            "population": 8,
+            "generations": 4,
+            "free": ("q_x", "r_v"),
+        }
         return tune("lqr", ("circle@0.5",), lab, seed=3, out=folder, **few, **more)
 
     whole = tuned(tmp_path / "a")
@@ -200,4 +242,8 @@ def test_tune_beats_what_it_began_with_and_resumes(lab: Profile, tmp_path: Path)
     assert (again.values, again.provenance["seed"]) == (whole.gains, 3)
     assert tuned(tmp_path / "b", progress=stop).status == "interrupted"
     resumed = tuned(tmp_path / "b", resume=True)
-    assert (resumed.gains, resumed.cost, resumed.course.evaluations) == (whole.gains, whole.cost, whole.course.evaluations)
+    assert (resumed.gains, resumed.cost, resumed.course.evaluations) == (
+        whole.gains,
+        whole.cost,
+        whole.course.evaluations,
+    )

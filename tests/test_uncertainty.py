@@ -13,7 +13,8 @@ from validation.identify.problem import FitProblem
 from validation.identify.refine import Remembered, descend
 from validation.identify.uncertainty import estimate
 
-SECONDS, PERIOD = 60.0, 0.1
+SECONDS = 60.0
+PERIOD = 0.1
 T = np.arange(0.0, SECONDS, PERIOD)
 DRAWS = 200
 
@@ -21,7 +22,8 @@ DRAWS = 200
 def hanging_together(rng: np.random.Generator, seconds: float, count: int = len(T)) -> FloatArray:
     """Return (count,) errors of size 1 whose correlation falls by e within so many seconds; white if 0."""
     keep = np.exp(-PERIOD / seconds) if seconds > 0.0 else 0.0
-    noise, out = rng.normal(size=count), np.empty(count)
+    noise = rng.normal(size=count)
+    out = np.empty(count)
     out[0] = noise[0]
     for i in range(1, count):
         out[i] = keep * out[i - 1] + np.sqrt(1.0 - keep**2) * noise[i]
@@ -36,7 +38,8 @@ class Wave:
     blocks = np.floor(T)
 
     def __init__(self, noise: FloatArray, robust: bool) -> None:
-        self.robust, self.cheap = robust, False
+        self.robust = robust
+        self.cheap = False
         self.seen = self.shape @ [0.4, 0.6] + noise
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
@@ -64,9 +67,14 @@ def test_intervals_hold_the_truth(seconds: float, least: float, robust: bool) ->
 
 def test_each_part_is_left_out_by_a_step_to_the_optimum_of_the_others() -> None:
     """A level that differs in the last quarter: where errors are linear, the step goes to what the other quarters give."""
-    problem = Wave(0.1 * (T >= 0.75 * SECONDS) + 0.02 * np.random.default_rng(1).normal(size=len(T)), robust=False)
+    problem = Wave(
+        0.1 * (T >= 0.75 * SECONDS) + 0.02 * np.random.default_rng(1).normal(size=len(T)),
+        robust=False,
+    )
     end, _ = descend(problem, np.array([0.5, 0.5]), driven := Remembered(), 1, lambda: None)
     quarter = np.floor(4.0 * T / SECONDS)
     for k, point in enumerate(estimate(cast("FitProblem", problem), end, 1, driven).without):
         rest = quarter != k
-        assert point == pytest.approx(np.linalg.lstsq(problem.shape[rest], problem.seen[rest])[0], abs=1e-4)
+        assert point == pytest.approx(
+            np.linalg.lstsq(problem.shape[rest], problem.seen[rest])[0], abs=1e-4
+        )

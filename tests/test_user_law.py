@@ -54,7 +54,9 @@ def written(folder: Path, text: str) -> Path:
 
 @pytest.mark.parametrize("name", ["Mine", "make"])
 @pytest.mark.parametrize("plant", ["improved", "mujoco"])
-def test_a_users_class_drives_like_the_law_that_it_is(tmp_path: Path, name: str, plant: str) -> None:
+def test_a_users_class_drives_like_the_law_that_it_is(
+    tmp_path: Path, name: str, plant: str
+) -> None:
     path = written(tmp_path, GOOD)
     tracked = track(f"{path}:{name}", line(0.5, 2.0), plant, feedback="truth", no_disturbance=True)
     assert not tracked.robots[0].run.lost
@@ -70,21 +72,33 @@ def test_a_users_class_drives_like_the_law_that_it_is(tmp_path: Path, name: str,
         (GOOD, "number", r"mine\.py:number is 3, wanted a class"),
         ("class Mine:\n    pass\n", "Mine", r"mine\.py:1: class Mine has no method command"),
         ("\n\nclass Mine\n", "Mine", r"mine\.py:3: SyntaxError"),
-        ("import nothing_of_the_kind\n", "Mine", r"mine\.py:1: ModuleNotFoundError: No module named"),
+        (
+            "import nothing_of_the_kind\n",
+            "Mine",
+            r"mine\.py:1: ModuleNotFoundError: No module named",
+        ),
         ("x = 1\ny = x / 0\n", "Mine", r"mine\.py:2: ZeroDivisionError: division by zero"),
         (GOOD, "not a name", r"names nothing in a file; wanted FILE\.py:NAME"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused(tmp_path: Path, text: str, name: str, message: str) -> None:
+def test_a_file_that_cannot_be_used_is_refused(
+    tmp_path: Path, text: str, name: str, message: str
+) -> None:
     with pytest.raises(ValueError, match=message) as caught:
         load_user_law(f"{written(tmp_path, text)}:{name}")
     assert "\n" not in str(caught.value)
 
 
 FAULTS = [
-    ("return 1.0 / 0.0, 0.0", r"mine\.py:6: ZeroDivisionError: .* \(in Mine\.command at t = 0\.00 s\)"),
+    (
+        "return 1.0 / 0.0, 0.0",
+        r"mine\.py:6: ZeroDivisionError: .* \(in Mine\.command at t = 0\.00 s\)",
+    ),
     ("return helper(now)", r"mine\.py:9: KeyError: 'way' \(in Mine\.command"),
-    ("return float('nan'), 0.0", r"mine\.py:5: command returned \(nan, 0\.0\) at t = 0\.00 s; wanted speed"),
+    (
+        "return float('nan'), 0.0",
+        r"mine\.py:5: command returned \(nan, 0\.0\) at t = 0\.00 s; wanted speed",
+    ),
     ("return 'ab'", "command returned 'ab'"),
     ("raise SystemExit", r"mine\.py:6: SystemExit"),
     ("raise ValueError('two\\nlines')", "ValueError: two.?lines"),
@@ -180,7 +194,8 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: Path) -> None:
     """One whose wheels slip by a tenth drives nine tenths of the way, and an edited one what the edit says."""
-    file, ways = own.with_name("p.toml"), list[float]()
+    file = own.with_name("p.toml")
+    ways = list[float]()
     for slip, times in ((0.0, "1.0"), (0.1, "1.0"), (0.1, "2.0")):
         written(own.parent, MODEL.replace("1.0 - robot", f"1.0 - {times} * robot"))
         file.write_text(f'schema = "ssmr.profile/1"\n[plants.slip.parameters]\nslip = {slip}\n')
@@ -189,20 +204,41 @@ def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: P
         )  # fmt: skip
         assert list(comparison.plants) == ["kinematic", "slip"]
         assert comparison.as_dict()["plants"]["kinematic"]["gap_m"] == 0.0
-        assert comparison.tables[0].rows[1]["gap_m"] == comparison.plants["slip"].metrics["gap_m"] > 0.0
-        ways.append(float(np.hypot(*np.diff(comparison.plants["slip"].pieces[0].xy, axis=0).T).sum()))
+        assert (
+            comparison.tables[0].rows[1]["gap_m"]
+            == comparison.plants["slip"].metrics["gap_m"]
+            > 0.0
+        )
+        ways.append(
+            float(np.hypot(*np.diff(comparison.plants["slip"].pieces[0].xy, axis=0).T).sum())
+        )
     assert ways == pytest.approx([ways[0], 0.9 * ways[0], 0.8 * ways[0]], rel=1e-9)
-    assert not _jit._saves, "what calls a user's code is not kept on disk, where it would outlive an edit"
+    assert not _jit._saves, (
+        "what calls a user's code is not kept on disk, where it would outlive an edit"
+    )
 
 
 @pytest.mark.slow
 def test_a_model_from_a_file_is_fitted(own: Path) -> None:
-    fitted = fit("slip", "traj4@kinematic", own_model=f"{own}:LAW", free=("slip",), population=8, generations=2)
+    fitted = fit(
+        "slip",
+        "traj4@kinematic",
+        own_model=f"{own}:LAW",
+        free=("slip",),
+        population=8,
+        generations=2,
+    )
     fitted.profile.save(own.with_name("fitted.toml"))
-    assert load_profile(own.with_name("fitted.toml")).plants["slip"] == fitted.profile.plants["slip"]
+    assert (
+        load_profile(own.with_name("fitted.toml")).plants["slip"] == fitted.profile.plants["slip"]
+    )
 
 
-REFUSED = {"BAD": r"mine\.py:\d+: .*nothing.* \(model bad\)", "TAKEN": "cannot be named 'linear'", "gap_m": "a PlanarLaw"}
+REFUSED = {
+    "BAD": r"mine\.py:\d+: .*nothing.* \(model bad\)",
+    "TAKEN": "cannot be named 'linear'",
+    "gap_m": "a PlanarLaw",
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -213,7 +249,8 @@ def test_a_model_that_cannot_be_is_refused(own: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "message"), [("1 / 0", r"mine\.py:2: ZeroDivisionError"), ("float('nan')", "returned nan")]
+    ("body", "message"),
+    [("1 / 0", r"mine\.py:2: ZeroDivisionError"), ("float('nan')", "returned nan")],
 )
 def test_a_metric_that_fails_is_said_with_its_line(tmp_path: Path, body: str, message: str) -> None:
     path = written(tmp_path, f"def mine_m(motion, reference):\n    return {body}\n")

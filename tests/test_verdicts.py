@@ -74,7 +74,9 @@ def test_rules_at_their_edges(pair: Pair, verdict: str) -> None:
 
 @given(POSITIVE, POSITIVE)
 def test_agreeing_in_distance_is_mutual(a: float, b: float) -> None:
-    assert (status(Pair(a, b, "distance")) == "agrees") == (status(Pair(b, a, "distance")) == "agrees")
+    assert (status(Pair(a, b, "distance")) == "agrees") == (
+        status(Pair(b, a, "distance")) == "agrees"
+    )
 
 
 @pytest.mark.parametrize(
@@ -89,13 +91,19 @@ def test_agreeing_in_distance_is_mutual(a: float, b: float) -> None:
 )
 def test_words_have_two_sides(share: float, spread: float, verdict: str) -> None:
     """A robot that always drives straight does not drive straight "at some point"."""
-    assert judge("Sec. 3.7", "pyramid", "straight_share", Pair(None, share, "words", spread=spread), ()).status == verdict
+    assert (
+        judge(
+            "Sec. 3.7", "pyramid", "straight_share", Pair(None, share, "words", spread=spread), ()
+        ).status
+        == verdict
+    )
 
 
 @given(POSITIVE, POSITIVE, st.floats(0.0, 10.0))
 def test_no_error_bar_makes_numbers_agree(a: float, b: float, spread: float) -> None:
     """A wide one takes away what a difference says, never more."""
-    without, wide = status(Pair(a, b, "distance")), status(Pair(a, b, "distance", spread=spread))
+    without = status(Pair(a, b, "distance"))
+    wide = status(Pair(a, b, "distance", spread=spread))
     assert wide in (without, "not told apart")
     assert (wide == "agrees") == (without == "agrees")
 
@@ -107,7 +115,9 @@ def test_every_criterion_names_rows_and_words_with_two_sides() -> None:
         for table in criterion.tables:
             rows = published.table(table)["rows"] if table[0].isdigit() else {}
             for row in criterion.rows if rows else ():
-                assert any(r == row or (row.endswith("*") and r.startswith(row[:-1])) for r in rows), (table, row)
+                assert any(
+                    r == row or (row.endswith("*") and r.startswith(row[:-1])) for r in rows
+                ), (table, row)
 
 
 def test_a_row_has_the_class_that_its_numbers_deserve() -> None:
@@ -123,25 +133,39 @@ def test_a_row_has_the_class_that_its_numbers_deserve() -> None:
 
 @given(st.lists(st.sampled_from([s for s in STATUSES if s != "agrees if"]), min_size=1, max_size=4))
 def test_a_row_is_judged_by_its_worst_number(statuses: list[str]) -> None:
-    verdicts = {f"m{k}": Verdict(s, "" if s == "agrees" else f"because {s}") for k, s in enumerate(statuses)}  # type: ignore[arg-type]
+    verdicts = {
+        f"m{k}": Verdict(s, "" if s == "agrees" else f"because {s}") for k, s in enumerate(statuses)
+    }  # type: ignore[arg-type]
     row = judge_row(dict.fromkeys(verdicts, Pair(1.0, 2.0, "distance")), verdicts)
-    worst = next(s for s in ("differs", "nearer", "not told apart", "agrees", "not compared") if s in statuses)
+    worst = next(
+        s
+        for s in ("differs", "nearer", "not told apart", "agrees", "not compared")
+        if s in statuses
+    )
     assert row.status == worst
     assert worst not in ("differs", "nearer") or "not compared" not in row.reason
 
 
 def test_a_row_agrees_under_a_supposition_only_in_all_its_numbers() -> None:
     supposed = Supposed(0.010, None, "the floor was wet", "page.md")
-    pairs = {m: Pair(0.010, x, "distance", supposed=supposed) for m, x in (("d_rms_m", 0.030), ("d_haus_m", 0.011))}
+    pairs = {
+        m: Pair(0.010, x, "distance", supposed=supposed)
+        for m, x in (("d_rms_m", 0.030), ("d_haus_m", 0.011))
+    }
     rows = {
         "agrees if": pairs,
-        "differs": {**pairs, "d_haus_m": replace(pairs["d_haus_m"], supposed=supposed._replace(value=0.030))},
+        "differs": {
+            **pairs,
+            "d_haus_m": replace(pairs["d_haus_m"], supposed=supposed._replace(value=0.030)),
+        },
         "agrees": {"d_haus_m": pairs["d_haus_m"]},
     }
     for status, row in rows.items():
         measured = judge_row(row, {m: judge("0.0", "row", m, pair, ()) for m, pair in row.items()})
         assert measured.status == status
-        assert status != "agrees if" or measured == Verdict("agrees if", "it agrees if the floor was wet", "page.md")
+        assert status != "agrees if" or measured == Verdict(
+            "agrees if", "it agrees if the floor was wet", "page.md"
+        )
 
 
 def test_a_difference_without_reason_says_so_and_agreement_needs_none() -> None:
@@ -172,6 +196,8 @@ def test_every_known_reason_is_about_something_printed_and_shown_on_a_page() -> 
                 continue
             rows = published.table(table)["rows"]
             for row in reason.rows:
-                assert any(r == row or (row.endswith("*") and r.startswith(row[:-1])) for r in rows), (table, row)
+                assert any(
+                    r == row or (row.endswith("*") and r.startswith(row[:-1])) for r in rows
+                ), (table, row)
             metrics = {m for r in rows.values() for m in r}
             assert not rows or set(reason.metrics) <= metrics, (table, reason.metrics)

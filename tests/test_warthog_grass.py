@@ -15,7 +15,9 @@ from tests.conftest import data_folder
 from validation.bench.sources import Source, open_source
 from validation.plants.profile import PLANTS, load_profile
 
-page = SimpleNamespace(**runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "make_warthog_figure.py")))
+page = SimpleNamespace(
+    **runpy.run_path(str(Path(__file__).resolve().parents[1] / "docs" / "make_warthog_figure.py"))
+)
 """The script that prints the page's numbers."""
 LOG = data_folder() / "warthog_grass" / "warthog_grass_train.csv"
 PROFILE = load_profile(page.PROFILE)
@@ -38,7 +40,9 @@ WANTED = [("kinematic", 0.12, 0.033), ("four_wheel", 0.11, 0.029)]
 
 
 @pytest.mark.parametrize(("plant", "position", "yaw"), WANTED)
-def test_the_held_out_part_is_predicted_as_the_page_says(plant: str, position: float, yaw: float) -> None:
+def test_the_held_out_part_is_predicted_as_the_page_says(
+    plant: str, position: float, yaw: float
+) -> None:
     measured = errors(plant, held_out=True)
     assert len(measured.position) == 38
     assert np.median(measured.position) < position
@@ -53,13 +57,17 @@ def test_a_speed_loop_with_an_integral_part_turns_the_wheels_as_slowly_as_the_ro
     off = {}
     for plant in ("mujoco", "coulomb", "linear", "kinematic"):
         result = [page.wheel_rates(str(LOG), span, PROFILE, plant) for span in page.COMMANDED[1]]
-        off[plant] = np.mean([np.abs(motion.wheels - measured).mean() for _, measured, motion in result])
+        off[plant] = np.mean(
+            [np.abs(motion.wheels - measured).mean() for _, measured, motion in result]
+        )
     assert max(off["coulomb"], off["linear"]) < 0.85 * off["kinematic"]
-    assert off["mujoco"] == pytest.approx(0.337, abs=0.01)  # its driver was fitted with tyres that slip
+    # its driver was fitted with tyres that slip
+    assert off["mujoco"] == pytest.approx(0.337, abs=0.01)
 
 
 def test_mujoco_was_fitted_to_the_last_part_too_and_errs_there_as_its_profile_says() -> None:
-    measured, kept = errors("mujoco", held_out=True), PROFILE.provenance["mujoco"]["train"]
+    measured = errors("mujoco", held_out=True)
+    kept = PROFILE.provenance["mujoco"]["train"]
     said = kept["warthog_grass_train.csv (wheels, the last 50 s)"]
     assert np.median(measured.position) == pytest.approx(said["position_median_6s_m"], abs=0.002)
     assert np.median(measured.yaw) == pytest.approx(said["yaw_median_6s_rad"], abs=0.001)

@@ -18,7 +18,8 @@ from tests.conftest import EXACT, ROUNDOFF
 from validation.thesis import published
 
 FRAME = 1e-9
-"""Moving the frame by some metres rounds coordinates to 1e-15 m, and angles of centimetres to 1e-13."""
+"""Moving the frame by some metres rounds coordinates to 1e-15 m, and angles of centimetres to
+1e-13."""
 
 coordinates = st.floats(-5.0, 5.0)
 angles = st.floats(-10.0, 10.0)
@@ -39,7 +40,8 @@ def at(waypoints: Waypoints, t: float) -> tuple[float, ...]:
     return tuple(target(waypoints.course(), t, 0)[:5])
 
 
-# ---------------------------------------------------------------------------------------------------- what is refused
+# ----------------------------------------------------------------------------------------------------
+# what is refused
 
 
 def test_waits_keep_the_heading_and_stand_still() -> None:
@@ -53,7 +55,11 @@ def test_waits_keep_the_heading_and_stand_still() -> None:
     assert waypoints.start.yaw == up
     assert waypoints.speed == pytest.approx(2.0 / 3.0, rel=ROUNDOFF)
     assert waypoints.rms_speed == pytest.approx(math.sqrt((1.0 + 0.25 * 2.0) / 8.0), rel=ROUNDOFF)
-    for t, expected in ((1.0, (0.0, 0.0, up, 0.0, 0.0)), (4.5, (0.0, 1.0, up, 0.0, 0.0)), (6.0, (0.5, 1.0, 0.0, 0.5, 0.0))):
+    for t, expected in (
+        (1.0, (0.0, 0.0, up, 0.0, 0.0)),
+        (4.5, (0.0, 1.0, up, 0.0, 0.0)),
+        (6.0, (0.5, 1.0, 0.0, 0.5, 0.0)),
+    ):
         assert at(waypoints, t) == expected
     motion = waypoints.trajectory(0.1)
     assert np.all(np.isfinite(motion.pose))
@@ -66,7 +72,9 @@ def test_a_wait_shifts_what_comes_after_it(
 ) -> None:
     """Places, headings and speeds are those of the same path without its waits, each wait later."""
     plain = wander(moves)
-    t, xy, later = list(plain.t), plain.xy.tolist(), []
+    t = list(plain.t)
+    xy = plain.xy.tolist()
+    later = []
     for wait in waits:
         k = data.draw(st.integers(0, len(t) - 1))
         later.append((t[k], wait))
@@ -82,18 +90,25 @@ def test_a_wait_shifts_what_comes_after_it(
 
 
 @given(paths, st.floats(0.05, 2.0))
-def test_a_speed_replaces_times_but_no_waits(moves: list[tuple[float, float, float]], speed: float) -> None:
+def test_a_speed_replaces_times_but_no_waits(
+    moves: list[tuple[float, float, float]], speed: float
+) -> None:
     plain = wander(moves)
-    waiting = Waypoints(np.append(plain.t, plain.t[-1] + 2.5), np.vstack([plain.xy, plain.xy[-1:]])).at_speed(speed)
+    waiting = Waypoints(
+        np.append(plain.t, plain.t[-1] + 2.5), np.vstack([plain.xy, plain.xy[-1:]])
+    ).at_speed(speed)
     assert np.allclose(waiting.t[:-1], Waypoints.from_path(plain.xy, speed).t, rtol=ROUNDOFF)
     assert waiting.t[-1] - waiting.t[-2] == pytest.approx(2.5, rel=1e-9)
 
 
-# ------------------------------------------------------------------------------------------------------- what they are
+# -------------------------------------------------------------------------------------------------------
+# what they are
 
 
 @given(paths, st.floats(0.05, 2.0))
-def test_a_reference_speed_is_that_of_every_segment(moves: list[tuple[float, float, float]], speed: float) -> None:
+def test_a_reference_speed_is_that_of_every_segment(
+    moves: list[tuple[float, float, float]], speed: float
+) -> None:
     waypoints = Waypoints.from_path(wander(moves).xy, speed)
     assert np.allclose(
         waypoints.segment_speeds, speed, rtol=1e-9
@@ -122,14 +137,18 @@ def test_the_table_agrees_with_the_path(moves: list[tuple[float, float, float]],
 
 
 @given(paths)
-def test_the_integral_of_the_reference_yaw_rate_is_the_change_of_heading(moves: list[tuple[float, float, float]]) -> None:
+def test_the_integral_of_the_reference_yaw_rate_is_the_change_of_heading(
+    moves: list[tuple[float, float, float]],
+) -> None:
     course = wander(moves).course()
     turned = np.trapezoid(course["w"], course["t"])
     assert turned == pytest.approx(course["heading"][-1] - course["heading"][0], abs=1e-9)
 
 
 @given(paths)
-def test_it_starts_at_rest_facing_the_second_waypoint(moves: list[tuple[float, float, float]]) -> None:
+def test_it_starts_at_rest_facing_the_second_waypoint(
+    moves: list[tuple[float, float, float]],
+) -> None:
     waypoints = wander(moves)
     start = waypoints.start
     assert (start.v_x, start.v_y, start.yaw_rate, start.wheel_left, start.wheel_right) == (0.0,) * 5
@@ -138,16 +157,25 @@ def test_it_starts_at_rest_facing_the_second_waypoint(moves: list[tuple[float, f
     assert abs(ahead[1]) < 1e-12
 
 
-# -------------------------------------------------------------------------------------------------------- the target
+# --------------------------------------------------------------------------------------------------------
+# the target
 
 
-@given(st.floats(-3.0, 3.0), st.floats(0.1, 3.0), st.lists(st.floats(0.05, 1.0), min_size=2, max_size=9), st.floats(0, 1))
-def test_interpolation_is_exact_on_a_linear_motion(v_x: float, v_y: float, gaps: list[float], share: float) -> None:
+@given(
+    st.floats(-3.0, 3.0),
+    st.floats(0.1, 3.0),
+    st.lists(st.floats(0.05, 1.0), min_size=2, max_size=9),
+    st.floats(0, 1),
+)
+def test_interpolation_is_exact_on_a_linear_motion(
+    v_x: float, v_y: float, gaps: list[float], share: float
+) -> None:
     t = np.concatenate([[0.0], np.cumsum(gaps)])
     waypoints = Waypoints(t + 100.0, np.column_stack([v_x * t, v_y * t]))
     now = share * waypoints.duration
     x, y, phi, v, w = at(waypoints, now)
-    assert np.allclose((x, y), (v_x * now, v_y * now), atol=1e-10)  # times of 100 s round to 1e-14 s, gaps are 0.05 s
+    # times of 100 s round to 1e-14 s, gaps are 0.05 s
+    assert np.allclose((x, y), (v_x * now, v_y * now), atol=1e-10)
     if now < waypoints.duration:
         assert v == pytest.approx(math.hypot(v_x, v_y), rel=1e-9)
     assert phi == pytest.approx(math.atan2(v_y, v_x), abs=1e-9)
@@ -169,7 +197,8 @@ def test_the_hint_changes_nothing_but_the_way(
 ) -> None:
     """Whatever segment the search begins at, also where time goes back; the segment holds the time."""
     waypoints = wander(moves)
-    course, k = waypoints.course(), hint
+    course = waypoints.course()
+    k = hint
     for share in shares:
         t = share * waypoints.duration
         *measured, k = target(course, t, k)
@@ -180,7 +209,9 @@ def test_the_hint_changes_nothing_but_the_way(
 
 
 @given(paths, st.floats(0.01, 1.0))
-def test_the_reference_trajectory_is_the_target_sampled(moves: list[tuple[float, float, float]], dt: float) -> None:
+def test_the_reference_trajectory_is_the_target_sampled(
+    moves: list[tuple[float, float, float]], dt: float
+) -> None:
     waypoints = wander(moves, 7.0)
     reference = waypoints.trajectory(dt)
     assert reference.t[0] == 0.0
@@ -188,7 +219,8 @@ def test_the_reference_trajectory_is_the_target_sampled(moves: list[tuple[float,
     assert np.allclose(np.diff(reference.t)[:-1], dt, rtol=1e-9)
     assert np.diff(reference.t)[-1] <= dt * (1.0 + 1e-6)
     for k in (0, len(reference) // 2, len(reference) - 1):
-        pose, twist = reference.pose[k], reference.twist[k]
+        pose = reference.pose[k]
+        twist = reference.twist[k]
         assert (*pose, twist[0], twist[2]) == at(waypoints, float(reference.t[k]))
     assert not np.any(reference.twist[:, 1])
     assert not np.any(reference.wheels)
@@ -197,7 +229,8 @@ def test_the_reference_trajectory_is_the_target_sampled(moves: list[tuple[float,
             waypoints.trajectory(period)
 
 
-# --------------------------------------------------------------------------------------------------- position errors
+# ---------------------------------------------------------------------------------------------------
+# position errors
 
 
 def errors(pose: ArrayLike, goal: ArrayLike, switch: float = ALPHA_SWITCH) -> FloatArray:
@@ -222,7 +255,9 @@ def test_errors_are_those_of_the_figure(pose: tuple[float, ...], goal: tuple[flo
     assert e_rho == pytest.approx(ahead, abs=FRAME)
     rho = math.hypot(ahead, left)
     assume(abs(rho - ALPHA_SWITCH) > FRAME)
-    assert e_alpha == pytest.approx(wrap_angle(goal[2] - pose[2]) if rho < ALPHA_SWITCH else 0.0, abs=EXACT)
+    assert e_alpha == pytest.approx(
+        wrap_angle(goal[2] - pose[2]) if rho < ALPHA_SWITCH else 0.0, abs=EXACT
+    )
 
 
 @given(poses, poses, poses)
@@ -230,7 +265,8 @@ def test_errors_do_not_depend_on_the_frame(
     pose: tuple[float, ...], goal: tuple[float, ...], frame: tuple[float, ...]
 ) -> None:
     moved = [
-        (*(np.array(frame[:2]) + rotate_body_to_world(np.array(p[:2]), frame[2])), p[2] + frame[2]) for p in (pose, goal)
+        (*(np.array(frame[:2]) + rotate_body_to_world(np.array(p[:2]), frame[2])), p[2] + frame[2])
+        for p in (pose, goal)
     ]
     before = errors(pose, goal)
     assume(abs(rotate_world_to_body(np.subtract(goal[:2], pose[:2]), pose[2])[0]) > 1e-9)

@@ -28,7 +28,9 @@ def test_windows_begin_and_end_at_usable_samples() -> None:
     assert (t[ends] - t[starts] >= 3.0 - 1e-9).all()
 
 
-@pytest.mark.parametrize(("t", "usable"), [([0.0, 1.0], None), ([0.0, 9.0], [False, False]), ([0.0], None)])
+@pytest.mark.parametrize(
+    ("t", "usable"), [([0.0, 1.0], None), ([0.0, 9.0], [False, False]), ([0.0], None)]
+)
 def test_where_no_window_fits_there_is_none(t: list[float], usable: list[bool] | None) -> None:
     starts, ends = overlapping_windows(t, 5.0, usable)
     assert len(starts) == len(ends) == 0
@@ -42,7 +44,9 @@ def moving_sums(rng: np.random.Generator, n: int, horizon: int) -> np.ndarray:
 def test_intervals_hold_the_true_median_about_as_often_as_they_say() -> None:
     """Resampling single windows would hold it in less than half of the cases."""
     rng = np.random.default_rng(4)
-    horizon, n, trials = 6, 150, 200
+    horizon = 6
+    n = 150
+    trials = 200
     truth = np.median(moving_sums(rng, 400_000, horizon))
     held = alone = 0
     for _ in range(trials):
@@ -58,7 +62,8 @@ def test_intervals_hold_the_true_median_about_as_often_as_they_say() -> None:
 
 def test_intervals_hold_the_median_of_what_comes_next_though_a_log_is_short() -> None:
     """From a quarter of a series to its rest: 85 % where 90 % of true medians are held, as differences of both scatter."""
-    rng, held = np.random.default_rng(5), list[bool]()
+    rng = np.random.default_rng(5)
+    held = list[bool]()
     for _ in range(200):
         errors = moving_sums(rng, 240, 6)
         measured = WindowErrors(6.0, errors[:60], errors[:60]).summary()

@@ -37,7 +37,11 @@ texts = st.text(st.characters(codec=None), max_size=60) | st.sampled_from(NASTY)
 
 def harmful(text: str, breaks: str = "") -> list[str]:
     """Return the characters of a text that no terminal should get."""
-    return [c for c in text if unicodedata.category(c) in {"Cc", "Cf", "Cs", "Zl", "Zp"} and c not in breaks]
+    return [
+        c
+        for c in text
+        if unicodedata.category(c) in {"Cc", "Cf", "Cs", "Zl", "Zp"} and c not in breaks
+    ]
 
 
 @given(texts)
@@ -71,7 +75,10 @@ def test_markdown_shows_foreign_text_as_text(text: str, other: str) -> None:
     tokens = parser.parse(page)
     every = [inner for token in tokens for inner in (token, *(token.children or ()))]
     assert not {token.type for token in every} & {"html_inline", "html_block", "link_open", "image"}
-    cells = [token.type for token in tokens].count("td_open"), [token.type for token in tokens].count("th_open")
+    cells = (
+        [token.type for token in tokens].count("td_open"),
+        [token.type for token in tokens].count("th_open"),
+    )
     assert cells == (2, 2)
 
 
@@ -92,4 +99,8 @@ def test_what_is_too_long_loses_its_middle(text: str, most: int) -> None:
     assert len(line) <= most
     assert not harmful(line, "")
     whole = words.one_line(text)
-    assert line == whole if len(whole) <= most else whole.startswith(line[:3]) and whole.endswith(line[-1:])
+    assert (
+        line == whole
+        if len(whole) <= most
+        else whole.startswith(line[:3]) and whole.endswith(line[-1:])
+    )

@@ -8,7 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-CORNERS = {"front_left": (1, 1), "front_right": (1, -1), "rear_left": (-1, 1), "rear_right": (-1, -1)}
+CORNERS = {
+    "front_left": (1, 1),
+    "front_right": (1, -1),
+    "rear_left": (-1, 1),
+    "rear_right": (-1, -1),
+}
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,9 @@ class UrdfRobot:
 
     def spin(self) -> tuple[float, float]:
         """Return the moments of inertia of a wheel about a diameter and about its axle: a solid cylinder's."""
-        return self.wheel * (3.0 * self.radius**2 + self.width**2) / 12.0, 0.5 * self.wheel * self.radius**2
+        return self.wheel * (
+            3.0 * self.radius**2 + self.width**2
+        ) / 12.0, 0.5 * self.wheel * self.radius**2
 
     def _body(self) -> str:
         each = self.mass / len(self.lumps)
@@ -50,8 +57,18 @@ class UrdfRobot:
         parts = ['<link name="base_link"/>']
         for k, p in enumerate(away):
             x, y, z = np.add(self.com, p).tolist()
-            keys = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-            tensor = " ".join(f'{key}="{own[at]!r}"'.replace("np.float64(", "").replace(")", "") for key, at in keys.items())
+            keys = {
+                "ixx": (0, 0),
+                "ixy": (0, 1),
+                "ixz": (0, 2),
+                "iyy": (1, 1),
+                "iyz": (1, 2),
+                "izz": (2, 2),
+            }
+            tensor = " ".join(
+                f'{key}="{own[at]!r}"'.replace("np.float64(", "").replace(")", "")
+                for key, at in keys.items()
+            )
             parts.append(
                 f'<link name="part{k}"><inertial><origin xyz="0 0 {z}"/><mass value="{each}"/>'
                 f"<inertia {tensor}/></inertial></link>"
@@ -62,9 +79,11 @@ class UrdfRobot:
 
     def _wheel(self, k: int) -> str:
         name, (front, left) = self.names[k], list(CORNERS.values())[k]
-        x, y = 0.5 * front * self.wheelbase, 0.5 * left * self.track
+        x = 0.5 * front * self.wheelbase
+        y = 0.5 * left * self.track
         across, spin = self.spin()
-        roll = self.rolls[k]  # the wheel's own frame is turned about x; its shape and inertia are turned back
+        # the wheel's own frame is turned about x; its shape and inertia are turned back
+        roll = self.rolls[k]
         mesh = '<geometry><mesh filename="package://nowhere/wheel.dae"/></geometry>'
         cylinder = f'<geometry><cylinder radius="{self.radius}" length="{self.width}"/></geometry>'
         shape = f"<visual>{mesh}</visual><collision>{mesh}</collision>"
@@ -82,11 +101,18 @@ class UrdfRobot:
     def text(self) -> str:
         """Return the URDF."""
         wheels = "".join(self._wheel(k) for k in self.order)
-        return f'<?xml version="1.0"?><robot name="factory">{wheels}{self._body()}{self.more}</robot>'
+        return (
+            f'<?xml version="1.0"?><robot name="factory">{wheels}{self._body()}{self.more}</robot>'
+        )
 
 
 def extra_wheel(
-    name: str, x: float, y: float, parent: str = "base_link", axis: str = "0 1 0", kind: str = "continuous"
+    name: str,
+    x: float,
+    y: float,
+    parent: str = "base_link",
+    axis: str = "0 1 0",
+    kind: str = "continuous",
 ) -> str:
     """Return one more wheel, for `UrdfRobot.more`."""
     return (

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 FIRST = ("test_closed_loop.py", "test_lanes.py", "test_faults.py")
-"""Files that begin: one worker compiles the control loop while the other compiles the models, and no work is done twice.
-The longest of all tests comes next."""
+"""Files that begin: one worker compiles the control loop while the other compiles the models, and
+no work is done twice. The longest of all tests comes next."""
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -46,8 +46,16 @@ TRAINED = 2.0 / 3.0
 """Share of a log that is fitted to, from its beginning, where no other log is held out [1]."""
 FIRST_FITTED = "kinematic"
 """Others begin with what this plant says of pose source, wheels and driver."""
-_UNCOMMANDED = 0.05  # share of time without a command in which wheels may turn [1]; beyond it commands say little
-_DRIVER = ("command_radius", "command_half_track", "delay", "acceleration_v", "acceleration_w", "wheel_lag")
+# share of time without a command in which wheels may turn [1]; beyond it commands say little
+_UNCOMMANDED = 0.05
+_DRIVER = (
+    "command_radius",
+    "command_half_track",
+    "delay",
+    "acceleration_v",
+    "acceleration_w",
+    "wheel_lag",
+)
 BODY = (*SEEN, "wheel_radius", "radius_difference")
 """Numbers that `begin_at` takes for a body with wheels of its own."""
 
@@ -59,10 +67,17 @@ class Calibrate(cli.Common):
     log: Annotated[str | Path, cli.text_of("LOG"), tyro.conf.Positional]
     """Log of the robot with poses, and with wheel rates, commands or both."""
     robot: cli.AnyRobot = None
-    profile: Annotated[cli.AnyProfile, cli.profile_option("the robot's own numbers, or husky-tile for a Husky")] = None
-    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="kinematic,mujoco")] = (FIRST_FITTED, "mujoco")
+    profile: Annotated[
+        cli.AnyProfile, cli.profile_option("the robot's own numbers, or husky-tile for a Husky")
+    ] = None
+    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="kinematic,mujoco")] = (
+        FIRST_FITTED,
+        "mujoco",
+    )
     """Plants to calibrate, separated by commas; kinematic is always among them."""
-    held_out: Annotated[str | Path | None, cli.option(metavar="LOG", default="the last third of the log")] = None
+    held_out: Annotated[
+        str | Path | None, cli.option(metavar="LOG", default="the last third of the log")
+    ] = None
     """Log to judge on; then the first one is fitted as a whole."""
     columns: cli.Columns = field(default_factory=dict)
     trust: cli.Flag = False
@@ -86,8 +101,14 @@ def _scores(f: Fitted) -> dict[str, Scored]:
 
 
 def _as_dict(f: Fitted) -> dict[str, Any]:
-    numbers = {p.name: {k: getattr(p, k) for k in ("value", "unit", "standard_error")} for p in f.parameters}
-    errors = {when: {f"{h:g}": asdict(e.summary()) for h, e in s.windows.items()} for when, s in _scores(f).items()}
+    numbers = {
+        p.name: {k: getattr(p, k) for k in ("value", "unit", "standard_error")}
+        for p in f.parameters
+    }
+    errors = {
+        when: {f"{h:g}": asdict(e.summary()) for h, e in s.windows.items()}
+        for when, s in _scores(f).items()
+    }
     return {"input": f.options["input"], "parameters": numbers, **errors, "better": f.better}
 
 
@@ -124,12 +145,11 @@ class Calibrated(Report):
 def calibrate(o: Calibrate) -> Calibrated:
     """Calibrate a robot from a log: first what the log says wrongly, then fits with a verdict on data they have not seen.
 
-    Body and pose source are fitted from wheel rates, the driver from commands. Writes profile.toml, diff_drive.yaml for
-    ros2_control, calibrate.md, calibrate.png and calibrate.json.
+    Body and pose source are fitted from wheel rates, the driver from commands. Writes profile.toml,
+    diff_drive.yaml for ros2_control, calibrate.md, calibrate.png and calibrate.json.
 
-    Raises:
-        ValueError: a name or file that cannot be used, or a log whose columns contradict one another.
-        SsmrError: a plant diverged.
+    Raises: ValueError: a name or file that cannot be used, or a log whose columns contradict one
+        another. SsmrError: a plant diverged.
     """
     if unknown := [name for name in o.plants if name not in PLANTS]:
         raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")
@@ -153,26 +173,43 @@ def calibrate(o: Calibrate) -> Calibrated:
     return _report(o, fits, faults.named, notes)
 
 
-def _fits(o: Calibrate, profile: Profile, inputs: Sequence[Input], until: float | None) -> list[Fitted]:
+def _fits(
+    o: Calibrate, profile: Profile, inputs: Sequence[Input], until: float | None
+) -> list[Fitted]:
     """Return the fits, each begun with the profile of the one before; the last one may have been interrupted."""
-    fits, track = list[Fitted](), profile.robot.geometry.track
-    plans = list(product([FIRST_FITTED, *(plant for plant in o.plants if plant != FIRST_FITTED)], inputs))
+    fits = list[Fitted]()
+    track = profile.robot.geometry.track
+    plans = list(
+        product([FIRST_FITTED, *(plant for plant in o.plants if plant != FIRST_FITTED)], inputs)
+    )
     for k, (plant, kind) in enumerate(plans):
         settings: dict[str, Any] = {}
         if driver := kind == "commands" and len(inputs) == 2:
-            settings = {"free": _DRIVER, "bounds": {"command_half_track": (0.2 * track, 1.5 * track)}}
+            settings = {
+                "free": _DRIVER,
+                "bounds": {"command_half_track": (0.2 * track, 1.5 * track)},
+            }
         if plant in SIMULATED:
-            settings |= {"search": "lsq", "start": begin_at(plant, _DRIVER if driver else BODY, profile)}
+            settings |= {
+                "search": "lsq",
+                "start": begin_at(plant, _DRIVER if driver else BODY, profile),
+            }
 
         def show(now: Progress, k: int = k, what: str = f"{plant} by {kind}") -> None:
-            o.progress(Progress(k + min(now.done / max(now.total, 1.0), 1.0), len(plans), f"{what}: {now.text}"))
+            o.progress(
+                Progress(
+                    k + min(now.done / max(now.total, 1.0), 1.0), len(plans), f"{what}: {now.text}"
+                )
+            )
 
         done = fit(
             plant, str(o.log), profile, input=kind, until=until, held_out=(str(o.held_out or o.log),),
             seed=o.seed, workers=o.workers, progress=show, columns=o.columns, **settings,
         )  # fmt: skip
         if not (done.held_out and done.held_out[0].windows):
-            raise ValueError(f"{o.log}: nothing is left to judge on; name another log with --held-out")
+            raise ValueError(
+                f"{o.log}: nothing is left to judge on; name another log with --held-out"
+            )
         fits.append(done)
         profile = done.profile
         if done.status != FINISHED:
@@ -188,23 +225,39 @@ def _inputs(o: Calibrate, log: Log, faults: Faults) -> tuple[list[Input], list[s
         named = ", ".join(dict.fromkeys(column for fault in refused for column in fault.columns))
         raise ValueError(f"{log.name}: look at {named} first; --trust calibrates all the same")
     often = (faults.uncommanded_share or 0.0) > _UNCOMMANDED
-    columns = {"wheels": log.has(COMMAND_COLUMNS["wheels"]), "commands": log.has(COMMAND_COLUMNS["twist"]) and not often}
+    columns = {
+        "wheels": log.has(COMMAND_COLUMNS["wheels"]),
+        "commands": log.has(COMMAND_COLUMNS["twist"]) and not often,
+    }
     if inputs := [name for name in get_args(Input)[::-1] if columns[name]]:
-        return inputs, ["The wheels often turn without a command, so the driver was not fitted."] * often
-    raise ValueError(f"{log.name} has neither wheel rates, enc_left and enc_right, nor commands that drive it")
+        return inputs, [
+            "The wheels often turn without a command, so the driver was not fitted."
+        ] * often
+    raise ValueError(
+        f"{log.name} has neither wheel rates, enc_left and enc_right, nor commands that drive it"
+    )
 
 
 def begin_at(plant: str, free: Sequence[str], profile: Profile) -> dict[str, float]:
     """Return what the baseline's numbers say of a simulated plant's, within its bounds, to begin a fit with."""
     section = profile.section(FIRST_FITTED)
-    radius, p = section.vehicle.wheel_radius, section.parameters
-    numbers = {"wheel_radius": 0.5 * radius * (p.alpha_l + p.alpha_r), "radius_difference": radius * (p.alpha_l - p.alpha_r)}
+    radius = section.vehicle.wheel_radius
+    p = section.parameters
+    numbers = {
+        "wheel_radius": 0.5 * radius * (p.alpha_l + p.alpha_r),
+        "radius_difference": radius * (p.alpha_l - p.alpha_r),
+    }
     of_first = [find(FIRST_FITTED, name, section.robot) for name in free if name not in numbers]
     numbers |= {s.name: s.read(section) for s in of_first}
-    return {s.name: min(max(numbers[s.name], s.lower), s.upper) for s in (find(plant, name, section.robot) for name in free)}
+    return {
+        s.name: min(max(numbers[s.name], s.lower), s.upper)
+        for s in (find(plant, name, section.robot) for name in free)
+    }
 
 
-def _report(o: Calibrate, fits: Sequence[Fitted], faults: Sequence[LogFault], notes: Sequence[str]) -> Calibrated:
+def _report(
+    o: Calibrate, fits: Sequence[Fitted], faults: Sequence[LogFault], notes: Sequence[str]
+) -> Calibrated:
     plants: dict[str, dict[str, Any]] = {}
     for f in fits:
         if plants.setdefault(f.model, entry := _as_dict(f)) is not entry:
@@ -213,7 +266,10 @@ def _report(o: Calibrate, fits: Sequence[Fitted], faults: Sequence[LogFault], no
     faulty = [f"The log: {fault.sentence}." for fault in faults]
     remarks = [f"{_label(s)}: {note}" for s in fits for note in s.notes()[not s.better :]]
     errors = [
-        (h, f"{_label(s)}, {w}", e.summary()) for s in fits for w, one in _scores(s).items() for h, e in one.windows.items()
+        (h, f"{_label(s)}, {w}", e.summary())
+        for s in fits
+        for w, one in _scores(s).items()
+        for h, e in one.windows.items()
     ]
     table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
     title = "Error of the relative pose on data that no fit has seen, and how sure that is"
@@ -245,8 +301,13 @@ def _draw(c: Calibrated) -> Figure:
     ]  # fmt: skip
 
     handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
-    header = partial(drawing.draw_header, title=c.title, handles=handles, labels=[m.name for m in marks])
-    panels = [partial(drawing.draw_horizons, marks, "position"), partial(drawing.draw_horizons, marks, "yaw")]
+    header = partial(
+        drawing.draw_header, title=c.title, handles=handles, labels=[m.name for m in marks]
+    )
+    panels = [
+        partial(drawing.draw_horizons, marks, "position"),
+        partial(drawing.draw_horizons, marks, "yaw"),
+    ]
     rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, panels)]
     return drawing.put_together([*rows, *drawing.note_rows([_verdict(s) for s in c.fits])])
 

@@ -71,15 +71,22 @@ class Compare(cli.Filmed):
     """Options of `compare`."""
 
     source: Annotated[str | Path | Source, cli.text_of("SOURCE"), tyro.conf.Positional]
-    """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, the path of a recording, or one that
-    is shipped: sample (simulated), husky or warthog (real)."""
+    """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, the path of a
+    recording, or one that is shipped: sample (simulated), husky or warthog (real)."""
     profile: Annotated[
-        cli.AnyProfile, cli.profile_option("thesis-lab for scenarios, its own for a shipped log, else husky-tile")
+        cli.AnyProfile,
+        cli.profile_option("thesis-lab for scenarios, its own for a shipped log, else husky-tile"),
     ] = None
-    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="mujoco and the planar models")] = USUAL_PLANTS
-    """Plants to drive, separated by commas, such as mujoco,improved; `all` adds four_wheel. A wrong name lists all names."""
+    plants: Annotated[
+        cli.Names, cli.option(metavar="PLANT,...", default="mujoco and the planar models")
+    ] = USUAL_PLANTS
+    """Plants to drive, separated by commas, such as mujoco,improved; `all` adds four_wheel. A wrong
+    name lists all names."""
     reference: Annotated[
-        str | None, cli.option(metavar="PLANT", default="mujoco for a scenario, the recording itself for a recording")
+        str | None,
+        cli.option(
+            metavar="PLANT", default="mujoco for a scenario, the recording itself for a recording"
+        ),
     ] = None
     """Plant to compare the others with."""
     robot: cli.AnyRobot = None
@@ -87,14 +94,17 @@ class Compare(cli.Filmed):
     """Signal of the recording that drives the plants: its commands, or its measured wheel rates."""
     horizons: Annotated[cli.Numbers, cli.option()] = (2.0, 6.0, 30.0, 60.0)
     """Times after which the poses of plant and recording are compared [s]."""
-    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
+    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = (
+        None
+    )
     """Leave out what was recorded before this time [s]."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     """Leave out what was recorded after this time [s]."""
     columns: cli.Columns = field(default_factory=dict)
     limits: cli.Limits = USUAL
     bands: cli.Flag = False
-    """Draw where each plant says that the robot will be with 90 %, and count how often it is there."""
+    """Draw where each plant says that the robot will be with 90 %, and count how often it is
+    there."""
     noise: cli.Flag = False
     """See the plants through the lab's state filter: at 50 Hz, with its noise."""
     disturbance: cli.Flag = False
@@ -111,8 +121,14 @@ class Compare(cli.Filmed):
     def as_dict(self) -> dict[str, Any]:
         """Return the options as compare.json has them; the seed stands beside them."""
         span = {"from": self.start, "until": self.until}
-        options = {name: getattr(self, name) for name in ("input", "horizons", "noise", "disturbance")}
-        return {**options, "terrain": self.terrain.spec, **{k: v for k, v in span.items() if v is not None}}
+        options = {
+            name: getattr(self, name) for name in ("input", "horizons", "noise", "disturbance")
+        }
+        return {
+            **options,
+            "terrain": self.terrain.spec,
+            **{k: v for k, v in span.items() if v is not None},
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,40 +144,79 @@ class _Comparing:
 
     def run(self) -> Comparison:
         """Drive the plants and compare them; an SsmrError says that one diverged."""
-        source, profile, o = self.source, self.profile, self.options
-        truth, remarks = tuple(piece.reference for piece in source.pieces if piece.reference is not None), list[str]()
+        source = self.source
+        profile = self.profile
+        o = self.options
+        truth = tuple(piece.reference for piece in source.pieces if piece.reference is not None)
+        remarks = list[str]()
         if truth:
-            remarks = profile.too_fast(pace_of(truth, profile.robot.geometry.wheel_radius), source.title)
+            remarks = profile.too_fast(
+                pace_of(truth, profile.robot.geometry.wheel_radius), source.title
+            )
         for remark in remarks:
             cli.warn(remark)
-        driven, recorded = self._drive_all(), self.reference == RECORDING
+        driven = self._drive_all()
+        recorded = self.reference == RECORDING
         truth = truth if recorded else tuple(driven[self.reference][0])
         gyro = find_gyro_judge(source) if recorded else None
-        results = {name: self._result(name, *outcome, truth, gyro) for name, outcome in driven.items()}
-        stamped = [(piece, piece.t) for piece in source.pieces if piece.t is not None]  # all pieces of a log
-        scoring = {h: tuple(piece.windows(horizon_windows, t, h) for piece, t in stamped) for h in o.horizons if recorded}
+        results = {
+            name: self._result(name, *outcome, truth, gyro) for name, outcome in driven.items()
+        }
+        # all pieces of a log
+        stamped = [(piece, piece.t) for piece in source.pieces if piece.t is not None]
+        scoring = {
+            h: tuple(piece.windows(horizon_windows, t, h) for piece, t in stamped)
+            for h in o.horizons
+            if recorded
+        }
         headline = headline_horizon(scoring)
-        unsure = _without_band([name for name, r in results.items() if o.bands and r.band is None], profile.name, o.input)
+        unsure = _without_band(
+            [name for name, r in results.items() if o.bands and r.band is None],
+            profile.name,
+            o.input,
+        )
         standing = standing_sentences(source, headline) if headline else []
         if o.profile is None and o.robot is None:
             standing = [*stranger_sentences(source, profile.robot), *standing]
         gyro_first = gyro is not None and gyro.first
-        alike, unwell, robot = alike_plants(results, gyro_first), ailing(results), profile.robot
+        alike = alike_plants(results, gyro_first)
+        unwell = ailing(results)
+        robot = profile.robot
         label = one_line(with_robot(profile.name, robot.name))
         title = f"{one_line(source.name)} · profile {label}"
         if o.terrain != FLAT:
             title += f" · mujoco on {o.terrain.words}"
         points = [] if recorded else point_sentences(results)
-        caption = "\n".join([f"compared with {self.reference} · seed {o.seed} · best value in bold", *points, *unwell])
-        facts: dict[str, Any] = {"profile": profile.name, "robot": robot.name, "reference": self.reference, "seed": o.seed}
+        caption = "\n".join(
+            [
+                f"compared with {self.reference} · seed {o.seed} · best value in bold",
+                *points,
+                *unwell,
+            ]
+        )
+        facts: dict[str, Any] = {
+            "profile": profile.name,
+            "robot": robot.name,
+            "reference": self.reference,
+            "seed": o.seed,
+        }
         if gyro is not None:
             standing.append(gyro.sentence)
-            facts |= {"heading_judge": "gyro" if gyro.first else "localiser", "judges_apart_rad": gyro.apart}
+            facts |= {
+                "heading_judge": "gyro" if gyro.first else "localiser",
+                "judges_apart_rad": gyro.apart,
+            }
         return Comparison(
             program="compare",
             title=f"{one_line(source.name)}, {label}",
             tables=comparison_tables(results, self.reference, title, caption, gyro_first),
-            sentences=(*remarks, *standing, *source.warnings, *alike_sentences(results, alike), *unsure),
+            sentences=(
+                *remarks,
+                *standing,
+                *source.warnings,
+                *alike_sentences(results, alike),
+                *unsure,
+            ),
             alarms=unwell,
             options=o.as_dict(),
             document={
@@ -191,10 +246,14 @@ class _Comparing:
         truth: tuple[Trajectory, ...], gyro: GyroJudge | None,
     ) -> PlantResult:  # fmt: skip
         """Return how a plant's motion compares with the true one, and its headings with the gyro's."""
-        plant, section, source = self.plants[name], self.profile.section(name), self.source
+        plant = self.plants[name]
+        section = self.profile.section(name)
+        source = self.source
         horizons = self.options.horizons if self.reference == RECORDING else ()
         driven = [(source, pieces)]
-        by_gyro = [] if gyro is None else [(gyro.judging(source, section.localiser.yaw_late), pieces)]
+        by_gyro = (
+            [] if gyro is None else [(gyro.judging(source, section.localiser.yaw_late), pieces)]
+        )
         band = section.bands.get(self.options.input) if self.options.bands else None
         coverage = dict[float, dict[str, float]]()
         if band is not None:
@@ -211,7 +270,9 @@ class _Comparing:
             sum(piece.commands.duration for piece in source.pieces) / wall,
             health,
             section.localiser,
-            summarise(tuple(pieces), resting_loads(plant)) if isinstance(plant, MujocoPlant) else None,
+            summarise(tuple(pieces), resting_loads(plant))
+            if isinstance(plant, MujocoPlant)
+            else None,
             self.profile.as_dict([name])[name],
             window_errors_of(driven, horizons),
             band,
@@ -221,17 +282,27 @@ class _Comparing:
 
     def _drive_all(self) -> dict[str, tuple[list[Trajectory], float, Health | None]]:
         """Return each plant's motions, wall time and health; plants run side by side, the pieces of one after another."""
-        stop, lock, o = threading.Event(), threading.Lock(), self.options
-        done, total = 0, len(self.plants) * len(self.source.pieces)
+        stop = threading.Event()
+        lock = threading.Lock()
+        o = self.options
+        done = 0
+        total = len(self.plants) * len(self.source.pieces)
 
         def one_plant(rank: int, name: str) -> tuple[list[Trajectory], float, Health | None]:
             nonlocal done
-            plant, localiser, health = self.plants[name], self.profile.section(name).localiser, None
-            began, motions = time.perf_counter(), list[Trajectory]()
+            plant = self.plants[name]
+            localiser = self.profile.section(name).localiser
+            health = None
+            began = time.perf_counter()
+            motions = list[Trajectory]()
             for piece in self.source.pieces:
                 if not stop.is_set():
                     rng = np.random.default_rng(o.seed)
-                    push = yaw_disturbance(piece.commands.duration, plant.dt, rng) if o.disturbance else None
+                    push = (
+                        yaw_disturbance(piece.commands.duration, plant.dt, rng)
+                        if o.disturbance
+                        else None
+                    )
                     motions.append(drive(plant, piece, localiser, self.source.sample_dt, push))
                     with lock:
                         done += 1
@@ -251,7 +322,13 @@ class _Comparing:
             warm_up(plant)
         with ThreadPoolExecutor(o.workers) as pool:
             try:
-                return dict(zip(self.plants, pool.map(one_plant, itertools.count(), self.plants), strict=True))
+                return dict(
+                    zip(
+                        self.plants,
+                        pool.map(one_plant, itertools.count(), self.plants),
+                        strict=True,
+                    )
+                )
             except BaseException:
                 stop.set()  # an interrupt or a failed plant ends the others at their next piece
                 raise
@@ -262,7 +339,9 @@ def _without_band(plants: list[str], profile: str, kind: str) -> list[str]:
     if not plants:
         return []
     how = "calibrate and fit write one from a log"
-    return [f"The profile {one_line(profile)} holds no band of {', '.join(plants)} driven by {kind}: {how}."]
+    return [
+        f"The profile {one_line(profile)} holds no band of {', '.join(plants)} driven by {kind}: {how}."
+    ]
 
 
 @cli.program(Compare)
@@ -271,28 +350,38 @@ def compare(o: Compare) -> Comparison:
 
     Prints tables and writes compare.json, compare.png and compare.rrd.
 
-    Raises:
-        SsmrError: a plant diverged.
-        ValueError: a name that there is not, a recording that cannot be read, or values that do not go together.
+    Raises: SsmrError: a plant diverged. ValueError: a name that there is not, a recording that
+        cannot be read, or values that do not go together.
     """
-    source, own = o.source, add_user_model(o.own_model)
+    source = o.source
+    own = add_user_model(o.own_model)
     name = source.name if isinstance(source, Source) else str(source)
     recorded = name.partition("@")[0] not in TRAJECTORIES
     usual = profile_of_log(name) if recorded else "thesis-lab"
     profile = choose_profile(o.profile, o.robot, usual)
-    radius = profile.robot.geometry.wheel_radius if o.profile is not None or o.robot is not None else None
+    radius = (
+        profile.robot.geometry.wheel_radius
+        if o.profile is not None or o.robot is not None
+        else None
+    )
     if not isinstance(source, Source):
         kind: Literal["twist", "wheels"] = "wheels" if o.input == "wheels" else "twist"
-        source = open_source(name, kind, o.start, o.until, ReadOptions({}, o.limits, o.columns, radius))
+        source = open_source(
+            name, kind, o.start, o.until, ReadOptions({}, o.limits, o.columns, radius)
+        )
     elif o.start is not None or o.until is not None:
-        raise ValueError("start and until cut a recording that is given by its path; cut yours before")
+        raise ValueError(
+            "start and until cut a recording that is given by its path; cut yours before"
+        )
     reference = o.reference or source.reference
     plants = PLANTS if o.plants == ("all",) else o.plants
     if not plants and not own:
         raise ValueError(f"plants is empty; there are: {', '.join(known_plants())}")
     wanted = {*plants, *own, reference} - ({RECORDING} if source.reference == RECORDING else set())
     if unknown := sorted(wanted - set(known_plants())):
-        raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(known_plants())}")
+        raise ValueError(
+            f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(known_plants())}"
+        )
     made = {name: make_plant(profile, name, o.terrain) for name in known_plants() if name in wanted}
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
     return _Comparing(source, profile, reference, made, o, metric).run()

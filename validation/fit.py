@@ -42,7 +42,13 @@ from validation.identify.motor_logs import chassis_of, loss_of
 from validation.identify.objective import FitCost, FitTarget, Objective
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
-from validation.identify.report import SearchReport, bound_sentences, ending, fitted_parameters, search_figure
+from validation.identify.report import (
+    SearchReport,
+    bound_sentences,
+    ending,
+    fitted_parameters,
+    search_figure,
+)
 from validation.identify.scores import HORIZONS, Scored, score, worse_sentences
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
@@ -61,7 +67,8 @@ from validation.simulator.terrain import FLAT
 from validation.words import file_name, one_line, shortened
 
 Method = Literal["jde", "hybrid", "lsq"]
-"""Searches of a fit: differential evolution; a short one, then least squares; or least squares from one start."""
+"""Searches of a fit: differential evolution; a short one, then least squares; or least squares from
+one start."""
 _SIZES: Mapping[tuple[Method, bool], tuple[int, int]] = {
     ("jde", False): (50, 300),
     ("jde", True): (20, 90),
@@ -70,15 +77,22 @@ _SIZES: Mapping[tuple[Method, bool], tuple[int, int]] = {
     ("lsq", False): (5, 1),  # of which only the first candidate counts
     ("lsq", True): (5, 1),
 }
-"""Usual population and generations of jDE for planar models (Tab. 3.7 of the thesis for `jde`) and for simulated bodies."""
+"""Usual population and generations of jDE for planar models (Tab. 3.7 of the thesis for `jde`) and
+for simulated bodies."""
 _STARTS: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
 """Greatest number of starts of least squares."""
 _JAGGED = (50, 100)
-"""Usual population and generations of a hybrid search of planar models for the path objective: distances between samples
-make it jagged, so least squares go to the right place but not to the least cost there."""
+"""Usual population and generations of a hybrid search of planar models for the path objective:
+distances between samples make it jagged, so least squares go to the right place but not to the
+least cost there."""
 _WINDOWS = {"n": "windows", "n_standing": "standing"}
-_START = cli.parsed(lambda text: {} if text == "profile" else cli.read_values(text), "profile|NAME=X,...", cli.values_text)
-_SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")  # metrics in the table of scores
+_START = cli.parsed(
+    lambda text: {} if text == "profile" else cli.read_values(text),
+    "profile|NAME=X,...",
+    cli.values_text,
+)
+# metrics in the table of scores
+_SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")
 
 
 @dataclass(frozen=True)
@@ -86,23 +100,30 @@ class Fit(Searching):
     """Options of `fit`."""
 
     model: Annotated[str, tyro.conf.Positional, cli.option(metavar="MODEL")]
-    """Plant to fit: improved, coulomb, linear, kinematic, four_wheel, mujoco, or the one that --model adds."""
+    """Plant to fit: improved, coulomb, linear, kinematic, four_wheel, mujoco, or the one that
+    --model adds."""
     to: Annotated[str | Path | Sequence[str | Path], cli.text_of("SOURCE,...")]
-    """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that plant drives traj4."""
+    """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that
+    plant drives traj4."""
     profile: Annotated[
-        cli.AnyProfile, cli.profile_option("thesis-lab for scenarios, its own for a shipped log, else husky-tile")
+        cli.AnyProfile,
+        cli.profile_option("thesis-lab for scenarios, its own for a shipped log, else husky-tile"),
     ] = None
     robot: cli.AnyRobot = None
     input: Annotated[Input, cli.option()] = "commands"
     """Input of a recording that drives the plant: its commands, or its measured wheel rates."""
-    start_at: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
+    start_at: Annotated[
+        cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")
+    ] = None
     """Leave out what was recorded before this time [s]."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     """Leave out what was recorded after this time [s]."""
     held_out: Annotated[cli.Names, cli.option(metavar="SOURCE,...", default="none")] = ()
-    """Sources to test on, separated by commas. A fitted recording stands for its parts outside --from and --until."""
+    """Sources to test on, separated by commas. A fitted recording stands for its parts outside
+    --from and --until."""
     even_if_worse: cli.Flag = False
-    """Write the fitted numbers to profile.toml even where their error on held-out sources is larger than before the fit."""
+    """Write the fitted numbers to profile.toml even where their error on held-out sources is larger
+    than before the fit."""
     own_model: cli.OwnModel = None
     columns: cli.Columns = field(default_factory=dict)
     limits: cli.Limits = USUAL
@@ -111,30 +132,40 @@ class Fit(Searching):
         _START,
         cli.option(default="profile for recordings; for scenarios all are drawn at random"),
     ] = None
-    """A candidate of the first population: the profile's numbers, or some that replace them, such as friction=0.4."""
+    """A candidate of the first population: the profile's numbers, or some that replace them, such
+    as friction=0.4."""
     objective: Annotated[
         Objective | None,
-        cli.option(default="horizon for recordings; else sync for bodies on wheels, path for others"),
+        cli.option(
+            default="horizon for recordings; else sync for bodies on wheels, path for others"
+        ),
     ] = None
-    """Errors to minimise: path (of paths, Eq. 3.1), sync (at equal times) or horizon (of relative poses, seconds later)."""
+    """Errors to minimise: path (of paths, Eq. 3.1), sync (at equal times) or horizon (of relative
+    poses, seconds later)."""
     horizons: Annotated[cli.Numbers, cli.option()] = (2.0, 6.0)
     """Horizons of the horizon objective [s]."""
-    yaw_weight: Annotated[cli.Number, cli.option(metavar="M/RAD", default="1; 0.2 for bodies on wheels in scenarios")] = None
-    """Position error that counts as much as a radian of yaw error, in the sync and horizon objectives."""
+    yaw_weight: Annotated[
+        cli.Number, cli.option(metavar="M/RAD", default="1; 0.2 for bodies on wheels in scenarios")
+    ] = None
+    """Position error that counts as much as a radian of yaw error, in the sync and horizon
+    objectives."""
     torque_weight: Annotated[float, cli.option(metavar="M/(N m)")] = FitCost.torque_weight
     """Position error that counts as much as a newton metre of torque error, where both the source
     and the plant have torques of a body on wheels (mujoco, four_wheel); 0 leaves them out."""
     position_weight: Annotated[float, cli.option(metavar="X")] = 1.0
-    """Weight of position errors in the sync and horizon objectives; 0 fits the heading alone, where positions are not to be
-    trusted."""
-    torque_constant: Annotated[cli.Number, cli.option(metavar="K", default="the profile's, or the robot file's")] = None
+    """Weight of position errors in the sync and horizon objectives; 0 fits the heading alone, where
+    positions are not to be trusted."""
+    torque_constant: Annotated[
+        cli.Number, cli.option(metavar="K", default="the profile's, or the robot file's")
+    ] = None
     """Torque of a side's wheels per ampere of its motor [N m/A], for logs with the motors'
     currents; the battery's need none."""
     search: Annotated[Method, cli.option()] = "hybrid"
-    """hybrid: a short differential evolution (jDE) finds the region, then bounded least squares go to the optimum, from its
-    best candidate and from others far from it. jde: differential evolution alone, as in the thesis; ask for it to repeat the
-    thesis, or where different seeds of hybrid end at different places. lsq: least squares alone, from --start, which is the
-    profile's numbers if it is not given."""
+    """hybrid: a short differential evolution (jDE) finds the region, then bounded least squares go
+    to the optimum, from its best candidate and from others far from it. jde: differential evolution
+    alone, as in the thesis; ask for it to repeat the thesis, or where different seeds of hybrid end
+    at different places. lsq: least squares alone, from --start, which is the profile's numbers if
+    it is not given."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an option that is out of its range."""
@@ -144,7 +175,11 @@ class Fit(Searching):
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
-        return Path("runs") / "fit" / file_name(f"{self.model}-{Path(next(iter(self.names), '')).stem}")
+        return (
+            Path("runs")
+            / "fit"
+            / file_name(f"{self.model}-{Path(next(iter(self.names), '')).stem}")
+        )
 
     @property
     def names(self) -> list[str]:
@@ -161,8 +196,11 @@ def _built(model: str, plant: PlantProfile) -> Plant:
 
 def _scored(problem: FitProblem, fitted: PlantProfile, target: FitTarget) -> Scored:
     """Drive the fitted plant along one source; an SsmrError says that it diverged."""
-    plant, source = _built(problem.model, fitted), target.source
-    motion = tuple(drive(plant, piece, fitted.localiser, source.sample_dt) for piece in source.pieces)
+    plant = _built(problem.model, fitted)
+    source = target.source
+    motion = tuple(
+        drive(plant, piece, fitted.localiser, source.sample_dt) for piece in source.pieces
+    )
     return score(target.label, [target], [motion])
 
 
@@ -210,12 +248,19 @@ def fit(o: Fit) -> Fitted:
     standard = "thesis-lab" if occasion == "scenario" else profile_of_log(o.names[0])
     base = choose_profile(o.profile, o.robot, standard)
     begun = with_values(o.model, base.section(o.model), list(o.fix), o.fix.values())
-    space = make_space(o.model, [n for n in (usual if o.free is None else o.free) if n not in o.fix], o.bounds, begun.robot)
+    space = make_space(
+        o.model,
+        [n for n in (usual if o.free is None else o.free) if n not in o.fix],
+        o.bounds,
+        begun.robot,
+    )
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
     known = o.profile is not None or o.robot is not None
     read = ReadOptions({}, o.limits, o.columns, base.robot.geometry.wheel_radius if known else None)
-    targets, held_out = open_targets(o.names, base, o.held_out, o.input, (o.start_at, o.until), read)
+    targets, held_out = open_targets(
+        o.names, base, o.held_out, o.input, (o.start_at, o.until), read
+    )
     usual_yaw = 0.2 if occasion == "scenario" and plant_kind(o.model).torques else 1.0
     yaw_weight = usual_yaw if o.yaw_weight is None else o.yaw_weight
     horizons = tuple(o.horizons)
@@ -239,7 +284,9 @@ def fit(o: Fit) -> Fitted:
     return _report(o, problem, base, search, before, held_out)
 
 
-def _first_points(o: Fit, space: ParameterSpace, before: FloatArray, occasion: Occasion) -> FloatArray | None:
+def _first_points(
+    o: Fit, space: ParameterSpace, before: FloatArray, occasion: Occasion
+) -> FloatArray | None:
     """Return the (1, n) candidate to begin with, in the unit cube; None for none."""
     if o.start is None and o.search != "lsq" and occasion == "scenario":
         return None
@@ -254,7 +301,8 @@ def _first_points(o: Fit, space: ParameterSpace, before: FloatArray, occasion: O
 def _require_possible(problem: FitProblem, given: Container[str]) -> None:
     """Refuse numbers that no candidate can have: the profile's own, and given bounds of the inertia that no body has.
 
-    Where default bounds reach farther than a robot's other numbers allow, candidates beyond are rated as impossible.
+    Where default bounds reach farther than a robot's other numbers allow, candidates beyond are
+    rated as impossible.
     """
     heavy = ("yaw_inertia", "mass") if problem.model in SIMULATED else ()
     bodies = [p for p in problem.space.parameters if p.name in heavy and p.name in given]
@@ -266,15 +314,28 @@ def _require_possible(problem: FitProblem, given: Container[str]) -> None:
 
 
 def _report(
-    o: Fit, problem: FitProblem, base: Profile, search: Search, before: FloatArray, held_out: Sequence[FitTarget]
+    o: Fit,
+    problem: FitProblem,
+    base: Profile,
+    search: Search,
+    before: FloatArray,
+    held_out: Sequence[FitTarget],
 ) -> Fitted:
     """Estimate how sure the numbers are, score the fitted plant on all sources, and return the report."""
-    point, space, notes = search.best, problem.space, list[str]()
+    point = search.best
+    space = problem.space
+    notes = list[str]()
     fitted = problem.candidate(point)
     assert fitted is not None
-    parameters, correlation, method = fitted_parameters(space, point, before), None, ""
+    parameters = fitted_parameters(space, point, before)
+    correlation = None
+    method = ""
     if o.profile is None and o.robot is None:
-        notes += [sentence for target in problem.targets for sentence in stranger_sentences(target.source, base.robot)]
+        notes += [
+            sentence
+            for target in problem.targets
+            for sentence in stranger_sentences(target.source, base.robot)
+        ]
     for target in (*problem.targets, *held_out):
         notes += [f"{target.source.title}: {target.gyro.sentence}"] if target.gyro else []
         notes += [*target.source.warnings, *standing_sentences(target.source, HEADLINE_HORIZON)]
@@ -282,22 +343,32 @@ def _report(
     if not search.interrupted:
         try:
             sure = estimate(problem, point, o.threads, search.driven)
-            parameters, correlation = fitted_parameters(space, point, before, sure), sure.correlation
-            notes, method = [*notes, *sentences(problem, sure)], sure.method
+            parameters = fitted_parameters(space, point, before, sure)
+            correlation = sure.correlation
+            notes = [*notes, *sentences(problem, sure)]
+            method = sure.method
             notes.append(f"Standard errors come from: {method}.")
             logs = [target for target in problem.targets if target.source.reference == RECORDING]
             plants = [problem.candidate(part) or fitted for part in sure.without]
-            if band := band_of([[(log.source, _scored(problem, plant, log).motion) for log in logs] for plant in plants]):
+            if band := band_of(
+                [
+                    [(log.source, _scored(problem, plant, log).motion) for log in logs]
+                    for plant in plants
+                ]
+            ):
                 fitted = replace(fitted, bands={**fitted.bands, o.input: band})
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")
-    judged, unfitted = [], []
+    judged = []
+    unfitted = []
     for target in held_out:
         try:
             judged.append(_scored(problem, fitted, target))
             unfitted.append(_scored(problem, problem.base, target))
         except SsmrError as error:
-            notes.append(f"The plant cannot be driven along {target.label}, which was held out: {error}.")
+            notes.append(
+                f"The plant cannot be driven along {target.label}, which was held out: {error}."
+            )
     worse = worse_sentences(problem.cost, o.even_if_worse, unfitted, judged)
     chosen = {name: getattr(problem.cost, name) for name in ("objective", "yaw_weight")}
     train = tuple(_scored(problem, fitted, target) for target in problem.targets)
@@ -325,7 +396,9 @@ def _report(
     )
     together = score("all fitted to", problem.targets, [each.motion for each in bare.train])
     document = _document(bare, source, o.seed, method, together)
-    pace = pace_of([m for target in problem.targets for m in target.truth], base.robot.geometry.wheel_radius)
+    pace = pace_of(
+        [m for target in problem.targets for m in target.truth], base.robot.geometry.wheel_radius
+    )
     new = replace(_with_provenance(o, bare, fitted, document), fitted_at=pace)
     kept = base if worse and not o.even_if_worse else new
     return replace(bare, profile=kept, tables=_tables(bare), document=document)
@@ -343,7 +416,9 @@ def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) 
         "seed": seed,
         **f.searched(),
         "search": f.options["search"],
-        "correlation": None if matrix is None else {"names": [p.name for p in f.parameters], "matrix": matrix},
+        "correlation": None
+        if matrix is None
+        else {"names": [p.name for p in f.parameters], "matrix": matrix},
         "standard_errors_by": method,
         "train": together.as_dict(),
         "train_by_source": {s.label: s.as_dict() for s in f.train},
@@ -353,7 +428,9 @@ def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) 
     }
 
 
-def _with_provenance(o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[str, Any]) -> Profile:
+def _with_provenance(
+    o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[str, Any]
+) -> Profile:
     """Return the profile that the fit began with, its plant's numbers replaced, and their provenance."""
     kept = ("source", "search", "seed", "cost", "evaluations", "generations", "standard_errors_by")
     provenance = {
@@ -362,7 +439,9 @@ def _with_provenance(o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[s
         "options": {name: value for name, value in f.options.items() if value is not None},
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "versions": dict(f.versions),
-        "standard_errors": {p.name: p.standard_error for p in f.parameters if p.standard_error is not None},
+        "standard_errors": {
+            p.name: p.standard_error for p in f.parameters if p.standard_error is not None
+        },
     }
     return replace(
         f.profile,
@@ -373,7 +452,9 @@ def _with_provenance(o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[s
 
 
 def _named(f: Fitted) -> list[tuple[str, Scored]]:
-    leads = zip(("", "held out: ", "before, held out: "), (f.train, f.held_out, f.unfitted), strict=True)
+    leads = zip(
+        ("", "held out: ", "before, held out: "), (f.train, f.held_out, f.unfitted), strict=True
+    )
     every = [(lead, s) for lead, scores in leads for s in scores]
     return [(f"{lead}{shortened(Path(s.label).name, 32)}", s) for lead, s in every]
 
@@ -389,7 +470,12 @@ def _tables(f: Fitted) -> list[Table]:
     return [
         f.values("parameter", "before"),
         Table("Scores of the fitted plant", scores),
-        Table("Error of the relative pose after a horizon", errors, group="horizon_s", headings=_WINDOWS),
+        Table(
+            "Error of the relative pose after a horizon",
+            errors,
+            group="horizon_s",
+            headings=_WINDOWS,
+        ),
         interval_table([(h, name, s.windows[h].summary()) for h, name, s in pairs], "source"),
     ]
 
@@ -398,17 +484,25 @@ def _draw(f: Fitted) -> Figure:
     """Return the picture: the search, the parameters, and the errors by horizon where there are recordings."""
     ink = drawing.ink_of(f.model)
     marks = [
-        drawing.HorizonMarks(name, drawing.BESIDE_INK if s not in f.train else ink, "osvDP"[k % 5], s.horizons)
+        drawing.HorizonMarks(
+            name, drawing.BESIDE_INK if s not in f.train else ink, "osvDP"[k % 5], s.horizons
+        )
         for k, (name, s) in enumerate(_named(f))
         if s.horizons
     ]
 
     def position(ax: Axes) -> None:
         drawing.draw_horizons(marks, "position", ax)
-        ax.legend([Line2D([], [], color=m.ink, marker=m.marker) for m in marks], [m.name for m in marks], fontsize=8.5)
+        ax.legend(
+            [Line2D([], [], color=m.ink, marker=m.marker) for m in marks],
+            [m.name for m in marks],
+            fontsize=8.5,
+        )
 
     yaw = partial(drawing.draw_horizons, marks, "yaw")
-    return search_figure(f, ink, "before", [drawing.side_by_side(2.8, [position, yaw])] if marks else [])
+    return search_figure(
+        f, ink, "before", [drawing.side_by_side(2.8, [position, yaw])] if marks else []
+    )
 
 
 if __name__ == "__main__":

@@ -34,8 +34,10 @@ from validation.simulator.description import Robot, load_robot
 from validation.store import write_json
 from validation.words import file_name
 
-_OURS, _MOST_OURS = b'"ssmr.info/1"', 1 << 26
-"""Text in files that are replaced unasked, for this program wrote them; and the greatest size of one [bytes]."""
+_OURS = b'"ssmr.info/1"'
+_MOST_OURS = 1 << 26
+"""Text in files that are replaced unasked, for this program wrote them; and the greatest size of
+one [bytes]."""
 
 
 # ------------------------------------------------------------------------------------------ options
@@ -44,10 +46,14 @@ class LogOptions(cli.Common):
     """Options by which a log is opened, whatever is done with it."""
 
     source: Annotated[str | Path, cli.text_of("SOURCE"), tyro.conf.Positional]
-    """Path of a log (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a shipped one: sample, husky or warthog."""
+    """Path of a log (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a shipped one: sample,
+    husky or warthog."""
     _: KW_ONLY
-    topics: Annotated[cli.Topics, cli.option(default="guessed from the message types")] = field(default_factory=dict)
-    """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels, imu, pose and gps."""
+    topics: Annotated[cli.Topics, cli.option(default="guessed from the message types")] = field(
+        default_factory=dict
+    )
+    """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels,
+    imu, pose and gps."""
     columns: cli.Columns = field(default_factory=dict)
     limits: cli.Limits = USUAL
     robot: cli.AnyRobot = None
@@ -62,7 +68,9 @@ class LogOptions(cli.Common):
 
     def opened(self) -> Log:
         """Return the log."""
-        return read_log(self.source, ReadOptions(self.topics, self.limits, self.columns, self.radius))
+        return read_log(
+            self.source, ReadOptions(self.topics, self.limits, self.columns, self.radius)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +86,9 @@ class Info(LogOptions):
 class Convert(LogOptions):
     """Options of `convert`."""
 
-    out: Annotated[Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.csv")] = None
+    out: Annotated[
+        Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.csv")
+    ] = None
     """File to write; its ending says in which format."""
     rate: Annotated[cli.Number, cli.option(metavar="HZ", default="the log's own")] = None
     """Samples a second, where it is another rate than the log's own."""
@@ -86,7 +96,9 @@ class Convert(LogOptions):
     """Take out the gyro's mean at rest."""
     sync: cli.Flag = False
     """Take estimated offsets of time out of the measurements; commands stay."""
-    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = None
+    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = (
+        None
+    )
     """Leave out what was logged before this time."""
     until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
     """Leave out what was logged after this time."""
@@ -104,7 +116,8 @@ class LogReport(Report):
 
     program: str = "recordings"
     log: Log
-    """The log; of a conversion the new one, with its own stamps unless another rate was asked for."""
+    """The log; of a conversion the new one, with its own stamps unless another rate was asked
+    for."""
     offsets: Sequence[Offset]
     """Delays between its groups, before anything was changed."""
     save_as: Callable[[Path], object] | None = None
@@ -126,7 +139,8 @@ class LogReport(Report):
             self.save_as(path)
 
 
-# ------------------------------------------------------------------------------------------ programs
+# ------------------------------------------------------------------------------------------
+# programs
 @cli.program(Info)
 def info(o: Info) -> LogReport:
     """Report what a log contains.
@@ -137,10 +151,16 @@ def info(o: Info) -> LogReport:
         ValueError: the log cannot be opened.
     """
     log = o.opened()
-    offsets, rest, faults = estimate_offsets(log), find_rest(log), find_faults(log, o.radius)
-    seconds = {offset.behind: 0.0 for offset in offsets} | {offset.late: offset.seconds for offset in offsets}
+    offsets = estimate_offsets(log)
+    rest = find_rest(log)
+    faults = find_faults(log, o.radius)
+    seconds = {offset.behind: 0.0 for offset in offsets} | {
+        offset.late: offset.seconds for offset in offsets
+    }
     jumps = faults.jumps
-    named = [{"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in faults.named]
+    named = [
+        {"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in faults.named
+    ]
     document = {
         "schema": "ssmr.info/1",
         "source": str(log.path),
@@ -175,8 +195,8 @@ def convert(o: Convert) -> LogReport:
 
     Offsets of time, bias, cutting, one clock: that is the order of changes.
 
-    Raises:
-        ValueError: the log cannot be opened, does not hold what a change needs, or does not fit into the file.
+    Raises: ValueError: the log cannot be opened, does not hold what a change needs, or does not fit
+        into the file.
     """
     if o.out is not None:
         format_of_target(o.out)
@@ -186,10 +206,15 @@ def convert(o: Convert) -> LogReport:
     changed = unbiased(changed) if o.unbias else changed
     changed = changed.cut(o.start, o.until)
     merged = changed.on_one_clock(o.rate)
-    t, period = merged.t, next(iter(merged.groups.values())).period
-    sentences = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {1.0 / period:.2f} Hz: {', '.join(merged.columns)}"]
+    t = merged.t
+    period = next(iter(merged.groups.values())).period
+    sentences = [
+        f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {1.0 / period:.2f} Hz: {', '.join(merged.columns)}"
+    ]
     if o.sync and offsets:
-        sentences.append("the offsets of time were taken out of the measurements; commands stay as they were")
+        sentences.append(
+            "the offsets of time were taken out of the measurements; commands stay as they were"
+        )
     changed = changed if o.rate is None else merged
     return LogReport(
         title=log.path.name, document={}, log=changed, offsets=offsets,
@@ -198,13 +223,19 @@ def convert(o: Convert) -> LogReport:
     )  # fmt: skip
 
 
-# ------------------------------------------------------------------------------------------ tables and sentences
+# ------------------------------------------------------------------------------------------ tables
+# and sentences
 def _next_step(o: Info, log: Log, faults: Faults) -> str:
-    path, name = shlex.quote(str(o.source)), getattr(o.robot, "name", o.robot) or "ROBOT"
-    columns = ",".join(f"{ours}={theirs}{':' * bool(unit)}{unit}" for ours, (theirs, unit) in o.columns.items())
+    path = shlex.quote(str(o.source))
+    name = getattr(o.robot, "name", o.robot) or "ROBOT"
+    columns = ",".join(
+        f"{ours}={theirs}{':' * bool(unit)}{unit}" for ours, (theirs, unit) in o.columns.items()
+    )
     path += f" --columns {shlex.quote(columns)}" * bool(columns)
     if faults.named:
-        return "next: correct the faults in the log, for every comparison and fit believes its columns"
+        return (
+            "next: correct the faults in the log, for every comparison and fit believes its columns"
+        )
     if missing := [name for name in POSE_COLUMNS if not log.has((name,))]:
         others = ", ".join(name for name in log.columns if name not in COLUMNS)
         known = f"; if one of {others} is it, --columns {missing[0]}=NAME says so" * bool(others)
@@ -223,7 +254,9 @@ def _without_pose(log: Log) -> str:
         return "with a gyro and wheel rates, how the robot turns could be said"
     left, right = (signals[name] for name in COMMAND_COLUMNS["wheels"])
     ratio = float((right - left) @ signals["gyro_z"] / (signals["gyro_z"] @ signals["gyro_z"]))
-    track = f"an effective track of {ratio:.2f} wheel radii, such as for wheel_separation of a driver"
+    track = (
+        f"an effective track of {ratio:.2f} wheel radii, such as for wheel_separation of a driver"
+    )
     return f"gyro and wheels say that right less left is {ratio:.2f} times the yaw rate: {track}"
 
 
@@ -233,7 +266,10 @@ def _contents(log: Log) -> Table:
          "columns": "not read" if topic.columns is None else ", ".join(topic.columns)}
         for topic in log.topics
     ]  # fmt: skip
-    groups = [{"group": n, **_sampling(g.t), "columns": ", ".join(g.columns)} for n, g in log.groups.items()]
+    groups = [
+        {"group": n, **_sampling(g.t), "columns": ", ".join(g.columns)}
+        for n, g in log.groups.items()
+    ]
     return Table(log.path.name, topics or groups)
 
 
@@ -246,9 +282,21 @@ def _sampling(t: FloatArray) -> Mapping[str, Any]:
 
 
 def _offset_table(offsets: Sequence[Offset]) -> Table:
-    keys = {"late": "signal", "behind": "behind", "seconds": "late_s", "standard_error": "standard_error_s"}
-    rows = [{keys.get(name, name): value for name, value in asdict(offset).items()} for offset in offsets]
-    units = {"late_s": Unit("s", 1.0, 4), "standard_error_s": Unit("s", 1.0, 4), "correlation": Unit("1", 1.0, 3)}
+    keys = {
+        "late": "signal",
+        "behind": "behind",
+        "seconds": "late_s",
+        "standard_error": "standard_error_s",
+    }
+    rows = [
+        {keys.get(name, name): value for name, value in asdict(offset).items()}
+        for offset in offsets
+    ]
+    units = {
+        "late_s": Unit("s", 1.0, 4),
+        "standard_error_s": Unit("s", 1.0, 4),
+        "correlation": Unit("1", 1.0, 3),
+    }
     caption = (
         "Delays come from comparing yaw rates; for position, speeds.\n"
         "A negative delay means that the signal leads. Commands normally do."
@@ -265,13 +313,21 @@ def _sentences(log: Log, rest: Rest | None) -> list[str]:
     ]
     if rest is not None:
         bias = f"{rest.bias:+.5f} rad/s ({DEGREES.text(rest.bias)}°/s)"
-        return [*notes, f"gyro at rest, {rest.seconds:.1f} s in all: mean {bias}, standard deviation {rest.std:.5f} rad/s"]
-    unknown = f"gyro: its bias is unknown, because the wheels never stand for {REST_LEAST:g} s in all"
+        return [
+            *notes,
+            f"gyro at rest, {rest.seconds:.1f} s in all: mean {bias}, standard deviation {rest.std:.5f} rad/s",
+        ]
+    unknown = (
+        f"gyro: its bias is unknown, because the wheels never stand for {REST_LEAST:g} s in all"
+    )
     return [*notes, unknown] if "imu" in log.groups else notes
 
 
-# ------------------------------------------------------------------------------------------ the command line
-def _command(program: cli.Program[Any, Any], option: str, ending: str = "") -> Callable[[Any], None]:
+# ------------------------------------------------------------------------------------------ the
+# command line
+def _command(
+    program: cli.Program[Any, Any], option: str, ending: str = ""
+) -> Callable[[Any], None]:
     """Return the function behind a subcommand, which writes the file that `option` names, or the usual one."""
 
     def main(o: Any) -> None:
@@ -282,7 +338,10 @@ def _command(program: cli.Program[Any, Any], option: str, ending: str = "") -> C
             if named is not None:
                 check_apart(named, o.source)
                 if exists(named) and not o.overwrite and _OURS not in read_file(named, _MOST_OURS):
-                    raise FileError(named, "there is such a file already; name another, or replace it by --overwrite")
+                    raise FileError(
+                        named,
+                        "there is such a file already; name another, or replace it by --overwrite",
+                    )
             info: LogReport = program.function(o)
             if target is not None:
                 with cli.writes(option, target):

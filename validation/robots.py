@@ -49,7 +49,8 @@ _ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_ha
 """Numbers of the drive that are shown even where the file does not say them."""
 
 
-# ------------------------------------------------------------------------------------------- list and check
+# ------------------------------------------------------------------------------------------- list
+# and check
 @dataclass(frozen=True)
 class ListOptions:
     """The options of `list`; there are none."""
@@ -60,10 +61,26 @@ def list_robots(options: ListOptions) -> None:
     profiles = [load_profile(name) for name in shipped()]
     rows: list[Row] = []
     for robot in map(load_robot, shipped_robots()):
-        spot, g = spot_turn(robot), robot.geometry
-        row = {"name": robot.name, "robot": robot.title, "mass_kg": robot.masses.total, "wheelbase_m": g.wheelbase}
-        row |= {"track_m": g.track, "wheel_radius_m": g.wheel_radius, "multiplier": spot and spot.multiplier}
-        rows.append(row | {"profiles": ", ".join(p.name for p in profiles if p.robot.name == robot.name) or None})
+        spot = spot_turn(robot)
+        g = robot.geometry
+        row = {
+            "name": robot.name,
+            "robot": robot.title,
+            "mass_kg": robot.masses.total,
+            "wheelbase_m": g.wheelbase,
+        }
+        row |= {
+            "track_m": g.track,
+            "wheel_radius_m": g.wheel_radius,
+            "multiplier": spot and spot.multiplier,
+        }
+        rows.append(
+            row
+            | {
+                "profiles": ", ".join(p.name for p in profiles if p.robot.name == robot.name)
+                or None
+            }
+        )
     caption = "multiplier: yaw rate that the wheels ask for over that of the body, turning on the spot, by mechanics"
     _print([Table("Robots that come with the package", rows, caption)])
 
@@ -91,7 +108,8 @@ class RobotCheck(Report):
     robot: Robot
     """The robot."""
     loads: Sequence[float]
-    """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is none."""
+    """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is
+    none."""
     faults: Sequence[str]
     """Sentences on what is wrong and what would be right."""
 
@@ -107,13 +125,15 @@ def check_robot(o: CheckRobot) -> RobotCheck:
 
     Builds it in MuJoCo, turns it on the spot and weighs its wheels.
 
-    Prints every number with its source, and writes robot.json and robot.png. The exit status is 1 where something is wrong.
+    Prints every number with its source, and writes robot.json and robot.png. The exit status is 1
+    where something is wrong.
 
-    Raises:
-        RobotError: there is no such robot, or its file cannot be read. What can be read and cannot be is advice.
+    Raises: RobotError: there is no such robot, or its file cannot be read. What can be read and
+        cannot be is advice.
     """
     robot = _loaded(o.robot)
-    spot, measured = spot_turn(robot), None
+    spot = spot_turn(robot)
+    measured = None
     try:
         measured = measure_robot(robot)
     except ValueError as error:
@@ -128,9 +148,18 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         program="robot",
         title=one_line(robot.title or robot.name),
         tables=[_numbers(robot)],
-        sentences=[verdict, *(f"FAULT: {text}" for text in faults), *(f"question: {text}" for text in questions)],
+        sentences=[
+            verdict,
+            *(f"FAULT: {text}" for text in faults),
+            *(f"question: {text}" for text in questions),
+        ],
         document=_document(robot, spot, measured, loads)
-        | {"ok": not faults, "advice": [*faults, *questions], "faults": len(faults), "guessed": guessed(robot)},
+        | {
+            "ok": not faults,
+            "advice": [*faults, *questions],
+            "faults": len(faults),
+            "guessed": guessed(robot),
+        },
         draw=_draw,
         failure=SsmrError(verdict) if faults else None,
         robot=robot,
@@ -146,16 +175,22 @@ def _verdict(robot: Robot, faults: int, questions: int) -> str:
         return f"{robot.name}: {faults} fault{'s' if faults > 1 else ''} found"
     if guesses:
         return f"{robot.name}: no fault found, but nobody has measured or published {', '.join(guesses)}"
-    return f"{robot.name}: no fault found" if questions else f"{robot.name}: nothing is wrong with it"
+    return (
+        f"{robot.name}: no fault found" if questions else f"{robot.name}: nothing is wrong with it"
+    )
 
 
 def _loaded(robot: str | Path | Robot) -> Robot:
     return robot if isinstance(robot, Robot) else load_robot(robot)
 
 
-def _document(robot: Robot, spot: SkidTurn | None, measured: Measured | None, loads: Sequence[float]) -> dict[str, Any]:
+def _document(
+    robot: Robot, spot: SkidTurn | None, measured: Measured | None, loads: Sequence[float]
+) -> dict[str, Any]:
     """Return what robot.json holds; None stands for what no model could show."""
-    g, mu, drive = robot.geometry, robot.simulation.friction, robot.drive
+    g = robot.geometry
+    mu = robot.simulation.friction
+    drive = robot.drive
     return {
         "schema": SCHEMA,
         "name": robot.name,
@@ -170,9 +205,14 @@ def _document(robot: Robot, spot: SkidTurn | None, measured: Measured | None, lo
         "static_loads_N": loads,
         "apparent_mass_kg": None if measured is None else measured.apparent_mass,
         "friction": mu,
-        "side_torque_needed_N_m": None if spot is None else mu * turning_torque(robot, spot) + drive.gear_loss,
+        "side_torque_needed_N_m": None
+        if spot is None
+        else mu * turning_torque(robot, spot) + drive.gear_loss,
         "side_torque_N_m": 2.0 * drive.torque_limit,
-        "numbers": {key: {"value": value, "unit": unit_of_key(key)} for key, value in _every_number(robot).items()},
+        "numbers": {
+            key: {"value": value, "unit": unit_of_key(key)}
+            for key, value in _every_number(robot).items()
+        },
     }
 
 
@@ -180,9 +220,17 @@ def _every_number(robot: Robot) -> dict[str, Any]:
     """Return what there is to say of a robot, by `section.key`: all but what concerns planar models only."""
     parts: dict[str, Any] = {"geometry": robot.geometry, "mass": robot.masses, "drive": robot.drive}
     parts |= {"simulation": robot.simulation, "vehicle": robot.vehicle}
-    values = {f"{section}.{f.name}": getattr(part, f.name) for section, part in parts.items() for f in fields(part)}
+    values = {
+        f"{section}.{f.name}": getattr(part, f.name)
+        for section, part in parts.items()
+        for f in fields(part)
+    }
     seldom = ("drive.", "vehicle.")
-    return {key: value for key, value in values.items() if not key.startswith(seldom) or key in {*robot.given, *_ALWAYS}}
+    return {
+        key: value
+        for key, value in values.items()
+        if not key.startswith(seldom) or key in {*robot.given, *_ALWAYS}
+    }
 
 
 def _numbers(robot: Robot) -> Table:
@@ -193,15 +241,22 @@ def _numbers(robot: Robot) -> Table:
         grade, source = robot.source(key)
         number = sources.setdefault(source, len(sources) + 1)
         names = ("across", "spin") if key == "mass.wheel_inertia" else "xyz"
-        for name, each in zip(names, value, strict=True) if isinstance(value, tuple) else [("", value)]:
-            row = {"section": key.partition(".")[0], "number": f"{key} {name}".strip(), "unit": unit_of_key(key) or None}
+        for name, each in (
+            zip(names, value, strict=True) if isinstance(value, tuple) else [("", value)]
+        ):
+            row = {
+                "section": key.partition(".")[0],
+                "number": f"{key} {name}".strip(),
+                "unit": unit_of_key(key) or None,
+            }
             rows.append({**row, "value": each, "grade": f"{grade} [{number}]"})
     caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
     title = f"{one_line(robot.title or robot.name)}: its numbers"
     return Table(title, rows, caption, group="section", hidden=frozenset({"section"}))
 
 
-# ------------------------------------------------------------------------------------------- the picture
+# ------------------------------------------------------------------------------------------- the
+# picture
 def _draw(check: RobotCheck) -> Figure:
     """Draw a robot from above: hull, tyres with their loads at rest, and the centre of mass; 1600 px wide."""
     from validation.report.drawing import draw_section, put_together, side_by_side, text_row
@@ -217,12 +272,24 @@ def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
 
     from validation.report.drawing import equal_scales
 
-    g, com, (long, wide, _) = check.robot.geometry, whole_com(check.robot), check.robot.geometry.body_size
+    g, com, (long, wide, _) = (
+        check.robot.geometry,
+        whole_com(check.robot),
+        check.robot.geometry.body_size,
+    )
     corner = g.body_centre[0] - 0.5 * long, g.body_centre[1] - 0.5 * wide
     ax.add_patch(Rectangle(corner, long, wide, facecolor="#f6e3a1", edgecolor="0.1", zorder=1.6))
     for front, left, load in zip(FRONT, LEFT, check.loads, strict=True):
-        x, y, size = 0.5 * front * g.wheelbase, 0.5 * left * g.track, (2.0 * g.wheel_radius, g.wheel_width)
-        tyre = Rectangle((x - 0.5 * size[0], y - 0.5 * size[1]), *size, facecolor="0.8", edgecolor="0.1", zorder=1.8)
+        x = 0.5 * front * g.wheelbase
+        y = 0.5 * left * g.track
+        size = (2.0 * g.wheel_radius, g.wheel_width)
+        tyre = Rectangle(
+            (x - 0.5 * size[0], y - 0.5 * size[1]),
+            *size,
+            facecolor="0.8",
+            edgecolor="0.1",
+            zorder=1.8,
+        )
         ax.add_patch(tyre)
         ax.text(x, y, f"{load:.0f} N", ha="center", va="center", zorder=6.0)
     ax.plot(com[0], com[1], "P", markersize=9.0, color="black", zorder=5.0)
@@ -234,7 +301,8 @@ def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
     )
 
 
-# ------------------------------------------------------------------------------------------- new, import, export
+# ------------------------------------------------------------------------------------------- new,
+# import, export
 @dataclass(frozen=True)
 class NewOptions:
     """The options of `new`; any other number of a robot can be written into the file afterwards."""
@@ -258,10 +326,13 @@ class NewOptions:
 def _new(options: NewOptions) -> None:
     """Write the file of a new robot from what a tape measure and a scale say.
 
-    The file says which of its numbers are measured and which are estimates, and this program says what to measure next.
+    The file says which of its numbers are measured and which are estimates, and this program says
+    what to measure next.
     """
     lengths = ("wheelbase", "track", "wheel_radius", "wheel_width")
-    known = {f"geometry.{name}": getattr(options, name) for name in lengths} | {"mass.total": options.mass}
+    known = {f"geometry.{name}": getattr(options, name) for name in lengths} | {
+        "mass.total": options.mass
+    }
     with cli.mistakes_are_users():
         draft = draft_robot(options.name, known)
     _write(draft, options.out)
@@ -286,7 +357,8 @@ class ImportOptions:
 def _import(options: ImportOptions) -> None:
     """Write a robot's file from a URDF.
 
-    Finds the wheels by their joints, and puts the masses of everything else together. Meshes are not needed.
+    Finds the wheels by their joints, and puts the masses of everything else together. Meshes are
+    not needed.
 
     Says what the URDF does not, and had to be guessed.
     """
@@ -304,14 +376,18 @@ def _write(draft: RobotDraft, out: Path | None) -> None:
 
 def _save(text: str, target: Path) -> None:
     if target.exists() or target.is_symlink():
-        raise cli.UserError(f"--out {target}: there is such a file already, and it is not overwritten; name another")
+        raise cli.UserError(
+            f"--out {target}: there is such a file already, and it is not overwritten; name another"
+        )
     with cli.writes("--out", target):
         target.parent.mkdir(parents=True, exist_ok=True)
         store.write_text(target, text)
 
 
 def _print(tables: Sequence[Table], sentences: Sequence[str] = ()) -> None:
-    shown: Any = SimpleNamespace(grids=lambda: [table.grid() for table in tables], notes=lambda: sentences)
+    shown: Any = SimpleNamespace(
+        grids=lambda: [table.grid() for table in tables], notes=lambda: sentences
+    )
     cli.report_result(shown)
 
 
@@ -322,40 +398,56 @@ class ExportOptions:
     robot: Annotated[str, tyro.conf.Positional, cli.option(metavar="ROBOT")]
     """Name of a robot that comes with the package, or path of a robot's file."""
     to: Annotated[ExportFormat, cli.option()] = "urdf"
-    """ExportFormat: urdf for ROS, sdf for Gazebo, mjcf for MuJoCo, diff-drive for ros2_control's diff_drive_controller."""
-    profile: Annotated[str | None, cli.option(metavar="PROFILE", default="the numbers of the robot's file")] = None
-    """Profile of this robot, whose numbers mjcf and diff-drive then have: name of a shipped one, or path (.toml)."""
-    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.urdf, .sdf, .mjcf or .yaml")] = None
+    """ExportFormat: urdf for ROS, sdf for Gazebo, mjcf for MuJoCo, diff-drive for ros2_control's
+    diff_drive_controller."""
+    profile: Annotated[
+        str | None, cli.option(metavar="PROFILE", default="the numbers of the robot's file")
+    ] = None
+    """Profile of this robot, whose numbers mjcf and diff-drive then have: name of a shipped one, or
+    path (.toml)."""
+    out: Annotated[
+        Path | None, cli.option(metavar="FILE", default="NAME.urdf, .sdf, .mjcf or .yaml")
+    ] = None
     """File to write; there must be none of that name."""
 
 
-def export_robot(robot: str | Path | Robot, to: ExportFormat = "urdf", profile: str | Path | Profile | None = None) -> str:
+def export_robot(
+    robot: str | Path | Robot,
+    to: ExportFormat = "urdf",
+    profile: str | Path | Profile | None = None,
+) -> str:
     """Return a robot as a URDF, an SDF model for Gazebo, an MJCF with motors and sensors, or ros2_control's numbers.
 
-    Args:
-        robot: name of a shipped robot, path of a robot's file, or the robot itself.
-        to: the format.
-        profile: profile of the robot, for an MJCF and for ros2_control; the numbers of its file if not given.
+    Args: robot: name of a shipped robot, path of a robot's file, or the robot itself. to: the
+        format. profile: profile of the robot, for an MJCF and for ros2_control; the numbers of its
+        file if not given.
 
-    Raises:
-        RobotError: there is no such robot, or its file cannot be read.
-        ValueError: the profile cannot be read, is another robot's or has no place in the format, or the robot cannot turn.
+    Raises: RobotError: there is no such robot, or its file cannot be read. ValueError: the profile
+        cannot be read, is another robot's or has no place in the format, or the robot cannot turn.
     """
     chosen = _loaded(robot)
     if profile is not None and to in ("urdf", "sdf"):
-        raise ValueError(f"profile: a {to.upper()} has no place for its numbers; mjcf and diff-drive have")
+        raise ValueError(
+            f"profile: a {to.upper()} has no place for its numbers; mjcf and diff-drive have"
+        )
     numbers = bare_profile(chosen) if profile is None else choose_profile(profile, chosen, "")
     if to == "mjcf":
         section = numbers.section("mujoco")
         return mjcf_text(section.parameters, section.drive)
     if to == "diff-drive" and profile is not None:
-        kinematic, g = numbers.section("kinematic"), chosen.geometry
-        p, share = kinematic.parameters, kinematic.vehicle.wheel_radius / g.wheel_radius
-        return diff_drive_yaml(chosen, (p.y_l - p.y_r) / g.track, share * p.alpha_l, share * p.alpha_r)
+        kinematic = numbers.section("kinematic")
+        g = chosen.geometry
+        p = kinematic.parameters
+        share = kinematic.vehicle.wheel_radius / g.wheel_radius
+        return diff_drive_yaml(
+            chosen, (p.y_l - p.y_r) / g.track, share * p.alpha_l, share * p.alpha_r
+        )
     if to == "diff-drive":
         spot = spot_turn(chosen)
         if spot is None:
-            raise ValueError(f"robot {chosen.name} does not stand on its four wheels; `check` says why")
+            raise ValueError(
+                f"robot {chosen.name} does not stand on its four wheels; `check` says why"
+            )
         return diff_drive_yaml(chosen, spot.multiplier)
     return sdf_text(chosen) if to == "sdf" else urdf_text(chosen)
 
@@ -363,8 +455,8 @@ def export_robot(robot: str | Path | Robot, to: ExportFormat = "urdf", profile: 
 def _export(options: ExportOptions) -> None:
     """Write a robot as a URDF, an SDF or an MJCF model, or its wheel separation and radii for ros2_control.
 
-    An SDF has friction and torque, too. An MJCF drives in plain MuJoCo like the robot here, on level ground. How a robot's
-    driver delays and limits commands no format can say.
+    An SDF has friction and torque, too. An MJCF drives in plain MuJoCo like the robot here, on
+    level ground. How a robot's driver delays and limits commands no format can say.
     """
     with cli.mistakes_are_users():
         robot = load_robot(options.robot)

@@ -61,38 +61,54 @@ class TrackOptions(cli.Filmed):
     """Options of `track`."""
 
     controller: Annotated[str | type, cli.text_of("CONTROLLER"), tyro.conf.Positional]
-    """Controller: pid and lqr are those of the thesis; lqr-scheduled is linearised about the operating speed. Behind its
-    name, +predictor lets a law act on the state one dead time ahead, as in lqr+predictor; mpc plans ahead within the limits.
-    FILE.py:NAME is a class of your own, which is run."""
+    """Controller: pid and lqr are those of the thesis; lqr-scheduled is linearised about the
+    operating speed. Behind its name, +predictor lets a law act on the state one dead time ahead, as
+    in lqr+predictor; mpc plans ahead within the limits. FILE.py:NAME is a class of your own, which
+    is run."""
     reference: Annotated[
-        Waypoints | str | Path | None, cli.text_of("REFERENCE"), tyro.conf.Positional, cli.option(default="none")
+        Waypoints | str | Path | None,
+        cli.text_of("REFERENCE"),
+        tyro.conf.Positional,
+        cli.option(default="none"),
     ] = None
-    """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go, long-line, each also
-    with its speed, as eight@0.5; or a file of waypoints (.csv: x, y[, t]). Waypoints at one place are a wait."""
+    """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn,
+    stop-and-go, long-line, each also with its speed, as eight@0.5; or a file of waypoints (.csv: x,
+    y[, t]). Waypoints at one place are a wait."""
     plant: Annotated[cli.Names, cli.option(metavar="PLANT,...")] = ("improved",)
-    """Plant that is the robot. Several, separated by commas, are driven one beside the other; the first one is the one that
-    track.json reports."""
+    """Plant that is the robot. Several, separated by commas, are driven one beside the other; the
+    first one is the one that track.json reports."""
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
     gains: Annotated[
         GainSet | str | Path | None,
         cli.text_of("GAINS"),
-        cli.option(default="the profile's own if shipped, else published if the thesis has any, else tuned"),
+        cli.option(
+            default="the profile's own if shipped, else published if the thesis has any, else tuned"
+        ),
     ] = None
-    """Gains of the controller: published, manual (lqr only), tuned, default (the law's own), those of a profile by its name
-    (husky-tile, warthog-grass), or the path of a TOML file."""
-    speed: Annotated[cli.Number, cli.option(metavar="M/S", default="0.25 for named references, a file's own times")] = None
+    """Gains of the controller: published, manual (lqr only), tuned, default (the law's own), those
+    of a profile by its name (husky-tile, warthog-grass), or the path of a TOML file."""
+    speed: Annotated[
+        cli.Number,
+        cli.option(metavar="M/S", default="0.25 for named references, a file's own times"),
+    ] = None
     """Mean speed between waypoints [m/s]. It replaces the times of a file."""
-    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = None
+    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = (
+        None
+    )
     """A controller of your own instead of CONTROLLER: a class in a Python file, which is run."""
     robot: cli.AnyRobot = None
     feedback: Annotated[Feedback, cli.option()] = "noisy"
-    """Signal that the controller sees: the truth; the truth with the lab's noise (Tab. 3.4); or the estimate of a state
-    filter (EKF) on noisy encoders and gyro."""
+    """Signal that the controller sees: the truth; the truth with the lab's noise (Tab. 3.4); or the
+    estimate of a state filter (EKF) on noisy encoders and gyro."""
     lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
     """Distance at which the robot keeps behind its target (Sec. 4.5)."""
-    start: Annotated[tuple[float, float, float], _POSE, cli.option(default="0,0,0")] = (0.0, 0.0, 0.0)
-    """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left [m], yaw [rad], such as
-    0,0.5,0.52."""
+    start: Annotated[tuple[float, float, float], _POSE, cli.option(default="0,0,0")] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left
+    [m], yaw [rad], such as 0,0.5,0.52."""
     no_noise: cli.Flag = False
     """Switch noise and disturbance off: the controller sees the truth."""
     no_disturbance: cli.Flag = False
@@ -111,10 +127,14 @@ class TrackOptions(cli.Filmed):
                 f"start is {math.hypot(x, y):.3g} m from the reference's; beyond {LOST:g} m the robot is lost at once"
             )
         if not abs(yaw) <= math.pi:
-            raise ValueError(f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)")
+            raise ValueError(
+                f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)"
+            )
         LoopSettings(self.seen, sensors=self.sensors, lookahead=self.lookahead)
         if self.seen != "ekf" and self.gyro_bias:
-            raise ValueError(f"gyro_bias needs the feedback ekf; nobody reads the sensors under {self.seen}")
+            raise ValueError(
+                f"gyro_bias needs the feedback ekf; nobody reads the sensors under {self.seen}"
+            )
 
     @property
     def seen(self) -> Feedback:
@@ -138,8 +158,14 @@ class TrackOptions(cli.Filmed):
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
         controller, reference = self.names()
-        name = controller.__name__ if isinstance(controller, type) else controller.rpartition(":")[2]
-        label = "waypoints" if isinstance(reference, Waypoints) else Path(str(reference)).stem.partition("@")[0]
+        name = (
+            controller.__name__ if isinstance(controller, type) else controller.rpartition(":")[2]
+        )
+        label = (
+            "waypoints"
+            if isinstance(reference, Waypoints)
+            else Path(str(reference)).stem.partition("@")[0]
+        )
         return Path("runs") / "track" / file_name(f"{name}-{label}")
 
 
@@ -147,11 +173,11 @@ class TrackOptions(cli.Filmed):
 def track(o: TrackOptions) -> Tracked:
     """Let a robot follow a reference under a controller.
 
-    Prints tables and writes track.json, track.png and track.rrd, also for a robot that was lost; then the exit status is 1.
+    Prints tables and writes track.json, track.png and track.rrd, also for a robot that was lost;
+    then the exit status is 1.
 
-    Raises:
-        LostError: a robot was lost before its first tick.
-        ValueError: a name that there is not, a file that cannot be read, a reference that no wheel can follow, or values
+    Raises: LostError: a robot was lost before its first tick. ValueError: a name that there is not,
+        a file that cannot be read, a reference that no wheel can follow, or values
             that do not go together.
     """
     plants = tuple(o.plant)
@@ -168,7 +194,9 @@ def track(o: TrackOptions) -> Tracked:
     else:
         label, waypoints = open_reference(str(reference), o.speed)
     if o.terrain != FLAT and "mujoco" not in plants:
-        raise ValueError(f"terrain {o.terrain.spec} needs the plant mujoco: the planar models know only level ground")
+        raise ValueError(
+            f"terrain {o.terrain.spec} needs the plant mujoco: the planar models know only level ground"
+        )
     robots = [make_robot(profile, name, o.terrain) for name in plants]
     for robot in robots:
         require_practicable(waypoints, robot.drive, label)
@@ -183,7 +211,9 @@ def track(o: TrackOptions) -> Tracked:
         tracked = _driven(o, robot, law, gains, label, waypoints, profile)
         if metric is not None:
             whole = reference_of(tracked.run, waypoints, whole=True)
-            tracked = replace(tracked, metrics=metric.added(tracked.metrics, [tracked.run.motion], [whole]))
+            tracked = replace(
+                tracked, metrics=metric.added(tracked.metrics, [tracked.run.motion], [whole])
+            )
         driven.append(tracked)
     return tracking_report(driven, remarks, alarms=remarks)
 
@@ -198,8 +228,11 @@ def _driven(
     profile: Profile,
 ) -> TrackedRobot:
     """Drive a robot along the reference; one that is lost on the way is part of the result, as far as it came."""
-    used, pushed = odometry_of(robot.drive), not (o.no_noise or o.no_disturbance)
-    around = LoopSettings(o.seen, sensors=o.sensors, filter=used, disturbance=pushed, lookahead=o.lookahead)
+    used = odometry_of(robot.drive)
+    pushed = not (o.no_noise or o.no_disturbance)
+    around = LoopSettings(
+        o.seen, sensors=o.sensors, filter=used, disturbance=pushed, lookahead=o.lookahead
+    )
     at, (x, y, yaw) = waypoints.start, o.start
     dx, dy = map(float, rotate_body_to_world(np.array([x, y]), at.yaw))
     start = State(at.x + dx, at.y + dy, at.yaw + yaw)

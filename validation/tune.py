@@ -21,13 +21,40 @@ from ssmr.control.laws import LAWS
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.parameters import require_within
 from validation import cli, store
-from validation.bench.gains import DEFAULT, GainSet, dump_gains, load_gains, names, origin_sentence, shipped_gains
-from validation.bench.loops import ClosedLoopRobot, demand_of, make_controller, make_robot, require_practicable
+from validation.bench.gains import (
+    DEFAULT,
+    GainSet,
+    dump_gains,
+    load_gains,
+    names,
+    origin_sentence,
+    shipped_gains,
+)
+from validation.bench.loops import (
+    ClosedLoopRobot,
+    demand_of,
+    make_controller,
+    make_robot,
+    require_practicable,
+)
 from validation.bench.tracked import lost_text
 from validation.bench.waypoint_files import open_reference, split_speed
-from validation.identify.report import SearchReport, bound_sentences, ending, fitted_parameters, search_figure
+from validation.identify.report import (
+    SearchReport,
+    bound_sentences,
+    ending,
+    fitted_parameters,
+    search_figure,
+)
 from validation.identify.search import Search, Searching, search_for
-from validation.identify.tuning import RatedRun, TuneCase, TuneCost, TuneMeasure, TuneProblem, make_tuning_space
+from validation.identify.tuning import (
+    RatedRun,
+    TuneCase,
+    TuneCost,
+    TuneMeasure,
+    TuneProblem,
+    make_tuning_space,
+)
 from validation.plants.profile import Profile, choose_profile, odometry_of
 from validation.plants.table import SIMULATED
 from validation.progress import Progress
@@ -36,12 +63,14 @@ from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
 from validation.words import one_line
 
-_SIMULATED_SIZE = (24, 20)  # population and generations: a simulated run costs a hundred times that of a planar model
-_WORSE = 1.1  # a cost on a held-out reference that is so many times that of before is worth a sentence
+# population and generations: a simulated run costs a hundred times that of a planar model
+_SIMULATED_SIZE = (24, 20)
+# a cost on a held-out reference that is so many times that of before is worth a sentence
+_WORSE = 1.1
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "e_rho_rms_m")  # in the table of references
 HELD_OUT = ("line", "circle", "generic", "slalom", "square", "u-turn", "stop-and-go")
-"""References that a tuning is judged on unless others are named: paths of every kind, without those that it is tuned on, at
-the greatest speed that it is tuned on."""
+"""References that a tuning is judged on unless others are named: paths of every kind, without those
+that it is tuned on, at the greatest speed that it is tuned on."""
 
 
 @dataclass(frozen=True)
@@ -49,33 +78,41 @@ class Tune(Searching):
     """Options of `tune`."""
 
     controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
-    """Controller to tune: pid, lqr or lqr-scheduled, each also with +predictor behind its name, or mpc."""
+    """Controller to tune: pid, lqr or lqr-scheduled, each also with +predictor behind its name, or
+    mpc."""
     references: Annotated[cli.Names, cli.option("reference", metavar="REF,...")] = ("generic",)
-    """Paths to follow, separated by commas: line, circle, sine, generic, eight, slalom, square, spiral, u-turn, stop-and-go,
-    long-line, circle@0.5 with its speed, or waypoint files."""
+    """Paths to follow, separated by commas: line, circle, sine, generic, eight, slalom, square,
+    spiral, u-turn, stop-and-go, long-line, circle@0.5 with its speed, or waypoint files."""
     profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    plants: Annotated[cli.Names, cli.option("plant", metavar="PLANT,...", default="improved")] = ("improved",)
+    plants: Annotated[cli.Names, cli.option("plant", metavar="PLANT,...", default="improved")] = (
+        "improved",
+    )
     """Plants that the controller must drive, separated by commas; the cost is the mean over all."""
     robot: cli.AnyRobot = None
     speed: Annotated[float, cli.option(metavar="M/S")] = 0.25
     """Speed of references that name none [m/s]."""
-    held_out: Annotated[cli.Names | None, cli.option(metavar="REF,...", default="others of every kind")] = None
+    held_out: Annotated[
+        cli.Names | None, cli.option(metavar="REF,...", default="others of every kind")
+    ] = None
     """References to judge the gains on, in the form of --reference."""
     feedback: Annotated[Feedback, cli.option()] = "noisy"
     """Pose and speed that the controller sees: truth, noisy or ekf."""
     noise: Annotated[bool, tyro.conf.FlagCreatePairsOff, cli.option(default="off")] = True
     """Turn off noise and disturbances."""
-    gains: Annotated[str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any")] = None
+    gains: Annotated[
+        str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any")
+    ] = None
     """Gain set to begin with, to hold what is not searched, and to compare the outcome with."""
     all: cli.Flag = False
     """Search the gains too that the thesis sets by hand: feedforward, K_alpha, K_y, K_I."""
     from_scratch: cli.Flag = False
     """Leave the gains it begins with out of the first population."""
     cost: Annotated[TuneMeasure, cli.option()] = "path"
-    """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times instead of distances between
-    paths (Sec. 5)."""
+    """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times instead of
+    distances between paths (Sec. 5)."""
     guard: Annotated[float, cli.option(metavar="SECONDS")] = 0.1
-    """Stability guard: candidates that lose the reference with this much more delay are refused; 0 turns it off."""
+    """Stability guard: candidates that lose the reference with this much more delay are refused; 0
+    turns it off."""
     noise_seed: Annotated[int | None, tyro.conf.Suppress, tyro.conf.Fixed] = None
     """Seed of noise and disturbance. None takes the seed of the search."""
 
@@ -92,15 +129,26 @@ class Tune(Searching):
         """Return the folder that the files are written to."""
         return Path("runs") / "tune" / f"{self.controller}-{'-'.join(self.plants)}"
 
-    def cases(self, wanted: Iterable[tuple[str, float | None]], robots: Sequence[ClosedLoopRobot]) -> tuple[TuneCase, ...]:
+    def cases(
+        self, wanted: Iterable[tuple[str, float | None]], robots: Sequence[ClosedLoopRobot]
+    ) -> tuple[TuneCase, ...]:
         """Return every robot on every reference, which are names and speeds [m/s]; `speed` where there is none."""
-        loop, out = LoopSettings(self.feedback if self.noise else "truth", disturbance=self.noise), []
+        loop = LoopSettings(self.feedback if self.noise else "truth", disturbance=self.noise)
+        out = []
         for name, speed in wanted:
             label, waypoints = open_reference(name, self.speed if speed is None else speed)
             for robot in robots:
                 require_practicable(waypoints, robot.drive, label)
                 around = replace(loop, filter=odometry_of(robot.drive))
-                out.append(TuneCase(f"{label} at {waypoints.speed:.3g} m/s, {robot.name}", name, waypoints, robot, around))
+                out.append(
+                    TuneCase(
+                        f"{label} at {waypoints.speed:.3g} m/s, {robot.name}",
+                        name,
+                        waypoints,
+                        robot,
+                        around,
+                    )
+                )
         return tuple(out)
 
 
@@ -117,10 +165,11 @@ class Tuned(SearchReport):
     shipped: GainSet | None
     """The gains that are shipped for this controller and profile, if there are any."""
     shipped_cost: float
-    """Cost of the gains that are shipped; infinite where they lose a reference, NaN where there are none."""
+    """Cost of the gains that are shipped; infinite where they lose a reference, NaN where there are
+    none."""
     train: Mapping[str, Mapping[str, RatedRun]]
-    """Runs by reference, speed and plant (`generic at 0.25 m/s, improved`), and by gains: `tuned`, `baseline` and, where
-    these are others, `shipped`."""
+    """Runs by reference, speed and plant (`generic at 0.25 m/s, improved`), and by gains: `tuned`,
+    `baseline` and, where these are others, `shipped`."""
     held_out: Mapping[str, Mapping[str, RatedRun]]
     """The same along references that the tuning has not seen."""
 
@@ -132,7 +181,10 @@ class Tuned(SearchReport):
     def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
         """Return functions that write its files: gains.toml and tune.png."""
         gains = dump_gains(self.gain_set)
-        return {"gains.toml": lambda path: store.write_text(path, gains), **super().files(recording)}
+        return {
+            "gains.toml": lambda path: store.write_text(path, gains),
+            **super().files(recording),
+        }
 
 
 @cli.program(Tune)
@@ -153,19 +205,27 @@ def tune(o: Tune) -> Tuned:
     base = _base_gains(o, profile)
     begun = None if o.from_scratch else base.values
     space = make_tuning_space(o.controller, o.free, o.all, o.bounds, o.fix, begun)
-    law, robots = LAWS[o.controller], [make_robot(profile, name) for name in o.plants]
+    law = LAWS[o.controller]
+    robots = [make_robot(profile, name) for name in o.plants]
     simulated = any(name in SIMULATED for name in o.plants)
     settings = o.settings(*(_SIMULATED_SIZE if simulated else (law.population, law.generations)))
     wanted = list(map(split_speed, o.references))
     cases = o.cases(wanted, robots)
-    fastest, tuned_on = max(case.waypoints.speed for case in cases), [name for name, _ in wanted]
+    fastest = max(case.waypoints.speed for case in cases)
+    tuned_on = [name for name, _ in wanted]
     usual = [(name, fastest) for name in HELD_OUT if name not in tuned_on]
     held_out = o.cases(usual if o.held_out is None else map(split_speed, o.held_out), robots)
     cost = TuneCost(o.cost, o.guard, o.seed if o.noise_seed is None else o.noise_seed, k_u=law.k_u)
     problem = TuneProblem(profile, base, space, cases, cost)
     start = None if begun is None else space.points([begun[name] for name in space.names])[None]
     search = search_for(problem, settings, o, start)
-    o.progress(Progress(settings.generations + 1, settings.generations + 1, "tuned and earlier gains on every reference"))
+    o.progress(
+        Progress(
+            settings.generations + 1,
+            settings.generations + 1,
+            "tuned and earlier gains on every reference",
+        )
+    )
     return _report(o, problem, search, held_out)
 
 
@@ -176,7 +236,9 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
     published = f"{o.controller}-published" in names(o.controller)
     base = load_gains(o.controller, o.gains or ("published" if published else DEFAULT))
     if unknown := [name for name in o.fix if name not in base.values]:
-        raise ValueError(f"{o.controller} has no gain '{unknown[0]}'; there are: {', '.join(base.values)}")
+        raise ValueError(
+            f"{o.controller} has no gain '{unknown[0]}'; there are: {', '.join(base.values)}"
+        )
     base = replace(base, values={**base.values, **o.fix}) if o.fix else base
     make_controller(profile, base)
     return base
@@ -184,19 +246,33 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
 
 def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[TuneCase]) -> Tuned:
     """Keep the better of what was found and what it began with, drive it beside other gains, and return the report."""
-    base, space, profile, threads = problem.base, problem.space, problem.profile, o.threads
+    base = problem.base
+    space = problem.space
+    profile = problem.profile
+    threads = o.threads
     known = [origin_sentence(base, profile.name)]
-    known += [demand_of(case.waypoints, case.robot, profile.name, case.reference) for case in problem.cases]
+    known += [
+        demand_of(case.waypoints, case.robot, profile.name, case.reference)
+        for case in problem.cases
+    ]
     notes = [sentence for sentence in known if sentence is not None]
-    point, cost, before = search.best, search.cost, problem.cost_of(base, threads)
+    point = search.best
+    cost = search.cost
+    before = problem.cost_of(base, threads)
     kept = problem.gains(point)
     if not o.from_scratch:
         least = problem.cost_of(base, threads, guarded=True)
         if least <= cost:
-            notes.append(f"No candidate costs less than {base.name}, with which the search began: those gains are kept.")
-            kept, cost, point = base, least, space.points([base.values[name] for name in space.names])
+            notes.append(
+                f"No candidate costs less than {base.name}, with which the search began: those gains are kept."
+            )
+            kept = base
+            cost = least
+            point = space.points([base.values[name] for name in space.names])
         elif math.isinf(least) and math.isfinite(before):
-            notes.append(f"{base.name}, with which the search began, fails the stability guard, so it had to be left.")
+            notes.append(
+                f"{base.name}, with which the search began, fails the stability guard, so it had to be left."
+            )
     notes += bound_sentences(space, point)
     shipped = shipped_gains(base.controller, profile.name)
     sets = {"tuned": kept, "baseline": base}
@@ -209,7 +285,11 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
         tables=(),
         document={"seed": o.seed, "source": source},
         draw=_draw,
-        options={**asdict(problem.cost), **o.chosen(search.jde.settings), "noise_seed": problem.cost.seed},
+        options={
+            **asdict(problem.cost),
+            **o.chosen(search.jde.settings),
+            "noise_seed": problem.cost.seed,
+        },
         **ending(search),
         course=search,
         cost=cost,
@@ -223,8 +303,14 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
         train={case.label: problem.rated(case, sets, threads) for case in problem.cases},
         held_out={case.label: problem.rated(case, sets, threads) for case in held_out},
     )
-    whole = replace(bare, document=_document(bare), gain_set=_with_provenance(bare, o.name or f"{base.controller}-tuned"))
-    return replace(whole, tables=_tables(whole), sentences=[*_sentences(whole), *map(one_line, notes)])
+    whole = replace(
+        bare,
+        document=_document(bare),
+        gain_set=_with_provenance(bare, o.name or f"{base.controller}-tuned"),
+    )
+    return replace(
+        whole, tables=_tables(whole), sentences=[*_sentences(whole), *map(one_line, notes)]
+    )
 
 
 def _draw(t: Tuned) -> Figure:
@@ -236,7 +322,9 @@ def _document(t: Tuned) -> dict[str, Any]:
 
     def runs(cases: Mapping[str, Mapping[str, RatedRun]]) -> dict[str, Any]:
         return {
-            label: {name: {**r.metrics, "cost": r.cost, "lost": r.run.lost} for name, r in rated.items()}
+            label: {
+                name: {**r.metrics, "cost": r.cost, "lost": r.run.lost} for name, r in rated.items()
+            }
             for label, rated in cases.items()
         }
 
@@ -259,26 +347,54 @@ def _document(t: Tuned) -> dict[str, Any]:
 
 
 def _with_provenance(t: Tuned, name: str) -> GainSet:
-    searched, document = [p.name for p in t.parameters], _document(t)
+    searched = [p.name for p in t.parameters]
+    document = _document(t)
     rated = {label: runs["tuned"] for label, runs in (*t.train.items(), *t.held_out.items())}
-    kept = ("profile", "robot", "cost_name", "cost", "baseline", "baseline_cost", "seed", "evaluations", "generations")
+    kept = (
+        "profile",
+        "robot",
+        "cost_name",
+        "cost",
+        "baseline",
+        "baseline_cost",
+        "seed",
+        "evaluations",
+        "generations",
+    )
     provenance = {
         "tuned_on": list(t.train),
         "searched": searched,
         "by_hand": [name for name in t.gains if name not in searched],
-        **{key: document[key] for key in kept if key != "baseline_cost" or math.isfinite(t.baseline_cost)},
+        **{
+            key: document[key]
+            for key in kept
+            if key != "baseline_cost" or math.isfinite(t.baseline_cost)
+        },
         "status": t.status,
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "options": {key: value for key, value in t.options.items() if value is not None},
         "versions": dict(t.versions),
-        "followed": {k: {"d_rms_m": r.metrics["d_rms_m"], "cost": r.cost} for k, r in rated.items() if not r.run.lost},
+        "followed": {
+            k: {"d_rms_m": r.metrics["d_rms_m"], "cost": r.cost}
+            for k, r in rated.items()
+            if not r.run.lost
+        },
     }
-    return GainSet(t.gain_set.controller, name, t.gains, provenance, f"tuned by validation.tune on {', '.join(t.train)}")
+    return GainSet(
+        t.gain_set.controller,
+        name,
+        t.gains,
+        provenance,
+        f"tuned by validation.tune on {', '.join(t.train)}",
+    )
 
 
 def _tables(t: Tuned) -> list[Table]:
-    base, searched = one_line(t.problem.base.name), [p.name for p in t.parameters]
-    held = " · ".join(f"{name} {value:.4g}" for name, value in t.gains.items() if name not in searched)
+    base = one_line(t.problem.base.name)
+    searched = [p.name for p in t.parameters]
+    held = " · ".join(
+        f"{name} {value:.4g}" for name, value in t.gains.items() if name not in searched
+    )
     rows: list[Row] = []
     for lead, cases in (("", t.train), ("held out: ", t.held_out)):
         for label, runs in cases.items():
@@ -294,15 +410,24 @@ def _tables(t: Tuned) -> list[Table]:
 
 def _sentences(t: Tuned) -> list[str]:
     """Return what should not be overlooked in the tables, sentence by sentence."""
-    out, worse = list[str](), list[str]()
+    out = list[str]()
+    worse = list[str]()
     for label, runs in (*t.train.items(), *t.held_out.items()):
-        out += [f"The {name} gains lose {label}: {lost_text(r.run)}." for name, r in runs.items() if r.run.lost]
+        out += [
+            f"The {name} gains lose {label}: {lost_text(r.run)}."
+            for name, r in runs.items()
+            if r.run.lost
+        ]
         if label in t.held_out and runs["tuned"].cost > _WORSE * runs["baseline"].cost:
             worse.append(label)
     if worse:
-        out.append(f"Compared with {t.problem.base.name} these gains are worse on other references: {', '.join(worse)}.")
+        out.append(
+            f"Compared with {t.problem.base.name} these gains are worse on other references: {', '.join(worse)}."
+        )
     if t.shipped is not None and t.shipped_cost < t.cost:
-        out.append(f"The shipped gains {t.shipped.name} cost less on what these were tuned on: {t.shipped_cost:.4g}.")
+        out.append(
+            f"The shipped gains {t.shipped.name} cost less on what these were tuned on: {t.shipped_cost:.4g}."
+        )
     return list(map(one_line, out))
 
 

@@ -1,8 +1,9 @@
 """Learn to follow paths from nothing, in minutes on two cores: `python docs/examples/learn_to_track.py [FOLDER]`.
 
-An evolution strategy in numpy moves the weights of a linear policy. It is trained on robots, starts and winding paths that
-are drawn anew in each generation, and judged beside the shipped controllers on references that it has never seen, in the
-physics of all other programs. The folder gets `policy.json` and `learning.png`.
+An evolution strategy in numpy moves the weights of a linear policy. It is trained on robots, starts
+and winding paths that are drawn anew in each generation, and judged beside the shipped controllers
+on references that it has never seen, in the physics of all other programs. The folder gets
+`policy.json` and `learning.png`.
 """
 
 from __future__ import annotations
@@ -36,8 +37,10 @@ ROBOTS = 64
 """Episodes of a generation: 32 pairs of opposite changes of the weights."""
 SECONDS = 8.0
 """Length of a training episode [s]."""
-NOISE, RATE = 0.05, 0.03
-"""Standard deviation of the changes that are tried, and length of a step, both in units of the scaled weights."""
+NOISE = 0.05
+RATE = 0.03
+"""Standard deviation of the changes that are tried, and length of a step, both in units of the
+scaled weights."""
 HELD_OUT = ("eight@0.5", "slalom@0.5", "square@0.5", "u-turn@0.5", "sine@0.5", "circle@0.5")
 TASK = TrackTask("thesis-lab", seconds=SECONDS)
 RULES = ("pid", "lqr", "mpc")
@@ -50,11 +53,15 @@ class Policy:
         """Choose the numbers of an observation with `past` commands, and their scales."""
         targets = 2 + 5 * np.arange(len(AHEAD_TICKS))
         commands = 2 + 5 * len(AHEAD_TICKS) + 2 * np.arange(past)
-        self.even = np.concatenate([[0], targets, targets + 3, commands])  # speeds, and distances ahead
-        self.odd = np.concatenate([[1], targets + 1, targets + 2, targets + 4, commands + 1])  # what has a left and a right
+        # speeds, and distances ahead
+        self.even = np.concatenate([[0], targets, targets + 3, commands])
+        # what has a left and a right
+        self.odd = np.concatenate([[1], targets + 1, targets + 2, targets + 4, commands + 1])
         scale = np.full(2 + 5 * len(AHEAD_TICKS) + 2 * past, 0.5)
-        scale[targets], scale[targets + 1] = 0.2, 0.2
-        self._even_scale, self._odd_scale = 0.5 / scale[self.even], 0.5 / scale[self.odd]
+        scale[targets] = 0.2
+        scale[targets + 1] = 0.2
+        self._even_scale = 0.5 / scale[self.even]
+        self._odd_scale = 0.5 / scale[self.odd]
 
     @property
     def size(self) -> int:
@@ -68,12 +75,16 @@ class Policy:
         return np.stack([v, w], axis=-1)
 
 
-def episode_rewards(batch: TrackBatch, act: Any, seeds: FloatArray) -> tuple[FloatArray, FloatArray]:
+def episode_rewards(
+    batch: TrackBatch, act: Any, seeds: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return (S,) mean reward of one episode a robot, and its mean distance to the target, lost time counting as 1.1 m."""
     for row, seed in enumerate(seeds):
         batch.seed(row, int(seed))
-    seen, alive = batch.reset(), np.ones(len(batch), dtype=bool)
-    rewards, away = np.zeros(len(batch)), np.zeros(len(batch))
+    seen = batch.reset()
+    alive = np.ones(len(batch), dtype=bool)
+    rewards = np.zeros(len(batch))
+    away = np.zeros(len(batch))
     for _ in range(batch.source.most_ticks):
         now = batch.step(act(seen))
         seen = now.observations
@@ -83,23 +94,36 @@ def episode_rewards(batch: TrackBatch, act: Any, seeds: FloatArray) -> tuple[Flo
     return rewards / batch.source.most_ticks, away / batch.source.most_ticks
 
 
-def learn(generations: int, seed: int = 0, every: int = 10) -> tuple[Policy, FloatArray, list[dict[str, float]]]:
+def learn(
+    generations: int, seed: int = 0, every: int = 10
+) -> tuple[Policy, FloatArray, list[dict[str, float]]]:
     """Return the policy, its weights, and what was reached every few generations on 64 episodes that no training saw."""
     batch = TrackBatch(TASK, ROBOTS)
-    policy, rng = Policy(batch.source.past), np.random.default_rng(seed)
-    weights, drift, size = np.zeros(policy.size), np.zeros(policy.size), np.zeros(policy.size)
-    fresh, history, began = 10**6 + np.arange(ROBOTS), list[dict[str, float]](), time.process_time()
+    policy = Policy(batch.source.past)
+    rng = np.random.default_rng(seed)
+    weights = np.zeros(policy.size)
+    drift = np.zeros(policy.size)
+    size = np.zeros(policy.size)
+    fresh = 10**6 + np.arange(ROBOTS)
+    history = list[dict[str, float]]()
+    began = time.process_time()
     for generation in range(generations + 1):
         if generation % every == 0:
             seconds = time.process_time() - began
-            reward, away = (float(x.mean()) for x in episode_rewards(batch, partial(policy, weights), fresh))
-            history.append({"generation": generation, "reward": reward, "away_m": away, "processor_s": seconds})
+            reward, away = (
+                float(x.mean()) for x in episode_rewards(batch, partial(policy, weights), fresh)
+            )
+            history.append(
+                {"generation": generation, "reward": reward, "away_m": away, "processor_s": seconds}
+            )
             print(
-                f"generation {generation:4d}: reward {reward:.3f}, {1e3 * away:5.0f} mm away, {seconds:4.0f} s", flush=True
+                f"generation {generation:4d}: reward {reward:.3f}, {1e3 * away:5.0f} mm away, {seconds:4.0f} s",
+                flush=True,
             )
         changes = rng.standard_normal((ROBOTS // 2, policy.size))
         candidates = weights + NOISE * np.concatenate([changes, -changes])
-        seeds = np.tile(rng.integers(10**6, size=ROBOTS // 2), 2)  # both of a pair have the same episode
+        # both of a pair have the same episode
+        seeds = np.tile(rng.integers(10**6, size=ROBOTS // 2), 2)
         measured, _ = episode_rewards(batch, partial(policy, candidates), seeds)
         gain = measured[: ROBOTS // 2] - measured[ROBOTS // 2 :]
         slope = gain @ changes / (np.abs(gain).mean() + 1e-9) / len(changes)
@@ -115,7 +139,9 @@ class Learnt:
 
     def __init__(self, mission: Mission, policy: Policy, weights: FloatArray, past: int) -> None:
         """Take over a mission."""
-        self._mission, self._policy, self._weights = mission, policy, weights
+        self._mission = mission
+        self._policy = policy
+        self._weights = weights
         self._sent = np.zeros((past, 2))
         self._seen = np.empty(2 + 5 * len(AHEAD_TICKS) + 2 * past)
 
@@ -125,7 +151,8 @@ class Learnt:
         write_view(now.seen, ahead, self._sent, self._seen)
         drive = self._mission.drive
         command = np.clip(
-            self._policy(self._weights, self._seen[None])[0], *([-drive.v_max, -drive.w_max], [drive.v_max, drive.w_max])
+            self._policy(self._weights, self._seen[None])[0],
+            *([-drive.v_max, -drive.w_max], [drive.v_max, drive.w_max]),
         )
         self._sent = np.vstack([self._sent[1:], command])
         return float(command[0]), float(command[1])
@@ -141,9 +168,12 @@ def pid_reward(episodes: int = ROBOTS) -> tuple[float, float]:
     def act(seen: FloatArray) -> FloatArray:
         commands = np.empty((episodes, 2))
         for i, row in enumerate(seen):
-            robot, aim = Observation(0.0, 0.0, 0.0, row[0], row[1]), Target(0.0, 0.0, 0.0, row[5], row[6], 0)
+            robot = Observation(0.0, 0.0, 0.0, row[0], row[1])
+            aim = Target(0.0, 0.0, 0.0, row[5], row[6], 0)
             alpha = row[4] if np.hypot(row[2], row[3]) <= ALPHA_SWITCH else 0.0
-            memories[i] = pid.position_step(memories[i], Errors(row[2], row[3], alpha), aim, robot, VELOCITY_PERIOD)
+            memories[i] = pid.position_step(
+                memories[i], Errors(row[2], row[3], alpha), aim, robot, VELOCITY_PERIOD
+            )
             memories[i], commands[i] = pid.velocity_step(memories[i], robot, VELOCITY_PERIOD)
         return commands
 
@@ -155,39 +185,66 @@ def judge(
     policy: Policy, weights: FloatArray, references: tuple[str, ...] = HELD_OUT, seeds: int = 2
 ) -> dict[str, dict[str, Any]]:
     """Return the metrics of the shipped controllers and of the policy on MuJoCo, by reference and controller."""
-    profile, past = load_profile("thesis-lab"), (policy.size - 2 - 5 * len(AHEAD_TICKS)) // 2
+    profile = load_profile("thesis-lab")
+    past = (policy.size - 2 - 5 * len(AHEAD_TICKS)) // 2
     robot = make_robot(profile, "mujoco")
     laws: dict[str, Any] = {name: make_controller(profile, load_gains(name)) for name in RULES}
     mpc = laws["mpc"]
-    laws["learnt"] = PythonController("learnt", lambda m: Learnt(m, policy, weights, past), mpc.a, mpc.b, mpc.drive)
+    laws["learnt"] = PythonController(
+        "learnt", lambda m: Learnt(m, policy, weights, past), mpc.a, mpc.b, mpc.drive
+    )
     entries: dict[str, dict[str, Any]] = {}
     for reference in references:
         label, waypoints = open_reference(reference)
         entries[label] = {}
         for name, law in laws.items():
-            runs = run_robots([robot] * seeds, [law] * seeds, [LoopSettings()] * seeds, waypoints, range(seeds))
+            runs = run_robots(
+                [robot] * seeds, [law] * seeds, [LoopSettings()] * seeds, waypoints, range(seeds)
+            )
             rated = [track_metrics(run, waypoints, robot.limits) for run in runs]
             entries[label][name] = {
-                key: float(np.mean([r[key] for r in rated])) for key in ("sync_rms_m", "d_rms_m", "command_jerk")
+                key: float(np.mean([r[key] for r in rated]))
+                for key in ("sync_rms_m", "d_rms_m", "command_jerk")
             } | {"lost": any(run.lost for run in runs)}
     return entries
 
 
-def draw(history: list[dict[str, float]], pid: tuple[float, float], measured: dict[str, dict[str, Any]], path: Path) -> None:
+def draw(
+    history: list[dict[str, float]],
+    pid: tuple[float, float],
+    measured: dict[str, dict[str, Any]],
+    path: Path,
+) -> None:
     """Draw the curve, and the errors on the references that no training saw."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.5, 4.0), layout="constrained")
-    left.plot([h["generation"] for h in history], [h["reward"] for h in history], color="#0072b2", label="learnt policy")
+    left.plot(
+        [h["generation"] for h in history],
+        [h["reward"] for h in history],
+        color="#0072b2",
+        label="learnt policy",
+    )
     left.axhline(pid[0], color="#d55e00", linestyle="--", label="PID, published gains")
     left.set(
-        xlabel="generation of 64 episodes", ylabel="mean reward of 64 other episodes", ylim=(0.0, 1.0), title="Learning"
+        xlabel="generation of 64 episodes",
+        ylabel="mean reward of 64 other episodes",
+        ylim=(0.0, 1.0),
+        title="Learning",
     )
     left.legend(loc="lower right")
-    names, width = [*RULES, "learnt"], 0.2
-    for k, (name, colour) in enumerate(zip(names, ("#d55e00", "#009e73", "#cc79a7", "#0072b2"), strict=True)):
+    names = [*RULES, "learnt"]
+    width = 0.2
+    for k, (name, colour) in enumerate(
+        zip(names, ("#d55e00", "#009e73", "#cc79a7", "#0072b2"), strict=True)
+    ):
         heights = [1e3 * of[name]["sync_rms_m"] for of in measured.values()]
-        right.bar(np.arange(len(measured)) + (k - 1.5) * width, heights, width, color=colour, label=name)
+        right.bar(
+            np.arange(len(measured)) + (k - 1.5) * width, heights, width, color=colour, label=name
+        )
     right.set_xticks(range(len(measured)), list(measured))
-    right.set(ylabel="RMS distance to the moving target [mm]", title="References at 0.5 m/s that no training saw")
+    right.set(
+        ylabel="RMS distance to the moving target [mm]",
+        title="References at 0.5 m/s that no training saw",
+    )
     right.set_ylim(0.0, 1.25 * right.get_ylim()[1])
     right.legend(ncols=len(names), loc="upper center")
     figure.savefig(path, dpi=120)
@@ -197,7 +254,8 @@ def draw(history: list[dict[str, float]], pid: tuple[float, float], measured: di
 def main(folder: Path, generations: int = 60) -> dict[str, Any]:
     """Learn, judge, write; return what was found."""
     policy, weights, history = learn(generations)
-    pid, measured = pid_reward(), judge(policy, weights)
+    pid = pid_reward()
+    measured = judge(policy, weights)
     folder.mkdir(parents=True, exist_ok=True)
     out = {"weights": weights.tolist(), "history": history, "pid": pid, "held_out": measured}
     (folder / "policy.json").write_text(json.dumps(out, indent=1), encoding="utf-8")
@@ -206,7 +264,10 @@ def main(folder: Path, generations: int = 60) -> dict[str, Any]:
     for reference, of in measured.items():
         print(
             reference,
-            *(f"{name} {1e3 * m['sync_rms_m']:.0f} mm{' LOST' if m['lost'] else ''}" for name, m in of.items()),
+            *(
+                f"{name} {1e3 * m['sync_rms_m']:.0f} mm{' LOST' if m['lost'] else ''}"
+                for name, m in of.items()
+            ),
             sep="  ",
         )
     return out

@@ -23,7 +23,9 @@ class CoulombParameters:
     """Rolling resistance coefficient [1] (printed in m)."""
     mu_c: float = parameter(0.0254, unit="1", low=0.0, high=5.0, search=(0.0, 0.2))
     """Lateral Coulomb friction coefficient [1]."""
-    gain: float = parameter(56.75, unit="N m s/rad", low=0.0, high=1e6, search=(0.085, 4.2), scale="log", of="gain")
+    gain: float = parameter(
+        56.75, unit="N m s/rad", low=0.0, high=1e6, search=(0.085, 4.2), scale="log", of="gain"
+    )
     """K_P of the wheel torque loop, a side [N m s/rad]."""
 
     def __post_init__(self) -> None:
@@ -42,19 +44,23 @@ class CoulombConstants(NamedTuple):
 def constants(body: Any, parameters: Any, dt: float) -> CoulombConstants:
     """Return the numbers of a law with this friction: a wheel resists with mu N sgn(v) (Eq. 2.18), by Eq. 2.17 and 2.19.
 
-    An axle slides sideways with (b - x_ICR) omega or -(a + x_ICR) omega (Eq. 2.7, 2.10), and S^T R has the moment of its
-    force about the centre of rotation, so its lever is also its share of the speed: the moments add up, whatever the signs.
+    An axle slides sideways with (b - x_ICR) omega or -(a + x_ICR) omega (Eq. 2.7, 2.10), and S^T R
+    has the moment of its force about the centre of rotation, so its lever is also its share of the
+    speed: the moments add up, whatever the signs.
     """
     rolling = parameters.u_x * (body.load_front + body.load_rear)
-    front, rear = abs(body.b - body.x_icr) * body.load_front, abs(body.a + body.x_icr) * body.load_rear
+    front = abs(body.b - body.x_icr) * body.load_front
+    rear = abs(body.a + body.x_icr) * body.load_rear
     return CoulombConstants(rolling, 2.0 * parameters.mu_c * (front + rear), body.mass * body.x_icr)
 
 
 @jit
 def resistance(v: float, w: float, robot: PlanarRobot) -> tuple[float, float]:
     """Return resisting force [N] and moment [N m] in velocity space: S^T R = (R_x, M_r - x_ICR F_y) (Eq. 2.18-2.28)."""
-    c, k = robot.vehicle.half_track, robot.constants
-    left, right = k.rolling * sign(v - c * w), k.rolling * sign(v + c * w)  # wheels 1 and 4, 2 and 3
+    c = robot.vehicle.half_track
+    k = robot.constants
+    # wheels 1 and 4, 2 and 3
+    left, right = k.rolling * sign(v - c * w), k.rolling * sign(v + c * w)
     return left + right, k.skidding * sign(w) + c * (right - left)
 
 
@@ -64,7 +70,8 @@ def accelerations(
 ) -> tuple[float, float, Sides]:
     """Return dv/dt [m/s2], d(omega)/dt [rad/s2] and the torques of both sides [N m] (Eq. 2.27).
 
-    M = diag(m, I + m x_ICR^2), C eta = m x_ICR omega (omega, -v), E tau = (tau_L + tau_R, c (tau_R - tau_L)) / r.
+    M = diag(m, I + m x_ICR^2), C eta = m x_ICR omega (omega, -v), E tau = (tau_L + tau_R, c (tau_R
+    - tau_L)) / r.
     """
     vehicle = robot.vehicle
     aside = robot.constants.aside * w
@@ -78,16 +85,24 @@ def accelerations(
 
 
 @jit
-def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def advance(
+    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+) -> Advanced:
     """Advance the velocities by one step of Heun's method, with the signs of friction as they are at the start of the step.
 
-    Nothing stops the sign from flipping at every step near rest: the numerical artefact of Fig. 3.33 belongs to the model.
+    Nothing stops the sign from flipping at every step near rest: the numerical artefact of Fig.
+    3.33 belongs to the model.
     """
     resist = resistance(v, w, robot)
     dv, dw, torque = accelerations(v, w, wheels, resist, robot)
     dw += disturbance
     dv2, dw2, _ = accelerations(v + dt * dv, w + dt * dw, wheels, resist, robot)
-    return Advanced(v + 0.5 * dt * (dv + dv2), w + 0.5 * dt * (dw + dw2 + disturbance), torque.left, torque.right)
+    return Advanced(
+        v + 0.5 * dt * (dv + dv2),
+        w + 0.5 * dt * (dw + dw2 + disturbance),
+        torque.left,
+        torque.right,
+    )
 
 
 LAW = PlanarLaw(
@@ -96,6 +111,13 @@ LAW = PlanarLaw(
     advance,
     lambda vehicle, parameters: vehicle.x_icr,
     constants,
-    vehicle=("mass", "yaw_inertia", "wheel_radius", "radius_difference", "effective_half_track", "x_icr"),
+    vehicle=(
+        "mass",
+        "yaw_inertia",
+        "wheel_radius",
+        "radius_difference",
+        "effective_half_track",
+        "x_icr",
+    ),
     colour="#d55e00",
 )

@@ -1,8 +1,9 @@
 """A planar body on four tyres with slip: the rung between the planar models, which know no slip, and MuJoCo.
 
-The body has three velocities, each wheel its own rate and a tyre (`ssmr.models.friction`), each motor the loop of every
-plant (`ssmr.robot.drive`). Wheel loads follow the forces of the ground, as a rigid body on four equal springs has them, with
-a short lag that stands for the tyres' own give; their sum is always the weight. docs/four_wheel.md derives the equations.
+The body has three velocities, each wheel its own rate and a tyre (`ssmr.models.friction`), each
+motor the loop of every plant (`ssmr.robot.drive`). Wheel loads follow the forces of the ground, as
+a rigid body on four equal springs has them, with a short lag that stands for the tyres' own give;
+their sum is always the weight. docs/four_wheel.md derives the equations.
 
 Wheels in order front left, front right, rear left, rear right.
 """
@@ -33,9 +34,11 @@ from ssmr.types import FloatArray
 
 _GRAVITY = Vehicle().gravity  # [m/s2]
 STIFFEST = 1.0
-"""Greatest h^2 w^2 + 2 h d w^2 of a step h, for a stiffest motion of frequency w and damping time d [1]: stable below 4."""
+"""Greatest h^2 w^2 + 2 h d w^2 of a step h, for a stiffest motion of frequency w and damping time d
+[1]: stable below 4."""
 MOST_STEPS_A_SECOND = 1e6
-"""Most inner steps in a second that are worth their time [1/s]; a Husky on the default tyres needs 95."""
+"""Most inner steps in a second that are worth their time [1/s]; a Husky on the default tyres needs
+95."""
 _Link = Literal["belt", "none"]
 
 
@@ -43,49 +46,86 @@ _Link = Literal["belt", "none"]
 class FourWheelParameters:
     """The numbers of a robot on four tyres; what drives it is a `ssmr.Drive`, as for every plant.
 
-    Those without a default are the robot's own: `validation.plants.four_wheel` takes them from its file.
+    Those without a default are the robot's own: `validation.plants.four_wheel` takes them from its
+    file.
     """
 
     mass: float = parameter(unit="kg", low=0.1, high=1e5, search=(0.68, 1.64), of="mass")
     """Total mass m [kg]."""
-    yaw_inertia: float = parameter(unit="kg m2", low=0.0, high=1e6, open_low=True, search=(0.73, 1.2), of="yaw_inertia")
-    """Moment of inertia I of the whole robot about the vertical through its centre of mass [kg m2]."""
+    yaw_inertia: float = parameter(
+        unit="kg m2", low=0.0, high=1e6, open_low=True, search=(0.73, 1.2), of="yaw_inertia"
+    )
+    """Moment of inertia I of the whole robot about the vertical through its centre of mass [kg
+    m2]."""
     wheelbase: float = parameter(unit="m", low=0.01, high=20.0)
     """Distance of the axles [m]."""
     half_track: float = parameter(unit="m", low=0.005, high=10.0)
     """Half the distance between left and right wheels [m]."""
-    wheel_radius: float = parameter(unit="m", low=0.005, high=5.0, search=(0.85, 1.09), of="wheel_radius")
+    wheel_radius: float = parameter(
+        unit="m", low=0.005, high=5.0, search=(0.85, 1.09), of="wheel_radius"
+    )
     """Effective rolling radius r [m]."""
-    com_x: float = parameter(unit="m", low=-10.0, high=10.0, search=(-0.59, 0.59), of="half_wheelbase")
+    com_x: float = parameter(
+        unit="m", low=-10.0, high=10.0, search=(-0.59, 0.59), of="half_wheelbase"
+    )
     """Centre of mass of the whole robot ahead of the middle between the axles [m]."""
     com_y: float = parameter(unit="m", low=-10.0, high=10.0, search=(-0.53, 0.53), of="half_track")
     """Centre of mass of the whole robot to the left of that middle [m]."""
-    com_height: float = parameter(unit="m", low=0.0, high=20.0, search=(0.5, 2.8), of="wheel_radius")
+    com_height: float = parameter(
+        unit="m", low=0.0, high=20.0, search=(0.5, 2.8), of="wheel_radius"
+    )
     """Height of the centre of mass above the ground [m]."""
-    gain: float = parameter(unit="N m s/rad", low=0.0, high=1e10, open_low=True, search=(0.25, 25.0), scale="log", of="gain")
+    gain: float = parameter(
+        unit="N m s/rad",
+        low=0.0,
+        high=1e10,
+        open_low=True,
+        search=(0.25, 25.0),
+        scale="log",
+        of="gain",
+    )
     """K_P of a side's velocity servo [N m s/rad]."""
     armature: float = parameter(
-        unit="kg m2", low=0.0, high=1e7, open_low=True, search=(0.17, 6.7), scale="log", of="rotor_inertia"
+        unit="kg m2",
+        low=0.0,
+        high=1e7,
+        open_low=True,
+        search=(0.17, 6.7),
+        scale="log",
+        of="rotor_inertia",
     )
     """Rotor inertia of a wheel through the gearbox [kg m2]."""
     wheel_inertia: float = parameter(unit="kg m2", low=0.0, high=1e6)
-    """Moment of inertia of a wheel about its axle [kg m2]; it loads the axles when it spins up, a rotor does not."""
+    """Moment of inertia of a wheel about its axle [kg m2]; it loads the axles when it spins up, a
+    rotor does not."""
     link: _Link = "belt"
-    """Link between the wheels of a side: `belt`, they turn together; `none`, each has its own motor of half the strength."""
+    """Link between the wheels of a side: `belt`, they turn together; `none`, each has its own motor
+    of half the strength."""
     friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True, search=(0.02, 1.2))
     """Friction of tyre on ground, mu [1]."""
-    stiffness_x: float = parameter(7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log")
+    stiffness_x: float = parameter(
+        7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log"
+    )
     """Slip stiffness along the wheel, C_x: force over load and slip at little slip [1]."""
-    stiffness_y: float = parameter(7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log")
+    stiffness_y: float = parameter(
+        7.0, unit="1", low=0.1, high=1e4, search=(2.0, 60.0), scale="log"
+    )
     """Slip stiffness across the wheel, C_y [1]."""
-    relaxation: float = parameter(0.5, unit="1", low=0.01, high=100.0, search=(0.1, 3.0), scale="log")
+    relaxation: float = parameter(
+        0.5, unit="1", low=0.01, high=100.0, search=(0.1, 3.0), scale="log"
+    )
     """Way that a tyre rolls until its force has built up, over the wheel radius [1]."""
     tyre_damping: float = parameter(0.05, unit="1", low=0.0, high=10.0)
-    """Time by which the force of a standing tyre leads its bend, over sqrt(wheel radius / g) [1]."""
+    """Time by which the force of a standing tyre leads its bend, over sqrt(wheel radius / g)
+    [1]."""
     load_lag: float = parameter(0.15, unit="1", low=0.0, high=100.0)
-    """Time constant with which wheel loads follow the forces of the ground, over sqrt(wheel radius / g) [1]."""
-    radius_difference: float = parameter(0.0, unit="m", low=-0.5, high=0.5, search=(-0.073, 0.073), of="wheel_radius")
-    """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped alike."""
+    """Time constant with which wheel loads follow the forces of the ground, over sqrt(wheel radius
+    / g) [1]."""
+    radius_difference: float = parameter(
+        0.0, unit="m", low=-0.5, high=0.5, search=(-0.073, 0.073), of="wheel_radius"
+    )
+    """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped
+    alike."""
     strength_difference: float = parameter(0.0, unit="1", low=-1.0, high=1.0, search=(-0.5, 0.5))
     """Torque of the left motor less that of the right, over their mean, at equal demand [1]."""
     rolling_resistance: float = parameter(0.0, unit="1", low=0.0, high=1.0, search=(0.0, 0.3))
@@ -96,9 +136,13 @@ class FourWheelParameters:
         check_parameters(self)
         require_in_range(self, "radius_difference", -self.wheel_radius, self.wheel_radius)
         if self.link not in get_args(_Link):
-            raise ParameterError(f"unknown link '{self.link}'; there are: {', '.join(get_args(_Link))}")
+            raise ParameterError(
+                f"unknown link '{self.link}'; there are: {', '.join(get_args(_Link))}"
+            )
         if abs(self.com_x) / (0.5 * self.wheelbase) + abs(self.com_y) / self.half_track >= 1.0:
-            raise ParameterError(f"com_x {self.com_x:g} m and com_y {self.com_y:g} m leave a wheel without load")
+            raise ParameterError(
+                f"com_x {self.com_x:g} m and com_y {self.com_y:g} m leave a wheel without load"
+            )
         if not _stiffness(self) <= MOST_STEPS_A_SECOND:
             raise ParameterError(
                 "tyres are too stiff for so light a body or wheels: they swing too fast for any step that is worth its time"
@@ -124,7 +168,8 @@ class FourWheels(NamedTuple):
     braking: float  # likewise [N m s/rad]
     integral_gain: float  # likewise [N m/rad]
     leaked: float  # change of the integral part in an inner step, over the part itself [1]
-    gained: float  # change of a wheel's integral part in an inner step, over the rate error [N m s/rad]
+    # change of a wheel's integral part in an inner step, over the rate error [N m s/rad]
+    gained: float
     gear_loss: float  # of one wheel [N m]
     spin_inertia: float  # of wheel and rotor [kg m2]
     wheel_inertia: float  # of the wheel alone [kg m2]
@@ -147,18 +192,26 @@ TEMPLATE = FourWheels(*(0.0,) * 28, 1, True, False)
 
 def _stiffness(p: FourWheelParameters) -> float:
     """Return the least number of steps in a second [1/s]: h^2 w^2 + 2 h d w^2 = `STIFFEST` for the stiffest motion."""
-    spin, damping = p.armature + p.wheel_inertia, p.tyre_damping * math.sqrt(p.wheel_radius / _GRAVITY)
+    spin = p.armature + p.wheel_inertia
+    damping = p.tyre_damping * math.sqrt(p.wheel_radius / _GRAVITY)
     lever = (0.5 * p.wheelbase) ** 2 + p.half_track**2
     lightness = 1.0 + p.mass * lever / p.yaw_inertia + 0.25 * p.mass * p.wheel_radius**2 / spin
-    square = max(p.stiffness_x, p.stiffness_y) * _GRAVITY / (p.relaxation * p.wheel_radius) * lightness  # w^2 [1/s2]
-    return (damping * square + math.sqrt(damping * damping * square * square + STIFFEST * square)) / STIFFEST
+    square = (
+        max(p.stiffness_x, p.stiffness_y) * _GRAVITY / (p.relaxation * p.wheel_radius) * lightness
+    )
+    return (
+        damping * square + math.sqrt(damping * damping * square * square + STIFFEST * square)
+    ) / STIFFEST
 
 
-def four_wheels(p: FourWheelParameters, drive: Drive, dt: float, *, given: bool = False) -> FourWheels:
+def four_wheels(
+    p: FourWheelParameters, drive: Drive, dt: float, *, given: bool = False
+) -> FourWheels:
     """Return the numbers for physics steps `dt` [s], which are divided where the tyres are too stiff for them."""
     inner = max(1, math.ceil(dt * _stiffness(p)))
     unit = math.sqrt(p.wheel_radius / _GRAVITY)  # of time
-    motor, lag = motor_numbers(drive, dt / inner), p.load_lag * unit
+    motor = motor_numbers(drive, dt / inner)
+    lag = p.load_lag * unit
     return FourWheels(
         p.mass, p.yaw_inertia, p.com_x, p.com_y, p.com_height, 0.5 * p.wheelbase, p.half_track,
         p.wheel_radius + 0.5 * p.radius_difference, p.wheel_radius - 0.5 * p.radius_difference,
@@ -175,8 +228,8 @@ class Body(NamedTuple):
     """The state of a robot on four tyres, as views of one row of numbers that compiled functions change in place."""
 
     motion: FloatArray
-    """(6,) x, y [m], yaw [rad] of the middle between the axles; forward and leftward speed of the centre of mass [m/s], yaw
-    rate [rad/s]."""
+    """(6,) x, y [m], yaw [rad] of the middle between the axles; forward and leftward speed of the
+    centre of mass [m/s], yaw rate [rad/s]."""
     spin: FloatArray  # (4,) wheel rates [rad/s]
     integral: FloatArray  # (4,) integral parts of the motors' torques [N m]
     torque: FloatArray  # (4,) torques of the motors in the last step, each wheel's share [N m]
@@ -184,7 +237,8 @@ class Body(NamedTuple):
     slip_y: FloatArray  # (4,) bends across the wheel [1]
     load: FloatArray  # (4,) wheel loads in the last step [N]
     shift: FloatArray
-    """(2,) load that has moved to the front and to the left, over the weight [1]; 1 where the others carry nothing."""
+    """(2,) load that has moved to the front and to the left, over the weight [1]; 1 where the
+    others carry nothing."""
     force_x: FloatArray  # (4,) forces of the ground along the wheels in the last step [N]
     force_y: FloatArray  # (4,) forces of the ground across the wheels [N]
     turn: FloatArray  # (1,) yaw acceleration in the last step [rad/s2]
@@ -206,7 +260,9 @@ def body_of(row: FloatArray) -> Body:
 @jit
 def tyre_of(robot: FourWheels) -> Tyre:
     """Return the numbers of a tyre; all four are alike."""
-    return Tyre(robot.friction, robot.stiffness_x, robot.stiffness_y, robot.relaxation, robot.damping)
+    return Tyre(
+        robot.friction, robot.stiffness_x, robot.stiffness_y, robot.relaxation, robot.damping
+    )
 
 
 @jit
@@ -221,14 +277,20 @@ def sliding_velocity(motion: FloatArray, rolling: float, i: int, robot: FourWhee
 def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
     """Put the robot into a state, (8,) as `ssmr.State` has it, with loads as at rest and tyres bent as in steady rolling."""
     tyre, (w, w_l, w_r) = tyre_of(robot), (start[5], start[6], start[7])
-    body.motion[0], body.motion[1], body.motion[2] = start[0], start[1], start[2]
-    body.motion[3], body.motion[4], body.motion[5] = start[3] - w * robot.com_y, start[4] + w * robot.com_x, w
-    body.shift[0], body.shift[1] = robot.com_x / robot.half_base, robot.com_y / robot.half_track
+    body.motion[0] = start[0]
+    body.motion[1] = start[1]
+    body.motion[2] = start[2]
+    body.motion[3] = start[3] - w * robot.com_y
+    body.motion[4] = start[4] + w * robot.com_x
+    body.motion[5] = w
+    body.shift[0] = robot.com_x / robot.half_base
+    body.shift[1] = robot.com_y / robot.half_track
     for i in range(4):
         body.spin[i] = w_l if i % 2 == 0 else w_r
         rolling = body.spin[i] * (robot.radius_left if i % 2 == 0 else robot.radius_right)
         bent = steady_bend(sliding_velocity(body.motion, rolling, i, robot), rolling, tyre)
-        body.slip_x[i], body.slip_y[i] = bent.x, bent.y
+        body.slip_x[i] = bent.x
+        body.slip_y[i] = bent.y
         body.integral[i] = body.torque[i] = body.force_x[i] = body.force_y[i] = 0.0
     body.turn[0] = 0.0
     spread_load(body, robot)
@@ -238,28 +300,40 @@ def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
 def spread_load(body: Body, robot: FourWheels) -> None:
     """Spread the weight over the wheels as a rigid body on four equal springs does; a wheel that would hang, lifts.
 
-    Then the robot stands on three wheels: the lack goes to the opposite wheel and is taken off both neighbours, which
-    changes neither the sum nor the moments.
+    Then the robot stands on three wheels: the lack goes to the opposite wheel and is taken off both
+    neighbours, which changes neither the sum nor the moments.
     """
-    ahead, aside = saturate(body.shift[0], 1.0), saturate(body.shift[1], 1.0)
+    ahead = saturate(body.shift[0], 1.0)
+    aside = saturate(body.shift[1], 1.0)
     lack = max(abs(ahead) + abs(aside) - 1.0, 0.0) * sign(ahead) * sign(aside)
     for i in range(4):
-        front, left = (1.0 if i < 2 else -1.0), (1.0 if i % 2 == 0 else -1.0)
+        front = 1.0 if i < 2 else -1.0
+        left = 1.0 if i % 2 == 0 else -1.0
         share = 1.0 + front * ahead + left * aside + front * left * lack
-        body.load[i] = 0.25 * robot.mass * _GRAVITY * max(share, 0.0)  # what is below zero is rounding
+        # what is below zero is rounding
+        body.load[i] = 0.25 * robot.mass * _GRAVITY * max(share, 0.0)
 
 
 @jit
 def turn_wheel(
-    rate: float, integral: float, wanted: float, pull: float, dry: float, strength: float, robot: FourWheels
+    rate: float,
+    integral: float,
+    wanted: float,
+    pull: float,
+    dry: float,
+    strength: float,
+    robot: FourWheels,
 ) -> tuple[float, float]:
     """Return a wheel's rate after a step [rad/s] and the mean torque of its motor [N m].
 
-    The speed loop is stepped exactly for a load that is constant over the step. The motor has the `strength` of its nominal
-    one [1] and an `integral` part of its torque, before `strength` [N m]; the ground brakes the wheel with the moment `pull`
-    [N m]. `dry` friction [N m] holds a wheel that stands and stops one that would turn back (Eq. 2.29, 2.31).
+    The speed loop is stepped exactly for a load that is constant over the step. The motor has the
+    `strength` of its nominal one [1] and an `integral` part of its torque, before `strength` [N m];
+    the ground brakes the wheel with the moment `pull` [N m]. `dry` friction [N m] holds a wheel
+    that stands and stops one that would turn back (Eq. 2.29, 2.31).
     """
-    gain, back, limit = strength * robot.gain, strength * robot.braking * rate, strength * robot.limit
+    gain = strength * robot.gain
+    back = strength * robot.braking * rate
+    limit = strength * robot.limit
     own = strength * integral
     driving = saturate(gain * (wanted - rate) + own + back, limit) - back - pull
     if rate == 0.0 and abs(driving) <= dry:
@@ -277,37 +351,54 @@ def turn_wheel(
 @jit
 def turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> float:
     """Advance all wheels under wheel-rate references [rad/s]; return the sum of their angular accelerations [rad/s2]."""
-    motor = Motor(robot.limit, robot.braking, robot.integral_gain, robot.leaked, robot.gained, robot.gear_loss)
+    motor = Motor(
+        robot.limit, robot.braking, robot.integral_gain, robot.leaked, robot.gained, robot.gear_loss
+    )
     total = 0.0
     for i in range(4):
-        on_left, other = i % 2 == 0, (i + 2) % 4
+        on_left = i % 2 == 0
+        other = (i + 2) % 4
         wanted, radius = (left, robot.radius_left) if on_left else (right, robot.radius_right)
-        pull, load, rate = body.force_x[i], body.load[i], body.spin[i]
+        pull = body.force_x[i]
+        load = body.load[i]
+        rate = body.spin[i]
         if robot.linked:
-            pull, load = 0.5 * (pull + body.force_x[other]), 0.5 * (load + body.load[other])
+            pull = 0.5 * (pull + body.force_x[other])
+            load = 0.5 * (load + body.load[other])
         if robot.given:
-            faster, torque = wanted, pull * radius
+            faster = wanted
+            torque = pull * radius
         else:
             strength = robot.strength_left if on_left else robot.strength_right
             dry = robot.gear_loss + robot.rolling_resistance * load * radius
-            faster, torque = turn_wheel(rate, body.integral[i], wanted, pull * radius, dry, strength, robot)
+            faster, torque = turn_wheel(
+                rate, body.integral[i], wanted, pull * radius, dry, strength, robot
+            )
             if robot.integral_gain > 0.0:
                 error = wanted - 0.5 * (rate + faster)
                 body.integral[i] = advance_integral(body.integral[i], error, motor)
         total += (faster - rate) / robot.dt
-        body.spin[i], body.torque[i] = faster, torque
+        body.spin[i] = faster
+        body.torque[i] = torque
     return total
 
 
 @jit
-def advance_body(body: Body, left: float, right: float, disturbance: float, robot: FourWheels) -> None:
+def advance_body(
+    body: Body, left: float, right: float, disturbance: float, robot: FourWheels
+) -> None:
     """Advance the robot by one inner step under wheel-rate references [rad/s] and a disturbing yaw acceleration [rad/s2].
 
-    Tyres bend with the velocities at the start of the step, and their forces then change the velocities (symplectic Euler).
+    Tyres bend with the velocities at the start of the step, and their forces then change the
+    velocities (symplectic Euler).
     """
-    motion, tyre, dt = body.motion, tyre_of(robot), robot.dt
+    motion = body.motion
+    tyre = tyre_of(robot)
+    dt = robot.dt
     spread_load(body, robot)
-    force_x, force_y, moment = 0.0, 0.0, 0.0
+    force_x = 0.0
+    force_y = 0.0
+    moment = 0.0
     for i in range(4):
         x = (robot.half_base if i < 2 else -robot.half_base) - robot.com_x
         y = (robot.half_track if i % 2 == 0 else -robot.half_track) - robot.com_y
@@ -315,24 +406,36 @@ def advance_body(body: Body, left: float, right: float, disturbance: float, robo
         sliding = sliding_velocity(motion, rolling, i, robot)
         bent = bend(AlongAcross(body.slip_x[i], body.slip_y[i]), sliding, rolling, dt, tyre)
         force = tyre_force(felt_slip(bent, sliding, rolling, tyre), body.load[i], tyre)
-        body.slip_x[i], body.slip_y[i], body.force_x[i], body.force_y[i] = bent.x, bent.y, force.x, force.y
-        force_x, force_y, moment = force_x + force.x, force_y + force.y, moment + x * force.y - y * force.x
+        body.slip_x[i] = bent.x
+        body.slip_y[i] = bent.y
+        body.force_x[i] = force.x
+        body.force_y[i] = force.y
+        force_x = force_x + force.x
+        force_y = force_y + force.y
+        moment = moment + x * force.y - y * force.x
     spun_up = turn_wheels(body, left, right, robot)
     w = motion[5]
     body.turn[0] = moment / robot.yaw_inertia + disturbance
     w_next = w + dt * body.turn[0]
     turned = 0.5 * dt * (w + w_next)
-    u, v = motion[3] + dt * force_x / robot.mass, motion[4] + dt * force_y / robot.mass
-    cos, sin = math.cos(turned), math.sin(turned)
+    u = motion[3] + dt * force_x / robot.mass
+    v = motion[4] + dt * force_y / robot.mass
+    cos = math.cos(turned)
+    sin = math.sin(turned)
     u, v = cos * u + sin * v, cos * v - sin * u  # the body turns under its velocity
-    ahead = 0.5 * (motion[3] + u) + 0.5 * (w + w_next) * robot.com_y  # of the middle between the axles
+    # of the middle between the axles
+    ahead = 0.5 * (motion[3] + u) + 0.5 * (w + w_next) * robot.com_y
     aside = 0.5 * (motion[4] + v) - 0.5 * (w + w_next) * robot.com_x
-    cos, sin = math.cos(motion[2] + 0.5 * turned), math.sin(motion[2] + 0.5 * turned)
+    cos = math.cos(motion[2] + 0.5 * turned)
+    sin = math.sin(motion[2] + 0.5 * turned)
     motion[0] += dt * (ahead * cos - aside * sin)
     motion[1] += dt * (ahead * sin + aside * cos)
     motion[2] += turned
-    motion[3], motion[4], motion[5] = u, v, w_next
-    weight, spin = robot.mass * _GRAVITY, body.spin[0] + body.spin[1] + body.spin[2] + body.spin[3]
+    motion[3] = u
+    motion[4] = v
+    motion[5] = w_next
+    weight = robot.mass * _GRAVITY
+    spin = body.spin[0] + body.spin[1] + body.spin[2] + body.spin[3]
     about_y = weight * robot.com_x - robot.com_height * force_x - robot.wheel_inertia * spun_up
     about_x = weight * robot.com_y - robot.com_height * force_y - robot.wheel_inertia * spin * w
     body.shift[0] += robot.following * (about_y / (weight * robot.half_base) - body.shift[0])
@@ -340,34 +443,52 @@ def advance_body(body: Body, left: float, right: float, disturbance: float, robo
 
 
 SAMPLE_COLUMNS = 25
-"""x, y, yaw, v_x, v_y, yaw rate of the middle between the axles, wheel left, wheel right, torque left, torque right, yaw
-acceleration, its least and greatest value since the last sample, loads, forces along and across the four wheels."""
+"""x, y, yaw, v_x, v_y, yaw rate of the middle between the axles, wheel left, wheel right, torque
+left, torque right, yaw acceleration, its least and greatest value since the last sample, loads,
+forces along and across the four wheels."""
 
 
 @jit_alone
 def write_sample(body: Body, row: FloatArray, robot: FourWheels) -> None:
     """Write the state into a row of `SAMPLE_COLUMNS` numbers, but for the range of the yaw acceleration."""
-    motion, w = body.motion, body.motion[5]
-    row[0], row[1], row[2] = motion[0], motion[1], motion[2]
-    row[3], row[4], row[5] = motion[3] + w * robot.com_y, motion[4] - w * robot.com_x, w
-    row[6], row[7] = 0.5 * (body.spin[0] + body.spin[2]), 0.5 * (body.spin[1] + body.spin[3])
-    row[8], row[9], row[10] = body.torque[0] + body.torque[2], body.torque[1] + body.torque[3], body.turn[0]
+    motion = body.motion
+    w = body.motion[5]
+    row[0] = motion[0]
+    row[1] = motion[1]
+    row[2] = motion[2]
+    row[3] = motion[3] + w * robot.com_y
+    row[4] = motion[4] - w * robot.com_x
+    row[5] = w
+    row[6] = 0.5 * (body.spin[0] + body.spin[2])
+    row[7] = 0.5 * (body.spin[1] + body.spin[3])
+    row[8] = body.torque[0] + body.torque[2]
+    row[9] = body.torque[1] + body.torque[3]
+    row[10] = body.turn[0]
     for i in range(4):
-        row[13 + i], row[17 + i], row[21 + i] = body.load[i], body.force_x[i], body.force_y[i]
+        row[13 + i] = body.load[i]
+        row[17 + i] = body.force_x[i]
+        row[21 + i] = body.force_y[i]
 
 
 @jit_alone
 def run_wheels(
-    references: FloatArray, disturbance: FloatArray, stride: int, robot: FourWheels, body: Body, out: FloatArray
+    references: FloatArray,
+    disturbance: FloatArray,
+    stride: int,
+    robot: FourWheels,
+    body: Body,
+    out: FloatArray,
 ) -> int:
     """Advance a robot over (n, 2) references [rad/s] in place; return the step after which a number is not finite, or -1.
 
-    `disturbance` is (n,) yaw accelerations [rad/s2], or (1,) for the same at every step. Every `stride`-th state is written
-    to `out` (1 + n // stride, 25), see `SAMPLE_COLUMNS`; row 0 is the start. `body` is then the state at the last step.
+    `disturbance` is (n,) yaw accelerations [rad/s2], or (1,) for the same at every step. Every
+    `stride`-th state is written to `out` (1 + n // stride, 25), see `SAMPLE_COLUMNS`; row 0 is the
+    start. `body` is then the state at the last step.
     """
     write_sample(body, out[0], robot)
     out[0, 11] = out[0, 12] = body.turn[0]
-    least, most = math.inf, -math.inf
+    least = math.inf
+    most = -math.inf
     for k in range(len(references)):
         push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
         before = body.motion[5]
@@ -376,10 +497,13 @@ def run_wheels(
         if not math.isfinite(body.motion[3] + body.motion[4] + body.motion[5]):
             return k
         turn = (body.motion[5] - before) / (robot.inner * robot.dt)
-        least, most = min(least, turn), max(most, turn)
+        least = min(least, turn)
+        most = max(most, turn)
         if (k + 1) % stride == 0:
             row = out[(k + 1) // stride]
             write_sample(body, row, robot)
-            row[11], row[12] = least, most
-            least, most = math.inf, -math.inf
+            row[11] = least
+            row[12] = most
+            least = math.inf
+            most = -math.inf
     return -1

@@ -60,17 +60,29 @@ class FourWheelPlant:
     def __init__(self, model: FourWheelModel, dt: float = FOUR_WHEEL_DT) -> None:
         """Start at rest at the origin, with physics steps `dt` [s]; a ValueError if the hold is no whole number of them."""
         whole_steps(model.drive.hold, dt, "the drive's hold")
-        self.dt, self.model = dt, model
+        self.dt = dt
+        self.model = model
         self._robot = four_wheels(model.parameters, model.drive, dt)
         self.reset(State())
 
-    def _run(self, references: FloatArray, push: FloatArray, stride: int, robot: FourWheels, row: FloatArray) -> FloatArray:
+    def _run(
+        self,
+        references: FloatArray,
+        push: FloatArray,
+        stride: int,
+        robot: FourWheels,
+        row: FloatArray,
+    ) -> FloatArray:
         """Return the samples of a run that changes the state in `row`."""
         out = np.empty((1 + len(references) // stride, SAMPLE_COLUMNS))
         failed = run_wheels(references, push, stride, robot, body_of(row), out)
         if failed >= 0:
             t = failed * self.dt
-            raise DivergedError(f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)", step=failed, t=t)
+            raise DivergedError(
+                f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)",
+                step=failed,
+                t=t,
+            )
         return out
 
     def reset(self, state: State) -> State:
@@ -87,21 +99,31 @@ class FourWheelPlant:
         out = self._run(references, np.array([float(yaw_acceleration)]), n, self._robot, self._row)
         return State(*map(float, out[-1, :8]))
 
-    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+    def run(
+        self,
+        commands: Commands,
+        state: State,
+        sample_dt: float,
+        disturbance: FloatArray | None = None,
+    ) -> Trajectory:
         """Drive `commands` at once.
 
-        Returns:
-            The motion, with channels `torque_N_m` (M, 2), `yaw_acceleration_rad_s2` (M,) and its range between samples
-            (M, 2), and for the wheels front left, front right, rear left, rear right `wheel_load_N` (M, 4) and the forces of
-            the ground in the body's axes, `force_x_N` and `force_y_N` (M, 4).
+        Returns: The motion, with channels `torque_N_m` (M, 2), `yaw_acceleration_rad_s2` (M,) and
+            its range between samples (M, 2), and for the wheels front left, front right, rear left,
+            rear right `wheel_load_N` (M, 4) and the forces of the ground in the body's axes,
+            `force_x_N` and `force_y_N` (M, 4).
 
-        Raises:
-            DivergedError: a velocity is no longer finite.
-            ValueError: periods that are no whole number of steps, or disturbances that are not one a step.
+        Raises: DivergedError: a velocity is no longer finite. ValueError: periods that are no whole
+            number of steps, or disturbances that are not one a step.
         """
-        stride, given = whole_steps(sample_dt, self.dt, "the sample period"), commands.kind == "wheels"
+        stride = whole_steps(sample_dt, self.dt, "the sample period")
+        given = commands.kind == "wheels"
         references = wheel_references(commands, self.model.drive, self.dt, state)
-        push = np.zeros(1) if disturbance is None else np.ascontiguousarray(disturbance, dtype=np.float64)
+        push = (
+            np.zeros(1)
+            if disturbance is None
+            else np.ascontiguousarray(disturbance, dtype=np.float64)
+        )
         if disturbance is not None and len(push) != len(references):
             raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
         robot = self._robot._replace(given=given)
@@ -109,7 +131,13 @@ class FourWheelPlant:
         channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
         channels |= {"yaw_acceleration_range_rad_s2": out[:, 11:13], "wheel_load_N": out[:, 13:17]}
         channels |= {"force_x_N": out[:, 17:21], "force_y_N": out[:, 21:25]}
-        return Trajectory(sample_dt * np.arange(len(out), dtype=np.float64), out[:, :3], out[:, 3:6], out[:, 6:8], channels)
+        return Trajectory(
+            sample_dt * np.arange(len(out), dtype=np.float64),
+            out[:, :3],
+            out[:, 3:6],
+            out[:, 6:8],
+            channels,
+        )
 
 
 def _placed(state: State, robot: FourWheels) -> FloatArray:
@@ -120,25 +148,37 @@ def _placed(state: State, robot: FourWheels) -> FloatArray:
 
 @jit_alone
 def _advance_all(
-    references: FloatArray, pushes: FloatArray, robots: FloatArray, rows: FloatArray, now: FloatArray, failed: Any
+    references: FloatArray,
+    pushes: FloatArray,
+    robots: FloatArray,
+    rows: FloatArray,
+    now: FloatArray,
+    failed: Any,
 ) -> None:
     """Advance S robots in place; write (S, 2, 25) samples of their starts and ends, and where they failed.
 
-    This is one thread's work: a period of the position loop is too short for threads to be worth their start.
+    This is one thread's work: a period of the position loop is too short for threads to be worth
+    their start.
     """
     for i in range(len(robots)):
         robot = named_like(TEMPLATE, robots[i])
-        failed[i] = run_wheels(references[i], pushes[i], len(references[i]), robot, body_of(rows[i]), now[i])
+        failed[i] = run_wheels(
+            references[i], pushes[i], len(references[i]), robot, body_of(rows[i]), now[i]
+        )
 
 
 class FourWheelBodies:
     """S robots that advance together under wheel-rate references."""
 
-    def __init__(self, models: Sequence[FourWheelModel], state: State, dt: float = FOUR_WHEEL_DT) -> None:
+    def __init__(
+        self, models: Sequence[FourWheelModel], state: State, dt: float = FOUR_WHEEL_DT
+    ) -> None:
         """Put every robot into `state`."""
         robots = [four_wheels(model.parameters, model.drive, dt) for model in models]
-        self._robots, self._rows = np.array(robots, dtype=np.float64), np.array([_placed(state, r) for r in robots])
-        self._failed, self._now = np.full(len(robots), -1), np.zeros((len(robots), 2, SAMPLE_COLUMNS))
+        self._robots = np.array(robots, dtype=np.float64)
+        self._rows = np.array([_placed(state, r) for r in robots])
+        self._failed = np.full(len(robots), -1)
+        self._now = np.zeros((len(robots), 2, SAMPLE_COLUMNS))
         for row, robot, now in zip(self._rows, robots, self._now, strict=True):
             write_sample(body_of(row), now[1], robot)
 

@@ -1,11 +1,13 @@
 """The field's baseline: wheel rates and six constants give the body's velocity, through instantaneous centres of rotation.
 
-J. L. Martinez, A. Mandow, J. Morales, S. Pedraza, A. Garcia-Cerezo, "Approximating kinematics for tracked mobile robots",
-Int. J. Robotics Research 24(10), 2005; A. Mandow et al., "Experimental kinematics for wheeled skid-steer mobile robots",
-IROS 2007. No masses and no friction: the body has the velocity at once.
+J. L. Martinez, A. Mandow, J. Morales, S. Pedraza, A. Garcia-Cerezo, "Approximating kinematics for
+tracked mobile robots", Int. J. Robotics Research 24(10), 2005; A. Mandow et al., "Experimental
+kinematics for wheeled skid-steer mobile robots", IROS 2007. No masses and no friction: the body has
+the velocity at once.
 
-Tyres give way to the centripetal force m v omega of a bend, so the body slips outwards: v_y = -k v omega. In a left bend
-(omega > 0, v > 0) that is to the right. The centres of rotation thus move ahead by k v.
+Tyres give way to the centripetal force m v omega of a bend, so the body slips outwards: v_y = -k v
+omega. In a left bend (omega > 0, v > 0) that is to the right. The centres of rotation thus move
+ahead by k v.
 """
 
 from __future__ import annotations
@@ -24,17 +26,32 @@ class KinematicParameters:
     """Six constants of a robot on one ground. The defaults say: no slip, the thesis' half-track, centre at the origin."""
 
     alpha_l: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.3, 1.2))
-    """Share of the left wheels' speed that moves the robot [1]: rolling radius over nominal radius, less slip."""
+    """Share of the left wheels' speed that moves the robot [1]: rolling radius over nominal radius,
+    less slip."""
     alpha_r: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.3, 1.2))
     """Share of the right wheels' speed that moves the robot [1]."""
-    x_icr: float = parameter(0.0, unit="m", low=-5.0, high=5.0, search=(-0.98, 0.98), of="half_wheelbase")
-    """Longitudinal coordinate of the centres of rotation in slow turns [m]: v_y = -(x_ICR + k v) omega (Eq. 2.10)."""
+    x_icr: float = parameter(
+        0.0, unit="m", low=-5.0, high=5.0, search=(-0.98, 0.98), of="half_wheelbase"
+    )
+    """Longitudinal coordinate of the centres of rotation in slow turns [m]: v_y = -(x_ICR + k v)
+    omega (Eq. 2.10)."""
     y_l: float = parameter(
-        0.275, unit="m", low=0.0, high=50.0, open_low=True, search=(0.7, 1.7456), of=("half_track", "turning_half_track")
+        0.275,
+        unit="m",
+        low=0.0,
+        high=50.0,
+        open_low=True,
+        search=(0.7, 1.7456),
+        of=("half_track", "turning_half_track"),
     )
     """Lateral coordinate of the left side's centre of rotation [m], positive to the left."""
     y_r: float = parameter(
-        -0.275, unit="m", low=-50.0, high=0.0, search=(-1.7456, -0.7), of=("turning_half_track", "half_track")
+        -0.275,
+        unit="m",
+        low=-50.0,
+        high=0.0,
+        search=(-1.7456, -0.7),
+        of=("turning_half_track", "half_track"),
     )
     """Lateral coordinate of the right side's centre of rotation [m], negative."""
     drift: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-0.1, 0.5))
@@ -54,7 +71,8 @@ class KinematicConstants(NamedTuple):
 
 
 def _constants(body: Any, parameters: Any, dt: float) -> KinematicConstants:
-    p, r = parameters, body.wheel_radius
+    p = parameters
+    r = body.wheel_radius
     return KinematicConstants(p.alpha_l * r, p.alpha_r * r, 1.0 / (p.y_l - p.y_r))
 
 
@@ -62,7 +80,8 @@ def _constants(body: Any, parameters: Any, dt: float) -> KinematicConstants:
 def body_velocity(left: float, right: float, robot: PlanarRobot) -> tuple[float, float]:
     """Return v_x [m/s] and omega [rad/s] for wheel rates [rad/s].
 
-    The body's point at y_l moves forward as the left wheels do: v_x - omega y_l = alpha_l r left; on the right likewise.
+    The body's point at y_l moves forward as the left wheels do: v_x - omega y_l = alpha_l r left;
+    on the right likewise.
     """
     k = robot.constants
     v_left = k.rolled_left * left
@@ -71,7 +90,9 @@ def body_velocity(left: float, right: float, robot: PlanarRobot) -> tuple[float,
 
 
 @jit
-def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def advance(
+    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+) -> Advanced:
     """Return the velocities that the references give at once; torques are zero, and disturbances have no effect."""
     v_next, w_next = body_velocity(wheels.left, wheels.right, robot)
     return Advanced(v_next, w_next, 0.0, 0.0)

@@ -17,16 +17,20 @@ from ssmr.robot.drive import Motor, Wanted
 from ssmr.robot.vehicle import Vehicle
 
 PLANAR_MODELS = ("improved", "coulomb", "linear", "kinematic")
-"""Names of the planar models, in the order of tables. A model's file is imported, and compiled, when it is first used."""
+"""Names of the planar models, in the order of tables. A model's file is imported, and compiled,
+when it is first used."""
 
 
 class PlanarRobot(NamedTuple):
     """All numbers of a planar robot, for compiled functions."""
 
     vehicle: Any  # the `VehicleBody`
-    parameters: Any  # numbers of the model's own parameter set; their type decides which law is compiled in
+    # numbers of the model's own parameter set; their type decides which law is compiled in
+    parameters: Any
     motor: Motor  # the motor of a side
-    x_icr: float  # longitudinal coordinate of the centre of rotation at rest [m]: v_y = -(x_ICR + k v) omega (Eq. 2.10)
+    # longitudinal coordinate of the centre of rotation at rest [m]: v_y = -(x_ICR + k v) omega (Eq.
+    # 2.10)
+    x_icr: float
     drift: float  # its shift with speed, k [s]
     ideal: bool  # whether the wheels turn exactly as they are told, see `PlanarLaw.ideal`
     constants: Any  # what `PlanarLaw.constants` returned
@@ -42,8 +46,9 @@ class Advanced(NamedTuple):
 
 
 Advance = Callable[[float, float, Wanted, float, float, PlanarRobot], Advanced]
-"""One step of the velocities: v [m/s], omega [rad/s], what the motor controllers want, disturbing yaw acceleration [rad/s2],
-time step [s] and the robot's numbers give the velocities after the step."""
+"""One step of the velocities: v [m/s], omega [rad/s], what the motor controllers want, disturbing
+yaw acceleration [rad/s2], time step [s] and the robot's numbers give the velocities after the
+step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,17 +64,26 @@ class PlanarLaw:
     rotation_centre: Callable[[Vehicle, Any], float] = lambda vehicle, parameters: 0.0
     """Function of vehicle and parameters that returns x_ICR [m]; 0 by default (Sec. 2.2.3)."""
     constants: Callable[[Any, Any, float], Any] = lambda body, parameters, dt: parameters
-    """Function of the `VehicleBody`, the packed parameters and the physics step [s]. It returns, as named numbers,
-    what the law would otherwise derive at every step: reciprocals, exponentials. A step is fast without divisions. A law
-    that derives nothing has its parameters once more."""
-    vehicle: tuple[str, ...] = ("mass", "yaw_inertia", "wheel_radius", "radius_difference", "effective_half_track")
-    """Fields of the vehicle that a fit may move: those that the law uses, less what is surely known."""
+    """Function of the `VehicleBody`, the packed parameters and the physics step [s]. It returns, as
+    named numbers, what the law would otherwise derive at every step: reciprocals, exponentials. A
+    step is fast without divisions. A law that derives nothing has its parameters once more."""
+    vehicle: tuple[str, ...] = (
+        "mass",
+        "yaw_inertia",
+        "wheel_radius",
+        "radius_difference",
+        "effective_half_track",
+    )
+    """Fields of the vehicle that a fit may move: those that the law uses, less what is surely
+    known."""
     colour: str = "#808080"
     """Colour in pictures and recordings, as #rrggbb."""
     ideal: bool = False
-    """Whether the wheels turn exactly as they are told. Otherwise their rates follow from the body's motion (Eq. 2.9)."""
+    """Whether the wheels turn exactly as they are told. Otherwise their rates follow from the
+    body's motion (Eq. 2.9)."""
     drift: Callable[[Any], float] = lambda parameters: 0.0
-    """Function of the parameters that returns the outward drift k [s] of v_y = -(x_ICR + k v) omega; the thesis has none."""
+    """Function of the parameters that returns the outward drift k [s] of v_y = -(x_ICR + k v)
+    omega; the thesis has none."""
 
     def __post_init__(self) -> None:
         """Let robots find the law by the type of their parameters, and compiled functions by the type of their numbers."""
@@ -109,7 +123,9 @@ def law_of(parameters: object) -> PlanarLaw:
     return law
 
 
-def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def advance(
+    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+) -> Advanced:
     """Advance the velocities of any planar robot by one step of its own law; for compiled functions only."""
     raise NotImplementedError("advance works in compiled functions only")
 

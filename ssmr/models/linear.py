@@ -1,10 +1,12 @@
 """Linear state-space model with hyperviscous friction (Eq. 2.41-2.47): x = (x, dx/dt, theta, dtheta/dt), u = (v, omega).
 
-Printed against used (docs/errata.md): A_22 is printed as -2 K_P/(r m) - m g K_u. The unit asks for g K_u; the published
-parameters ask for 4 g K_u, the load mg under each of four wheels as Eq. 2.18 has it: with it the three published models
-agree on trajectory 4, with g K_u they do not. K_P belongs to wheel speeds in m/s (N m s/m), because Eq. 2.44 leaves out
-1/r; with wheels of unlike radii a side's torque is K_P r times the rate error of its wheels. The yaw resistance keeps its
-printed lever c, to which the published K_y belongs. The torque limit (Tab. 3.14) lies in front of the linear system.
+Printed against used (docs/errata.md): A_22 is printed as -2 K_P/(r m) - m g K_u. The unit asks for
+g K_u; the published parameters ask for 4 g K_u, the load mg under each of four wheels as Eq. 2.18
+has it: with it the three published models agree on trajectory 4, with g K_u they do not. K_P
+belongs to wheel speeds in m/s (N m s/m), because Eq. 2.44 leaves out 1/r; with wheels of unlike
+radii a side's torque is K_P r times the rate error of its wheels. The yaw resistance keeps its
+printed lever c, to which the published K_y belongs. The torque limit (Tab. 3.14) lies in front of
+the linear system.
 """
 
 from __future__ import annotations
@@ -30,9 +32,17 @@ class LinearParameters:
     k_u: float = parameter(0.0277, unit="s/m", low=0.0, high=1e3, search=(0.0, 0.05))
     """K_u, longitudinal viscous coefficient [s/m]."""
     k_y: float = parameter(0.0298, unit="s", low=0.0, high=1e3, search=(0.0, 0.1))
-    """K_y, lateral viscous coefficient, with the printed lever [s] (by Eq. 2.40 it would be s/m)."""
+    """K_y, lateral viscous coefficient, with the printed lever [s] (by Eq. 2.40 it would be
+    s/m)."""
     gain: float = parameter(
-        229.58, unit="N m s/m", low=0.0, high=1e6, open_low=True, search=(0.07, 0.7), scale="log", of="gain_over_radius"
+        229.58,
+        unit="N m s/m",
+        low=0.0,
+        high=1e6,
+        open_low=True,
+        search=(0.07, 0.7),
+        scale="log",
+        of="gain_over_radius",
     )
     """K_P of the wheel torque loop, a side, per wheel speed in m/s [N m s/m]."""
 
@@ -42,13 +52,15 @@ class LinearParameters:
 
 
 LOAD_SUM = 4.0
-"""Loads mg that the longitudinal friction of the published fit carries, one under each wheel (see the module's text)."""
+"""Loads mg that the longitudinal friction of the published fit carries, one under each wheel (see
+the module's text)."""
 
 
 class Rates(NamedTuple):
     """Rates of Eq. 2.46: A_22 = -(loop + friction), B_21 = loop; A_44 = -(loop_yaw c_eff + friction_yaw), B_42 = loop_yaw c.
 
-    With the driver's half-track and c_eff equal to c they are those of the thesis, whose t is the track, 2c.
+    With the driver's half-track and c_eff equal to c they are those of the thesis, whose t is the
+    track, 2c.
     """
 
     loop: float  # rate of the speed loop [1/s]
@@ -59,18 +71,30 @@ class Rates(NamedTuple):
 
 def coefficients(body: Any, parameters: Any) -> Rates:
     """Return the rates of Eq. 2.46."""
-    moved, turned, mass = body.moved, body.turned, body.mass
-    r, c, g = body.wheel_radius, body.half_track, body.gravity
-    k_u, k_y, gain = parameters.k_u, parameters.k_y, parameters.gain
+    moved = body.moved
+    turned = body.turned
+    mass = body.mass
+    r = body.wheel_radius
+    c = body.half_track
+    g = body.gravity
+    k_u = parameters.k_u
+    k_y = parameters.k_y
+    gain = parameters.gain
     slowing = LOAD_SUM * g * k_u * (mass / moved)
-    return Rates(2.0 * gain / (r * moved), slowing, 2.0 * gain * c / (r * turned), mass * g * k_y * c / turned)
+    return Rates(
+        2.0 * gain / (r * moved),
+        slowing,
+        2.0 * gain * c / (r * turned),
+        mass * g * k_y * c / turned,
+    )
 
 
 class LinearConstants(NamedTuple):
     """Numbers that the law derives from its parameters.
 
-    Free is a robot whose torques are within their limits, held one with a torque at its limit. The matrices of `exact_step`
-    say how the velocities change in a step, over their accelerations at its start [s].
+    Free is a robot whose torques are within their limits, held one with a torque at its limit. The
+    matrices of `exact_step` say how the velocities change in a step, over their accelerations at
+    its start [s].
     """
 
     free_v: float  # of v, over dv/dt [s]
@@ -85,15 +109,27 @@ class LinearConstants(NamedTuple):
 
 
 def _constants(body: Any, parameters: Any, dt: float) -> LinearConstants:
-    rates, left, right = coefficients(body, parameters), body.per_radius_left**2, body.per_radius_right**2
-    both, uneven = 0.5 * body.wheel_radius**2 * (left + right), 0.5 * body.wheel_radius**2 * (right - left)
-    reach, friction, friction_yaw = body.effective_half_track, rates.friction, rates.friction_yaw
+    rates = coefficients(body, parameters)
+    left = body.per_radius_left**2
+    right = body.per_radius_right**2
+    both = 0.5 * body.wheel_radius**2 * (left + right)
+    uneven = 0.5 * body.wheel_radius**2 * (right - left)
+    reach = body.effective_half_track
+    friction = rates.friction
+    friction_yaw = rates.friction_yaw
     matrix = [
         [-(rates.loop * both + friction), -rates.loop * uneven * reach],
         [-rates.loop_yaw * uneven, -(rates.loop_yaw * both * reach + friction_yaw)],
     ]
-    free, held = exact_push(matrix, dt), exact_push([[-friction, 0.0], [0.0, -friction_yaw]], dt)
-    numbers = *free.ravel(), *held.diagonal(), friction, friction_yaw, parameters.gain * body.wheel_radius
+    free = exact_push(matrix, dt)
+    held = exact_push([[-friction, 0.0], [0.0, -friction_yaw]], dt)
+    numbers = (
+        *free.ravel(),
+        *held.diagonal(),
+        friction,
+        friction_yaw,
+        parameters.gain * body.wheel_radius,
+    )
     return LinearConstants(*map(float, numbers))
 
 
@@ -107,40 +143,55 @@ def exact_push(matrix: Sequence[Sequence[float]], dt: float) -> FloatArray:
     return np.asarray((modes * pushes) @ np.linalg.inv(modes))
 
 
-def matrices(vehicle: Vehicle, parameters: LinearParameters, drive: Drive) -> tuple[FloatArray, FloatArray]:
+def matrices(
+    vehicle: Vehicle, parameters: LinearParameters, drive: Drive
+) -> tuple[FloatArray, FloatArray]:
     """Return A (4, 4) and B (4, 2) of Eq. 2.46.
 
-    The drive's half-track and radius turn the input into wheel speeds; in the thesis both are the vehicle's. Controllers are
-    designed on a robot whose wheels have the mean radius on both sides.
+    The drive's half-track and radius turn the input into wheel speeds; in the thesis both are the
+    vehicle's. Controllers are designed on a robot whose wheels have the mean radius on both sides.
     """
     rates = coefficients(vehicle_body(packed(vehicle)), packed(parameters))
     stretch = vehicle.wheel_radius / drive.command_radius
-    a, b = np.zeros((4, 4)), np.zeros((4, 2))
+    a = np.zeros((4, 4))
+    b = np.zeros((4, 2))
     a[0, 1] = a[2, 3] = 1.0
-    a[1, 1], b[1, 0] = -(rates.loop + rates.friction), rates.loop * stretch
+    a[1, 1] = -(rates.loop + rates.friction)
+    b[1, 0] = rates.loop * stretch
     a[3, 3] = -(rates.loop_yaw * vehicle.effective_half_track + rates.friction_yaw)
     b[3, 1] = rates.loop_yaw * drive.command_half_track * stretch
     return a, b
 
 
 @jit
-def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
+def advance(
+    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+) -> Advanced:
     """Advance the velocities exactly, for references that are constant over the step (matrix exponential, Eq. 2.44).
 
-    A side has the torque K_P r e, with the rate error e of its wheels, and thrusts with it over its own radius. Where a
-    torque is at its limit, both are held over the step and friction alone is stepped exactly.
+    A side has the torque K_P r e, with the rate error e of its wheels, and thrusts with it over its
+    own radius. Where a torque is at its limit, both are held over the step and friction alone is
+    stepped exactly.
     """
-    body, motor, k = robot.vehicle, robot.motor, robot.constants
+    body = robot.vehicle
+    motor = robot.motor
+    k = robot.constants
     actual = side_rates(v, w, body)
     torque = motor_torques(wheels, actual, k.gain, motor)
     thrust = thrusts(torque, actual, body, motor)
     dv = (thrust.left + thrust.right) * body.per_moved - k.friction * v
-    dw = body.half_track * (thrust.right - thrust.left) * body.per_turned - k.friction_yaw * w + disturbance
+    dw = (
+        body.half_track * (thrust.right - thrust.left) * body.per_turned
+        - k.friction_yaw * w
+        + disturbance
+    )
     free_left = abs(torque.left + motor.braking * actual.left) < motor.limit
     if free_left and abs(torque.right + motor.braking * actual.right) < motor.limit:
-        v_step, w_step = k.free_v * dv + k.free_v_by_w * dw, k.free_w_by_v * dv + k.free_w * dw
+        v_step = k.free_v * dv + k.free_v_by_w * dw
+        w_step = k.free_w_by_v * dv + k.free_w * dw
     else:
-        v_step, w_step = k.held_v * dv, k.held_w * dw
+        v_step = k.held_v * dv
+        w_step = k.held_w * dw
     return Advanced(v + v_step, w + w_step, torque.left, torque.right)
 
 

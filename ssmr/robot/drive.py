@@ -1,20 +1,24 @@
 """The driver in front of every plant, from command to wheel rates, and the motors behind it, from wheel rates to torques.
 
-Order, as in Fig. 3.10: a command is sampled at 20 Hz and held, or gone over to in a ramp, delayed, saturated; v and omega
-move towards it no faster than their limits, and are turned into wheel-rate references with the driver's own half-track and
-radius, which the motor controllers follow with a lag. All times are whole physics steps, so a run repeats to the bit.
+Order, as in Fig. 3.10: a command is sampled at 20 Hz and held, or gone over to in a ramp, delayed,
+saturated; v and omega move towards it no faster than their limits, and are turned into wheel-rate
+references with the driver's own half-track and radius, which the motor controllers follow with a
+lag. All times are whole physics steps, so a run repeats to the bit.
 
-Measured wheel rates (`Commands.kind == "wheels"`) are used as references as they are: they have already passed a driver.
+Measured wheel rates (`Commands.kind == "wheels"`) are used as references as they are: they have
+already passed a driver.
 
-A side's motor turns both of its wheels through a gear and a belt. Its controller asks for the torque
+A side's motor turns both of its wheels through a gear and a belt. Its controller asks for the
+torque
 
     tau = K_P e + y,    dy/dt = K_I (e - y / K_dc),    e = wanted rate - wheel rate,
 
-so a lasting load tau costs a rate of tau / (K_P + K_dc), and a short one tau / K_P. K_I = 0 leaves the proportional loop of
-the thesis (Eq. 2.32). A motor whose voltage is limited loses torque in proportion to its rate: with stall torque L and
-no-load rate w_0 the torque lies within [-L (1 + w / w_0), L (1 - w / w_0)]. The integral part is held within L, so that a
-wheel that is stuck does not wind it up. The gear takes a dry friction torque, and rotor, gear and wheels have an inertia
-that the thrust accelerates too.
+so a lasting load tau costs a rate of tau / (K_P + K_dc), and a short one tau / K_P. K_I = 0 leaves
+the proportional loop of the thesis (Eq. 2.32). A motor whose voltage is limited loses torque in
+proportion to its rate: with stall torque L and no-load rate w_0 the torque lies within [-L (1 + w /
+w_0), L (1 - w / w_0)]. The integral part is held within L, so that a wheel that is stuck does not
+wind it up. The gear takes a dry friction torque, and rotor, gear and wheels have an inertia that
+the thrust accelerates too.
 """
 
 from __future__ import annotations
@@ -47,7 +51,9 @@ def whole_steps(period: float, dt: float, what: str) -> int:
     """
     steps = round(period / dt) if 0.0 < period / dt < MOST_STEPS else 0
     if steps < 1 or abs(period / dt - steps) > WHOLE_STEPS:
-        raise ParameterError(f"{what} of {period} s is not a whole number of physics steps of {dt} s")
+        raise ParameterError(
+            f"{what} of {period} s is not a whole number of physics steps of {dt} s"
+        )
     return steps
 
 
@@ -68,7 +74,8 @@ class DriveNumbers(NamedTuple):
     per_radius: float  # its reciprocal [1/m]
     change_v: float  # greatest change of v in a step [m/s]
     change_w: float  # greatest change of omega in a step [rad/s]
-    share: float  # share of its way that a lagging wheel-rate reference goes in a step [1]; 1 without lag
+    # share of its way that a lagging wheel-rate reference goes in a step [1]; 1 without lag
+    share: float
     delay_v: int  # delay of v in steps
     delay_w: int  # delay of omega in steps
     hold: int  # steps for which the driver holds a command
@@ -114,11 +121,14 @@ def ramp(reference: float, target: float, largest_change: float) -> float:
 
 
 @jit
-def held_value(values: FloatArray, column: int, step: int, delay: int, drive: DriveNumbers, before: float) -> float:
+def held_value(
+    values: FloatArray, column: int, step: int, delay: int, drive: DriveNumbers, before: float
+) -> float:
     """Return the value in one column of (N, 2) twists on which the driver acts: that of `delay` steps ago, as last sampled.
 
-    `step` counts the physics steps since the first command; `before` was commanded before it. Within the ramp the value lies
-    between the last sample and the one before it: the mean of the held values over the time of the ramp.
+    `step` counts the physics steps since the first command; `before` was commanded before it.
+    Within the ramp the value lies between the last sample and the one before it: the mean of the
+    held values over the time of the ramp.
     """
     past = step - delay
     if past < 0:
@@ -128,15 +138,26 @@ def held_value(values: FloatArray, column: int, step: int, delay: int, drive: Dr
     since = past - sample * drive.hold + 1
     if since >= drive.ramp:
         return value
-    last: float = before if sample == 0 else values[min((sample - 1) * drive.hold // drive.period, len(values) - 1), column]
+    last: float = (
+        before
+        if sample == 0
+        else values[min((sample - 1) * drive.hold // drive.period, len(values) - 1), column]
+    )
     return last + (value - last) * (since / drive.ramp)
 
 
 @jit
-def follow(values: FloatArray, step: int, drive: DriveNumbers, before: tuple[float, float], last: DriveState) -> DriveState:
+def follow(
+    values: FloatArray,
+    step: int,
+    drive: DriveNumbers,
+    before: tuple[float, float],
+    last: DriveState,
+) -> DriveState:
     """Return the references of one physics step, `step` steps after the first of the (N, 2) twist commands.
 
-    `before` is the twist commanded before the first command, `last` holds the references of the last step.
+    `before` is the twist commanded before the first command, `last` holds the references of the
+    last step.
     """
     v = held_value(values, 0, step, drive.delay_v, drive, before[0])
     w = held_value(values, 1, step, drive.delay_w, drive, before[1])
@@ -151,9 +172,11 @@ def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: DriveS
     """
     v = ramp(last.v, saturate(v, drive.v_max), drive.change_v)
     w = ramp(last.w, saturate(w, drive.w_max), drive.change_w)
-    left, right = (v - drive.half_track * w) * drive.per_radius, (v + drive.half_track * w) * drive.per_radius
+    left = (v - drive.half_track * w) * drive.per_radius
+    right = (v + drive.half_track * w) * drive.per_radius
     if share < 1.0:
-        left, right = last.left + share * (left - last.left), last.right + share * (right - last.right)
+        left = last.left + share * (left - last.left)
+        right = last.right + share * (right - last.right)
     return DriveState(v, w, left, right)
 
 
@@ -166,7 +189,12 @@ def rolling(wheels: Sides, drive: DriveNumbers) -> DriveState:
 
 @jit_alone
 def continue_references(
-    values: FloatArray, drive: DriveNumbers, before: tuple[float, float], last: DriveState, first: int, out: FloatArray
+    values: FloatArray,
+    drive: DriveNumbers,
+    before: tuple[float, float],
+    last: DriveState,
+    first: int,
+    out: FloatArray,
 ) -> DriveState:
     """Write the references of the physics steps from `first` on into `out`, (n, 2); return those of the last step.
 
@@ -175,7 +203,8 @@ def continue_references(
     held = last
     for k in range(len(out)):
         held = follow(values, first + k, drive, before, held)
-        out[k, 0], out[k, 1] = held.left, held.right
+        out[k, 0] = held.left
+        out[k, 1] = held.right
     return held
 
 
@@ -195,7 +224,8 @@ def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
         per_radius=1.0 / d.command_radius,
         change_v=d.acceleration_v * dt,
         change_w=d.acceleration_w * dt,
-        share=1.0 if d.wheel_lag == 0.0 else -math.expm1(-dt / d.wheel_lag),  # exact for a reference that is held
+        # exact for a reference that is held
+        share=1.0 if d.wheel_lag == 0.0 else -math.expm1(-dt / d.wheel_lag),
         delay_v=round(d.delay_v / dt),
         delay_w=round(d.delay_w / dt),
         hold=whole_steps(drive.hold, dt, "the drive's hold"),
@@ -217,11 +247,17 @@ def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) 
     return references
 
 
-def reference_chunks(commands: Commands, drive: Drive, dt: float, state: State, size: int) -> Iterator[FloatArray]:
+def reference_chunks(
+    commands: Commands, drive: Drive, dt: float, state: State, size: int
+) -> Iterator[FloatArray]:
     """Yield what `wheel_references` returns, piece by piece: (`size`, 2) arrays, the last one shorter."""
     period = whole_steps(commands.dt, dt, "the command period")
     numbers = drive_numbers(drive, commands.dt, dt) if commands.kind == "twist" else DRIVE_TEMPLATE
-    held = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), numbers) if commands.kind == "twist" else None
+    held = (
+        rolling(Sides(float(state.wheel_left), float(state.wheel_right)), numbers)
+        if commands.kind == "twist"
+        else None
+    )
     for first in range(0, commands.n * period, size):
         n = min(size, commands.n * period - first)
         if held is None:
@@ -246,10 +282,15 @@ class Driver:
     def references(self, command: tuple[float, float], n: int) -> FloatArray:
         """Return the (n, 2) references of the next `n` physics steps, while `command` (v [m/s], omega [rad/s]) is held."""
         if np.shape(command) != (2,) or not all(map(is_finite_number, command)):
-            raise ValueError(f"command is {reprlib.repr(command)}, must be a finite speed [m/s] and yaw rate [rad/s]")
-        out, step = np.empty((n, 2)), len(self._samples)
+            raise ValueError(
+                f"command is {reprlib.repr(command)}, must be a finite speed [m/s] and yaw rate [rad/s]"
+            )
+        out = np.empty((n, 2))
+        step = len(self._samples)
         self._samples = np.concatenate([self._samples, np.tile(command, (n, 1))])
-        self._asked = continue_references(self._samples, self._drive, (0.0, 0.0), self._asked, step, out)
+        self._asked = continue_references(
+            self._samples, self._drive, (0.0, 0.0), self._asked, step, out
+        )
         hold = self._drive.hold
         spare = len(self._samples) - max(self._drive.delay_v, self._drive.delay_w) - 2 * hold
         if spare > 1000:  # no delay reaches these samples any more; whole holds are dropped
@@ -258,7 +299,8 @@ class Driver:
 
 
 DRY_RATE = 0.05
-"""Wheel rate below which the gear's dry friction is proportional to the rate [rad/s]: a planar step knows no stuck gear."""
+"""Wheel rate below which the gear's dry friction is proportional to the rate [rad/s]: a planar step
+knows no stuck gear."""
 _PER_DRY_RATE = 1.0 / DRY_RATE
 
 
@@ -266,9 +308,11 @@ class Motor(NamedTuple):
     """Numbers of one side's motor for one physics step, for compiled functions."""
 
     limit: float  # greatest torque of a side at rest [N m]
-    braking: float  # torque that a motor at full voltage loses with its rate [N m s/rad]; 0 without a no-load rate
+    # torque that a motor at full voltage loses with its rate [N m s/rad]; 0 without a no-load rate
+    braking: float
     integral_gain: float  # K_I [N m/rad]
-    leaked: float  # change of the integral part in a step without an error, over the part itself [1]; not positive
+    # change of the integral part in a step without an error, over the part itself [1]; not positive
+    leaked: float
     gained: float  # change of the integral part in a step, over a constant rate error [N m s/rad]
     gear_loss: float  # dry friction torque of a side's gear [N m]
 
@@ -353,4 +397,6 @@ def advance_integral(integral: float, error: float, motor: Motor) -> float:
 def side_rates(v: float, w: float, vehicle: Any) -> Sides:
     """Return the wheel rates [rad/s] of a body speed [m/s] and yaw rate [rad/s]: Eq. 2.9, each side with its own radius."""
     reach = vehicle.effective_half_track
-    return Sides((v - reach * w) * vehicle.per_radius_left, (v + reach * w) * vehicle.per_radius_right)
+    return Sides(
+        (v - reach * w) * vehicle.per_radius_left, (v + reach * w) * vehicle.per_radius_right
+    )

@@ -1,9 +1,9 @@
 """Closed forms say how a robot turns on the spot and how its wheels are loaded, without any simulation.
 
-In the closed form of a turn (see docs/physics.md and docs/why_drift.md) rigid tyres slide on the ground, left and right
-ones turning alike and against each other; nothing accelerates. The robot then moves so that the forces and the moments of
-friction cancel, which is where what friction dissipates is least: that is convex in the motion, so there is nothing to
-search.
+In the closed form of a turn (see docs/physics.md and docs/why_drift.md) rigid tyres slide on the
+ground, left and right ones turning alike and against each other; nothing accelerates. The robot
+then moves so that the forces and the moments of friction cancel, which is where what friction
+dissipates is least: that is convex in the motion, so there is nothing to search.
 
 Wheels are in the order front left, front right, rear left, rear right.
 """
@@ -20,8 +20,8 @@ from ssmr.types import FloatArray, Trajectory
 
 FRONT = np.array([1.0, 1.0, -1.0, -1.0])
 LEFT = np.array([1.0, -1.0, 1.0, -1.0])
-"""Which wheels are in front (1) and behind (-1), and on the left (1) and the right (-1): front left, front right, rear left,
-rear right."""
+"""Which wheels are in front (1) and behind (-1), and on the left (1) and the right (-1): front
+left, front right, rear left, rear right."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,13 @@ class SkidTurn:
     across: float
     """Speed of the middle between the axles to the left [m/s]."""
     yaw_rate: float
-    """Yaw rate [rad/s]; 0 for a robot that drives straight although its sides turn against each other."""
+    """Yaw rate [rad/s]; 0 for a robot that drives straight although its sides turn against each
+    other."""
     track: float
     """Distance of the sides [m]."""
     slip: float
-    """Power that friction of 1 dissipates, over the weight [m/s]: the tyres' mean sliding speed by their loads."""
+    """Power that friction of 1 dissipates, over the weight [m/s]: the tyres' mean sliding speed by
+    their loads."""
 
     @property
     def multiplier(self) -> float:
@@ -56,40 +58,51 @@ def turn_on_the_spot(
 ) -> SkidTurn:
     """Return the turn with Coulomb friction, each tyre touching at one point or at two.
 
-    Args:
-        wheelbase: distance of the axles [m].
-        track: distance of the sides [m].
-        x: distance of the centre of mass ahead of the middle between the axles [m].
-        y: distance of the centre of mass to the left of that middle [m].
-        ratio: lateral over longitudinal friction [1].
-        half_width: half the distance of a tyre's two contact points, which share its load [m]; 0 for one point.
-        shift: loads that differ from those at rest: shares of the weight that move from the rear to the front wheels, from
-            right to left, and from one pair of diagonal wheels to the one with the front left; and the share of its load
-            that a tyre's inner contact point gives to the outer one [1].
+    Args: wheelbase: distance of the axles [m]. track: distance of the sides [m]. x: distance of the
+        centre of mass ahead of the middle between the axles [m]. y: distance of the centre of mass
+        to the left of that middle [m]. ratio: lateral over longitudinal friction [1]. half_width:
+        half the distance of a tyre's two contact points, which share its load [m]; 0 for one point.
+        shift: loads that differ from those at rest: shares of the weight that move from the rear to
+        the front wheels, from
+            right to left, and from one pair of diagonal wheels to the one with the front left; and
+            the share of its load that a tyre's inner contact point gives to the outer one [1].
     """
     unit = 0.5 * track  # of length: the search sees the same numbers for every size of robot
     ends = (0.0,) if half_width == 0.0 else (-half_width / unit, half_width / unit)
     front, left = np.tile(FRONT, len(ends)), np.tile(LEFT, len(ends))  # of each contact point
-    at_x, at_y = 0.5 * (wheelbase / unit) * front, left + np.repeat(ends, len(LEFT))
-    load = 0.25 * (1.0 + (x / unit) * front / (0.5 * (wheelbase / unit)) + (y / unit) * left) / len(ends)  # equal springs
+    at_x = 0.5 * (wheelbase / unit) * front
+    at_y = left + np.repeat(ends, len(LEFT))
+    # equal springs
+    load = (
+        0.25
+        * (1.0 + (x / unit) * front / (0.5 * (wheelbase / unit)) + (y / unit) * left)
+        / len(ends)
+    )
     ahead, aside, across, outwards = shift
     outer = np.sign(np.abs(at_y) - 1.0)  # -1 for an inner point, 0 where a tyre has only one
-    load = (load + (ahead * front + aside * left + across * front * left) / len(left)) * (1.0 + outwards * outer)
+    load = (load + (ahead * front + aside * left + across * front * left) / len(left)) * (
+        1.0 + outwards * outer
+    )
 
     def power(motion: FloatArray) -> tuple[float, FloatArray]:
         v_x, v_y, rate = motion
-        s_x, s_y = v_x - rate * at_y + left, v_y + rate * at_x  # the rims roll at 1 m/s, the left ones backward
+        # the rims roll at 1 m/s, the left ones backward
+        s_x, s_y = v_x - rate * at_y + left, v_y + rate * at_x
         size = np.sqrt(s_x**2 + (ratio * s_y) ** 2 + 1e-16)
-        f_x, f_y = load * s_x / size, load * ratio**2 * s_y / size
+        f_x = load * s_x / size
+        f_y = load * ratio**2 * s_y / size
         return float(load @ size), np.array([f_x.sum(), f_y.sum(), (at_x * f_y - at_y * f_x).sum()])
 
-    minimum = minimize(power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10})
+    minimum = minimize(
+        power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10}
+    )
     forward, across, rate = (float(value) for value in minimum.x)
     return SkidTurn(forward, across, rate / unit, track, float(minimum.fun))
 
 
 DIFFERENTIATED_OVER = 0.1
-"""Accelerations are slopes of speed over so much time [s]: longer than the contacts' 20 ms, shorter than a manoeuvre."""
+"""Accelerations are slopes of speed over so much time [s]: longer than the contacts' 20 ms, shorter
+than a manoeuvre."""
 
 
 @dataclass(frozen=True)
@@ -109,41 +122,61 @@ class LoadModel:
     track: float
     """Distance of left and right wheels, B [m]."""
     spin_inertia: float = 0.0
-    """Moment of inertia of all four wheels together about their axles [kg m2]; spinning up and yawing need moments."""
+    """Moment of inertia of all four wheels together about their axles [kg m2]; spinning up and
+    yawing need moments."""
 
     def quasi_static(
-        self, acceleration: FloatArray, gravity: FloatArray, spin: FloatArray, spin_rate: FloatArray, yaw_rate: FloatArray
+        self,
+        acceleration: FloatArray,
+        gravity: FloatArray,
+        spin: FloatArray,
+        spin_rate: FloatArray,
+        yaw_rate: FloatArray,
     ) -> FloatArray:
         """Return the wheel loads of a body with given accelerations.
 
-        The ground pushes along its plane with F = m (a - g). About the centre of mass, with N_i at (x_i, y_i), the plane a
-        height h below, and the wheels' angular momentum J W along the axles,
+        The ground pushes along its plane with F = m (a - g). About the centre of mass, with N_i at
+        (x_i, y_i), the plane a height h below, and the wheels' angular momentum J W along the
+        axles,
 
             sum N_i                = -m g_z
             sum (x_i - x_c) N_i    = -h F_x - J dW/dt
             sum (y_i - y_c) N_i    = -h F_y - J W omega
 
-        Four equal springs under a rigid body take N_i = k0 + k1 x_i + k2 y_i, which makes the three equations enough.
+        Four equal springs under a rigid body take N_i = k0 + k1 x_i + k2 y_i, which makes the three
+        equations enough.
 
-        `acceleration` (M, 2) is that of the centre of mass and `gravity` (M, 3) gravity, both in the body's axes [m/s2];
-        `spin` (M,) is the mean rate of the wheels W [rad/s], `spin_rate` (M,) its rate of change [rad/s2], and `yaw_rate`
-        (M,) omega [rad/s].
+        `acceleration` (M, 2) is that of the centre of mass and `gravity` (M, 3) gravity, both in
+        the body's axes [m/s2]; `spin` (M,) is the mean rate of the wheels W [rad/s], `spin_rate`
+        (M,) its rate of change [rad/s2], and `yaw_rate` (M,) omega [rad/s].
 
-        Returns:
-            (M, 4) loads [N]; negative where a wheel would have to be held down: it lifts, and the formula no longer holds.
+        Returns: (M, 4) loads [N]; negative where a wheel would have to be held down: it lifts, and
+            the formula no longer holds.
         """
         force = self.mass * (acceleration - gravity[:, :2])
         weight = -self.mass * gravity[:, 2]
-        about_y = self.com_x * weight - self.com_height * force[:, 0] - self.spin_inertia * spin_rate
-        about_x = self.com_y * weight - self.com_height * force[:, 1] - self.spin_inertia * spin * yaw_rate
-        x, y = 0.5 * self.wheelbase * FRONT, 0.5 * self.track * LEFT
-        return weight[:, None] / 4.0 + np.outer(about_y, x / self.wheelbase**2) + np.outer(about_x, y / self.track**2)
+        about_y = (
+            self.com_x * weight - self.com_height * force[:, 0] - self.spin_inertia * spin_rate
+        )
+        about_x = (
+            self.com_y * weight
+            - self.com_height * force[:, 1]
+            - self.spin_inertia * spin * yaw_rate
+        )
+        x = 0.5 * self.wheelbase * FRONT
+        y = 0.5 * self.track * LEFT
+        return (
+            weight[:, None] / 4.0
+            + np.outer(about_y, x / self.wheelbase**2)
+            + np.outer(about_x, y / self.track**2)
+        )
 
     def along(self, motion: Trajectory, gravity: FloatArray, wheel_radius: float) -> FloatArray:
         """Return the (M, 4) quasi-static loads [N] over a motion of the middle between the axles.
 
-        Speeds are differentiated over `DIFFERENTIATED_OVER`; `gravity` is (M, 3) in the body's axes [m/s2]. Where the motion
-        has no wheel rates, the wheels are taken to roll with `wheel_radius` [m].
+        Speeds are differentiated over `DIFFERENTIATED_OVER`; `gravity` is (M, 3) in the body's axes
+        [m/s2]. Where the motion has no wheel rates, the wheels are taken to roll with
+        `wheel_radius` [m].
         """
         t, (v_x, v_y, w) = motion.t, motion.twist.T
         a_x = slope(t, v_x) - w * v_y - w**2 * self.com_x - slope(t, w) * self.com_y
@@ -157,5 +190,6 @@ def slope(t: FloatArray, values: FloatArray) -> FloatArray:
     if len(t) < 2:
         return np.zeros_like(values)
     span = DIFFERENTIATED_OVER
-    low, high = np.clip(t - 0.5 * span, t[0], t[-1]), np.clip(t + 0.5 * span, t[0], t[-1])
+    low = np.clip(t - 0.5 * span, t[0], t[-1])
+    high = np.clip(t + 0.5 * span, t[0], t[-1])
     return np.asarray((np.interp(high, t, values) - np.interp(low, t, values)) / (high - low))

@@ -1,8 +1,8 @@
 """The localiser of a log: which point and heading of the robot it tells, and how late.
 
-A localiser, such as lidar odometry or motion capture, sits somewhere on the robot and looks some way; its position and its
-heading may be filtered differently and so come with different delays. A prediction is compared with a log only after the
-robot's motion has been seen in the same way.
+A localiser, such as lidar odometry or motion capture, sits somewhere on the robot and looks some
+way; its position and its heading may be filtered differently and so come with different delays. A
+prediction is compared with a log only after the robot's motion has been seen in the same way.
 """
 
 from __future__ import annotations
@@ -21,15 +21,21 @@ from ssmr.types import FloatArray, State, Trajectory
 class Localiser:
     """A frame that is fixed to the robot's body, whose pose a log tells with delays."""
 
-    tracked_x: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-1.56, 1.56), of="half_wheelbase")
+    tracked_x: float = parameter(
+        0.0, unit="m", low=-10.0, high=10.0, search=(-1.56, 1.56), of="half_wheelbase"
+    )
     """Place of the tracked point ahead of the body's reference point [m]."""
-    tracked_y: float = parameter(0.0, unit="m", low=-10.0, high=10.0, search=(-0.7, 0.7), of="half_track")
+    tracked_y: float = parameter(
+        0.0, unit="m", low=-10.0, high=10.0, search=(-0.7, 0.7), of="half_track"
+    )
     """Place of the tracked point to the left of the body's reference point [m]."""
     tracked_yaw: float = parameter(0.0, unit="rad", low=-3.2, high=3.2, search=(-0.3, 0.3))
-    """Heading of the tracked frame in the body [rad]; a lidar that looks a little to the left has a positive one."""
+    """Heading of the tracked frame in the body [rad]; a lidar that looks a little to the left has a
+    positive one."""
     position_late: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-1.0, 1.0))
-    """Delay of the positions behind the motion that the plant is driven with [s]: the log's wheels, or its commands with the
-    plant's own delay. Negative where positions are early, because the wheels are logged late."""
+    """Delay of the positions behind the motion that the plant is driven with [s]: the log's wheels,
+    or its commands with the plant's own delay. Negative where positions are early, because the
+    wheels are logged late."""
     yaw_late: float = parameter(0.0, unit="s", low=-2.0, high=2.0, search=(-1.0, 1.0))
     """Delay of the headings behind the same motion [s]."""
 
@@ -63,13 +69,13 @@ class Localiser:
         """Return (..., 3) poses of the tracked frame from those of the body."""
         return compose(body, (*self.point, self.tracked_yaw))
 
-    def logged_poses(self, body: FloatArray, period: float, t: FloatArray | None = None) -> FloatArray:
+    def logged_poses(
+        self, body: FloatArray, period: float, t: FloatArray | None = None
+    ) -> FloatArray:
         """Return the poses that the log tells of a body which moves in a line between samples.
 
-        Args:
-            body: (N, 3) poses of the body.
-            period: time between them [s].
-            t: (M,) stamps of the log [s], the first of which is that of the first pose; None: the poses' own.
+        Args: body: (N, 3) poses of the body. period: time between them [s]. t: (M,) stamps of the
+            log [s], the first of which is that of the first pose; None: the poses' own.
 
         Returns:
             (M, 3) poses of the tracked frame, held before the first and after the last.
@@ -88,26 +94,30 @@ class Localiser:
     def seen(self, motion: Trajectory, t: ArrayLike | None = None) -> Trajectory:
         """Return a body's motion as the log tells it.
 
-        Args:
-            motion: the body's motion.
-            t: (M,) stamps of the log [s], the first of which is that of the motion's first sample; None: the motion's own.
+        Args: motion: the body's motion. t: (M,) stamps of the log [s], the first of which is that
+            of the motion's first sample; None: the motion's own.
 
-        Returns:
-            The motion of the tracked frame at these stamps, linear between samples. Only the pose is late: the first pose is
-            told until the delay is over.
+        Returns: The motion of the tracked frame at these stamps, linear between samples. Only the
+            pose is late: the first pose is told until the delay is over.
         """
         lever = motion.twist[:, 2:] * np.array([-self.tracked_y, self.tracked_x])
         velocity = rotate_world_to_body(motion.twist[:, :2] + lever, self.tracked_yaw)
-        pose, twist = self.seen_pose(motion.pose), np.concatenate([velocity, motion.twist[:, 2:]], axis=1)
+        pose = self.seen_pose(motion.pose)
+        twist = np.concatenate([velocity, motion.twist[:, 2:]], axis=1)
         if t is None and self.position_late == self.yaw_late == 0.0:
             return replace(motion, pose=pose, twist=twist)
         stamps = motion.t if t is None else np.asarray(t, dtype=np.float64)
         clock = motion.t if t is None else motion.t + stamps[0]
 
         def at(values: FloatArray, late: float = 0.0) -> FloatArray:
-            columns = [np.interp(stamps - late, clock, column) for column in values.reshape(len(values), -1).T]
+            columns = [
+                np.interp(stamps - late, clock, column)
+                for column in values.reshape(len(values), -1).T
+            ]
             return np.column_stack(columns).reshape(len(stamps), *values.shape[1:])
 
-        poses = np.concatenate([at(pose[:, :2], self.position_late), at(pose[:, 2:], self.yaw_late)], axis=1)
+        poses = np.concatenate(
+            [at(pose[:, :2], self.position_late), at(pose[:, 2:], self.yaw_late)], axis=1
+        )
         channels = {name: at(values) for name, values in motion.channels.items()}
         return Trajectory(stamps, poses, at(twist), at(motion.wheels), channels)

@@ -13,7 +13,8 @@ from ssmr.parameters import check_parameters, parameter, require_in_range
 from ssmr.types import FloatArray, IndexArray, Trajectory
 
 SAMPLE_RATES_HZ = {"tracking": 120.0, "ekf": 50.0, "command": 20.0}
-"""Tab. 3.5. The table's sample times (0.008, 0.020, 0.050 s) are rounded; Sec. 4.2 runs the filter at 120 Hz."""
+"""Tab. 3.5. The table's sample times (0.008, 0.020, 0.050 s) are rounded; Sec. 4.2 runs the filter
+at 120 Hz."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,16 @@ class SensorNoise:
 
 
 def measure(
-    trajectory: Trajectory, noise: SensorNoise, rng: np.random.Generator, rate: float = SAMPLE_RATES_HZ["ekf"]
+    trajectory: Trajectory,
+    noise: SensorNoise,
+    rng: np.random.Generator,
+    rate: float = SAMPLE_RATES_HZ["ekf"],
 ) -> Trajectory:
     """Return the motion as the robot's state filter would report it: sampled, held and noisy.
 
-    `rng` draws white noise with the variances of `noise` anew at every sample of the filter, `rate` a second [Hz]; between
-    them the last value is held (zero-order hold, Sec. 3.4.6). Stamps, lateral speed, wheels and channels stay as they were.
+    `rng` draws white noise with the variances of `noise` anew at every sample of the filter, `rate`
+    a second [Hz]; between them the last value is held (zero-order hold, Sec. 3.4.6). Stamps,
+    lateral speed, wheels and channels stay as they were.
     """
     tick = _ticks(trajectory.t, rate)
     source = np.searchsorted(tick, tick, side="left")  # the first sample of each tick
@@ -65,15 +70,19 @@ def _ticks(t: FloatArray, rate: float) -> IndexArray:
 YAW_DISTURBANCE_VARIANCE = 25.0
 """Variance of the disturbing yaw acceleration [rad2/s4]; Sec. 3.4.5."""
 PUSH_TIME = 0.1
-"""Time for which each draw is held [s]. The thesis does not say; this is the default of Simulink's random number block."""
+"""Time for which each draw is held [s]. The thesis does not say; this is the default of Simulink's
+random number block."""
 
 
 def yaw_disturbance(duration: float, dt: float, rng: np.random.Generator) -> FloatArray:
     """Return (n,) yaw accelerations of the physics steps `dt` [s] of a run of `duration` [s]: white, held (Sec. 3.4.5).
 
-    `rng` draws them [rad/s2]. The draws do not depend on `dt`, so all plants of one run feel the same disturbance.
+    `rng` draws them [rad/s2]. The draws do not depend on `dt`, so all plants of one run feel the
+    same disturbance.
     """
-    draws = math.sqrt(YAW_DISTURBANCE_VARIANCE) * rng.standard_normal(math.ceil(duration / PUSH_TIME - 1e-9) + 1)
+    draws = math.sqrt(YAW_DISTURBANCE_VARIANCE) * rng.standard_normal(
+        math.ceil(duration / PUSH_TIME - 1e-9) + 1
+    )
     step = np.arange(round(duration / dt))
     return np.asarray(draws[np.floor(step * dt / PUSH_TIME + 1e-9).astype(int)])
 
@@ -107,16 +116,18 @@ class SensorLog(NamedTuple):
 class SensorModel:
     """Noise of encoders and gyro.
 
-    The encoders' resolution (78 000 ticks/m, Sec. 3.1.3: 0.6 mm/s at 50 Hz) is a tenth of their noise, and left out.
+    The encoders' resolution (78 000 ticks/m, Sec. 3.1.3: 0.6 mm/s at 50 Hz) is a tenth of their
+    noise, and left out.
     """
 
     variance_encoder: float = parameter(0.003677, unit="rad2/s2", low=0.0, high=1e6)
-    """Variance of each side's wheel rate [rad2/s2]: 2/r2 of v's variance in Tab. 3.4, which the mean of both sides then
-    has."""
+    """Variance of each side's wheel rate [rad2/s2]: 2/r2 of v's variance in Tab. 3.4, which the
+    mean of both sides then has."""
     variance_gyro: float = parameter(3.5298e-05, unit="rad2/s2", low=0.0, high=1e6)
     """Variance of the yaw rate [rad2/s2]; Tab. 3.4."""
     gyro_bias: float = parameter(0.0, unit="rad/s", low=-1e6, high=1e6)
-    """Reading of the gyro at rest [rad/s], which the filter does not know. A real Husky's on tile is -0.0156."""
+    """Reading of the gyro at rest [rad/s], which the filter does not know. A real Husky's on tile
+    is -0.0156."""
 
     def __post_init__(self) -> None:
         """Check the ranges; ValueError for a negative variance, or a number that is not finite."""
@@ -124,12 +135,18 @@ class SensorModel:
 
     def packed(self) -> SensorErrors:
         """Return the noise for the kernels."""
-        return SensorErrors(math.sqrt(self.variance_encoder), math.sqrt(self.variance_gyro), self.gyro_bias)
+        return SensorErrors(
+            math.sqrt(self.variance_encoder), math.sqrt(self.variance_gyro), self.gyro_bias
+        )
 
 
 @jit
 def sense(
-    left: float, right: float, yaw_rate: float, draws: tuple[float, float, float], noise: SensorErrors
+    left: float,
+    right: float,
+    yaw_rate: float,
+    draws: tuple[float, float, float],
+    noise: SensorErrors,
 ) -> SensorSample:
     """Return what encoders and gyro show where these are the true rates of both wheels and of the body [rad/s].
 
@@ -143,12 +160,16 @@ def sense(
 
 
 def simulate_sensors(
-    trajectory: Trajectory, rng: np.random.Generator, model: SensorModel | None = None, rate: float = SAMPLE_RATES_HZ["ekf"]
+    trajectory: Trajectory,
+    rng: np.random.Generator,
+    model: SensorModel | None = None,
+    rate: float = SAMPLE_RATES_HZ["ekf"],
 ) -> SensorLog:
     """Return what a robot's sensors show along a motion; `SensorModel()` if no `model` is given.
 
-    There are `rate` samples a second [Hz]; for each `rng` draws three numbers. Each is the first state of the motion
-    in its period, with that state's own instant, so a motion whose samples do not divide the period gives irregular ones.
+    There are `rate` samples a second [Hz]; for each `rng` draws three numbers. Each is the first
+    state of the motion in its period, with that state's own instant, so a motion whose samples do
+    not divide the period gives irregular ones.
 
     Raises:
         ValueError: a rate that is not positive.
@@ -158,4 +179,7 @@ def simulate_sensors(
     (left, right), yaw_rate = trajectory.wheels[first].T, trajectory.twist[first, 2]
     draws = rng.standard_normal((len(first), 3)).T
     on_arrays: Any = source(sense)
-    return SensorLog(trajectory.t[first], *on_arrays(left, right, yaw_rate, draws, (model or SensorModel()).packed()))
+    return SensorLog(
+        trajectory.t[first],
+        *on_arrays(left, right, yaw_rate, draws, (model or SensorModel()).packed()),
+    )

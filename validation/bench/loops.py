@@ -15,7 +15,12 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
 from ssmr.control.population import run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
-from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT, FourWheelBodies, FourWheelModel, FourWheelPlant
+from ssmr.models.four_wheel_plant import (
+    FOUR_WHEEL_DT,
+    FourWheelBodies,
+    FourWheelModel,
+    FourWheelPlant,
+)
 from ssmr.models.law import OWN_MODELS, PLANAR_MODELS
 from ssmr.models.linear import matrices
 from ssmr.robot.vehicle import Drive
@@ -29,10 +34,15 @@ from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
-_SECONDS, _LAST, _SAMPLE_DT = 6.0, 1.0, 0.05
-"""Time for which a command is driven, the last part of it over which the motion is averaged, and between samples [s]."""
-_EASY_TURN, _EASY_SPEED = 0.25, 0.8
-"""Shares of the limits of commands up to which a reference asks for so little that nothing is measured."""
+_SECONDS = 6.0
+_LAST = 1.0
+_SAMPLE_DT = 0.05
+"""Time for which a command is driven, the last part of it over which the motion is averaged, and
+between samples [s]."""
+_EASY_TURN = 0.25
+_EASY_SPEED = 0.8
+"""Shares of the limits of commands up to which a reference asks for so little that nothing is
+measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +66,11 @@ class ClosedLoopRobot:
         """A plant of this model, or the simulated robot itself."""
         if isinstance(self.body, MujocoPlant):
             return self.body
-        return PlanarPlant(self.body) if isinstance(self.body, PlanarModel) else FourWheelPlant(self.body)
+        return (
+            PlanarPlant(self.body)
+            if isinstance(self.body, PlanarModel)
+            else FourWheelPlant(self.body)
+        )
 
     @property
     def terrain(self) -> Terrain:
@@ -85,7 +99,9 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
     if isinstance(made, FourWheelPlant):
         return ClosedLoopRobot(plant, made.model)
     if plant not in (*PLANAR_MODELS, *OWN_MODELS):
-        raise ProfileError(f"plant '{plant}' has no closed loops in populations; ssmr.control.loop.run_loop drives it")
+        raise ProfileError(
+            f"plant '{plant}' has no closed loops in populations; ssmr.control.loop.run_loop drives it"
+        )
     section = profile.section(plant)
     return ClosedLoopRobot(plant, PlanarModel(section.parameters, section.vehicle, section.drive))
 
@@ -102,16 +118,24 @@ def chosen_controller(
 ) -> tuple[AnyController, GainSet | None]:
     """Return a controller by its name, or a user's class, itself or by `FILE.py:NAME`, and its gains, which no class has.
 
-    Raises:
-        ValueError: there is no such controller, file, class or set of gains, or they do not go together.
+    Raises: ValueError: there is no such controller, file, class or set of gains, or they do not go
+        together.
     """
     if isinstance(controller, type) or is_user_law(controller):
         if gains is not None:
             raise ValueError(f"gains are for the shipped controllers; {controller} brings its own")
-        law, linear = load_user_law(controller), profile.plants["linear"]
-        a, b = (tuple(map(tuple, m.tolist())) for m in matrices(linear.vehicle, linear.parameters, linear.drive))
+        law = load_user_law(controller)
+        linear = profile.plants["linear"]
+        a, b = (
+            tuple(map(tuple, m.tolist()))
+            for m in matrices(linear.vehicle, linear.parameters, linear.drive)
+        )
         return PythonController(law.name, law, a, b, linear.drive), None
-    wanted = gains if isinstance(gains, GainSet) else load_gains(controller, str(gains) if gains else None, profile.name)
+    wanted = (
+        gains
+        if isinstance(gains, GainSet)
+        else load_gains(controller, str(gains) if gains else None, profile.name)
+    )
     if wanted.controller != controller:
         raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
     return make_controller(profile, wanted), wanted
@@ -161,7 +185,8 @@ def run_robots(
     return run_loops(planar, designed, settings, waypoints, seeds, start, threads)
 
 
-# ------------------------------------------------------------------------------------------ what a reference asks for
+# ------------------------------------------------------------------------------------------ what a
+# reference asks for
 def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:
     """Raise a ValueError for a reference with a segment that is faster than the driver's limit; it says where."""
     speeds = waypoints.segment_speeds
@@ -182,16 +207,26 @@ def settled_motion(plant: Plant, v: float, w: float) -> tuple[float, float]:
 
 def _possible(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> tuple[float, list[str]]:
     """Return the speed [m/s] at which a robot can follow a reference with `part` of its motion, and what is beyond that."""
-    plant, v_max, w_max = robot.plant, robot.drive.v_max, robot.drive.w_max
+    plant = robot.plant
+    v_max = robot.drive.v_max
+    w_max = robot.drive.w_max
     course = waypoints.course()
     k = int(np.argmax(np.abs(course["w"])))
-    turn, fastest = float(abs(course["w"][k])), float(np.max(waypoints.segment_speeds))
-    share, demands = 1.0, []
+    turn = float(abs(course["w"][k]))
+    fastest = float(np.max(waypoints.segment_speeds))
+    share = 1.0
+    demands = []
     if turn > _EASY_TURN * w_max and math.isfinite(w_max):
-        possible = abs(settled_motion(plant, float(course["v"][k]), math.copysign(w_max, float(course["w"][k])))[1])
+        possible = abs(
+            settled_motion(
+                plant, float(course["v"][k]), math.copysign(w_max, float(course["w"][k]))
+            )[1]
+        )
         if turn > part * possible:
             share = min(share, part * possible / turn)
-            demands.append(f"a yaw rate of {turn:.2f} rad/s where {possible:.2f} rad/s are possible")
+            demands.append(
+                f"a yaw rate of {turn:.2f} rad/s where {possible:.2f} rad/s are possible"
+            )
     if fastest > _EASY_SPEED * v_max:
         possible = settled_motion(plant, v_max, 0.0)[0]
         if fastest > part * possible:

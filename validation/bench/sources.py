@@ -38,11 +38,12 @@ from validation.words import one_line
 _logger = logging.getLogger(__name__)
 
 RECORDING_GRID = 0.01
-"""Period at which a log's inputs are held for the plants [s]: a whole number of every plant's steps, finer than any log of
-ours."""
+"""Period at which a log's inputs are held for the plants [s]: a whole number of every plant's
+steps, finer than any log of ours."""
 RECORDING = "recording"
 """The name of the reference where plants are compared with a log."""
-CURRENTS, VOLTAGES = "current_A", "voltage_V"
+CURRENTS = "current_A"
+VOLTAGES = "voltage_V"
 """Channels of a recorded motion, where the log has them: (M, 2) of the left and right motors."""
 _MOTORS = {
     CURRENTS: ("current_left", "current_right"),
@@ -53,10 +54,12 @@ BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
 _ODD = 1.3  # ratio of wheel radii beyond which it is another robot's, or the units are others
 _STANDING_SHARE = 0.1  # share of windows without any motion from which they are worth a sentence
 _BEGIN = 0.5
-"""Length of the beginning whose poses say how a robot moves at first, and of the spans of which slopes are taken [s]."""
+"""Length of the beginning whose poses say how a robot moves at first, and of the spans of which
+slopes are taken [s]."""
 
 WindowCut = Callable[[FloatArray, float, NDArray[np.bool_] | None], tuple[IndexArray, IndexArray]]
-"""Function of stamps [s], a horizon [s] and the usable samples that returns starts and ends of windows."""
+"""Function of stamps [s], a horizon [s] and the usable samples that returns starts and ends of
+windows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +71,15 @@ class Piece:
     start: State
     """State of the tracked point at the first stamp."""
     t: FloatArray | None
-    """(M,) stamps at which plants are compared [s]; None for a scenario, whose stamps are the simulation's."""
+    """(M,) stamps at which plants are compared [s]; None for a scenario, whose stamps are the
+    simulation's."""
     reference: Trajectory | None
     """The recorded motion at those stamps; None for a scenario, whose reference is a plant."""
     fresh: NDArray[np.bool_] | None = None
     """(M,) where the recorded pose was new: scoring windows begin and end there."""
     jumps: tuple[int, ...] = ()
-    """Indices of the first samples after jumps of the localiser: plants drive on, but no scoring window spans one."""
+    """Indices of the first samples after jumps of the localiser: plants drive on, but no scoring
+    window spans one."""
     moves: NDArray[np.bool_] | None = None
     """(M,) where the robot moves; None where nobody knows, and every window counts."""
 
@@ -83,14 +88,19 @@ class Piece:
     ) -> tuple[IndexArray, IndexArray]:
         """Return (W,) starts and (W,) ends of windows of a `horizon` [s] that `cut` finds in stamps `t` between jumps.
 
-        Windows in which the robot stands throughout are left out; with `standing` they alone are returned.
+        Windows in which the robot stands throughout are left out; with `standing` they alone are
+        returned.
         """
         bounds = []
         for a, b in pairwise((0, *self.jumps, len(t))):
             starts, ends = cut(t[a:b], horizon, None if self.fresh is None else self.fresh[a:b])
             bounds.append((a + starts, a + ends))
         starts, ends = (np.concatenate([each[end] for each in bounds]) for end in (0, 1))
-        moved = np.arange(len(t) + 1) if self.moves is None else np.cumulative_sum(self.moves, include_initial=True)
+        moved = (
+            np.arange(len(t) + 1)
+            if self.moves is None
+            else np.cumulative_sum(self.moves, include_initial=True)
+        )
         kept = (moved[ends + 1] == moved[starts]) == standing
         return starts[kept], ends[kept]
 
@@ -125,8 +135,8 @@ def open_source(
 ) -> Source:
     """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log (its path, or a shipped one) by its name.
 
-    `kind` says which of a log's inputs drives the plants; what was logged before `start` or after `stop` [s] is left out;
-    `options` say how a log is read.
+    `kind` says which of a log's inputs drives the plants; what was logged before `start` or after
+    `stop` [s] is left out; `options` say how a log is read.
 
     Raises:
         ValueError: an unknown name, a log that cannot be read or lacks what is asked for.
@@ -134,9 +144,13 @@ def open_source(
     scenario, _, plant = name.partition("@")
     if scenario in TRAJECTORIES:
         if plant and plant not in ALL_PLANTS:
-            raise ValueError(f"unknown plant '{plant}' in '{name}'; there are: {', '.join(ALL_PLANTS)}")
+            raise ValueError(
+                f"unknown plant '{plant}' in '{name}'; there are: {', '.join(ALL_PLANTS)}"
+            )
         if kind == "wheels":
-            raise ValueError(f"{name} is a scenario and has no measured wheel rates; input by wheels needs a recording")
+            raise ValueError(
+                f"{name} is a scenario and has no measured wheel rates; input by wheels needs a recording"
+            )
         if start is not None or stop is not None:
             raise ValueError(f"a time span cuts recordings; {name} is a scenario")
         piece = Piece(TRAJECTORIES[scenario].commands(), State(), None, None)
@@ -144,56 +158,86 @@ def open_source(
     path = log_path(name)
     if not exists(path) and not is_log(path):
         others = f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
-        raise ValueError(f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, {others}")
-    log, limits = read_log(path, options).on_one_clock().cut(start, stop), options.limits
+        raise ValueError(
+            f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, {others}"
+        )
+    log = read_log(path, options).on_one_clock().cut(start, stop)
+    limits = options.limits
     periods = (float(log.t[-1]) - float(log.t[0])) / RECORDING_GRID
     if periods > limits.samples:
-        raise ValueError(f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, but {limits.says('samples')}; cut it")
+        raise ValueError(
+            f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, but {limits.says('samples')}; cut it"
+        )
     span = "" if start is None and stop is None else f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
     return source_of(log, name, kind, log.name + span, options.radius)
 
 
 def source_of(
-    log: Log, name: str, kind: CommandKind = "twist", title: str | None = None, radius: float | None = None
+    log: Log,
+    name: str,
+    kind: CommandKind = "twist",
+    title: str | None = None,
+    radius: float | None = None,
 ) -> Source:
     """Return a log on one clock as a motion to compare plants on; what is wrong with it is logged as a warning too.
 
-    Where the log has no commands, the speeds of its odometry stand for them, and a warning says so. `name` is what the user
-    gave it, `title` its name in sentences, the log's own if not given; `kind` says which of its inputs drives the plants.
-    `radius` is that of the wheels [m], where it is known.
+    Where the log has no commands, the speeds of its odometry stand for them, and a warning says so.
+    `name` is what the user gave it, `title` its name in sentences, the log's own if not given;
+    `kind` says which of its inputs drives the plants. `radius` is that of the wheels [m], where it
+    is known.
 
     Raises:
         ValueError: it lacks the inputs or the pose.
     """
-    faults, names, sentences = find_faults(log, radius), COMMAND_COLUMNS[kind], list[str]()
+    faults = find_faults(log, radius)
+    names = COMMAND_COLUMNS[kind]
+    sentences = list[str]()
     if kind == "twist" and not log.has(names) and log.has(("odom_v", "odom_w")):
         names = ("odom_v", "odom_w")
-        sentences.append("no commands were recorded, so the odometry's speeds, odom_v and odom_w, drive the plants instead")
+        sentences.append(
+            "no commands were recorded, so the odometry's speeds, odom_v and odom_w, drive the plants instead"
+        )
     if not log.has(POSE_COLUMNS):
         lack = [column for column in POSE_COLUMNS if not log.has([column])]
         use = "`recordings info` says what its gyro and wheels tell without"
-        raise ValueError(f"log {log.name} has no column {', '.join(lack)}, the pose by which predictions are judged; {use}")
-    inputs, pose, gyro = log.table(names), log.table(POSE_COLUMNS), log.columns.get("gyro_z")
+        raise ValueError(
+            f"log {log.name} has no column {', '.join(lack)}, the pose by which predictions are judged; {use}"
+        )
+    inputs = log.table(names)
+    pose = log.table(POSE_COLUMNS)
+    gyro = log.columns.get("gyro_z")
     sides = COMMAND_COLUMNS["wheels"]
     wheels = log.table(sides) if log.has(sides) else np.zeros((len(pose), 2))
-    every, moves = fresh_poses(log.t, pose), np.abs(inputs).max(axis=1) > LEAST_COMMAND
+    every = fresh_poses(log.t, pose)
+    moves = np.abs(inputs).max(axis=1) > LEAST_COMMAND
     if log.has(sides):
-        moves = np.abs([moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0) > WHEELS_TURN
+        moves = (
+            np.abs([moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0)
+            > WHEELS_TURN
+        )
     motors = {key: log.table(own) for key, own in _MOTORS.items() if log.has(own)}
     jumps = np.empty(0, dtype=np.intp) if faults.jumps is None else faults.jumps.index
     on_time = every if faults.jumps is None else every & ~faults.jumps.late
-    group, pieces = log.own_group(names[0]), []
+    group = log.own_group(names[0])
+    pieces = []
     for s in log.stretches():
-        t, fresh = log.t[s], every[s]
+        t = log.t[s]
+        fresh = every[s]
         commands = commands_on_grid(*_samples_within(group, names, t), kind, RECORDING_GRID, t)
-        commands = replace(commands, before=(float(commands.values[0, 0]), float(commands.values[0, 1])))
+        commands = replace(
+            commands, before=(float(commands.values[0, 0]), float(commands.values[0, 1]))
+        )
         motion = _recorded_motion(t, pose[s], fresh, wheels[s], None if gyro is None else gyro[s])
         motion = replace(motion, channels={key: table[s] for key, table in motors.items()})
         inside = jumps[(jumps > s.start) & (jumps < s.stop)] - s.start
         start = initial_state(t, pose[s], fresh, wheels[s][0])
-        pieces.append(Piece(commands, start, t, motion, on_time[s], tuple(inside.tolist()), moves[s]))
+        pieces.append(
+            Piece(commands, start, t, motion, on_time[s], tuple(inside.tolist()), moves[s])
+        )
     title = title or log.name
-    warnings = tuple(one_line(f"{title}: {sentence}") for sentence in [*faults.sentences(), *sentences])
+    warnings = tuple(
+        one_line(f"{title}: {sentence}") for sentence in [*faults.sentences(), *sentences]
+    )
     for warning in warnings:
         _logger.warning("%s", warning)
     return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title, log)
@@ -223,10 +267,11 @@ def commands_on_grid(
 ) -> Commands:
     """Return inputs on a uniform grid: ceil(duration / dt) commands, from the first instant on.
 
-    Commands are held until the next sample (zero-order hold): each grid time takes the last sample at or before it,
-    where a sample up to `TIME_ROUNDOFF` later counts too. Wheel rates are measurements of something that goes on
-    between samples: each side is interpolated linearly from one fresh sample of its own to the next and taken in the
-    middle of each period. Holding them would make the wheels late by half a sample.
+    Commands are held until the next sample (zero-order hold): each grid time takes the last sample
+    at or before it, where a sample up to `TIME_ROUNDOFF` later counts too. Wheel rates are
+    measurements of something that goes on between samples: each side is interpolated linearly from
+    one fresh sample of its own to the next and taken in the middle of each period. Holding them
+    would make the wheels late by half a sample.
 
     Args:
         stamps: (K,) stamps of the inputs [s].
@@ -253,51 +298,79 @@ def commands_on_grid(
     return Commands(dt, np.column_stack([held(grid, own, column) for column in inputs.T]), kind)
 
 
-def initial_state(t: FloatArray, pose: FloatArray, fresh: NDArray[np.bool_], wheels: FloatArray) -> State:
+def initial_state(
+    t: FloatArray, pose: FloatArray, fresh: NDArray[np.bool_], wheels: FloatArray
+) -> State:
     """Return the first of (M, 3) poses at stamps [s], and the constant twist that fits the first poses best.
 
-    A straight line is fitted to yaw; then, along that yaw, the arc p(t) = p_0 + t sinc(w t / 2) R(yaw_0 + w t / 2) v to
-    the positions. Both are linear least squares, and exact for a constant twist. Only fresh samples of the first `_BEGIN`
-    are used, or three of them; the twist is zero where no pose is new. `wheels` are the (2,) rates of that moment [rad/s].
+    A straight line is fitted to yaw; then, along that yaw, the arc p(t) = p_0 + t sinc(w t / 2)
+    R(yaw_0 + w t / 2) v to the positions. Both are linear least squares, and exact for a constant
+    twist. Only fresh samples of the first `_BEGIN` are used, or three of them; the twist is zero
+    where no pose is new. `wheels` are the (2,) rates of that moment [rad/s].
     """
     first = np.flatnonzero(fresh)
     first = first[: max(3, np.count_nonzero(t[first] - t[0] <= _BEGIN + TIME_ROUNDOFF))]
-    v, yaw_rate = np.zeros(2), 0.0
+    v = np.zeros(2)
+    yaw_rate = 0.0
     if len(first) >= 2:
-        at, moved = t[first] - t[0], pose[first] - pose[0]
+        at = t[first] - t[0]
+        moved = pose[first] - pose[0]
         centred = at - at.mean()
         yaw_rate = float(centred @ moved[:, 2] / (centred @ centred))
         half_turn = 0.5 * yaw_rate * at
-        chord = (at * np.sinc(half_turn / np.pi))[:, None, None] * np.eye(2)  # of unit v_x and of unit v_y, in the body
+        # of unit v_x and of unit v_y, in the body
+        chord = (at * np.sinc(half_turn / np.pi))[:, None, None] * np.eye(2)
         yaw = pose[0, 2] + moved[:, 2].mean() - yaw_rate * at.mean() + half_turn
         arcs = rotate_body_to_world(chord, yaw[:, None])  # (n, which of v, which of xy)
         design = np.swapaxes(arcs - arcs.mean(axis=0), 1, 2).reshape(-1, 2)
         v = np.linalg.lstsq(design, (moved[:, :2] - moved[:, :2].mean(axis=0)).ravel())[0]
     x, y, yaw_0 = map(float, pose[0])
-    return State(x, y, yaw_0, float(v[0]), float(v[1]), yaw_rate, float(wheels[0]), float(wheels[1]))
+    return State(
+        x, y, yaw_0, float(v[0]), float(v[1]), yaw_rate, float(wheels[0]), float(wheels[1])
+    )
 
 
 def _recorded_motion(
-    t: FloatArray, pose: FloatArray, fresh: NDArray[np.bool_], wheels: FloatArray, gyro: FloatArray | None
+    t: FloatArray,
+    pose: FloatArray,
+    fresh: NDArray[np.bool_],
+    wheels: FloatArray,
+    gyro: FloatArray | None,
 ) -> Trajectory:
     """Return recorded poses; speeds are slopes over `_BEGIN`, from fresh samples; yaw rate is the gyro's if there is one."""
-    velocity, known = np.zeros_like(pose), t[fresh]
+    velocity = np.zeros_like(pose)
+    known = t[fresh]
     if len(known) > 1:
-        low, high = (np.clip(t + half, known[0], known[-1]) for half in (-0.5 * _BEGIN, 0.5 * _BEGIN))
-        rise = [np.interp(high, known, column) - np.interp(low, known, column) for column in pose[fresh].T]
+        low, high = (
+            np.clip(t + half, known[0], known[-1]) for half in (-0.5 * _BEGIN, 0.5 * _BEGIN)
+        )
+        rise = [
+            np.interp(high, known, column) - np.interp(low, known, column)
+            for column in pose[fresh].T
+        ]
         velocity = np.column_stack(rise) / np.maximum(high - low, 1e-9)[:, None]
     turning = velocity[:, 2] if gyro is None else gyro
     twist = np.column_stack([rotate_world_to_body(velocity[:, :2], pose[:, 2]), turning])
     return Trajectory(t, pose, twist, wheels)
 
 
-# ------------------------------------------------------------------------------------------ driving and scoring
-def drive(plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, push: FloatArray | None = None) -> Trajectory:
+# ------------------------------------------------------------------------------------------ driving
+# and scoring
+def drive(
+    plant: Plant,
+    piece: Piece,
+    localiser: Localiser,
+    sample_dt: float,
+    push: FloatArray | None = None,
+) -> Trajectory:
     """Drive a plant over one piece, from its start, and return the motion that the localiser sees, at the piece's stamps.
 
-    The plant is sampled every `sample_dt` [s]; `push` is the (n,) disturbing yaw acceleration of each physics step [rad/s²].
+    The plant is sampled every `sample_dt` [s]; `push` is the (n,) disturbing yaw acceleration of
+    each physics step [rad/s²].
     """
-    return localiser.seen(plant.run(piece.commands, localiser.body_state(piece.start), sample_dt, push), piece.t)
+    return localiser.seen(
+        plant.run(piece.commands, localiser.body_state(piece.start), sample_dt, push), piece.t
+    )
 
 
 def warm_up(plant: Plant) -> None:
@@ -312,39 +385,60 @@ DrivenSources = Sequence[tuple[Source, Sequence[Trajectory]]]
 def horizons_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float, HorizonErrors]:
     """Return errors of the relative pose by horizon [s] over several sources together; only logs have windows.
 
-    Windows follow one another and never span a gap or a jump of the localiser. Those in which the robot stands are only
-    counted. A horizon without any other is left out.
+    Windows follow one another and never span a gap or a jump of the localiser. Those in which the
+    robot stands are only counted. A horizon without any other is left out.
     """
     standing = {
-        h: sum(len(p.windows(horizon_windows, p.t, h, True)[0]) for s, _ in driven for p in s.pieces if p.t is not None)
+        h: sum(
+            len(p.windows(horizon_windows, p.t, h, True)[0])
+            for s, _ in driven
+            for p in s.pieces
+            if p.t is not None
+        )
         for h in horizons
     }
-    return {h: horizon_errors(*e, standing[h]) for h in horizons if (e := _errors_of(driven, h, horizon_windows))}
+    return {
+        h: horizon_errors(*e, standing[h])
+        for h in horizons
+        if (e := _errors_of(driven, h, horizon_windows))
+    }
 
 
 def window_errors_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float, WindowErrors]:
     """Return errors of the relative pose over windows that begin every second, by horizon [s], as `horizons_of` does."""
-    return {h: WindowErrors(h, *errors) for h in horizons if (errors := _errors_of(driven, h, overlapping_windows))}
+    return {
+        h: WindowErrors(h, *errors)
+        for h in horizons
+        if (errors := _errors_of(driven, h, overlapping_windows))
+    }
 
 
-def _errors_of(driven: DrivenSources, horizon: float, windows: WindowCut) -> tuple[FloatArray, FloatArray] | None:
+def _errors_of(
+    driven: DrivenSources, horizon: float, windows: WindowCut
+) -> tuple[FloatArray, FloatArray] | None:
     """Return (W,) position errors [m] and yaw errors [rad] over all windows; None where there is none."""
     errors = [
-        relative_pose_error(motion.pose, piece.reference.pose, *piece.windows(windows, piece.t, horizon))
+        relative_pose_error(
+            motion.pose, piece.reference.pose, *piece.windows(windows, piece.t, horizon)
+        )
         for source, motions in driven
         for motion, piece in zip(motions, source.pieces, strict=True)
         if piece.reference is not None and piece.t is not None
     ]
     if not sum(len(position) for position, _ in errors):
         return None
-    return np.concatenate([position for position, _ in errors]), np.concatenate([yaw for _, yaw in errors])
+    return np.concatenate([position for position, _ in errors]), np.concatenate(
+        [yaw for _, yaw in errors]
+    )
 
 
-def signed_windows(driven: DrivenSources, horizon: float) -> list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]:
+def signed_windows(
+    driven: DrivenSources, horizon: float
+) -> list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]:
     """Return predictions over windows that begin every second and their errors, as bands take them, piece by piece.
 
-    Each has the (M, 3) path of the plant, (W,) starts and ends, and (W, 3) errors: the plant's motion less the recorded one,
-    x, y [m] in the frame of the start, and yaw [rad].
+    Each has the (M, 3) path of the plant, (W,) starts and ends, and (W, 3) errors: the plant's
+    motion less the recorded one, x, y [m] in the frame of the start, and yaw [rad].
     """
     signed = []
     for source, motions in driven:
@@ -352,20 +446,27 @@ def signed_windows(driven: DrivenSources, horizon: float) -> list[tuple[FloatArr
             if piece.reference is None or piece.t is None:
                 continue
             i, j = piece.windows(overlapping_windows, piece.t, horizon)
-            p, q = motion.pose, piece.reference.pose
+            p = motion.pose
+            q = piece.reference.pose
             error = relative(p[i], p[j]) - relative(q[i], q[j])
             error[:, 2] = wrap_angle(error[:, 2])
             signed.append((p, i, j, error))
     return signed
 
 
-def coverage_of(driven: DrivenSources, horizons: Sequence[float], band: Band) -> dict[float, dict[str, float]]:
+def coverage_of(
+    driven: DrivenSources, horizons: Sequence[float], band: Band
+) -> dict[float, dict[str, float]]:
     """Return the shares of windows that end inside a band, `position` and `yaw`, by horizon [s]; none without windows."""
     shares = {}
     for horizon in horizons:
-        sizes = [band.sizes(*window) for window in signed_windows(driven, horizon) if len(window[1])]
+        sizes = [
+            band.sizes(*window) for window in signed_windows(driven, horizon) if len(window[1])
+        ]
         if sizes:
-            inside = [float(np.mean(np.concatenate(part) <= 1.0)) for part in zip(*sizes, strict=True)]
+            inside = [
+                float(np.mean(np.concatenate(part) <= 1.0)) for part in zip(*sizes, strict=True)
+            ]
             shares[horizon] = dict(zip(("position", "yaw"), inside, strict=True))
     return shares
 
@@ -373,14 +474,21 @@ def coverage_of(driven: DrivenSources, horizons: Sequence[float], band: Band) ->
 def band_of(parts: Sequence[DrivenSources]) -> Band | None:
     """Return the band of a plant from how it predicts logs, see `estimated_band`; None where there are too few windows.
 
-    `parts` has the logs as a plant drives them whose numbers were found without their first, second, ... part of time.
+    `parts` has the logs as a plant drives them whose numbers were found without their first,
+    second, ... part of time.
     """
     windows = {}
     for horizon in BAND_HORIZONS:
         drives = [signed_windows(driven, horizon) for driven in parts]
         counts = [len(starts) for _, starts, _, _ in drives[0]]
-        part = np.split(np.arange(sum(counts)) * len(parts) // max(sum(counts), 1), np.cumsum(counts)[:-1])
-        own = [(w, which == k) for k, drive in enumerate(drives) for w, which in zip(drive, part, strict=False)]
+        part = np.split(
+            np.arange(sum(counts)) * len(parts) // max(sum(counts), 1), np.cumsum(counts)[:-1]
+        )
+        own = [
+            (w, which == k)
+            for k, drive in enumerate(drives)
+            for w, which in zip(drive, part, strict=False)
+        ]
         windows[horizon] = [(p, i[its], j[its], error[its]) for (p, i, j, error), its in own]
     return estimated_band(windows)
 
@@ -395,19 +503,27 @@ def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:
 def stranger_sentences(source: Source, robot: Robot) -> list[str]:
     """Return the sentences on a log of a robot that nobody named; it is taken for `robot`.
 
-    Wheel rates against speed and yaw rate say how large wheels and effective track are, which is usually 1.2 to 2.2 times
-    the track. Where these are odd for `robot`, the sentence is logged as a warning, too.
+    Wheel rates against speed and yaw rate say how large wheels and effective track are, which is
+    usually 1.2 to 2.2 times the track. Where these are odd for `robot`, the sentence is logged as a
+    warning, too.
     """
     if source.reference != RECORDING or source.name in SHIPPED_LOGS:
         return []
     note = f"{source.title}: taken for a {robot.title or robot.name}, because neither --robot nor --profile names another"
-    motions = [p.reference for p in source.pieces if p.reference is not None and np.any(p.reference.wheels)]
+    motions = [
+        p.reference for p in source.pieces if p.reference is not None and np.any(p.reference.wheels)
+    ]
     if not motions:
         return [note]
-    wheels, twist = (np.concatenate([getattr(m, name) for m in motions]) for name in ("wheels", "twist"))
-    mean, difference, g = wheels.mean(axis=1), np.diff(wheels)[:, 0], robot.geometry
+    wheels, twist = (
+        np.concatenate([getattr(m, name) for m in motions]) for name in ("wheels", "twist")
+    )
+    mean = wheels.mean(axis=1)
+    difference = np.diff(wheels)[:, 0]
+    g = robot.geometry
     radius = float(twist[:, 0] @ mean / max(mean @ mean, 1e-9))
-    width = radius * float(difference @ difference / max(abs(twist[:, 2] @ difference), 1e-9))  # the sign is the gyro's
+    # the sign is the gyro's
+    width = radius * float(difference @ difference / max(abs(twist[:, 2] @ difference), 1e-9))
     sizes = (
         ("wheel radius", radius, g.wheel_radius, 1.0 / _ODD, _ODD, mean),
         ("track", width, g.track, 0.9, 3.0, difference),
@@ -426,11 +542,17 @@ def stranger_sentences(source: Source, robot: Robot) -> list[str]:
 def standing_sentences(source: Source, horizon: float) -> list[str]:
     """Return a sentence on a log in many windows of which the robot stands; none for one in which it drives."""
     many = [
-        sum(len(p.windows(overlapping_windows, p.t, horizon, standing)[0]) for p in source.pieces if p.t is not None)
+        sum(
+            len(p.windows(overlapping_windows, p.t, horizon, standing)[0])
+            for p in source.pieces
+            if p.t is not None
+        )
         for standing in (True, False)
     ]
     share = many[0] / max(sum(many), 1)
     if share < _STANDING_SHARE:
         return []
     windows = f"{100.0 * share:.0f} % of the windows of {horizon:g} s"
-    return [f"{source.title}: the robot stands still throughout {windows}, which count in no median"]
+    return [
+        f"{source.title}: the robot stands still throughout {windows}, which count in no median"
+    ]

@@ -17,15 +17,27 @@ from ssmr.control.tick import LOST
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
 from ssmr.errors import SsmrError
 from ssmr.estimation.settings import EkfSettings
-from ssmr.metrics.declared import METRICS, Metric, Metrics, command_measures, compare_paths, cross_track_max
+from ssmr.metrics.declared import (
+    METRICS,
+    Metric,
+    Metrics,
+    command_measures,
+    compare_paths,
+    cross_track_max,
+)
 from ssmr.types import Trajectory
 from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line
 
 _AT_LIMIT = 0.999  # from this share of a limit on, a torque or a command counts as saturated
-_LIMITED = {"side_torque_limit_N_m": ("torque_left", "torque_right"), "v_max_m_s": ("v_cmd",), "w_max_rad_s": ("w_cmd",)}
-"""Names of the limits among the options of a result, and the columns of the log that each holds for."""
+_LIMITED = {
+    "side_torque_limit_N_m": ("torque_left", "torque_right"),
+    "v_max_m_s": ("v_cmd",),
+    "w_max_rad_s": ("w_cmd",),
+}
+"""Names of the limits among the options of a result, and the columns of the log that each holds
+for."""
 
 TRACK_METRICS: Mapping[str, Metric] = {
     **METRICS,
@@ -62,12 +74,21 @@ TRACK_METRICS: Mapping[str, Metric] = {
         ),
     )},
 }  # fmt: skip
-"""Metrics of a robot that follows a reference, by name: those of its path, then those of the loop."""
+"""Metrics of a robot that follows a reference, by name: those of its path, then those of the
+loop."""
 MOST_SHOWN = 60_000
 """Most ticks of a robot in a picture or recording: all of eight minutes."""
 MOST_BESIDE = 5
 """Greatest number of robots that can be told apart in one picture or recording."""
-OF_THE_PATH = ("d_rms_m", "d_haus_m", "d_ratio", "e_bend_ratio", "sync_rms_m", "yaw_rms_rad", "cross_track_max_m")
+OF_THE_PATH = (
+    "d_rms_m",
+    "d_haus_m",
+    "d_ratio",
+    "e_bend_ratio",
+    "sync_rms_m",
+    "yaw_rms_rad",
+    "cross_track_max_m",
+)
 """Metrics of each robot that compare its motion with the reference."""
 OF_THE_LOOP = (
     *("e_rho_rms_m", "e_y_rms_m", "e_alpha_rms_rad", "u_rms_ratio", "saturated_fraction"),
@@ -128,24 +149,38 @@ class TrackedRobot:
 
     def thinned(self) -> TrackedRobot:
         """Return it as it is shown, with `MOST_SHOWN` ticks and the last one of a long run."""
-        n, w = len(self.run.t), self.target
+        n = len(self.run.t)
+        w = self.target
         if n <= MOST_SHOWN:
             return self
         rows = np.append(np.arange(0, n - 1, math.ceil(n / MOST_SHOWN)), n - 1)
-        target = Trajectory(*(values[rows[rows < len(w)]] for values in (w.t, w.pose, w.twist, w.wheels)))
-        return replace(self, run=replace(self.run, t=self.run.t[rows], table=self.run.table[rows]), target=target)
+        target = Trajectory(
+            *(values[rows[rows < len(w)]] for values in (w.t, w.pose, w.twist, w.wheels))
+        )
+        return replace(
+            self,
+            run=replace(self.run, t=self.run.t[rows], table=self.run.table[rows]),
+            target=target,
+        )
 
     def failure(self) -> SsmrError | None:
         """Return the error that says when and where the robot was lost; None for one that came to the end."""
         try:
-            self.run.require_complete(f"{self.controller} on {self.reference} with the plant {self.plant}")
+            self.run.require_complete(
+                f"{self.controller} on {self.reference} with the plant {self.plant}"
+            )
         except SsmrError as error:
             return error
         return None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the metrics, whether the robot was lost, and how long simulating took."""
-        return {**self.metrics, "lost": self.run.lost, "wall_s": self.wall_s, "real_time_factor": self.real_time_factor}
+        return {
+            **self.metrics,
+            "lost": self.run.lost,
+            "wall_s": self.wall_s,
+            "real_time_factor": self.real_time_factor,
+        }
 
 
 def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]:
@@ -161,19 +196,18 @@ def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]
 def reference_of(run: ClosedRun, waypoints: Waypoints, *, whole: bool = False) -> Trajectory:
     """Return the reference at the ticks of a run, as far as the run came, or with `whole` to its end."""
     period = float(run.t[1] - run.t[0]) if len(run.t) > 1 else waypoints.duration
-    full, n = waypoints.trajectory(period), len(run.t)
+    full = waypoints.trajectory(period)
+    n = len(run.t)
     return full if whole else Trajectory(full.t[:n], full.pose[:n], full.twist[:n], full.wheels[:n])
 
 
 def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, object]) -> Metrics:
     """Return how well a run followed its reference; a run that was lost is compared with the whole reference.
 
-    Args:
-        run: at least one tick.
-        waypoints: the reference.
-        limits: the greatest torque of a side, speed and yaw rate, by their names among the options of a result, and the
-            period of commands, `velocity_period_s`, if it is not the usual one. A limit that is off counts as the thesis'
-            (1 m/s, 2 rad/s).
+    Args: run: at least one tick. waypoints: the reference. limits: the greatest torque of a side,
+        speed and yaw rate, by their names among the options of a result, and the
+            period of commands, `velocity_period_s`, if it is not the usual one. A limit that is off
+            counts as the thesis' (1 m/s, 2 rad/s).
     """
 
     def rms(name: str) -> float:
@@ -186,7 +220,8 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
     along = np.cumulative_sum(waypoints.lengths, include_initial=True)
     aims = np.interp(run.t, waypoints.t - waypoints.t[0], along)
     period = number("velocity_period_s", VELOCITY_PERIOD)
-    given = np.arange(0.0, run.t[-1] + 1e-9, period)  # a command is in the log from the first tick at or after its time
+    # a command is in the log from the first tick at or after its time
+    given = np.arange(0.0, run.t[-1] + 1e-9, period)
     rows = np.minimum(np.searchsorted(run.t, given - 1e-9), len(run.t) - 1)
     largest = np.array([number("v_max_m_s", V_LIMIT), number("w_max_rad_s", W_LIMIT)])
     effort, jerk = command_measures(run.columns("v_cmd", "w_cmd")[rows] / largest, period)
@@ -198,7 +233,9 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
             "e_alpha_rms_rad": rms("e_alpha"),
             "u_rms_ratio": rms("v_x") / max(waypoints.rms_speed, 1e-9),
             "saturated_fraction": float(np.mean(saturated(run, limits))),
-            "cross_track_max_m": cross_track_max(run.columns("x", "y"), waypoints.xy, along, aims, LOST),
+            "cross_track_max_m": cross_track_max(
+                run.columns("x", "y"), waypoints.xy, along, aims, LOST
+            ),
             "command_effort": effort,
             "command_jerk": jerk,
         }

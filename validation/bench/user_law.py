@@ -1,7 +1,7 @@
 """Controllers, planar models and metrics of the user's own: Python objects, or `FILE.py:NAME`, loaded and run as they are.
 
-The file is a program that the user chose to run: nothing keeps it from doing what any program of theirs can do. What goes
-wrong in it is said in one line with its file and line.
+The file is a program that the user chose to run: nothing keeps it from doing what any program of
+theirs can do. What goes wrong in it is said in one line with its file and line.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ class UserLaw:
         with _errors_as(self.path, f"in {self.name}.__init__"):
             made = self.kind(mission)
         if not callable(getattr(made, "command", None)):
-            raise ControllerError(f"{self.place(self.kind)}: {self.name} has no method command(self, now)")
+            raise ControllerError(
+                f"{self.place(self.kind)}: {self.name} has no method command(self, now)"
+            )
         return _Guarded(self, made)
 
     def place(self, what: Any) -> str:
@@ -68,11 +70,14 @@ class _Guarded:
     """A user's object: it is called, and what it returns is checked."""
 
     def __init__(self, law: UserLaw, made: Any) -> None:
-        self._law, self._made = law, made
+        self._law = law
+        self._made = made
         if callable(see := getattr(made, "observe", None)):
             self.observe = lambda now: self._call("observe", see, now, now.seen_at)
 
-    def _call(self, name: str, method: Callable[[ControllerInput], Any], now: ControllerInput, t: float) -> Any:
+    def _call(
+        self, name: str, method: Callable[[ControllerInput], Any], now: ControllerInput, t: float
+    ) -> Any:
         with _errors_as(self._law.path, f"in {self._law.name}.{name} at t = {t:.2f} s"):
             return method(now)
 
@@ -101,12 +106,18 @@ def _errors_as(path: Path, where: str, kind: type[Exception] = ControllerError) 
 
 def _fault(path: Path, error: BaseException) -> str:
     """Return file, line and words of an error: the last line of the user's own file that led to it."""
-    lines = [line for frame, line in traceback.walk_tb(error.__traceback__) if frame.f_code.co_filename == str(path)]
+    lines = [
+        line
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if frame.f_code.co_filename == str(path)
+    ]
     what: object = error
     if isinstance(error, SyntaxError) and error.filename == str(path):
-        lines, what = [error.lineno or 1], error.msg
+        lines = [error.lineno or 1]
+        what = error.msg
     plain = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
-    if match := re.search(rf'([^\n]+)\n\s*File "[^"]*{re.escape(path.name)}", line (\d+)', plain):  # numba's words
+    # numba's words
+    if match := re.search(rf'([^\n]+)\n\s*File "[^"]*{re.escape(path.name)}", line (\d+)', plain):
         return f"{path}:{match[2]}: {shortened(match[1].strip(), 160)}"
     words = f"{type(error).__name__}: {what}" if str(what) else type(error).__name__
     return f"{path}:{lines[-1] if lines else 1}: {shortened(words, 160)}"
@@ -115,12 +126,14 @@ def _fault(path: Path, error: BaseException) -> str:
 def load_user_object(name: str) -> tuple[Any, Path]:
     """Return what `FILE.py:NAME` names, and its file, which is run as a module with its own folder on the path of imports.
 
-    Raises:
-        ValueError: there is no such file or name, or the file cannot be run; one line that names file and line.
+    Raises: ValueError: there is no such file or name, or the file cannot be run; one line that
+        names file and line.
     """
     text, colon, wanted = name.rpartition(":")
     if not colon or not wanted.isidentifier():
-        raise ValueError(f"'{name}' names nothing in a file; wanted FILE.py:NAME, such as mine.py:Mine")
+        raise ValueError(
+            f"'{name}' names nothing in a file; wanted FILE.py:NAME, such as mine.py:Mine"
+        )
     path = Path(text).resolve()
     spec = importlib.util.spec_from_file_location(f"user_{path.stem}", path)
     if not path.is_file() or spec is None or spec.loader is None:
@@ -139,7 +152,11 @@ def load_user_object(name: str) -> tuple[Any, Path]:
     finally:
         sys.dont_write_bytecode = kept
     if not hasattr(module, wanted):
-        own = [n for n, v in vars(module).items() if not n.startswith("_") and getattr(v, "__module__", "") == spec.name]
+        own = [
+            n
+            for n, v in vars(module).items()
+            if not n.startswith("_") and getattr(v, "__module__", "") == spec.name
+        ]
         raise ValueError(f"{path} has no '{wanted}'; it has: {', '.join(own) or 'nothing'}")
     return getattr(module, wanted), path
 
@@ -170,12 +187,14 @@ def load_user_law(given: str | type) -> UserLaw:
 def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     """Make the user's planar model, itself or what `FILE.py:NAME` names, a plant of this process; return the names added.
 
-    Raises:
-        ValueError: what `load_user_object` raises, it is no `PlanarLaw`, or it cannot be compiled and driven.
+    Raises: ValueError: what `load_user_object` raises, it is no `PlanarLaw`, or it cannot be
+        compiled and driven.
     """
     if given is None:
         return []
-    law, path = (given, Path(given.name)) if isinstance(given, PlanarLaw) else load_user_object(given)
+    law, path = (
+        (given, Path(given.name)) if isinstance(given, PlanarLaw) else load_user_object(given)
+    )
     if not isinstance(law, PlanarLaw):
         raise ValueError(f"{path}: {given} is {_shown(law)}, wanted a PlanarLaw")
     add_model(law)
@@ -197,10 +216,15 @@ class UserMetric:
     rate: Callable[[Trajectory, Trajectory], float]
     """The function."""
 
-    def added(self, metrics: Metrics, motions: Sequence[Trajectory], references: Sequence[Trajectory]) -> Metrics:
+    def added(
+        self, metrics: Metrics, motions: Sequence[Trajectory], references: Sequence[Trajectory]
+    ) -> Metrics:
         """Return metrics with this one, its mean over all pieces by their samples; an SsmrError says that it failed."""
         with _errors_as(self.path, f"in {self.name}", SsmrError):
-            values = [float(self.rate(motion, wanted)) for motion, wanted in zip(motions, references, strict=True)]
+            values = [
+                float(self.rate(motion, wanted))
+                for motion, wanted in zip(motions, references, strict=True)
+            ]
             value = float(np.average(values, weights=[len(wanted) for wanted in references]))
         if not math.isfinite(value):
             raise SsmrError(f"{self.path}: {self.name} returned {value}, wanted a finite number")
@@ -210,12 +234,14 @@ class UserMetric:
 def load_user_metric(given: Callable[[Trajectory, Trajectory], float] | str) -> UserMetric:
     """Return the user's metric: the function itself, or what `FILE.py:NAME` names.
 
-    Raises:
-        ValueError: what `load_user_object` raises, it is no function, or its name is that of a metric that there is.
+    Raises: ValueError: what `load_user_object` raises, it is no function, or its name is that of a
+        metric that there is.
     """
     rate, path = load_user_object(given) if isinstance(given, str) else (given, _file_of(given))
     if not inspect.isfunction(rate):
-        raise ValueError(f"{path}: {given} is {_shown(rate)}, wanted a function of a motion and its reference")
+        raise ValueError(
+            f"{path}: {given} is {_shown(rate)}, wanted a function of a motion and its reference"
+        )
     if rate.__name__ in {**METRICS, **SIGNALS}:
         raise ValueError(f"{path}: there is a metric {rate.__name__} already; take another name")
     return UserMetric(rate.__name__, path, rate)

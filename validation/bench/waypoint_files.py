@@ -1,6 +1,7 @@
 """Waypoints from CSV files, and by the name of a reference trajectory.
 
-A file has a header that names x and y [m] and, where it brings its times, t [s]; other columns are ignored.
+A file has a header that names x and y [m] and, where it brings its times, t [s]; other columns are
+ignored.
 """
 
 from __future__ import annotations
@@ -23,26 +24,28 @@ from validation.files.reading import FileError, quoted
 
 _HEADER = "a file of waypoints begins with a header that names x and y [m] and, if it brings its times, t [s]"
 _UNITS = {"x": "m", "y": "m", "t": "s"}
-_USUAL_SPEED = 0.25  # of references that have a name, where none is given [m/s]; the slower of the thesis' two
+# of references that have a name, where none is given [m/s]; the slower of the thesis' two
+_USUAL_SPEED = 0.25
 
 
 def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
     """Read waypoints (Alg. 5, lines 1-7).
 
-    A UTF-8 byte order mark, any line ending and blank lines are fine. Upper and lower case of a column's name mean the same.
+    A UTF-8 byte order mark, any line ending and blank lines are fine. Upper and lower case of a
+    column's name mean the same.
 
-    Args:
-        path: a CSV file.
-        speed: reference speed [m/s]: it gives the times, and replaces those of the file, except the lengths of its waits.
+    Args: path: a CSV file. speed: reference speed [m/s]: it gives the times, and replaces those of
+        the file, except the lengths of its waits.
             None: the file's own.
 
-    Raises:
-        FileError: the file cannot be read, has no waypoints, no times while there is no speed, or is beyond the limits.
-        ValueError: the speed is not positive and finite.
+    Raises: FileError: the file cannot be read, has no waypoints, no times while there is no speed,
+        or is beyond the limits. ValueError: the speed is not positive and finite.
     """
     path = Path(path)
     if path.suffix.lower() != ".csv" and not path.is_dir():
-        raise FileError(path, f"files ending in '{path.suffix}' are not read; wanted waypoints (.csv)")
+        raise FileError(
+            path, f"files ending in '{path.suffix}' are not read; wanted waypoints (.csv)"
+        )
     table = read_csv_table(path)
     names = [name.lower() for name in table.header]
     _require_columns(table, names, ("x", "y") if speed is not None else ("x", "y", "t"))
@@ -72,7 +75,9 @@ def _require_columns(table: CsvTable, names: Sequence[str], wanted: Sequence[str
     """Refuse a table whose columns, of these names, are not each of the `wanted` ones once."""
     for name in wanted:
         if name not in names and name == "t":
-            what = "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s"
+            what = (
+                "there is no column t [s]: add one, or give the reference speed, such as 0.25 m/s"
+            )
             raise FileError(table.path, what, table.header_line)
         if name not in names:
             what = f"there is no column {name} among {quoted(table.header)}; {_HEADER}"
@@ -90,7 +95,9 @@ def generic(speed: float) -> Waypoints:
     Raises:
         ValueError: the speed is not positive and finite.
     """
-    with resources.as_file(resources.files("validation.bench").joinpath("references", "generic.csv")) as path:
+    with resources.as_file(
+        resources.files("validation.bench").joinpath("references", "generic.csv")
+    ) as path:
         return read_waypoints(path, speed)
 
 
@@ -104,7 +111,8 @@ REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({
     "stop-and-go": stop_and_go,
     "long-line": partial(line, length=200.0),  # errors that grow slowly show
 })  # fmt: skip
-"""All references that have a name, the thesis' and this project's own, each a function of the reference speed [m/s]."""
+"""All references that have a name, the thesis' and this project's own, each a function of the
+reference speed [m/s]."""
 
 
 def split_speed(reference: str) -> tuple[str, float | None]:
@@ -125,20 +133,24 @@ def split_speed(reference: str) -> tuple[str, float | None]:
 def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, Waypoints]:
     """Return the name in tables and the waypoints of what to follow: a reference by name, or a CSV file.
 
-    The name or path may have a speed behind it, as `circle@0.5`, or `speed` [m/s] is given. Without either, a file has its
-    own times, and a reference that has a name is driven at 0.25 m/s.
+    The name or path may have a speed behind it, as `circle@0.5`, or `speed` [m/s] is given. Without
+    either, a file has its own times, and a reference that has a name is driven at 0.25 m/s.
 
-    Raises:
-        ValueError: an unknown name, two different speeds, a file without times where there is no speed, or one that cannot
+    Raises: ValueError: an unknown name, two different speeds, a file without times where there is
+        no speed, or one that cannot
             be read.
     """
     name, own = split_speed(name_or_path)
     if own is not None and speed is not None and own != speed:
-        raise ValueError(f"two speeds are given, {own:g} m/s in '{name_or_path}' and {speed:g} m/s; leave out one of them")
+        raise ValueError(
+            f"two speeds are given, {own:g} m/s in '{name_or_path}' and {speed:g} m/s; leave out one of them"
+        )
     speed = own if speed is None else speed
     if name in REFERENCES:
         return name, REFERENCES[name](_USUAL_SPEED if speed is None else speed)
     path = Path(name)
     if not path.suffix and not path.exists():
-        raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}, and paths of .csv files")
+        raise ValueError(
+            f"no reference '{name}'; there are: {', '.join(REFERENCES)}, and paths of .csv files"
+        )
     return path.stem, read_waypoints(path, speed)

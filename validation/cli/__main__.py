@@ -48,12 +48,17 @@ class CompletionOptions:
 def completion(options: CompletionOptions) -> None:
     """Print what a shell needs to complete programs and options, as in: eval "$(ssmr completion bash)"."""
     kinds = [
-        Annotated[options_type(program_named(name)), tyro.conf.subcommand(name, prefix_name=False, description=says)]
+        Annotated[
+            options_type(program_named(name)),
+            tyro.conf.subcommand(name, prefix_name=False, description=says),
+        ]
         for name, says in PROGRAMS.items()
     ]
     everything: Any = typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only
     arguments = ["--tyro-print-completion", options.shell]
-    tyro.cli(everything, prog="ssmr", args=arguments, registry=NUMBERS, config=(tyro.conf.DisallowNone,))
+    tyro.cli(
+        everything, prog="ssmr", args=arguments, registry=NUMBERS, config=(tyro.conf.DisallowNone,)
+    )
 
 
 def program_named(name: str) -> Any:
@@ -62,13 +67,20 @@ def program_named(name: str) -> Any:
     own = getattr(module, name, None)
     if isinstance(own, cli.Program):
         return own.command()
-    return module.PROGRAM if hasattr(module, "PROGRAM") else import_module(f"validation.{name}.__main__").PROGRAM
+    return (
+        module.PROGRAM
+        if hasattr(module, "PROGRAM")
+        else import_module(f"validation.{name}.__main__").PROGRAM
+    )
 
 
 def main() -> None:
     """Run the program that the command line names first; see `PROGRAMS`."""
     first, *rest = sys.argv[1:] or ["--help"]
-    everything = {**PROGRAMS, "completion": "Print what a shell needs to complete programs and options."}
+    everything = {
+        **PROGRAMS,
+        "completion": "Print what a shell needs to complete programs and options.",
+    }
     if first in ("--help", "-h"):
         usage = "usage: ssmr PROGRAM [OPTIONS]; ssmr PROGRAM --help says more; ssmr --version\n"
         lines = [usage, *(f"{name:<12}{says}" for name, says in everything.items())]

@@ -17,7 +17,13 @@ import numpy as np
 from typeguard import CollectionCheckStrategy, TypeCheckError, check_type
 from tyro.constructors import PrimitiveConstructorSpec
 
-_WORDS = {int: "a whole number", float: "a number", str: "a text", Path: "a path", type(None): "None"}
+_WORDS = {
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    Path: "a path",
+    type(None): "None",
+}
 
 
 class Checked:
@@ -26,8 +32,8 @@ class Checked:
     def __post_init__(self) -> None:
         """Check all options; a text stands for what the command line makes of it, and a list for a tuple.
 
-        Raises:
-            ValueError: an option is of another type than its annotation says, or out of its range; the message names it.
+        Raises: ValueError: an option is of another type than its annotation says, or out of its
+            range; the message names it.
         """
         options: Any = self
         kind: Any = type(options)
@@ -57,7 +63,9 @@ def _accepted(name: str, given: Any, hint: Any) -> Any:
     raise ValueError(f"{name} is {reprlib.repr(given)}, wanted {_words(kind)}")
 
 
-def _forms(name: str, given: Any, readers: Iterable[PrimitiveConstructorSpec[Any]]) -> Iterator[Any]:
+def _forms(
+    name: str, given: Any, readers: Iterable[PrimitiveConstructorSpec[Any]]
+) -> Iterator[Any]:
     yield given
     if isinstance(given, np.generic):
         yield given.item()
@@ -69,7 +77,9 @@ def _forms(name: str, given: Any, readers: Iterable[PrimitiveConstructorSpec[Any
             yield _read(name, given, reader)
 
 
-def _require_readable(name: str, value: Any, readers: Iterable[PrimitiveConstructorSpec[Any]]) -> None:
+def _require_readable(
+    name: str, value: Any, readers: Iterable[PrimitiveConstructorSpec[Any]]
+) -> None:
     """Refuse numbers, tuples and mappings that the command line would refuse, such as seeds below zero."""
     parts = value if isinstance(value, tuple) else (value,)
     if any(isinstance(part, float) and math.isnan(part) for part in parts):
@@ -128,4 +138,9 @@ def _words(kind: Any) -> str:
 def choices_of(kind: Any) -> list[str]:
     """Return the texts that a type of choices, or of choices or nothing, admits."""
     members = typing.get_args(kind) if _is_union(kind) else (kind,)
-    return [str(text) for member in members if typing.get_origin(member) is typing.Literal for text in member.__args__]
+    return [
+        str(text)
+        for member in members
+        if typing.get_origin(member) is typing.Literal
+        for text in member.__args__
+    ]

@@ -1,7 +1,7 @@
 """The options of command lines: annotations, and how their texts are read.
 
-A program declares its options as a frozen dataclass, whose docstrings below the fields are the help. Every number is checked
-here, before any work: it is finite, and fits into 64 bits.
+A program declares its options as a frozen dataclass, whose docstrings below the fields are the
+help. Every number is checked here, before any work: it is finite, and fits into 64 bits.
 """
 
 from __future__ import annotations
@@ -31,7 +31,11 @@ class UserError(ValueError):
 
 
 def option(
-    name: str | None = None, *, metavar: str | None = None, default: str | None = None, help: str | None = None
+    name: str | None = None,
+    *,
+    metavar: str | None = None,
+    default: str | None = None,
+    help: str | None = None,
 ) -> object:
     """Return what to annotate an option with.
 
@@ -42,7 +46,9 @@ def option(
         help: the help text; else the docstring below the field.
     """
     hint = None if default is None else f"(default: {default})"
-    return tyro.conf.arg(name=name, metavar=metavar, help=help, help_behavior_hint=hint, prefix_name=False)
+    return tyro.conf.arg(
+        name=name, metavar=metavar, help=help, help_behavior_hint=hint, prefix_name=False
+    )
 
 
 def parsed(parse: Callable[[str], T], metavar: str, write: Callable[[T], str] = str) -> object:
@@ -64,15 +70,25 @@ def text_of(metavar: str) -> object:
 def profile_option(default: str) -> object:
     """Return the annotation of `--profile`; `default` says in words which profile is taken without it and `--robot`."""
     hint = f"{default}; for another --robot the numbers of its file"
-    return option(metavar="PROFILE", default=hint, help="Name of a shipped profile, or path of a profile (.toml).")
+    return option(
+        metavar="PROFILE",
+        default=hint,
+        help="Name of a shipped profile, or path of a profile (.toml).",
+    )
 
 
-def controller_and_reference(controller: str, reference: str | None, own: str | None) -> tuple[str, str]:
+def controller_and_reference(
+    controller: str, reference: str | None, own: str | None
+) -> tuple[str, str]:
     """Return what `CONTROLLER REFERENCE` or `--controller FILE.py:NAME REFERENCE` names; a UserError says what is amiss."""
     if own is None and reference is None:
-        raise UserError(f"'{shortened(controller, 40)}' stands alone; wanted a controller and a reference")
+        raise UserError(
+            f"'{shortened(controller, 40)}' stands alone; wanted a controller and a reference"
+        )
     if own is not None and reference is not None:
-        raise UserError(f"there are two controllers, '{shortened(controller, 40)}' and --controller {shortened(own, 60)}")
+        raise UserError(
+            f"there are two controllers, '{shortened(controller, 40)}' and --controller {shortened(own, 60)}"
+        )
     return (controller, reference) if reference is not None else (own or "", controller)
 
 
@@ -154,7 +170,9 @@ def values_text(values: Mapping[str, float]) -> str:
 
 
 def _bounds_text(bounds: Mapping[str, tuple[float, float]]) -> str:
-    return ",".join(f"{name}={_digits(low)}:{_digits(high)}" for name, (low, high) in bounds.items())
+    return ",".join(
+        f"{name}={_digits(low)}:{_digits(high)}" for name, (low, high) in bounds.items()
+    )
 
 
 def _columns_text(columns: Mapping[str, tuple[str, str]]) -> str:
@@ -182,7 +200,10 @@ NUMBERS = tyro.constructors.ConstructorRegistry()
 @NUMBERS.primitive_rule
 def _number_rule(kind: tyro.constructors.PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     """Read a float as a finite number, and an int as one that 64 bits hold."""
-    readers: dict[object, Callable[[str], Any]] = {float: _finite, int: _whole(-MOST_SEED, MOST_SEED)}
+    readers: dict[object, Callable[[str], Any]] = {
+        float: _finite,
+        int: _whole(-MOST_SEED, MOST_SEED),
+    }
     if kind.type not in readers:
         return None
     read = readers[kind.type]
@@ -203,28 +224,43 @@ _BOUNDS = _pairs(_span, "NAME=LOW:HIGH such as friction=0.2:0.8")
 _COLUMNS = _pairs(_column, "NAME=COLUMN or NAME=COLUMN:UNIT such as yaw=heading:deg")
 _TOPICS = _pairs(_some, "ROLE=TOPIC such as odom=/odometry/filtered")
 
-Flag = Annotated[bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(prefix_name=False, help_behavior_hint="")]
+Flag = Annotated[
+    bool, tyro.conf.FlagCreatePairsOff, tyro.conf.arg(prefix_name=False, help_behavior_hint="")
+]
 """An option without a value, off unless given."""
 Names = Annotated[tuple[str, ...], parsed(_names, "A,B,...", ",".join)]
 """Comma-separated names, none twice. The function that gets them knows which there are."""
-Numbers = Annotated[tuple[float, ...], parsed(_increasing, "X,Y,...", lambda v: ",".join(map(_digits, v)))]
+Numbers = Annotated[
+    tuple[float, ...], parsed(_increasing, "X,Y,...", lambda v: ",".join(map(_digits, v)))
+]
 """Comma-separated positive numbers that increase."""
 Values = Annotated[Mapping[str, float], parsed(read_values, "NAME=X,...", values_text)]
 """NAME=NUMBER,... as a mapping."""
-Bounds = Annotated[Mapping[str, tuple[float, float]], parsed(_BOUNDS, "NAME=LOW:HIGH,...", _bounds_text)]
+Bounds = Annotated[
+    Mapping[str, tuple[float, float]], parsed(_BOUNDS, "NAME=LOW:HIGH,...", _bounds_text)
+]
 """NAME=LOW:HIGH,... as a mapping to pairs."""
-Topics = Annotated[Mapping[str, str], parsed(_TOPICS, "ROLE=TOPIC,...", lambda v: ",".join(map("=".join, v.items())))]
+Topics = Annotated[
+    Mapping[str, str],
+    parsed(_TOPICS, "ROLE=TOPIC,...", lambda v: ",".join(map("=".join, v.items()))),
+]
 """ROLE=TOPIC,... as a mapping."""
 Number = Annotated[float | None, parsed(_finite, "X", _digits)]
 """A finite number, or None where the option is not given."""
 Count = Annotated[int | None, parsed(_whole(1), "N")]
 """A whole number from 1 on, or None where the option is not given."""
 Seed = Annotated[
-    int, parsed(_whole(0, MOST_SEED), "N"), option(help="Seed of everything random. Equal seeds give equal results.")
+    int,
+    parsed(_whole(0, MOST_SEED), "N"),
+    option(help="Seed of everything random. Equal seeds give equal results."),
 ]
 """The seed of a program, not negative."""
 Workers = Annotated[
-    Count, option(default="all processors", help="Threads that compute. The result does not depend on how many there are.")
+    Count,
+    option(
+        default="all processors",
+        help="Threads that compute. The result does not depend on how many there are.",
+    ),
 ]
 """The number of threads; None for as many as there are processors."""
 Limits = Annotated[
@@ -248,21 +284,32 @@ Columns = Annotated[
 AnyRobot = Annotated[
     Robot | str | Path | None,
     text_of("ROBOT"),
-    option(default="the profile's", help="Name of a shipped robot, or path of a robot's file (.toml)."),
+    option(
+        default="the profile's", help="Name of a shipped robot, or path of a robot's file (.toml)."
+    ),
 ]
 """The robot: itself, its name or its path; None for that of the profile."""
 AnyProfile = Annotated[Profile | str | Path | None, text_of("PROFILE")]
-"""The plants' parameters: themselves, their name or their path; with a `profile_option` beside it."""
+"""The plants' parameters: themselves, their name or their path; with a `profile_option` beside
+it."""
 OwnModel = Annotated[
     PlanarLaw | str | None,
     text_of("FILE.py:NAME"),
-    option("model", default="none", help="A plant of your own: a PlanarLaw in a Python file, which is run."),
+    option(
+        "model",
+        default="none",
+        help="A plant of your own: a PlanarLaw in a Python file, which is run.",
+    ),
 ]
 """A planar model of the user's own."""
 OwnMetric = Annotated[
     Callable[..., float] | str | None,
     text_of("FILE.py:NAME"),
-    option("metric", default="none", help="A column of your own: a function in a Python file, which is run."),
+    option(
+        "metric",
+        default="none",
+        help="A column of your own: a function in a Python file, which is run.",
+    ),
 ]
 """A metric of the user's own: a function of a motion and its reference."""
 Ground = Annotated[

@@ -40,7 +40,8 @@ EXIT_FAULT = 70
 EXIT_INTERRUPTED = 130
 _COLOUR = re.compile(r"\x1b\[[\d;]*m")
 _LONGEST_LINE = 700
-"""Length of a line on standard error: a list of names fits, and whoever gave a longer text knows it."""
+"""Length of a line on standard error: a list of names fits, and whoever gave a longer text knows
+it."""
 _read_docstring = _docstrings.get_field_docstring
 
 
@@ -51,43 +52,52 @@ def field_text(kind: type, name: str, markers: Any = ()) -> str | None:
 
 
 def run(
-    main: Callable[..., Any] | Mapping[str, Callable[..., Any]], program: str, arguments: Sequence[str] | None = None
+    main: Callable[..., Any] | Mapping[str, Callable[..., Any]],
+    program: str,
+    arguments: Sequence[str] | None = None,
 ) -> None:
     """Parse a command line, call the program, and leave with the exit status that says how it went.
 
-    Args:
-        main: a function that takes one dataclass of options, or such functions by the name of their subcommand. The
+    Args: main: a function that takes one dataclass of options, or such functions by the name of
+        their subcommand. The
             function's docstring is the description in the help text.
         program: how usage texts call the program, such as `python -m validation.compare`.
         arguments: the command line; by default that of this process.
     """
     main = getattr(main, "command", lambda: main)()  # of a `Program`
     _prepare()
-    message, status = "", 0
+    message = ""
+    status = 0
     try:
         called, options = _parse(main, program, arguments)
         called(options)
         sys.stdout.flush()
         return
     except UserError as error:
-        message, status = f"error: {error}", EXIT_USER_ERROR
+        message = f"error: {error}"
+        status = EXIT_USER_ERROR
     except SsmrError as error:
-        message, status = f"run failed: {error}", EXIT_FAILED_RUN
+        message = f"run failed: {error}"
+        status = EXIT_FAILED_RUN
     except BrokenPipeError:  # a reader that has gone, as `| head` does, is no failure
         with contextlib.suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
-        message, status = f"run failed: {error.strerror or error}{where}; what was written before is whole", EXIT_FAILED_RUN
+        message = f"run failed: {error.strerror or error}{where}; what was written before is whole"
+        status = EXIT_FAILED_RUN
     except MemoryError:
-        message, status = "run failed: there is not enough memory", EXIT_FAILED_RUN
+        message = "run failed: there is not enough memory"
+        status = EXIT_FAILED_RUN
     except KeyboardInterrupt:
         exec("")  # nosec B102 # else Python ends by a signal where an interrupt passed through code that numba made
-        message, status = "interrupted", EXIT_INTERRUPTED
+        message = "interrupted"
+        status = EXIT_INTERRUPTED
     except Exception:  # noqa: BLE001 - the last resort
         traceback.print_exc()
         versions = ", ".join(f"{name} {version}" for name, version in store.versions().items())
-        message, status = f"{program} has a fault; please send its makers the lines above ({versions})", EXIT_FAULT
+        message = f"{program} has a fault; please send its makers the lines above ({versions})"
+        status = EXIT_FAULT
     if message:
         say(message)
     sys.exit(status)
@@ -108,7 +118,11 @@ def mistakes_are_users() -> Iterator[None]:
         raise
     except ValueError as error:
         frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-        if frames[-1].f_globals.get("__name__", "").partition(".")[0] not in ("ssmr", "validation", "__main__"):
+        if frames[-1].f_globals.get("__name__", "").partition(".")[0] not in (
+            "ssmr",
+            "validation",
+            "__main__",
+        ):
             raise
         raise UserError(one_line(error)) from error
     except OSError as error:
@@ -133,17 +147,24 @@ def _prepare() -> None:
             stream.reconfigure(errors="backslashreplace")
     logging.basicConfig(handlers=[_Lines()])
     logging.getLogger("validation").setLevel(logging.INFO)  # of other packages only warnings
-    gc.set_threshold(50_000, 20, 100)  # imports make many objects that stay, and Python would look through them all the time
+    # imports make many objects that stay, and Python would look through them all the time
+    gc.set_threshold(50_000, 20, 100)
     logging.captureWarnings(True)
     if threading.current_thread() is threading.main_thread():
-        for number in (getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)):
+        for number in (
+            getattr(signal, name)
+            for name in ("SIGINT", "SIGTERM", "SIGHUP")
+            if hasattr(signal, name)
+        ):
             if signal.getsignal(number) is signal.SIG_DFL:  # under nohup one stays ignored
                 signal.signal(number, signal.default_int_handler)
     _docstrings.get_field_docstring = field_text  # type: ignore[assignment] # it has the same arguments
     warnings.filterwarnings("ignore", "Glyph .* missing from font")  # matplotlib draws a box
 
 
-def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Callable[[Any], Any], Any]:
+def _parse(
+    main: Any, program: str, arguments: Sequence[str] | None
+) -> tuple[Callable[[Any], Any], Any]:
     """Return the function to call and the options to call it with.
 
     Raises:
@@ -151,18 +172,32 @@ def _parse(main: Any, program: str, arguments: Sequence[str] | None) -> tuple[Ca
         SystemExit: it asked for help.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if isinstance(main, Mapping) and words and not words[0].startswith("-") and words[0] not in main:
-        raise UserError(f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}")
-    errors, shown = io.StringIO(), io.StringIO()
-    read = functools.partial(tyro.cli, prog=program, args=words, config=(tyro.conf.DisallowNone,), registry=NUMBERS)
+    if (
+        isinstance(main, Mapping)
+        and words
+        and not words[0].startswith("-")
+        and words[0] not in main
+    ):
+        raise UserError(
+            f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}"
+        )
+    errors = io.StringIO()
+    shown = io.StringIO()
+    read = functools.partial(
+        tyro.cli, prog=program, args=words, config=(tyro.conf.DisallowNone,), registry=NUMBERS
+    )
     try:
         with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(shown):
             if isinstance(main, Mapping):
                 options = read(options_type(main))
-                return next(function for function in main.values() if _options_of(function) is type(options)), options
+                return next(
+                    function for function in main.values() if _options_of(function) is type(options)
+                ), options
             if (kind := options_type(main)) is not None:
                 return main, read(kind, description=inspect.getdoc(main))
-            read_only = functools.wraps(main)(lambda *given, **named: functools.partial(main, *given, **named))
+            read_only = functools.wraps(main)(
+                lambda *given, **named: functools.partial(main, *given, **named)
+            )
             return (lambda ready: ready()), read(read_only)
     except SystemExit as left:
         if left.code:
@@ -175,7 +210,9 @@ def _folded(line: str) -> str:
     """Return a line of the help text in lines that fit the terminal, as tyro makes of options but not of descriptions."""
     indent = "    " if line.startswith("usage: ") else ""
     width = shutil.get_terminal_size().columns
-    return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return textwrap.fill(
+        line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
 
 
 def _mistake_in(box: str) -> str:
@@ -183,9 +220,14 @@ def _mistake_in(box: str) -> str:
     lines = [line.strip("│|+ ") for line in _COLOUR.sub("", box).strip().splitlines()[1:]]
     rule = [set(line) <= {"─", "-"} for line in lines]
     start = rule.index(False) if False in rule else 0
-    message = itertools.takewhile(lambda line: not set(line) <= {"─", "-"} or not line, lines[start:])
+    message = itertools.takewhile(
+        lambda line: not set(line) <= {"─", "-"} or not line, lines[start:]
+    )
     text = one_line(" ".join(message))
-    return re.sub(r"^Error parsing ([^ :]+):", r"\1:", text) or "the command line cannot be read; see --help"
+    return (
+        re.sub(r"^Error parsing ([^ :]+):", r"\1:", text)
+        or "the command line cannot be read; see --help"
+    )
 
 
 def options_type(main: Callable[..., Any] | Mapping[str, Callable[..., Any]]) -> Any:
@@ -196,7 +238,10 @@ def options_type(main: Callable[..., Any] | Mapping[str, Callable[..., Any]]) ->
     if not isinstance(main, Mapping):
         return _options_of(main)
     kinds = [
-        Annotated[_options_of(function), tyro.conf.subcommand(name, prefix_name=False, description=inspect.getdoc(function))]
+        Annotated[
+            _options_of(function),
+            tyro.conf.subcommand(name, prefix_name=False, description=inspect.getdoc(function)),
+        ]
         for name, function in main.items()
     ]
     return typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only

@@ -37,7 +37,8 @@ _ENDLESS = 10_000
 """Width of what is no terminal."""
 _MOST_JSON = 1 << 26
 """Greatest size of a JSON file that is asked for the names of our files [bytes]."""
-_CHECKPOINT, _HEAD = b"identity.npy", 64
+_CHECKPOINT = b"identity.npy"
+_HEAD = 64
 """First array of a checkpoint, which is named in so many bytes."""
 
 
@@ -47,7 +48,9 @@ class Common(Checked):
 
     seed: Seed = 0
     workers: Workers = None
-    out: Annotated[Path | None, option(metavar="DIR", default="runs/PROGRAM/...", help="Folder for the files.")] = None
+    out: Annotated[
+        Path | None, option(metavar="DIR", default="runs/PROGRAM/...", help="Folder for the files.")
+    ] = None
     overwrite: Flag = False
     """Replace files that are there already."""
     progress: Annotated[progress.Progressing, tyro.conf.Suppress, tyro.conf.Fixed] = progress.silent
@@ -59,7 +62,9 @@ class Common(Checked):
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
-        return tuple(f"{self.folder().parts[1]}.{ending}" for ending in ("json", "png", "md", "rrd"))
+        return tuple(
+            f"{self.folder().parts[1]}.{ending}" for ending in ("json", "png", "md", "rrd")
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +81,9 @@ class Filmed(Common):
         if self.view and self.no_rerun:
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
         if not self.no_rerun and find_spec("rerun") is None:
-            raise UserError("the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun")
+            raise UserError(
+                "the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun"
+            )
 
 
 class _ProgramModule(ModuleType):
@@ -97,10 +104,14 @@ class Program(Generic[P, R]):
         """Keep the dataclass of the options and the function that takes it."""
         self.options = options
         self.function = function
-        self.__name__, self.__module__ = function.__name__, function.__module__
+        self.__name__ = function.__name__
+        self.__module__ = function.__module__
         self.__signature__ = inspect.signature(options)
         kinds = get_type_hints(options, include_extras=True)
-        documents = [f"    {name}: {_help_of(options, name, kinds[name])}" for name in self.__signature__.parameters]
+        documents = [
+            f"    {name}: {_help_of(options, name, kinds[name])}"
+            for name in self.__signature__.parameters
+        ]
         self.__doc__ = "\n".join([inspect.getdoc(function) or "", "", "Options:", *documents])
         if (module := sys.modules.get(f"validation.{self.__name__}")) is not None:
             module.__class__ = _ProgramModule
@@ -188,8 +199,13 @@ def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
     if options.overwrite:
         return
     values = [getattr(options, f.name) for f in fields(options)]
-    texts = [text for value in values for text in (value if isinstance(value, tuple | list) else (value,))]
-    read = [Path(os.path.realpath(text)) for text in texts if isinstance(text, str | Path)]  # a ring of links is itself
+    texts = [
+        text
+        for value in values
+        for text in (value if isinstance(value, tuple | list) else (value,))
+    ]
+    # a ring of links is itself
+    read = [Path(os.path.realpath(text)) for text in texts if isinstance(text, str | Path)]
     there = [path for path in (folder / name for name in names) if os.path.lexists(path)]
     ours = {path.name for path in there} if options.out is None else _ours_among(there)
     for path in there:
@@ -203,14 +219,18 @@ def _ours_among(there: Sequence[Path]) -> set[str]:
     """Return the names of the files, and of those that they name, that our programs wrote or were about to write."""
     ours = set[str]()
     for path in there:
-        with contextlib.suppress(ValueError, TypeError, LookupError, AttributeError, RecursionError):  # it is not ours
+        # it is not ours
+        with contextlib.suppress(
+            ValueError, TypeError, LookupError, AttributeError, RecursionError
+        ):
             if path.suffix == ".npz":
                 with opened(path) as stream:
                     ours |= {path.name} if _CHECKPOINT in stream.read(_HEAD) else set()
             elif path.suffix == ".json":
                 document = json.loads(read_text(path, _MOST_JSON))
                 if document["schema"].startswith("ssmr."):
-                    ours |= {path.name, *document.get("files", [other.name for other in there])}  # 2.0 named none
+                    # 2.0 named none
+                    ours |= {path.name, *document.get("files", [other.name for other in there])}
     return ours
 
 
@@ -220,7 +240,9 @@ def writes(option: str, path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise UserError(f"{option} {path}: the file cannot be written ({error.strerror or error})") from error
+        raise UserError(
+            f"{option} {path}: the file cannot be written ({error.strerror or error})"
+        ) from error
 
 
 # --- what a program says ---
@@ -230,9 +252,16 @@ def writes(option: str, path: Path) -> Iterator[None]:
 def shown(title: str) -> Iterator[progress.Progressing]:
     """Within, a progress bar on standard error; yield the callback that moves it.
 
-    Where standard error is no terminal, a line every few seconds says the same: how much is done, what, and the time left.
+    Where standard error is no terminal, a line every few seconds says the same: how much is done,
+    what, and the time left.
     """
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.progress import Progress as Bar
 
     began = last = time.perf_counter()
@@ -245,7 +274,9 @@ def shown(title: str) -> Iterator[progress.Progressing]:
     def show(now: progress.Progress) -> None:
         nonlocal last, first
         first = now.done if first is None else first
-        bar.update(task, completed=now.done, total=now.total, description=one_line(f"{title}: {now.text}"))
+        bar.update(
+            task, completed=now.done, total=now.total, description=one_line(f"{title}: {now.text}")
+        )
         clock = time.perf_counter()
         if bar.disable and clock - last > _LOG_EVERY_S and now.done > first:
             last = clock

@@ -1,14 +1,15 @@
 """ROS bags as logs: ROS 1 `.bag` files, ROS 2 folders (sqlite or MCAP) and single `.mcap` files.
 
-Topics with a known message type are read: the planar quantities in them, in SI units. Other topics are only counted. A
-message has two stamps: the header's, when it was measured, and the bag's, when it was written. The header's is preferred.
-Where there is none, or where it comes from another clock or one that jumps, the bag's is used. Times are counted from the
-bag's first stamp.
+Topics with a known message type are read: the planar quantities in them, in SI units. Other topics
+are only counted. A
+message has two stamps: the header's, when it was measured, and the bag's, when it was written. The
+header's is preferred. Where there is none, or where it comes from another clock or one that jumps,
+the bag's is used. Times are counted from the bag's first stamp.
 
-Topics get roles, and become groups of columns: cmd_v, cmd_w from the role `cmd`; enc_left, enc_right from `wheels`; gyro_z
-from `imu`, about the vertical that its accelerometer shows; x, y, yaw from `pose` or, without one, from `odom`; odom_v and
-odom_w from `odom` (and odom_x, odom_y, odom_yaw where there is a `pose`); and gps_east, gps_north from `gps`, metres from
-its first fix.
+Topics get roles, and become groups of columns: cmd_v, cmd_w from the role `cmd`; enc_left,
+enc_right from `wheels`; gyro_z from `imu`, about the vertical that its accelerometer shows; x, y,
+yaw from `pose` or, without one, from `odom`; odom_v and odom_w from `odom` (and odom_x, odom_y,
+odom_yaw where there is a `pose`); and gps_east, gps_north from `gps`, metres from its first fix.
 """
 
 from __future__ import annotations
@@ -28,24 +29,41 @@ from numpy.typing import ArrayLike, NDArray
 from ssmr.types import FloatArray
 from validation.files import guarded
 from validation.files.limits import LogLimits
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, ReadOptions, Topic, check_group
+from validation.files.log import (
+    COMMAND_COLUMNS,
+    POSE_COLUMNS,
+    Group,
+    Log,
+    ReadOptions,
+    Topic,
+    check_group,
+)
 from validation.files.messages import collect
 from validation.files.reading import FileError, opened, quoted
 
 _METADATA = "metadata.yaml"  # file that describes the folder of a ROS 2 bag
 _CLOCK_JUMP = 1.0
-"""Difference between the steps of the header's and the bag's stamps from which the header's clock has jumped [s]; a message
-that is only written late differs by less, and is sorted."""
+"""Difference between the steps of the header's and the bag's stamps from which the header's clock
+has jumped [s]; a message that is only written late differs by less, and is sorted."""
 _OTHER_CLOCK = 60.0
-"""Median distance from the bag's stamps from which a header's clock is another one, such as the time since start-up [s]."""
+"""Median distance from the bag's stamps from which a header's clock is another one, such as the
+time since start-up [s]."""
 _LATEST = 2**62  # greatest number of messages for which anybody can ask
-_SECONDS, _MEMORY, _DISK = 4.0, 2 << 30, 1 << 28
-"""Time [s], memory and size of an unpacked file [bytes] that reading a bag may take, besides what its size adds."""
-_SECONDS_PER_BYTE, _MEMORY_PER_BYTE, _DISK_PER_BYTE = 5e-6, 8, 32
-"""What each byte of a bag adds to these; a bag of small messages takes 0.06 s a megabyte, and packed ten times as much."""
+_SECONDS = 4.0
+_MEMORY = 2 << 30
+_DISK = 1 << 28
+"""Time [s], memory and size of an unpacked file [bytes] that reading a bag may take, besides what
+its size adds."""
+_SECONDS_PER_BYTE = 5e-6
+_MEMORY_PER_BYTE = 8
+_DISK_PER_BYTE = 32
+"""What each byte of a bag adds to these; a bag of small messages takes 0.06 s a megabyte, and
+packed ten times as much."""
 _GRAVITY_SPAN = (8.8, 10.8)
-"""Range of a mean acceleration that is taken for gravity and shows the vertical [m/s2]; outside it, z is the vertical."""
-_EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563  # semi-major axis [m] and flattening [1] of the WGS 84 ellipsoid
+"""Range of a mean acceleration that is taken for gravity and shows the vertical [m/s2]; outside it,
+z is the vertical."""
+# semi-major axis [m] and flattening [1] of the WGS 84 ellipsoid
+_EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 
 
 class Role(NamedTuple):
@@ -65,7 +83,9 @@ class Role(NamedTuple):
 
 ROLES: Mapping[str, Role] = MappingProxyType(
     {
-        "cmd": Role(("v", "w"), ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"), ("cmd_vel",)),
+        "cmd": Role(
+            ("v", "w"), ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"), ("cmd_vel",)
+        ),
         "odom": Role(("v", "w"), ("nav_msgs/msg/Odometry",), ("controller", "wheel")),
         "wheels": Role(COMMAND_COLUMNS["wheels"], ("sensor_msgs/msg/JointState",)),
         "imu": Role(("gyro_x", "gyro_y", "gyro_z"), ("sensor_msgs/msg/Imu",), ("imu/data",)),
@@ -87,7 +107,9 @@ def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
     try:
         (count, kinds, others), parts = guarded.ask(collect, [str(path), most + 1], allowed)
     except ValueError as error:
-        raise FileError(path, f"this is no bag that can be read, or a damaged one: {error}") from error
+        raise FileError(
+            path, f"this is no bag that can be read, or a damaged one: {error}"
+        ) from error
     for name, many in (("samples", count), ("columns", len(kinds))):
         if many > getattr(limits, name):
             raise FileError(path, f"there are too many messages or topics: {limits.says(name)}")
@@ -114,7 +136,9 @@ def _allowance(path: Path) -> guarded.Allowance:
         with opened(file) as stream:
             size += os.fstat(stream.fileno()).st_size
     return guarded.Allowance(
-        _SECONDS + _SECONDS_PER_BYTE * size, _MEMORY + _MEMORY_PER_BYTE * size, _DISK + _DISK_PER_BYTE * size
+        _SECONDS + _SECONDS_PER_BYTE * size,
+        _MEMORY + _MEMORY_PER_BYTE * size,
+        _DISK + _DISK_PER_BYTE * size,
     )
 
 
@@ -125,20 +149,33 @@ def _clock(written: NDArray[np.int64], header: NDArray[np.int64]) -> tuple[NDArr
     if abs(float(np.median(header - written))) * 1e-9 > _OTHER_CLOCK:
         return written, "the messages' clock is another one than the bag's"
     jump = float(np.max(np.abs(np.diff(header) - np.diff(written)), initial=0)) * 1e-9
-    return (header, "") if jump < _CLOCK_JUMP else (written, f"the messages' clock jumps by {jump:.3f} s")
+    return (
+        (header, "")
+        if jump < _CLOCK_JUMP
+        else (written, f"the messages' clock jumps by {jump:.3f} s")
+    )
 
 
-def _topic(key: tuple[str, str, Sequence[str]], numbers: bytes, clock: tuple[NDArray[np.int64], str], epoch: int) -> Topic:
+def _topic(
+    key: tuple[str, str, Sequence[str]],
+    numbers: bytes,
+    clock: tuple[NDArray[np.int64], str],
+    epoch: int,
+) -> Topic:
     """Return messages as a topic, sorted by their stamps [ns], which become seconds from the epoch [ns] on."""
     name, kind, columns = key
     ns, remark = clock
     order = np.argsort(ns, kind="stable")
     table = np.frombuffer(numbers).reshape(len(ns), len(columns))[order]
     t = np.asarray((ns[order] - epoch) * 1e-9, dtype=np.float64)
-    return Topic(name, kind, t, dict(zip(columns, np.ascontiguousarray(table.T), strict=True)), remark)
+    return Topic(
+        name, kind, t, dict(zip(columns, np.ascontiguousarray(table.T), strict=True)), remark
+    )
 
 
-def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str]) -> dict[str, Topic]:
+def choose_topics(
+    path: Path, topics: Sequence[Topic], named: Mapping[str, str]
+) -> dict[str, Topic]:
     """Return the topic of each role: as named, and guessed by its message type for the roles that are not.
 
     Args:
@@ -146,8 +183,8 @@ def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str])
         topics: its topics.
         named: topics by role; `none` leaves the role empty.
 
-    Raises:
-        FileError: an unknown role, a topic that is not there, or a topic without the columns of its role.
+    Raises: FileError: an unknown role, a topic that is not there, or a topic without the columns of
+        its role.
     """
     if unknown := [role for role in named if role not in ROLES]:
         raise FileError(path, f"unknown role {quoted(unknown)}; there are: {', '.join(ROLES)}")
@@ -157,10 +194,16 @@ def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str])
             continue
         chosen[role] = topic = next((topic for topic in topics if topic.name == name), None)
         if topic is None:
-            there = ", ".join(topic.name for topic in topics if topic.columns is not None) or "none that can be read"
+            there = (
+                ", ".join(topic.name for topic in topics if topic.columns is not None)
+                or "none that can be read"
+            )
             raise FileError(path, f"there is no topic {name}; there are: {there}")
         if topic.columns is None:
-            raise FileError(path, f"nothing can be read from topic {name}: {len(topic.t)} messages of {topic.type}")
+            raise FileError(
+                path,
+                f"nothing can be read from topic {name}: {len(topic.t)} messages of {topic.type}",
+            )
         if not ROLES[role].fits(topic):
             wanted = f"wanted {' or '.join(ROLES[role].columns)}, as of {ROLES[role].types[0]}"
             raise FileError(path, f"topic {name} of {topic.type} cannot be {role}: {wanted}")
@@ -170,8 +213,8 @@ def choose_topics(path: Path, topics: Sequence[Topic], named: Mapping[str, str])
 def _guess(topics: Sequence[Topic], role: Role) -> Topic | None:
     """Return the topic of a role by its message type; None where none of such a type has at least two samples.
 
-    Among several, one with a preferred part in its name goes first, then a type that the role lists earlier, then the one
-    with more samples, then the alphabet.
+    Among several, one with a preferred part in its name goes first, then a type that the role lists
+    earlier, then the one with more samples, then the alphabet.
     """
 
     def rank(topic: Topic) -> tuple[bool, int, int, str]:
@@ -182,21 +225,27 @@ def _guess(topics: Sequence[Topic], role: Role) -> Topic | None:
     return min(able, key=rank, default=None)
 
 
-# ------------------------------------------------------------------------------------------ groups of columns
+# ------------------------------------------------------------------------------------------ groups
+# of columns
 def _group(path: Path, role: str, topic: Topic, prefix: str, limits: LogLimits) -> Group:
     """Return a topic as the group of its role, the first sample of each stamp.
 
-    `prefix` begins the names of the columns of odometry's pose. A FileError says what cannot be used.
+    `prefix` begins the names of the columns of odometry's pose. A FileError says what cannot be
+    used.
     """
     first = np.concatenate([[True], np.diff(topic.t) > 0.0])
-    t, columns = topic.t[first], {name: values[first] for name, values in (topic.columns or {}).items()}
+    t = topic.t[first]
+    columns = {name: values[first] for name, values in (topic.columns or {}).items()}
     try:
         if len(t) < 2:
             raise FileError(path, f"topic {topic.name} has fewer than two samples")
         with np.errstate(all="ignore"):  # what is not finite then is refused below
             converted = _converted(role, columns)
         if role in ("pose", "odom") and ROLES["pose"].fits(topic):
-            converted |= {f"{prefix}{n}": np.unwrap(columns[n]) if n == "yaw" else columns[n] for n in POSE_COLUMNS}
+            converted |= {
+                f"{prefix}{n}": np.unwrap(columns[n]) if n == "yaw" else columns[n]
+                for n in POSE_COLUMNS
+            }
         group = Group(topic.name, t, converted)
         check_group(path, group, limits)
     except FileError as fault:
@@ -208,9 +257,18 @@ def _converted(role: str, columns: Mapping[str, FloatArray]) -> dict[str, FloatA
     if role in ("cmd", "odom"):
         return {f"{role}_v": columns["v"], f"{role}_w": columns["w"]}
     if role == "imu":
-        return {"gyro_z": np.column_stack([columns[f"gyro_{axis}"] for axis in "xyz"]) @ _vertical(columns)}
+        return {
+            "gyro_z": np.column_stack([columns[f"gyro_{axis}"] for axis in "xyz"])
+            @ _vertical(columns)
+        }
     if role == "gps":
-        return dict(zip(("gps_east", "gps_north"), to_local(columns["latitude"], columns["longitude"]), strict=True))
+        return dict(
+            zip(
+                ("gps_east", "gps_north"),
+                to_local(columns["latitude"], columns["longitude"]),
+                strict=True,
+            )
+        )
     return {} if role == "pose" else dict(columns)
 
 
@@ -224,14 +282,17 @@ def _vertical(columns: Mapping[str, FloatArray]) -> FloatArray:
 def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return (M,) metres east and north of the first of (M,) positions [deg].
 
-    The plane touches the ellipsoid there. The result is good to some centimetres within a kilometre: terms of second order
-    in the distance over the radius are left out. Beyond the poles there are no metres, but NaN.
+    The plane touches the ellipsoid there. The result is good to some centimetres within a
+    kilometre: terms of second order in the distance over the radius are left out. Beyond the poles
+    there are no metres, but NaN.
     """
-    degrees, lon = np.asarray(latitude, dtype=np.float64), np.asarray(longitude, dtype=np.float64)
+    degrees = np.asarray(latitude, dtype=np.float64)
+    lon = np.asarray(longitude, dtype=np.float64)
     lat = np.radians(np.where(np.abs(degrees) <= 90.0, degrees, math.nan))
     eccentricity2 = _FLATTENING * (2.0 - _FLATTENING)
     root = math.sqrt(1.0 - eccentricity2 * math.sin(lat[0]) ** 2)
-    meridian, transverse = _EQUATOR * (1.0 - eccentricity2) / root**3, _EQUATOR / root  # radii of curvature
+    # radii of curvature
+    meridian, transverse = _EQUATOR * (1.0 - eccentricity2) / root**3, _EQUATOR / root
     turned = np.radians(np.mod(lon - lon[0] + 180.0, 360.0) - 180.0)  # also across the date line
     return transverse * math.cos(lat[0]) * turned, meridian * (lat - lat[0])
 
@@ -239,17 +300,23 @@ def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, Flo
 def read_bag(path: Path, options: ReadOptions) -> Log:
     """Read a bag.
 
-    Raises:
-        FileError: there is no such bag, it is damaged, empty or beyond the limits, or a topic cannot be used.
+    Raises: FileError: there is no such bag, it is damaged, empty or beyond the limits, or a topic
+        cannot be used.
     """
     topics = read_topics(path, options)
     chosen = choose_topics(path, topics, options.topics)
     if not chosen:
         there = ", ".join(f"{s.name} ({s.type})" for s in topics if s.columns is not None)
         unread = there or "no topic of a type that can be read"
-        raise FileError(path, f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {unread}")
+        raise FileError(
+            path,
+            f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {unread}",
+        )
     prefixes = {"odom": "odom_"} if "pose" in chosen else {}
-    groups = {role: _group(path, role, t, prefixes.get(role, ""), options.limits) for role, t in chosen.items()}
+    groups = {
+        role: _group(path, role, t, prefixes.get(role, ""), options.limits)
+        for role, t in chosen.items()
+    }
     roles = {id(topic): role for role, topic in chosen.items()}
     listed = [replace(topic, role=roles.get(id(topic), "")) for topic in topics]
     remarks = [f"{t.name}: {t.remark}, so the times of writing count" for t in topics if t.remark]

@@ -27,7 +27,9 @@ def write_tum(log: Log, path: Path) -> None:
     if not made.has(POSE_COLUMNS):
         raise FileError(log.path, f"there is no pose for {path.name}")
     x, y, yaw = made.table(POSE_COLUMNS).T
-    table = np.column_stack([made.t, x, y, np.zeros(len(x)), quat_wxyz_to_xyzw(yaw_to_quat_wxyz(yaw))])
+    table = np.column_stack(
+        [made.t, x, y, np.zeros(len(x)), quat_wxyz_to_xyzw(yaw_to_quat_wxyz(yaw))]
+    )
     write_atomic(path, lambda beside: np.savetxt(beside, table, fmt="%.9f"))
 
 
@@ -38,12 +40,14 @@ class LogFormat:
     endings: tuple[str, ...]
     """Endings of its files, in lower case, such as `.csv`."""
     read: Callable[[Path, ReadOptions], Log] | None = None
-    """Function that reads such a file and raises `FileError`, with the place of the fault, if it cannot; None for a format
-    that is only written. A format with one clock returns `Log.of_columns(path, columns)`."""
+    """Function that reads such a file and raises `FileError`, with the place of the fault, if it
+    cannot; None for a format that is only written. A format with one clock returns
+    `Log.of_columns(path, columns)`."""
     write: Callable[[Log, Path], None] | None = None
     """Function that writes a log whole or not at all; None for a format that is only read."""
     folder: str = ""
-    """Name of the folders that are read as well, such as `the folder of a ROS 2 bag`; empty where only files are."""
+    """Name of the folders that are read as well, such as `the folder of a ROS 2 bag`; empty where
+    only files are."""
 
     def recognises(self, path: Path) -> bool:
         """Return whether a path looks like this format: by its ending, or as a folder."""
@@ -56,17 +60,27 @@ FORMATS = (
     LogFormat((".bag",), read_bag),
     LogFormat((".mcap",), read_bag, None, "the folder of a ROS 2 bag"),
 )
-"""Every format of logs. A new one is a module with a function that reads or writes it, and its line here."""
+"""Every format of logs. A new one is a module with a function that reads or writes it, and its line
+here."""
 
 
-SHIPPED_LOGS: Mapping[str, str] = {"sample": "husky-tile", "husky": "husky-tile", "warthog": "warthog-grass"}
-"""Logs that travel with the package, each with the profile of its robot. README.md beside them says where they come from."""
+SHIPPED_LOGS: Mapping[str, str] = {
+    "sample": "husky-tile",
+    "husky": "husky-tile",
+    "warthog": "warthog-grass",
+}
+"""Logs that travel with the package, each with the profile of its robot. README.md beside them says
+where they come from."""
 
 
 def log_path(name: str | Path) -> Path:
     """Return the path of a log: a name in `SHIPPED_LOGS` means a log of the package, unless there is a file of that name."""
     path = Path(name)
-    return Path(__file__).parent / "shipped" / f"{name}.csv" if str(name) in SHIPPED_LOGS and not exists(path) else path
+    return (
+        Path(__file__).parent / "shipped" / f"{name}.csv"
+        if str(name) in SHIPPED_LOGS and not exists(path)
+        else path
+    )
 
 
 def profile_of_log(name: str | Path) -> str:
@@ -96,7 +110,8 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     Raises:
         FileError: no format has that ending, or the log cannot be read, or is beyond the limits.
     """
-    path, options = log_path(path), options or ReadOptions()
+    path = log_path(path)
+    options = options or ReadOptions()
     if not exists(path):
         raise FileError(path, f"there is no such file; wanted a log ({readable()})")
     read = next((f.read for f in FORMATS if f.read is not None and f.recognises(path)), None)
@@ -115,15 +130,17 @@ def format_of_target(path: str | Path) -> LogFormat:
     known = {ending: f for f in FORMATS if f.write is not None for ending in f.endings}
     suffix = Path(path).suffix
     if suffix.lower() not in known:
-        raise ValueError(f"{path}: no format has the ending '{suffix}'; there are: {', '.join(known)}")
+        raise ValueError(
+            f"{path}: no format has the ending '{suffix}'; there are: {', '.join(known)}"
+        )
     return known[suffix.lower()]
 
 
 def write_log(log: Log, path: str | Path) -> None:
     """Write a log in the format that the ending of `path` names, whole or not at all.
 
-    Raises:
-        ValueError: no format that can be written has that ending, the log lacks what the format needs, or `path` is the log
+    Raises: ValueError: no format that can be written has that ending, the log lacks what the format
+        needs, or `path` is the log
             itself or lies in it.
         OSError: the file cannot be written.
     """
@@ -137,10 +154,11 @@ def write_log(log: Log, path: str | Path) -> None:
 def check_apart(target: str | Path, source: str | Path) -> None:
     """Refuse to write a file of any kind over a log or a part of it, before any work is done.
 
-    Raises:
-        ValueError: the target is a folder, or there is the source itself, or a part of the ROS 2 bag that is the source.
+    Raises: ValueError: the target is a folder, or there is the source itself, or a part of the ROS
+        2 bag that is the source.
     """
-    target, source = Path(target), Path(source)
+    target = Path(target)
+    source = Path(source)
     if not exists(target):
         return
     if target.is_dir():

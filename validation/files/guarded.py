@@ -1,7 +1,8 @@
 """Foreign files, which can be damaged or bombs: they are read in a child process that neither lasts nor grows for long.
 
-The child is a new Python that calls one function and sends back what it returns: a value of JSON, and bytes. What it unpacks
-on the disk is gone afterwards. Where an operating system has no limits for processes, only the time is limited.
+The child is a new Python that calls one function and sends back what it returns: a value of JSON,
+and bytes. What it unpacks on the disk is gone afterwards. Where an operating system has no limits
+for processes, only the time is limited.
 """
 
 from __future__ import annotations
@@ -51,7 +52,12 @@ def ask(function: Callable[..., Answer], arguments: Sequence[Any], allowance: Al
     """
     task = [sys.path, function.__module__, function.__name__, arguments, allowance]
     with tempfile.TemporaryDirectory() as folder:
-        lean = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1", "TMPDIR": folder}
+        lean = {
+            **os.environ,
+            "OPENBLAS_NUM_THREADS": "1",
+            "MALLOC_ARENA_MAX": "1",
+            "TMPDIR": folder,
+        }
         try:
             ran = subprocess.run(  # nosec B603 # the arguments are our own
                 [sys.executable, "-P", "-c", _CALL],
@@ -62,10 +68,14 @@ def ask(function: Callable[..., Answer], arguments: Sequence[Any], allowance: Al
                 env=lean,
             )
         except subprocess.TimeoutExpired as error:
-            raise ValueError(f"reading it does not come to an end in {error.timeout:.3g} s") from error
+            raise ValueError(
+                f"reading it does not come to an end in {error.timeout:.3g} s"
+            ) from error
     if ran.returncode:
         most = f"{allowance.seconds:.3g} s and {allowance.memory / 2**30:.3g} GiB"
-        raise ValueError(f"reading it takes more than {most}, or ends the reader: does something in it grow without end?")
+        raise ValueError(
+            f"reading it takes more than {most}, or ends the reader: does something in it grow without end?"
+        )
     output = io.BytesIO(ran.stdout)
     fault, answer, sizes = json.loads(output.readline())
     if fault:
@@ -90,7 +100,8 @@ def serve(module: str, name: str, arguments: Sequence[Any], allowance: Sequence[
         answer, parts = function(*arguments)
     except Exception as error:  # noqa: BLE001 - readers of foreign formats promise nothing narrower
         fault = shortened(error, _LONGEST) or type(error).__name__
-        answer, parts = None, ()
+        answer = None
+        parts = ()
     head = json.dumps([fault, answer, [len(part) for part in parts]])
     output.writelines([head.encode(), b"\n", *parts])
     output.close()

@@ -13,10 +13,13 @@ from ssmr.parameters import check_parameters, described, parameter
 from ssmr.types import FloatArray
 
 _BUNCHED = 1e-4
-"""Shortest single step of time, in periods of the limit `rate`: messages come in bunches, but a step must not underflow."""
+"""Shortest single step of time, in periods of the limit `rate`: messages come in bunches, but a
+step must not underflow."""
 _USUAL_PERIOD = 0.02
-"""Period of a usual log [s]: time in another unit is recognised by the factor that brings its steps near to this."""
-_PLAUSIBLE = math.log(1000.0)  # logarithm of the greatest ratio of a step to `_USUAL_PERIOD` that a unit is recognised by
+"""Period of a usual log [s]: time in another unit is recognised by the factor that brings its steps
+near to this."""
+# logarithm of the greatest ratio of a step to `_USUAL_PERIOD` that a unit is recognised by
+_PLAUSIBLE = math.log(1000.0)
 _UNITS = {"seconds": 1.0, "milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
@@ -61,7 +64,9 @@ class LogLimits:
         """
         unknown = [name for name in values if name not in described(LogLimits)]
         if unknown:
-            raise ValueError(f"unknown limit '{unknown[0]}'; there are: {', '.join(described(LogLimits))}")
+            raise ValueError(
+                f"unknown limit '{unknown[0]}'; there are: {', '.join(described(LogLimits))}"
+            )
         return replace(self, **values)
 
     def says(self, name: str) -> str:
@@ -89,25 +94,37 @@ class TimeFault(NamedTuple):
 
 def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
     """Return what is wrong with (M,) finite stamps [s], M at least 2; None if they can be the time of a log."""
-    with np.errstate(over="ignore", invalid="ignore"):  # what is infinite then is beyond every limit
-        steps, span = np.diff(t), float(t[-1] - t[0])
+    # what is infinite then is beyond every limit
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = np.diff(t)
+        span = float(t[-1] - t[0])
         usual = float(np.median(steps))
     back = np.flatnonzero(steps <= 0.0)
     if len(back):
         k = int(back[0])
         return TimeFault(k + 1, f"time must increase, but {t[k + 1]:.9g} s follows {t[k]:.9g} s")
     if usual > limits.period:
-        return TimeFault(0, f"the median step is {usual:.6g} s, but {limits.says('period')}{_other_unit(usual)}")
+        return TimeFault(
+            0, f"the median step is {usual:.6g} s, but {limits.says('period')}{_other_unit(usual)}"
+        )
     if usual * limits.rate < 1.0:
-        return TimeFault(0, f"the median step is {usual:.6g} s, but {limits.says('rate')}; wanted t in seconds")
-    short, long = int(np.argmin(steps)), int(np.argmax(steps))
+        return TimeFault(
+            0, f"the median step is {usual:.6g} s, but {limits.says('rate')}; wanted t in seconds"
+        )
+    short = int(np.argmin(steps))
+    long = int(np.argmax(steps))
     if steps[short] * limits.rate < _BUNCHED:
-        return TimeFault(short + 1, f"the step from the sample before is {steps[short]:.3g} s, but {limits.says('rate')}")
+        return TimeFault(
+            short + 1,
+            f"the step from the sample before is {steps[short]:.3g} s, but {limits.says('rate')}",
+        )
     if steps[long] > limits.gap:
         jump = f"time jumps from {t[long]:.9g} to {t[long + 1]:.9g} s"
         return TimeFault(long + 1, f"{jump}, but {limits.says('gap')}: cut the log there")
     if span > limits.span:
-        return TimeFault(len(t) - 1, f"the log spans {span:.6g} s, but {limits.says('span')}{_other_unit(usual)}")
+        return TimeFault(
+            len(t) - 1, f"the log spans {span:.6g} s, but {limits.says('span')}{_other_unit(usual)}"
+        )
     return None
 
 

@@ -1,9 +1,10 @@
 """A log: what a robot's sensors said, as columns of numbers with units, in groups that have stamps of their own.
 
-Every reader returns a `Log`. `Log.on_one_clock` brings its groups onto one clock. There measurements are interpolated
-linearly between samples that were not only logged again, and commands are held until the next one; they count as zero once
-they are older than half a second, as in a robot's driver. A gap in a group becomes a gap of the log, which nothing
-bridges. Groups that share their stamps keep them, unless another rate is asked for.
+Every reader returns a `Log`. `Log.on_one_clock` brings its groups onto one clock. There
+measurements are interpolated linearly between samples that were not only logged again, and commands
+are held until the next one; they count as zero once they are older than half a second, as in a
+robot's driver. A gap in a group becomes a gap of the log, which nothing bridges. Groups that share
+their stamps keep them, unless another rate is asked for.
 """
 
 from __future__ import annotations
@@ -44,11 +45,16 @@ class Column(NamedTuple):
         if not len(beyond):
             return None
         k = int(beyond[0])
-        wanted = f"more than {self.most:g}" if math.isfinite(values[k]) else f"wanted a finite number [{self.unit}]"
+        wanted = (
+            f"more than {self.most:g}"
+            if math.isfinite(values[k])
+            else f"wanted a finite number [{self.unit}]"
+        )
         return k, f"{f'{values[k]:g} {self.unit}'.strip()}, {wanted}"
 
 
-_RPM, _DEGREES = "rpm, ticks or degrees per second", "degrees per second"
+_RPM = "rpm, ticks or degrees per second"
+_DEGREES = "degrees per second"
 COLUMNS: Mapping[str, Column] = MappingProxyType(
     {
         **dict.fromkeys(("x", "y"), Column("m", "pose", 1e8)),
@@ -63,15 +69,23 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(
         "cmd_v": Column("m/s", "cmd", 100.0, 10.0, "mm/s or km/h"),
         "cmd_w": Column("rad/s", "cmd", 1000.0, 15.0, _DEGREES),
         **dict.fromkeys(("acc_x", "acc_y", "acc_z"), Column("m/s²", "channels", 1e5, 160.0, "mg")),
-        **dict.fromkeys(("current_left", "current_right"), Column("A", "channels", 1e100, 1000.0, "mA")),
-        **dict.fromkeys(("voltage_left", "voltage_right"), Column("V", "channels", 1e100, 200.0, "mV")),
+        **dict.fromkeys(
+            ("current_left", "current_right"), Column("A", "channels", 1e100, 1000.0, "mA")
+        ),
+        **dict.fromkeys(
+            ("voltage_left", "voltage_right"), Column("V", "channels", 1e100, 200.0, "mV")
+        ),
     }
 )
-"""Columns whose meaning is known. Their first group that a log has sets its rate, unless a rate is asked for."""
+"""Columns whose meaning is known. Their first group that a log has sets its rate, unless a rate is
+asked for."""
 ANY_COLUMN = Column("", "channels", 1e100)
 """Any other column."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {g: tuple(n for n, c in COLUMNS.items() if c.group == g) for g in dict.fromkeys(c.group for c in COLUMNS.values())}
+    {
+        g: tuple(n for n, c in COLUMNS.items() if c.group == g)
+        for g in dict.fromkeys(c.group for c in COLUMNS.values())
+    }
 )
 """Names of the groups, and the known columns of each."""
 RECORDED = ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw")
@@ -87,15 +101,31 @@ UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(
     {
         **{"ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9), "min": ("s", 60.0)},
         **{"deg": ("rad", math.pi / 180.0), "turns": ("rad", 2.0 * math.pi)},
-        **{"deg/s": ("rad/s", math.pi / 180.0), "rpm": ("rad/s", math.pi / 30.0), "rad/min": ("rad/s", 1.0 / 60.0)},
-        **{"mm": ("m", 1e-3), "cm": ("m", 1e-2), "km": ("m", 1e3), "ft": ("m", 0.3048), "in": ("m", 0.0254)},
-        **{"km/h": ("m/s", 1.0 / 3.6), "mm/s": ("m/s", 1e-3), "cm/s": ("m/s", 1e-2), "m/min": ("m/s", 1.0 / 60.0)},
+        **{
+            "deg/s": ("rad/s", math.pi / 180.0),
+            "rpm": ("rad/s", math.pi / 30.0),
+            "rad/min": ("rad/s", 1.0 / 60.0),
+        },
+        **{
+            "mm": ("m", 1e-3),
+            "cm": ("m", 1e-2),
+            "km": ("m", 1e3),
+            "ft": ("m", 0.3048),
+            "in": ("m", 0.0254),
+        },
+        **{
+            "km/h": ("m/s", 1.0 / 3.6),
+            "mm/s": ("m/s", 1e-3),
+            "cm/s": ("m/s", 1e-2),
+            "m/min": ("m/s", 1.0 / 60.0),
+        },
         **{"ft/s": ("m/s", 0.3048), "mph": ("m/s", 0.44704)},
     }
 )
 """Units that loggers write: the one that is meant by `COLUMNS`, and the factor to it."""
 
-_GAP_FACTOR = 2.5  # A step longer than this many periods is a gap: one dropped sample is tolerated, two are not
+# A step longer than this many periods is a gap: one dropped sample is tolerated, two are not
+_GAP_FACTOR = 2.5
 
 
 def column_of(name: str) -> Column:
@@ -119,7 +149,8 @@ class Group:
     columns: Mapping[str, FloatArray]
     """Columns by name, each (M,), finite; angles are unwrapped."""
     period: float = math.nan
-    """Median step of time [s], that of `t` unless it is given; a cut keeps it, so that it moves no gap."""
+    """Median step of time [s], that of `t` unless it is given; a cut keeps it, so that it moves no
+    gap."""
 
     def __post_init__(self) -> None:
         """Take the period from the stamps where it is not given."""
@@ -128,11 +159,17 @@ class Group:
 
     def table(self, names: Sequence[str]) -> FloatArray | None:
         """Return (M, len(names)) columns side by side; None where one is missing."""
-        return np.column_stack([self.columns[n] for n in names]) if all(n in self.columns for n in names) else None
+        return (
+            np.column_stack([self.columns[n] for n in names])
+            if all(n in self.columns for n in names)
+            else None
+        )
 
     def where(self, keep: NDArray[np.bool_]) -> Group:
         """Return the samples for which the (M,) `keep` is true."""
-        return replace(self, t=self.t[keep], columns={name: a[keep] for name, a in self.columns.items()})
+        return replace(
+            self, t=self.t[keep], columns={name: a[keep] for name, a in self.columns.items()}
+        )
 
     def longest_step(self, period: float = 0.0) -> float:
         """Return the longest step of time [s] that is no gap, at the group's own period or at a longer `period` [s]."""
@@ -146,15 +183,14 @@ class Group:
     def in_gaps(self, t: FloatArray, margin: float = 0.0, least: float = 0.0) -> NDArray[np.bool_]:
         """Return (N,) whether instants `t` [s] lie in gaps.
 
-        Args:
-            t: (N,) instants [s].
-            margin: time after the beginning and before the end of a gap that does not count as in it [s].
-            least: shorter gaps, or equal ones, do not count [s].
+        Args: t: (N,) instants [s]. margin: time after the beginning and before the end of a gap
+            that does not count as in it [s]. least: shorter gaps, or equal ones, do not count [s].
         """
         at = np.flatnonzero(np.diff(self.t) > max(self.longest_step(), least))
         if not len(at):
             return np.zeros(len(t), dtype=bool)
-        start, stop = self.t[at] + margin, self.t[at + 1] - margin
+        start = self.t[at] + margin
+        stop = self.t[at + 1] - margin
         last = np.searchsorted(start, t, side="left") - 1
         return (last >= 0) & (t < stop[last])
 
@@ -164,11 +200,13 @@ class ReadOptions:
     """Choices for formats with topics, and limits for all; a format without topics refuses their names."""
 
     topics: Mapping[str, str] = field(default_factory=dict)
-    """Topic of each role (cmd, odom, wheels, imu, pose, gps), or `none`; roles that are not named are guessed."""
+    """Topic of each role (cmd, odom, wheels, imu, pose, gps), or `none`; roles that are not named
+    are guessed."""
     limits: LogLimits = USUAL
     """Greatest sizes that a log may have."""
     columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """For columns of a CSV file that have other names or units, the name there and the unit, empty where it is ours."""
+    """For columns of a CSV file that have other names or units, the name there and the unit, empty
+    where it is ours."""
     radius: float | None = None
     """Radius of the wheels [m], which some units and faults need; None where nobody knows it."""
 
@@ -180,7 +218,9 @@ class ReadOptions:
             return factor
         if name in COMMAND_COLUMNS["wheels"] and base == "m/s":
             if self.radius is None:
-                raise ValueError(f"{name} in {unit} needs the radius of the wheels; name the robot by --robot")
+                raise ValueError(
+                    f"{name} in {unit} needs the radius of the wheels; name the robot by --robot"
+                )
             return factor / self.radius
         known = ", ".join((wanted, *(u for u, (of, _) in UNITS.items() if of == wanted)))
         raise ValueError(f"{name} cannot be in '{unit}'; its units are {known}")
@@ -198,9 +238,11 @@ class Topic:
     type: str
     """Message type as ROS 2 writes it, such as nav_msgs/msg/Odometry."""
     t: FloatArray
-    """(M,) stamps, not decreasing, counted from the file's epoch [s]; zeros where the topic cannot be read."""
+    """(M,) stamps, not decreasing, counted from the file's epoch [s]; zeros where the topic cannot
+    be read."""
     columns: Mapping[str, FloatArray] | None
-    """Columns as they were sent, each (M,), NaN is possible; None where the topic cannot be read."""
+    """Columns as they were sent, each (M,), NaN is possible; None where the topic cannot be
+    read."""
     remark: str = ""
     """Why its stamps are the times of writing; empty where they are those of the messages."""
     role: str = ""
@@ -210,7 +252,9 @@ class Topic:
 def unwrapped(angles: FloatArray) -> FloatArray:
     """Return (M,) angles without jumps by a turn: of 2 pi, or of 360 where they are in degrees, which is a fault to name."""
     steps = np.abs(np.diff(angles))
-    return np.unwrap(angles, period=360.0 if np.any((steps > 300.0) & (steps < 361.0)) else 2.0 * math.pi)
+    return np.unwrap(
+        angles, period=360.0 if np.any((steps > 300.0) & (steps < 361.0)) else 2.0 * math.pi
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,14 +275,17 @@ class Log:
     """Groups with the stamps of their own, if `groups` were brought onto one clock; else empty."""
 
     @classmethod
-    def of_columns(cls, path: str | Path, columns: Mapping[str, ArrayLike], limits: LogLimits = USUAL) -> Log:
+    def of_columns(
+        cls, path: str | Path, columns: Mapping[str, ArrayLike], limits: LogLimits = USUAL
+    ) -> Log:
         """Return a log of (M,) columns by name on one clock, `t` [s] among them; they are copied and read-only.
 
-        Raises:
-            FileError: there is no `t`, it does not increase, there are fewer than two samples, lengths differ, numbers are
+        Raises: FileError: there is no `t`, it does not increase, there are fewer than two samples,
+            lengths differ, numbers are
                 not finite, a name cannot stand in a file, or no column is one of `RECORDED`.
         """
-        path, arrays = Path(path), {n: np.asarray(a, dtype=np.float64) for n, a in columns.items()}
+        path = Path(path)
+        arrays = {n: np.asarray(a, dtype=np.float64) for n, a in columns.items()}
         if "t" not in arrays or len(arrays["t"]) < 2:
             raise FileError(path, "a log needs a column t, and at least two samples")
         if unknown := [name for name in arrays if not is_column_name(name)]:
@@ -250,12 +297,20 @@ class Log:
             t = frozen_array(arrays.pop("t"), "t", (None,))
             for name, a in arrays.items():
                 known = column_of(name)
-                groups[known.group][name] = frozen_array(unwrapped(a) if known.unit == "rad" else a, name, (len(t),))
+                groups[known.group][name] = frozen_array(
+                    unwrapped(a) if known.unit == "rad" else a, name, (len(t),)
+                )
         except ValueError as cause:
             raise FileError(path, str(cause)) from cause
         if np.any(t[1:] <= t[:-1]):
-            raise FileError(path, f"t must increase; it does not after sample {int(np.argmax(t[1:] <= t[:-1]))}")
-        return cls(path, {name: Group(path.name, t, own) for name, own in groups.items() if own}, limits=limits)
+            raise FileError(
+                path, f"t must increase; it does not after sample {int(np.argmax(t[1:] <= t[:-1]))}"
+            )
+        return cls(
+            path,
+            {name: Group(path.name, t, own) for name, own in groups.items() if own},
+            limits=limits,
+        )
 
     @property
     def name(self) -> str:
@@ -283,12 +338,15 @@ class Log:
         name = column_of(column).group
         return self.recorded.get(name) or self.groups[name]
 
-    # ----------------------------------------------------------------------------------------- on one clock
+    # ----------------------------------------------------------------------------------------- on
+    # one clock
     @property
     def t(self) -> FloatArray:
         """(M,) stamps that all groups share [s]; ValueError for a log that is not on one clock."""
         if not self.is_on_one_clock:
-            raise ValueError(f"the groups of {self.name} have stamps of their own; bring it onto one clock")
+            raise ValueError(
+                f"the groups of {self.name} have stamps of their own; bring it onto one clock"
+            )
         return next(iter(self.groups.values())).t
 
     @property
@@ -301,26 +359,33 @@ class Log:
         """Return (M, len(names)) columns of a log on one clock side by side; a ValueError names those that are missing."""
         there = self.columns
         if missing := [n for n in names if n not in there]:
-            raise ValueError(f"log {self.name} has no column {', '.join(missing)}; it has {', '.join(there)}")
-        return frozen_array(np.stack([there[n] for n in names], axis=1), self.name, (len(self.t), len(names)))
+            raise ValueError(
+                f"log {self.name} has no column {', '.join(missing)}; it has {', '.join(there)}"
+            )
+        return frozen_array(
+            np.stack([there[n] for n in names], axis=1), self.name, (len(self.t), len(names))
+        )
 
     def stretches(self) -> list[slice]:
         """Return the samples between gaps of a log on one clock, but for lone ones; a ValueError says if there is none."""
-        t, longest = self.t, next(iter(self.groups.values())).longest_step()
+        t = self.t
+        longest = next(iter(self.groups.values())).longest_step()
         edges = [0, *(np.flatnonzero(np.diff(t) > longest) + 1).tolist(), len(t)]
         pieces = [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]
         if not pieces:
-            raise ValueError(f"log {self.name} is nothing but gaps between {t[0]:g} and {t[-1]:g} s")
+            raise ValueError(
+                f"log {self.name} is nothing but gaps between {t[0]:g} and {t[-1]:g} s"
+            )
         return pieces
 
     def on_one_clock(self, rate: float | None = None) -> Log:
         """Return the log with all groups on one clock.
 
-        Args:
-            rate: samples a second [Hz]. None: the stamps that the groups share, or the rate of the first group of `GROUPS`.
+        Args: rate: samples a second [Hz]. None: the stamps that the groups share, or the rate of
+            the first group of `GROUPS`.
 
-        Raises:
-            FileError: the groups do not overlap, leave nothing between their gaps, hold no column of `RECORDED`, or make
+        Raises: FileError: the groups do not overlap, leave nothing between their gaps, hold no
+            column of `RECORDED`, or make
                 more samples than the limits allow.
         """
         if not any(name in RECORDED for name in self.columns):
@@ -335,42 +400,62 @@ class Log:
             if name == "cmd":
                 columns[name] = {n: held(t, group.t, values) for n, values in group.columns.items()}
                 continue
-            keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))  # gaps at the common period as well
+            # gaps at the common period as well
+            keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))
             new = slice(None) if np.array_equal(t, group.t) else _measured(name, group)
-            columns[name] = {n: np.interp(t, group.t[new], values[new]) for n, values in group.columns.items()}
+            columns[name] = {
+                n: np.interp(t, group.t[new], values[new]) for n, values in group.columns.items()
+            }
         if np.count_nonzero(keep) < 2:
-            raise FileError(self.path, f"nothing is left between the gaps: {_spans(self.groups.values())}")
+            raise FileError(
+                self.path, f"nothing is left between the gaps: {_spans(self.groups.values())}"
+            )
         t, period = t[keep], float(np.median(np.diff(t[keep])))
         groups = {
-            name: Group(self.groups[name].source, t, {n: a[keep] for n, a in arrays.items()}, period)
+            name: Group(
+                self.groups[name].source, t, {n: a[keep] for n, a in arrays.items()}, period
+            )
             for name, arrays in columns.items()
         }
         return replace(self, groups=groups, recorded=self.groups)
 
     def _clock(self, rate: float | None) -> FloatArray:
         """Return the (N,) instants of a common clock: shared stamps, or a grid over the time of all measured groups."""
-        measured = [g for name, g in self.groups.items() if name != "cmd"] or list(self.groups.values())
+        measured = [g for name, g in self.groups.items() if name != "cmd"] or list(
+            self.groups.values()
+        )
         first = self.groups[min(self.groups, key=[*GROUPS, *self.groups].index)]
         if rate is None and all(np.array_equal(g.t, first.t) for g in measured):
             return first.t
         dt = float(np.median(np.diff(first.t))) if rate is None else 1.0 / rate
-        start, stop = max(float(g.t[0]) for g in measured), min(float(g.t[-1]) for g in measured)
+        start = max(float(g.t[0]) for g in measured)
+        stop = min(float(g.t[-1]) for g in measured)
         if stop - start < dt:
             what = f"the topics do not overlap: {_spans(measured)}; leave one out with topics ROLE=none"
             raise FileError(self.path, what)
-        n, width = (stop - start) / dt + TIME_ROUNDOFF, len(self.columns)
+        n = (stop - start) / dt + TIME_ROUNDOFF
+        width = len(self.columns)
         for limit, many in (("samples", n), ("cells", n * width)):
             if many > getattr(self.limits, limit):
                 many_samples = f"{stop - start:.6g} s at {1.0 / dt:.6g} Hz are too many samples of {width} columns"
-                raise FileError(self.path, f"{many_samples}, for {self.limits.says(limit)}; ask for a lower rate")
+                raise FileError(
+                    self.path,
+                    f"{many_samples}, for {self.limits.says(limit)}; ask for a lower rate",
+                )
         return np.asarray(start + dt * np.arange(int(n) + 1), dtype=np.float64)
 
-    # ----------------------------------------------------------------------------------------- changes
+    # -----------------------------------------------------------------------------------------
+    # changes
     def cut(self, start: float | None = None, stop: float | None = None) -> Log:
         """Return the samples from `start` to `stop` [s], None for an end; empty groups drop out. A FileError if all do."""
-        low, high = (-math.inf if start is None else start), (math.inf if stop is None else stop)
+        low = -math.inf if start is None else start
+        high = math.inf if stop is None else stop
         within = {name: (g.t >= low) & (g.t <= high) for name, g in self.groups.items()}
-        groups = {name: self.groups[name].where(keep) for name, keep in within.items() if np.count_nonzero(keep) > 1}
+        groups = {
+            name: self.groups[name].where(keep)
+            for name, keep in within.items()
+            if np.count_nonzero(keep) > 1
+        }
         if not groups:
             what = f"nothing was logged in {low:g} to {high:g} s; there is {_spans(self.groups.values())}"
             raise FileError(self.path, what)
@@ -394,11 +479,13 @@ def _spans(groups: Iterable[Group]) -> str:
 def _measured(name: str, group: Group) -> NDArray[np.bool_]:
     """Return (M,) where a group's samples were measured anew, or stand beside a gap.
 
-    A localiser or encoder that is slower than its log repeats its last value. To interpolate between repetitions would make
-    it late, by half of the time for which it is repeated.
+    A localiser or encoder that is slower than its log repeats its last value. To interpolate
+    between repetitions would make it late, by half of the time for which it is repeated.
     """
     if name not in ("pose", "wheels", "odom"):
         return np.ones(len(group.t), dtype=bool)
-    new = (fresh_poses if name == "pose" else refreshed)(group.t, np.column_stack(list(group.columns.values())))
+    new = (fresh_poses if name == "pose" else refreshed)(
+        group.t, np.column_stack(list(group.columns.values()))
+    )
     gap = np.diff(group.t) > group.longest_step()
     return new | np.append(gap, True) | np.append(True, gap)

@@ -1,6 +1,7 @@
 """Messages of bags, read by rosbags: numbers by topic, type and columns. A child process does this, see `bags`.
 
-From joint states only wheels are read: joints with `wheel` and `left` or `right` in their names, averaged over each side.
+From joint states only wheels are read: joints with `wheel` and `left` or `right` in their names,
+averaged over each side.
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ from validation.files.guarded import Answer
 from validation.files.log import COMMAND_COLUMNS
 
 _MOST_COUNT = 2**53  # greatest number of messages that a topic may claim
-_LATEST_NS = 2**62  # greatest stamp of writing [ns], in the year 2116: differences of stamps stay within 64 bits
+# greatest stamp of writing [ns], in the year 2116: differences of stamps stay within 64 bits
+_LATEST_NS = 2**62
 _Row = tuple[int, dict[str, float]] | None
-"""The header's stamp [ns] (0 for none), and the numbers by column; None for a message that says nothing."""
+"""The header's stamp [ns] (0 for none), and the numbers by column; None for a message that says
+nothing."""
 
 
-# ------------------------------------------------------------------------------------------ messages
+# ------------------------------------------------------------------------------------------
+# messages
 def _header_ns(message: Any) -> int:
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
@@ -36,25 +40,37 @@ def _twist(twist: Any) -> dict[str, float]:
 def _pose(position: Any, orientation: Any) -> dict[str, float]:
     quat = [getattr(orientation, axis) for axis in "wxyz"]
     # a quaternion of zeros is a field that nobody filled; not every driver normalises
-    yaw = float(quat_wxyz_to_yaw(quat)) if any(quat) and all(abs(q) < 1e3 for q in quat) else math.nan
+    yaw = (
+        float(quat_wxyz_to_yaw(quat)) if any(quat) and all(abs(q) < 1e3 for q in quat) else math.nan
+    )
     return {"x": position.x, "y": position.y, "yaw": yaw}
 
 
 def _odometry(m: Any) -> _Row:
-    return _header_ns(m), _pose(m.pose.pose.position, m.pose.pose.orientation) | _twist(m.twist.twist)
+    return _header_ns(m), _pose(m.pose.pose.position, m.pose.pose.orientation) | _twist(
+        m.twist.twist
+    )
 
 
 def _imu(m: Any) -> _Row:
     rates = {f"gyro_{axis}": getattr(m.angular_velocity, axis) for axis in "xyz"}
-    return _header_ns(m), rates | {f"acc_{axis}": getattr(m.linear_acceleration, axis) for axis in "xyz"}
+    return _header_ns(m), rates | {
+        f"acc_{axis}": getattr(m.linear_acceleration, axis) for axis in "xyz"
+    }
 
 
 def _joints(m: Any) -> _Row:
-    wheels = [(name.lower(), float(rate)) for name, rate in zip(m.name, m.velocity, strict=False) if "wheel" in name.lower()]
+    wheels = [
+        (name.lower(), float(rate))
+        for name, rate in zip(m.name, m.velocity, strict=False)
+        if "wheel" in name.lower()
+    ]
     sides = [[rate for joint, rate in wheels if side in joint] for side in ("left", "right")]
     if len(m.velocity) != len(m.name) or not all(sides):
         return None
-    return _header_ns(m), {n: sum(side) / len(side) for n, side in zip(COMMAND_COLUMNS["wheels"], sides, strict=True)}
+    return _header_ns(m), {
+        n: sum(side) / len(side) for n, side in zip(COMMAND_COLUMNS["wheels"], sides, strict=True)
+    }
 
 
 def _fix(m: Any) -> _Row:
@@ -66,7 +82,10 @@ READERS: Mapping[str, Callable[[Any], _Row]] = MappingProxyType(
     {
         "geometry_msgs/msg/Twist": lambda m: (0, _twist(m)),
         "geometry_msgs/msg/TwistStamped": lambda m: (_header_ns(m), _twist(m.twist)),
-        "geometry_msgs/msg/PoseStamped": lambda m: (_header_ns(m), _pose(m.pose.position, m.pose.orientation)),
+        "geometry_msgs/msg/PoseStamped": lambda m: (
+            _header_ns(m),
+            _pose(m.pose.position, m.pose.orientation),
+        ),
         "nav_msgs/msg/Odometry": _odometry,
         "sensor_msgs/msg/Imu": _imu,
         "sensor_msgs/msg/JointState": _joints,
@@ -84,15 +103,16 @@ def collect(path: str, most: int) -> Answer:
         path: the bag.
         most: number of messages after which reading ends.
 
-    Returns:
-        The number of messages that were read; topic, type and names of columns of each kind of message; and topic, type and
-        number of the messages that were not read. Each kind has three buffers: stamps of writing and of measuring [ns], 0
-        for none, and the numbers, message by message.
+    Returns: The number of messages that were read; topic, type and names of columns of each kind of
+        message; and topic, type and number of the messages that were not read. Each kind has three
+        buffers: stamps of writing and of measuring [ns], 0 for none, and the numbers, message by
+        message.
 
-    Raises:
-        Exception: the bag is none, or damaged; rosbags and what it reads with raise errors of many classes.
+    Raises: Exception: the bag is none, or damaged; rosbags and what it reads with raise errors of
+        many classes.
     """
-    from rosbags.highlevel import AnyReader  # here: it takes a fifth of a second, and only a child process needs it
+    # here: it takes a fifth of a second, and only a child process needs it
+    from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     kinds: dict[tuple[str, str, tuple[str, ...]], tuple[array[int], array[int], array[float]]] = {}

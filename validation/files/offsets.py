@@ -1,7 +1,8 @@
 """Offsets of time between the sensors of a log: how late each tells of a motion that two of them see.
 
-Yaw rates tell the delays of wheels, odometry, commands and of the pose's heading. The delay of its position shows in the
-speed along the heading: a localiser may filter the two differently, so they are measured, and taken out, one by one.
+Yaw rates tell the delays of wheels, odometry, commands and of the pose's heading. The delay of its
+position shows in the speed along the heading: a localiser may filter the two differently, so they
+are measured, and taken out, one by one.
 """
 
 from __future__ import annotations
@@ -19,19 +20,26 @@ from validation.files.faults import find_jumps, twist_of
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
 from validation.files.signals import fresh_poses, held, refreshed
 
-_OFFSET_STEP = 0.01  # period on which signals are correlated [s]; a parabola through the best three lags is finer than that
+# period on which signals are correlated [s]; a parabola through the best three lags is finer than
+# that
+_OFFSET_STEP = 0.01
 _OFFSET_SMOOTHING = 0.1
-"""Standard deviation of the Gaussian that smooths both signals first [s]: the slope of a noisy pose is noisier."""
+"""Standard deviation of the Gaussian that smooths both signals first [s]: the slope of a noisy pose
+is noisier."""
 _OFFSET_LIMIT = 1.0  # longest offset that is looked for [s]
 _OFFSET_SPAN = 5.0  # shortest overlap of two signals that are correlated [s]
 _OFFSET_SAMPLES = 1_000_000
-"""Greatest number of periods that are correlated: of a log that is longer than three hours, the beginning suffices."""
-_OFFSET_CORRELATION = 0.5  # least correlation from which an offset is taken; below it the two signals are not alike enough
+"""Greatest number of periods that are correlated: of a log that is longer than three hours, the
+beginning suffices."""
+# least correlation from which an offset is taken; below it the two signals are not alike enough
+_OFFSET_CORRELATION = 0.5
 _CLOCK_ORDER = ("imu", "wheels", "odom", "pose")
-"""The first of these groups that a log has is the clock for the others: a gyro measures its yaw rate at once."""
-_BLOCK_S, _BLOCKS = 30.0, 8
-"""Length of the blocks of time whose errors are taken as independent [s], and the number of them in a log that is too short
-for so many."""
+"""The first of these groups that a log has is the clock for the others: a gyro measures its yaw
+rate at once."""
+_BLOCK_S = 30.0
+_BLOCKS = 8
+"""Length of the blocks of time whose errors are taken as independent [s], and the number of them in
+a log that is too short for so many."""
 _SHORTEST_BLOCK_S = 3.0  # shortest block [s]: within less, errors of two blocks are alike
 
 
@@ -40,7 +48,8 @@ class Offset:
     """Delay of one signal behind another."""
 
     late: str
-    """Group that is late, if `seconds` is positive; of a pose `pose_yaw`, its heading, or `position`."""
+    """Group that is late, if `seconds` is positive; of a pose `pose_yaw`, its heading, or
+    `position`."""
     behind: str
     """Group that it is compared with."""
     seconds: float
@@ -48,7 +57,8 @@ class Offset:
     correlation: float
     """Correlation of the two signals at that delay [1]; equal signals have 1."""
     standard_error: float | None = None
-    """Standard error, by leaving out one block of the log after the other [s]; None for a log that is too short for that."""
+    """Standard error, by leaving out one block of the log after the other [s]; None for a log that
+    is too short for that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +87,11 @@ class _Signal:
         """Return the (N,) rates at instants `grid` [s]."""
         if not self.is_held:
             return np.interp(grid, self.t, self.values)
-        half = 0.5 * _OFFSET_STEP  # on stamps that the grid meets, one side alone would be half a step early
-        return 0.5 * (held(grid - half, self.t, self.values) + held(grid + half, self.t, self.values))
+        # on stamps that the grid meets, one side alone would be half a step early
+        half = 0.5 * _OFFSET_STEP
+        return 0.5 * (
+            held(grid - half, self.t, self.values) + held(grid + half, self.t, self.values)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,10 +136,11 @@ class _Poses:
 def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[str, _Signal]]:
     """Return the yaw rates that a log tells, by group, in `_CLOCK_ORDER` and then commands; and the speeds of its wheels.
 
-    Wheel rates are interpolated from one fresh sample of a side to its next: where the sides are refreshed in turn, a row
-    has a rate that is new and one that is old.
+    Wheel rates are interpolated from one fresh sample of a side to its next: where the sides are
+    refreshed in turn, a row has a rate that is new and one that is old.
     """
-    turning, speeds = dict[str, _Signal](), dict[str, _Signal]()
+    turning = dict[str, _Signal]()
+    speeds = dict[str, _Signal]()
     for name in (n for n in (*_CLOCK_ORDER, "cmd") if n in log.groups):
         group = log.groups[name]
         for side in (n for n in COMMAND_COLUMNS["wheels"] if n in group.columns):
@@ -139,7 +153,9 @@ def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[s
             turning[name] = poses.signal(poses.slopes()[:, 2])
         elif twist is not None:
             new = refreshed(group.t, np.column_stack(twist[1:]))
-            speeds[name], turning[name] = (_Signal(group.t[new], values[new], group) for values in twist[1:])
+            speeds[name], turning[name] = (
+                _Signal(group.t[new], values[new], group) for values in twist[1:]
+            )
         elif rate is not None:
             turning[name] = _Signal(group.t, rate, group, is_held=name == "cmd")
     return turning, speeds
@@ -148,10 +164,11 @@ def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[s
 def estimate_offsets(log: Log) -> list[Offset]:
     """Estimate delays behind the first group of `_CLOCK_ORDER`.
 
-    The delay is the lag at which the correlation of two rates is greatest, refined by a parabola. Yaw rates are compared
-    with the first group's; the speed of the pose's position along its heading with that of the wheels, whose own delay is
-    added. The delay of commands is negative, because a robot follows them. What does not resemble the other, or is zero, is
-    left out. Samples that were only logged again do not count, nor do jumps of the localiser.
+    The delay is the lag at which the correlation of two rates is greatest, refined by a parabola.
+    Yaw rates are compared with the first group's; the speed of the pose's position along its
+    heading with that of the wheels, whose own delay is added. The delay of commands is negative,
+    because a robot follows them. What does not resemble the other, or is zero, is left out. Samples
+    that were only logged again do not count, nor do jumps of the localiser.
     """
     poses = _Poses.of(log)
     turning, speeds = _signals(log, poses)
@@ -161,17 +178,27 @@ def estimate_offsets(log: Log) -> list[Offset]:
         lag = _lag(turning[reference], turning[name])
         if lag is not None:
             offsets.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
-    position = None if poses is None or not speeds else _position_offset(*next(iter(speeds.items())), poses, offsets)
+    position = (
+        None
+        if poses is None or not speeds
+        else _position_offset(*next(iter(speeds.items())), poses, offsets)
+    )
     return offsets if position is None else [*offsets, position]
 
 
-def _position_offset(wheels: str, speed: _Signal, poses: _Poses, offsets: Sequence[Offset]) -> Offset | None:
+def _position_offset(
+    wheels: str, speed: _Signal, poses: _Poses, offsets: Sequence[Offset]
+) -> Offset | None:
     """Return the delay of positions behind the first clock, or behind the wheels where those have no delay."""
     delays = {offset.late: offset for offset in offsets}
     own = delays.get(wheels)
-    yaw_delay = delays["pose_yaw"].seconds - (own.seconds if own else 0.0) if "pose_yaw" in delays else 0.0
-    late, steps = yaw_delay, poses.slopes()
-    for _ in range(3):  # the heading at the time of a position is known once the delay between them is
+    yaw_delay = (
+        delays["pose_yaw"].seconds - (own.seconds if own else 0.0) if "pose_yaw" in delays else 0.0
+    )
+    late = yaw_delay
+    steps = poses.slopes()
+    # the heading at the time of a position is known once the delay between them is
+    for _ in range(3):
         yaw = np.interp(poses.middle + yaw_delay - late, poses.t, poses.pose[:, 2])
         lag = _lag(speed, poses.signal(steps[:, 0] * np.cos(yaw) + steps[:, 1] * np.sin(yaw)))
         if lag is None:
@@ -179,16 +206,21 @@ def _position_offset(wheels: str, speed: _Signal, poses: _Poses, offsets: Sequen
         late, likeness, error = lag
     if own is None:
         return Offset("position", wheels, late, likeness, error)
-    both = None if error is None or own.standard_error is None else math.hypot(error, own.standard_error)
+    both = (
+        None
+        if error is None or own.standard_error is None
+        else math.hypot(error, own.standard_error)
+    )
     return Offset("position", own.behind, late + own.seconds, likeness, both)
 
 
 def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
     """Return the log with offsets taken out of the measurements; commands stay, for their delay is the robot's.
 
-    Positions and headings are corrected one by one, and stay together: at each corrected stamp of a position the heading is
-    interpolated between new ones. Samples that would need a heading from a gap or from beyond the ends are left out. Where
-    only one of the two delays is known, it is that of both.
+    Positions and headings are corrected one by one, and stay together: at each corrected stamp of a
+    position the heading is interpolated between new ones. Samples that would need a heading from a
+    gap or from beyond the ends are left out. Where only one of the two delays is known, it is that
+    of both.
     """
     late = {offset.late: offset.seconds for offset in offsets if offset.late != "cmd"}
     groups = {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in log.groups.items()}
@@ -202,8 +234,11 @@ def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
 def _moved(poses: _Poses, position: float, yaw: float) -> Group:
     """Return the group of poses whose positions and headings were late by so much [s]."""
     group = poses.group
-    keep, columns = np.ones(len(group.t), dtype=bool), dict(group.columns)
-    for name, delay, values in zip(POSE_COLUMNS, (0.0, 0.0, yaw - position), poses.pose.T, strict=True):
+    keep = np.ones(len(group.t), dtype=bool)
+    columns = dict(group.columns)
+    for name, delay, values in zip(
+        POSE_COLUMNS, (0.0, 0.0, yaw - position), poses.pose.T, strict=True
+    ):
         at = group.t + delay
         keep &= (at >= poses.t[0]) & (at <= poses.t[-1]) & ~group.in_gaps(at)
         before = np.clip(np.searchsorted(poses.t, at, side="right") - 1, 0, len(poses.t) - 2)
@@ -218,7 +253,8 @@ def _lag(a: _Signal, b: _Signal) -> tuple[float, float, float | None] | None:
 
     if not (len(a.t) and len(b.t)):  # a localiser may jump at every step
         return None
-    start, stop = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
+    start = max(a.t[0], b.t[0])
+    stop = min(a.t[-1], b.t[-1])
     if stop - start < _OFFSET_SPAN:
         return None
     grid = np.arange(start, min(stop, start + _OFFSET_SAMPLES * _OFFSET_STEP), _OFFSET_STEP)
@@ -232,7 +268,11 @@ def _lag(a: _Signal, b: _Signal) -> tuple[float, float, float | None] | None:
     n = len(sums)
     without = [_peak(total - block) for block in sums] if n >= _BLOCKS // 2 else []
     lags = np.array([peak[0] for peak in without if peak is not None])
-    error = math.sqrt((n - 1) / n * float(((lags - lags.mean()) ** 2).sum())) if len(lags) == n and n > 1 else None
+    error = (
+        math.sqrt((n - 1) / n * float(((lags - lags.mean()) ** 2).sum()))
+        if len(lags) == n and n > 1
+        else None
+    )
     return *best, error
 
 
@@ -243,7 +283,9 @@ def _peak(sums: FloatArray) -> tuple[float, float] | None:
     mean_x, mean_y, square_x, square_y, product = sums[1:] / n
     variance = (square_x - mean_x**2) * (square_y - mean_y**2)
     tiny = 1e-12  # rates of a millionth: standing
-    likeness = np.where(variance > tiny, (product - mean_x * mean_y) / np.sqrt(np.maximum(variance, tiny)), 0.0)
+    likeness = np.where(
+        variance > tiny, (product - mean_x * mean_y) / np.sqrt(np.maximum(variance, tiny)), 0.0
+    )
     best = int(np.argmax(likeness))
     if likeness[best] < _OFFSET_CORRELATION or best in (0, 2 * most):
         return None
@@ -253,18 +295,23 @@ def _peak(sums: FloatArray) -> tuple[float, float] | None:
     return float(best - most + refined) * _OFFSET_STEP, float(at)
 
 
-def _block_sums(x: FloatArray, y: FloatArray, x_known: NDArray[np.bool_], y_known: NDArray[np.bool_]) -> FloatArray:
+def _block_sums(
+    x: FloatArray, y: FloatArray, x_known: NDArray[np.bool_], y_known: NDArray[np.bool_]
+) -> FloatArray:
     """Return (B, 6, L) sums over blocks of time, for lags of y behind x within the limit: what correlations are made of.
 
-    They are the number of pairs, and sums of x, y, x^2, y^2 and xy, of (N,) series that are known in places.
+    They are the number of pairs, and sums of x, y, x^2, y^2 and xy, of (N,) series that are known
+    in places.
     """
     from scipy import signal
 
     most = round(_OFFSET_LIMIT / _OFFSET_STEP)
     seconds = min(_BLOCK_S, max(_SHORTEST_BLOCK_S, len(x) * _OFFSET_STEP / _BLOCKS))
     blocks = max(1, round(len(x) * _OFFSET_STEP / seconds))
-    of_x, of_y = x_known.astype(np.float64), y_known.astype(np.float64)
-    x, y = (x - x.mean()) * of_x, (y - y.mean()) * of_y
+    of_x = x_known.astype(np.float64)
+    of_y = y_known.astype(np.float64)
+    x = (x - x.mean()) * of_x
+    y = (y - y.mean()) * of_y
     padded = [np.pad(values, most) for values in (of_y, y, y * y)]
     edges = np.linspace(0, len(x), blocks + 1).astype(int)
     sums = np.empty((blocks, 6, 2 * most + 1))

@@ -15,22 +15,30 @@ from typing import Any, BinaryIO
 from validation.words import one_line
 
 _MOST_TEXT = 1 << 18
-"""Greatest size of a text that describes something, such as a profile [bytes]; shipped ones have less than ten thousand."""
+"""Greatest size of a text that describes something, such as a profile [bytes]; shipped ones have
+less than ten thousand."""
 _MOST_DEEP = 32
-"""Greatest depth of tables and lists inside one another; what comes out of the parsers is walked by recursion later."""
+"""Greatest depth of tables and lists inside one another; what comes out of the parsers is walked by
+recursion later."""
 _TOO_DEEP = f"tables and lists lie more than {_MOST_DEEP} deep inside one another"
 _MOST_NAMED = 5  # greatest number of unknown keys that a message names
 _WHOLE = 2**63
-"""Whole numbers lie below this in size, as TOML wants it; Python's own have no end, and floats cannot hold them."""
+"""Whole numbers lie below this in size, as TOML wants it; Python's own have no end, and floats
+cannot hold them."""
 
 
 class FileError(ValueError):
     """A file is not what it should be: what is wrong, where, and what would be right, in one line."""
 
-    def __init__(self, path: str | Path, what: str, line: int | None = None, column: str | None = None) -> None:
+    def __init__(
+        self, path: str | Path, what: str, line: int | None = None, column: str | None = None
+    ) -> None:
         """Keep where it went wrong: the file, the line as an editor counts it and the column's name, where there is one."""
         super().__init__(path, what, line, column)
-        self.path, self.what, self.line, self.column = path, what, line, column
+        self.path = path
+        self.what = what
+        self.line = line
+        self.column = column
 
     def __str__(self) -> str:
         line = "" if self.line is None else f", line {self.line}"
@@ -67,8 +75,8 @@ def opened(path: str | Path, most_bytes: int = sys.maxsize, limit: str = "") -> 
         most_bytes: greatest size.
         limit: name by which a user can raise that size, for the message; empty where there is none.
 
-    Raises:
-        FileError: there is no such file, it is none, cannot be read, or is larger than `most_bytes`.
+    Raises: FileError: there is no such file, it is none, cannot be read, or is larger than
+        `most_bytes`.
     """
     careful = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
     try:
@@ -76,8 +84,14 @@ def opened(path: str | Path, most_bytes: int = sys.maxsize, limit: str = "") -> 
         try:
             about = os.fstat(number)
             if not stat.S_ISREG(about.st_mode):
-                kinds = ((stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"))
-                kind = next((words for is_kind, words in kinds if is_kind(about.st_mode)), "a device")
+                kinds = (
+                    (stat.S_ISDIR, "a folder"),
+                    (stat.S_ISFIFO, "a pipe"),
+                    (stat.S_ISSOCK, "a socket"),
+                )
+                kind = next(
+                    (words for is_kind, words in kinds if is_kind(about.st_mode)), "a device"
+                )
                 raise FileError(path, f"this is {kind}, wanted a file")
             if about.st_size > most_bytes:
                 allowed = f"the {_size(most_bytes)} allowed{f' (limit {limit})' if limit else ''}"
@@ -112,10 +126,13 @@ def read_text(path: str | Path, most_bytes: int = _MOST_TEXT) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise ValueError(f"{path}: the file cannot be read as text; line {line} has a byte that is not UTF-8") from error
+        raise ValueError(
+            f"{path}: the file cannot be read as text; line {line} has a byte that is not UTF-8"
+        ) from error
 
 
-# ------------------------------------------------------------------------------------------ documents
+# ------------------------------------------------------------------------------------------
+# documents
 def read_toml(path: str | Path) -> dict[str, Any]:
     """Return the document of a TOML file; its errors are those of `read_text` and `parse_toml`."""
     return parse_toml(read_text(path), str(path))

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 from ssmr.types import FloatArray
 
 TIME_ROUNDOFF = 1e-6
-"""Instants closer than this are the same one: well over rounding, well under any sample step [s]."""
+"""Instants closer than this are the same one: well over rounding, well under any sample step
+[s]."""
 _COMMAND_TIMEOUT = 0.5
-"""Age from which a command no longer counts [s]: a driver stops a robot that gets no commands any more."""
+"""Age from which a command no longer counts [s]: a driver stops a robot that gets no commands any
+more."""
 _STILL_AFTER = 1.0
-"""A pose that repeats for longer means that the robot stands, not that the localiser is slower than the log [s]."""
+"""A pose that repeats for longer means that the robot stands, not that the localiser is slower than
+the log [s]."""
 
 
 def held(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
@@ -27,14 +30,17 @@ def held(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
     """
     last = np.searchsorted(stamps, t + TIME_ROUNDOFF, side="right") - 1
     age = t - stamps[np.maximum(last, 0)]
-    return np.where((last >= 0) & (age <= _COMMAND_TIMEOUT + TIME_ROUNDOFF), values[np.maximum(last, 0)], 0.0)
+    return np.where(
+        (last >= 0) & (age <= _COMMAND_TIMEOUT + TIME_ROUNDOFF), values[np.maximum(last, 0)], 0.0
+    )
 
 
 def fresh_poses(t: FloatArray, pose: FloatArray) -> NDArray[np.bool_]:
     """Return (M,) bool, True for rows of (M, 3) poses that are new.
 
-    A pose equal to the one before, bit for bit, was only logged again. If that goes on for more than `_STILL_AFTER`, the
-    robot stands, and the samples after that time are new. The first sample is always new.
+    A pose equal to the one before, bit for bit, was only logged again. If that goes on for more
+    than `_STILL_AFTER`, the robot stands, and the samples after that time are new. The first sample
+    is always new.
     """
     changed, last = _last_change(t, pose)
     return changed | (t - last > _STILL_AFTER + TIME_ROUNDOFF)
@@ -43,8 +49,8 @@ def fresh_poses(t: FloatArray, pose: FloatArray) -> NDArray[np.bool_]:
 def refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
     """Return (M,) bool, True for rows of (M, k) values that were measured anew and not only logged again.
 
-    A row equal to the one before counts as new if nothing new came for longer than a usual refresh takes, or for longer than
-    `_STILL_AFTER`: then the value stayed the same.
+    A row equal to the one before counts as new if nothing new came for longer than a usual refresh
+    takes, or for longer than `_STILL_AFTER`: then the value stayed the same.
     """
     changed, last = _last_change(t, values)
     times = t[changed]
@@ -60,7 +66,8 @@ def _last_change(t: FloatArray, values: FloatArray) -> tuple[NDArray[np.bool_], 
 
 def moving_mean(t: FloatArray, values: FloatArray, half: float) -> FloatArray:
     """Return the (M,) means of the values whose stamps lie within `half` [s] of each of the (M,) stamps."""
-    low, high = np.searchsorted(t, t - half - TIME_ROUNDOFF), np.searchsorted(t, t + half + TIME_ROUNDOFF)
+    low = np.searchsorted(t, t - half - TIME_ROUNDOFF)
+    high = np.searchsorted(t, t + half + TIME_ROUNDOFF)
     sums = np.cumulative_sum(values, include_initial=True)
     return np.asarray((sums[high] - sums[low]) / (high - low))
 

@@ -22,7 +22,9 @@ from validation.plants.kind import side_torques
 
 Objective = Literal["path", "sync", "horizon"]
 
-_BLOCK_S = 6.0  # errors that begin within one block of time count as one observation [s]: they share poses and ground
+# errors that begin within one block of time count as one observation [s]: they share poses and
+# ground
+_BLOCK_S = 6.0
 _SCENARIO_BLOCK_S = 1.0  # length of a block on the twenty seconds of a scenario [s]
 _FAINT = 0.02  # weight of errors at equal times beside distances between paths
 _SYNC_STRIDE_S = 0.1  # time between the signed errors of a comparison at equal times [s]
@@ -33,15 +35,16 @@ class FitCost:
     """The distance between motions that a fit makes small."""
 
     objective: Objective | None = None
-    """path (Eq. 3.1), sync (errors at equal times) or horizon (errors of the relative pose after some seconds). None takes
-    path for scenarios and horizon for recordings."""
+    """path (Eq. 3.1), sync (errors at equal times) or horizon (errors of the relative pose after
+    some seconds). None takes path for scenarios and horizon for recordings."""
     horizons: tuple[float, ...] = (2.0, 6.0)
     """Horizons of the horizon objective [s]."""
     yaw_weight: float = 1.0
-    """Position error that counts as much as a radian of yaw error, in the sync and horizon objectives [m/rad]."""
+    """Position error that counts as much as a radian of yaw error, in the sync and horizon
+    objectives [m/rad]."""
     position_weight: float = 1.0
-    """Weight of position errors in the sync and horizon objectives [1]; 0 fits the heading alone, where positions are not to
-    be trusted."""
+    """Weight of position errors in the sync and horizon objectives [1]; 0 fits the heading alone,
+    where positions are not to be trusted."""
     torque_weight: float = 0.01
     """Position error that counts as much as a newton metre of torque error [m/(N m)]; 0 leaves
     torques out. By default 1 cm and 1 N m weigh alike: models of real robots are off by some of
@@ -51,18 +54,25 @@ class FitCost:
     k_haus: float = 8.0
     """K_haus of Eq. 3.1 [1/m]; Tab. 3.7."""
     k_ratio: float = 5.0
-    """K_dratio of Eq. 3.1 [1]; Tab. 3.7. It weighs |1 - d_ratio|: as printed, standing still would be rewarded."""
+    """K_dratio of Eq. 3.1 [1]; Tab. 3.7. It weighs |1 - d_ratio|: as printed, standing still would
+    be rewarded."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown objective, a number out of its range, or weights that are all 0."""
         if self.objective is not None and self.objective not in get_args(Objective):
-            raise ValueError(f"unknown objective '{self.objective}'; there are: {', '.join(get_args(Objective))}")
+            raise ValueError(
+                f"unknown objective '{self.objective}'; there are: {', '.join(get_args(Objective))}"
+            )
         weights = ("yaw_weight", "position_weight", "torque_weight")
         require_within(self, (*weights, "k_rms", "k_haus", "k_ratio"), 0.0, 1e6)
         if self.objective == "path" and self.position_weight != 1.0:
-            raise ValueError("position_weight belongs to the objectives sync and horizon; path is a distance of positions")
+            raise ValueError(
+                "position_weight belongs to the objectives sync and horizon; path is a distance of positions"
+            )
         if self.yaw_weight == self.position_weight == 0.0:
-            raise ValueError("position_weight and yaw_weight are both 0, which leaves nothing to fit to")
+            raise ValueError(
+                "position_weight and yaw_weight are both 0, which leaves nothing to fit to"
+            )
         if not self.horizons:
             raise ValueError("horizons must be one or more numbers")
         require_within(self, ("horizons",), 1e-3, 1e5)
@@ -96,14 +106,21 @@ class FitTarget:
 class Rater:
     """Rates candidates along one piece of motion; a subclass says what their errors are."""
 
-    def __init__(self, truth: Trajectory, cost: FitCost, weight: FloatArray, blocks: FloatArray) -> None:
+    def __init__(
+        self, truth: Trajectory, cost: FitCost, weight: FloatArray, blocks: FloatArray
+    ) -> None:
         """Keep the true motion, the (K,) weights of its errors, and the (K,) numbers of their blocks of time."""
-        self._truth, self._cost, self._weight, self._blocks = truth, cost, weight, blocks
+        self._truth = truth
+        self._cost = cost
+        self._weight = weight
+        self._blocks = blocks
 
     @property
     def blocks(self) -> FloatArray:
         """Number of the block of time that each residual belongs to, counted over all pieces."""
-        return np.tile(self._blocks, 2 * (self._cost.position_weight > 0.0) + (self._cost.yaw_weight > 0.0))
+        return np.tile(
+            self._blocks, 2 * (self._cost.position_weight > 0.0) + (self._cost.yaw_weight > 0.0)
+        )
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (S, K, 2) errors of positions [m] and (S, K) of yaw [rad] of (S, M, 3) poses."""
@@ -116,8 +133,14 @@ class Rater:
     def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return the errors that least squares make small, each times the root of its weight; none that weighs nothing."""
         (position, yaw), root, cost = self.errors(poses), np.sqrt(self._weight), self._cost
-        columns = [cost.position_weight * root * position[..., i] for i in (0, 1)] if cost.position_weight > 0.0 else []
-        return np.concatenate([*columns, *([cost.yaw_weight * root * yaw] if cost.yaw_weight > 0.0 else [])], axis=1)
+        columns = (
+            [cost.position_weight * root * position[..., i] for i in (0, 1)]
+            if cost.position_weight > 0.0
+            else []
+        )
+        return np.concatenate(
+            [*columns, *([cost.yaw_weight * root * yaw] if cost.yaw_weight > 0.0 else [])], axis=1
+        )
 
 
 class SyncRater(Rater):
@@ -125,7 +148,8 @@ class SyncRater(Rater):
 
     def __init__(self, truth: Trajectory, cost: FitCost, share: float, block: int) -> None:
         """Keep the piece's share in the cost, and count its blocks of time from `block`."""
-        self._share, self._every = share, max(1, round(_SYNC_STRIDE_S / float(np.median(np.diff(truth.t)))))
+        self._share = share
+        self._every = max(1, round(_SYNC_STRIDE_S / float(np.median(np.diff(truth.t)))))
         blocks = block + np.floor((truth.t[:: self._every] - truth.t[0]) / _SCENARIO_BLOCK_S)
         super().__init__(truth, cost, np.full(len(blocks), share / len(blocks)), blocks)
 
@@ -157,49 +181,64 @@ def path_offsets(poses, truth, every, out):
     for i in range(len(poses)):
         path = poses[i]
         for k in range(out.shape[1]):
-            x, y = truth[k * every, 0], truth[k * every, 1]
+            x = truth[k * every, 0]
+            y = truth[k * every, 1]
             best = math.inf
             out[i, k] = math.nan
             for j in range(len(path) - 1):
-                ax, ay = path[j, 0] - x, path[j, 1] - y
-                bx, by = path[j + 1, 0] - path[j, 0], path[j + 1, 1] - path[j, 1]
+                ax = path[j, 0] - x
+                ay = path[j, 1] - y
+                bx = path[j + 1, 0] - path[j, 0]
+                by = path[j + 1, 1] - path[j, 1]
                 length = bx * bx + by * by
                 share = min(max(-(ax * bx + ay * by) / length, 0.0), 1.0) if length > 0.0 else 0.0
-                dx, dy = ax + share * bx, ay + share * by
+                dx = ax + share * bx
+                dy = ay + share * by
                 if dx * dx + dy * dy < best:
                     best = dx * dx + dy * dy
-                    out[i, k, 0], out[i, k, 1] = dx, dy
+                    out[i, k, 0] = dx
+                    out[i, k, 1] = dy
 
 
 class PathRater(SyncRater):
     """The path objective, Eq. 3.1.
 
-    Least squares see the offsets from the true path to the candidate's and the error of the length, whose squares add up to
-    (K_rms d_rms)^2 + (K_dratio (1 - d_ratio))^2; the greatest distance has no derivative. A path does not say when the robot
-    was where, so faint errors at equal times choose between equal paths.
+    Least squares see the offsets from the true path to the candidate's and the error of the length,
+    whose squares add up to (K_rms d_rms)^2 + (K_dratio (1 - d_ratio))^2; the greatest distance has
+    no derivative. A path does not say when the robot was where, so faint errors at equal times
+    choose between equal paths.
     """
 
     @property
     def blocks(self) -> FloatArray:
         """Number of the block of time that each residual belongs to; the error of the length has one of its own."""
-        return np.concatenate([np.repeat(self._blocks, 2), [self._blocks[-1] + 1.0], super().blocks])
+        return np.concatenate(
+            [np.repeat(self._blocks, 2), [self._blocks[-1] + 1.0], super().blocks]
+        )
 
     def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return offsets, error of the length and faint errors of time."""
-        s, root, truth = self._cost, math.sqrt(self._share), self._truth.pose
+        s = self._cost
+        root = math.sqrt(self._share)
+        truth = self._truth.pose
         poses, offsets = np.ascontiguousarray(poses), np.empty((len(poses), len(self._blocks), 2))
         share_among_threads(
             lambda i, k: path_offsets(poses[i:k], truth, self._every, offsets[i:k]), len(poses), workers
         )  # fmt: skip
         share = s.k_rms / math.sqrt(offsets.shape[1])
-        lengths = [np.hypot(*np.diff(p[..., :2], axis=-2).T).sum(axis=0) for p in (poses, truth[None])]
+        lengths = [
+            np.hypot(*np.diff(p[..., :2], axis=-2).T).sum(axis=0) for p in (poses, truth[None])
+        ]
         ratio = s.k_ratio * (1.0 - lengths[0] / lengths[1])
         timing = _FAINT * s.k_rms * super().residuals(poses)
-        return np.concatenate([root * share * offsets.reshape(len(poses), -1), root * ratio[:, None], timing], axis=1)
+        return np.concatenate(
+            [root * share * offsets.reshape(len(poses), -1), root * ratio[:, None], timing], axis=1
+        )
 
     def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| of each candidate."""
-        s, truth = self._cost, self._truth.pose
+        s = self._cost
+        truth = self._truth.pose
         poses, costs = np.ascontiguousarray(poses), np.empty(len(poses))
         share_among_threads(
             lambda i, k: path_costs(poses[i:k], truth, s.k_rms, s.k_haus, s.k_ratio, costs[i:k]), len(poses), workers
@@ -211,18 +250,34 @@ class HorizonRater(Rater):
     """The horizon objective: mean size of relative pose errors over windows that begin every second."""
 
     def __init__(
-        self, truth: Trajectory, heading: FloatArray, piece: Piece, cost: FitCost, counts: Sequence[int], block: int
+        self,
+        truth: Trajectory,
+        heading: FloatArray,
+        piece: Piece,
+        cost: FitCost,
+        counts: Sequence[int],
+        block: int,
     ) -> None:
         """Cut the windows; the (M,) `heading` [rad] says how far the robot turned in each.
 
-        `counts` are the numbers of windows of all pieces by horizon, and `block` is the piece's first block of time.
+        `counts` are the numbers of windows of all pieces by horizon, and `block` is the piece's
+        first block of time.
         """
-        windows = [piece.windows(overlapping_windows, truth.t, horizon) for horizon in cost.horizons]
+        windows = [
+            piece.windows(overlapping_windows, truth.t, horizon) for horizon in cost.horizons
+        ]
         self._starts, self._ends = (np.concatenate([f[end] for f in windows]) for end in (0, 1))
         self._wanted = relative(truth.pose[self._starts], truth.pose[self._ends])
         self._wanted[:, 2] = heading[self._ends] - heading[self._starts]
-        weight = np.concatenate([np.full(len(f[0]), 1.0 / (n * len(windows))) for f, n in zip(windows, counts, strict=True)])
-        super().__init__(truth, cost, weight, block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S))
+        weight = np.concatenate(
+            [
+                np.full(len(f[0]), 1.0 / (n * len(windows)))
+                for f, n in zip(windows, counts, strict=True)
+            ]
+        )
+        super().__init__(
+            truth, cost, weight, block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
+        )
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the errors of the relative pose over each window, see `Rater.errors`."""
@@ -235,13 +290,16 @@ class HorizonRater(Rater):
         position, yaw = self.errors(poses)
         far = np.hypot(position[..., 0], position[..., 1])
         size = self._cost.position_weight * far + self._cost.yaw_weight * np.abs(yaw)
-        return (size * self._weight).sum(axis=1)  # no matrix product: its rounding depends on how many candidates there are
+        # no matrix product: its rounding depends on how many candidates there are
+        return (size * self._weight).sum(axis=1)
 
 
 class TorqueRater:
     """The torques of both sides, as means over tenths of a second: RMS, or mean size for logs."""
 
-    def __init__(self, t: FloatArray, torques: FloatArray, cost: FitCost, share: float, block: int) -> None:
+    def __init__(
+        self, t: FloatArray, torques: FloatArray, cost: FitCost, share: float, block: int
+    ) -> None:
         """Keep the (M, 2) true torques at stamps [s], the piece's share, and its first block.
 
         A mean is over the samples that are known, and a tenth of a second without any is left out.
@@ -318,18 +376,38 @@ def make_torque_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Torq
 
 def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
     """Return a rater for every piece of every target, in their order; a ValueError says that no window fits into them."""
-    pieces = [pair for target in targets for pair in zip(target.source.pieces, target.truth, strict=True)]
+    pieces = [
+        pair for target in targets for pair in zip(target.source.pieces, target.truth, strict=True)
+    ]
     seconds, blocks = _spans(cost, targets)
     if cost.objective != "horizon":
         make = PathRater if cost.objective == "path" else SyncRater
-        return [make(r, cost, s / sum(seconds), b) for (_, r), s, b in zip(pieces, seconds, blocks, strict=True)]
-    counts = np.sum([[len(p.windows(overlapping_windows, r.t, h)[0]) for h in cost.horizons] for p, r in pieces], axis=0)
+        return [
+            make(r, cost, s / sum(seconds), b)
+            for (_, r), s, b in zip(pieces, seconds, blocks, strict=True)
+        ]
+    counts = np.sum(
+        [
+            [len(p.windows(overlapping_windows, r.t, h)[0]) for h in cost.horizons]
+            for p, r in pieces
+        ],
+        axis=0,
+    )
     if not counts.all():
         if not any(piece.moves is None or piece.moves.any() for piece, _ in pieces):
-            raise ValueError("the robot stands all the time, so nothing tells how it moves; record a drive")
+            raise ValueError(
+                "the robot stands all the time, so nothing tells how it moves; record a drive"
+            )
         raise ValueError(
             f"no window of {cost.horizons[int(np.argmin(counts))]:g} s in which the robot moves fits between gaps and "
             f"jumps; the longest stretch without a gap has {max(seconds):.1f} s: record a longer drive"
         )
-    headings = [h for t in targets for h in (t.gyro.late if t.gyro else [motion.pose[:, 2] for motion in t.truth])]
-    return [HorizonRater(r, h, p, cost, list(counts), b) for (p, r), h, b in zip(pieces, headings, blocks, strict=True)]
+    headings = [
+        h
+        for t in targets
+        for h in (t.gyro.late if t.gyro else [motion.pose[:, 2] for motion in t.truth])
+    ]
+    return [
+        HorizonRater(r, h, p, cost, list(counts), b)
+        for (p, r), h, b in zip(pieces, headings, blocks, strict=True)
+    ]

@@ -1,10 +1,12 @@
 """The problem of a fit: points of the unit cube in, costs and errors out.
 
-A cost is a sum over the pieces of all targets, and no term is negative. So a candidate whose sum over the first pieces
-exceeds its parent's whole cost can never be selected, and the rest of it need not be driven: the outcome is the same.
+A cost is a sum over the pieces of all targets, and no term is negative. So a candidate whose sum
+over the first pieces exceeds its parent's whole cost can never be selected, and the rest of it need
+not be driven: the outcome is the same.
 
-A log may hardly excite some number, which then runs away with its noise. So the horizon objective has a weak prior: the
-profile's values, as far off as the bounds allow on average, count as one block of time with a usual error.
+A log may hardly excite some number, which then runs away with its noise. So the horizon objective
+has a weak prior: the profile's values, as far off as the bounds allow on average, count as one
+block of time with a usual error.
 """
 
 from __future__ import annotations
@@ -39,8 +41,10 @@ OnShare = Callable[[float], object] | None
 
 IGNORANCE = 12.0**-0.5
 """Standard deviation of a number of which only the bounds are known, in the unit cube [1]."""
-PRIOR_S, PRIOR_M = 6.0, 0.05
-"""Time [s] and error of the relative pose [m] that a deviation of `IGNORANCE` from the profile's value counts as."""
+PRIOR_S = 6.0
+PRIOR_M = 0.05
+"""Time [s] and error of the relative pose [m] that a deviation of `IGNORANCE` from the profile's
+value counts as."""
 
 
 class RatedPiece(NamedTuple):
@@ -77,10 +81,18 @@ class FitProblem:
     """Problem of a fit: candidates of one plant are rated by how well they make the targets' motions."""
 
     def __init__(
-        self, model: str, base: PlantProfile, space: ParameterSpace, targets: Sequence[FitTarget], cost: FitCost
+        self,
+        model: str,
+        base: PlantProfile,
+        space: ParameterSpace,
+        targets: Sequence[FitTarget],
+        cost: FitCost,
     ) -> None:
         """Begin with `base`; the targets choose an objective of None, and a ValueError says that they are too short."""
-        self.model, self.base, self.space, self.targets = model, base, space, tuple(targets)
+        self.model = model
+        self.base = base
+        self.space = space
+        self.targets = tuple(targets)
         kind = plant_kind(model)
         usual: Objective = "sync" if kind.torques else "path"  # paths do not say when
         if any(target.source.reference == RECORDING for target in targets):
@@ -95,8 +107,10 @@ class FitProblem:
         self._pieces = list(map(RatedPiece, pieces, periods, *raters))
         seconds = sum(rated.piece.commands.duration for rated in self._pieces)
         rows = sum(len(rated.poses.blocks) for rated in self._pieces)
-        most = 2 * rows // (3 * len(space.names))  # where a robot mostly stands, the median of all errors is one of the data
-        self._priors = max(1, min(round(seconds / PRIOR_S), most)) if self.robust else 0  # copies as small as other errors
+        # where a robot mostly stands, the median of all errors is one of the data
+        most = 2 * rows // (3 * len(space.names))
+        # copies as small as other errors
+        self._priors = max(1, min(round(seconds / PRIOR_S), most)) if self.robust else 0
         self._prior = PRIOR_M / max(self._priors, 1) * self.robust
         values = np.array([find(model, name, base.robot).read(base) for name in space.names])
         self._usual = space.points(np.clip(values, space.lower, space.upper)[None])[0]
@@ -111,7 +125,9 @@ class FitProblem:
                     data.update(np.ascontiguousarray(array).tobytes())
             for array in target.torques or ():
                 data.update(np.ascontiguousarray(array).tobytes())
-            data.update(b"".join(heading.tobytes() for heading in (target.gyro.late if target.gyro else ())))
+            data.update(
+                b"".join(heading.tobytes() for heading in (target.gyro.late if target.gyro else ()))
+            )
         return {
             "model": self.model,
             "parameters or bounds": self.space.limits(),
@@ -124,7 +140,9 @@ class FitProblem:
     def candidate(self, point: FloatArray) -> PlantProfile | None:
         """Return the plant that an (n,) point of the unit cube stands for; None where its numbers are impossible."""
         try:
-            return with_values(self.model, self.base, self.space.names, self.space.values(point).tolist())
+            return with_values(
+                self.model, self.base, self.space.names, self.space.values(point).tolist()
+            )
         except ValueError:
             return None
 
@@ -149,14 +167,20 @@ class FitProblem:
         return any(rated.torques is not None for rated in self._pieces)
 
     def costs(
-        self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1, on_share: OnShare = None
+        self,
+        points: FloatArray,
+        limits: FloatArray | None = None,
+        workers: int = 1,
+        on_share: OnShare = None,
     ) -> FloatArray:
         """Return the (S,) costs of (S, n) points of the unit cube; infinite for one that is impossible or fails.
 
-        A candidate whose partial sum exceeds its own of (S,) `limits` is abandoned, and that sum is returned. The result
-        does not depend on the number of threads, `workers`. `on_share` is called with the share of the work that is done.
+        A candidate whose partial sum exceeds its own of (S,) `limits` is abandoned, and that sum is
+        returned. The result does not depend on the number of threads, `workers`. `on_share` is
+        called with the share of the work that is done.
         """
-        bounds, away = np.full(len(points), np.inf) if limits is None else limits, (points - self._usual) / IGNORANCE
+        bounds = np.full(len(points), np.inf) if limits is None else limits
+        away = (points - self._usual) / IGNORANCE
         seconds = [rated.piece.commands.duration for rated in self._pieces]
         total = sum(seconds) * len(points)
         done = [0.0]
@@ -164,7 +188,9 @@ class FitProblem:
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             costs = 0.5 * self._prior * (away[which] ** 2).sum(axis=1)
             for rated in self._pieces:
-                live = np.flatnonzero((costs == 0.0) | (np.isfinite(costs) & (costs <= bounds[which])))
+                live = np.flatnonzero(
+                    (costs == 0.0) | (np.isfinite(costs) & (costs <= bounds[which]))
+                )
                 if len(live):
                     motions = population.motions(list(live), rated.piece, rated.dt)
                     terms = rated.cost(motions, threads)
@@ -186,7 +212,8 @@ class FitProblem:
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             every = range(which.stop - which.start)
             residuals = [
-                rated.residuals(population.motions(every, rated.piece, rated.dt), threads) for rated in self._pieces
+                rated.residuals(population.motions(every, rated.piece, rated.dt), threads)
+                for rated in self._pieces
             ]
             return np.concatenate([*residuals, np.tile(pulls[which], self._priors)], axis=1)
 

@@ -1,9 +1,10 @@
 """The second stage of a fit: bounded least squares on the errors themselves, from the best of the first and from others.
 
-A cost is one number; the errors that it is made of are thousands, and how each changes with each parameter says where the
-optimum lies. `scipy.optimize.least_squares` (trust region, within the unit cube) goes there in some tens of motions. The
-derivatives of a step are finite differences of one population. What was driven is remembered, so a search that was
-interrupted goes on by driving only what is new, and comes to the same end.
+A cost is one number; the errors that it is made of are thousands, and how each changes with each
+parameter says where the optimum lies. `scipy.optimize.least_squares` (trust region, within the unit
+cube) goes there in some tens of motions. The derivatives of a step are finite differences of one
+population. What was driven is remembered, so a search that was interrupted goes on by driving only
+what is new, and comes to the same end.
 """
 
 from __future__ import annotations
@@ -18,23 +19,32 @@ from scipy.optimize import least_squares
 from ssmr.types import FloatArray
 
 STARTS = 3
-"""Greatest number of starts: the best candidate, and others far from where least squares have been."""
+"""Greatest number of starts: the best candidate, and others far from where least squares have
+been."""
 APART = 0.25
-"""Least distance of a start from the earlier ones and from where they led, in the unit cube's widest direction [1]."""
+"""Least distance of a start from the earlier ones and from where they led, in the unit cube's
+widest direction [1]."""
 STEP = 0.02
-"""Step of the finite differences, in the unit cube. Delays are rounded to steps of the physics, 2 ms of usually 0.6 s, so a
-much smaller one would measure the rounding."""
+"""Step of the finite differences, in the unit cube. Delays are rounded to steps of the physics, 2
+ms of usually 0.6 s, so a much smaller one would measure the rounding."""
 INSIDE = 1e-6
 """Distance from the bounds that the search keeps, in the unit cube."""
-TOLERANCE, FINE = 1e-4, 1e-6
-"""Relative change of the sum of squares, or of the point, at which least squares end; finer where motions are cheap."""
-MOST_DESCENT, MOST_FINE = 25, 60
-"""Greatest number of steps from one start, with one scale; the greater one where motions are cheap."""
-TRIAL, HOPELESS = 10, 2.0
-"""A later start is given up if its errors, after so many steps, are still so many times those at the best end before."""
-MOST_SCALES, SAME_SCALE = 5, 0.8
-"""Robust least squares begin anew with the errors' median size as the scale, at most so often, and while it shrinks so much
-[1]: far from the optimum all errors are large, and the scale with them."""
+TOLERANCE = 1e-4
+FINE = 1e-6
+"""Relative change of the sum of squares, or of the point, at which least squares end; finer where
+motions are cheap."""
+MOST_DESCENT = 25
+MOST_FINE = 60
+"""Greatest number of steps from one start, with one scale; the greater one where motions are
+cheap."""
+TRIAL = 10
+HOPELESS = 2.0
+"""A later start is given up if its errors, after so many steps, are still so many times those at
+the best end before."""
+MOST_SCALES = 5
+SAME_SCALE = 0.8
+"""Robust least squares begin anew with the errors' median size as the scale, at most so often, and
+while it shrinks so much [1]: far from the optimum all errors are large, and the scale with them."""
 
 
 class Residuals(Protocol):
@@ -75,26 +85,32 @@ def arrivals(
 ) -> Iterator[FloatArray]:
     """Yield the (n,) ends of least squares from some of (S, n) candidates with (S,) costs; an interrupt passes through.
 
-    The first start is the best candidate. A later one is the end before it with its silent numbers put elsewhere, see
-    `woken`, or else the best candidate that is far from all that was visited. What was `driven` before is not driven again,
-    and `on_step` is called after every population.
+    The first start is the best candidate. A later one is the end before it with its silent numbers
+    put elsewhere, see `woken`, or else the best candidate that is far from all that was visited.
+    What was `driven` before is not driven again, and `on_step` is called after every population.
     """
-    visited, least = list[FloatArray](), math.inf
+    visited = list[FloatArray]()
+    least = math.inf
     start = next_start(points, costs, visited)
     for k in range(starts):
         if start is None:
             return
         end, size = descend(problem, start, driven, workers, on_step, least)
-        visited, least = [*visited, start, end], min(least, size)
+        visited = [*visited, start, end]
+        least = min(least, size)
         yield end
         start = None
         if k + 1 < starts and math.isfinite(size):
-            errors, slopes = error_slopes(lambda new: driven.look_up(new, lambda p: problem.residuals(p, workers)), end)
+            errors, slopes = error_slopes(
+                lambda new: driven.look_up(new, lambda p: problem.residuals(p, workers)), end
+            )
             start = woken(errors, slopes, end, visited)
         start = next_start(points, costs, visited) if start is None else start
 
 
-def next_start(points: FloatArray, costs: FloatArray, visited: Sequence[FloatArray]) -> FloatArray | None:
+def next_start(
+    points: FloatArray, costs: FloatArray, visited: Sequence[FloatArray]
+) -> FloatArray | None:
     """Return the (n,) best of (S, n) candidates that are far from all points visited before; None if there is none."""
     for i in np.argsort(costs, kind="stable"):
         if np.isfinite(costs[i]) and _far(points[i], visited):
@@ -102,11 +118,14 @@ def next_start(points: FloatArray, costs: FloatArray, visited: Sequence[FloatArr
     return None
 
 
-def woken(errors: FloatArray, slopes: FloatArray, end: FloatArray, visited: Sequence[FloatArray]) -> FloatArray | None:
+def woken(
+    errors: FloatArray, slopes: FloatArray, end: FloatArray, visited: Sequence[FloatArray]
+) -> FloatArray | None:
     """Return an (n,) end of least squares with the numbers that do nothing there put in the middle; None if there is none.
 
-    Such a number (an acceleration limit so high that it is never reached, say) has no slope to follow, but may do much
-    elsewhere. It does nothing where its (K,) slopes over the whole width of its bounds are less than the errors.
+    Such a number (an acceleration limit so high that it is never reached, say) has no slope to
+    follow, but may do much elsewhere. It does nothing where its (K,) slopes over the whole width of
+    its bounds are less than the errors.
     """
     moved = np.where(np.linalg.norm(slopes, axis=0) < np.linalg.norm(errors), 0.5, end)
     return moved if _far(moved, visited) else None
@@ -121,20 +140,31 @@ def error_slopes(
 ) -> tuple[FloatArray, FloatArray]:
     """Return (K,) errors at an (n,) point of the unit cube, and their (K, n) derivatives; NaN beside an impossible one.
 
-    The derivatives are finite differences into the cube, of one population of n + 1. With those of the other side too
-    (`central`) they are exact to second order.
+    The derivatives are finite differences into the cube, of one population of n + 1. With those of
+    the other side too (`central`) they are exact to second order.
     """
     steps = np.where(point + STEP <= 1.0, STEP, -STEP)
-    back = np.where((point - steps >= 0.0) & (point - steps <= 1.0), -steps, 0.0) if central else np.zeros(len(point))
+    back = (
+        np.where((point - steps >= 0.0) & (point - steps <= 1.0), -steps, 0.0)
+        if central
+        else np.zeros(len(point))
+    )
     ends = [point + np.diag(steps), *([point + np.diag(back)] if central else [])]
     errors = errors_at(np.vstack([point, *ends]))
-    dead = ~np.isfinite(errors[1 : len(point) + 1]).all(axis=1) & (point - steps >= 0.0) & (point - steps <= 1.0)
-    if dead.any():  # an impossible neighbour, such as dynamic friction above static: the other side tells the slope
+    dead = (
+        ~np.isfinite(errors[1 : len(point) + 1]).all(axis=1)
+        & (point - steps >= 0.0)
+        & (point - steps <= 1.0)
+    )
+    # an impossible neighbour, such as dynamic friction above static: the other side tells the slope
+    if dead.any():
         errors[1 + np.flatnonzero(dead)] = errors_at((point - np.diag(steps))[dead])
-        steps, back = np.where(dead, -steps, steps), np.where(dead, 0.0, back)
+        steps = np.where(dead, -steps, steps)
+        back = np.where(dead, 0.0, back)
         if central:
             errors[1 + len(point) + np.flatnonzero(dead)] = errors[0]
-    ahead, behind = errors[1 : len(point) + 1], errors[len(point) + 1 :] if central else errors[:1]
+    ahead = errors[1 : len(point) + 1]
+    behind = errors[len(point) + 1 :] if central else errors[:1]
     return errors[0], ((ahead - behind) / (steps - back)[:, None]).T
 
 
@@ -148,10 +178,11 @@ def descend(
 ) -> tuple[FloatArray, float]:
     """Return the (n,) point of the unit cube where least squares from a start end, and the size of the errors there.
 
-    An interrupt passes through. The arguments are those of `arrivals`, and `goal` is the least size of the errors at the
-    ends of earlier starts: a start that does not come near it is given up.
+    An interrupt passes through. The arguments are those of `arrivals`, and `goal` is the least size
+    of the errors at the ends of earlier starts: a start that does not come near it is given up.
     """
-    n, robust = len(start), problem.robust
+    n = len(start)
+    robust = problem.robust
 
     def errors_at(points: FloatArray) -> FloatArray:
         before = len(driven)
@@ -165,13 +196,16 @@ def descend(
 
     def jacobian(point: FloatArray) -> FloatArray:
         slopes = error_slopes(errors_at, point)[1]
-        return np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)  # an impossible neighbour says nothing
+        # an impossible neighbour says nothing
+        return np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)
 
     begin = np.clip(start, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
     first = errors(begin)
     if not np.isfinite(first).all():
         return start, math.inf
-    scale, end, box = median_size(first), begin, (np.full(n, INSIDE), np.full(n, 1.0 - INSIDE))
+    scale = median_size(first)
+    end = begin
+    box = (np.full(n, INSIDE), np.full(n, 1.0 - INSIDE))
     trial = [TRIAL] if math.isfinite(goal) else []
     tolerance, descent = (FINE, MOST_FINE) if problem.cheap else (TOLERANCE, MOST_DESCENT)
     for most in [*trial, *[descent] * (MOST_SCALES if robust else 1)]:
@@ -179,8 +213,12 @@ def descend(
             errors, begin, jac=jacobian, bounds=box, method="trf", loss="soft_l1" if robust else "linear", f_scale=scale,
             xtol=tolerance, ftol=tolerance, gtol=None, max_nfev=most,
         ).x  # fmt: skip
-        begin, before, scale = np.clip(end, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE), scale, median_size(errors(end))
-        if total_size(errors(end), robust) > HOPELESS * goal or (most != TRIAL and scale > SAME_SCALE * before):
+        begin = np.clip(end, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
+        before = scale
+        scale = median_size(errors(end))
+        if total_size(errors(end), robust) > HOPELESS * goal or (
+            most != TRIAL and scale > SAME_SCALE * before
+        ):
             break
     return np.asarray(end), total_size(errors(end), robust)
 

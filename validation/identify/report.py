@@ -23,8 +23,10 @@ from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
 from validation.words import shortened
 
-_VAGUE_SHARE = 0.5  # a number with a wider interval, as a share of the space between its bounds, is marked as uncertain
-_LEAST_IN, _STRIP_IN, _STRIPS_IN = 2.7, 0.52, 0.8  # height of the first row; of a strip, and what their panel needs besides
+# a number with a wider interval, as a share of the space between its bounds, is marked as uncertain
+_VAGUE_SHARE = 0.5
+# height of the first row; of a strip, and what their panel needs besides
+_LEAST_IN, _STRIP_IN, _STRIPS_IN = 2.7, 0.52, 0.8
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,11 @@ class FittedParameter:
     def share(self, value: float) -> float:
         """Return a value's place between the bounds, 0 to 1 on the scale of the search; -inf where it has no logarithm."""
         if self.scale == "log":
-            return math.log(value / self.lower) / math.log(self.upper / self.lower) if value > 0.0 else -math.inf
+            return (
+                math.log(value / self.lower) / math.log(self.upper / self.lower)
+                if value > 0.0
+                else -math.inf
+            )
         return (value - self.lower) / (self.upper - self.lower)
 
     @property
@@ -66,7 +72,10 @@ class FittedParameter:
 
 
 def fitted_parameters(
-    space: ParameterSpace, point: FloatArray, before: Iterable[float], sure: Uncertainty | None = None
+    space: ParameterSpace,
+    point: FloatArray,
+    before: Iterable[float],
+    sure: Uncertainty | None = None,
 ) -> tuple[FittedParameter, ...]:
     """Return the parameters at an (n,) point of the unit cube, with the values of before, and with errors that are known."""
     ends = space.values(point).tolist(), before, space.at_bound(point).tolist()
@@ -86,7 +95,9 @@ def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
     out = []
     for p, at_bound, x in zip(space.parameters, space.at_bound(point), point, strict=True):
         if at_bound:
-            end, bound, limit = ("lower", p.lower, p.least) if x < 0.5 else ("upper", p.upper, p.greatest)
+            end, bound, limit = (
+                ("lower", p.lower, p.least) if x < 0.5 else ("upper", p.upper, p.greatest)
+            )
             advice = "give it wider bounds, or fix it"
             if bound == limit:
                 advice = f"values {'below' if end == 'lower' else 'above'} are impossible; fix it there, or look for a cause"
@@ -110,13 +121,15 @@ class SearchReport(Report):
     @property
     def effort(self) -> str:
         """The cost, and what the search took, in words."""
-        c, cost = self.course, f"{self.cost_name} cost {self.cost:.4g}"
+        c = self.course
+        cost = f"{self.cost_name} cost {self.cost:.4g}"
         done = f"{c.evaluations} evaluations in {c.jde.generation} generations"
         return f"{cost} · {done} · {c.wall_s:.1f} s · stopped by {c.stopped_by}"
 
     def searched(self) -> dict[str, Any]:
         """Return what the JSON files of fits and tunings have in common."""
-        c, parameters = self.course, {p.name: asdict(p) for p in self.parameters}
+        c = self.course
+        parameters = {p.name: asdict(p) for p in self.parameters}
         return {
             "stopped_by": c.stopped_by,
             "cost": self.cost,
@@ -126,7 +139,9 @@ class SearchReport(Report):
             "generations": c.jde.generation,
             "wall_s": c.wall_s,
             "parameters": parameters,
-            "best_cost_by_generation": [cost for cost in c.jde.history.tolist() if math.isfinite(cost)],
+            "best_cost_by_generation": [
+                cost for cost in c.jde.history.tolist() if math.isfinite(cost)
+            ],
         }
 
     def values(self, what: str, before: str, caption: str = "") -> Table:
@@ -153,20 +168,30 @@ def ending(search: Search, alarms: Sequence[str] = ()) -> dict[str, Any]:
     if not search.interrupted:
         return {"status": FINISHED, "alarms": tuple(alarms)}
     sentence = f"the search is kept in {search.checkpoint}; the same command with --resume goes on from there"
-    return {"status": INTERRUPTED, "alarms": (*alarms, sentence) if search.checkpoint else tuple(alarms)}
+    return {
+        "status": INTERRUPTED,
+        "alarms": (*alarms, sentence) if search.checkpoint else tuple(alarms),
+    }
 
 
-def search_figure(report: SearchReport, ink: Ink, before: str, rows: Sequence[PanelRow] = ()) -> Figure:
+def search_figure(
+    report: SearchReport, ink: Ink, before: str, rows: Sequence[PanelRow] = ()
+) -> Figure:
     """Draw a search, 1600 px wide: course, values within their bounds, further rows of panels and notes.
 
     What was found is drawn in `ink`; `before` is the name of the values of before.
     """
     height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(report.parameters))
-    course, strips = partial(_draw_course, report, ink), partial(_draw_strips, report, ink, before)
-    first = ((0.36, course), (0.64, strips)) if len(report.course.jde.history) > 1 else ((1.0, strips),)
+    course = partial(_draw_course, report, ink)
+    strips = partial(_draw_strips, report, ink, before)
+    first = (
+        ((0.36, course), (0.64, strips)) if len(report.course.jde.history) > 1 else ((1.0, strips),)
+    )
     page = [
         drawing.text_row(0.3, partial(drawing.draw_section, shortened(report.title, 110))),
-        drawing.text_row(0.25, partial(drawing.draw_footer, f"{report.effort} · seed {report.document['seed']}")),
+        drawing.text_row(
+            0.25, partial(drawing.draw_footer, f"{report.effort} · seed {report.document['seed']}")
+        ),
         PanelRow(height, first),
         *rows,
         *drawing.note_rows(report.notes()),
@@ -177,7 +202,13 @@ def search_figure(report: SearchReport, ink: Ink, before: str, rows: Sequence[Pa
 def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
     costs = report.course.jde.history
     known = costs[np.isfinite(costs)]
-    ax.plot(np.arange(len(costs)), np.where(np.isfinite(costs), costs, np.nan), color=ink, marker="o", markersize=2.5)
+    ax.plot(
+        np.arange(len(costs)),
+        np.where(np.isfinite(costs), costs, np.nan),
+        color=ink,
+        marker="o",
+        markersize=2.5,
+    )
     if known.min() > 0.0 and known.max() > 10.0 * known.min():
         ax.set_yscale("log")
         drawing.plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
@@ -197,16 +228,50 @@ def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
     for row, p in enumerate(report.parameters):
         colour: Ink = ALARM if p.at_bound else ink
         low, high, was, x = (
-            min(max(p.share(value), 0.0), 1.0) for value in (*(p.interval_95 or (p.value, p.value)), p.before, p.value)
+            min(max(p.share(value), 0.0), 1.0)
+            for value in (*(p.interval_95 or (p.value, p.value)), p.before, p.value)
         )
-        ax.plot([0.0, 1.0], [row, row], color="0.75", linewidth=1.2, marker="|", markersize=10.0, clip_on=False)
-        ax.plot([low, high], [row, row], color=colour, linewidth=5.0, alpha=0.4, solid_capstyle="butt", clip_on=False)
+        ax.plot(
+            [0.0, 1.0],
+            [row, row],
+            color="0.75",
+            linewidth=1.2,
+            marker="|",
+            markersize=10.0,
+            clip_on=False,
+        )
+        ax.plot(
+            [low, high],
+            [row, row],
+            color=colour,
+            linewidth=5.0,
+            alpha=0.4,
+            solid_capstyle="butt",
+            clip_on=False,
+        )
         ax.plot(was, row, "|", color="0.1", markersize=13.0, markeredgewidth=1.6, clip_on=False)
-        ax.plot(x, row, "o", color=colour, markersize=8.5, markeredgecolor="white", zorder=3.5, clip_on=False)
+        ax.plot(
+            x,
+            row,
+            "o",
+            color=colour,
+            markersize=8.5,
+            markeredgecolor="white",
+            zorder=3.5,
+            clip_on=False,
+        )
         unit = "" if p.unit == "1" else f" {p.unit}"
         for text, at, away, align in (
             (f"{p.value:.4g}{unit}", x, (0.0, 7.0), "center"),
             (f"{p.lower:.4g}", 0.0, (-7.0, -3.0), "right"),
             (f"{p.upper:.4g}{unit}", 1.0, (7.0, -3.0), "left"),
         ):
-            ax.annotate(text, (at, row), away, textcoords="offset points", ha=align, fontsize=8.5, annotation_clip=False)
+            ax.annotate(
+                text,
+                (at, row),
+                away,
+                textcoords="offset points",
+                ha=align,
+                fontsize=8.5,
+                annotation_clip=False,
+            )

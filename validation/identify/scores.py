@@ -33,7 +33,8 @@ class Scored:
     horizons: Mapping[float, HorizonErrors]
     """Errors of the relative pose, by horizon [s]; empty where the truth is a plant's motion."""
     windows: Mapping[float, WindowErrors]
-    """Errors over windows that begin every second, by horizon [s]; empty where the truth is a plant's motion."""
+    """Errors over windows that begin every second, by horizon [s]; empty where the truth is a
+    plant's motion."""
     torque_rms: float | None
     """Root mean square error of the sides' torques [N m]; None where one of the two has none."""
 
@@ -49,10 +50,13 @@ class Scored:
         return {**found, **({"horizons": horizons} if horizons else {})}
 
 
-def score(label: str, targets: Sequence[FitTarget], motions: Sequence[tuple[Trajectory, ...]]) -> Scored:
+def score(
+    label: str, targets: Sequence[FitTarget], motions: Sequence[tuple[Trajectory, ...]]
+) -> Scored:
     """Return the scores of a plant's motions over the pieces of some targets, under a label."""
     driven = [(target.source, motion) for target, motion in zip(targets, motions, strict=True)]
-    truth, motion = tuple(chain(*(target.truth for target in targets))), tuple(chain(*motions))
+    truth = tuple(chain(*(target.truth for target in targets)))
+    motion = tuple(chain(*motions))
     errors = horizons_of(driven, HORIZONS), window_errors_of(driven, HORIZONS)
     each = [target.torque_errors(own) for target, own in zip(targets, motions, strict=True)]
     torques = np.concatenate(each)
@@ -60,7 +64,9 @@ def score(label: str, targets: Sequence[FitTarget], motions: Sequence[tuple[Traj
     return Scored(label, motion, compare_pieces(motion, truth), *errors, rms)
 
 
-def worse_sentences(cost: FitCost, even_if_worse: bool, before: Sequence[Scored], after: Sequence[Scored]) -> list[str]:
+def worse_sentences(
+    cost: FitCost, even_if_worse: bool, before: Sequence[Scored], after: Sequence[Scored]
+) -> list[str]:
     """Return a sentence where the error on held-out sources is larger than before the fit; nothing else."""
 
     def size(s: Scored) -> float:
@@ -71,10 +77,16 @@ def worse_sentences(cost: FitCost, even_if_worse: bool, before: Sequence[Scored]
         yaw = cost.yaw_weight * e.yaw_median_rad
         return cost.position_weight * e.position_median_m + yaw
 
-    was, now = (float(np.mean([*map(size, scores)])) if scores else 0.0 for scores in (before, after))
+    was, now = (
+        float(np.mean([*map(size, scores)])) if scores else 0.0 for scores in (before, after)
+    )
     if now <= was:
         return []
-    kept = "has the fitted numbers all the same" if even_if_worse else "keeps the old ones (--even-if-worse)"
+    kept = (
+        "has the fitted numbers all the same"
+        if even_if_worse
+        else "keeps the old ones (--even-if-worse)"
+    )
     return [
         f"The fit's error on held-out data is larger than before, {now:.3g} m instead of {was:.3g} m: profile.toml {kept}."
     ]

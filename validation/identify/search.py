@@ -57,21 +57,32 @@ _DAMAGE = (
 class Searching(cli.Common):
     """Options of a program that searches for numbers."""
 
-    free: Annotated[cli.Names | None, cli.option(metavar="NAME,...", default="the usual ones")] = None
+    free: Annotated[cli.Names | None, cli.option(metavar="NAME,...", default="the usual ones")] = (
+        None
+    )
     """Numbers to search, separated by commas. A wrong name lists all."""
     fix: Annotated[cli.Values, cli.option(default="none")] = field(default_factory=dict)
     """Values to hold, such as friction=0.4,com_y=0; these numbers are not searched."""
-    bounds: Annotated[cli.Bounds, cli.option(default="the usual ones")] = field(default_factory=dict)
+    bounds: Annotated[cli.Bounds, cli.option(default="the usual ones")] = field(
+        default_factory=dict
+    )
     """Bounds of the search, such as friction=0.2:0.8,delay=0:0.5."""
-    population: Annotated[cli.Count, cli.option(default="what is usual for the plant or the controller")] = None
+    population: Annotated[
+        cli.Count, cli.option(default="what is usual for the plant or the controller")
+    ] = None
     """Number of candidates in a generation of differential evolution (jDE)."""
-    generations: Annotated[cli.Count, cli.option(default="what is usual for the plant or the controller")] = None
+    generations: Annotated[
+        cli.Count, cli.option(default="what is usual for the plant or the controller")
+    ] = None
     """Greatest number of generations of jDE after its first population."""
     patience: Annotated[int, cli.option(metavar="N")] = 30
     """Number of generations over which the best cost must improve by a thousandth, or jDE stops."""
     resume: cli.Flag = False
     """Continue from the checkpoint in the folder of --out."""
-    name: Annotated[str | None, cli.option(metavar="NAME", default="that of what it began with, and what was done")] = None
+    name: Annotated[
+        str | None,
+        cli.option(metavar="NAME", default="that of what it began with, and what was done"),
+    ] = None
     """Name of the profile or the gain set that is written."""
 
     def __post_init__(self) -> None:
@@ -98,7 +109,11 @@ class Searching(cli.Common):
     def settings(self, population: int, generations: int) -> JdeSettings:
         """Return the optimiser's settings, with these sizes where none are given; a ValueError says what is out of range."""
         size = population if self.population is None else self.population
-        return JdeSettings(size, generations if self.generations is None else self.generations, patience=self.patience)
+        return JdeSettings(
+            size,
+            generations if self.generations is None else self.generations,
+            patience=self.patience,
+        )
 
     def chosen(self, settings: JdeSettings) -> dict[str, Any]:
         """Return the options that result files hold: those that decide numbers, with the sizes that the search had."""
@@ -127,7 +142,8 @@ class Search:
     driven: Remembered = field(default_factory=Remembered)
     """Errors of all candidates that least squares have driven after the optimiser."""
     refined: tuple[FloatArray, float] | None = None
-    """The best point that least squares found, and its cost; None where they found none that is better."""
+    """The best point that least squares found, and its cost; None where they found none that is
+    better."""
     ends: int = 0
     """Number of points at which least squares have ended; each was rated by its cost too."""
 
@@ -154,20 +170,31 @@ class Search:
     @property
     def stopped_by(self) -> str:
         """`generations`, `improvement`, `target`, `least squares` or `interrupt`."""
-        return "interrupt" if self.interrupted else "least squares" if self.driven else self.jde.finished
+        return (
+            "interrupt"
+            if self.interrupted
+            else "least squares"
+            if self.driven
+            else self.jde.finished
+        )
 
     def run(self, problem: FitProblem | TuneProblem, threads: int, most: int | None = None) -> None:
         """Search until a stop rule holds, `most` generations are done or Ctrl-C is pressed; what was found stays.
 
         The checkpoint is written, and the best candidate shown as progress, after every generation.
         """
-        began, rated = time.perf_counter(), self.jde.evaluations
+        began = time.perf_counter()
+        rated = self.jde.evaluations
         zero = began - self.wall_s
 
         def tell(share: float) -> None:
             rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
             total = self.jde.settings.generations + 1 + self.starts
-            text = f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s" if rate else "rates the first candidates"
+            text = (
+                f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s"
+                if rate
+                else "rates the first candidates"
+            )
             self.progress(Progress(len(self.jde.history) + share, total, text))
 
         try:
@@ -182,14 +209,21 @@ class Search:
     def refine(self, problem: FitProblem, threads: int) -> None:
         """Go on by least squares: from the best candidate and others far from it, or with one start from the first."""
         zero = time.perf_counter() - self.wall_s
-        points, costs, before = self.jde.population, self.jde.costs, self.jde.settings.generations + 1
+        points = self.jde.population
+        costs = self.jde.costs
+        before = self.jde.settings.generations + 1
         if self.starts == 1 and np.isfinite(costs[0]):
-            points, costs = points[:1], costs[:1]
+            points = points[:1]
+            costs = costs[:1]
 
         def step() -> None:
             self._save(zero)
             text = f"least squares, start {self.ends + 1} of {self.starts}: cost {self.cost:.5g}"
-            self.progress(Progress(before + self.ends, before + self.starts, f"{text}, {len(self.driven)} motions"))
+            self.progress(
+                Progress(
+                    before + self.ends, before + self.starts, f"{text}, {len(self.driven)} motions"
+                )
+            )
 
         try:
             for end in arrivals(problem, points, costs, self.starts, self.driven, threads, step):
@@ -217,7 +251,9 @@ class Search:
         if len(self.driven):
             points = np.array([np.frombuffer(point) for point in self.driven])
             arrays |= {"lsq_points": points, "lsq_errors": np.array(list(self.driven.values()))}
-        store.write_atomic(path, lambda temporary: np.savez(temporary, allow_pickle=False, **arrays))
+        store.write_atomic(
+            path, lambda temporary: np.savez(temporary, allow_pickle=False, **arrays)
+        )
 
     @classmethod
     def load(cls, path: Path, identity: Mapping[str, str]) -> Search:
@@ -226,12 +262,20 @@ class Search:
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
                 data = dict(file)
             was = dict(json.loads(str(data["identity"])))
-            jde = Jde.restore({name.removeprefix("jde_"): v for name, v in data.items() if name.startswith("jde_")})
+            jde = Jde.restore(
+                {
+                    name.removeprefix("jde_"): v
+                    for name, v in data.items()
+                    if name.startswith("jde_")
+                }
+            )
             wall_s = float(data["wall_s"])
             points = [point.tobytes() for point in data.get("lsq_points", ())]
             driven = Remembered(zip(points, data.get("lsq_errors", ()), strict=True))
         except _DAMAGE as error:
-            raise ValueError(f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})") from error
+            raise ValueError(
+                f"{path} is no checkpoint of a search, or it is damaged ({str(error)[:100]!a})"
+            ) from error
         if differs := [name for name in identity if was.get(name) != identity[name]]:
             raise ValueError(
                 f"{path} is the checkpoint of another search: it differs in {', '.join(differs)}; "
@@ -241,12 +285,16 @@ class Search:
 
 
 def search_for(
-    problem: FitProblem | TuneProblem, settings: JdeSettings, o: Searching, start: FloatArray | None = None, starts: int = 0
+    problem: FitProblem | TuneProblem,
+    settings: JdeSettings,
+    o: Searching,
+    start: FloatArray | None = None,
+    starts: int = 0,
 ) -> Search:
     """Return a search, begun anew or from a checkpoint, after a stop rule held or Ctrl-C came; something was found.
 
-    The (k, n) `start` are candidates for the first population. Of so many `starts` of least squares that are to follow, one
-    needs no further generation.
+    The (k, n) `start` are candidates for the first population. Of so many `starts` of least squares
+    that are to follow, one needs no further generation.
 
     Raises:
         ValueError: settings that make no sense, or the checkpoint of another search.
@@ -256,7 +304,9 @@ def search_for(
     """
     plain = {**problem.identity(), "settings of the search": asdict(settings)}
     plain |= {"start": None if start is None else start.tolist(), "seed": o.seed}
-    identity = {name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()}
+    identity = {
+        name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()
+    }
     search = Search(Jde(len(problem.space), settings, o.seed, start), identity)
     if o.resume and o.checkpoint is None:
         raise ValueError("resume needs the folder out, with a checkpoint to continue from")
@@ -266,10 +316,14 @@ def search_for(
             search = Search.load(o.checkpoint, identity)
         elif o.resume:
             _log.warning("there is no %s to resume from; the search begins anew", o.checkpoint)
-    search.starts, search.checkpoint, search.progress = starts, o.checkpoint, o.progress
+    search.starts = starts
+    search.checkpoint = o.checkpoint
+    search.progress = o.progress
     search.run(problem, o.threads, 0 if starts == 1 else None)
     if not math.isfinite(search.jde.best_cost):
         if search.interrupted:
             raise KeyboardInterrupt
-        raise SsmrError("every candidate was impossible or failed; change the bounds, or the values that are held")
+        raise SsmrError(
+            "every candidate was impossible or failed; change the bounds, or the values that are held"
+        )
     return search

@@ -39,13 +39,13 @@ def open_targets(
 ) -> tuple[tuple[FitTarget, ...], tuple[FitTarget, ...]]:
     """Return the targets to fit to and those that are held out; a plant that drives scenarios is built once.
 
-    Args:
-        names: sources to fit to.
-        profile: profile of the plants that drive scenarios.
-        held_out: sources to judge the fit on. A scenario is driven by the plant that drives the fit's own, unless it names
+    Args: names: sources to fit to. profile: profile of the plants that drive scenarios. held_out:
+        sources to judge the fit on. A scenario is driven by the plant that drives the fit's own,
+        unless it names
             another; a recording that is also fitted to stands for its parts outside the span.
         input: what drives the plant along a recording.
-        span: what is fitted to lies between these times of a recording [s]; None leaves out nothing.
+        span: what is fitted to lies between these times of a recording [s]; None leaves out
+            nothing.
         options: how recordings are read.
 
     Raises:
@@ -61,7 +61,9 @@ def open_targets(
     truth_of = _truth(profile)
     train = []
     for name in names:
-        source = open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], options)
+        source = (
+            open_source(name, kind) if is_scenario(name) else _recorded(name, kind, [span], options)
+        )
         judge = find_gyro_judge(source)
         train.append(replace(truth_of(source, name), gyro=judge if judge and judge.first else None))
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
@@ -74,10 +76,13 @@ def open_targets(
             judged.append(truth_of(open_source(full), name))
             continue
         spans: list[Span] = [(None, None)]
-        if realpath(name) in map(realpath, names):  # unlike Path.resolve, it takes a link that leads to itself
+        # unlike Path.resolve, it takes a link that leads to itself
+        if realpath(name) in map(realpath, names):
             spans = [part for part in ((None, span[0]), (span[1], None)) if part != (None, None)]
             if not spans:
-                raise ValueError(f"{name} is fitted to as a whole; without start_at or until nothing of it is held out")
+                raise ValueError(
+                    f"{name} is fitted to as a whole; without start_at or until nothing of it is held out"
+                )
         judged.append(truth_of(_recorded(name, kind, spans, options), name))
     return tuple(train), tuple(judged)
 
@@ -85,7 +90,8 @@ def open_targets(
 def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], options: ReadOptions) -> Source:
     parts = [open_source(name, kind, *span, options) for span in spans]
     pieces = tuple(piece for part in parts for piece in part.pieces)
-    warnings, title = tuple(w for part in parts for w in part.warnings), " and ".join(part.title for part in parts)
+    warnings = tuple(w for part in parts for w in part.warnings)
+    title = " and ".join(part.title for part in parts)
     return replace(parts[0], pieces=pieces, warnings=warnings, title=title)
 
 
@@ -98,8 +104,11 @@ def _truth(profile: Profile) -> Callable[[Source, str], FitTarget]:
 
     def resolve(source: Source, label: str) -> FitTarget:
         if source.reference == "recording":
-            return FitTarget(label, source, tuple(p.reference for p in source.pieces if p.reference is not None))
-        made, localiser = plant(source.reference), profile.section(source.reference).localiser
+            return FitTarget(
+                label, source, tuple(p.reference for p in source.pieces if p.reference is not None)
+            )
+        made = plant(source.reference)
+        localiser = profile.section(source.reference).localiser
         dt = source.sample_dt
         motions = tuple(drive(made, piece, localiser, dt) for piece in source.pieces)
         believed = plant_kind(source.reference).torques

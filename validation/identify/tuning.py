@@ -13,7 +13,13 @@ from ssmr.control.laws import LAWS
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import Metrics
-from ssmr.metrics.paths import BENDING_FLOOR, bend_ratio_kernel, bending_energy, one_sided_kernel, path_length
+from ssmr.metrics.paths import (
+    BENDING_FLOOR,
+    bend_ratio_kernel,
+    bending_energy,
+    one_sided_kernel,
+    path_length,
+)
 from ssmr.parameters import MOST_SEED, described, require_within
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
@@ -34,10 +40,11 @@ class TuneCost:
     """The cost that a tuning makes small, over all references and plants together."""
 
     cost: TuneMeasure = "path"
-    """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times in the place of distances between
-    paths (Sec. 5)."""
+    """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times in the place
+    of distances between paths (Sec. 5)."""
     guard: float = 0.1
-    """Candidates that lose the reference with this much more delay are refused [s]; 0 turns this off."""
+    """Candidates that lose the reference with this much more delay are refused [s]; 0 turns this
+    off."""
     seed: int = 0
     """Seed of noise and disturbance."""
     k_rms: float = 100.0
@@ -49,12 +56,15 @@ class TuneCost:
     k_bend: float = 10.0
     """Weight of |1 - e_bend_ratio|."""
     k_u: float = 0.0
-    """Weight of |1 - u_RMS|, the speed's RMS over that of the reference; Tab. 4.20 has 50 for the LQR."""
+    """Weight of |1 - u_RMS|, the speed's RMS over that of the reference; Tab. 4.20 has 50 for the
+    LQR."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown cost, or a guard or seed out of its range."""
         if self.cost not in get_args(TuneMeasure):
-            raise ValueError(f"unknown cost '{self.cost}'; there are: {', '.join(get_args(TuneMeasure))}")
+            raise ValueError(
+                f"unknown cost '{self.cost}'; there are: {', '.join(get_args(TuneMeasure))}"
+            )
         require_within(self, ("guard",), 0.0, 10.0)
         require_within(self, ("seed",), 0, MOST_SEED, whole=True)
 
@@ -68,7 +78,9 @@ def _path_measures(poses, truth, out):
         out[i, 3] = bend_ratio_kernel(poses[i], truth)
 
 
-def costs_of(runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: TuneCost, workers: int = 1) -> FloatArray:
+def costs_of(
+    runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: TuneCost, workers: int = 1
+) -> FloatArray:
     """Return the (S,) costs of runs along one reference, whose speed has this RMS [m/s]; infinite where a robot was lost.
 
     The runs are rated on `workers` threads; the costs do not depend on their number.
@@ -79,12 +91,22 @@ def costs_of(runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: 
         return out
     poses = np.array([runs[i].table[:, :3] for i in kept])
     measures = np.empty((len(poses), 4))
-    share_among_threads(lambda i, k: _path_measures(poses[i:k], target.pose, measures[i:k]), len(poses), workers)
-    d_rms, d_haus = measures[:, 0], measures[:, 1]
+    share_among_threads(
+        lambda i, k: _path_measures(poses[i:k], target.pose, measures[i:k]), len(poses), workers
+    )
+    d_rms = measures[:, 0]
+    d_haus = measures[:, 1]
     if cost.cost == "time":
-        apart = np.hypot(*np.moveaxis(poses[:, : len(target.t), :2] - target.pose[None, : poses.shape[1], :2], 2, 0))
-        d_rms, d_haus = np.sqrt(np.mean(apart**2, axis=1)), apart.max(axis=1)
-    u_rms = np.array([np.sqrt(np.mean(runs[i].column("v_x") ** 2)) for i in kept]) / max(speed, 1e-9)
+        apart = np.hypot(
+            *np.moveaxis(
+                poses[:, : len(target.t), :2] - target.pose[None, : poses.shape[1], :2], 2, 0
+            )
+        )
+        d_rms = np.sqrt(np.mean(apart**2, axis=1))
+        d_haus = apart.max(axis=1)
+    u_rms = np.array([np.sqrt(np.mean(runs[i].column("v_x") ** 2)) for i in kept]) / max(
+        speed, 1e-9
+    )
     costs = cost.k_rms * d_rms + cost.k_haus * d_haus + cost.k_ratio * np.abs(1.0 - measures[:, 2])
     costs += cost.k_u * np.abs(1.0 - u_rms)
     if bending_energy(target.xy) >= BENDING_FLOOR:  # a straight reference has no ratio
@@ -103,19 +125,24 @@ def make_tuning_space(
 ) -> ParameterSpace:
     """Return the gains that are searched, with their usual bounds or those given.
 
-    They are those that are free, or the usual ones, or `everything`, also what the thesis sets by hand; without the fixed.
-    Usual bounds that leave out the gains to `start` with are widened beyond them.
+    They are those that are free, or the usual ones, or `everything`, also what the thesis sets by
+    hand; without the fixed. Usual bounds that leave out the gains to `start` with are widened
+    beyond them.
 
-    Raises:
-        ValueError: an unknown gain, bounds for a gain that is not free, or bounds that make no sense or leave out the start.
+    Raises: ValueError: an unknown gain, bounds for a gain that is not free, or bounds that make no
+        sense or leave out the start.
     """
     law = LAWS[controller]
     known = {name: d for name, d in described(law.gains).items() if d.search is not None}
     rest = [name for name in known if everything and name not in law.searched]
-    names = [name for name in ((*law.searched, *rest) if free is None else free) if name not in fixed]
+    names = [
+        name for name in ((*law.searched, *rest) if free is None else free) if name not in fixed
+    ]
     for name in (*names, *bounds):
         if name not in known:
-            raise ValueError(f"{controller} has no gain '{name}' to tune; there are: {', '.join(known)}")
+            raise ValueError(
+                f"{controller} has no gain '{name}' to tune; there are: {', '.join(known)}"
+            )
         if name not in names:
             raise ValueError(f"bounds are given for {name}, which is not free")
     parameters = []
@@ -128,7 +155,8 @@ def make_tuning_space(
                     f"the bounds of {name}, {usual.lower:g} to {usual.upper:g}, leave out {value:g}, where the search "
                     "begins; widen them, begin with other gains, or begin from scratch"
                 )
-            low, high = (float(f"{share * value:.2g}") for share in (0.5, 1.5))  # two digits, for tables and pictures
+            # two digits, for tables and pictures
+            low, high = (float(f"{share * value:.2g}") for share in (0.5, 1.5))
             usual = replace(usual, lower=min(usual.lower, low), upper=max(usual.upper, high))
         parameters.append(usual)
     return ParameterSpace(tuple(parameters))
@@ -160,10 +188,14 @@ class RatedRun(NamedTuple):
 
 def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
     """Return the same robot, on the same ground and with the same physics, that acts on its commands `more` later [s]."""
-    late = replace(robot.drive, delay_v=robot.drive.delay_v + more, delay_w=robot.drive.delay_w + more)
+    late = replace(
+        robot.drive, delay_v=robot.drive.delay_v + more, delay_w=robot.drive.delay_w + more
+    )
     body, known = robot.body, robot.known or robot.drive  # no controller knows of the delay
     if isinstance(body, MujocoPlant):
-        simulated = MujocoPlant(body.calibration, late, terrain=body.terrain, settings=body.settings)
+        simulated = MujocoPlant(
+            body.calibration, late, terrain=body.terrain, settings=body.settings
+        )
         return replace(robot, body=simulated, known=known)
     return replace(robot, body=replace(body, drive=late), known=known)
 
@@ -172,15 +204,26 @@ class TuneProblem:
     """Problem of a tuning: candidates for a controller's gains are rated by how well they follow references."""
 
     def __init__(
-        self, profile: Profile, base: GainSet, space: ParameterSpace, cases: Sequence[TuneCase], cost: TuneCost
+        self,
+        profile: Profile,
+        base: GainSet,
+        space: ParameterSpace,
+        cases: Sequence[TuneCase],
+        cost: TuneCost,
     ) -> None:
         """Sample the references, and delay each robot for the stability guard.
 
         The profile gives model-based laws their model, and `base` the gains that are not searched.
         """
-        self.profile, self.base, self.space, self.cases, self.cost = profile, base, space, tuple(cases), cost
+        self.profile = profile
+        self.base = base
+        self.space = space
+        self.cases = tuple(cases)
+        self.cost = cost
         self._targets = [case.target for case in self.cases]
-        self._late = [delayed(case.robot, cost.guard) if cost.guard > 0.0 else None for case in self.cases]
+        self._late = [
+            delayed(case.robot, cost.guard) if cost.guard > 0.0 else None for case in self.cases
+        ]
 
     def gains(self, point: FloatArray) -> GainSet:
         """Return all gains that an (n,) point of the unit cube stands for."""
@@ -188,12 +231,16 @@ class TuneProblem:
         return GainSet(self.base.controller, "tuned", {**self.base.values, **values})
 
     def costs(
-        self, points: FloatArray, limits: FloatArray | None = None, workers: int = 1, on_share: OnShare = None
+        self,
+        points: FloatArray,
+        limits: FloatArray | None = None,
+        workers: int = 1,
+        on_share: OnShare = None,
     ) -> FloatArray:
         """Rate candidates case by case, see `FitProblem.costs`.
 
-        Returns:
-            (S,) means over the cases; infinite for a candidate that loses a reference, or fails the guard.
+        Returns: (S,) means over the cases; infinite for a candidate that loses a reference, or
+            fails the guard.
         """
         from threadpoolctl import threadpool_limits
 
@@ -201,9 +248,14 @@ class TuneProblem:
             laws = [_law(self.profile, self.gains(point)) for point in points]
         bounds = np.full(len(points), np.inf) if limits is None else limits * len(self.cases)
         sums = np.array([np.inf if law is None else 0.0 for law in laws])
-        total, done = sum(case.waypoints.duration for case in self.cases), 0.0
+        total = sum(case.waypoints.duration for case in self.cases)
+        done = 0.0
         for k, case in enumerate(self.cases):
-            live = [i for i in range(len(points)) if np.isfinite(sums[i]) and (k == 0 or sums[i] <= bounds[i])]
+            live = [
+                i
+                for i in range(len(points))
+                if np.isfinite(sums[i]) and (k == 0 or sums[i] <= bounds[i])
+            ]
             if live:
                 sums[live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers)
             done += case.waypoints.duration / total
@@ -211,15 +263,24 @@ class TuneProblem:
                 on_share(done)
         return sums / len(self.cases)
 
-    def _case_costs(self, k: int, laws: Sequence[AnyController], workers: int, searching: bool = True) -> FloatArray:
+    def _case_costs(
+        self, k: int, laws: Sequence[AnyController], workers: int, searching: bool = True
+    ) -> FloatArray:
         """Return the (S,) costs of candidates on one case; in a search the guard counts."""
-        case, late, n = self.cases[k], self._late[k], len(laws)
-        runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, [self.cost.seed], workers)
+        case = self.cases[k]
+        late = self._late[k]
+        n = len(laws)
+        runs = run_robots(
+            [case.robot] * n, laws, [case.settings] * n, case.waypoints, [self.cost.seed], workers
+        )
         costs = costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers)
         kept = [i for i in range(n) if np.isfinite(costs[i])]
         if late is not None and searching and kept:
-            some, around = [laws[i] for i in kept], [case.settings] * len(kept)
-            runs = run_robots([late] * len(kept), some, around, case.waypoints, [self.cost.seed], workers)
+            some = [laws[i] for i in kept]
+            around = [case.settings] * len(kept)
+            runs = run_robots(
+                [late] * len(kept), some, around, case.waypoints, [self.cost.seed], workers
+            )
             for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
                     costs[i] = np.inf
@@ -228,27 +289,49 @@ class TuneProblem:
     def cost_of(self, gains: GainSet, workers: int, guarded: bool = False) -> float:
         """Return the cost of gains, by default without the guard; infinite where they lose a reference or fail the guard."""
         law = make_controller(self.profile, gains)
-        return float(np.mean([self._case_costs(k, [law], workers, guarded)[0] for k in range(len(self.cases))]))
+        return float(
+            np.mean(
+                [self._case_costs(k, [law], workers, guarded)[0] for k in range(len(self.cases))]
+            )
+        )
 
-    def rated(self, case: TuneCase, sets: Mapping[str, GainSet], workers: int) -> dict[str, RatedRun]:
+    def rated(
+        self, case: TuneCase, sets: Mapping[str, GainSet], workers: int
+    ) -> dict[str, RatedRun]:
         """Drive one case with several sets of gains; return their runs by the same names."""
-        laws, n = [make_controller(self.profile, gains) for gains in sets.values()], len(sets)
-        runs = run_robots([case.robot] * n, laws, [case.settings] * n, case.waypoints, [self.cost.seed], workers)
+        laws = [make_controller(self.profile, gains) for gains in sets.values()]
+        n = len(sets)
+        runs = run_robots(
+            [case.robot] * n, laws, [case.settings] * n, case.waypoints, [self.cost.seed], workers
+        )
         costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
         every = zip(sets, runs, costs, strict=True)
         limits = case.robot.limits
-        return {name: RatedRun(run, track_metrics(run, case.waypoints, limits), float(cost)) for name, run, cost in every}
+        return {
+            name: RatedRun(run, track_metrics(run, case.waypoints, limits), float(cost))
+            for name, run, cost in every
+        }
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
         return {
             "controller": self.base.controller,
-            "gains that are held": sorted((k, v) for k, v in self.base.values.items() if k not in self.space.names),
+            "gains that are held": sorted(
+                (k, v) for k, v in self.base.values.items() if k not in self.space.names
+            ),
             "parameters or bounds": self.space.limits(),
             "robot": self.profile.robot.as_document(),
-            "profile": [(name, plant.numbers()) for name, plant in sorted(self.profile.plants.items())],
+            "profile": [
+                (name, plant.numbers()) for name, plant in sorted(self.profile.plants.items())
+            ],
             "references or plants": [
-                (c.reference, c.robot.name, repr(c.robot.terrain), c.waypoints.t.tobytes(), c.waypoints.xy.tobytes())
+                (
+                    c.reference,
+                    c.robot.name,
+                    repr(c.robot.terrain),
+                    c.waypoints.t.tobytes(),
+                    c.waypoints.xy.tobytes(),
+                )
                 for c in self.cases
             ],
             "feedback, noise or disturbance": [repr(case.settings) for case in self.cases],

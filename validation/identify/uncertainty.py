@@ -1,10 +1,12 @@
 """Standard errors of fitted parameters, from the derivatives that least squares use.
 
-Errors of neighbouring windows share poses, commands and ground, so a block of time is one observation: the sandwich
-H^-1 G H^-1 with the curvature H of the sum of errors that least squares make small, and the scatter G of the blocks'
-gradients (P. Huber 1967; K.-Y. Liang and S. Zeger 1986). Nobody knows how long errors hang together, so blocks of twice,
-four times, ... the length are tried too, and the widest result counts. Where the data say nothing, what remains is what the
-bounds say. A search that has not come to its end is uncertain besides by how far least squares would still go.
+Errors of neighbouring windows share poses, commands and ground, so a block of time is one
+observation: the sandwich H^-1 G H^-1 with the curvature H of the sum of errors that least squares
+make small, and the scatter G of the blocks' gradients (P. Huber 1967; K.-Y. Liang and S. Zeger
+1986). Nobody knows how long errors hang together, so blocks of twice, four times, ... the length
+are tried too, and the widest result counts. Where the data say nothing, what remains is what the
+bounds say. A search that has not come to its end is uncertain besides by how far least squares
+would still go.
 """
 
 from __future__ import annotations
@@ -24,8 +26,8 @@ from validation.plants.table import plant_kind
 _FEWEST_BLOCKS = 8  # fewer say too little about their own scatter
 _AT_BOUND = 1e-3  # distance from a bound at which it holds a number, in the unit cube
 VAGUE = 0.2
-"""A standard error of more than this share of the bounds' width says that the data hardly determine the parameter; of the
-bounds alone it is 0.29."""
+"""A standard error of more than this share of the bounds' width says that the data hardly determine
+the parameter; of the bounds alone it is 0.29."""
 _ENTANGLED = 0.95  # correlation beyond which the data cannot tell two parameters apart ...
 _WELL_KNOWN = 0.04  # a friction known to this share of its bounds' width is told by the motion
 _WORTH_TELLING = 0.01  # ... unless both are known to better than this share of the bounds' width
@@ -36,9 +38,11 @@ class Uncertainty:
     """Uncertainty of fitted parameters."""
 
     standard_error: FloatArray
-    """(n,) standard errors of the values; NaN where the motion could not be computed beside the optimum."""
+    """(n,) standard errors of the values; NaN where the motion could not be computed beside the
+    optimum."""
     interval: FloatArray
-    """(n, 2) 95 % intervals of the values by Student's distribution of the number of blocks, within the bounds."""
+    """(n, 2) 95 % intervals of the values by Student's distribution of the number of blocks, within
+    the bounds."""
     correlation: FloatArray
     """(n, n) correlation of the errors."""
     share: FloatArray
@@ -46,31 +50,48 @@ class Uncertainty:
     method: str
     """Sentence that says how they were found."""
     without: FloatArray
-    """(QUARTERS, n) points of the unit cube that the data give without their first, second, ... part of time."""
+    """(QUARTERS, n) points of the unit cube that the data give without their first, second, ...
+    part of time."""
 
 
-def estimate(problem: FitProblem, point: FloatArray, workers: int = 1, driven: Remembered | None = None) -> Uncertainty:
+def estimate(
+    problem: FitProblem, point: FloatArray, workers: int = 1, driven: Remembered | None = None
+) -> Uncertainty:
     """Estimate standard errors and correlations at the optimum, an (n,) point of the unit cube, on so many threads.
 
-    What least squares have `driven` is not driven again: where the point is their end, only the other side of each
-    difference is new. What one side tells otherwise than both says how wrong the derivatives can be.
+    What least squares have `driven` is not driven again: where the point is their end, only the
+    other side of each difference is new. What one side tells otherwise than both says how wrong the
+    derivatives can be.
     """
-    n, remembered = len(point), driven or Remembered()
+    n = len(point)
+    remembered = driven or Remembered()
 
     def errors_at(points: FloatArray) -> FloatArray:
         return remembered.look_up(points, lambda new: problem.residuals(new, workers))
 
-    k = len(problem.blocks)  # the prior is no observation; what nobody observed gets the bounds' own uncertainty below
-    one_sided, (with_prior, all_slopes) = error_slopes(errors_at, point)[1][:k], error_slopes(errors_at, point, central=True)
-    errors, slopes = with_prior[:k], all_slopes[:k]
+    # the prior is no observation; what nobody observed gets the bounds' own uncertainty below
+    k = len(problem.blocks)
+    one_sided, (with_prior, all_slopes) = (
+        error_slopes(errors_at, point)[1][:k],
+        error_slopes(errors_at, point, central=True),
+    )
+    errors = with_prior[:k]
+    slopes = all_slopes[:k]
     known = np.array(np.isfinite(slopes).all(axis=0) & np.isfinite(errors).all())
-    covariance, blocks = np.full((n, n), np.nan), 0
+    covariance = np.full((n, n), np.nan)
+    blocks = 0
     if known.any():
-        covariance[np.ix_(known, known)], blocks = _widest(errors, slopes[:, known], one_sided[:, known], problem)
+        covariance[np.ix_(known, known)], blocks = _widest(
+            errors, slopes[:, known], one_sided[:, known], problem
+        )
     rest = _still_to_go(point, with_prior, all_slopes, problem)
     covariance += np.outer(rest, rest)
     share = np.sqrt(np.diag(covariance))
-    correlation = np.where(np.isfinite(covariance), covariance / np.where(share > 0.0, np.outer(share, share), 1.0), 0.0)
+    correlation = np.where(
+        np.isfinite(covariance),
+        covariance / np.where(share > 0.0, np.outer(share, share), 1.0),
+        0.0,
+    )
     np.fill_diagonal(correlation, 1.0)
     reach = float(stdtrit(max(blocks - 1, 1), 0.975)) * np.nan_to_num(share)
     ends = [problem.space.values(np.clip(point + k * reach, 0.0, 1.0)) for k in (-1.0, 1.0)]
@@ -90,7 +111,9 @@ def _soft(errors: FloatArray, robust: bool) -> tuple[FloatArray, FloatArray]:
     return errors / np.sqrt(q), q**-1.5
 
 
-def _still_to_go(point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem) -> FloatArray:
+def _still_to_go(
+    point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem
+) -> FloatArray:
     """Return the (n,) step in the unit cube that Newton's method would take from where a search ended.
 
     It is nothing at an optimum, and 0 for a number that a bound holds.
@@ -104,23 +127,33 @@ def _still_to_go(point: FloatArray, errors: FloatArray, slopes: FloatArray, prob
     return np.asarray(np.clip(point + step, 0.0, 1.0) - point)
 
 
-def _without(point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem) -> FloatArray:
+def _without(
+    point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem
+) -> FloatArray:
     """Return (QUARTERS, n) points of the unit cube: where Newton's method steps to if a part of the time is left out."""
     pull, stiffness = _soft(errors, problem.robust)
-    slopes, number = np.nan_to_num(slopes), np.unique(problem.blocks, return_inverse=True)[1]
-    part = np.pad(number * QUARTERS // (number.max() + 1), (0, len(errors) - len(number)), constant_values=-1)
-    gradients, points = slopes * pull[:, None], []
-    gradients -= gradients.mean(axis=0)  # nothing at an optimum; where a bound holds a number, no reason to go
+    slopes = np.nan_to_num(slopes)
+    number = np.unique(problem.blocks, return_inverse=True)[1]
+    part = np.pad(
+        number * QUARTERS // (number.max() + 1), (0, len(errors) - len(number)), constant_values=-1
+    )
+    gradients = slopes * pull[:, None]
+    points = []
+    # nothing at an optimum; where a bound holds a number, no reason to go
+    gradients -= gradients.mean(axis=0)
     for own in (part == k for k in range(QUARTERS)):
         curvature = (slopes[~own] * stiffness[~own, None]).T @ slopes[~own]
         points.append(point + np.linalg.lstsq(curvature, gradients[own].sum(axis=0))[0])
     return np.clip(points, 0.0, 1.0)
 
 
-def _widest(errors: FloatArray, slopes: FloatArray, one_sided: FloatArray, problem: FitProblem) -> tuple[FloatArray, int]:
+def _widest(
+    errors: FloatArray, slopes: FloatArray, one_sided: FloatArray, problem: FitProblem
+) -> tuple[FloatArray, int]:
     """Return the (n, n) covariance in the unit cube of the length of blocks that makes it widest, and their number."""
     pull, stiffness = _soft(errors, problem.robust)
-    curvature, gradients = (slopes * stiffness[:, None]).T @ slopes, slopes * pull[:, None]
+    curvature = (slopes * stiffness[:, None]).T @ slopes
+    gradients = slopes * pull[:, None]
     size = np.maximum((slopes**2).sum(axis=0), 1e-300)
     curvature_error = (((one_sided - slopes) ** 2).sum(axis=0) / size) ** 2 * np.diag(curvature)
     _, member = np.unique(problem.blocks, return_inverse=True)
@@ -136,11 +169,13 @@ def _widest(errors: FloatArray, slopes: FloatArray, one_sided: FloatArray, probl
 def _sandwich(curvature: FloatArray, curvature_error: FloatArray, sums: FloatArray) -> FloatArray:
     """Return the (n, n) covariance in the unit cube of the curvature and the (B, n) sums of gradients in each block.
 
-    The curvature of the ignorance, R = (noise / IGNORANCE^2) 1, is added to H, and the ignorance itself to the scatter: a
-    direction that no error sees gets IGNORANCE, one that all see is not touched, and none gets more: where the scatter
-    of a few blocks claims more than the bounds allow, the bounds say more than it. The (n,) `curvature_error` is that of
-    finite differences of the second order, whose relative error is about the square of that of the first. It counts alike:
-    otherwise numbers that the data cannot tell apart would be told apart by errors of the derivatives.
+    The curvature of the ignorance, R = (noise / IGNORANCE^2) 1, is added to H, and the ignorance
+    itself to the scatter: a direction that no error sees gets IGNORANCE, one that all see is not
+    touched, and none gets more: where the scatter of a few blocks claims more than the bounds
+    allow, the bounds say more than it. The (n,) `curvature_error` is that of finite differences of
+    the second order, whose relative error is about the square of that of the first. It counts
+    alike: otherwise numbers that the data cannot tell apart would be told apart by errors of the
+    derivatives.
     """
     blocks = len(sums)
     centred = sums - sums.mean(axis=0)  # at an optimum of least squares the mean is nothing
@@ -154,17 +189,27 @@ def _sandwich(curvature: FloatArray, curvature_error: FloatArray, sums: FloatArr
 
 def sentences(problem: FitProblem, uncertainty: Uncertainty) -> list[str]:
     """Return sentences on the parameters that the data of a fit cannot tell, or cannot tell apart, and on its prior."""
-    out, names, share = [], problem.space.names, uncertainty.share
+    out = []
+    names = problem.space.names
+    share = uncertainty.share
     touched = {name for name, s in zip(names, share, strict=True) if s > VAGUE}
     for name, s in zip(names, share, strict=True):
         if s > VAGUE:
-            advice = "the weak prior holds it near its value of before" if problem.robust else "use --fix"
-            out.append(f"The data hardly determine {name}: its standard error is {s:.0%} of its bounds' width; {advice}.")
+            advice = (
+                "the weak prior holds it near its value of before"
+                if problem.robust
+                else "use --fix"
+            )
+            out.append(
+                f"The data hardly determine {name}: its standard error is {s:.0%} of its bounds' width; {advice}."
+            )
     for i, j in combinations(range(len(names)), 2):
         r = float(uncertainty.correlation[i, j])
         if abs(r) > _ENTANGLED and max(share[i], share[j]) > _WORTH_TELLING:
             touched |= {names[i], names[j]}
-            out.append(f"The data cannot tell {names[i]} and {names[j]} apart (correlation {r:+.2f}).")
+            out.append(
+                f"The data cannot tell {names[i]} and {names[j]} apart (correlation {r:+.2f})."
+            )
     if problem.robust:
         out.append(
             "The value of each number before the fit is a weak prior: "

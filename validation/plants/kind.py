@@ -20,14 +20,16 @@ from validation.simulator.physics import PhysicsSettings
 from validation.simulator.terrain import Terrain
 
 Occasion = Literal["scenario", "commands", "wheels"]
-"""Occasion of a fit: to a plant's motion in a scenario, or to a log whose commands or wheel rates drive the plant."""
+"""Occasion of a fit: to a plant's motion in a scenario, or to a log whose commands or wheel rates
+drive the plant."""
 
 SEEN = ("tracked_x", "tracked_yaw", "position_late", "yaw_late")
 """Numbers of the localiser that a fit to a log has to find, whatever drives the plant."""
 
-TORQUES, GROUND_TORQUES = "torque_N_m", "ground_torque_N_m"
-"""Channels of a motion: the (M, 2) torques of the left and the right motors at the wheels [N m], or,
-of wheels whose rates are given, what the ground takes of a side."""
+TORQUES = "torque_N_m"
+GROUND_TORQUES = "ground_torque_N_m"
+"""Channels of a motion: the (M, 2) torques of the left and the right motors at the wheels [N m],
+or, of wheels whose rates are given, what the ground takes of a side."""
 CAUSES = (
     *("com_x", "friction", "command_half_track", "wheel_radius", "acceleration_v"),
     "dc_stiffness",
@@ -58,7 +60,10 @@ class PlantProfile:
     def numbers(self) -> dict[str, dict[str, Any]]:
         """Return the numbers of each part by name; the robot, which has a file of its own, is left out."""
         owners = {part: getattr(self, part) for part in PARTS}
-        names = {part: [f.name for f in fields(owner) if f.name != "robot"] for part, owner in owners.items()}
+        names = {
+            part: [f.name for f in fields(owner) if f.name != "robot"]
+            for part, owner in owners.items()
+        }
         return {part: {name: getattr(owners[part], name) for name in names[part]} for part in PARTS}
 
 
@@ -128,7 +133,9 @@ class OneByOne:
 
     def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.motions`."""
-        samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
+        samples = (
+            1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
+        )
         out = np.full((len(which), samples, 5), np.nan)
         for row, i in enumerate(which):
             plant = self._plants[i]
@@ -158,7 +165,8 @@ class PlantKind:
     build: Callable[[PlantProfile, Terrain, PhysicsSettings], Plant]
     """Function that builds the plant from its numbers, its ground and its physics settings."""
     population: Callable[[Sequence[PlantProfile | None], int], Population]
-    """Function that prepares candidates, None for one that cannot be built, for a number of threads."""
+    """Function that prepares candidates, None for one that cannot be built, for a number of
+    threads."""
     free: Mapping[Occasion, tuple[str, ...]]
     """Names of the numbers that a fit moves unless the user says otherwise."""
     colour: str = "#808080"
@@ -170,7 +178,8 @@ class PlantKind:
     drive: tuple[str, ...] = tuple(described(Drive))
     """Fields of the drive that a fit may move."""
     together: bool = True
-    """Whether one compiled loop drives all candidates; otherwise each is driven on a thread of its own."""
+    """Whether one compiled loop drives all candidates; otherwise each is driven on a thread of its
+    own."""
     torques: bool = False
     """Whether the channel `TORQUES` has the torques of a body on wheels, so that they can be
     compared with others; those of planar models are numbers of a fit."""

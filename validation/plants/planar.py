@@ -29,7 +29,8 @@ from validation.plants.kind import (
 from validation.simulator.description import Robot
 
 _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
-"""Numbers that the thesis read off response curves or took for given, and a fit to a scenario has to find."""
+"""Numbers that the thesis read off response curves or took for given, and a fit to a scenario has
+to find."""
 _DRIVEN = ("delay", "acceleration_v", "acceleration_w")
 """Numbers of the driver, of which wheel rates say nothing."""
 _MOTOR = ("torque_limit", "integral_gain", "dc_stiffness")
@@ -39,11 +40,21 @@ _ROLLING = ("wheel_radius", "radius_difference", "effective_half_track")
 _CENTRES = ("alpha_l", "alpha_r", "y_l", "y_r")
 _KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": (*_CENTRES, "x_icr"),
-    "commands": (*_CENTRES, "drift", *_DRIVEN, "wheel_lag", *SEEN),  # x_icr and tracked_x are one number to a recording
+    # x_icr and tracked_x are one number to a recording
+    "commands": (*_CENTRES, "drift", *_DRIVEN, "wheel_lag", *SEEN),
     "wheels": (*_CENTRES, "drift", *SEEN),
 }
-"""The kinematic model has no dynamics that could lag behind its wheels, and its constants hold the half-track."""
-_TYRES = ("friction", "stiffness_x", "stiffness_y", "wheel_radius", "radius_difference", "com_x", "com_y")
+"""The kinematic model has no dynamics that could lag behind its wheels, and its constants hold the
+half-track."""
+_TYRES = (
+    "friction",
+    "stiffness_x",
+    "stiffness_y",
+    "wheel_radius",
+    "radius_difference",
+    "com_x",
+    "com_y",
+)
 _TYRED_FREE: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": CAUSES,
     "commands": (*_TYRES, *_DRIVEN, "wheel_lag", *SEEN),
@@ -59,24 +70,34 @@ def model_of(section: PlantProfile) -> PlanarModel:
 def defaults(kind: type, robot: Robot) -> Any:
     """Return the thesis' parameters of a planar model, scaled to a robot's size; friction and shares stay as they are.
 
-    Of robots of one shape that do all things in the same time, mass times radius squared decides the gain between wheel rate
-    and torque, and mass times radius that between speed and torque. Centres of rotation lie at the effective half-track.
+    Of robots of one shape that do all things in the same time, mass times radius squared decides
+    the gain between wheel rate and torque, and mass times radius that between speed and torque.
+    Centres of rotation lie at the effective half-track.
     """
-    thesis, own, numbers = Vehicle(), robot.vehicle, kind()
-    mass, radius = own.mass / thesis.mass, own.wheel_radius / thesis.wheel_radius
+    thesis = Vehicle()
+    own = robot.vehicle
+    numbers = kind()
+    mass = own.mass / thesis.mass
+    radius = own.wheel_radius / thesis.wheel_radius
     ratios = {
         "gain": mass * radius**2,
         "gain_over_radius": mass * radius,
         "half_track": own.effective_half_track / thesis.effective_half_track,
     }
-    sizes = {n: next((size for size in d.of if size in ratios), None) for n, d in described(kind).items()}
-    scaled = {n: getattr(numbers, n) * ratios[size] for n, size in sizes.items() if size is not None}
+    sizes = {
+        n: next((size for size in d.of if size in ratios), None) for n, d in described(kind).items()
+    }
+    scaled = {
+        n: getattr(numbers, n) * ratios[size] for n, size in sizes.items() if size is not None
+    }
     return replace(numbers, **scaled)
 
 
 def tyred_defaults(robot: Robot) -> FourWheelParameters:
     """Return the numbers of a robot's file; those of the tyres, which no file has, are of the drive-train study."""
-    geometry, masses, simulation = robot.geometry, robot.masses, robot.simulation
+    geometry = robot.geometry
+    masses = robot.masses
+    simulation = robot.simulation
     share = robot.base_mass / masses.total
     return FourWheelParameters(
         mass=masses.total,
@@ -140,14 +161,20 @@ class PlanarPopulation:
 
     def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.motions`."""
-        samples = 1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
+        samples = (
+            1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
+        )
         out = np.full((len(which), samples, 3), np.nan)
         rows = [row for row, i in enumerate(which) if self._built[i] is not None]
         known = [built for built in (self._built[i] for i in which) if built is not None]
         if known:
-            models, localisers = [model for model, _ in known], [localiser for _, localiser in known]
+            models = [model for model, _ in known]
+            localisers = [localiser for _, localiser in known]
             starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
             begins = [starts[localiser] for localiser in localisers]
             poses = run_population(models, piece.commands, begins, sample_dt, workers=self._workers)
-            out[rows] = [one.logged_poses(pose, sample_dt, piece.t) for one, pose in zip(localisers, poses, strict=True)]
+            out[rows] = [
+                one.logged_poses(pose, sample_dt, piece.t)
+                for one, pose in zip(localisers, poses, strict=True)
+            ]
         return out

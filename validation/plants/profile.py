@@ -1,10 +1,12 @@
 """Calibrated parameter sets: TOML files with provenance, shipped or the user's own.
 
-A profile names its robot (`robot = "husky"`, which is also meant where none is named) or has its whole file as `[robot]`. It
-has a common `[vehicle]` and `[drive]`, and for each plant `[plants.NAME]` with `parameters`, and where they differ from the
-common ones its own `vehicle` and `drive`, `localiser`, the frame in the plant's body that is compared, and its delays, and
-`bands`, which say for each input how sure the plant's predictions are. `[fitted_at]` says how fast the fitted motions were.
-What a profile does not say is as in the robot's file; planar models have the thesis' published values, scaled to the robot.
+A profile names its robot (`robot = "husky"`, which is also meant where none is named) or has its
+whole file as `[robot]`. It has a common `[vehicle]` and `[drive]`, and for each plant
+`[plants.NAME]` with `parameters`, and where they differ from the common ones its own `vehicle` and
+`drive`, `localiser`, the frame in the plant's body that is compared, and its delays, and `bands`,
+which say for each input how sure the plant's predictions are. `[fitted_at]` says how fast the
+fitted motions were. What a profile does not say is as in the robot's file; planar models have the
+thesis' published values, scaled to the robot.
 """
 
 from __future__ import annotations
@@ -61,7 +63,11 @@ class Pace:
     def of(cls, v: FloatArray, w: FloatArray) -> Pace:
         """Return the pace of motions with (M,) speeds [m/s] and yaw rates [rad/s]."""
         moving = (np.abs(v) > _MOVES) | (np.abs(w) > _MOVES)
-        return cls(*(float(np.percentile(np.abs(x[moving]), 95.0)) for x in (v, v * w))) if moving.any() else cls()
+        return (
+            cls(*(float(np.percentile(np.abs(x[moving]), 95.0)) for x in (v, v * w)))
+            if moving.any()
+            else cls()
+        )
 
     def text(self) -> str:
         """Return both numbers with their units."""
@@ -79,16 +85,21 @@ class Profile:
     plants: Mapping[str, PlantProfile]
     """Numbers of each plant, by name."""
     provenance: Mapping[str, Any]
-    """For each plant, the source of its numbers: the data, seed and cost of a fit, as the file has them."""
+    """For each plant, the source of its numbers: the data, seed and cost of a fit, as the file has
+    them."""
     fitted_at: Pace | None = None
     """Pace of the motions that its plants were fitted to; None where nobody knows."""
 
     def too_fast(self, pace: Pace, what: str) -> list[str]:
         """Return a sentence where the pace of `what` is clearly beyond that of the fit; else nothing."""
         most = self.fitted_at
-        if most is None or all(now <= _BEYOND * was for now, was in zip(astuple(pace), astuple(most), strict=True)):
+        if most is None or all(
+            now <= _BEYOND * was for now, was in zip(astuple(pace), astuple(most), strict=True)
+        ):
             return []
-        return [f"{what} reaches {pace.text()}; {self.name} was fitted at {most.text()}, and may be wrong beyond"]
+        return [
+            f"{what} reaches {pace.text()}; {self.name} was fitted at {most.text()}, and may be wrong beyond"
+        ]
 
     @property
     def robot(self) -> Robot:
@@ -109,7 +120,10 @@ class Profile:
 
     def as_dict(self, plants: Iterable[str] | None = None) -> dict[str, Any]:
         """Return all numbers, or those of some plants, for a result to record."""
-        return {name: store.plain(self.section(name).numbers()) for name in (self.plants if plants is None else plants)}
+        return {
+            name: store.plain(self.section(name).numbers())
+            for name in (self.plants if plants is None else plants)
+        }
 
     def save(self, path: str | Path) -> Path:
         """Write a TOML file without the numbers that the robot has anyway; return its path. `load_profile` reads it back.
@@ -118,17 +132,31 @@ class Profile:
         """
         plants: dict[str, Any] = {}
         for name, plant in self.plants.items():
-            bands = {kind: {k: float(f"{v:.4g}") for k, v in asdict(band).items()} for kind, band in plant.bands.items()}
+            bands = {
+                kind: {k: float(f"{v:.4g}") for k, v in asdict(band).items()}
+                for kind, band in plant.bands.items()
+            }
             usual = _usual(name, plant.robot).numbers()
             changed = {
-                part: {k: v for k, v in numbers.items() if v != usual[part][k]} for part, numbers in plant.numbers().items()
+                part: {k: v for k, v in numbers.items() if v != usual[part][k]}
+                for part, numbers in plant.numbers().items()
             }
-            if section := {part: values for part, values in {**changed, "bands": bands}.items() if values}:
+            if section := {
+                part: values for part, values in {**changed, "bands": bands}.items() if values
+            }:
                 plants[name] = section
         robot = self.robot.name if self.robot.shipped else self.robot.as_document()
-        document = {"schema": SCHEMA, "name": self.name, "description": self.description, "robot": robot, "plants": plants}
+        document = {
+            "schema": SCHEMA,
+            "name": self.name,
+            "description": self.description,
+            "robot": robot,
+            "plants": plants,
+        }
         if self.fitted_at is not None:
-            document["fitted_at"] = {k: float(f"{v:.3g}") for k, v in asdict(self.fitted_at).items()}
+            document["fitted_at"] = {
+                k: float(f"{v:.3g}") for k, v in asdict(self.fitted_at).items()
+            }
         text = tomli_w.dumps(store.encodable({**document, "provenance": dict(self.provenance)}))
         path = Path(path)
         store.make_folder(path.parent)
@@ -161,13 +189,14 @@ def bare_profile(robot: Robot) -> Profile:
     return Profile(robot.name, words, plants, {})
 
 
-def choose_profile(profile: str | Path | Profile | None, robot: str | Path | Robot | None, usual: str) -> Profile:
+def choose_profile(
+    profile: str | Path | Profile | None, robot: str | Path | Robot | None, usual: str
+) -> Profile:
     """Return the profile that a user means.
 
-    Args:
-        profile: name, path or profile; None for the one that is usual.
-        robot: name, path or robot; None for the profile's.
-        usual: name of the profile that is meant without either. A robot that this one is not of has its bare profile.
+    Args: profile: name, path or profile; None for the one that is usual. robot: name, path or
+        robot; None for the profile's. usual: name of the profile that is meant without either. A
+        robot that this one is not of has its bare profile.
 
     Raises:
         ProfileError: the profile or the robot cannot be had, or the profile is of another robot.
@@ -175,7 +204,9 @@ def choose_profile(profile: str | Path | Profile | None, robot: str | Path | Rob
     if isinstance(profile, str | Path):
         profile = load_profile(profile)
     if not isinstance(profile, Profile | None):
-        raise ProfileError(f"profile is {reprlib.repr(profile)}, wanted a name, a path or a Profile")
+        raise ProfileError(
+            f"profile is {reprlib.repr(profile)}, wanted a name, a path or a Profile"
+        )
     if robot is None:
         return profile or load_profile(usual)
     chosen = robot if isinstance(robot, Robot) else load_robot(robot)
@@ -183,15 +214,17 @@ def choose_profile(profile: str | Path | Profile | None, robot: str | Path | Rob
         common = load_profile(usual)
         return common if common.robot == chosen else bare_profile(chosen)
     if profile.robot != chosen:
-        raise ProfileError(f"profile {profile.name} is of the robot {profile.robot.name}, not of {chosen.name}")
+        raise ProfileError(
+            f"profile {profile.name} is of the robot {profile.robot.name}, not of {chosen.name}"
+        )
     return profile
 
 
 def load_profile(name_or_path: str | Path) -> Profile:
     """Return a shipped profile by name, or the profile of a TOML file by path.
 
-    Raises:
-        ProfileError: there is none, or it says something that cannot be; the message names file, section and key.
+    Raises: ProfileError: there is none, or it says something that cannot be; the message names
+        file, section and key.
     """
     name = str(name_or_path)
     try:
@@ -201,7 +234,9 @@ def load_profile(name_or_path: str | Path) -> Profile:
         elif os.path.exists(name):
             document = reading.read_toml(name)
         else:
-            raise ProfileError(f"no profile '{name}'; shipped are: {', '.join(shipped())}; or give the path of a TOML file")
+            raise ProfileError(
+                f"no profile '{name}'; shipped are: {', '.join(shipped())}; or give the path of a TOML file"
+            )
     except ProfileError:
         raise
     except ValueError as error:
@@ -217,7 +252,17 @@ def _parse(document: Mapping[str, Any]) -> Profile:
         raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
     reading.require_known(
         document,
-        {"schema", "name", "description", "robot", "vehicle", "drive", "plants", "provenance", "fitted_at"},
+        {
+            "schema",
+            "name",
+            "description",
+            "robot",
+            "vehicle",
+            "drive",
+            "plants",
+            "provenance",
+            "fitted_at",
+        },
         "the top level",
     )
     entry = document.get("robot", USUAL_ROBOT)
@@ -233,9 +278,12 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     plants = {}
     for name in (*PLANTS, *(own for own in OWN_MODELS if own in sections)):
         section = sections.get(name, {})
-        where, usual = f"plants.{name}", _usual(name, robot)
+        where = f"plants.{name}"
+        usual = _usual(name, robot)
         drive = _fill(usual.drive, document.get("drive", {}), "drive")
-        reading.require_known(section, {"parameters", "vehicle", "drive", "localiser", "bands"}, where)
+        reading.require_known(
+            section, {"parameters", "vehicle", "drive", "localiser", "bands"}, where
+        )
         bands = section.get("bands", {})
         reading.require_known(bands, {"commands", "wheels"}, f"{where}.bands")
         plants[name] = PlantProfile(
@@ -244,14 +292,26 @@ def _parse(document: Mapping[str, Any]) -> Profile:
             _fill(drive, section.get("drive", {}), f"{where}.drive"),
             robot,
             _fill(Localiser(), section.get("localiser", {}), f"{where}.localiser"),
-            {kind: _fill(Band(), values, f"{where}.bands.{kind}") for kind, values in bands.items()},
+            {
+                kind: _fill(Band(), values, f"{where}.bands.{kind}")
+                for kind, values in bands.items()
+            },
         )
-    name, description = document.get("name", "unnamed"), document.get("description", "")
+    name = document.get("name", "unnamed")
+    description = document.get("description", "")
     provenance = document.get("provenance", {})
-    for key, value, kind in (("name", name, str), ("description", description, str), ("provenance", provenance, dict)):
+    for key, value, kind in (
+        ("name", name, str),
+        ("description", description, str),
+        ("provenance", provenance, dict),
+    ):
         if not isinstance(value, kind):
-            raise ValueError(f"{key} is {reprlib.repr(value)}, wanted {'text' if kind is str else 'a table'}")
-    fitted_at = _fill(Pace(), document["fitted_at"], "fitted_at") if "fitted_at" in document else None
+            raise ValueError(
+                f"{key} is {reprlib.repr(value)}, wanted {'text' if kind is str else 'a table'}"
+            )
+    fitted_at = (
+        _fill(Pace(), document["fitted_at"], "fitted_at") if "fitted_at" in document else None
+    )
     return Profile(name, description, plants, provenance, fitted_at)
 
 
@@ -263,7 +323,9 @@ def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
     for key, value in values.items():
         wanted = types[key]
         if not (isinstance(value, str) if wanted is str else is_number(value)):
-            raise ValueError(f"{where}.{key} is {reprlib.repr(value)}, wanted {'text' if wanted is str else 'a number'}")
+            raise ValueError(
+                f"{where}.{key} is {reprlib.repr(value)}, wanted {'text' if wanted is str else 'a number'}"
+            )
         given[key] = wanted(value)
     try:
         return replace(default, **given)  # type: ignore[type-var]
@@ -276,14 +338,14 @@ def odometry_of(drive: Drive) -> EkfSettings:
     return EkfSettings(radius=drive.command_radius, half_track=drive.command_half_track)
 
 
-def make_plant(profile: Profile, name: str, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> Plant:
+def make_plant(
+    profile: Profile, name: str, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED
+) -> Plant:
     """Return the plant of that name with the profile's numbers.
 
-    Args:
-        profile: the numbers.
-        name: name of the plant.
-        terrain: ground of a simulated plant; the planar models know only level ground of one friction.
-        settings: physics settings of a simulated plant.
+    Args: profile: the numbers. name: name of the plant. terrain: ground of a simulated plant; the
+        planar models know only level ground of one friction. settings: physics settings of a
+        simulated plant.
 
     Raises:
         ProfileError: an unknown name, or numbers that do not go together.

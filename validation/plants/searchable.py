@@ -30,12 +30,18 @@ class Searchable(Parameter):
 
 
 _DELAY = described(Drive)["delay_v"].search or (0.0, 0.0)
-_EVERY_PLANT = (Searchable("delay", "s", *_DELAY, least=0.0, places=("drive.delay_v", "drive.delay_w")),)
+_EVERY_PLANT = (
+    Searchable("delay", "s", *_DELAY, least=0.0, places=("drive.delay_v", "drive.delay_w")),
+)
 """A number that is no single field: one delay for both commands."""
 
 
-def _declared(section: str, kind: type, allowed: Container[str], robot: Robot) -> tuple[Searchable, ...]:
-    bounds = {name: (d, d.bounds(robot.sizes)) for name, d in described(kind).items() if name in allowed}
+def _declared(
+    section: str, kind: type, allowed: Container[str], robot: Robot
+) -> tuple[Searchable, ...]:
+    bounds = {
+        name: (d, d.bounds(robot.sizes)) for name, d in described(kind).items() if name in allowed
+    }
     return tuple(
         Searchable(name, d.unit, ends[0], ends[1], d.scale, d.low, d.high, (f"{section}.{name}",))
         for name, (d, ends) in bounds.items()
@@ -69,15 +75,19 @@ def find(plant: str, name: str, robot: Robot) -> Searchable:
     """
     numbers = {s.name: s for s in searchable(plant, robot)}
     if name not in numbers:
-        raise ValueError(f"{plant} has no parameter '{name}' to fit; there are: {', '.join(numbers)}")
+        raise ValueError(
+            f"{plant} has no parameter '{name}' to fit; there are: {', '.join(numbers)}"
+        )
     return numbers[name]
 
 
-def make_space(plant: str, names: Iterable[str], bounds: Mapping[str, tuple[float, float]], robot: Robot) -> ParameterSpace:
+def make_space(
+    plant: str, names: Iterable[str], bounds: Mapping[str, tuple[float, float]], robot: Robot
+) -> ParameterSpace:
     """Return the space that `names` span, with default bounds or those given.
 
-    Raises:
-        ValueError: an unknown name, bounds for what is not free, one number under two names, or bounds that make no sense.
+    Raises: ValueError: an unknown name, bounds for what is not free, one number under two names, or
+        bounds that make no sense.
     """
     chosen = [find(plant, name, robot) for name in names]
     for name in bounds:
@@ -91,10 +101,16 @@ def make_space(plant: str, names: Iterable[str], bounds: Mapping[str, tuple[floa
                 raise ValueError(f"{taken[place]} and {number.name} move the same number")
             taken[place] = number.name
     limits = [bounds.get(s.name, (s.lower, s.upper)) for s in chosen]
-    return ParameterSpace(tuple(replace(s, lower=low, upper=high) for s, (low, high) in zip(chosen, limits, strict=True)))
+    return ParameterSpace(
+        tuple(
+            replace(s, lower=low, upper=high) for s, (low, high) in zip(chosen, limits, strict=True)
+        )
+    )
 
 
-def with_values(name: str, plant: PlantProfile, names: Sequence[str], values: Iterable[float]) -> PlantProfile:
+def with_values(
+    name: str, plant: PlantProfile, names: Sequence[str], values: Iterable[float]
+) -> PlantProfile:
     """Return a copy of the profile of the plant called `name` with some numbers in place.
 
     Raises:
@@ -105,5 +121,9 @@ def with_values(name: str, plant: PlantProfile, names: Sequence[str], values: It
         for place in find(name, number, plant.robot).places:
             section, _, field = place.partition(".")
             sections[section][field] = float(value)
-    changed = {section: replace(getattr(plant, section), **given) for section, given in sections.items() if given}
+    changed = {
+        section: replace(getattr(plant, section), **given)
+        for section, given in sections.items()
+        if given
+    }
     return replace(plant, **changed)

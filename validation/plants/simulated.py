@@ -33,9 +33,13 @@ _COLOURS = {"mujoco": "#e69f00", "ode": "#8c510a", "drake": "#35978f"}  # amber:
 def declare(name: str) -> PlantKind:
     """Return the declaration of an engine's robot; an engine besides MuJoCo is loaded when its robot is built."""
 
-    def build(section: PlantProfile, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED) -> Plant:
+    def build(
+        section: PlantProfile, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED
+    ) -> Plant:
         if name == "mujoco":
-            return MujocoPlant(section.parameters, section.drive, terrain=terrain, settings=settings)
+            return MujocoPlant(
+                section.parameters, section.drive, terrain=terrain, settings=settings
+            )
         return EnginePlant(name, _ENGINES[name], section.parameters, section.drive, terrain)
 
     population = partial(OneByOne, build)

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 _SIMULATED: Mapping[str, str] = {
     "mujoco": "validation.plants.simulated",
 }
-"""Module of each simulated plant, whose function `declare` declares it; imported when the plant is first used."""
+"""Module of each simulated plant, whose function `declare` declares it; imported when the plant is
+first used."""
 
 SIMULATED = tuple(_SIMULATED)
 """Plants that are simulated in space: they stand on terrain and obey physics settings."""
@@ -27,7 +28,8 @@ USUAL_PLANTS = (*SIMULATED, *PLANAR_MODELS)
 PLANTS = (*USUAL_PLANTS, "four_wheel")
 """Names of the plants that profiles hold numbers of, in the order of tables."""
 SECOND_OPINIONS = ("ode", "drake")
-"""Other engines' robots: they have the numbers of the standard plant, and need packages that this one does not bring."""
+"""Other engines' robots: they have the numbers of the standard plant, and need packages that this
+one does not bring."""
 ALL_PLANTS = (*PLANTS, *SECOND_OPINIONS)
 """Names of all plants."""
 
@@ -44,7 +46,9 @@ def add_model(law: PlanarLaw) -> None:
         ValueError: the name is a shipped plant's, or none.
     """
     if law.name in ALL_PLANTS or not law.name.isidentifier():
-        raise ValueError(f"a model cannot be named '{law.name}'; take another name than {', '.join(ALL_PLANTS)}")
+        raise ValueError(
+            f"a model cannot be named '{law.name}'; take another name than {', '.join(ALL_PLANTS)}"
+        )
     stop_saving()
     OWN_MODELS[law.name] = law
     plant_kind.cache_clear()
@@ -60,5 +64,7 @@ def plant_kind(name: str) -> PlantKind:
     if name not in known_plants():
         raise ValueError(f"unknown plant '{name}'; there are: {', '.join(known_plants())}")
     others = dict.fromkeys(SECOND_OPINIONS, "validation.plants.simulated")
-    kind: PlantKind = import_module({**_SIMULATED, **others}.get(name, "validation.plants.planar")).declare(name)
+    kind: PlantKind = import_module(
+        {**_SIMULATED, **others}.get(name, "validation.plants.planar")
+    ).declare(name)
     return kind

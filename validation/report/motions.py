@@ -14,7 +14,13 @@ import numpy as np
 from ssmr.metrics.bands import Band
 from ssmr.metrics.declared import METRICS, SIGNALS, Metric, Metrics
 from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, corrected
-from ssmr.metrics.windows import EVERY_S, SHORTEST_BLOCK_S, HorizonErrors, OverlappingErrors, WindowErrors
+from ssmr.metrics.windows import (
+    EVERY_S,
+    SHORTEST_BLOCK_S,
+    HorizonErrors,
+    OverlappingErrors,
+    WindowErrors,
+)
 from ssmr.robot.localiser import Localiser
 from ssmr.types import Commands, FloatArray, IndexArray, Trajectory
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
@@ -368,7 +374,12 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
         OSError: the file cannot be written.
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
-    from validation.report.scene import Scene, Series, shades_of, write_scene  # here: rerun may be missing
+    from validation.report.scene import (  # here: rerun may be missing
+        Scene,
+        Series,
+        shades_of,
+        write_scene,
+    )
 
     c, plots = comparison, dict[str, Series]()
     if c.commands:

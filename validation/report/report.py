@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 _LONGEST = 200  # greatest length of what a warning says of an error
-FINISHED, INTERRUPTED = "finished", "interrupted"
+FINISHED = "finished"
+INTERRUPTED = "interrupted"
 """Ends that a program can have."""
 
 
@@ -30,7 +31,8 @@ class Report:
     """Result of a program. A program that gives more than this to Python derives from it and adds fields."""
 
     program: str
-    """Name of the program and of its files: `compare` for compare.json, compare.png and compare.rrd."""
+    """Name of the program and of its files: `compare` for compare.json, compare.png and
+    compare.rrd."""
     title: str
     """One line that says what was done."""
     tables: Sequence[Table]
@@ -50,7 +52,8 @@ class Report:
     status: str = FINISHED
     """`finished`, or `interrupted`: then it holds what was finished before, and no more."""
     failure: Exception | None = None
-    """Failure although there is something to show, such as a lost robot: the program then fails after it saved."""
+    """Failure although there is something to show, such as a lost robot: the program then fails
+    after it saved."""
     alarms: Sequence[str] = ()
     """Sentences that the command line says on standard error, too."""
     has_text: bool = False
@@ -62,7 +65,11 @@ class Report:
 
     def notes(self) -> Sequence[str]:
         """Return the sentences that stand below its tables; the first says where it was interrupted."""
-        early = ["It was interrupted; only what was finished before is here."] if self.status == INTERRUPTED else []
+        early = (
+            ["It was interrupted; only what was finished before is here."]
+            if self.status == INTERRUPTED
+            else []
+        )
         return [*early, *self.sentences]
 
     def table(self, width: int = 110) -> str:
@@ -81,7 +88,9 @@ class Report:
         for table in self.tables:
             if title in (None, table.title):
                 return pandas.DataFrame(list(table.rows))
-        raise ValueError(f"there is no table '{title}'; there are: {', '.join(table.title for table in self.tables)}")
+        raise ValueError(
+            f"there is no table '{title}'; there are: {', '.join(table.title for table in self.tables)}"
+        )
 
     def figure(self) -> Figure:
         """Return its picture, drawn anew.
@@ -97,14 +106,28 @@ class Report:
         """Return all of it as GitHub-flavoured markdown: how it was made, tables, notes, and what the columns mean."""
         lines = [f"# {markdown(self.title)}", ""]
         for name, values in (("options", self.options), ("versions", self.versions)):
-            made = ", ".join(f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None)
+            made = ", ".join(
+                f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None
+            )
             lines.append(f"- {name}: {code_span(made or 'none')}")
         for grid in self.grids():
             lines += ["", f"## {markdown(grid.title)}", "", *markdown_table(grid)]
             lines += ["", markdown(grid.caption)] if grid.caption else []
-        lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in self.notes())] if self.notes() else []
-        meanings = [f"- {line}" for line in legend(dict.fromkeys(key for table in self.tables for key in table.keys))]
-        return "\n".join([*lines, *(["", "## What the metrics mean", "", *meanings] if meanings else [])]) + "\n"
+        lines += (
+            ["", "## Notes", "", *(f"- {markdown(note)}" for note in self.notes())]
+            if self.notes()
+            else []
+        )
+        meanings = [
+            f"- {line}"
+            for line in legend(dict.fromkeys(key for table in self.tables for key in table.keys))
+        ]
+        return (
+            "\n".join(
+                [*lines, *(["", "## What the metrics mean", "", *meanings] if meanings else [])]
+            )
+            + "\n"
+        )
 
     def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
         """Return functions that write the files beside its JSON file, by name: its picture, text and recording."""
@@ -112,7 +135,9 @@ class Report:
         if self.draw is not None:
             writers[f"{self.program}.png"] = self._save_picture
         if self.has_text:
-            writers[f"{self.program}.md"] = lambda path: store.write_text(path, each_line(self.markdown()))
+            writers[f"{self.program}.md"] = lambda path: store.write_text(
+                path, each_line(self.markdown())
+            )
         if recording and self.record is not None:
             writers[f"{self.program}.rrd"] = partial(self.record, self)
         return writers
@@ -125,13 +150,15 @@ class Report:
             save_figure(self.figure(), path)
         except (ValueError, ArithmeticError, MemoryError) as error:  # which are in the other files
             path.unlink(missing_ok=True)  # an older one would show other numbers
-            _log.warning("%s cannot be drawn (%s); the numbers are written", path, shortened(error, _LONGEST))
+            _log.warning(
+                "%s cannot be drawn (%s); the numbers are written", path, shortened(error, _LONGEST)
+            )
 
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
         """Write its JSON file, which names the files that follow, and then these; each is written whole or not at all.
 
-        The numbers are there before anything is drawn, and a program that was killed between two files knows that all are
-        its own.
+        The numbers are there before anything is drawn, and a program that was killed between two
+        files knows that all are its own.
 
         Args:
             folder: where to; it is made if it is missing.
@@ -154,18 +181,33 @@ class Report:
     def as_dict(self) -> dict[str, Any]:
         """Return what its JSON file holds besides the names of the other files: plain values, no NaN."""
         tables = {table.title: list(table.rows) for table in self.tables if table.rows}
-        made = {"notes": list(self.notes()), "options": dict(self.options), "versions": dict(self.versions)}
+        made = {
+            "notes": list(self.notes()),
+            "options": dict(self.options),
+            "versions": dict(self.versions),
+        }
         return dict(store.plain({"tables": tables, "status": self.status, **self.document, **made}))
 
     @property
     def made_by(self) -> str:
         """Options and versions that it was made with, in one line for the footer of a picture."""
-        used = [f"{name} {self.versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in self.versions]
-        chosen = [f"{name} {option_text(value)}" for name, value in self.options.items() if value not in (None, False, ())]
+        used = [
+            f"{name} {self.versions[name]}"
+            for name in ("ssmr-testbed", "mujoco")
+            if name in self.versions
+        ]
+        chosen = [
+            f"{name} {option_text(value)}"
+            for name, value in self.options.items()
+            if value not in (None, False, ())
+        ]
         return " · ".join([*chosen, *used])
 
     def _repr_markdown_(self) -> str:
-        blocks = ["\n".join([f"**{markdown(grid.title)}**", "", *markdown_table(grid)]) for grid in self.grids()]
+        blocks = [
+            "\n".join([f"**{markdown(grid.title)}**", "", *markdown_table(grid)])
+            for grid in self.grids()
+        ]
         return "\n\n".join([*blocks, *map(markdown, self.notes())])
 
 

@@ -1,6 +1,7 @@
 """Robots in motion as a rerun recording that carries its own layout: one scene for every program that has motions.
 
-The world is in metres, z up, on the timeline `sim_time`; lines over time are in the units of the picture:
+The world is in metres, z up, on the timeline `sim_time`; lines over time are in the units of the
+picture:
 
 - `world/NAME/robot`: the reference point on the ground over time; below it `base` and the four
   wheels, `contact_force`, the force of the ground on each wheel, and `rotation_centre`;
@@ -29,14 +30,25 @@ try:
     import rerun as rr
     import rerun.blueprint as rrb
 except ImportError as missing:
-    raise ImportError("recordings need the package rerun-sdk; save(folder, recording=False) does without") from missing
+    raise ImportError(
+        "recordings need the package rerun-sdk; save(folder, recording=False) does without"
+    ) from missing
 
 from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, wrap_angle, yaw_to_quat_wxyz
 from ssmr.robot.ground import LEFT
 from ssmr.types import FloatArray
 from validation.report.columns import Unit, length_unit
 from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
-from validation.report.scene_robots import GROUND, Extent, Solid, Track, bright, extent_of, looks_of, tinted
+from validation.report.scene_robots import (
+    GROUND,
+    Extent,
+    Solid,
+    Track,
+    bright,
+    extent_of,
+    looks_of,
+    tinted,
+)
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
 from validation.store import write_atomic
@@ -75,7 +87,8 @@ _VIEWS = (
         "torque": "Motor torques on each side",
     },
 )
-"""Groups of plots above one another, a tab each: titles by the quantity, which is the beginning of their entities."""
+"""Groups of plots above one another, a tab each: titles by the quantity, which is the beginning of
+their entities."""
 
 
 class Series(NamedTuple):
@@ -131,10 +144,15 @@ def write_scene(scene: Scene, path: Path) -> None:
         OSError: the file cannot be written.
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
-    recording = rr.RecordingStream(f"ssmr-testbed {scene.program}", recording_id=scene.identity(), send_properties=False)
+    recording = rr.RecordingStream(
+        f"ssmr-testbed {scene.program}", recording_id=scene.identity(), send_properties=False
+    )
     if not recording.is_enabled():
-        raise RuntimeError("rerun is switched off: unset the environment variable RERUN to write recordings")
-    stream, strict = recording.binary_stream(), rr.strict_mode()
+        raise RuntimeError(
+            "rerun is switched off: unset the environment variable RERUN to write recordings"
+        )
+    stream = recording.binary_stream()
+    strict = rr.strict_mode()
     rr.set_strict_mode(True)  # else rerun warns and leaves something out
     try:
         _fill(recording, scene)
@@ -147,8 +165,12 @@ def write_scene(scene: Scene, path: Path) -> None:
 
 
 def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
-    unit = length_unit([float(np.hypot(*t.seen[:, :2].T).max()) for t in scene.tracks if t.reference is not None])
-    plots = {name: line for track in scene.tracks for name, line in plots_of(track, unit).items()} | dict(scene.plots)
+    unit = length_unit(
+        [float(np.hypot(*t.seen[:, :2].T).max()) for t in scene.tracks if t.reference is not None]
+    )
+    plots = {
+        name: line for track in scene.tracks for name, line in plots_of(track, unit).items()
+    } | dict(scene.plots)
     extent = extent_of(scene.tracks)
     recording.send_blueprint(_layout(scene, plots, extent))
     recording.send_recording_name(one_line(scene.title))
@@ -171,19 +193,26 @@ def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
 
 def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> None:
     """Log a robot's bodies and its motion; one beside another is drawn transparent, in shades of its plant's colour."""
-    looks, entity = looks_of(track.robot), f"world/{track.name}/robot"
+    looks = looks_of(track.robot)
+    entity = f"world/{track.name}/robot"
     for body, solids in looks.solids.items():
         for kind in dict.fromkeys(s.kind for s in solids):
             alike = [s for s in solids if s.kind == kind]
-            recording.log(f"{entity}/{body}/{kind}", _shapes(kind, alike, track, solid), static=True)
+            recording.log(
+                f"{entity}/{body}/{kind}", _shapes(kind, alike, track, solid), static=True
+            )
     rows = track.rows
-    t, turns, zero = track.t[rows], track.turns[rows], np.zeros(len(rows))
+    t = track.t[rows]
+    turns = track.turns[rows]
+    zero = np.zeros(len(rows))
     _send_poses(recording, entity, t, track.body[rows])
     recording.log(f"{entity}/base", rr.Transform3D(translation=looks.places["base"]), static=True)
     for wheel in WHEELS:
-        half = 0.5 * turns[:, 0 if wheel.endswith("left") else 1]  # about y, the axle: a positive turn rolls forward
+        # about y, the axle: a positive turn rolls forward
+        half = 0.5 * turns[:, 0 if wheel.endswith("left") else 1]
         quat_xyzw = np.column_stack([zero, np.sin(half), zero, np.cos(half)])
-        translation = np.tile(looks.places[wheel], (len(rows), 1))  # a static one would not combine with turns over time
+        # a static one would not combine with turns over time
+        translation = np.tile(looks.places[wheel], (len(rows), 1))
         _send_transforms(recording, f"{entity}/{wheel}", t, translation, quat_xyzw)
     _write_forces(recording, track)
     _write_rotation_centre(recording, track)
@@ -220,7 +249,8 @@ def _write_forces(recording: rr.RecordingStream, track: Track) -> None:
 
 def _write_rotation_centre(recording: rr.RecordingStream, track: Track) -> None:
     """Log the point of the robot's plane that stands, while the robot turns and it is near."""
-    rows, scale = track.rows, looks_of(track.robot).scale
+    rows = track.rows
+    scale = looks_of(track.robot).scale
     centre = rotation_centre(track)[rows]
     near = np.hypot(centre[:, 0], centre[:, 1]) < _NEAR * scale  # not where it is NaN
     entity = f"world/{track.name}/robot/rotation_centre"
@@ -232,14 +262,22 @@ def _write_rotation_centre(recording: rr.RecordingStream, track: Track) -> None:
     recording.send_columns(entity, [time], points)
 
 
-def _send_poses(recording: rr.RecordingStream, entity: str, t: FloatArray, pose: FloatArray) -> None:
+def _send_poses(
+    recording: rr.RecordingStream, entity: str, t: FloatArray, pose: FloatArray
+) -> None:
     """Send (M, 3) poses [m, m, rad] on the ground."""
     translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
-    _send_transforms(recording, entity, t, translation, quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2])))
+    _send_transforms(
+        recording, entity, t, translation, quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
+    )
 
 
 def _send_transforms(
-    recording: rr.RecordingStream, entity: str, t: FloatArray, translation: FloatArray, quat_xyzw: FloatArray
+    recording: rr.RecordingStream,
+    entity: str,
+    t: FloatArray,
+    translation: FloatArray,
+    quat_xyzw: FloatArray,
 ) -> None:
     columns = rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
     recording.send_columns(entity, [rr.TimeColumn(_TIMELINE, duration=t)], columns)
@@ -247,13 +285,19 @@ def _send_transforms(
 
 def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> Any:
     own = track.name == "mujoco"
-    colours = [s.rgba if own else tinted(s.rgba, bright(track.name), 0.25 if opaque else 0.6) for s in solids]
+    colours = [
+        s.rgba if own else tinted(s.rgba, bright(track.name), 0.25 if opaque else 0.6)
+        for s in solids
+    ]
     look: dict[str, Any] = {
         "colors": np.round(255.0 * np.array(colours)).astype(np.uint8),
-        "fill_mode": rr.components.FillMode.Solid if opaque else rr.components.FillMode.TransparentFillMajorWireframe,
+        "fill_mode": rr.components.FillMode.Solid
+        if opaque
+        else rr.components.FillMode.TransparentFillMajorWireframe,
         "quaternions": [quat_wxyz_to_xyzw(s.quat_wxyz) for s in solids],
     }
-    middles, sizes = np.array([s.position for s in solids]), np.array([s.size for s in solids])
+    middles = np.array([s.position for s in solids])
+    sizes = np.array([s.size for s in solids])
     if kind == "cylinder":
         return rr.Cylinders3D(lengths=2.0 * sizes[:, 1], radii=sizes[:, 0], centers=middles, **look)
     return rr.Boxes3D(half_sizes=sizes, centers=middles, **look)
@@ -261,19 +305,24 @@ def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> A
 
 def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
     """Log the path, one strip a piece, and the robot's name at its end, the higher the later its rank."""
-    entity, ink = f"world/{track.name}", colour(track.name)
+    entity = f"world/{track.name}"
+    ink = colour(track.name)
     paths = [p.xy[kept] for p, kept in zip(track.pieces, track.shown, strict=True)]
     strips = [np.column_stack([xy, np.full(len(xy), 0.008 if rank else 0.012)]) for xy in paths]
     width = rr.Radius.ui_points(2.0 if rank else 3.0)
     recording.log(f"{entity}/path", rr.LineStrips3D(strips, colors=[ink], radii=width), static=True)
     above = np.append(track.body[-1, :2], (1.5 + 0.3 * rank) * looks_of(track.robot).size[2])
-    label = rr.Points3D([above], labels=[track.name], colors=[mix(ink, BLACK, 0.5)], radii=rr.Radius.ui_points(1.0))
+    label = rr.Points3D(
+        [above], labels=[track.name], colors=[mix(ink, BLACK, 0.5)], radii=rr.Radius.ui_points(1.0)
+    )
     recording.log(f"{entity}/end", label, static=True)
 
 
 def _write_target(recording: rr.RecordingStream, target: Track, scale: float) -> None:
     top = [0.0, 0.0, 0.5 * scale]
-    arrow = rr.Arrows3D(origins=[top], vectors=[[0.45 * scale, 0.0, 0.0]], colors=[_TARGET], radii=[0.025 * scale])
+    arrow = rr.Arrows3D(
+        origins=[top], vectors=[[0.45 * scale, 0.0, 0.0]], colors=[_TARGET], radii=[0.025 * scale]
+    )
     recording.log("world/target", arrow, static=True)
     _send_poses(recording, "world/target", target.t[target.rows], target.pose[target.rows])
 
@@ -281,7 +330,9 @@ def _write_target(recording: rr.RecordingStream, target: Track, scale: float) ->
 def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -> None:
     """Log the ground below all paths and around them, just below the lines that are drawn on it."""
     margin = 0.5 * extent.reach + 5.0 * max(extent.scale, 1.0)
-    corners = extent.middle + margin * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    corners = extent.middle + margin * np.array(
+        [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
+    )
     ground = rr.Mesh3D(
         vertex_positions=np.column_stack([corners, np.full(4, -_BELOW)]), triangle_indices=[[0, 1, 2], [0, 2, 3]],
         vertex_normals=[[0.0, 0.0, 1.0]] * 4, albedo_factor=(*GROUND, 255),
@@ -292,9 +343,15 @@ def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -
 # --- lines over time ---
 
 
-def _write_series(recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray) -> None:
+def _write_series(
+    recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray
+) -> None:
     """Send the samples, thinned where there are very many; at each instant of `gaps` [s] the lines are interrupted."""
-    mode = rr.components.InterpolationMode.StepAfter if series.held else rr.components.InterpolationMode.Linear
+    mode = (
+        rr.components.InterpolationMode.StepAfter
+        if series.held
+        else rr.components.InterpolationMode.Linear
+    )
     names = [f"{name} [{series.unit}]" for name in series.names]
     style = rr.SeriesLines(names=names, colors=list(series.colours), interpolation_mode=mode)
     recording.log(entity, style, static=True)
@@ -311,7 +368,8 @@ def plots_of(track: Track, length: Unit) -> dict[str, Series]:
 
     They are velocities, errors (in `length`), torques and the forces of the ground.
     """
-    twist, plots = np.concatenate([p.twist for p in track.pieces]), dict[str, Series]()
+    twist = np.concatenate([p.twist for p in track.pieces])
+    plots = dict[str, Series]()
     body_twist = track.localiser.body_twist(twist)
     ink = bright(track.name)
     single: dict[str, tuple[str, FloatArray | None]] = {
@@ -322,7 +380,10 @@ def plots_of(track: Track, length: Unit) -> dict[str, Series]:
         "yaw_acceleration": ("rad/s²", track.channel("yaw_acceleration_rad_s2")),
     }
     if track.reference is not None:
-        single["position_error"] = length.symbol, length.scale * np.hypot(track.seen[:, 0], track.seen[:, 1])
+        single["position_error"] = (
+            length.symbol,
+            length.scale * np.hypot(track.seen[:, 0], track.seen[:, 1]),
+        )
         single["yaw_error"] = "deg", np.degrees(wrap_angle(track.seen[:, 2]))
     for quantity, (unit, values) in single.items():
         if values is not None:
@@ -330,7 +391,8 @@ def plots_of(track: Track, length: Unit) -> dict[str, Series]:
     if (torque := track.channel("torque_N_m")) is not None:
         names = [f"{track.name} {side}" for side in ("left", "right")]
         plots[f"torque/{track.name}"] = Series(names, "N m", shades_of(ink), track.t, torque)
-    inks = [colour(name) for name in ("mujoco", "improved", "coulomb", "linear")]  # four that can be told apart
+    # four that can be told apart
+    inks = [colour(name) for name in ("mujoco", "improved", "coulomb", "linear")]
     of_wheels = (
         ("wheel_load", "wheel_load_N", ""),
         ("wheel_load", QUASI_STATIC, " quasi-static"),
@@ -366,21 +428,36 @@ def shades_of(ink: Rgb) -> list[Rgb]:
 
 def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Blueprint:
     """Return looks at the robots and the report on the left, plots on the right; it plays at once."""
-    first, scale, distance = scene.tracks[0], extent.scale, max(3.0 * extent.scale, 0.9 * extent.reach)
+    first = scene.tracks[0]
+    scale = extent.scale
+    distance = max(3.0 * extent.scale, 0.9 * extent.reach)
     across = np.array([-extent.along[1], extent.along[0]])
     overview = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
-    behind = np.append(shift_reference(first.pose[0], (-1.5 * scale, -1.2 * scale))[:2], 1.15 * scale)
+    behind = np.append(
+        shift_reference(first.pose[0], (-1.5 * scale, -1.2 * scale))[:2], 1.15 * scale
+    )
     hull = looks_of(first.robot).solids["base"][0].kind
     names = [f"- /world/{track.name}/end/**" for track in scene.tracks]
     start = np.append(first.pose[0][:2], 0.2 * scale)
-    whole = _view("Scene (grid 1 m)", [], position=overview, look_target=np.append(extent.middle, 0.0))
+    whole = _view(
+        "Scene (grid 1 m)", [], position=overview, look_target=np.append(extent.middle, 0.0)
+    )
     tracked = f"/world/{first.name}/robot/base/{hull}"
-    close = _view(f"Following {first.name}", names, position=behind, look_target=start, tracking_entity=tracked)
+    close = _view(
+        f"Following {first.name}",
+        names,
+        position=behind,
+        look_target=start,
+        tracking_entity=tracked,
+    )
     report = rrb.TextDocumentView(origin="/report", name="Report")
-    units, corner = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}, rrb.Corner2D.RightTop
+    units = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}
+    corner = rrb.Corner2D.RightTop
     tabs = [
         [
-            rrb.TimeSeriesView(origin=f"/plots/{q}", name=f"{title} [{units[q]}]", plot_legend=corner)
+            rrb.TimeSeriesView(
+                origin=f"/plots/{q}", name=f"{title} [{units[q]}]", plot_legend=corner
+            )
             for q, title in group.items()
             if q in units
         ]
@@ -399,5 +476,13 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
 def _view(name: str, without: Sequence[str], **eye: Any) -> rrb.Spatial3DView:
     """Return a view of the world, seen by an eye that turns about what it looks at."""
     grid = rrb.LineGrid3D(visible=True, spacing=1.0, stroke_width=1.0, color=_GRID)
-    looks, seen = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye), ["/world/**", *without]
-    return rrb.Spatial3DView(name=name, origin="/world", contents=seen, background=_SKY, line_grid=grid, eye_controls=looks)
+    looks = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye)
+    seen = ["/world/**", *without]
+    return rrb.Spatial3DView(
+        name=name,
+        origin="/world",
+        contents=seen,
+        background=_SKY,
+        line_grid=grid,
+        eye_controls=looks,
+    )

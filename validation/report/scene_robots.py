@@ -50,7 +50,8 @@ class Looks(NamedTuple):
     solids: dict[str, list[Solid]]
     """Solids of `base` and of the four wheels."""
     places: dict[str, FloatArray]
-    """(3,) of each body, seen from the reference point on the ground below the middle between the axles [m]."""
+    """(3,) of each body, seen from the reference point on the ground below the middle between the
+    axles [m]."""
     size: FloatArray
     """(3,) length, width and height of the robot [m]."""
 
@@ -67,18 +68,26 @@ def looks_of(robot: Robot) -> Looks:
     base = -np.array(model.site("reference").pos)
     places = {"base": base} | {wheel: base + model.body(wheel).pos for wheel in WHEELS}
     solids: dict[str, list[Solid]] = {name: [] for name in places}
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    low = np.full(3, np.inf)
+    high = np.full(3, -np.inf)
     for g in np.flatnonzero(model.geom_group == VISUAL_GROUP):
         body = model.body(model.geom_bodyid[g]).name
         rotation = np.empty(9)
         mujoco.mju_quat2Mat(rotation, model.geom_quat[g])
         middle, half = np.split(model.geom_aabb[g], 2)
-        reach, middle = np.abs(rotation.reshape(3, 3)) @ half, model.geom_pos[g] + rotation.reshape(3, 3) @ middle
+        reach = np.abs(rotation.reshape(3, 3)) @ half
+        middle = model.geom_pos[g] + rotation.reshape(3, 3) @ middle
         is_cylinder = model.geom_type[g] == mujoco.mjtGeom.mjGEOM_CYLINDER
-        numbers = (model.geom_size[g] if is_cylinder else half, middle, model.geom_quat[g], model.geom_rgba[g])
+        numbers = (
+            model.geom_size[g] if is_cylinder else half,
+            middle,
+            model.geom_quat[g],
+            model.geom_rgba[g],
+        )
         kind = "cylinder" if is_cylinder else "box"
         solids[body].append(Solid(kind, *(np.array(v, dtype=np.float64) for v in numbers)))
-        low, high = np.minimum(low, places[body] + middle - reach), np.maximum(high, places[body] + middle + reach)
+        low = np.minimum(low, places[body] + middle - reach)
+        high = np.maximum(high, places[body] + middle + reach)
     return Looks(solids, places, high - low)
 
 
@@ -133,13 +142,18 @@ class Track:
         """Indices of the samples of each piece that are shown: the first in every 20 ms or more, and the last."""
         period = max(POSE_PERIOD, sum(float(p.t[-1] - p.t[0]) for p in self.pieces) / MOST_POSES)
         slots = [np.floor((p.t - p.t[0]) / period + 1e-6) for p in self.pieces]
-        return [np.flatnonzero(np.r_[True, np.diff(s) > 0.0] | (np.arange(len(s)) == len(s) - 1)) for s in slots]
+        return [
+            np.flatnonzero(np.r_[True, np.diff(s) > 0.0] | (np.arange(len(s)) == len(s) - 1))
+            for s in slots
+        ]
 
     @property
     def rows(self) -> IndexArray:
         """The indices of `shown` among all samples."""
         starts = np.cumsum([0, *(len(p.t) for p in self.pieces[:-1])])
-        return np.concatenate([start + kept for start, kept in zip(starts, self.shown, strict=True)])
+        return np.concatenate(
+            [start + kept for start, kept in zip(starts, self.shown, strict=True)]
+        )
 
     def channel(self, name: str) -> FloatArray | None:
         """Return a channel over all samples; None where a piece lacks it."""
@@ -170,7 +184,10 @@ class Extent(NamedTuple):
 def extent_of(tracks: Sequence[Track]) -> Extent:
     """Return the extent of robots in motion."""
     xy = np.concatenate([track.pose[:, :2] for track in tracks])
-    low, high = xy.min(axis=0), xy.max(axis=0)
+    low = xy.min(axis=0)
+    high = xy.max(axis=0)
     way = np.mean([track.pose[-1, :2] for track in tracks], axis=0) - tracks[0].pose[0, :2]
     along = way / np.hypot(*way) if np.hypot(*way) > 1e-6 else np.array([1.0, 0.0])
-    return Extent(0.5 * (low + high), along, float((high - low).max()), looks_of(tracks[0].robot).scale)
+    return Extent(
+        0.5 * (low + high), along, float((high - low).max()), looks_of(tracks[0].robot).scale
+    )

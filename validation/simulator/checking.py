@@ -21,22 +21,26 @@ MULTIPLIER_LIMIT = 0.02
 DRIVER_LIMIT = 0.25
 """Deviation of the body's yaw rate from the commanded one that is not worth a word [1]."""
 DENSITIES = (30.0, 6000.0)
-"""Masses a cubic metre of hull between which robots are [kg/m³]: an empty box of sheet, and steel that fills most of it."""
+"""Masses a cubic metre of hull between which robots are [kg/m³]: an empty box of sheet, and steel
+that fills most of it."""
 MOST_SPARE = 100.0
-"""Torque of motors over what turns the robot on the spot on ground of friction 1, beyond which it is asked about [1]."""
+"""Torque of motors over what turns the robot on the spot on ground of friction 1, beyond which it
+is asked about [1]."""
 _RIM_SPEED = 0.13
-"""Speed of the rims in the measured turn over sqrt(g r) [1]: slow enough for mechanics without inertia, and alike for robots
-of every size (Froude's similarity)."""
+"""Speed of the rims in the measured turn over sqrt(g r) [1]: slow enough for mechanics without
+inertia, and alike for robots of every size (Froude's similarity)."""
 _TURNS = 2.2
 """Turns that mechanics expects in the measured time [1]; the motors lag a little behind."""
 _STIFF_TIME = 2e-4
-"""Time constant of the measuring motors [s]: a seventieth of what robots have. Wheels that have a motor each, of which one
-skids and the other rolls, then turn alike to within half a percent."""
+"""Time constant of the measuring motors [s]: a seventieth of what robots have. Wheels that have a
+motor each, of which one skids and the other rolls, then turn alike to within half a percent."""
 _STAND_TIME = 2.0
-"""Time for which the robot stands before its loads are read [s]; the simulator has let it settle before."""
+"""Time for which the robot stands before its loads are read [s]; the simulator has let it settle
+before."""
 
 
-# ------------------------------------------------------------------------------------------- by mechanics
+# ------------------------------------------------------------------------------------------- by
+# mechanics
 def whole_com(robot: Robot) -> tuple[float, float, float]:
     """Return the centre of mass of the whole robot, wheels included, in the base frame [m]."""
     share = robot.base_mass / robot.masses.total
@@ -50,7 +54,8 @@ def load_shares(robot: Robot) -> FloatArray:
     A negative one says that the robot would fall over that wheel's opposite.
     """
     x, y, _ = whole_com(robot)
-    ahead, aside = x * FRONT / (0.5 * robot.geometry.wheelbase), y * LEFT / (0.5 * robot.geometry.track)
+    ahead = x * FRONT / (0.5 * robot.geometry.wheelbase)
+    aside = y * LEFT / (0.5 * robot.geometry.track)
     shares: FloatArray = 0.25 * (1.0 + ahead + aside)
     return shares
 
@@ -64,9 +69,10 @@ def spot_turn(robot: Robot) -> SkidTurn | None:
 def turning_torque(robot: Robot, turn: SkidTurn) -> float:
     """Return the torque of either side in a turn on the spot on ground of friction 1, without losses [N m].
 
-    What the tyres of loads N and slips s dissipate, mu N |s| each, the two sides have to give. The forces along the robot
-    cancel, so both give half of it: r mu sum(N |s|) / 2 is the torque of a side whose rims roll at 1 m/s. For a centre of
-    mass in the middle that is r mu (m g / 2) L / D with the diagonal D (docs/physics.md).
+    What the tyres of loads N and slips s dissipate, mu N |s| each, the two sides have to give. The
+    forces along the robot cancel, so both give half of it: r mu sum(N |s|) / 2 is the torque of a
+    side whose rims roll at 1 m/s. For a centre of mass in the middle that is r mu (m g / 2) L / D
+    with the diagonal D (docs/physics.md).
     """
     return 0.5 * robot.geometry.wheel_radius * robot.masses.total * GRAVITY * turn.slip
 
@@ -74,19 +80,26 @@ def turning_torque(robot: Robot, turn: SkidTurn) -> float:
 def robot_outline(robot: Robot) -> FloatArray:
     """Return the (2, 3) lowest and highest coordinates of hull and tyres in the base frame [m]."""
     g = robot.geometry
-    centre, half = np.array(g.body_centre), 0.5 * np.array(g.body_size)
-    reach = np.array([0.5 * g.wheelbase + g.wheel_radius, 0.5 * (g.track + g.wheel_width), g.wheel_radius])
+    centre = np.array(g.body_centre)
+    half = 0.5 * np.array(g.body_size)
+    reach = np.array(
+        [0.5 * g.wheelbase + g.wheel_radius, 0.5 * (g.track + g.wheel_width), g.wheel_radius]
+    )
     wheels = np.array([0.0, 0.0, g.axle_height])
-    return np.array([np.minimum(centre - half, wheels - reach), np.maximum(centre + half, wheels + reach)])
+    return np.array(
+        [np.minimum(centre - half, wheels - reach), np.maximum(centre + half, wheels + reach)]
+    )
 
 
-# ------------------------------------------------------------------------------------------- in MuJoCo
+# ------------------------------------------------------------------------------------------- in
+# MuJoCo
 @dataclass(frozen=True)
 class Measured:
     """Measurements on a robot's MuJoCo model."""
 
     multiplier: float | None
-    """Yaw rate that the wheels ask for over that of the body, turning on the spot [1]; None without a whole turn."""
+    """Yaw rate that the wheels ask for over that of the body, turning on the spot [1]; None without
+    a whole turn."""
     ripple: float | None
     """Range of the yaw rate over its mean in that turn [1]."""
     lifted_share: float
@@ -94,7 +107,8 @@ class Measured:
     loads: tuple[float, ...]
     """Loads of the four wheels at rest on level ground [N], in the order of `WHEELS`."""
     apparent_mass: float
-    """Constant thrust over acceleration [kg]: the mass, and what turns with the wheels over the radius squared."""
+    """Constant thrust over acceleration [kg]: the mass, and what turns with the wheels over the
+    radius squared."""
 
 
 def measure_robot(robot: Robot) -> Measured:
@@ -110,20 +124,39 @@ def measure_robot(robot: Robot) -> Measured:
     calibration = Calibration.of(robot)
     own = MujocoPlant(calibration, robot.motor_drive)
     period = own.dt * max(round(SAMPLE / own.dt), 1)
-    standing = own.run(Commands(period, np.zeros((round(_STAND_TIME / period), 2))), State(), period)
+    standing = own.run(
+        Commands(period, np.zeros((round(_STAND_TIME / period), 2))), State(), period
+    )
     loads = standing.channels["wheel_load_N"][len(standing.t) // 2 :].mean(axis=0)
-    step = SAMPLE / math.ceil(SAMPLE / calibration.timestep - 1e-9)  # one that divides the period of samples
-    radius, half_track = calibration.wheel_radius, calibration.half_track
+    # one that divides the period of samples
+    step = SAMPLE / math.ceil(SAMPLE / calibration.timestep - 1e-9)
+    radius = calibration.wheel_radius
+    half_track = calibration.half_track
     size = calibration.mass * radius**2
-    armature = max(calibration.armature, ROTOR_SHARE * size)  # a stiff motor makes a light wheel tremble
+    # a stiff motor makes a light wheel tremble
+    armature = max(calibration.armature, ROTOR_SHARE * size)
     inertia = 0.5 * size + 2.0 * armature  # of a side
-    stiff = replace(calibration, timestep=step, armature=armature, gain=max(calibration.gain, inertia / _STIFF_TIME))
+    stiff = replace(
+        calibration,
+        timestep=step,
+        armature=armature,
+        gain=max(calibration.gain, inertia / _STIFF_TIME),
+    )
     rate = _RIM_SPEED * math.sqrt(GRAVITY * radius) / half_track
     turn = _TURNS * 2.0 * math.pi * min(closed_form(calibration).multiplier, 10.0) / rate
     free = Drive(
-        math.inf, math.inf, 0.0, 0.0, 0.05, command_half_track=half_track, command_radius=radius, torque_limit=math.inf
+        math.inf,
+        math.inf,
+        0.0,
+        0.0,
+        0.05,
+        command_half_track=half_track,
+        command_radius=radius,
+        torque_limit=math.inf,
     )
-    spun = measure_spin(spin(MujocoPlant(stiff, free), 0.05 * math.ceil((SPIN_LEAD + turn) / 0.05), rate), stiff)
+    spun = measure_spin(
+        spin(MujocoPlant(stiff, free), 0.05 * math.ceil((SPIN_LEAD + turn) / 0.05), rate), stiff
+    )
     return Measured(
         spun.get("multiplier"), spun.get("ripple"), spun["lifted_share"], tuple(map(float, loads)),
         apparent_mass(own.model),
@@ -131,7 +164,9 @@ def measure_robot(robot: Robot) -> Measured:
 
 
 # ------------------------------------------------------------------------------------------- advice
-def advise(robot: Robot, spot: SkidTurn | None, measured: Measured | str) -> tuple[list[str], list[str]]:
+def advise(
+    robot: Robot, spot: SkidTurn | None, measured: Measured | str
+) -> tuple[list[str], list[str]]:
     """Return what is wrong with a robot and what would be right, and what deserves a second look; a sentence for each.
 
     Args:
@@ -141,13 +176,19 @@ def advise(robot: Robot, spot: SkidTurn | None, measured: Measured | str) -> tup
     """
     faults = _parts_faults(robot) | ({} if spot is None else _motor_faults(robot, spot))
     faults |= {measured: True} if isinstance(measured, str) else _moving_faults(spot, measured)
-    wrong, questions = ([text for text, applies in each.items() if applies] for each in (faults, _questions(robot, spot)))
+    wrong, questions = (
+        [text for text, applies in each.items() if applies]
+        for each in (faults, _questions(robot, spot))
+    )
     return wrong, questions
 
 
 def guessed(robot: Robot) -> list[str]:
     """Return the numbers of body, wheels and motors that nobody has measured or published, as `section.key`."""
-    keys = [f"geometry.{name}" for name in ("wheelbase", "track", "wheel_radius", "wheel_width", "body_size")]
+    keys = [
+        f"geometry.{name}"
+        for name in ("wheelbase", "track", "wheel_radius", "wheel_width", "body_size")
+    ]
     keys += [f"mass.{name}" for name in ("total", "wheel", "wheel_inertia", "com", "inertia")]
     keys += ["simulation.friction", "simulation.gain", "simulation.armature", "drive.torque_limit"]
     return [key for key in keys if robot.source(key)[0] == "assumed"]
@@ -155,9 +196,12 @@ def guessed(robot: Robot) -> list[str]:
 
 def _parts_faults(robot: Robot) -> dict[str, bool]:
     """Return what can be wrong with lengths and masses, and whether it is; what no model can have, its builder says."""
-    g, m, shares = robot.geometry, robot.masses, load_shares(robot)
+    g = robot.geometry
+    m = robot.masses
+    shares = load_shares(robot)
     bottom = g.body_centre[2] - 0.5 * g.body_size[2] + g.base_height
-    spin, most = m.wheel_inertia[1], m.wheel * g.wheel_radius**2
+    spin = m.wheel_inertia[1]
+    most = m.wheel * g.wheel_radius**2
     wheel, (x, y, _) = WHEELS[int(np.argmin(shares))].replace("_", " "), whole_com(robot)
     used = 2.0 * abs(x) / g.wheelbase + 2.0 * abs(y) / g.track
     outside = {
@@ -181,7 +225,9 @@ def _parts_faults(robot: Robot) -> dict[str, bool]:
 
 def _motor_faults(robot: Robot, spot: SkidTurn) -> dict[str, bool]:
     """Return the same of the motors."""
-    mu, loss, has = robot.simulation.friction, robot.drive.gear_loss, 2.0 * robot.drive.torque_limit
+    mu = robot.simulation.friction
+    loss = robot.drive.gear_loss
+    has = 2.0 * robot.drive.torque_limit
     torque = turning_torque(robot, spot)
     needed = mu * torque + loss
     return {
@@ -193,7 +239,8 @@ def _motor_faults(robot: Robot, spot: SkidTurn) -> dict[str, bool]:
 
 def _moving_faults(spot: SkidTurn | None, measured: Measured) -> dict[str, bool]:
     """Return the same of how the model moves."""
-    multiplier, expected = measured.multiplier or math.nan, math.nan if spot is None else spot.multiplier
+    multiplier = measured.multiplier or math.nan
+    expected = math.nan if spot is None else spot.multiplier
     return {
         "the simulated robot did not turn once on the spot in twice the time that mechanics allows it": (
             measured.multiplier is None
@@ -207,10 +254,15 @@ def _moving_faults(spot: SkidTurn | None, measured: Measured) -> dict[str, bool]
 
 def _questions(robot: Robot, spot: SkidTurn | None) -> dict[str, bool]:
     """Return what deserves a second look, and whether it applies."""
-    drive, guesses, torque = robot.drive, guessed(robot), 0.0 if spot is None else turning_torque(robot, spot)
-    rims = 0.0 if spot is None else robot.geometry.wheel_radius / drive.command_radius * spot.yaw_rate
+    drive = robot.drive
+    guesses = guessed(robot)
+    torque = 0.0 if spot is None else turning_torque(robot, spot)
+    rims = (
+        0.0 if spot is None else robot.geometry.wheel_radius / drive.command_radius * spot.yaw_rate
+    )
     turned = drive.command_half_track * rims  # yaw rate over the wanted one
-    endless, g = not math.isfinite(drive.torque_limit), robot.geometry
+    endless = not math.isfinite(drive.torque_limit)
+    g = robot.geometry
     length, width, height = g.body_size
     density = (robot.masses.total - 4.0 * robot.masses.wheel) / (length * width * height)
     return {
@@ -223,7 +275,8 @@ def _questions(robot: Robot, spot: SkidTurn | None) -> dict[str, bool]:
         ),
         "geometry.wheel_radius is a guess: count the wheels' turns over a straight metre, for every speed scales with "
         "it": "geometry.wheel_radius" in guesses,
-        "mass.total is a guess: weigh the robot, for every force scales with it": "mass.total" in guesses,
+        "mass.total is a guess: weigh the robot, for every force scales with it": "mass.total"
+        in guesses,
         "no torque_limit is given, so it can turn on any ground: say that of one wheel [N m]": endless,
         f"torque_limit is {drive.torque_limit:.3g} N m a wheel, and {0.5 * torque:.3g} N m turn the robot on the spot on "
         "ground of friction 1: is it that of a wheel, behind the gear, in N m?": (

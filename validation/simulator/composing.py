@@ -20,21 +20,32 @@ VISUAL_GROUP = 2
 SPOKES = 3
 """Spokes drawn on a wheel: one sees it turn."""
 IMPEDANCE = (0.1, 0.95)
-"""Impedance of the soft contact at the surface and at full depth [1]. A hard one would let skidding wheels hop, and the
-robot would turn at a rate that depends on the time step (docs/physics.md)."""
+"""Impedance of the soft contact at the surface and at full depth [1]. A hard one would let skidding
+wheels hop, and the robot would turn at a rate that depends on the time step (docs/physics.md)."""
 CONTACT_DEPTH = 0.030285
-"""Depth at which the contact reaches its full impedance, over the radius of the wheel [1]; 5 mm for a Husky."""
+"""Depth at which the contact reaches its full impedance, over the radius of the wheel [1]; 5 mm for
+a Husky."""
 CONTACT_TIME = 0.15417
-"""Time constant of the contact over sqrt(wheel radius / g) [1]; 20 ms for a Husky. With depths that grow as the radius and
-times that grow as its root, robots of one shape move alike whatever their size (Froude's similarity)."""
-_HULL, _DARK = [0.98, 0.76, 0.05, 1.0], [0.13, 0.13, 0.14, 1.0]
-_RUBBER, _METAL = [0.11, 0.11, 0.12, 1.0], [0.6, 0.61, 0.63, 1.0]
+"""Time constant of the contact over sqrt(wheel radius / g) [1]; 20 ms for a Husky. With depths that
+grow as the radius and times that grow as its root, robots of one shape move alike whatever their
+size (Froude's similarity)."""
+_HULL = [0.98, 0.76, 0.05, 1.0]
+_DARK = [0.13, 0.13, 0.14, 1.0]
+_RUBBER = [0.11, 0.11, 0.12, 1.0]
+_METAL = [0.6, 0.61, 0.63, 1.0]
 
 
-def contact_settings(robot: Robot) -> tuple[tuple[float, float], tuple[float, float, float, float, float]]:
+def contact_settings(
+    robot: Robot,
+) -> tuple[tuple[float, float], tuple[float, float, float, float, float]]:
     """Return `solref` and `solimp` of the contact of a robot's tyres with the ground, which follow from the wheels' size."""
     radius = robot.geometry.wheel_radius
-    return (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0), (*IMPEDANCE, CONTACT_DEPTH * radius, 0.5, 2.0)
+    return (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0), (
+        *IMPEDANCE,
+        CONTACT_DEPTH * radius,
+        0.5,
+        2.0,
+    )
 
 
 def compose_robot(robot: Robot) -> mujoco.MjSpec:
@@ -42,11 +53,12 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
 
     `set_calibration` and `set_motors` set what a profile may change.
 
-    Raises:
-        ValueError: no rigid body has the moments of inertia, or a hand-made MJCF cannot be read or lacks a part that the
+    Raises: ValueError: no rigid body has the moments of inertia, or a hand-made MJCF cannot be read
+        or lacks a part that the
             programs need; the message names it.
     """
-    g, m = robot.geometry, robot.masses
+    g = robot.geometry
+    m = robot.masses
     across, spin = m.wheel_inertia
     for key, moments in (("inertia", m.inertia), ("wheel_inertia", (across, spin, across))):
         if 2.0 * max(moments) > sum(moments):
@@ -60,11 +72,16 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
     spec.modelname = robot.name
     spec.compiler.degree = spec.compiler.inertiafromgeom = False
     option = spec.option
-    option.timestep, option.integrator = robot.simulation.timestep, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    option.cone, option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, 100
-    option.iterations, option.tolerance = 50, 1e-10
+    option.timestep = robot.simulation.timestep
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = 100
+    option.iterations = 50
+    option.tolerance = 1e-10
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
-    base = _add_body(spec.worldbody, "base", [0, 0, g.base_height], robot.base_mass, m.com, m.inertia)
+    base = _add_body(
+        spec.worldbody, "base", [0, 0, g.base_height], robot.base_mass, m.com, m.inertia
+    )
     base.add_freejoint(name="root")
     base.add_site(name="reference", pos=[0, 0, -g.base_height], size=[0.01, 0.005, 0.005], group=4)
     base.add_site(name="imu", pos=g.imu, size=[0.01, 0.005, 0.005], group=4)
@@ -81,7 +98,9 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
         for wheel in wheels:
             tendon.wrap_joint(f"{wheel}_wheel", 1.0 / len(wheels))
         kind = mujoco.mjtTrn.mjTRN_TENDON
-        servo = spec.add_actuator(name=f"{motor}_motor", target=motor, trntype=kind, forcerange=[-1.0, 1.0])
+        servo = spec.add_actuator(
+            name=f"{motor}_motor", target=motor, trntype=kind, forcerange=[-1.0, 1.0]
+        )
         servo.set_to_velocity(kv=1.0)
     add_integral_parts(spec, robot)
     _add_sensors(spec)
@@ -91,7 +110,8 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
 def wheel_places(robot: Robot) -> dict[str, tuple[float, float, float]]:
     """Return the middles of the wheels in the base frame [m], by wheel."""
     g = robot.geometry
-    x, y = 0.5 * g.wheelbase, 0.5 * g.track
+    x = 0.5 * g.wheelbase
+    y = 0.5 * g.track
     return {w: (x if "front" in w else -x, y if "left" in w else -y, g.axle_height) for w in WHEELS}
 
 
@@ -103,15 +123,28 @@ def _hand_made(robot: Robot) -> mujoco.MjSpec:
         files = {} if path.parent == models_folder() else foreign.tried_files(text, path.parent)
         spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
     except ValueError as error:
-        raise ValueError(f"{path}: this is no MJCF that can be read ({' '.join(str(error).split())})") from error
+        raise ValueError(
+            f"{path}: this is no MJCF that can be read ({' '.join(str(error).split())})"
+        ) from error
     parts = [("body", "base"), ("joint", "root"), ("site", "reference"), ("site", "imu")]
     for wheel in WHEELS:
-        parts += [("body", wheel), ("joint", f"{wheel}_wheel"), ("geom", f"{wheel}_tire"), ("site", f"{wheel}_load")]
+        parts += [
+            ("body", wheel),
+            ("joint", f"{wheel}_wheel"),
+            ("geom", f"{wheel}_tire"),
+            ("site", f"{wheel}_load"),
+        ]
         parts += [("sensor", f"load_{wheel}"), ("sensor", f"torque_{wheel}")]
-    parts += [part for motor in robot.motors for part in (("tendon", motor), ("actuator", f"{motor}_motor"))]
+    parts += [
+        part
+        for motor in robot.motors
+        for part in (("tendon", motor), ("actuator", f"{motor}_motor"))
+    ]
     for kind, name in parts:
         if getattr(spec, kind)(name) is None:
-            raise ValueError(f"{path}: there is no {kind} '{name}'; models/husky.xml shows all the names")
+            raise ValueError(
+                f"{path}: there is no {kind} '{name}'; models/husky.xml shows all the names"
+            )
     g, (x, y, _) = robot.geometry, spec.body("front_left").pos
     if not (math.isclose(2.0 * x, g.wheelbase) and math.isclose(2.0 * y, g.track)):
         raise ValueError(
@@ -123,7 +156,9 @@ def _hand_made(robot: Robot) -> mujoco.MjSpec:
 
 
 def _add_body(parent: Any, name: str, at: Any, mass: float, com: Any, moments: Any) -> Any:
-    return parent.add_body(name=name, pos=at, mass=mass, ipos=com, inertia=moments, explicitinertial=True)
+    return parent.add_body(
+        name=name, pos=at, mass=mass, ipos=com, inertia=moments, explicitinertial=True
+    )
 
 
 def _look(kind: mjtGeom, size: list[float], colour: list[float], **more: Any) -> dict[str, Any]:
@@ -134,14 +169,16 @@ def _look(kind: mjtGeom, size: list[float], colour: list[float], **more: Any) ->
 def _add_hull(base: Any, robot: Robot) -> None:
     """Add the looks of the body: a hull between the tyres, and a nose in front."""
     (length, width, height), (x, y, z) = robot.geometry.body_size, robot.geometry.body_centre
-    half, nose = [0.5 * length, 0.5 * width, 0.5 * height], [0.06 * length, 0.25 * width, 0.06 * height]
+    half = [0.5 * length, 0.5 * width, 0.5 * height]
+    nose = [0.06 * length, 0.25 * width, 0.06 * height]
     base.add_geom(name="hull", pos=[x, y, z], **_look(mjtGeom.mjGEOM_BOX, half, _HULL))
     ahead = [x + 0.85 * half[0], y, z + half[2] + nose[2]]
     base.add_geom(name="nose", pos=ahead, **_look(mjtGeom.mjGEOM_BOX, nose, _METAL))
 
 
 def _add_wheel(base: Any, robot: Robot, wheel: str, place: tuple[float, float, float]) -> None:
-    radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
+    radius = robot.geometry.wheel_radius
+    half = 0.5 * robot.geometry.wheel_width
     across, spin = robot.masses.wheel_inertia
     solref, solimp = contact_settings(robot)
     body = _add_body(base, wheel, place, robot.masses.wheel, [0, 0, 0], [across, spin, across])
@@ -153,8 +190,13 @@ def _add_wheel(base: Any, robot: Robot, wheel: str, place: tuple[float, float, f
     )  # fmt: skip
     body.add_site(name=f"{wheel}_load", size=[1.2 * math.hypot(radius, half)] * 3, group=4)
     axle = {"zaxis": [0, 1, 0]}
-    body.add_geom(name=f"{wheel}_rubber", **_look(mjtGeom.mjGEOM_CYLINDER, [radius, half], _RUBBER, **axle))
-    body.add_geom(name=f"{wheel}_hub", **_look(mjtGeom.mjGEOM_CYLINDER, [0.5 * radius, 1.01 * half], _METAL, **axle))
+    body.add_geom(
+        name=f"{wheel}_rubber", **_look(mjtGeom.mjGEOM_CYLINDER, [radius, half], _RUBBER, **axle)
+    )
+    body.add_geom(
+        name=f"{wheel}_hub",
+        **_look(mjtGeom.mjGEOM_CYLINDER, [0.5 * radius, 1.01 * half], _METAL, **axle),
+    )
     for k in range(SPOKES):
         spoke = _look(mjtGeom.mjGEOM_BOX, [0.45 * radius, 1.03 * half, 0.06 * radius], _DARK)
         body.add_geom(name=f"{wheel}_spoke{k}", euler=[0, math.pi * k / SPOKES, 0], **spoke)
@@ -163,8 +205,15 @@ def _add_wheel(base: Any, robot: Robot, wheel: str, place: tuple[float, float, f
 def _add_sensors(spec: mujoco.MjSpec) -> None:
     kinds = {"imu_gyro": mjtSensor.mjSENS_GYRO, "imu_accelerometer": mjtSensor.mjSENS_ACCELEROMETER}
     wanted = [(name, kind, mjtObj.mjOBJ_SITE, "imu") for name, kind in kinds.items()]
-    wanted += [(f"load_{w}", mjtSensor.mjSENS_TOUCH, mjtObj.mjOBJ_SITE, f"{w}_load") for w in WHEELS]
-    wanted += [(f"torque_{w}", mjtSensor.mjSENS_JOINTACTFRC, mjtObj.mjOBJ_JOINT, f"{w}_wheel") for w in WHEELS]
-    wanted += [("angular_acceleration", mjtSensor.mjSENS_FRAMEANGACC, mjtObj.mjOBJ_SITE, "reference")]
+    wanted += [
+        (f"load_{w}", mjtSensor.mjSENS_TOUCH, mjtObj.mjOBJ_SITE, f"{w}_load") for w in WHEELS
+    ]
+    wanted += [
+        (f"torque_{w}", mjtSensor.mjSENS_JOINTACTFRC, mjtObj.mjOBJ_JOINT, f"{w}_wheel")
+        for w in WHEELS
+    ]
+    wanted += [
+        ("angular_acceleration", mjtSensor.mjSENS_FRAMEANGACC, mjtObj.mjOBJ_SITE, "reference")
+    ]
     for name, kind, what, of in wanted:
         spec.add_sensor(name=name, type=kind, objtype=what, objname=of)

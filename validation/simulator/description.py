@@ -1,7 +1,7 @@
 """The description of a robot: one short TOML file of geometry, masses, drive and sources; everything else is built from it.
 
-A robot that comes with the package is `models/NAME.toml`; a user's own is any such file. Nothing outside a robot's file
-knows its numbers. A profile adds what was fitted to one robot on one ground.
+A robot that comes with the package is `models/NAME.toml`; a user's own is any such file. Nothing
+outside a robot's file knows its numbers. A profile adds what was fitted to one robot on one ground.
 """
 
 from __future__ import annotations
@@ -37,20 +37,24 @@ _MOST_WORDS = 2000
 GRAVITY = 9.81
 """[m/s2]; list of symbols of the thesis, and MuJoCo's default."""
 SERVO_TIME = 0.0914
-"""Time constant of a side's speed loop where a file says no gain, over sqrt(wheel radius / g) [1]: apparent inertia of a
-side over K_P, as on the thesis' robot, where it is 11.9 ms."""
+"""Time constant of a side's speed loop where a file says no gain, over sqrt(wheel radius / g) [1]:
+apparent inertia of a side over K_P, as on the thesis' robot, where it is 11.9 ms."""
 INTEGRAL_TIME = 1.137
-"""K_P over K_I of a side's speed loop where a file says no integral_gain, over sqrt(wheel radius / g) [1]; no leak."""
+"""K_P over K_I of a side's speed loop where a file says no integral_gain, over sqrt(wheel radius /
+g) [1]; no leak."""
 STEP_SHARE = 0.0205
-"""Greatest physics step where a file does not say it, over sqrt(wheel radius / g) [1]: wheels of less than 9.3 cm get
-shorter steps than 2 ms. Some of the smallest would move 1.7 % of their way off with those, and 0.6 % with 1 ms."""
+"""Greatest physics step where a file does not say it, over sqrt(wheel radius / g) [1]: wheels of
+less than 9.3 cm get shorter steps than 2 ms. Some of the smallest would move 1.7 % of their way off
+with those, and 0.6 % with 1 ms."""
 LONGEST_STEP = 0.002
 """Physics step of robots with larger wheels [s]."""
 ROTOR_SHARE = 0.1
-"""Rotor inertia of a wheel over mass times wheel radius squared where a file does not say it [1] (docs/robots.md)."""
+"""Rotor inertia of a wheel over mass times wheel radius squared where a file does not say it [1]
+(docs/robots.md)."""
 WHEEL_FILL = 1.2
-"""Moments of inertia of a wheel over those of a solid cylinder where a file does not say them [1]: a Husky's wheel has 1.18
-times more about its diameter and 1.23 times more about its axle, as its mass is mostly in the tyre."""
+"""Moments of inertia of a wheel over those of a solid cylinder where a file does not say them [1]:
+a Husky's wheel has 1.18 times more about its diameter and 1.23 times more about its axle, as its
+mass is mostly in the tyre."""
 
 
 USUAL_ROBOT = "husky"
@@ -76,25 +80,41 @@ class Geometry:
     axle_height: float = parameter(0.0, unit="m", low=-5.0, high=5.0)
     """Height of the axles above the base frame's origin [m]."""
     body_size: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Length, width and height of the hull [m]; what is 0 is estimated so that the hull fits between the tyres."""
+    """Length, width and height of the hull [m]; what is 0 is estimated so that the hull fits
+    between the tyres."""
     body_centre: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     """Middle of the hull in the base frame [m]; above the axles if not given."""
     imu: tuple[float, float, float] = (math.nan, math.nan, math.nan)
     """Place of the IMU in the base frame [m]; the middle of the hull if not given."""
     link: Link = "belt"
-    """Link between the wheels of a side: `belt`, they turn together and have one motor; `none`, each wheel has a motor."""
+    """Link between the wheels of a side: `belt`, they turn together and have one motor; `none`,
+    each wheel has a motor."""
 
     def __post_init__(self) -> None:
         """Check the ranges, and fill in the hull."""
         check_parameters(self)
         if self.link not in get_args(Link):
-            raise ValueError(f"link is {reprlib.repr(self.link)}, must be one of: {', '.join(get_args(Link))}")
-        usual = (self.wheelbase + self.wheel_radius, 0.9 * max(self.track - self.wheel_width, 0.01), 1.2 * self.wheel_radius)
-        size = tuple(given if given != 0.0 else u for given, u in zip(self.body_size, usual, strict=True))
+            raise ValueError(
+                f"link is {reprlib.repr(self.link)}, must be one of: {', '.join(get_args(Link))}"
+            )
+        usual = (
+            self.wheelbase + self.wheel_radius,
+            0.9 * max(self.track - self.wheel_width, 0.01),
+            1.2 * self.wheel_radius,
+        )
+        size = tuple(
+            given if given != 0.0 else u for given, u in zip(self.body_size, usual, strict=True)
+        )
         above = (0.0, 0.0, self.axle_height + 0.25 * size[2])
-        centre = tuple(u if math.isnan(c) else c for c, u in zip(self.body_centre, above, strict=True))
+        centre = tuple(
+            u if math.isnan(c) else c for c, u in zip(self.body_centre, above, strict=True)
+        )
         imu = tuple(u if math.isnan(c) else c for c, u in zip(self.imu, centre, strict=True))
-        for name, value, low in (("body_size", size, 0.0), ("body_centre", centre, -20.0), ("imu", imu, -20.0)):
+        for name, value, low in (
+            ("body_size", size, 0.0),
+            ("body_centre", centre, -20.0),
+            ("imu", imu, -20.0),
+        ):
             if not all(low <= v <= 20.0 for v in value):
                 raise ValueError(f"{name} is {value}, must be three numbers from {low:g} to 20 m")
             object.__setattr__(self, name, value)
@@ -103,8 +123,8 @@ class Geometry:
     def turning_half_track(self) -> float:
         """Half the difference of the rims' speeds over the yaw rate in a turn on the spot with dry friction [m].
 
-        With the centre of mass in the middle and one contact point a tyre, `ssmr.robot.ground` has this closed form:
-        half-track (1 + (wheelbase / track)^2).
+        With the centre of mass in the middle and one contact point a tyre, `ssmr.robot.ground` has
+        this closed form: half-track (1 + (wheelbase / track)^2).
         """
         return 0.5 * self.track * (1.0 + (self.wheelbase / self.track) ** 2)
 
@@ -123,11 +143,14 @@ class Masses:
     wheel: float = parameter(0.0, unit="kg", low=0.0, high=1e4)
     """Mass of one wheel [kg]; 0: 3.6 % of the whole, which is a Husky's share."""
     wheel_inertia: tuple[float, float] = (0.0, 0.0)
-    """Moments of inertia of a wheel about a diameter and about its axle [kg m2]; 0: estimated from its size and mass."""
+    """Moments of inertia of a wheel about a diameter and about its axle [kg m2]; 0: estimated from
+    its size and mass."""
     com: tuple[float, float, float] = (0.0, 0.0, math.nan)
-    """Centre of mass of the base without wheels, in the base frame [m]; z is at half of the hull's height if not given."""
+    """Centre of mass of the base without wheels, in the base frame [m]; z is at half of the hull's
+    height if not given."""
     inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Moments of inertia of the base without wheels about its centre of mass [kg m2]; 0: those of a box like the hull."""
+    """Moments of inertia of the base without wheels about its centre of mass [kg m2]; 0: those of a
+    box like the hull."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -135,7 +158,9 @@ class Masses:
         least = {"wheel_inertia": 0.0, "inertia": 0.0, "com": -20.0}
         for name, low in least.items():
             if not all(math.isnan(v) or low <= v <= 1e6 for v in getattr(self, name)):
-                raise ValueError(f"{name} is {getattr(self, name)}, must be numbers from {low:g} to 1e+06")
+                raise ValueError(
+                    f"{name} is {getattr(self, name)}, must be numbers from {low:g} to 1e+06"
+                )
 
 
 @dataclass(frozen=True)
@@ -145,19 +170,24 @@ class Simulation:
     friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True)
     """Sliding friction of tyre on ground [1]."""
     gain: float = parameter(0.0, unit="N m s/rad", low=0.0, high=1e7)
-    """K_P of a side's speed loop [N m s/rad]; 0: such that the loop has the time constant `SERVO_TIME`."""
+    """K_P of a side's speed loop [N m s/rad]; 0: such that the loop has the time constant
+    `SERVO_TIME`."""
     armature: float = parameter(0.0, unit="kg m2", low=0.0, high=1e4)
-    """Rotor inertia of a wheel through its gear [kg m2]; 0: `ROTOR_SHARE` of mass times wheel radius squared."""
+    """Rotor inertia of a wheel through its gear [kg m2]; 0: `ROTOR_SHARE` of mass times wheel
+    radius squared."""
     wheel_shape: WheelShape = "ellipsoid"
     """Contact shape of the tyres."""
     timestep: float = parameter(0.0, unit="s", low=0.0, high=0.01)
-    """Physics step [s]; 0: 2 ms, halved until it is at most `STEP_SHARE` of sqrt(wheel radius / g)."""
+    """Physics step [s]; 0: 2 ms, halved until it is at most `STEP_SHARE` of sqrt(wheel radius /
+    g)."""
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         check_parameters(self)
         if self.wheel_shape not in get_args(WheelShape):
-            raise ValueError(f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(get_args(WheelShape))}")
+            raise ValueError(
+                f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(get_args(WheelShape))}"
+            )
 
 
 @dataclass(frozen=True)
@@ -175,8 +205,8 @@ class Robot:
     drive: Drive
     """Motor controller as the robot's maker ships it."""
     vehicle: Vehicle
-    """Mass and geometry for the planar models. Where the file does not say it, the effective half-track is
-    `Geometry.turning_half_track`."""
+    """Mass and geometry for the planar models. Where the file does not say it, the effective
+    half-track is `Geometry.turning_half_track`."""
     title: str = ""
     """Name for people, with the maker's."""
     description: str = ""
@@ -186,8 +216,8 @@ class Robot:
     given: tuple[str, ...] = field(default=(), compare=False)
     """The numbers that the file says, as `section.key`; the others were estimated."""
     mjcf: str = ""
-    """Path of a hand-made MJCF of this robot, from the folder of shipped models unless it is absolute; empty where the model
-    is composed from the numbers."""
+    """Path of a hand-made MJCF of this robot, from the folder of shipped models unless it is
+    absolute; empty where the model is composed from the numbers."""
 
     @property
     def shipped(self) -> bool:
@@ -203,7 +233,9 @@ class Robot:
         for key in self.given:
             section, _, name = key.partition(".")
             value = getattr(parts[section], name)
-            document.setdefault(section, {})[name] = list(value) if isinstance(value, tuple) else value
+            document.setdefault(section, {})[name] = (
+                list(value) if isinstance(value, tuple) else value
+            )
         return {**document, "sources": dict(self.sources)} if self.sources else document
 
     @property
@@ -235,7 +267,8 @@ class Robot:
     @cached_property
     def sizes(self) -> Mapping[str, float]:
         """The sizes that default bounds of fits are multiples of (`ssmr.parameters.Declaration.of`), SI units."""
-        g, s = self.geometry, self.simulation
+        g = self.geometry
+        s = self.simulation
         return {  # no proxy: a robot travels to other processes
             "mass": self.masses.total,
             "yaw_inertia": self.yaw_inertia,
@@ -254,12 +287,20 @@ class Robot:
         sources = dict(self.sources)
         if key not in self.given:
             return "assumed", "estimated from the other numbers"
-        grade, _, where = sources.get(key, sources.get(key.partition(".")[0], "assumed: no source is given")).partition(":")
+        grade, _, where = sources.get(
+            key, sources.get(key.partition(".")[0], "assumed: no source is given")
+        ).partition(":")
         return grade.strip(), where.strip()
 
 
 SECTIONS: Mapping[str, type] = MappingProxyType(
-    {"geometry": Geometry, "mass": Masses, "simulation": Simulation, "drive": Drive, "vehicle": Vehicle}
+    {
+        "geometry": Geometry,
+        "mass": Masses,
+        "simulation": Simulation,
+        "drive": Drive,
+        "vehicle": Vehicle,
+    }
 )
 """The sections of a robot's file, and the dataclass that each fills."""
 _TEXTS = ("name", "title", "description", "mjcf")
@@ -276,7 +317,9 @@ def models_folder() -> Path:
     for path in (packaged, source):
         if (path / f"{USUAL_ROBOT}.toml").is_file():
             return path
-    raise FileNotFoundError(f"robots' files are neither in {packaged} nor in {source}: the installation is incomplete")
+    raise FileNotFoundError(
+        f"robots' files are neither in {packaged} nor in {source}: the installation is incomplete"
+    )
 
 
 def shipped_robots() -> list[str]:
@@ -290,8 +333,8 @@ _loaded: dict[str, Robot] = {}
 def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     """Return a shipped robot by name, or the robot of a file by path.
 
-    Raises:
-        RobotError: there is none, or its file says something that cannot be; the message names file, section and key.
+    Raises: RobotError: there is none, or its file says something that cannot be; the message names
+        file, section and key.
     """
     name = str(name_or_path)
     if name in _loaded:
@@ -316,9 +359,8 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
 def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     """Return the robot that a document describes, which is what a TOML file holds.
 
-    Args:
-        document: what the file says.
-        folder: where the file lies; the path of a hand-made MJCF starts there, or in the folder of shipped models.
+    Args: document: what the file says. folder: where the file lies; the path of a hand-made MJCF
+        starts there, or in the folder of shipped models.
 
     Raises:
         ValueError: it says something that cannot be; the message names section and key.
@@ -333,9 +375,23 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     geometry = Geometry(**given["geometry"])
     masses = _complete_masses(Masses(**given["mass"]), geometry)
     simulation = _complete_simulation(Simulation(**given["simulation"]), masses.total, geometry)
-    half_track, radius = 0.5 * geometry.track, geometry.wheel_radius
-    usual = {"delay_v": 0.0, "delay_w": 0.0, "command_half_track": half_track, "command_radius": radius}
-    drive = Drive(**{**usual, "torque_limit": math.inf, "v_max": math.inf, "w_max": math.inf, **given["drive"]})
+    half_track = 0.5 * geometry.track
+    radius = geometry.wheel_radius
+    usual = {
+        "delay_v": 0.0,
+        "delay_w": 0.0,
+        "command_half_track": half_track,
+        "command_radius": radius,
+    }
+    drive = Drive(
+        **{
+            **usual,
+            "torque_limit": math.inf,
+            "v_max": math.inf,
+            "w_max": math.inf,
+            **given["drive"],
+        }
+    )
     sources = _sources(document.get("sources", {}))
     if texts["mjcf"] and (own := (folder / texts["mjcf"]).resolve()).is_file():
         texts["mjcf"] = own.name if own.parent == models_folder() else str(own)
@@ -353,7 +409,13 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
         sources=sources, given=own_keys, **texts,
     )  # fmt: skip
     half = 0.5 * geometry.wheelbase
-    planar = {"mass": masses.total, "yaw_inertia": robot.yaw_inertia, "wheel_radius": radius, "a": half, "b": half}
+    planar = {
+        "mass": masses.total,
+        "yaw_inertia": robot.yaw_inertia,
+        "wheel_radius": radius,
+        "a": half,
+        "b": half,
+    }
     planar |= {"half_track": half_track, "effective_half_track": geometry.turning_half_track}
     return replace(robot, vehicle=Vehicle(**{**planar, **given["vehicle"]}))
 
@@ -362,12 +424,17 @@ def _complete_masses(masses: Masses, geometry: Geometry) -> Masses:
     """Return the masses with estimates for what is not given."""
     wheel = masses.wheel or 0.036 * masses.total
     if len(WHEELS) * wheel >= masses.total:
-        raise ValueError(f"[mass] four wheels of {wheel:g} kg leave nothing of {masses.total:g} kg for the base")
+        raise ValueError(
+            f"[mass] four wheels of {wheel:g} kg leave nothing of {masses.total:g} kg for the base"
+        )
     base, (length, width, height) = masses.total - len(WHEELS) * wheel, geometry.body_size
     radius2 = geometry.wheel_radius**2
     across = WHEEL_FILL * wheel * (radius2 / 4.0 + geometry.wheel_width**2 / 12.0)
     spin = WHEEL_FILL * wheel * radius2 / 2.0
-    box = tuple(base * (p * p + q * q) / 12.0 for p, q in ((width, height), (length, height), (length, width)))
+    box = tuple(
+        base * (p * p + q * q) / 12.0
+        for p, q in ((width, height), (length, height), (length, width))
+    )
     z = geometry.body_centre[2]
     return Masses(
         masses.total, wheel,
@@ -392,7 +459,9 @@ def _complete_simulation(simulation: Simulation, mass: float, geometry: Geometry
 def _text(document: Mapping[str, Any], key: str) -> str:
     value = document.get(key, "")
     if not isinstance(value, str) or len(value) > _MOST_WORDS:
-        raise ValueError(f"{key} is {reprlib.repr(value)}, wanted a text of at most {_MOST_WORDS} characters")
+        raise ValueError(
+            f"{key} is {reprlib.repr(value)}, wanted a text of at most {_MOST_WORDS} characters"
+        )
     return one_line(value)
 
 
@@ -410,12 +479,20 @@ def _section(document: Mapping[str, Any], name: str, kind: type) -> dict[str, An
         if isinstance(f.default, str):
             fits = isinstance(value, str)
         elif isinstance(f.default, tuple):
-            fits = isinstance(value, list) and len(value) == len(f.default) and all(map(is_number, value))
-            fits = fits and all(math.isnan(d) or not math.isnan(v) for v, d in zip(value, f.default, strict=True))
+            fits = (
+                isinstance(value, list)
+                and len(value) == len(f.default)
+                and all(map(is_number, value))
+            )
+            fits = fits and all(
+                math.isnan(d) or not math.isnan(v) for v, d in zip(value, f.default, strict=True)
+            )
         else:
             fits = is_number(value) and not math.isnan(value)
         if not fits:
-            raise ValueError(f"{name}.{f.name} is {reprlib.repr(value)}, wanted {_wanted(kind, f.name)}")
+            raise ValueError(
+                f"{name}.{f.name} is {reprlib.repr(value)}, wanted {_wanted(kind, f.name)}"
+            )
         # MuJoCo reads no number so small that a float has not all its digits: it becomes 0 here
         numbers = tuple(round(float(v), 300) for v in value) if isinstance(value, list) else value
         given[f.name] = numbers if isinstance(numbers, str | tuple) else round(float(numbers), 300)
@@ -430,17 +507,30 @@ def _wanted(kind: type, name: str) -> str:
     default = next(f.default for f in fields(kind) if f.name == name)
     if isinstance(default, str):
         return "a text"
-    return f"{len(default)} numbers" if isinstance(default, tuple) else f"a number [{described(kind)[name].unit}]"
+    return (
+        f"{len(default)} numbers"
+        if isinstance(default, tuple)
+        else f"a number [{described(kind)[name].unit}]"
+    )
 
 
 def _sources(section: Any) -> tuple[tuple[str, str], ...]:
-    allowed = {*SECTIONS, *(f"{name}.{f.name}" for name, kind in SECTIONS.items() for f in fields(kind))}
+    allowed = {
+        *SECTIONS,
+        *(f"{name}.{f.name}" for name, kind in SECTIONS.items() for f in fields(kind)),
+    }
     reading.require_known(section, allowed, "sources")
     sources = []
     for key, value in section.items():
-        if not isinstance(value, str) or value.partition(":")[0].strip() not in GRADES or len(value) > _MOST_WORDS:
+        if (
+            not isinstance(value, str)
+            or value.partition(":")[0].strip() not in GRADES
+            or len(value) > _MOST_WORDS
+        ):
             grades = ", ".join(GRADES)
-            raise ValueError(f"sources.{key} is {reprlib.repr(value)}, wanted 'GRADE: source', with GRADE of {grades}")
+            raise ValueError(
+                f"sources.{key} is {reprlib.repr(value)}, wanted 'GRADE: source', with GRADE of {grades}"
+            )
         sources.append((key, one_line(value)))
     return tuple(sources)
 

@@ -1,6 +1,7 @@
 """A robot's description -> what other programs read: a URDF, an SDF model, a calibrated MJCF, numbers of ros2_control.
 
-URDF and SDF have plain shapes, four wheels and the IMU's frame. Products of inertia are 0, as in a robot's file.
+URDF and SDF have plain shapes, four wheels and the IMU's frame. Products of inertia are 0, as in a
+robot's file.
 """
 
 from __future__ import annotations
@@ -30,12 +31,17 @@ def _element(tag: str, *inside: str, **attributes: str) -> str:
 def urdf_text(robot: Robot) -> str:
     """Return a robot's URDF, in SI units.
 
-    The hull and its inertia stand in a link `chassis_link`, fixed to the base, because programs that read URDFs refuse
-    inertia in the first link. Wheels have links and joints like `front_left_wheel_link` and `front_left_wheel_joint`.
+    The hull and its inertia stand in a link `chassis_link`, fixed to the base, because programs
+    that read URDFs refuse inertia in the first link. Wheels have links and joints like
+    `front_left_wheel_link` and `front_left_wheel_joint`.
     """
-    g, m, e = robot.geometry, robot.masses, _element
+    g = robot.geometry
+    m = robot.masses
+    e = _element
 
-    def link(name: str, mass: float, com: Iterable[float], moments: Iterable[float], *shape: str) -> str:
+    def link(
+        name: str, mass: float, com: Iterable[float], moments: Iterable[float], *shape: str
+    ) -> str:
         ixx, iyy, izz = map(repr, moments)
         inertia = e("inertia", ixx=ixx, ixy="0", ixz="0", iyy=iyy, iyz="0", izz=izz)
         inertial = e("inertial", e("origin", xyz=_row(com)), e("mass", value=repr(mass)), inertia)
@@ -48,43 +54,74 @@ def urdf_text(robot: Robot) -> str:
     hull = e("origin", xyz=_row(g.body_centre)), e("geometry", e("box", size=_row(g.body_size)))
     drum = e("cylinder", radius=repr(g.wheel_radius), length=repr(g.wheel_width))
     tyre = e("origin", xyz="0 0 0", rpy=_row(_LYING)), e("geometry", drum)
-    parts = [e("link", name="base_link"), link("chassis_link", robot.base_mass, m.com, m.inertia, *hull)]
+    parts = [
+        e("link", name="base_link"),
+        link("chassis_link", robot.base_mass, m.com, m.inertia, *hull),
+    ]
     parts += [joint("chassis_joint", "fixed", "chassis_link", (0.0, 0.0, 0.0))]
     parts += [e("link", name="imu_link"), joint("imu_joint", "fixed", "imu_link", g.imu)]
     for wheel, place in wheel_places(robot).items():
         name = f"{wheel}_wheel_link"
         parts.append(link(name, m.wheel, (0.0, 0.0, 0.0), _wheel_moments(robot), *tyre))
-        parts.append(joint(f"{wheel}_wheel_joint", "continuous", name, place, e("axis", xyz="0 1 0")))
+        parts.append(
+            joint(f"{wheel}_wheel_joint", "continuous", name, place, e("axis", xyz="0 1 0"))
+        )
     return e("robot", *parts, name=robot.name)
 
 
 def sdf_text(robot: Robot) -> str:
     """Return a robot's SDF model, in SI units, which stands with its tyres on the plane z = 0.
 
-    Tyres are cylinders with the robot's friction in both directions and without `fdir1`. A joint's effort is limited to half
-    of what a side's motors give. SDF has no word for belts, rotors and speed loops: those are left out.
+    Tyres are cylinders with the robot's friction in both directions and without `fdir1`. A joint's
+    effort is limited to half of what a side's motors give. SDF has no word for belts, rotors and
+    speed loops: those are left out.
     """
-    g, m, mu, e = robot.geometry, robot.masses, repr(robot.simulation.friction), _element
+    g = robot.geometry
+    m = robot.masses
+    mu = repr(robot.simulation.friction)
+    e = _element
     torque = robot.drive.torque_limit
     effort = [e("effort", repr(0.5 * torque))] if math.isfinite(torque) else []
 
     def link(
-        name: str, pose: str, mass: float, com: Iterable[float], moments: Iterable[float], shape: str, surface: str = ""
+        name: str,
+        pose: str,
+        mass: float,
+        com: Iterable[float],
+        moments: Iterable[float],
+        shape: str,
+        surface: str = "",
     ) -> str:
-        inertia = [e(key, repr(value)) for key, value in zip(("ixx", "iyy", "izz"), moments, strict=True)]
-        inertial = e("inertial", e("pose", f"{_row(com)} 0 0 0"), e("mass", repr(mass)), e("inertia", *inertia))
-        seen, hit = e("visual", shape, name=f"{name}_visual"), e("collision", shape, surface, name=f"{name}_collision")
+        inertia = [
+            e(key, repr(value)) for key, value in zip(("ixx", "iyy", "izz"), moments, strict=True)
+        ]
+        inertial = e(
+            "inertial",
+            e("pose", f"{_row(com)} 0 0 0"),
+            e("mass", repr(mass)),
+            e("inertia", *inertia),
+        )
+        seen = e("visual", shape, name=f"{name}_visual")
+        hit = e("collision", shape, surface, name=f"{name}_collision")
         return e("link", pose, inertial, seen, hit, name=name)
 
-    hull = e("pose", f"{_row(g.body_centre)} 0 0 0") + e("geometry", e("box", e("size", _row(g.body_size))))
+    hull = e("pose", f"{_row(g.body_centre)} 0 0 0") + e(
+        "geometry", e("box", e("size", _row(g.body_size)))
+    )
     drum = e("cylinder", e("radius", repr(g.wheel_radius)), e("length", repr(g.wheel_width)))
     tyre = e("pose", f"0 0 0 {_row(_LYING)}") + e("geometry", drum)
     grip = e("surface", e("friction", e("ode", e("mu", mu), e("mu2", mu))))
     endless = e("limit", e("lower", repr(-_ENDLESS)), e("upper", repr(_ENDLESS)), *effort)
-    parts = [e("pose", f"0 0 {g.base_height!r} 0 0 0"), link("base_link", "", robot.base_mass, m.com, m.inertia, hull)]
-    parts.append(e("frame", e("pose", f"{_row(g.imu)} 0 0 0"), name="imu_link", attached_to="base_link"))
+    parts = [
+        e("pose", f"0 0 {g.base_height!r} 0 0 0"),
+        link("base_link", "", robot.base_mass, m.com, m.inertia, hull),
+    ]
+    parts.append(
+        e("frame", e("pose", f"{_row(g.imu)} 0 0 0"), name="imu_link", attached_to="base_link")
+    )
     for wheel, place in wheel_places(robot).items():
-        pose, name = e("pose", f"{_row(place)} 0 0 0", relative_to="base_link"), f"{wheel}_wheel_link"
+        pose = e("pose", f"{_row(place)} 0 0 0", relative_to="base_link")
+        name = f"{wheel}_wheel_link"
         parts.append(link(name, pose, m.wheel, (0.0, 0.0, 0.0), _wheel_moments(robot), tyre, grip))
         ends = e("parent", "base_link"), e("child", name), e("axis", e("xyz", "0 1 0"), endless)
         parts.append(e("joint", *ends, name=f"{wheel}_wheel_joint", type="revolute"))
@@ -94,9 +131,9 @@ def sdf_text(robot: Robot) -> str:
 def mjcf_text(calibration: Calibration, drive: Drive) -> str:
     """Return a calibrated robot on level ground as an MJCF that needs nothing but MuJoCo.
 
-    It has the looks and sensors of the simulated robot, and moves as that does: both have MuJoCo's own
-    actuators alone, whose inputs are wheel rates. Delay, ramps and limits of commands act before these rates,
-    and are not in it.
+    It has the looks and sensors of the simulated robot, and moves as that does: both have MuJoCo's
+    own actuators alone, whose inputs are wheel rates. Delay, ramps and limits of commands act
+    before these rates, and are not in it.
 
     Args:
         calibration: the robot's numbers.
@@ -120,7 +157,8 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
         setattr(spec.option, name, getattr(model.opt, name))
     spec.comment = "Inputs of actuators are wheel rates [rad/s]."
     text = str(spec.to_xml())
-    for wheel in WHEELS:  # MuJoCo writes six digits, which is half a micrometre of radius and 25 of a path
+    # MuJoCo writes six digits, which is half a micrometre of radius and 25 of a path
+    for wheel in WHEELS:
         size = _row(model.geom(f"{wheel}_tire").size)
         text = re.sub(rf'(<geom name="{wheel}_tire"[^>]* size=)"[^"]*"', rf'\1"{size}"', text)
     return text
@@ -129,7 +167,8 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
 def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: float = 1.0) -> str:
     """Return the parameters of ros2_control's `diff_drive_controller`, with which a robot turns as it is told.
 
-    The controller asks the sides for the rates (v -+ multiplier separation / 2 omega) / (left or right radius).
+    The controller asks the sides for the rates (v -+ multiplier separation / 2 omega) / (left or
+    right radius).
 
     Args:
         robot: the robot.
@@ -137,15 +176,26 @@ def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: f
         left: way of the left wheels over their turn and radius [1].
         right: the same of the right wheels [1].
     """
-    g, drive = robot.geometry, robot.drive
-    lines = [f'{side}_wheel_names: ["front_{side}_wheel_joint", "rear_{side}_wheel_joint"]' for side in SIDES]
-    numbers = {"wheel_separation": g.track, "wheel_separation_multiplier": multiplier, "wheel_radius": g.wheel_radius}
+    g = robot.geometry
+    drive = robot.drive
+    lines = [
+        f'{side}_wheel_names: ["front_{side}_wheel_joint", "rear_{side}_wheel_joint"]'
+        for side in SIDES
+    ]
+    numbers = {
+        "wheel_separation": g.track,
+        "wheel_separation_multiplier": multiplier,
+        "wheel_radius": g.wheel_radius,
+    }
     numbers |= {"left_wheel_radius_multiplier": left, "right_wheel_radius_multiplier": right}
     for axis, most in (("linear.x", drive.v_max), ("angular.z", drive.w_max)):
         if math.isfinite(most):
             numbers |= {f"{axis}.max_velocity": most, f"{axis}.min_velocity": -most}
-    lines += [f"{name}: {float(f'{number:.7g}')!r}" for name, number in numbers.items()]  # 1.0: ROS takes 1 for no float
-    return "diff_drive_controller:\n  ros__parameters:\n" + "".join(f"    {line}\n" for line in lines)
+    # 1.0: ROS takes 1 for no float
+    lines += [f"{name}: {float(f'{number:.7g}')!r}" for name, number in numbers.items()]
+    return "diff_drive_controller:\n  ros__parameters:\n" + "".join(
+        f"    {line}\n" for line in lines
+    )
 
 
 def _wheel_moments(robot: Robot) -> tuple[float, float, float]:

@@ -1,6 +1,7 @@
 """A foreign MJCF or URDF: MuJoCo tries it in a child process, which has only the files of its folder.
 
-MuJoCo's reader answers no signal while it works. A file that the child has read is as quick for this process.
+MuJoCo's reader answers no signal while it works. A file that the child has read is as quick for
+this process.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ ALLOWANCE = guarded.Allowance(seconds=10.0, memory=2 << 30)
 """What reading and compiling may use, with all files that are included."""
 MOST_BYTES = 1 << 22
 """Greatest size of a text [bytes]; large ones of manipulators have a few hundred thousand."""
-_MOST_FILES, _MOST_SIZE = 1000, 1 << 26
+_MOST_FILES = 1000
+_MOST_SIZE = 1 << 26
 """Greatest number and total size [bytes] of the files that an MJCF brings."""
 
 
@@ -29,7 +31,9 @@ def xml_tree(text: str) -> ElementTree.Element:
         ValueError: it is none, or declares entities, which could grow.
     """
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise ValueError("the file declares a document type or entities, which no robot has a use for; take them out")
+        raise ValueError(
+            "the file declares a document type or entities, which no robot has a use for; take them out"
+        )
     try:
         return ElementTree.fromstring(text)  # nosec B314 # without declarations there are no entities to grow
     except (ElementTree.ParseError, ValueError) as error:
@@ -39,25 +43,39 @@ def xml_tree(text: str) -> ElementTree.Element:
 def _own_files(text: str, folder: Path) -> dict[str, bytes]:
     """Return the files that an MJCF names, by these names: those that lie in `folder` or below, and those that they include.
 
-    Raises:
-        ValueError: one lies elsewhere, is no regular file or no XML, or they are too many or too large.
+    Raises: ValueError: one lies elsewhere, is no regular file or no XML, or they are too many or
+        too large.
     """
-    files, folder = dict[str, bytes](), folder.resolve()
-    waiting, places = [text], {""}
+    files = dict[str, bytes]()
+    folder = folder.resolve()
+    waiting = [text]
+    places = {""}
     while waiting:
         root = xml_tree(waiting.pop())
         for compiler in root.iter("compiler"):
             places |= {compiler.get(key, "") for key in ("meshdir", "texturedir", "assetdir")}
-        wanted = [(part.tag, v) for part in root.iter() for k, v in part.attrib.items() if k.startswith("file") and v]
+        wanted = [
+            (part.tag, v)
+            for part in root.iter()
+            for k, v in part.attrib.items()
+            if k.startswith("file") and v
+        ]
         for tag, name in wanted:
-            paths = [(folder / place / name).resolve() for place in ({""} if tag == "include" else places)]
+            paths = [
+                (folder / place / name).resolve()
+                for place in ({""} if tag == "include" else places)
+            ]
             path = next((p for p in paths if p.is_relative_to(folder) and p.is_file()), None)
             if path is None:
-                raise ValueError(f"there is no file '{name}' in its folder, and files from elsewhere are not read")
+                raise ValueError(
+                    f"there is no file '{name}' in its folder, and files from elsewhere are not read"
+                )
             if name not in files:
                 size = path.stat().st_size + sum(map(len, files.values()))
                 if size > _MOST_SIZE or len(files) >= _MOST_FILES:
-                    raise ValueError(f"it brings more than {_MOST_FILES} files or {_MOST_SIZE >> 20} MiB")
+                    raise ValueError(
+                        f"it brings more than {_MOST_FILES} files or {_MOST_SIZE >> 20} MiB"
+                    )
                 files[name] = path.read_bytes()
                 waiting += [files[name].decode("utf-8", "replace")] if tag == "include" else []
     return files

@@ -1,6 +1,7 @@
 """A new robot's file, of a few numbers, or of a URDF by MuJoCo's own reader: what is known, and what had to be guessed.
 
-MuJoCo gets links and joints without meshes, which are never looked for; tyres and hull are read off the shapes of collision.
+MuJoCo gets links and joints without meshes, which are never looked for; tyres and hull are read off
+the shapes of collision.
 """
 
 from __future__ import annotations
@@ -24,22 +25,33 @@ from validation import store
 from validation.files import reading
 from validation.simulator import foreign
 from validation.simulator.checking import spot_turn, turning_torque
-from validation.simulator.description import SCHEMA, SECTIONS, Robot, RobotError, parse_robot, shipped_robots
+from validation.simulator.description import (
+    SCHEMA,
+    SECTIONS,
+    Robot,
+    RobotError,
+    parse_robot,
+    shipped_robots,
+)
 from validation.words import one_line
 
 _ROOT = "ssmr_world"
-"""Name of a link that the robot stands on, and of its joint: MuJoCo merges the first link of all with the world."""
+"""Name of a link that the robot stands on, and of its joint: MuJoCo merges the first link of all
+with the world."""
 _LEAST_MASS = 1e-9
 """Mass that MuJoCo gives to bodies without one [kg], so that it takes them."""
-_PARALLEL, _UPRIGHT = 0.985, 0.9
-"""Least share of y in the axis of a wheel (ten degrees), and of z in that of a joint that steers [1]."""
+_PARALLEL = 0.985
+_UPRIGHT = 0.9
+"""Least share of y in the axis of a wheel (ten degrees), and of z in that of a joint that steers
+[1]."""
 _SAME_SIZE = 0.02
 """Greatest difference of two tyres of one size, over the larger [1]."""
 _ASKEW = 0.05
 """Greatest distance of a wheel from the corner of a rectangle, over its shorter side [1]."""
 _SIDEWAYS_WORDS = re.compile(r"mecanum|omni_?wheel|swedish")
 SURE_FRICTION = 1.0
-"""Friction of ground on which motors whose torque nobody knows are taken to turn the robot on the spot [1]."""
+"""Friction of ground on which motors whose torque nobody knows are taken to turn the robot on the
+spot [1]."""
 _UNITS_OF_LISTS = dict.fromkeys(("body_size", "body_centre", "imu", "com"), "m")
 _UNITS_OF_LISTS |= dict.fromkeys(("wheel_inertia", "inertia"), "kg m2")
 _NEXT = (
@@ -53,7 +65,8 @@ _HEADING = (
 
 
 Entries = dict[str, tuple[float | str | Sequence[float], str]]
-"""Numbers [SI] and words of a new robot's file by section and name, such as `geometry.track`, with `GRADE: source`."""
+"""Numbers [SI] and words of a new robot's file by section and name, such as `geometry.track`, with
+`GRADE: source`."""
 
 
 class RobotDraft(NamedTuple):
@@ -77,27 +90,33 @@ def unit_of_key(key: str) -> str:
 def draft_robot(name: str, known: Mapping[str, float]) -> RobotDraft:
     """Return the file of a robot of which a tape measure and a scale know a few numbers.
 
-    Args:
-        name: its name.
-        known: numbers by `section.key` [SI]: at least wheelbase, track, radius and width of the wheels, and the mass.
+    Args: name: its name. known: numbers by `section.key` [SI]: at least wheelbase, track, radius
+        and width of the wheels, and the mass.
 
     Raises:
         ValueError: the name is taken or cannot be one, or a number cannot be.
     """
-    entries: Entries = {key: (float(value), "measured: given to `new`") for key, value in known.items()}
+    entries: Entries = {
+        key: (float(value), "measured: given to `new`") for key, value in known.items()
+    }
     entries["geometry.link"] = "belt", "assumed: as most such robots"
-    remarks = ("estimated from the size: com, inertia and wheels of [mass], the hull, gain and armature", _NEXT)
+    remarks = (
+        "estimated from the size: com, inertia and wheels of [mass], the hull, gain and armature",
+        _NEXT,
+    )
     return _drafted(name, "", entries, remarks)
 
 
 def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[str]) -> RobotDraft:
     """Return the file of a new robot; where no entry says a torque limit, one is added that surely turns it on the spot.
 
-    Raises:
-        ValueError: the name is taken, or the entries say something that cannot be; the message names section and key.
+    Raises: ValueError: the name is taken, or the entries say something that cannot be; the message
+        names section and key.
     """
     if name in shipped_robots():
-        raise ValueError(f"name '{one_line(name)}' belongs to a robot that comes with the package; take another")
+        raise ValueError(
+            f"name '{one_line(name)}' belongs to a robot that comes with the package; take another"
+        )
     document = _document(name, description, entries)
     robot = parse_robot(document)
     spot = spot_turn(robot)
@@ -112,29 +131,37 @@ def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[st
 
 def _document(name: str, description: str, entries: Entries) -> dict[str, Any]:
     """Return what the file says, as TOML has it; numbers have nine digits."""
-    document: dict[str, Any] = {"schema": SCHEMA, "name": name} | ({"description": description} if description else {})
+    document: dict[str, Any] = {"schema": SCHEMA, "name": name} | (
+        {"description": description} if description else {}
+    )
     for at, (value, _) in entries.items():
         section, _, key = at.partition(".")
-        rounded = value if isinstance(value, str) else np.vectorize(lambda v: float(f"{v:.9g}"))(value).tolist()
+        rounded = (
+            value
+            if isinstance(value, str)
+            else np.vectorize(lambda v: float(f"{v:.9g}"))(value).tolist()
+        )
         document.setdefault(section, {})[key] = rounded
     return document | {"sources": {at: one_line(source) for at, (_, source) in entries.items()}}
 
 
 def import_robot(
-    path: str | Path, name: str | None = None, wheel_radius: float | None = None, wheel_width: float | None = None
+    path: str | Path,
+    name: str | None = None,
+    wheel_radius: float | None = None,
+    wheel_width: float | None = None,
 ) -> RobotDraft:
     """Return a robot's file made of a URDF.
 
     A wheel is a link on a continuous joint about the y axis.
 
-    Args:
-        path: the URDF of a robot that drives along x; a xacro file must be expanded before.
-        name: the robot's name; the URDF's own if not given.
-        wheel_radius: rolling radius of the wheels [m], measured; that of their cylinders if not given.
-        wheel_width: width of the tyres [m], measured; that of their cylinders if not given.
+    Args: path: the URDF of a robot that drives along x; a xacro file must be expanded before. name:
+        the robot's name; the URDF's own if not given. wheel_radius: rolling radius of the wheels
+        [m], measured; that of their cylinders if not given. wheel_width: width of the tyres [m],
+        measured; that of their cylinders if not given.
 
-    Raises:
-        RobotError: the file cannot be read, is no URDF, or describes no robot with four fixed, plain wheels, or the name is
+    Raises: RobotError: the file cannot be read, is no URDF, or describes no robot with four fixed,
+        plain wheels, or the name is
             taken.
     """
     try:
@@ -167,7 +194,9 @@ def _parsed(text: str) -> ElementTree.Element:
     if "${" in text or any("xacro" in element.tag for element in root.iter()):
         raise ValueError("this is a xacro file; expand it first: xacro FILE.xacro > FILE.urdf")
     if _SIDEWAYS_WORDS.search(text.lower()):
-        raise ValueError("its wheels are mecanum or omni wheels, which roll sideways; a skid-steering robot has plain ones")
+        raise ValueError(
+            "its wheels are mecanum or omni wheels, which roll sideways; a skid-steering robot has plain ones"
+        )
     return root
 
 
@@ -182,7 +211,9 @@ def _plain_links(root: ElementTree.Element) -> list[ElementTree.Element]:
             if inertial.find("mass") is None or inertial.find("inertia") is None:
                 link.remove(inertial)
         for tensor in link.iter("inertia"):
-            tensor.attrib |= dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0") | tensor.attrib
+            tensor.attrib |= (
+                dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0") | tensor.attrib
+            )
     return links
 
 
@@ -191,7 +222,8 @@ def _plain_joints(root: ElementTree.Element) -> list[ElementTree.Element]:
     joints = root.findall("joint")
     for joint in joints:
         if joint.get("type") == "continuous":
-            for limit in joint.findall("limit"):  # of torque and speed; MuJoCo would take it for one of the angle
+            # of torque and speed; MuJoCo would take it for one of the angle
+            for limit in joint.findall("limit"):
                 joint.remove(limit)
         elif joint.get("type") != "revolute":
             joint.set("type", "fixed")
@@ -202,7 +234,10 @@ def _motorised(root: ElementTree.Element) -> set[str | None]:
     """Return the names of the joints that have a transmission, or a command interface of ros2_control."""
     joints = [joint for owner in root.findall("transmission") for joint in owner.iter("joint")]
     ruled = [joint for owner in root.findall("ros2_control") for joint in owner.iter("joint")]
-    return {joint.get("name") for joint in (*joints, *(j for j in ruled if j.find("command_interface") is not None))}
+    return {
+        joint.get("name")
+        for joint in (*joints, *(j for j in ruled if j.find("command_interface") is not None))
+    }
 
 
 def _readable(root: ElementTree.Element) -> mujoco.MjSpec:
@@ -213,12 +248,16 @@ def _readable(root: ElementTree.Element) -> mujoco.MjSpec:
     Raises:
         ValueError: MuJoCo cannot read it.
     """
-    links, joints = _plain_links(root), _plain_joints(root)
+    links = _plain_links(root)
+    joints = _plain_joints(root)
     carried = {child.get("link") for joint in joints for child in joint.findall("child")}
     first = [link.get("name", "") for link in links if link.get("name") not in carried]
     if len(first) != 1:
-        raise ValueError(f"links and joints are no tree: {len(first)} links hang on nothing, wanted one")
-    standing = ElementTree.Element("joint", name=_ROOT, type="prismatic")  # what cannot move would be merged with the world
+        raise ValueError(
+            f"links and joints are no tree: {len(first)} links hang on nothing, wanted one"
+        )
+    # what cannot move would be merged with the world
+    standing = ElementTree.Element("joint", name=_ROOT, type="prismatic")
     ElementTree.SubElement(standing, "parent", link=_ROOT)
     ElementTree.SubElement(standing, "child", link=first[0])
     plain = ElementTree.Element("robot", name="robot")
@@ -241,10 +280,12 @@ class _Import:
     def __init__(self, file: str, spec: mujoco.MjSpec) -> None:
         """Find the four wheels, and compute where everything is.
 
-        Raises:
-            ValueError: there are not four, they do not stand at the corners of a rectangle, or one can be steered.
+        Raises: ValueError: there are not four, they do not stand at the corners of a rectangle, or
+            one can be steered.
         """
-        self.file, self.guesses, self.entries = file, list[str](), Entries()
+        self.file = file
+        self.guesses = list[str]()
+        self.entries = Entries()
         self._compile(spec)
         wheels = [self.model.joint(j).name for j in self._four_joints()]
         named = spec.body("base_link")
@@ -263,8 +304,11 @@ class _Import:
         mujoco.mj_kinematics(self.model, self.data)
 
     def _four_joints(self) -> list[int]:
-        model, axes = self.model, self.data.xaxis
-        four = [j for j in range(model.njnt) if not model.jnt_limited[j] and abs(axes[j, 1]) > _PARALLEL]
+        model = self.model
+        axes = self.data.xaxis
+        four = [
+            j for j in range(model.njnt) if not model.jnt_limited[j] and abs(axes[j, 1]) > _PARALLEL
+        ]
         if len(four) != 4:
             raise ValueError(
                 f"it has {len(four)} joints that look like wheels, and a skid-steering robot has four, continuous and about "
@@ -290,11 +334,14 @@ class _Import:
 
         The base frame lies midway between the axles, at the height of base_link, `level`.
         """
-        model, places = self.model, self.data.xanchor[list(joints)]
+        model = self.model
+        places = self.data.xanchor[list(joints)]
         ahead, aside, _ = (places - places.mean(axis=0)).T
         order = np.lexsort((-aside, ahead < 0.0)).tolist()
-        x, y = np.abs(ahead).mean(), np.abs(aside).mean()
-        wheelbase, track = 2.0 * float(x), 2.0 * float(y)
+        x = np.abs(ahead).mean()
+        y = np.abs(aside).mean()
+        wheelbase = 2.0 * float(x)
+        track = 2.0 * float(y)
         askew = float(np.abs([ahead[order] - x * FRONT, aside[order] - y * LEFT]).max())
         if askew > _ASKEW * min(wheelbase, track):
             raise ValueError(
@@ -306,14 +353,19 @@ class _Import:
         self.read("geometry.track", track, where)
         middle = places.mean(axis=0)
         self.origin = np.array([*middle[:2], level])
-        self.read("geometry.axle_height", float(middle[2] - level), "the same joints above base_link")
+        self.read(
+            "geometry.axle_height", float(middle[2] - level), "the same joints above base_link"
+        )
         return [int(model.jnt_bodyid[joints[k]]) for k in order]
 
     def say_link(self, motors: Container[str | None]) -> None:
         """Say whether each wheel has a motor, or the wheels of a side turn together."""
         model = self.model
         if all(model.joint(model.body_jntadr[wheel]).name in motors for wheel in self.wheels):
-            self.entries["geometry.link"] = "none", f"published: {self.file}, each wheel has a motor"
+            self.entries["geometry.link"] = (
+                "none",
+                f"published: {self.file}, each wheel has a motor",
+            )
             return
         self.entries["geometry.link"] = "belt", "assumed: a URDF does not say it"
         self.guesses.append("guessed geometry.link: belt, the wheels of a side turn together")
@@ -329,23 +381,38 @@ class _Import:
         Raises:
             ValueError: neither, or cylinders of different sizes.
         """
-        model, sizes = self.model, []
+        model = self.model
+        sizes = []
         for wheel in self.wheels:
             drums = [g for g in range(model.ngeom) if model.geom_bodyid[g] == wheel]
             drums = [g for g in drums if model.geom_type[g] == mjtGeom.mjGEOM_CYLINDER]
-            drums = [g for g in drums if abs(self.data.geom_xmat[g].reshape(3, 3)[1, 2]) > _PARALLEL]
-            sizes += [model.geom_size[g] for g in sorted(drums, key=lambda g: -float(model.geom_size[g, 0]))[:1]]
-        for key, given, column, twice in (("wheel_radius", radius, 0, 1.0), ("wheel_width", width, 1, 2.0)):
+            drums = [
+                g for g in drums if abs(self.data.geom_xmat[g].reshape(3, 3)[1, 2]) > _PARALLEL
+            ]
+            sizes += [
+                model.geom_size[g]
+                for g in sorted(drums, key=lambda g: -float(model.geom_size[g, 0]))[:1]
+            ]
+        for key, given, column, twice in (
+            ("wheel_radius", radius, 0, 1.0),
+            ("wheel_width", width, 1, 2.0),
+        ):
             if given is not None:
                 self.entries[f"geometry.{key}"] = given, "measured: given to `import`"
             elif sizes:
                 each = twice * np.array(sizes)[:, column]
                 if np.ptp(each) > _SAME_SIZE * each.max():
-                    what = f"from {each.min():.4g} to {each.max():.4g} m; here all four have the same"
-                    raise ValueError(f"its tyres have a {key} {what}: give --{key.replace('_', '-')}")
+                    what = (
+                        f"from {each.min():.4g} to {each.max():.4g} m; here all four have the same"
+                    )
+                    raise ValueError(
+                        f"its tyres have a {key} {what}: give --{key.replace('_', '-')}"
+                    )
                 self.read(f"geometry.{key}", float(each.mean()), "cylinders of the tyres")
             else:
-                raise ValueError("its tyres are no cylinders: measure them, and give --wheel-radius and --wheel-width")
+                raise ValueError(
+                    "its tyres are no cylinders: measure them, and give --wheel-radius and --wheel-width"
+                )
 
     def _tensor(self, body: int) -> FloatArray:
         """Return the (3, 3) inertia of a body about its centre of mass, along the axes of the first link [kg m2]."""
@@ -358,35 +425,58 @@ class _Import:
         Raises:
             ValueError: the body has no mass.
         """
-        masses, tensor = self.model.body_mass, self._tensor(self.base)
+        masses = self.model.body_mass
+        tensor = self._tensor(self.base)
         if masses[self.base] <= 2.0 * _LEAST_MASS:
-            raise ValueError("its body has no mass: a URDF for pictures only; use `new` with the mass of the robot")
+            raise ValueError(
+                "its body has no mass: a URDF for pictures only; use `new` with the mass of the robot"
+            )
         wheel = float(masses[self.wheels].mean())
         moments = np.mean([np.diag(self._tensor(body)) for body in self.wheels], axis=0)
         whole = float(masses.sum())
-        self.read("mass.total", whole, "sum of all masses; weigh it: files leave out batteries and computers")
+        self.read(
+            "mass.total",
+            whole,
+            "sum of all masses; weigh it: files leave out batteries and computers",
+        )
         if wheel > 2.0 * _LEAST_MASS:
             self.read("mass.wheel", wheel, "mean of the four wheels")
             across = 0.5 * (moments[0] + moments[2])
-            self.read("mass.wheel_inertia", np.array([across, moments[1]]), "mean of the four wheels")
+            self.read(
+                "mass.wheel_inertia", np.array([across, moments[1]]), "mean of the four wheels"
+            )
         else:
             self.guesses.append("the wheels have no mass; it is estimated")
-        self.read("mass.com", self.data.xipos[self.base] - self.origin, "everything but the wheels together")
-        self.read("mass.inertia", np.diag(tensor), "everything but the wheels about its common centre")
+        self.read(
+            "mass.com",
+            self.data.xipos[self.base] - self.origin,
+            "everything but the wheels together",
+        )
+        self.read(
+            "mass.inertia", np.diag(tensor), "everything but the wheels about its common centre"
+        )
         products = float(np.abs(tensor - np.diag(np.diag(tensor))).max())
         if products > 0.02 * np.diag(tensor).max():
             self.guesses.append(f"products of inertia up to {products:.2g} kg m2 are left out")
 
     def say_hull(self) -> None:
         """Say the box around the plain shapes of the body."""
-        model, signs = self.model, np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
+        model = self.model
+        signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
         corners = [
             self.data.geom_xpos[g] + self.data.geom_xmat[g].reshape(3, 3) @ (aabb[:3] + sign * aabb[3:]) - self.origin
             for g, aabb in enumerate(model.geom_aabb.reshape(-1, 6)) if model.geom_bodyid[g] == self.base for sign in signs
         ]  # fmt: skip
-        low, high = (np.min(corners, axis=0), np.max(corners, axis=0)) if corners else (np.zeros(3), np.zeros(3))
-        (radius, _), (width, _) = (self.entries[f"geometry.wheel_{name}"] for name in ("radius", "width"))
-        if np.any(high - low < np.array([2.0, 1.0, 0.2]) * [radius, width, radius]):  # an antenna, say
+        low, high = (
+            (np.min(corners, axis=0), np.max(corners, axis=0))
+            if corners
+            else (np.zeros(3), np.zeros(3))
+        )
+        (radius, _), (width, _) = (
+            self.entries[f"geometry.wheel_{name}"] for name in ("radius", "width")
+        )
+        # an antenna, say
+        if np.any(high - low < np.array([2.0, 1.0, 0.2]) * [radius, width, radius]):
             self.guesses.append(
                 "the hull is estimated: the body's plain shapes fill less than a wheel; say body_size and body_centre"
             )

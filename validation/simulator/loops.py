@@ -1,7 +1,7 @@
 """MuJoCo's robots in a batch, for closed loops: a whole population, each with its own body.
 
-A batch advances by whole periods of the position loop, as fast as an open-loop rollout; `ssmr.control.population.run_bodies`
-is the robots' side.
+A batch advances by whole periods of the position loop, as fast as an open-loop rollout;
+`ssmr.control.population.run_bodies` is the robots' side.
 """
 
 from __future__ import annotations
@@ -28,7 +28,9 @@ class MujocoBodies:
     qvel: FloatArray
     """(S, nv) MuJoCo's velocities; a view."""
 
-    def __init__(self, plants: Sequence[MujocoPlant], workers: int, state: State | None = None) -> None:
+    def __init__(
+        self, plants: Sequence[MujocoPlant], workers: int, state: State | None = None
+    ) -> None:
         """Make room for robots that move as `plants` do, several of which may be one, on so many threads.
 
         `place` puts each on its ground, which is done here if a `state` is given.
@@ -36,32 +38,52 @@ class MujocoBodies:
         Raises:
             ValueError: several time steps, terrains or shapes of tyre.
         """
-        if len({(p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu) for p in plants}) != 1:
-            raise ValueError("a population of Huskies has one time step, one terrain and one shape of tyre")
+        if (
+            len(
+                {
+                    (p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu)
+                    for p in plants
+                }
+            )
+            != 1
+        ):
+            raise ValueError(
+                "a population of Huskies has one time step, one terrain and one shape of tyre"
+            )
         first = self._first = plants[0]
         self._plants = list(plants)
         self._batch = batch.Batch(first.model, len(plants), workers)
         self.qpos, self.qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._force = self._batch.bind("qfrc_actuator")
-        self._inertia, self._braking, self._yaw = np.empty(len(plants)), np.empty((len(plants), 1)), np.empty(len(plants))
+        self._inertia = np.empty(len(plants))
+        self._braking = np.empty((len(plants), 1))
+        self._yaw = np.empty(len(plants))
         self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         self._width = first.model.nu + first.model.nv
-        self._wheels = [d for pair in zip(*first.wheel_dofs, strict=True) for d in pair]  # in the order of `WHEELS`
+        # in the order of `WHEELS`
+        self._wheels = [d for pair in zip(*first.wheel_dofs, strict=True) for d in pair]
         if state is not None:
             self.place(range(len(plants)), [state] * len(plants))
 
-    def place(self, rows: Sequence[int], states: Sequence[State], plants: Sequence[MujocoPlant] = ()) -> None:
+    def place(
+        self, rows: Sequence[int], states: Sequence[State], plants: Sequence[MujocoPlant] = ()
+    ) -> None:
         """Put the robots of some rows into states, with no memory of what they did before; as other plants, if given."""
         for row, plant in zip(rows, plants, strict=False):
             self._plants[row] = plant
         self._batch.set_models([p.model for p in self._plants])
-        self._batch.reset(np.asarray(rows, dtype=np.int32), stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        nq, nv = self._first.model.nq, self._first.model.nv
+        self._batch.reset(
+            np.asarray(rows, dtype=np.int32), stage=mujoco.mjtStage.mjSTAGE_NONE.value
+        )
+        nq = self._first.model.nq
+        nv = self._first.model.nv
         for row, state in zip(rows, states, strict=True):
             plant = self._plants[row]
             start = plant.placed(state)
-            self.qpos[row], self.qvel[row] = start[1 : 1 + nq], start[1 + nq : 1 + nq + nv]
-            self._inertia[row], self._yaw[row] = plant.yaw_inertia, state.yaw
+            self.qpos[row] = start[1 : 1 + nq]
+            self.qvel[row] = start[1 + nq : 1 + nq + nv]
+            self._inertia[row] = plant.yaw_inertia
+            self._yaw[row] = state.yaw
             self._braking[row] = motor_numbers(plant.drive, plant.dt).braking
 
     @property
@@ -74,7 +96,8 @@ class MujocoBodies:
         out = np.empty((len(self._yaw), 10))
         turn = quat_wxyz_to_yaw(self.qpos[:, 3:7]) - self._yaw
         self._yaw = self._yaw + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
-        out[:, :2], out[:, 2] = self.qpos[:, :2], self._yaw
+        out[:, :2] = self.qpos[:, :2]
+        out[:, 2] = self._yaw
         out[:, 3:5] = rotate_world_to_body(self.qvel[:, :2], self._yaw)
         out[:, 5] = self.qvel[:, 5]
         out[:, 6], out[:, 7] = (self.qvel[:, dofs].mean(axis=1) for dofs in self._first.wheel_dofs)
@@ -82,7 +105,9 @@ class MujocoBodies:
         out[:, 8:] = force[:, :2] + force[:, 2:] - self._braking * out[:, 6:8]
         return out
 
-    def advance(self, references: FloatArray, pushes: FloatArray, rows: NDArray[np.int32] | None = None) -> None:
+    def advance(
+        self, references: FloatArray, pushes: FloatArray, rows: NDArray[np.int32] | None = None
+    ) -> None:
         """Take n physics steps with wheel-rate references and yaw accelerations.
 
         Args:
@@ -93,5 +118,9 @@ class MujocoBodies:
         control = np.zeros((*references.shape[:2], self._width))
         nu = self._first.model.nu
         control[:, :, :nu] = controls(self._first.model, references)
-        control[:, :, nu + 5] = (self._inertia if rows is None else self._inertia[rows])[:, None] * pushes
-        self._batch.rollout(references.shape[1], control, control_spec=self._spec, record=(), ids=rows)
+        control[:, :, nu + 5] = (self._inertia if rows is None else self._inertia[rows])[
+            :, None
+        ] * pushes
+        self._batch.rollout(
+            references.shape[1], control, control_spec=self._spec, record=(), ids=rows
+        )

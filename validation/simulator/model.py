@@ -1,8 +1,8 @@
 """A robot, its ground and a calibration -> MjModel.
 
-`_compose` builds what has structure (robot, ground, wheel shape); `set_calibration` and `set_motors` set the numbers on a
-compiled model and are the only places that do, so a fit that edits one model in place and a profile that is loaded from disk
-mean the same robot.
+`_compose` builds what has structure (robot, ground, wheel shape); `set_calibration` and
+`set_motors` set the numbers on a compiled model and are the only places that do, so a fit that
+edits one model in place and a profile that is loaded from disk mean the same robot.
 """
 
 from __future__ import annotations
@@ -27,17 +27,20 @@ from validation.simulator.terrain import FLAT, Terrain
 CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
 """Points in which each shape of tyre touches level ground."""
 BELT_TIME = 0.030834
-"""Time constant of the belts over sqrt(wheel radius / g) [1], a fifth of the contact's; 4 ms for a Husky."""
+"""Time constant of the belts over sqrt(wheel radius / g) [1], a fifth of the contact's; 4 ms for a
+Husky."""
 READ_SENSORS = frozenset(f"{what}_{wheel}" for what in ("load", "torque") for wheel in WHEELS)
-"""Sensors of the simulated robot. The other channels of a run follow from its states, and the IMU from a state
-(`MujocoPlant.imu`); accelerometers would make MuJoCo compute all bodies' accelerations at each step."""
+"""Sensors of the simulated robot. The other channels of a run follow from its states, and the IMU
+from a state (`MujocoPlant.imu`); accelerometers would make MuJoCo compute all bodies' accelerations
+at each step."""
 _NET_FORCE = [1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1]
-"""What a sensor of contacts tells: the force, of all contacts together (MuJoCo's `netforce`), as one."""
+"""What a sensor of contacts tells: the force, of all contacts together (MuJoCo's `netforce`), as
+one."""
 _CLOSE = 1e-8
 """Last relative step of Newton's method for a depth, beyond which rounding remains."""
 LEAST_SHARE = 0.02
-"""Least load that a tyre's depth is computed for, over a quarter of the weight [1]: a wheel that carries nothing sinks
-nowhere."""
+"""Least load that a tyre's depth is computed for, over a quarter of the weight [1]: a wheel that
+carries nothing sinks nowhere."""
 
 
 def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
@@ -67,12 +70,15 @@ def on_ground(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
     """
     spec = compose_robot(robot)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
-    radius, half = robot.geometry.wheel_radius, 0.5 * robot.geometry.wheel_width
+    radius = robot.geometry.wheel_radius
+    half = 0.5 * robot.geometry.wheel_width
     for wheel in WHEELS:
         tire = spec.geom(f"{wheel}_tire")
-        tire.type, tire.size = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}"), [radius, half, radius]
+        tire.type = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}")
+        tire.size = [radius, half, radius]
         if shape != "ellipsoid":
-            tire.alt.type, tire.alt.zaxis = mujoco.mjtOrientation.mjORIENTATION_ZAXIS, [0, 1, 0]
+            tire.alt.type = mujoco.mjtOrientation.mjORIENTATION_ZAXIS
+            tire.alt.zaxis = [0, 1, 0]
     return spec
 
 
@@ -80,13 +86,15 @@ def pair_with_ground(spec: mujoco.MjSpec) -> None:
     """Make contact pairs of ground and tyres, which touch nothing else then; a pair can have two tangential frictions."""
     for wheel in WHEELS:
         tire = spec.geom(f"{wheel}_tire")
-        tire.contype, tire.conaffinity = 0, 0
+        tire.contype = 0
+        tire.conaffinity = 0
         spec.add_pair(geomname1="ground", geomname2=tire.name, condim=3)
 
 
 _models: dict[tuple[Robot, WheelShape], mujoco.MjModel] = {}
 _MOST_MODELS = 64
-"""Compiled models that are kept; a study of many robots forgets them all when it has made so many."""
+"""Compiled models that are kept; a study of many robots forgets them all when it has made so
+many."""
 
 
 FREE_DRIVE = Drive(torque_limit=math.inf)
@@ -95,7 +103,10 @@ FREE_DRIVE = Drive(torque_limit=math.inf)
 
 @mujoco_failures()
 def robot_model(
-    calibration: Calibration, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED, drive: Drive = FREE_DRIVE
+    calibration: Calibration,
+    terrain: Terrain = FLAT,
+    settings: PhysicsSettings = SHIPPED,
+    drive: Drive = FREE_DRIVE,
 ) -> mujoco.MjModel:
     """Return a compiled and calibrated model, which belongs to the caller; its motors are those of `drive`.
 
@@ -113,7 +124,12 @@ def robot_model(
     return model
 
 
-def adjust(model: mujoco.MjModel, calibration: Calibration, drive: Drive, settings: PhysicsSettings = SHIPPED) -> None:
+def adjust(
+    model: mujoco.MjModel,
+    calibration: Calibration,
+    drive: Drive,
+    settings: PhysicsSettings = SHIPPED,
+) -> None:
     """Set all numbers on a compiled model of a robot and its ground, in place: motors, calibration and solver.
 
     Raises:
@@ -127,19 +143,28 @@ def adjust(model: mujoco.MjModel, calibration: Calibration, drive: Drive, settin
 def base_inertia(calibration: Calibration) -> FloatArray:
     """Return the (3,) moments of inertia of the base about its centre of mass [kg m2].
 
-    Roll and pitch inertia scale with the base's mass; the yaw inertia is the whole robot's less that of the wheels.
+    Roll and pitch inertia scale with the base's mass; the yaw inertia is the whole robot's less
+    that of the wheels.
 
-    Raises:
-        ParameterError: an inertia that is not positive, or that no rigid body has (each is at most the sum of the others).
+    Raises: ParameterError: an inertia that is not positive, or that no rigid body has (each is at
+        most the sum of the others).
     """
-    robot, half_track = calibration.robot, calibration.half_track
+    robot = calibration.robot
+    half_track = calibration.half_track
     masses = robot.masses
     lever = (0.5 * robot.geometry.wheelbase) ** 2 + half_track**2
     from_wheels = len(WHEELS) * (masses.wheel_inertia[0] + masses.wheel * lever)
     scale = (calibration.mass - len(WHEELS) * masses.wheel) / robot.base_mass
-    inertia = np.array([masses.inertia[0] * scale, masses.inertia[1] * scale, calibration.yaw_inertia - from_wheels])
+    inertia = np.array(
+        [
+            masses.inertia[0] * scale,
+            masses.inertia[1] * scale,
+            calibration.yaw_inertia - from_wheels,
+        ]
+    )
     if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum() * (1.0 + 1e-9):
-        low, high = abs(inertia[0] - inertia[1]) + from_wheels, inertia[0] + inertia[1] + from_wheels
+        low = abs(inertia[0] - inertia[1]) + from_wheels
+        high = inertia[0] + inertia[1] + from_wheels
         raise ParameterError(
             f"yaw_inertia {calibration.yaw_inertia:g} kg m2 leaves the base {inertia.round(3)}, which no rigid body has; "
             f"with mass {calibration.mass:g} kg it must lie between {low:.3f} and {high:.3f}"
@@ -149,7 +174,8 @@ def base_inertia(calibration: Calibration) -> FloatArray:
 
 def static_shares(calibration: Calibration) -> FloatArray:
     """Return the (4,) wheel loads over the weight [1] on four equal springs that hardly give, on level ground."""
-    share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass  # wheels balance one another
+    # wheels balance one another
+    share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass
     x = share * calibration.com_x / (0.5 * calibration.robot.geometry.wheelbase)
     y = share * calibration.com_y / calibration.half_track
     return np.asarray(0.25 * (1.0 + x * FRONT + y * LEFT))
@@ -164,15 +190,21 @@ def pressed_in(model: mujoco.MjModel, calibration: Calibration, prefix: str = ""
     loads = np.maximum(static_shares(calibration), 0.25 * LEAST_SHARE) * calibration.mass * GRAVITY
     points = CONTACT_POINTS[calibration.wheel_shape]
     weights = model.body_invweight0[robot_parts(model, prefix).wheels, 0].tolist()
-    depths = [resting_depth(load / points * weight, solref, solimp) for load, weight in zip(loads, weights, strict=True)]
+    depths = [
+        resting_depth(load / points * weight, solref, solimp)
+        for load, weight in zip(loads, weights, strict=True)
+    ]
     return np.array(depths)
 
 
-def resting_depth(give: float, solref: tuple[float, float], solimp: tuple[float, float, float, float, float]) -> float:
+def resting_depth(
+    give: float, solref: tuple[float, float], solimp: tuple[float, float, float, float, float]
+) -> float:
     """Return how deep a soft contact is pressed in at rest [m].
 
-    A contact with the depth delta has an impedance d(delta), a curve of two power laws, and gives way by A (1 - d) / d for
-    each newton, where A is its inverse mass (docs/physics.md, "Why the contact is soft"). With the load N
+    A contact with the depth delta has an impedance d(delta), a curve of two power laws, and gives
+    way by A (1 - d) / d for each newton, where A is its inverse mass (docs/physics.md, "Why the
+    contact is soft"). With the load N
 
         N A (1 - d) / d = k d delta,  k = 1 / (d_max T)^2 for a damping ratio of one
 
@@ -197,7 +229,9 @@ def resting_depth(give: float, solref: tuple[float, float], solimp: tuple[float,
             y = 1.0 - slope * (1.0 - x) / power
         return least + y * (most - least), slope * (most - least) / width
 
-    low, high, depth = 0.0, math.inf, 0.5 * width
+    low = 0.0
+    high = math.inf
+    depth = 0.5 * width
     while True:  # Newton's method, where that leaves the bracket a bisection
         d, rise = impedance(depth)
         value = stiffness * d * depth - give * (1.0 - d) / d
@@ -217,15 +251,22 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
     Raises:
         ValueError: an inertia that no rigid body has; the model is untouched then.
     """
-    robot, geometry, parts = calibration.robot, calibration.robot.geometry, robot_parts(model, prefix)
+    robot = calibration.robot
+    geometry = calibration.robot.geometry
+    parts = robot_parts(model, prefix)
     inertia = base_inertia(calibration)
     model.body_mass[parts.base] = calibration.mass - len(WHEELS) * robot.masses.wheel
     model.body_inertia[parts.base] = inertia
     model.body_ipos[parts.base] = calibration.com_x, calibration.com_y, calibration.com_z
     across, spin = robot.masses.wheel_inertia
-    places = [0.5 * FRONT * geometry.wheelbase, LEFT * calibration.half_track, np.full(len(WHEELS), geometry.axle_height)]
+    places = [
+        0.5 * FRONT * geometry.wheelbase,
+        LEFT * calibration.half_track,
+        np.full(len(WHEELS), geometry.axle_height),
+    ]
     model.body_pos[parts.wheels] = np.column_stack(places)
-    model.body_mass[parts.wheels], model.body_inertia[parts.wheels] = robot.masses.wheel, (across, spin, across)
+    model.body_mass[parts.wheels] = robot.masses.wheel
+    model.body_inertia[parts.wheels] = (across, spin, across)
     model.dof_armature[parts.dofs] = calibration.armature
     model.opt.timestep = calibration.timestep
     mujoco.mj_setConst(model, mujoco.MjData(model))
@@ -240,9 +281,11 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
         [radii, np.full(len(tires), half), radii if ellipsoid else np.zeros(len(tires))]
     )
     bounds = np.maximum(radii, half) if ellipsoid else radii + half
-    model.geom_rbound[tires], model.geom_aabb[tires, 3:] = bounds, bounds[:, None]
+    model.geom_rbound[tires] = bounds
+    model.geom_aabb[tires, 3:] = bounds[:, None]
     model.geom_friction[tires, 0] = calibration.friction
-    model.geom_solref[tires], model.geom_solimp[tires] = solref, solimp
+    model.geom_solref[tires] = solref
+    model.geom_solimp[tires] = solimp
     model.site_size[parts.sites] = 1.2 * np.hypot(radii, 0.5 * geometry.wheel_width)[:, None]
     for motor in robot.motors:
         model.tendon_solref_fri[model.tendon(f"{prefix}{motor}").id] = solref  # of its dry friction
@@ -251,7 +294,9 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
         if belt >= 0:
             model.eq_solref[belt] = BELT_TIME * math.sqrt(geometry.wheel_radius / GRAVITY), 1.0
     if model.npair:
-        # A capsule's contact frame on a plane: first tangent across the rolling direction, second along it.
+        # A capsule's contact frame on a plane: first tangent across the rolling direction, second
+        # along it.
         model.pair_friction[:, 0] = calibration.friction * calibration.friction_ratio
         model.pair_friction[:, 1] = calibration.friction
-        model.pair_solref[:], model.pair_solimp[:] = solref, solimp
+        model.pair_solref[:] = solref
+        model.pair_solimp[:] = solimp

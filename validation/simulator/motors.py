@@ -1,19 +1,21 @@
 """The motors of `ssmr.robot.drive` inside MuJoCo, of its own actuators alone: a model moves and is exported as it is.
 
-A motor's torque is the sum of two actuators, which both take the wanted wheel rate: `<velocity>` is the proportional part
-K_P e, and `<intvelocity>` is the integral part, a spring of stiffness K_I between the wheel and the angle to which the
-wanted rate adds up. The other end of that spring is a slip: a light joint of its own which gives way at a rate in proportion
-to the spring's torque y, so that y leaks,
+A motor's torque is the sum of two actuators, which both take the wanted wheel rate: `<velocity>` is
+the proportional part K_P e, and `<intvelocity>` is the integral part, a spring of stiffness K_I
+between the wheel and the angle to which the wanted rate adds up. The other end of that spring is a
+slip: a light joint of its own which gives way at a rate in proportion to the spring's torque y, so
+that y leaks,
 
     dy/dt = K_I (e - slip rate),    y = K_dc times the slip rate,    |y| at most the motor's limit,
 
-and which slides freely once y has reached the limit, so that a wheel that is stuck does not wind it up. Both follow from
-the joint's dry friction: MuJoCo's solver makes it soft, of a softness that is chosen here, up to its limit. The torque of
-both parts together is limited at the wheels' joints.
+and which slides freely once y has reached the limit, so that a wheel that is stuck does not wind it
+up. Both follow from the joint's dry friction: MuJoCo's solver makes it soft, of a softness that is
+chosen here, up to its limit. The torque of both parts together is limited at the wheels' joints.
 
-MuJoCo's implicit integrator would take the feedback of a motor at its limit for a damper that still works. So models have
-Euler's, but where the wheels alone would be too light for K_P and the time step. No damping here is so strong that Euler's
-would have to be implicit in it, which costs a fifteenth of a step.
+MuJoCo's implicit integrator would take the feedback of a motor at its limit for a damper that still
+works. So models have Euler's, but where the wheels alone would be too light for K_P and the time
+step. No damping here is so strong that Euler's would have to be implicit in it, which costs a
+fifteenth of a step.
 """
 
 from __future__ import annotations
@@ -31,14 +33,17 @@ from validation.simulator.description import GRAVITY, SIDES, Robot
 from validation.simulator.parts import robot_parts
 
 SLIP_INERTIA = 0.05
-"""Inertia of a slip over that of the rotors and wheels that its motor turns [1]: it weighs nothing in a motion, and a
-lighter one could not be as stiff as a controller whose integral part hardly leaks."""
+"""Inertia of a slip over that of the rotors and wheels that its motor turns [1]: it weighs nothing
+in a motion, and a lighter one could not be as stiff as a controller whose integral part hardly
+leaks."""
 SLIP_DAMPING = 0.15
-"""Damping of a sliding slip over sqrt(K_I x its inertia) [1]: the spring does not swing about the limit."""
+"""Damping of a sliding slip over sqrt(K_I x its inertia) [1]: the spring does not swing about the
+limit."""
 _NO_LIMIT = 1e12
 """Friction of the slip of a motor without a limit [N m]."""
 _FAR = 3.0
-"""Proportional part over the motor's limit beyond which the motor is at its limit whatever the integral part [1]."""
+"""Proportional part over the motor's limit beyond which the motor is at its limit whatever the
+integral part [1]."""
 _STIFFEST = 0.9999
 """Greatest impedance that MuJoCo takes [1]."""
 _TENDON = mujoco.mjtTrn.mjTRN_TENDON
@@ -64,11 +69,13 @@ def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
     return np.concatenate([references] * (model.nu // len(SIDES)), axis=-1)
 
 
-def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, prefix: str = "") -> None:
+def set_motors(
+    model: mujoco.MjModel, calibration: Calibration, drive: Drive, prefix: str = ""
+) -> None:
     """Set the motors of `drive`, with the calibration's gain, on a compiled model, in place.
 
-    A motor that turns one wheel of two has half of a side's numbers. `prefix` stands in front of the robot's names in a
-    larger model.
+    A motor that turns one wheel of two has half of a side's numbers. `prefix` stands in front of
+    the robot's names in a larger model.
     """
     robot = calibration.robot
     motor = motor_numbers(drive, calibration.timestep)
@@ -91,7 +98,8 @@ def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, pr
         gain = share * calibration.gain
         model.actuator_gainprm[index, 0] = gain
         model.actuator_biasprm[index, :3] = 0.0, 0.0, share * motor.braking - gain
-        # No sum with the integral part is changed by this, and MuJoCo is told where the feedback does not work.
+        # No sum with the integral part is changed by this, and MuJoCo is told where the feedback
+        # does not work.
         bounded = limited and too_light
         far = _FAR if drive.integral_gain > 0.0 else 1.0
         bound = far * share * motor.limit if bounded else 0.0
@@ -101,7 +109,9 @@ def set_motors(model: mujoco.MjModel, calibration: Calibration, drive: Drive, pr
         _set_integral_part(model, f"{prefix}{name}", share, light, drive)
 
 
-def _set_integral_part(model: mujoco.MjModel, motor: str, share: float, light: float, drive: Drive) -> None:
+def _set_integral_part(
+    model: mujoco.MjModel, motor: str, share: float, light: float, drive: Drive
+) -> None:
     """Set the spring and the slip of a motor that has a share of a side, whose wheels and rotors have an inertia [kg m2]."""
     dt = float(model.opt.timestep)
     stiffness = share * drive.integral_gain
@@ -110,16 +120,19 @@ def _set_integral_part(model: mujoco.MjModel, motor: str, share: float, light: f
     model.actuator_biasprm[index, :3] = 0.0, -stiffness, 0.0
     dof = int(model.joint(f"{motor}_slip").dofadr[0])
     inertia = max(share * SLIP_INERTIA * light, stiffness * dt**2)
-    # Friction of impedance d that stops the rate at the end of the step is a damper of d / (1 - d) inertia / dt.
+    # Friction of impedance d that stops the rate at the end of the step is a damper of d / (1 - d)
+    # inertia / dt.
     softest = 1.0 - _STIFFEST
     wanted = min(share * drive.dc_stiffness * dt, inertia / softest)
     impedance = min(max(round(wanted / (wanted + inertia), 4), softest), _STIFFEST)
-    if impedance < _STIFFEST:  # a file has six digits: few of 1 - d, but enough of an inertia that goes with a d of four
+    # a file has six digits: few of 1 - d, but enough of an inertia that goes with a d of four
+    if impedance < _STIFFEST:
         inertia = wanted * (1.0 - impedance) / impedance
     model.dof_armature[dof] = inertia
     model.dof_damping[dof] = SLIP_DAMPING * math.sqrt(stiffness * inertia)
     model.dof_frictionloss[dof] = min(2.0 * share * drive.torque_limit, _NO_LIMIT)
     model.dof_solimp[dof, :2] = impedance
     model.dof_solref[dof] = -1.0, -impedance / dt
-    # The solver's softness is in proportion to what the joint's inertia was when the model was made.
+    # The solver's softness is in proportion to what the joint's inertia was when the model was
+    # made.
     model.dof_invweight0[dof] = 1.0 / inertia

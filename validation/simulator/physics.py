@@ -1,7 +1,8 @@
 """Settings of physics: the constraint solver, MuJoCo's stopwatch, and settings that override those of a robot's MJCF.
 
-These are not calibrated: they say how the physics is computed, not which robot is meant. `robot_model` applies
-them once, after the calibration, so what a fit moves and what a study of settings moves never meet.
+These are not calibrated: they say how the physics is computed, not which robot is meant.
+`robot_model` applies them once, after the calibration, so what a fit moves and what a study of
+settings moves never meet.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ class PhysicsSettings:
     impratio: float | None = None
     """Impedance of friction over that of the normal [1] -> opt.impratio."""
     solimp: Impedance | None = None
-    """Impedance of tyre on ground: at no depth, at full depth [1], that depth [m], its midpoint and power [1]."""
+    """Impedance of tyre on ground: at no depth, at full depth [1], that depth [m], its midpoint and
+    power [1]."""
     solref: tuple[float, float] | None = None
     """Time constant [s] and damping ratio [1] of tyre on ground."""
     solver: Solver | None = None
@@ -45,19 +47,25 @@ MUJOCO_IMPEDANCE: Impedance = (0.9, 0.95, 0.001, 0.5, 2.0)
 SHIPPED = PhysicsSettings()
 """A robot's MJCF as it is, solved as `solver_for` says."""
 
-SOLVING: Mapping[Solver, tuple[float, int]] = {"CG": (3e-10, 200), "Newton": (1e-10, 50), "PGS": (1e-10, 50)}
-"""Tolerance and greatest number of iterations of each solver. Conjugate gradients take five iterations in the mean and a
-hundred in some; stopped at 50, they move a path by 0.2 mm."""
+SOLVING: Mapping[Solver, tuple[float, int]] = {
+    "CG": (3e-10, 200),
+    "Newton": (1e-10, 50),
+    "PGS": (1e-10, 50),
+}
+"""Tolerance and greatest number of iterations of each solver. Conjugate gradients take five
+iterations in the mean and a hundred in some; stopped at 50, they move a path by 0.2 mm."""
 EASY_RATIO = 0.5
-"""Friction across a wheel over that along it down to which conjugate gradients converge well: from 0.2 on they do not."""
+"""Friction across a wheel over that along it down to which conjugate gradients converge well: from
+0.2 on they do not."""
 
 
 def solver_for(settings: PhysicsSettings, friction_ratio: float) -> Solver:
     """Return the constraint solver of a model.
 
-    Conjugate gradients solve the shipped physics in two thirds of Newton's time, and their paths and Newton's are the same
-    within 0.05 mm. Newton's method copes with all else: with much less friction across the wheels than along them, and with
-    whatever contacts, cones and integrators a study tries.
+    Conjugate gradients solve the shipped physics in two thirds of Newton's time, and their paths
+    and Newton's are the same within 0.05 mm. Newton's method copes with all else: with much less
+    friction across the wheels than along them, and with whatever contacts, cones and integrators a
+    study tries.
     """
     if settings.solver is not None:
         return settings.solver
@@ -65,7 +73,10 @@ def solver_for(settings: PhysicsSettings, friction_ratio: float) -> Solver:
 
 
 def apply_settings(
-    model: mujoco.MjModel, settings: PhysicsSettings, tires: Sequence[int], friction_ratio: float = 1.0
+    model: mujoco.MjModel,
+    settings: PhysicsSettings,
+    tires: Sequence[int],
+    friction_ratio: float = 1.0,
 ) -> None:
     """Set solver and overrides on a compiled and calibrated model, in place.
 
@@ -85,7 +96,11 @@ def apply_settings(
         ("cone", settings.cone and getattr(mujoco.mjtCone, f"mjCONE_{settings.cone.upper()}")),
         ("solver", getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")),
         ("tolerance", tolerance),
-        ("integrator", settings.integrator and getattr(mujoco.mjtIntegrator, f"mjINT_{settings.integrator.upper()}")),
+        (
+            "integrator",
+            settings.integrator
+            and getattr(mujoco.mjtIntegrator, f"mjINT_{settings.integrator.upper()}"),
+        ),
         ("impratio", settings.impratio),
         ("iterations", iterations if settings.iterations is None else settings.iterations),
     ):
@@ -100,11 +115,12 @@ def apply_settings(
 def stop_the_stopwatch() -> None:
     """Give MuJoCo a clock that stands still, unless somebody has given it one already.
 
-    MuJoCo reads the clock some thirty times a step to tell in `mjData.timer` where the time went. Nobody here asks for that,
-    and it takes a twelfth of a step.
+    MuJoCo reads the clock some thirty times a step to tell in `mjData.timer` where the time went.
+    Nobody here asks for that, and it takes a twelfth of a step.
     """
     import mujoco
 
     if mujoco.get_mjcb_time() is None:
-        constant = ctypes.CFUNCTYPE(ctypes.c_double)(("PyFloat_GetMin", ctypes.pythonapi))  # in C, without the interpreter
+        # in C, without the interpreter
+        constant = ctypes.CFUNCTYPE(ctypes.c_double)(("PyFloat_GetMin", ctypes.pythonapi))
         mujoco.set_mjcb_time(constant)

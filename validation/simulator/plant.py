@@ -1,8 +1,8 @@
 """A MuJoCo robot as a `Plant`.
 
-A run goes chunk by chunk: the samples of each are kept and its steps are forgotten, so that hours fit into memory. A chunk
-goes on from the last one's state and with what its solver started from, so results do not depend on how long chunks are, to
-the bit.
+A run goes chunk by chunk: the samples of each are kept and its steps are forgotten, so that hours
+fit into memory. A chunk goes on from the last one's state and with what its solver started from, so
+results do not depend on how long chunks are, to the bit.
 """
 
 from __future__ import annotations
@@ -37,16 +37,17 @@ from validation.simulator.resting import level_rest, solved_exactly
 from validation.simulator.terrain import FLAT, Terrain
 
 PRESCRIBED_SHARE = 1000.0
-"""Armature of wheels whose rates are given, over mass times wheel radius squared [1]: so heavy that the ground cannot change
-them (MuJoCo does not pass an armature's reaction on to the body)."""
+"""Armature of wheels whose rates are given, over mass times wheel radius squared [1]: so heavy that
+the ground cannot change them (MuJoCo does not pass an armature's reaction on to the body)."""
 PRESCRIBED_LAG = 50.0
 """Time constant of the feedback on given wheel rates, in time steps.
 
-It only makes up for the ground, which moves so heavy wheels by less than 0.2 mm/s, for the references lead. It is slow
-because MuJoCo's contacts know nothing of implicit damping: they see wheels that are ahead by up to one over this number
-of every change."""
+It only makes up for the ground, which moves so heavy wheels by less than 0.2 mm/s, for the
+references lead. It is slow because MuJoCo's contacts know nothing of implicit damping: they see
+wheels that are ahead by up to one over this number of every change."""
 SETTLE_CONSTANTS = 50.0
-"""Time for which the robot stands before its resting height is taken, in time constants of the contact; 1 s for a Husky."""
+"""Time for which the robot stands before its resting height is taken, in time constants of the
+contact; 1 s for a Husky."""
 _COLUMNS = 23
 """Numbers of a sample."""
 CHUNK = 2000
@@ -87,23 +88,36 @@ class MujocoPlant:
         Raises:
             ValueError: numbers that do not go together.
         """
-        self.terrain, self.settings = terrain, settings
+        self.terrain = terrain
+        self.settings = settings
         self.model = robot_model(calibration, terrain, settings, drive)
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
-        self.calibration, self.drive, self._parts = calibration, drive, robot_parts(self.model)
+        self.calibration = calibration
+        self.drive = drive
+        self._parts = robot_parts(self.model)
         self.wheel_dofs = tuple(
-            [dof for wheel, dof in zip(WHEELS, self._parts.dofs, strict=True) if wheel.endswith(side)] for side in SIDES
+            [
+                dof
+                for wheel, dof in zip(WHEELS, self._parts.dofs, strict=True)
+                if wheel.endswith(side)
+            ]
+            for side in SIDES
         )
         places = [int(self.model.sensor(f"force_{wheel}").adr[0]) for wheel in WHEELS]
         self._forces = np.add.outer(places, range(2))
-        level = level_rest(self.model, mujoco.MjData(self.model), calibration) if self.terrain.level else None
+        level = (
+            level_rest(self.model, mujoco.MjData(self.model), calibration)
+            if self.terrain.level
+            else None
+        )
         self._resting = self._settle() if level is None else level
         self._driver: Driver | None = None
 
     @cached_property
     def yaw_inertia(self) -> float:
         """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
-        data, mass_matrix = mujoco.MjData(self.model), np.zeros((self.model.nv, self.model.nv))
+        data = mujoco.MjData(self.model)
+        mass_matrix = np.zeros((self.model.nv, self.model.nv))
         data.qpos[:] = self._resting
         mujoco.mj_fwdPosition(self.model, data)
         mujoco.mj_fullM(self.model, data, mass_matrix)
@@ -116,7 +130,8 @@ class MujocoPlant:
         """Return the robot's model with wheels that turn as they are told, whatever torque that takes."""
         robot = self.calibration.robot
         armature = PRESCRIBED_SHARE * robot.masses.total * robot.geometry.wheel_radius**2
-        gain = 2.0 * armature / ((PRESCRIBED_LAG + 1.0) * self.dt)  # Euler's method is a step ahead of the lag
+        # Euler's method is a step ahead of the lag
+        gain = 2.0 * armature / ((PRESCRIBED_LAG + 1.0) * self.dt)
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
         return robot_model(heavy, self.terrain, self.settings, FREE_DRIVE)
 
@@ -132,13 +147,17 @@ class MujocoPlant:
         with solved_exactly(self.model):
             mujoco.mj_step(self.model, data, nstep=round(SETTLE_CONSTANTS * constant / self.dt))
         rest = np.array(data.qpos)
-        rest[:2], rest[7:] = 0.0, 0.0
-        mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(-float(quat_wxyz_to_yaw(rest[3:7]))), data.qpos[3:7])
+        rest[:2] = 0.0
+        rest[7:] = 0.0
+        mujoco.mju_mulQuat(
+            rest[3:7], yaw_to_quat_wxyz(-float(quat_wxyz_to_yaw(rest[3:7]))), data.qpos[3:7]
+        )
         return rest
 
     def placed(self, state: State) -> FloatArray:
         """Return the simulator's whole (1 + nq + nv + na) state where the robot rests on its tyres in `state`."""
-        rest, velocity = self._resting.copy(), np.zeros(self.model.nv)
+        rest = self._resting.copy()
+        velocity = np.zeros(self.model.nv)
         rest[:2] = state.x, state.y
         mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
         velocity[:2] = rotate_body_to_world([state.v_x, state.v_y], state.yaw)
@@ -149,7 +168,8 @@ class MujocoPlant:
 
     def _read(self) -> State:
         """Return the simulator's state as a planar one; yaw is unwrapped from the last reading."""
-        qpos, qvel = self._data.qpos, self._data.qvel
+        qpos = self._data.qpos
+        qvel = self._data.qvel
         yaw = float(quat_wxyz_to_yaw(qpos[3:7])) + 2.0 * math.pi * self._turns
         v = rotate_world_to_body(qvel[:2], yaw)
         return State(
@@ -167,8 +187,12 @@ class MujocoPlant:
         """Start from `state`, resting on its tyres, with empty delay lines and no memory of former runs."""
         self._driver = Driver(self.drive, self.dt, state)
         mujoco.mj_resetData(self.model, self._data)
-        mujoco.mj_setState(self.model, self._data, self.placed(state), mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        self._turns = round((state.yaw - float(quat_wxyz_to_yaw(self._data.qpos[3:7]))) / (2.0 * math.pi))
+        mujoco.mj_setState(
+            self.model, self._data, self.placed(state), mujoco.mjtState.mjSTATE_FULLPHYSICS
+        )
+        self._turns = round(
+            (state.yaw - float(quat_wxyz_to_yaw(self._data.qpos[3:7]))) / (2.0 * math.pi)
+        )
         self._last = self._read()
         return self._last
 
@@ -180,14 +204,17 @@ class MujocoPlant:
         """
         data, driver = self._begun()
         data.qfrc_applied[5] = self.yaw_inertia * yaw_acceleration
-        turned = self._last.yaw  # to within a step: enough to count whole turns, however long the command is held
+        # to within a step: enough to count whole turns, however long the command is held
+        turned = self._last.yaw
         references = driver.references(command, whole_steps(dt, self.dt, "the step"))
         for control in controls(self.model, references):
             data.ctrl[:] = control
             before = data.time
             mujoco.mj_step(self.model, data)
             if not data.time > before:
-                raise DivergedError(f"mujoco gave up at t = {before:.3f} s", t=before, state=self._last)
+                raise DivergedError(
+                    f"mujoco gave up at t = {before:.3f} s", t=before, state=self._last
+                )
             turned += self.dt * float(data.qvel[5])
         self._turns += round((turned - self._read().yaw) / (2.0 * math.pi))
         self._last = self._read()
@@ -198,7 +225,9 @@ class MujocoPlant:
 
         The force is that under the last step's inputs; reading it changes nothing.
         """
-        site, kind, now = self.model.site("imu").id, mujoco.mjtObj.mjOBJ_SITE, self._probe
+        site = self.model.site("imu").id
+        kind = mujoco.mjtObj.mjOBJ_SITE
+        now = self._probe
         mujoco.mj_copyState(self.model, self._begun()[0], now, mujoco.mjtState.mjSTATE_INTEGRATION)
         mujoco.mj_forward(self.model, now)
         mujoco.mj_rnePostConstraint(self.model, now)  # bodies' accelerations
@@ -220,28 +249,41 @@ class MujocoPlant:
         return mujoco.MjData(self.model)
 
     @mujoco_failures()
-    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+    def run(
+        self,
+        commands: Commands,
+        state: State,
+        sample_dt: float,
+        disturbance: FloatArray | None = None,
+    ) -> Trajectory:
         """Drive `commands` at once, by `mujoco.rollout`.
 
-        Returns: The motion, with channels `yaw_acceleration_rad_s2` (M,) and, where no wheel rates are given, `torque_N_m`
-            (M, 2); and for the wheels front left, front right, rear left, rear right `wheel_load_N` (M, 4) and the forces of
-            the ground in the body's axes, `force_x_N` and `force_y_N` (M, 4).
+        Returns: The motion, with channels `yaw_acceleration_rad_s2` (M,) and, where no wheel rates
+            are given, `torque_N_m` (M, 2); and for the wheels front left, front right, rear left,
+            rear right `wheel_load_N` (M, 4) and the forces of the ground in the body's axes,
+            `force_x_N` and `force_y_N` (M, 4).
 
         Raises:
             DivergedError: the simulator gave up.
         """
-        stride, steps = whole_steps(sample_dt, self.dt, "the sample period"), commands.n * self._steps_of(commands)
+        stride = whole_steps(sample_dt, self.dt, "the sample period")
+        steps = commands.n * self._steps_of(commands)
         if disturbance is not None and len(disturbance) != steps:
             raise ValueError(f"{len(disturbance)} disturbances for {steps} physics steps")
         spec = mujoco.mjtState.mjSTATE_CTRL
         if disturbance is not None:
             spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
-        model, start = self._prescribed if commands.kind == "wheels" else self.model, self.placed(state)
-        chunks = sampled(model, start, self._inputs(commands, state, disturbance), int(spec), stride)
-        table, done = np.empty((1 + steps // stride, _COLUMNS)), 0
+        model = self._prescribed if commands.kind == "wheels" else self.model
+        start = self.placed(state)
+        chunks = sampled(
+            model, start, self._inputs(commands, state, disturbance), int(spec), stride
+        )
+        table = np.empty((1 + steps // stride, _COLUMNS))
+        done = 0
         for chunk in chunks:
             rows = self._rows(chunk)
-            table[done : done + len(rows)], done = rows, done + len(rows)
+            table[done : done + len(rows)] = rows
+            done = done + len(rows)
         table[:, 2] += _TURN * round((state.yaw - table[0, 2]) / (2.0 * math.pi))
         motion = motion_of(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
         if commands.kind == "twist":
@@ -259,12 +301,16 @@ class MujocoPlant:
     def _steps_of(self, commands: Commands) -> int:
         return whole_steps(commands.dt, self.dt, "the command period")
 
-    def _inputs(self, commands: Commands, state: State, disturbance: FloatArray | None) -> Iterator[FloatArray]:
+    def _inputs(
+        self, commands: Commands, state: State, disturbance: FloatArray | None
+    ) -> Iterator[FloatArray]:
         """Yield the inputs of chunks of physics steps: of all actuators and, with a disturbance, the forces on all joints.
 
-        There is one step more, with the last inputs but undisturbed: its sensors are those at the end.
+        There is one step more, with the last inputs but undisturbed: its sensors are those at the
+        end.
         """
-        steps, first = commands.n * self._steps_of(commands), 0
+        steps = commands.n * self._steps_of(commands)
+        first = 0
         chunks = reference_chunks(commands, self.drive, self.dt, state, CHUNK)
         if commands.kind == "wheels":
             chunks = self._leading_references(commands, state)
@@ -273,7 +319,9 @@ class MujocoPlant:
             control = controls(self.model, references)
             if disturbance is not None:
                 force = np.zeros((len(control), self.model.nv))
-                force[: len(chunk), 5] = self.yaw_inertia * np.asarray(disturbance[first : first + len(chunk)])
+                force[: len(chunk), 5] = self.yaw_inertia * np.asarray(
+                    disturbance[first : first + len(chunk)]
+                )
                 control = np.hstack([control, force])
             yield control
             first += len(chunk)
@@ -300,14 +348,27 @@ class MujocoPlant:
     def _rows(self, chunk: Samples) -> FloatArray:
         """Return the (m, 23) numbers of a trajectory's samples."""
         nq = self.model.nq
-        qpos, qvel = chunk.states[:, 1 : 1 + nq], chunk.states[:, 1 + nq : 1 + nq + self.model.nv]
+        qpos = chunk.states[:, 1 : 1 + nq]
+        qvel = chunk.states[:, 1 + nq : 1 + nq + self.model.nv]
         wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
         at_wheels = chunk.sensors[:, self._parts.torques]
-        torques = at_wheels[:, :2] + at_wheels[:, 2:] - motor_numbers(self.drive, self.dt).braking * wheels
+        torques = (
+            at_wheels[:, :2]
+            + at_wheels[:, 2:]
+            - motor_numbers(self.drive, self.dt).braking * wheels
+        )
         columns = [
-            *(qpos[:, :2], chunk.yaw, rotate_world_to_body(qvel[:, :2], chunk.yaw), qvel[:, 5], wheels),
+            *(
+                qpos[:, :2],
+                chunk.yaw,
+                rotate_world_to_body(qvel[:, :2], chunk.yaw),
+                qvel[:, 5],
+                wheels,
+            ),
             *(chunk.sensors[:, self._parts.loads], torques, chunk.yaw_acceleration),
-            *np.moveaxis(rotate_world_to_body(chunk.sensors[:, self._forces], chunk.yaw[:, None]), -1, 0),
+            *np.moveaxis(
+                rotate_world_to_body(chunk.sensors[:, self._forces], chunk.yaw[:, None]), -1, 0
+            ),
         ]
         return np.column_stack(columns)
 
@@ -315,10 +376,14 @@ class MujocoPlant:
 def motion_of(t: FloatArray, table: FloatArray) -> Trajectory:
     """Return the motion at (M,) instants [s] from a table of its numbers.
 
-    It has (M, 15) poses, twists, wheel rates, loads, torques and yaw accelerations, or (M, 23) with the forces of the ground
-    along the body and across it.
+    It has (M, 15) poses, twists, wheel rates, loads, torques and yaw accelerations, or (M, 23) with
+    the forces of the ground along the body and across it.
     """
-    channels = {"wheel_load_N": table[:, 8:12], "torque_N_m": table[:, 12:14], "yaw_acceleration_rad_s2": table[:, 14]}
+    channels = {
+        "wheel_load_N": table[:, 8:12],
+        "torque_N_m": table[:, 12:14],
+        "yaw_acceleration_rad_s2": table[:, 14],
+    }
     if table.shape[1] > 15:
         channels |= {"force_x_N": table[:, 15:19], "force_y_N": table[:, 19:23]}
     return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)
@@ -353,23 +418,45 @@ def sampled(
         spec: kind of the inputs, of `mujoco.mjtState`.
         stride: steps from one sample to the next; the first step is one.
 
-    Raises:
-        DivergedError: the simulator gave up; with the time and, as far as the chunk reaches back, the states until then.
+    Raises: DivergedError: the simulator gave up; with the time and, as far as the chunk reaches
+        back, the states until then.
     """
-    dt, nq, data = float(model.opt.timestep), model.nq, mujoco.MjData(model)
-    state, warm, first, turns = start, np.zeros(model.nv), 0, 0
+    dt = float(model.opt.timestep)
+    nq = model.nq
+    data = mujoco.MjData(model)
+    state = start
+    warm = np.zeros(model.nv)
+    first = 0
+    turns = 0
     for given in inputs:
-        batch = rollout.rollout(model, data, state[None], given[None], control_spec=spec, initial_warmstart=warm[None])
-        after, sensors = batch[0][0], batch[1][0]
+        batch = rollout.rollout(
+            model, data, state[None], given[None], control_spec=spec, initial_warmstart=warm[None]
+        )
+        after = batch[0][0]
+        sensors = batch[1][0]
         before = np.vstack([state, after[:-1]])
         # A diverged simulation resets itself: its clock jumps back.
         bad = np.flatnonzero((after[:, 0] <= before[:, 0]) | ~np.isfinite(after).all(axis=1))
         if len(bad):
             t = (first + int(bad[0])) * dt
-            raise DivergedError(f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=before[: int(bad[0]) + 1])
+            raise DivergedError(
+                f"mujoco gave up at t = {t:.3f} s: no finite state",
+                t=t,
+                states=before[: int(bad[0]) + 1],
+            )
         yaw = quat_wxyz_to_yaw(np.vstack([before[:, 4:8], after[-1:, 4:8]]))
-        whole = turns - np.cumulative_sum(np.rint(np.diff(yaw) / _TURN).astype(np.int64), include_initial=True)
+        whole = turns - np.cumulative_sum(
+            np.rint(np.diff(yaw) / _TURN).astype(np.int64), include_initial=True
+        )
         at = slice(-first % stride, len(after), stride)
         change = (after[at, 1 + nq + 5] - before[at, 1 + nq + 5]) / dt
-        yield Samples(np.array(before[at]), np.array(sensors[at]), yaw[:-1][at] + _TURN * whole[:-1][at], change)
-        state, warm, first, turns = after[-1], np.array(data.qacc_warmstart), first + len(after), int(whole[-1])
+        yield Samples(
+            np.array(before[at]),
+            np.array(sensors[at]),
+            yaw[:-1][at] + _TURN * whole[:-1][at],
+            change,
+        )
+        state = after[-1]
+        warm = np.array(data.qacc_warmstart)
+        first = first + len(after)
+        turns = int(whole[-1])

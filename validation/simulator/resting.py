@@ -1,7 +1,8 @@
 """Rest of a robot on level ground, computed by Newton's method and not by letting it settle.
 
-Height, roll and pitch are such that its contacts neither lift nor tilt it. That takes some ten evaluations of the forces
-instead of hundreds of steps, and the result does not hang on how long it had to settle.
+Height, roll and pitch are such that its contacts neither lift nor tilt it. That takes some ten
+evaluations of the forces instead of hundreds of steps, and the result does not hang on how long it
+had to settle.
 """
 
 from __future__ import annotations
@@ -22,16 +23,20 @@ _DOFS = slice(2, 5)
 _STEPS = 40
 """Most steps; four or five are usual."""
 _CLOSE = 1e-7
-"""Step at which the search ends, in units of how far tyres are pressed in: that error's square remains."""
+"""Step at which the search ends, in units of how far tyres are pressed in: that error's square
+remains."""
 _PROBE = 1e-5
 """Step of finite differences, in the same units."""
 _SLOW = 0.1
 """Reduction of the residual in a step from which on the Jacobian is computed anew."""
-_TOLERANCE, _ITERATIONS = 1e-14, 100
+_TOLERANCE = 1e-14
+_ITERATIONS = 100
 """Tolerance of the constraint solver, which must not limit the accuracy here."""
 
 
-def level_rest(model: mujoco.MjModel, data: mujoco.MjData, calibration: Calibration) -> FloatArray | None:
+def level_rest(
+    model: mujoco.MjModel, data: mujoco.MjData, calibration: Calibration
+) -> FloatArray | None:
     """Return the (nq,) configuration in which a robot rests on level ground at the origin.
 
     None where the search does not converge: a robot that tips over, for example.
@@ -53,7 +58,9 @@ def solved_exactly(model: mujoco.MjModel) -> Iterator[None]:
     """Within, the model's constraints are solved to rounding; how a robot rests must not depend on its solver."""
     option = model.opt
     before = option.solver, option.tolerance, option.iterations
-    option.solver, option.tolerance, option.iterations = mujoco.mjtSolver.mjSOL_NEWTON, _TOLERANCE, _ITERATIONS
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.tolerance = _TOLERANCE
+    option.iterations = _ITERATIONS
     try:
         yield
     finally:
@@ -63,10 +70,13 @@ def solved_exactly(model: mujoco.MjModel) -> Iterator[None]:
 def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
     """Return a first configuration, and (3,) heights [m] and angles [rad] that press the tyres in to half their depth."""
     rolling = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
-    depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)  # as `set_calibration` estimated them
+    # as `set_calibration` estimated them
+    depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)
     heights = rolling - 0.5 * depths
-    half_base, half_track = 0.5 * calibration.robot.geometry.wheelbase, calibration.half_track
-    pitch, roll = -float(FRONT @ heights) / (4.0 * half_base), float(LEFT @ heights) / (4.0 * half_track)
+    half_base = 0.5 * calibration.robot.geometry.wheelbase
+    half_track = calibration.half_track
+    pitch = -float(FRONT @ heights) / (4.0 * half_base)
+    roll = float(LEFT @ heights) / (4.0 * half_track)
     start = np.array(model.qpos0)
     start[2] = float(heights.mean()) - calibration.robot.geometry.axle_height
     turn = np.zeros(model.nv)
@@ -75,8 +85,12 @@ def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray,
     return start, 0.5 * float(depths.mean()) * np.array([1.0, 1.0 / half_track, 1.0 / half_base])
 
 
-def _search(model: mujoco.MjModel, data: mujoco.MjData, place: FloatArray, reach: FloatArray) -> FloatArray | None:
-    move, jacobian, last = np.zeros(model.nv), np.empty((3, 3)), np.inf
+def _search(
+    model: mujoco.MjModel, data: mujoco.MjData, place: FloatArray, reach: FloatArray
+) -> FloatArray | None:
+    move = np.zeros(model.nv)
+    jacobian = np.empty((3, 3))
+    last = np.inf
 
     def pull(change: FloatArray | float) -> FloatArray:
         """Return (3,) accelerations of the body at rest in `place` after a change of height and angles."""

@@ -1,6 +1,7 @@
 """The ground that a simulated robot stands on: level, or a ramp. The planar models know none of it.
 
-On the command line a terrain is `flat`, `ramp:SLOPE` or `ramp:slope_deg=5,toward_deg=90`. In here units are SI.
+On the command line a terrain is `flat`, `ramp:SLOPE` or `ramp:slope_deg=5,toward_deg=90`. In here
+units are SI.
 """
 
 from __future__ import annotations
@@ -43,7 +44,13 @@ class Terrain:
     def gravity(self, g: float) -> FloatArray:
         """Return (3,) gravity [m/s2] along the axes of the ground."""
         along = g * math.sin(self.slope)
-        return np.array([-along * math.cos(self.toward), -along * math.sin(self.toward), -g * math.cos(self.slope)])
+        return np.array(
+            [
+                -along * math.cos(self.toward),
+                -along * math.sin(self.toward),
+                -g * math.cos(self.slope),
+            ]
+        )
 
     def gravity_in_body(self, yaw: FloatArray, g: float) -> FloatArray:
         """Return (M, 3) gravity [m/s2] in the axes of a robot that stands flat on the ground with (M,) headings."""
@@ -71,13 +78,17 @@ FLAT = Terrain()
 def parse_terrain(text: str) -> Terrain:
     """Return the terrain that a text such as `ramp:5` describes.
 
-    Raises:
-        ValueError: it is not understood, or a number is outside its range; the message says what would be right.
+    Raises: ValueError: it is not understood, or a number is outside its range; the message says
+        what would be right.
     """
     ramp = _RAMP.fullmatch(text)
     try:
         if ramp is None and text != "flat":
             raise ValueError(f"wanted {USAGE}")
-        return FLAT if ramp is None else Terrain(*(math.radians(float(n or 0.0)) for n in ramp.groups()))
+        return (
+            FLAT
+            if ramp is None
+            else Terrain(*(math.radians(float(n or 0.0)) for n in ramp.groups()))
+        )
     except ValueError as error:
         raise ValueError(f"terrain '{shortened(text, 60)}' is not understood: {error}") from error

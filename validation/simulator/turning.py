@@ -18,14 +18,24 @@ from validation.simulator.plant import MujocoPlant
 
 SAMPLE = 0.01
 """Period of samples [s]."""
-SPIN_RATE, SPIN_TIME, SPIN_LEAD = 0.6, 38.0, 2.0
-"""Turn on the spot: commanded yaw rate [rad/s], duration [s], and start of the measurement [s]; about three turns."""
-STRAIGHT_SPEED, STRAIGHT_TIME, _STRAIGHT_LEAD, _STRAIGHT_YAW = 0.5, 8.0, 3.0, 0.4
-"""Straight drive: commanded speed [m/s], duration [s], start of the measurement [s], and heading [rad] between the axes."""
-TURNED, _SURGE_LEAD = 0.25 * math.pi, 3.0
-"""Angle by which the ground is turned under trajectory 3, which should change nothing [rad], and the time from which on its
-speed is measured [s]."""
-_SLOPE, _SLOPE_TIME, _SLOPE_LEAD = math.radians(8.0), 6.0, 2.0
+SPIN_RATE = 0.6
+SPIN_TIME = 38.0
+SPIN_LEAD = 2.0
+"""Turn on the spot: commanded yaw rate [rad/s], duration [s], and start of the measurement [s];
+about three turns."""
+STRAIGHT_SPEED = 0.5
+STRAIGHT_TIME = 8.0
+_STRAIGHT_LEAD = 3.0
+_STRAIGHT_YAW = 0.4
+"""Straight drive: commanded speed [m/s], duration [s], start of the measurement [s], and heading
+[rad] between the axes."""
+TURNED = 0.25 * math.pi
+_SURGE_LEAD = 3.0
+"""Angle by which the ground is turned under trajectory 3, which should change nothing [rad], and
+the time from which on its speed is measured [s]."""
+_SLOPE = math.radians(8.0)
+_SLOPE_TIME = 6.0
+_SLOPE_LEAD = 2.0
 """Side slope [rad], duration of standing on it [s], and start of the measurement [s]."""
 
 
@@ -45,7 +55,8 @@ def rolling_radius(plant: Plant, speed: float = STRAIGHT_SPEED) -> tuple[float, 
     motion = plant.run(_twist(speed, 0.0, STRAIGHT_TIME), State(yaw=_STRAIGHT_YAW), SAMPLE)
     tail = motion.t >= _STRAIGHT_LEAD
     along = np.array([math.cos(_STRAIGHT_YAW), math.sin(_STRAIGHT_YAW)])
-    first, last = motion.xy[tail][0], motion.xy[-1]
+    first = motion.xy[tail][0]
+    last = motion.xy[-1]
     ahead = float(along @ (last - first))
     aside = float(along[0] * (last - first)[1] - along[1] * (last - first)[0])
     turned = float(motion.wheels[tail].mean()) * float(motion.t[-1] - motion.t[tail][0])
@@ -67,7 +78,8 @@ def creep(plant: MujocoPlant) -> float:
     finally:
         plant.model.opt.gravity[:] = level
     tail = motion.t >= _SLOPE_LEAD
-    first, last = motion.xy[tail][0], motion.xy[-1]
+    first = motion.xy[tail][0]
+    last = motion.xy[-1]
     return float(np.hypot(*(last - first)) / (motion.t[-1] - motion.t[tail][0]))
 
 
@@ -86,15 +98,19 @@ def spin(plant: Plant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> T
     return plant.run(_twist(0.0, rate, seconds), State(), SAMPLE)
 
 
-def closed_form(calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> SkidTurn:
+def closed_form(
+    calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+) -> SkidTurn:
     """Return the turn on the spot of a robot with this centre of mass and these wheels by mechanics.
 
-    Args:
-        calibration: parameters of the robot.
-        shift: four shares by which loads differ from those at rest, as `turn_on_the_spot` has them [1].
+    Args: calibration: parameters of the robot. shift: four shares by which loads differ from those
+        at rest, as `turn_on_the_spot` has them [1].
     """
-    outermost = {"ellipsoid": 0.0, "capsule": calibration.capsule_half_width}  # contact points, from the wheel's middle [m]
-    half_width = outermost.get(calibration.wheel_shape, 0.5 * calibration.robot.geometry.wheel_width)
+    # contact points, from the wheel's middle [m]
+    outermost = {"ellipsoid": 0.0, "capsule": calibration.capsule_half_width}
+    half_width = outermost.get(
+        calibration.wheel_shape, 0.5 * calibration.robot.geometry.wheel_width
+    )
     share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass
     return turn_on_the_spot(
         calibration.robot.geometry.wheelbase,
@@ -110,13 +126,18 @@ def closed_form(calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 
 def measure_spin(motion: Trajectory, calibration: Calibration) -> dict[str, float]:
     """Return the measures of a turn on the spot, by name; those of whole turns only if there was one."""
     tail = motion.t >= SPIN_LEAD - 1e-9
-    loads, rate = motion.channels["wheel_load_N"][tail], motion.twist[tail, 2]
+    loads = motion.channels["wheel_load_N"][tail]
+    rate = motion.twist[tail, 2]
     wheels = motion.wheels[tail, 1] - motion.wheels[tail, 0]
-    xy, yaw = motion.xy[tail], motion.yaw[tail]
+    xy = motion.xy[tail]
+    yaw = motion.yaw[tail]
     out = {
         "multiplier_expected": closed_form(calibration).multiplier,
         "lifted_share": float((loads < LIFT_SHARE * loads.mean(axis=0)).any(axis=1).mean()),
-        "glide": float(np.hypot(*motion.twist[tail, :2].T).max() / (0.5 * calibration.wheel_radius * wheels.mean())),
+        "glide": float(
+            np.hypot(*motion.twist[tail, :2].T).max()
+            / (0.5 * calibration.wheel_radius * wheels.mean())
+        ),
         "wander_m": float(np.hypot(*(xy - xy[0]).T).max()),
     }
     whole = math.floor(float(yaw[-1] - yaw[0]) / (2.0 * math.pi) + 1e-9)
@@ -124,7 +145,9 @@ def measure_spin(motion: Trajectory, calibration: Calibration) -> dict[str, floa
         end = int(np.argmax(yaw - yaw[0] >= 2.0 * math.pi * whole))
         span = slice(0, max(end, 1))
         out["multiplier"] = float(
-            calibration.wheel_radius * wheels[span].mean() / (2.0 * calibration.half_track * rate[span].mean())
+            calibration.wheel_radius
+            * wheels[span].mean()
+            / (2.0 * calibration.half_track * rate[span].mean())
         )
         out["ripple"] = float(np.ptp(rate[span]) / rate[span].mean())
         out["drift_m"] = float(np.hypot(*(xy[end] - xy[0]))) / whole

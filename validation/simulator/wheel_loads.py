@@ -15,7 +15,8 @@ from validation.simulator.health import LIFT_SHARE
 from validation.simulator.model import GRAVITY, static_shares
 from validation.simulator.plant import MujocoPlant
 
-MEASURED, QUASI_STATIC = "wheel_load_N", "quasi_static_load_N"
+MEASURED = "wheel_load_N"
+QUASI_STATIC = "quasi_static_load_N"
 """Channels of a motion, (M, 4) each [N]: as simulated, and by the formula from that same motion."""
 
 
@@ -36,18 +37,21 @@ class WheelLoads:
     static_rms_N: float
     """Root mean square of simulated less static loads, over all wheels [N]."""
     quasi_static_rms_N: float
-    """Root mean square of simulated less quasi-static loads [N]: the part that load transfer does not explain."""
+    """Root mean square of simulated less quasi-static loads [N]: the part that load transfer does
+    not explain."""
 
 
 def load_model(plant: MujocoPlant) -> LoadModel:
     """Return the numbers of the quasi-static formula, read off a robot's compiled model at rest."""
-    model, data = plant.model, mujoco.MjData(plant.model)
+    model = plant.model
+    data = mujoco.MjData(plant.model)
     mujoco.mj_setState(model, data, plant.placed(State()), mujoco.mjtState.mjSTATE_FULLPHYSICS)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     root = model.body("base").id
     com = data.subtree_com[root]
-    front, right = model.body("front_left").pos, model.body("rear_right").pos
+    front = model.body("front_left").pos
+    right = model.body("rear_right").pos
     spin = sum(float(model.body(wheel).inertia[1]) for wheel in WHEELS)
     return LoadModel(
         float(model.body_subtreemass[root]), float(com[0]), float(com[1]), float(com[2]),
@@ -70,7 +74,9 @@ def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localis
 
 def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> WheelLoads:
     """Sum up the loads over all pieces, each with both channels; `static` are the (4,) loads at rest [N]."""
-    measured, formula = (np.concatenate([p.channels[name] for p in pieces]) for name in (MEASURED, QUASI_STATIC))
+    measured, formula = (
+        np.concatenate([p.channels[name] for p in pieces]) for name in (MEASURED, QUASI_STATIC)
+    )
 
     def rms(values: FloatArray) -> float:
         return float(np.sqrt(np.mean(values**2)))
@@ -78,4 +84,6 @@ def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> WheelLoads:
     lifted = np.mean(measured < LIFT_SHARE * static.mean(), axis=0)
     values = (static, measured.mean(axis=0), measured.min(axis=0), measured.max(axis=0), lifted)
     still, mean, lowest, highest, off = (tuple(map(float, v)) for v in values)
-    return WheelLoads(still, mean, lowest, highest, off, rms(measured - static), rms(measured - formula))
+    return WheelLoads(
+        still, mean, lowest, highest, off, rms(measured - static), rms(measured - formula)
+    )

@@ -22,11 +22,15 @@ STUDIES = ("contact", "transfer", "drivetrain", "runs")
 
 def study_named(name: str) -> cli.Program[..., Any]:
     """Return the program of a study; its module is imported then."""
-    program: cli.Program[..., Any] = getattr(import_module(f"validation.study.{name}"), f"study_{name}")
+    program: cli.Program[..., Any] = getattr(
+        import_module(f"validation.study.{name}"), f"study_{name}"
+    )
     return program
 
 
-PROGRAM: Mapping[str, Callable[[Any], None]] = {name: study_named(name).command() for name in STUDIES}
+PROGRAM: Mapping[str, Callable[[Any], None]] = {
+    name: study_named(name).command() for name in STUDIES
+}
 
 if __name__ == "__main__":
     cli.run(PROGRAM, "python -m validation.study")

@@ -1,9 +1,10 @@
 """Contact study: what physics settings and engines do to the simulated robot (docs/why_drift.md).
 
-The thesis tried friction models, iterations, steps and contact layers of ODE in Gazebo (Sec. 3.7) without success. These are
-the settings of MuJoCo that correspond to them, and ODE and Drake themselves. How deep tyres are pressed into the ground
-depends on the contact; so does the radius that they roll with. Hence every measure is taken with tyres whose size is
-corrected to the profile's radius.
+The thesis tried friction models, iterations, steps and contact layers of ODE in Gazebo (Sec. 3.7)
+without success. These are the settings of MuJoCo that correspond to them, and ODE and Drake
+themselves. How deep tyres are pressed into the ground depends on the contact; so does the radius
+that they roll with. Hence every measure is taken with tyres whose size is corrected to the
+profile's radius.
 """
 
 from __future__ import annotations
@@ -37,7 +38,15 @@ from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
-from validation.simulator.turning import SAMPLE, TURNED, creep, measure_spin, rolling_radius, spin, surge
+from validation.simulator.turning import (
+    SAMPLE,
+    TURNED,
+    creep,
+    measure_spin,
+    rolling_radius,
+    spin,
+    surge,
+)
 from validation.study.sweep import StudyOptions, picture, sweep
 
 BASELINE = "as shipped"
@@ -72,21 +81,29 @@ CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
 class Setting(NamedTuple):
     """A setting to be tried."""
 
-    physics: PhysicsSettings | OdeSettings | None  # settings of MuJoCo or ODE; None for Drake, which has none
+    # settings of MuJoCo or ODE; None for Drake, which has none
+    physics: PhysicsSettings | OdeSettings | None
     robot: Mapping[str, Any]  # fields of `Calibration` that change too
 
     def plant(
-        self, section: PlantProfile, wheels: float = 0.0, steps: float = 1.0, terrain: Terrain = FLAT
+        self,
+        section: PlantProfile,
+        wheels: float = 0.0,
+        steps: float = 1.0,
+        terrain: Terrain = FLAT,
     ) -> MujocoPlant | EnginePlant:
         """Return a profile's robot with wheels larger by `wheels` [m] and `steps` times as many steps.
 
         Raises:
             ValueError: the parameters do not fit together, or the engine is not installed.
         """
-        c, s = replace(section.parameters, **self.robot), self.physics
+        c = replace(section.parameters, **self.robot)
+        s = self.physics
         c = replace(c, wheel_radius=c.wheel_radius + wheels, timestep=c.timestep / steps)
         if isinstance(s, OdeSettings):
-            return EnginePlant("ode", lambda numbers: OdeBody(numbers, s), c, section.drive, terrain)
+            return EnginePlant(
+                "ode", lambda numbers: OdeBody(numbers, s), c, section.drive, terrain
+            )
         if s is None:
             return EnginePlant("drake", DrakeBody, c, section.drive, terrain)
         return MujocoPlant(c, section.drive, terrain=terrain, settings=s)
@@ -95,17 +112,23 @@ class Setting(NamedTuple):
 def all_settings(robot: Robot | None = None) -> dict[str, Setting]:
     """Return what is tried, by name, of which the words before a colon are the group.
 
-    The maker's centre of mass is that of a Husky's description, at the same place between the wheels of any robot. Near ODE,
-    the contact is as hard as a step of 1 ms lets it be.
+    The maker's centre of mass is that of a Husky's description, at the same place between the
+    wheels of any robot. Near ODE, the contact is as hard as a step of 1 ms lets it be.
     """
-    own, usual, s = (robot or load_robot()).geometry, load_robot().geometry, PhysicsSettings
-    makers = {"com_x": -0.00065 * own.wheelbase / usual.wheelbase, "com_y": -0.085 * own.track / usual.track}
+    own = (robot or load_robot()).geometry
+    usual = load_robot().geometry
+    s = PhysicsSettings
+    makers = {
+        "com_x": -0.00065 * own.wheelbase / usual.wheelbase,
+        "com_y": -0.085 * own.track / usual.track,
+    }
     plain = s("pyramidal", 1.0, solimp=MUJOCO_IMPEDANCE, iterations=100, integrator="Euler")
     ode = s(
         "pyramidal", 1.0, solimp=(0.99, 0.999, 0.001, 0.5, 2.0), solref=(0.004, 1.0), solver="PGS", iterations=50,
         integrator="Euler",
     )  # fmt: skip
-    soft, cylinders = replace(ode, cone="elliptic", solimp=None, solref=None), {"wheel_shape": "cylinder"}
+    soft = replace(ode, cone="elliptic", solimp=None, solref=None)
+    cylinders = {"wheel_shape": "cylinder"}
     fine = {**cylinders, "timestep": 0.001}
     return {
         BASELINE: Setting(SHIPPED, {}),
@@ -123,11 +146,17 @@ def all_settings(robot: Robot | None = None) -> dict[str, Setting]:
         "near ODE: also elliptic cone": Setting(replace(ode, cone="elliptic"), {**fine, **makers}),
         "near ODE: also soft contact": Setting(soft, {**fine, **makers}),
         "near ODE: also centre in the middle": Setting(soft, fine),
-        "ode: its own defaults": Setting(OdeSettings("pyramid", "world", "quick", 20, soft=False, cfm=1e-10), {}),
+        "ode: its own defaults": Setting(
+            OdeSettings("pyramid", "world", "quick", 20, soft=False, cfm=1e-10), {}
+        ),
         "ode: Gazebo's Husky": Setting(GAZEBO, MAKERS_HUSKY),
         "ode: Gazebo's Husky, centre in the middle": Setting(GAZEBO, HUSKY),
-        "ode: Gazebo's Husky, emulated cone": Setting(replace(GAZEBO, friction_law="cone"), MAKERS_HUSKY),
-        "ode: Gazebo's Husky, emulated cone, centred": Setting(replace(GAZEBO, friction_law="cone"), HUSKY),
+        "ode: Gazebo's Husky, emulated cone": Setting(
+            replace(GAZEBO, friction_law="cone"), MAKERS_HUSKY
+        ),
+        "ode: Gazebo's Husky, emulated cone, centred": Setting(
+            replace(GAZEBO, friction_law="cone"), HUSKY
+        ),
         "ode: best, emulated cone, exact solver": Setting(OdeSettings(), {}),
         "drake: best, stiction 0.1 mm/s": Setting(None, {}),
     }
@@ -138,7 +167,9 @@ def chosen_settings(only: Sequence[str], robot: Robot | None = None) -> dict[str
     every = all_settings(robot)
     groups = dict.fromkeys(name.partition(":")[0] for name in every if name != BASELINE)
     if unknown := [name for name in only if name not in groups]:
-        raise ValueError(f"unknown group '{', '.join(unknown)}' in only; there are: {', '.join(groups)}")
+        raise ValueError(
+            f"unknown group '{', '.join(unknown)}' in only; there are: {', '.join(groups)}"
+        )
     wanted = only or [group for group in groups if group not in SECOND_OPINIONS]
     return {n: s for n, s in every.items() if n == BASELINE or n.partition(":")[0] in wanted}
 
@@ -148,8 +179,8 @@ class ContactStudy(StudyOptions):
     """Options of the study of physics settings."""
 
     only: Annotated[cli.Names, cli.option(default="all groups of MuJoCo")] = ()
-    """Groups to try besides what is shipped: cone, impedance, solver, time step, centre of mass, defaults, near ODE, and the
-    other engines, ode and drake."""
+    """Groups to try besides what is shipped: cone, impedance, solver, time step, centre of mass,
+    defaults, near ODE, and the other engines, ode and drake."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown group."""
@@ -162,14 +193,18 @@ class Bench(NamedTuple):
 
     lab: PlantProfile  # muJoCo robot that stands for the lab's robot
     pieces: Mapping[str, Piece]  # trajectories 1-4
-    models: Mapping[str, Mapping[str, Trajectory]]  # motions of the published models, by model and trajectory
+    # motions of the published models, by model and trajectory
+    models: Mapping[str, Mapping[str, Trajectory]]
 
 
 def make_bench(lab: Profile) -> Bench:
     """Drive the published models, and return the bench."""
     pieces = {name: open_source(name).pieces[0] for name in TRAJECTORIES}
     models = {
-        m: {name: drive(make_plant(lab, m), piece, lab.plants[m].localiser, SAMPLE) for name, piece in pieces.items()}
+        m: {
+            name: drive(make_plant(lab, m), piece, lab.plants[m].localiser, SAMPLE)
+            for name, piece in pieces.items()
+        }
         for m in MODELS
     }
     return Bench(lab.section("mujoco"), pieces, models)
@@ -201,8 +236,13 @@ class Trial:
         measured = measure_spin(spin(self.plant()), self.uncorrected[0])
         known = {"ripple_share": measured.get("ripple"), "glide_share": measured["glide"]}
         if "multiplier" in measured:
-            known["off_closed_form_share"] = measured["multiplier"] / measured["multiplier_expected"] - 1.0
-        return {**known, **{k: measured.get(k) for k in ("multiplier", "lifted_share", "wander_m", "drift_m")}}
+            known["off_closed_form_share"] = (
+                measured["multiplier"] / measured["multiplier_expected"] - 1.0
+            )
+        return {
+            **known,
+            **{k: measured.get(k) for k in ("multiplier", "lifted_share", "wander_m", "drift_m")},
+        }
 
     def slope(self) -> Row:
         """Return what standing on a slope shows."""
@@ -215,19 +255,30 @@ class Trial:
 
     def trajectories(self) -> Row:
         """Return the distances from the published models, and what trajectories 3 and 4 show."""
-        pieces, localiser, numbers = self.bench.pieces, self.bench.lab.localiser, self.uncorrected[0]
+        pieces = self.bench.pieces
+        localiser = self.bench.lab.localiser
+        numbers = self.uncorrected[0]
         plant = self.plant()
         motions = {name: drive(plant, piece, localiser, SAMPLE) for name, piece in pieces.items()}
         turned = drive(plant, replace(pieces["traj3"], start=State(yaw=TURNED)), localiser, SAMPLE)
         fine = drive(self.plant(steps=2.0), pieces["traj4"], localiser, SAMPLE)
-        c, s = math.cos(TURNED), math.sin(TURNED)
+        c = math.cos(TURNED)
+        s = math.sin(TURNED)
         apart = {
-            f"to_{model}_m": float(np.mean([compare_paths(motions[name], path)["d_rms_m"] for name, path in paths.items()]))
+            f"to_{model}_m": float(
+                np.mean(
+                    [compare_paths(motions[name], path)["d_rms_m"] for name, path in paths.items()]
+                )
+            )
             for model, paths in self.bench.models.items()
         }
         return {
-            "surge_share": max(surge(m, numbers.wheel_radius, self.bench.lab.drive) for m in (motions["traj3"], turned)),
-            "ground_turned_m": _apart(turned.xy @ np.array([[c, -s], [s, c]]), motions["traj3"].xy),  # in the ground's frame
+            "surge_share": max(
+                surge(m, numbers.wheel_radius, self.bench.lab.drive)
+                for m in (motions["traj3"], turned)
+            ),
+            # in the ground's frame
+            "ground_turned_m": _apart(turned.xy @ np.array([[c, -s], [s, c]]), motions["traj3"].xy),
             "step_halved_m": _apart(fine.xy, motions["traj4"].xy),
             **apart,
         }
@@ -260,14 +311,19 @@ def study_contact(o: ContactStudy) -> Report:
         SsmrError: a published model diverged.
     """
     lab = o.robot_profile()
-    bench, chosen = make_bench(lab), chosen_settings(o.only, lab.robot)
+    bench = make_bench(lab)
+    chosen = chosen_settings(o.only, lab.robot)
     trials = {name: Trial(bench, setting) for name, setting in chosen.items()}
     swept = sweep(trials, CONTACT_DRIVES, workers=o.workers, progress=o.progress)
     numbers = {name: asdict(s.physics) if s.physics else {} for name, s in chosen.items()}
-    changed = {name: {k: v for k, v in given.items() if v is not None} for name, given in numbers.items()}
+    changed = {
+        name: {k: v for k, v in given.items() if v is not None} for name, given in numbers.items()
+    }
     tables = []
     for title, columns in CONTACT_MEASURES.items():
-        rows = [{key: row[key] for key in ("variant", *columns) if key in row} for row in swept.rows]
+        rows = [
+            {key: row[key] for key in ("variant", *columns) if key in row} for row in swept.rows
+        ]
         caption = "\n".join(f"{heading_of(key)}: {meaning}" for key, meaning in columns.items())
         tables.append(Table(title, rows, caption, units=_UNITS))
     return Report(
@@ -283,7 +339,10 @@ def study_contact(o: ContactStudy) -> Report:
 
 def _draw(study: Report) -> Figure:
     """Return the picture: what tells settings apart, a bar for each."""
-    rows = {row["variant"]: {**row, **more} for row, more in zip(*(table.rows for table in study.tables), strict=True)}
+    rows = {
+        row["variant"]: {**row, **more}
+        for row, more in zip(*(table.rows for table in study.tables), strict=True)
+    }
 
     def draw(column: str, title: str, first: bool, ax: Axes) -> None:
         values = [row.get(column) or 0.0 for row in rows.values()]
@@ -300,5 +359,8 @@ def _draw(study: Report) -> Figure:
         (0.2, "ground_turned_m", "ground turned [m]"),
         (0.2, "to_improved_m", "to improved [m]"),
     )
-    bars = tuple((share, partial(draw, column, title, k == 0)) for k, (share, column, title) in enumerate(panels))
+    bars = tuple(
+        (share, partial(draw, column, title, k == 0))
+        for k, (share, column, title) in enumerate(panels)
+    )
     return picture(study, [drawing.PanelRow(1.2 + 0.22 * len(rows), bars)])

@@ -51,7 +51,8 @@ class Swept:
     """Result of a sweep."""
 
     rows: Sequence[dict[str, Any]]
-    """A row for each variant that was measured, in the order of the variants, its name in the column `variant`."""
+    """A row for each variant that was measured, in the order of the variants, its name in the
+    column `variant`."""
     notes: Sequence[str] = field(default_factory=tuple)
     """A sentence for each measure that failed."""
     status: str = FINISHED
@@ -67,11 +68,10 @@ def sweep(
 ) -> Swept:
     """Take every measure of every variant.
 
-    Args:
-        variants: what is varied, by the name that its row gets.
-        measures: drives by name, each of which gives some columns. A drive that fails leaves its columns empty and a note.
-        workers: threads, None for all processors; the result does not depend on it.
-        progress: called after each variant.
+    Args: variants: what is varied, by the name that its row gets. measures: drives by name, each of
+        which gives some columns. A drive that fails leaves its columns empty and a note. workers:
+        threads, None for all processors; the result does not depend on it. progress: called after
+        each variant.
 
     Returns:
         The rows; after Ctrl-C those of the variants that were finished.
@@ -93,7 +93,8 @@ def sweep(
         return row
 
     rows: dict[str, dict[str, Any]] = {}
-    status, pool = FINISHED, ThreadPoolExecutor(workers or os.cpu_count())
+    status = FINISHED
+    pool = ThreadPoolExecutor(workers or os.cpu_count())
     try:
         futures = {pool.submit(row_of, name, variant): name for name, variant in variants.items()}
         for future in as_completed(futures):

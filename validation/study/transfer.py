@@ -1,6 +1,7 @@
 """Transfer study: does an analytic model choose the right controller for the MuJoCo robot (docs/controllers.md)?
 
-Every controller follows every reference on every plant, under the same noise. MuJoCo is the judge: it stands for the robot.
+Every controller follows every reference on every plant, under the same noise. MuJoCo is the judge:
+it stands for the robot.
 """
 
 from __future__ import annotations
@@ -24,7 +25,14 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.types import FloatArray
 from validation import cli
 from validation.bench.gains import DEFAULT, GainSet, load_gains, names, profile_sets
-from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, make_robot, run_robots, within_reach
+from validation.bench.loops import (
+    AnyController,
+    ClosedLoopRobot,
+    make_controller,
+    make_robot,
+    run_robots,
+    within_reach,
+)
 from validation.bench.tracked import track_metrics
 from validation.bench.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TuneCost, costs_of
@@ -37,12 +45,25 @@ from validation.study.sweep import StudyOptions, picture, sweep
 
 JUDGE = "mujoco"
 """Plant that stands for the robot: the others are to choose the right controller for it."""
-_USUAL_REFERENCES = ("eight", "u-turn", "stop-and-go", "slalom", "square", "spiral", "sine", "generic", "circle", "line")
+_USUAL_REFERENCES = (
+    "eight",
+    "u-turn",
+    "stop-and-go",
+    "slalom",
+    "square",
+    "spiral",
+    "sine",
+    "generic",
+    "circle",
+    "line",
+)
 _USUAL_SPEEDS = (0.25, 0.5)  # the thesis' two; a quick study has the last, and three references
 PRACTICABLE = 0.9
-"""Share of the robot's greatest speed and yaw rate that a reference may ask for; what is left is for corrections."""
+"""Share of the robot's greatest speed and yaw rate that a reference may ask for; what is left is
+for corrections."""
 SAME_COST = TuneCost(guard=0.0)
-"""Cost of Sec. 4.3.3 without the LQR's additional term: the same for all laws, so that they can be compared."""
+"""Cost of Sec. 4.3.3 without the LQR's additional term: the same for all laws, so that they can be
+compared."""
 _MEASURES = ("cost", "d_rms_m", "sync_rms_m", "e_rho_rms_m")
 
 
@@ -55,10 +76,13 @@ class TransferStudy(StudyOptions):
     controllers: Annotated[cli.Names, cli.option(metavar="NAME,...", default="all")] = (
         *PLAIN_CONTROLLERS, "lqr+predictor", "lqr-scheduled+predictor", "mpc",
     )  # fmt: skip
-    """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one with gains of your own."""
-    references: Annotated[cli.Names, cli.option(metavar="NAME,...", default="ten; three if quick")] = ()
-    """References by name; circle@0.4 has its own speed [m/s], others 0.25 and 0.5, or 0.5 alone if quick. What the robot
-    cannot drive in MuJoCo is driven more slowly."""
+    """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one
+    with gains of your own."""
+    references: Annotated[
+        cli.Names, cli.option(metavar="NAME,...", default="ten; three if quick")
+    ] = ()
+    """References by name; circle@0.4 has its own speed [m/s], others 0.25 and 0.5, or 0.5 alone if
+    quick. What the robot cannot drive in MuJoCo is driven more slowly."""
     seed: cli.Seed = 11  # no shipped set was tuned with seeds from 11 on
     quick: cli.Flag = False
     """Take three references where none are named, and one speed."""
@@ -67,7 +91,9 @@ class TransferStudy(StudyOptions):
         """Raise a ValueError where there is no plant besides MuJoCo."""
         super().__post_init__()
         if not set(self.plants) - {JUDGE}:
-            raise ValueError(f"plants names none besides {JUDGE}; name one that is to choose for it")
+            raise ValueError(
+                f"plants names none besides {JUDGE}; name one that is to choose for it"
+            )
 
 
 Contenders = Mapping[str, tuple[AnyController, GainSet]]
@@ -77,8 +103,8 @@ Contenders = Mapping[str, tuple[AnyController, GainSet]]
 def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
     """Return the controllers on a profile, whose own gains take the place of the shipped tuned ones.
 
-    Raises:
-        ValueError: an unknown controller, gains or file, one name for two, or fewer than two contenders.
+    Raises: ValueError: an unknown controller, gains or file, one name for two, or fewer than two
+        contenders.
     """
     contenders: dict[str, tuple[AnyController, GainSet]] = {}
     for named in o.controllers:
@@ -89,10 +115,14 @@ def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
             gains = load_gains(controller, profile.name if own else kind)
             name = controller if kind == DEFAULT else f"{controller} {Path(kind).stem}"
             if name in contenders:
-                raise ValueError(f"two controllers are called '{name}'; leave out '{named}', or rename it")
+                raise ValueError(
+                    f"two controllers are called '{name}'; leave out '{named}', or rename it"
+                )
             contenders[name] = make_controller(profile, gains), gains
     if len(contenders) < 2:
-        raise ValueError(f"there is no choice among {', '.join(contenders) or 'no controllers'}; name two or more")
+        raise ValueError(
+            f"there is no choice among {', '.join(contenders) or 'no controllers'}; name two or more"
+        )
     return contenders
 
 
@@ -113,39 +143,59 @@ Scores = Mapping[str, float | int | None]
 """Cost (Sec. 4.3.3) and errors of a controller on a reference, None if it lost it; `lost`."""
 
 
-def _scores(o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints) -> list[Scores]:
+def _scores(
+    o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints
+) -> list[Scores]:
     """Drive every controller along a reference, with the same noise and disturbance, and return their scores.
 
     Compiled laws are driven as one population and Python objects, such as mpc, as another.
     """
-    target, scores = waypoints.trajectory(LoopSettings().position_period), dict[int, Scores]()
+    target = waypoints.trajectory(LoopSettings().position_period)
+    scores = dict[int, Scores]()
     for compiled in (True, False):
         some = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
         if some:
             settings = [LoopSettings()] * len(some)
-            runs = run_robots([robot] * len(some), [laws[k] for k in some], settings, waypoints, [o.seed], o.workers)
+            runs = run_robots(
+                [robot] * len(some),
+                [laws[k] for k in some],
+                settings,
+                waypoints,
+                [o.seed],
+                o.workers,
+            )
             costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
             for k, run, cost in zip(some, runs, costs, strict=True):
-                errors = None if run.lost else {**track_metrics(run, waypoints, robot.limits), "cost": cost}
-                scores[k] = {**{m: None if errors is None else float(errors[m]) for m in _MEASURES}, "lost": int(run.lost)}
+                errors = (
+                    None
+                    if run.lost
+                    else {**track_metrics(run, waypoints, robot.limits), "cost": cost}
+                )
+                scores[k] = {
+                    **{m: None if errors is None else float(errors[m]) for m in _MEASURES},
+                    "lost": int(run.lost),
+                }
     return [scores[k] for k in range(len(laws))]
 
 
-# Costs of several references are (R, C) arrays, a column for each controller; infinite where the robot was lost.
+# Costs of several references are (R, C) arrays, a column for each controller; infinite where the
+# robot was lost.
 
 
 def mean_costs(costs: FloatArray) -> FloatArray:
     """Return the (C,) mean costs over the references that were kept; NaN for a controller that lost all."""
     kept = np.isfinite(costs)
     count = kept.sum(axis=0)
-    return np.where(count > 0, np.where(kept, costs, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+    return np.where(
+        count > 0, np.where(kept, costs, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan
+    )
 
 
 def places(costs: FloatArray) -> NDArray[np.intp]:
     """Return the (C,) places of controllers, 0 for the best; equal ones share a place.
 
-    Who loses fewer references is placed before who loses more, whatever the cost; among equals the mean cost of the
-    references that were kept decides.
+    Who loses fewer references is placed before who loses more, whatever the cost; among equals the
+    mean cost of the references that were kept decides.
     """
     keys = np.column_stack([np.isinf(costs).sum(axis=0), np.nan_to_num(mean_costs(costs))])
     return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
@@ -165,9 +215,11 @@ def choice(costs: FloatArray, truth: FloatArray) -> int:
 def regret(costs: FloatArray, truth: FloatArray) -> float:
     """Return how much more the choice by `costs` costs in `truth` than the best choice, as a share of that one's cost.
 
-    It is infinite where the choice loses more references than the best; of choices that lose as many, kept references count.
+    It is infinite where the choice loses more references than the best; of choices that lose as
+    many, kept references count.
     """
-    chosen, best = choice(costs, truth), choice(truth, truth)
+    chosen = choice(costs, truth)
+    best = choice(truth, truth)
     if np.isinf(truth[:, chosen]).sum() > np.isinf(truth[:, best]).sum():
         return math.inf
     means = mean_costs(truth)
@@ -177,11 +229,14 @@ def regret(costs: FloatArray, truth: FloatArray) -> float:
 def agreement(costs: FloatArray, truth: FloatArray) -> dict[str, Any]:
     """Return how a model's costs agree with the true ones.
 
-    That is `tau`, the rank correlation; `chosen`, the column of the choice; its `regret`; and `same_winner`, the number of
-    references on which both have the same best controller.
+    That is `tau`, the rank correlation; `chosen`, the column of the choice; its `regret`; and
+    `same_winner`, the number of references on which both have the same best controller.
     """
-    same = sum(choice(costs[[k]], truth[[k]]) == choice(truth[[k]], truth[[k]]) for k in range(len(truth)))
-    tau, chosen = rank_correlation(costs, truth), choice(costs, truth)
+    same = sum(
+        choice(costs[[k]], truth[[k]]) == choice(truth[[k]], truth[[k]]) for k in range(len(truth))
+    )
+    tau = rank_correlation(costs, truth)
+    chosen = choice(costs, truth)
     return {"tau": tau, "chosen": chosen, "regret": regret(costs, truth), "same_winner": same}
 
 
@@ -191,14 +246,19 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
 
     def table_of(plant: str, measure: str = "cost") -> FloatArray:
         values = [[row["scores"][plant][name][measure] for name in names] for row in drives]
-        return np.array([[math.inf if value is None else value for value in row] for row in values], dtype=float)
+        return np.array(
+            [[math.inf if value is None else value for value in row] for row in values], dtype=float
+        )
 
     costs = {plant: table_of(plant) for plant in drives[0]["scores"]}
-    truth, plants = costs[JUDGE], dict[str, Any]()
+    truth = costs[JUDGE]
+    plants = dict[str, Any]()
     for plant, own in costs.items():
         ranks = agreement(own, truth)
         kept = np.isfinite(own).all(axis=0) & np.isfinite(truth).all(axis=0)
-        means = {m: mean_costs(table_of(plant, m)).tolist() for m in ("cost", "d_rms_m", "sync_rms_m")}
+        means = {
+            m: mean_costs(table_of(plant, m)).tolist() for m in ("cost", "d_rms_m", "sync_rms_m")
+        }
         each = {
             **means,
             "gap": np.where(kept, mean_costs(own) / mean_costs(truth) - 1.0, np.nan).tolist(),
@@ -209,9 +269,15 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
         plants[plant] = {
             "all": {**ranks, "chosen": names[ranks["chosen"]]},
             "tau_with": {other: rank_correlation(own, costs[other]) for other in costs},
-            "contenders": {name: {key: values[k] for key, values in each.items()} for k, name in enumerate(names)},
+            "contenders": {
+                name: {key: values[k] for key, values in each.items()}
+                for k, name in enumerate(names)
+            },
         }
-    sets = {name: {"controller": g.controller, "name": g.name, **g.values} for name, (_, g) in contenders.items()}
+    sets = {
+        name: {"controller": g.controller, "name": g.name, **g.values}
+        for name, (_, g) in contenders.items()
+    }
     return {
         "robot": profile.robot.name,
         "contenders": {name: {"gains": gains} for name, gains in sets.items()},
@@ -226,7 +292,9 @@ def _ranked(result: Mapping[str, Any]) -> list[str]:
 
 
 def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
-    plants, choices, costs = result["plants"], list[Row](), list[Row]()
+    plants = result["plants"]
+    choices = list[Row]()
+    costs = list[Row]()
     for plant, own in plants.items():
         agreed = own["all"]
         row = {"plant": plant, "tau": agreed["tau"], "same_winner": agreed["same_winner"]}
@@ -255,14 +323,17 @@ def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
 def study_transfer(o: TransferStudy) -> Report:
     """Let every controller follow every reference on every plant: does a model choose the right one for MuJoCo's robot?
 
-    Raises:
-        ValueError: a profile, plant, controller, gains or reference do not exist or do not go together.
+    Raises: ValueError: a profile, plant, controller, gains or reference do not exist or do not go
+        together.
     """
     profile = o.robot_profile()
     robots = {plant: make_robot(profile, plant) for plant in dict.fromkeys((JUDGE, *o.plants))}
     contenders = contenders_of(o, profile)
     laws = [law for law, _ in contenders.values()]
-    missions = {f"{name} {waypoints.speed:.3f}": (name, waypoints) for name, waypoints in missions_of(o, robots[JUDGE])}
+    missions = {
+        f"{name} {waypoints.speed:.3f}": (name, waypoints)
+        for name, waypoints in missions_of(o, robots[JUDGE])
+    }
 
     def follow(mission: tuple[str, Waypoints]) -> Row:
         name, waypoints = mission
@@ -270,7 +341,8 @@ def study_transfer(o: TransferStudy) -> Report:
         named = {plant: dict(zip(contenders, own, strict=True)) for plant, own in scores.items()}
         return {"reference": name, "speed_m_s": waypoints.speed, "scores": named}
 
-    swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)  # a drive is a population on all threads
+    # a drive is a population on all threads
+    swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)
     result = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
     label = with_robot(profile.name, profile.robot.name)
     return Report(
@@ -290,12 +362,23 @@ def _draw(label: str, result: Mapping[str, Any], study: Report) -> Figure:
     def draw(ax: Axes) -> None:
         drawing.inset(ax, left=1.15)
         for plant, own in result["plants"].items():
-            ink, marker = drawing.ink_of(plant), "D" if plant == JUDGE else "o"
+            ink = drawing.ink_of(plant)
+            marker = "D" if plant == JUDGE else "o"
             for row, name in enumerate(order):
                 each = own["contenders"][name]
-                ax.plot(each["cost"], row, "x" if each["lost"] else marker, color=ink, gid=f"{plant} {name}")
+                ax.plot(
+                    each["cost"],
+                    row,
+                    "x" if each["lost"] else marker,
+                    color=ink,
+                    gid=f"{plant} {name}",
+                )
             ax.plot([], [], marker, color=ink, label=plant)
-        ax.set(xscale="log", xlabel="mean cost (Sec. 4.3.3; a cross lost a run)", ylim=(len(order) - 0.4, -0.6))
+        ax.set(
+            xscale="log",
+            xlabel="mean cost (Sec. 4.3.3; a cross lost a run)",
+            ylim=(len(order) - 0.4, -0.6),
+        )
         ax.set_title(f"{label}: the best on {JUDGE} at the top")
         ax.set_yticks(range(len(order)), order, fontsize=9.0)
         for tick in ax.get_yticklabels():

@@ -17,14 +17,15 @@ from ssmr.geometry import rotate_body_to_world
 from ssmr.lanes import run_population
 from ssmr.models import coulomb, kinematic, linear
 from ssmr.models.coulomb import CoulombParameters
-from ssmr.models.improved import ImprovedParameters
+from ssmr.models.improved import ImprovedParameters, break_away, slide
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.linear import LinearParameters
 from ssmr.robot.drive import Wanted
 from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, State
-from tests.conftest import EXACT, ROUNDOFF
+from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
 
 LOOSE = Drive(v_max=50.0, w_max=50.0, delay_v=0.0, delay_w=0.0, hold=0.05, torque_limit=math.inf)
 """A drive that does nothing but the wheel kinematics and the torque loop."""
@@ -181,6 +182,76 @@ def test_coulomb_chatters_at_rest_and_improved_does_not() -> None:
     tail = slice(1000, None)
     assert np.abs(chatter.channels["yaw_acceleration_rad_s2"][tail]).max() > 0.5
     assert np.abs(calm.channels["yaw_acceleration_rad_s2"][tail]).max() == EXACT
+
+
+@given(
+    v=speeds,
+    active=st.floats(-300.0, 300.0),
+    dynamic=st.floats(0.0, 100.0),
+    more=st.floats(0.0, 50.0),
+)
+def test_a_step_of_a_constant_force_is_two_half_steps(
+    v: float, active: float, dynamic: float, more: float
+) -> None:
+    """Wherever the velocity reaches zero, and whether or not friction at rest then holds it."""
+    dry = (dynamic + more, dynamic)
+    gain = 0.02
+    once = slide(v, active, active, gain, *dry)
+    half = slide(v, active, active, 0.5 * gain, *dry)
+    twice = slide(half, active, active, 0.5 * gain, *dry)
+    assert twice == pytest.approx(once, rel=SYMMETRY, abs=SYMMETRY)
+    if v != 0.0 and once * v <= 0.0 and abs(active) <= dry[0]:
+        assert once == EXACT
+
+
+@given(start=st.floats(-1.0, 1.0), end=st.floats(-3.0, 3.0), dynamic=st.floats(0.0, 1.0))
+def test_what_breaks_away_within_a_step_does_so_in_two_half_steps(
+    start: float, end: float, dynamic: float
+) -> None:
+    """The instant at which a linear force exceeds stiction, 1, is found in either half."""
+    dry = (1.0, dynamic)
+    gain = 0.1
+    middle = 0.5 * (start + end)
+    once = break_away(start, end, gain, *dry)
+    twice = break_away(start, middle, 0.5 * gain, *dry)
+    if abs(middle) > 1.0:
+        twice = slide(twice, middle, end, 0.5 * gain, *dry)
+    else:
+        twice = break_away(middle, end, 0.5 * gain, *dry)
+    assert twice == pytest.approx(once, rel=SYMMETRY, abs=SYMMETRY)
+    assert (once != 0.0) == (abs(end) > 1.0)
+
+
+def to_and_fro(v: float, w: float, period: float) -> Commands:
+    """Commands for 12 s whose signs change twice a `period` [s]; `w` does so 1.6 times as often."""
+    t = np.arange(0.0, 12.0, 0.05)
+    signs = [1.0 - 2.0 * (t / half % 2.0 >= 1.0) for half in (0.5 * period, 0.3125 * period)]
+    return Commands(0.05, np.column_stack([v * signs[0], w * signs[1]]))
+
+
+@pytest.mark.parametrize(
+    ("commands", "limit"),
+    [
+        (TRAJECTORIES["traj1"].commands(), 5.0),
+        (TRAJECTORIES["traj3"].commands(), 5.0),
+        (TRAJECTORIES["traj4"].commands(), 4.5),
+        (TRAJECTORIES["traj1"].commands(), 7.0),
+        (to_and_fro(0.5, 0.0, 2.0), 5.5),
+        (to_and_fro(0.5, 0.0, 2.0), 7.0),
+        (to_and_fro(0.5, 1.0, 2.24), 7.0),
+    ],
+)
+def test_the_improved_step_is_of_second_order_with_motors_at_their_limit(
+    commands: Commands, limit: float
+) -> None:
+    """What breaks away, stops or turns back loses no time; a step of stiction each cost 4 mm."""
+    model = PlanarModel(ImprovedParameters(), VEHICLE, Drive(torque_limit=limit))
+    steps = (1e-3, 5e-4, 2.5e-4)
+    ends = [PlanarPlant(model, dt).run(commands, State(), 0.05).pose[-1, :2] for dt in steps]
+    coarse = float(np.linalg.norm(ends[0] - ends[1]))
+    fine = float(np.linalg.norm(ends[1] - ends[2]))
+    assert coarse < 2e-4
+    assert fine < max(coarse / 3.0, 1e-5)  # what turns back is there at any step, to 0.01 mm
 
 
 # ------------------------------------------------------------------------------- linear, Eq.

@@ -48,17 +48,19 @@ def viscous_coefficient(coefficient: float, steepness: float) -> float:
 def improved_friction(active: float, static: float, dynamic: float, v: float) -> float:
     """Return the friction force or torque to be ADDED to the active one (Eq. 2.29, with -FDJ sgn(v) where -FDJ is printed).
 
+    It is that of the time that follows: what stiction cannot hold at standstill moves at once, and
+    FDJ resists it. FSJ would be the friction of one instant, and of a whole step that begins there.
+
     Args:
         active: force or torque that friction opposes.
         static: FSJ, the greatest stiction.
         dynamic: FDJ, the friction in motion.
         v: velocity, exactly 0 at standstill.
     """
-    if v == 0.0:
-        if abs(active) <= static:
-            return -active
-        return -sign(active) * static
-    return -sign(v) * dynamic
+    if v == 0.0 and abs(active) <= static:
+        return -active
+    way = active if v == 0.0 else v
+    return dynamic if way < 0.0 else -dynamic
 
 
 @jit

@@ -1,8 +1,9 @@
 """Nonlinear model with the improved dry friction (Sec. 2.2.4, Fig. 3.13).
 
-Driving and turning are two decoupled motions. Each sticks at standstill, breaks away above stiction, and stops where its
-velocity changes sign (zero-crossing detection). Simplifications of Sec. 2.2.3: v_y = 0, equal loads if a = b. The end stops
-of the published law are left out: a robot on a floor meets none.
+Driving and turning are two decoupled motions. Each sticks at standstill, breaks away above
+stiction, and stops where its velocity reaches zero (zero-crossing detection), at that instant of a
+step. Simplifications of Sec. 2.2.3: v_y = 0, equal loads if a = b. The end stops of the published
+law are left out: a robot on a floor meets none.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from ssmr._jit import jit
+from ssmr._jit import fused, jit
 from ssmr.errors import ParameterError
-from ssmr.models.friction import improved_friction, stop_at_zero_crossing
+from ssmr.models.friction import improved_friction
 from ssmr.models.law import Advanced, PlanarLaw, PlanarRobot
 from ssmr.parameters import check_parameters, parameter
 from ssmr.robot.drive import Sides, Wanted, motor_torques, side_rates, thrusts
@@ -28,14 +29,18 @@ class ImprovedParameters:
     """Static lateral friction coefficient [1]."""
     mu_d: float = parameter(0.0409, unit="1", low=0.0, high=5.0, search=(0.0, 0.15))
     """Dynamic lateral friction coefficient [1]."""
-    gain: float = parameter(118.04, unit="N m s/rad", low=0.0, high=1e6, search=(0.085, 4.2), scale="log", of="gain")
+    gain: float = parameter(
+        118.04, unit="N m s/rad", low=0.0, high=1e6, search=(0.085, 4.2), scale="log", of="gain"
+    )
     """K_P of the wheel torque loop, a side [N m s/rad]."""
 
     def __post_init__(self) -> None:
         """Check the ranges, and that sliding does not grip more than standing."""
         check_parameters(self)
         if self.mu_d > self.mu_s:
-            raise ParameterError(f"mu_d {self.mu_d:g} exceeds mu_s {self.mu_s:g}: sliding would grip more than standing")
+            raise ParameterError(
+                f"mu_d {self.mu_d:g} exceeds mu_s {self.mu_s:g}: sliding would grip more than standing"
+            )
 
 
 class ImprovedConstants(NamedTuple):
@@ -48,7 +53,9 @@ class ImprovedConstants(NamedTuple):
 
 def _constants(body: Any, parameters: Any, dt: float) -> ImprovedConstants:
     p = parameters
-    return ImprovedConstants(p.u_x * body.mass * body.gravity, p.mu_s * body.load_levers, p.mu_d * body.load_levers)
+    return ImprovedConstants(
+        p.u_x * body.mass * body.gravity, p.mu_s * body.load_levers, p.mu_d * body.load_levers
+    )
 
 
 @jit
@@ -57,30 +64,80 @@ def active(v: float, w: float, wheels: Wanted, robot: PlanarRobot) -> tuple[floa
     rates = side_rates(v, w, robot.vehicle)
     torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
     thrust = thrusts(torque, rates, robot.vehicle, robot.motor)
-    return thrust.left + thrust.right, robot.vehicle.half_track * (thrust.right - thrust.left), torque
+    return (
+        thrust.left + thrust.right,
+        robot.vehicle.half_track * (thrust.right - thrust.left),
+        torque,
+    )
 
 
 @jit
-def advance(v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot) -> Advanced:
-    """Advance the velocities by one step of Heun's method on the active forces.
+def slide(v: float, start: float, end: float, gain: float, static: float, dynamic: float) -> float:
+    """Return a velocity after a step of Heun's method.
 
-    Friction (Eq. 2.29) sticks, breaks away or slides as it did at the start of the step, and a velocity that changes sign
-    stops at zero (Eq. 2.31). A disturbing yaw acceleration is an active moment, so stiction resists it too.
+    A velocity that reaches zero within the step stays there if friction at rest holds the active
+    force (Eq. 2.31). Else the rest of the step drives it on: what lies beyond zero changes by the
+    ratio of the accelerations at rest and before. What sticks at the start sticks for the step.
+
+    Args:
+        v: velocity at the start.
+        start: active force or moment there.
+        end: that at the end of the step.
+        gain: time step over mass or inertia.
+        static: greatest friction at rest, FSJ.
+        dynamic: friction in motion, FDJ.
     """
-    vehicle, k = robot.vehicle, robot.constants
+    friction = improved_friction(start, static, dynamic, v)
+    slid = fused(0.5 * gain, end, v + gain * (0.5 * start + friction))
+    holds = abs(start) <= static
+    if slid < 0.0 < v or v < 0.0 < slid:  # not slid * v < 0: a product of tiny numbers is 0
+        at_rest = improved_friction(start, static, dynamic, 0.0)
+        return 0.0 if holds else slid * ((start + at_rest) / (start + friction))
+    return 0.0 if v == 0.0 and holds else slid
+
+
+@jit
+def break_away(start: float, end: float, gain: float, static: float, dynamic: float) -> float:
+    """Return the velocity after a step of what sticks at its start; for the arguments see `slide`.
+
+    The active force is linear in time, and motion begins where it exceeds stiction. This matters
+    where friction falls at that instant; else waiting for the next step is of second order too.
+    """
+    excess = abs(end) - static
+    if excess <= 0.0:
+        return 0.0
+    rest = excess / abs(end - start)
+    speed = gain * rest * (0.5 * excess + static - dynamic)
+    return speed if end > 0.0 else -speed
+
+
+@jit
+def advance(
+    v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
+) -> Advanced:
+    """Advance the velocities by one step of Heun's method on the active forces, see `slide`.
+
+    It is of second order, whatever sticks, breaks away or stops within the step, so that motors at
+    their limit, which take no lost velocity back, cost no more than others. A disturbing yaw
+    acceleration is an active moment, so stiction resists it too.
+    """
+    vehicle = robot.vehicle
+    k = robot.constants
+    per_moved = dt * vehicle.per_moved
+    per_turned = dt * vehicle.per_turned
+    pushed = vehicle.turned * disturbance
     force, moment, torque = active(v, w, wheels, robot)
-    moment += vehicle.turned * disturbance
+    moment += pushed
     friction = improved_friction(force, k.rolling, k.rolling, v)
     friction_moment = improved_friction(moment, k.sticking, k.skidding, w)
-    stuck = v == 0.0 and friction == -force
-    stuck_yaw = w == 0.0 and friction_moment == -moment
-    dv = 0.0 if stuck else (force + friction) * vehicle.per_moved
-    dw = 0.0 if stuck_yaw else (moment + friction_moment) * vehicle.per_turned
-    force2, moment2, _ = active(v + dt * dv, w + dt * dw, wheels, robot)
-    dv2 = 0.0 if stuck else (force2 + friction) * vehicle.per_moved
-    dw2 = 0.0 if stuck_yaw else (moment2 + friction_moment) * vehicle.per_turned + disturbance
-    v_next = stop_at_zero_crossing(v + 0.5 * dt * (dv + dv2), v)
-    w_next = stop_at_zero_crossing(w + 0.5 * dt * (dw + dw2), w)
+    v_there = fused(per_moved, force + friction, v)
+    w_there = fused(per_turned, moment + friction_moment, w)
+    force_there, moment_there, _ = active(v_there, w_there, wheels, robot)
+    moment_there += pushed
+    v_next = slide(v, force, force_there, per_moved, k.rolling, k.rolling)
+    w_next = slide(w, moment, moment_there, per_turned, k.sticking, k.skidding)
+    if w == 0.0 and abs(moment) <= k.sticking:
+        w_next = break_away(moment, moment_there, per_turned, k.sticking, k.skidding)
     return Advanced(v_next, w_next, torque.left, torque.right)
 
 

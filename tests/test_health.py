@@ -188,3 +188,26 @@ def test_compare_tells_inertia_torque_and_trembling(lab: Profile) -> None:
     assert f"{health['peak_torque_N_m']:.1f}" in text
     assert f"{health['load_sum_rms_N']:.1f}" in text
     assert "Health" in text
+
+
+def test_compare_says_how_far_weak_motors_make_the_end_uncertain(lab: Profile) -> None:
+    """Half the step moves the end by as much as is said; shipped motors are not at their limit."""
+    shipped = lab.plants["mujoco"]
+    weak = replace(shipped, drive=replace(shipped.drive, torque_limit=8.0))
+    profile = replace(lab, plants={**lab.plants, "mujoco": weak})
+    comparison = compare("traj1", profile, ("mujoco", "kinematic"))
+    health = comparison.as_dict()["plants"]["mujoco"]["health"]
+    ends = []
+    for dt in (weak.parameters.timestep, 0.5 * weak.parameters.timestep):
+        plant = MujocoPlant(replace(weak.parameters, timestep=dt), weak.drive)
+        start = weak.localiser.body_state(State())
+        motion = plant.run(TRAJECTORIES["traj1"].commands(), start, 0.008)
+        ends.append(weak.localiser.seen(motion, None).pose[-1, :2])
+    moved = 1e3 * math.dist(*ends)
+    assert health["at_limit"] in health["advice"]
+    assert "limit of 16 N m a side for 18.2 s" in health["at_limit"]
+    assert f"the end of its path is uncertain by some {moved:.1f} mm" in health["at_limit"]
+    assert "mujoco: motors were at their limit" in comparison.table()
+    assert health["ok"]
+    strong = compare("traj1", lab, ("mujoco", "kinematic")).as_dict()
+    assert "at_limit" not in strong["plants"]["mujoco"]["health"]

@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,6 +21,8 @@ import tyro
 
 from ssmr.metrics.declared import Metrics, compare_pieces, compare_signals
 from ssmr.metrics.windows import horizon_windows
+from ssmr.robot.drive import motor_numbers
+from ssmr.robot.localiser import Localiser
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Plant, Trajectory
@@ -28,6 +30,7 @@ from validation import cli
 from validation.bench.gyro import GyroJudge, find_gyro_judge
 from validation.bench.sources import (
     RECORDING,
+    Piece,
     Source,
     coverage_of,
     drive,
@@ -64,6 +67,9 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT
 from validation.simulator.wheel_loads import resting_loads, summarise, with_quasi_static
 from validation.words import file_name, one_line
+
+_LONG_AT_LIMIT = 0.5
+"""Time at a motor's limit from which on a run says so [s]; setting off takes less."""
 
 
 @dataclass(frozen=True)
@@ -280,6 +286,35 @@ class _Comparing:
             window_errors_of(by_gyro, horizons),
         )
 
+    def _driven(self, plant: Plant, piece: Piece, localiser: Localiser) -> Trajectory:
+        """Return a plant's motion over a piece; what disturbs it does not depend on its step."""
+        push = None
+        if self.options.disturbance:
+            rng = np.random.default_rng(self.options.seed)
+            push = yaw_disturbance(piece.commands.duration, plant.dt, rng)
+        return drive(plant, piece, localiser, self.source.sample_dt, push)
+
+    def _at_limit(self, plant: MujocoPlant, motions: list[Trajectory], at: Localiser) -> str | None:
+        """Return what it means that motors stayed at their limit; None where they did not.
+
+        Only if they did is the run repeated, with half the physics step.
+        """
+        motor = motor_numbers(plant.drive, plant.dt)
+        at_rest = [m.channels["torque_N_m"] + motor.braking * m.wheels for m in motions]
+        limited = np.abs(np.vstack(at_rest)).max(axis=1) > 0.999 * motor.limit
+        seconds = np.mean(limited) * sum(piece.commands.duration for piece in self.source.pieces)
+        if seconds < _LONG_AT_LIMIT:
+            return None
+        finer = replace(plant.calibration, timestep=0.5 * plant.dt)
+        robot = MujocoPlant(finer, plant.drive, terrain=plant.terrain, settings=plant.settings)
+        ends = [self._driven(robot, piece, at).pose[-1] for piece in self.source.pieces]
+        moves = [m.pose[-1] - end for m, end in zip(motions, ends, strict=True)]
+        moved = max(float(np.hypot(move[0], move[1])) for move in moves)
+        return (
+            f"motors were at their limit of {motor.limit:g} N m a side for {seconds:.1f} s; the "
+            f"end of its path is uncertain by some {1e3 * moved:.1f} mm"
+        )
+
     def _drive_all(self) -> dict[str, tuple[list[Trajectory], float, Health | None]]:
         """Return each plant's motions, wall time and health; plants run side by side, the pieces of one after another."""
         stop = threading.Event()
@@ -297,13 +332,7 @@ class _Comparing:
             motions = list[Trajectory]()
             for piece in self.source.pieces:
                 if not stop.is_set():
-                    rng = np.random.default_rng(o.seed)
-                    push = (
-                        yaw_disturbance(piece.commands.duration, plant.dt, rng)
-                        if o.disturbance
-                        else None
-                    )
-                    motions.append(drive(plant, piece, localiser, self.source.sample_dt, push))
+                    motions.append(self._driven(plant, piece, localiser))
                     with lock:
                         done += 1
                         o.progress(Progress(done, total, f"{name} has driven"))
@@ -313,6 +342,8 @@ class _Comparing:
                 if o.terrain.level:  # on a ramp loads say nothing of health
                     given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
                     health = run_health(plant.model, motions, given_rates=given)
+                    if not given:
+                        health = replace(health, at_limit=self._at_limit(plant, motions, localiser))
             if o.noise and name != self.reference:
                 rng = np.random.default_rng([o.seed, rank])
                 motions = [measure(m, SensorNoise(), rng) for m in motions]

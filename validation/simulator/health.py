@@ -44,6 +44,8 @@ class Health:
     """Root mean square of the loads' sum less the weight, after the start (`START_TIME`) [N]."""
     weight_N: float | None = None
     """Weight [N]."""
+    at_limit: str | None = None
+    """What it means that motors stayed at their limit; None where they did not."""
 
     @property
     def ok(self) -> bool:
@@ -86,6 +88,8 @@ class Health:
                 f"wheel loads tremble (their sum deviates from the weight by {self.load_sum_rms_N:.1f} N rms, "
                 f"at most {TREMBLE_SHARE * (self.weight_N or 0.0):.1f} N): {remedy}"
             )
+        if self.at_limit:
+            sentences.append(self.at_limit)
         return "; ".join(sentences)
 
     def as_dict(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Mathematics of skid-steering robots: planar models, tracking controllers, state filter, path metrics and jDE search.
+"""Mathematics of skid-steering robots: models, controllers, state filter, metrics and search.
 
 Numbers in, numbers out: nothing here reads a file, draws or prints. Names are imported when they
 are first used.

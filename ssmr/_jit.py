@@ -1,4 +1,4 @@
-"""numba's compilation with a cache on disk that can never be stale, threads, and functions that numba does not have.
+"""numba with a cache on disk that is never stale, with threads, and with functions it lacks.
 
 numba notices edits to the file of the compiled function alone, not to what that function calls from
 other files. Here the cache folder is named after a digest of all sources of this package, so that
@@ -50,25 +50,29 @@ _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _PER_QUARTER = 0.6366197723675814  # 2 / pi
 _QUARTER = 0.5 * math.pi
 _SHIFT = 1.5 * 2.0**52  # a number plus this has its nearest whole number in its last bits
-_SINE: tuple[float, ...] = (
+# Polynomials of fdlibm (Sun Microsystems, 1993) for sine and cosine between -pi/4 and pi/4.
+_SINE = (
     -1.66666666666666307295e-1,
     8.33333333332211858878e-3,
     -1.98412698295895385996e-4,
+    2.75573136213857245213e-6,
+    -2.50507477628578072866e-8,
+    1.58962301576546568060e-10,
 )
-_SINE += (2.75573136213857245213e-6, -2.50507477628578072866e-8, 1.58962301576546568060e-10)
-_COSINE: tuple[float, ...] = (
+_COSINE = (
     4.16666666666665929218e-2,
     -1.38888888888730564116e-3,
     2.48015872888517045348e-5,
+    -2.75573141792967388112e-7,
+    2.08757008419747316778e-9,
+    -1.13585365213876817300e-11,
 )
-_COSINE += (-2.75573141792967388112e-7, 2.08757008419747316778e-9, -1.13585365213876817300e-11)
-"""Polynomials of fdlibm (Sun Microsystems, 1993) for sine and cosine between -pi/4 and pi/4."""
 _PACKAGE = Path(__file__).resolve().parent
 _log = logging.getLogger(__name__)
 
 
 def _cache_folder() -> str:
-    """Return the folder for compiled code, made if need be; an empty text where there is none to be trusted."""
+    """Return the folder for compiled code, made if need be; "" where none can be trusted."""
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(_PACKAGE.rglob("*.py")):
         digest.update(path.read_bytes())
@@ -95,7 +99,10 @@ def _cache_folder() -> str:
 
 
 def _is_mine_alone(folder: Path) -> bool:
-    """Return whether a folder belongs to this user and nobody else can write there; Windows does not say."""
+    """Return whether a folder is this user's and nobody else can write there.
+
+    Windows does not say, so there it is taken to be so.
+    """
     if not hasattr(os, "geteuid"):
         return True
     status = folder.stat()
@@ -108,11 +115,12 @@ T = TypeVar("T", bound=tuple[Any, ...])
 
 
 def jit(function: F) -> F:
-    """Compile a numeric function that compiled functions call, without the interpreter lock and in IEEE arithmetic.
+    """Compile a numeric function that compiled functions call.
 
-    It is inlined wherever it is called, because the laws are a few lines each and a call costs as
-    much as they do. So it is not kept on disk: what calls it is. Called from Python, it is compiled
-    anew in every process; see `jit_alone`.
+    It holds no interpreter lock and computes in IEEE arithmetic. It is inlined wherever it is
+    called, because the laws are a few lines each and a call costs as much as they do. So it is not
+    kept on disk: what calls it is. Called from Python, it is compiled anew in every process; see
+    `jit_alone`.
     """
     compiled: F = _njit(nogil=True, error_model="numpy", forceinline=True)(function)
     return compiled
@@ -122,13 +130,16 @@ _saves = bool(_FOLDER)
 
 
 def stop_saving() -> None:
-    """Keep nothing on disk that this process compiles from now on: it may call code whose file is no source of ours."""
+    """Keep nothing on disk that this process compiles from now on.
+
+    It may call code from files that the digest of the cache folder does not cover.
+    """
     global _saves
     _saves = False
 
 
 class _Kept:
-    """Compiled code of one function on disk, in a folder of its own for each signature and processor.
+    """Compiled code of one function on disk, in a folder for each signature and processor.
 
     numba keeps all signatures of a function in one index, which two processes that write at once
     can spoil: then a signature has the code of another one. Here each is alone in its index, and
@@ -143,11 +154,11 @@ class _Kept:
         self._name = f"{function.__module__}.{function.__qualname__}"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for a signature; None where it is missing, cannot be read or is another one's."""
+        """Return the code for a signature; None where there is none, or none that can be used."""
         folder = self._folder(sig, target_context.codegen())
         try:
             code = self._in(folder).load_overload(sig, target_context)
-        except Exception:  # noqa: BLE001 - what a damaged file raises when it is unpickled has no bounds
+        except Exception:  # noqa: BLE001 - unpickling a damaged file can raise anything
             code = None
         if code is not None and _described(code) == (self._name, _normalized(sig)[0]):
             return code
@@ -178,7 +189,10 @@ def _described(code: Any) -> tuple[str, Any]:
 
 
 def jit_alone(function: F) -> F:
-    """Compile like `jit` a function that Python calls, or a long loop: it is not inlined, and is kept on disk."""
+    """Compile a function that Python calls, or a long loop.
+
+    Unlike that of `jit`, it is not inlined, and is kept on disk.
+    """
     compiled: F = _njit(nogil=True, error_model="numpy")(function)
     if _FOLDER:
         compiled._cache = _Kept(function)  # type: ignore[attr-defined]  # numba's
@@ -186,7 +200,7 @@ def jit_alone(function: F) -> F:
 
 
 def share_among_threads(work: Callable[[int, int], object], count: int, workers: int) -> None:
-    """Let `work(first, last)` do consecutive shares of `count` things on so many threads of Python's own.
+    """Let `work(first, last)` do consecutive shares of `count` things on Python's threads.
 
     Compiled functions hold no interpreter lock, so the shares run side by side. numba's own threads
     are not used: the layer that it has where neither OpenMP nor TBB is installed ends the process
@@ -205,22 +219,22 @@ def share_among_threads(work: Callable[[int, int], object], count: int, workers:
 
 
 def source(function: F) -> F:
-    """Return the Python source of a compiled function: it works on whole arrays, without being compiled for them."""
+    """Return the Python function behind a compiled one, which works on whole arrays."""
     python: F = function.py_func  # type: ignore[attr-defined]  # numba's
     return python
 
 
 def built_in(function: Any) -> Any:
-    """Return a function that writes LLVM instructions into the compiled functions which call it, see numba's `intrinsic`."""
+    """Return a function that writes LLVM instructions into its callers (numba's `intrinsic`)."""
     return intrinsic(prefer_literal=True)(function)
 
 
 @built_in
 def numbers_as(typing: Any, template: Any, numbers: Any, first: Any, step: Any) -> Any:
-    """Return a named tuple of the template's kind from every `step`-th number of an array, beginning with number `first`.
+    """Return a named tuple of the template's kind from every `step`-th number of an array.
 
-    Numbers become whole numbers and truth values where the template has such: numba types no loop
-    over mixed fields.
+    It begins with number `first`. Numbers become whole numbers and truth values where the template
+    has such: numba types no loop over mixed fields.
     """
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -238,13 +252,17 @@ def numbers_as(typing: Any, template: Any, numbers: Any, first: Any, step: Any) 
 
 @jit
 def named_like(template: T, row: FloatArray) -> T:
-    """Return a named tuple of the template's kind with the numbers of `row`: those of a population are rows of one array."""
-    return numbers_as(template, row, 0, 1)  # type: ignore[no-any-return]  # numba knows what it returns
+    """Return a named tuple of the template's kind with the numbers of `row`.
+
+    The numbers of a population are rows of one array.
+    """
+    named: T = numbers_as(template, row, 0, 1)
+    return named
 
 
 @built_in
 def fused(typing: Any, a: Any, b: Any, c: Any) -> Any:
-    """Return a b + c, rounded once where the processor can (which all of its loops then do alike), else twice."""
+    """Return a b + c, rounded once in all loops where the processor can, else twice."""
 
     def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         double = ir.DoubleType()
@@ -266,12 +284,13 @@ def _bits(typing: Any, x: Any) -> Any:
 
 @jit
 def sine_cosine(angle: float) -> tuple[float, float]:
-    """Return sine and cosine of an angle [rad] by arithmetic alone, so that a loop over angles becomes vector instructions.
+    """Return sine and cosine of an angle [rad] by arithmetic alone.
 
-    The angle less the nearest multiple of pi/2 goes into two polynomials. That pi/2 is a rounded
-    number moves the angle by 4e-17 of itself, less than its own rounding. Each is within 2e-16 of
-    that of an angle that lies less than one rounding away from the one given. Beyond 1e15 rad,
-    where a rounding is as large as the angle's direction, they mean nothing.
+    So a loop over angles becomes vector instructions. The angle less the nearest multiple of pi/2
+    goes into two polynomials. That pi/2 is a rounded number moves the angle by 4e-17 of itself,
+    less than its own rounding. Each is within 2e-16 of that of an angle that lies less than one
+    rounding away from the one given. Beyond 1e15 rad, where a rounding is as large as the angle's
+    direction, they mean nothing.
     """
     shifted = fused(angle, _PER_QUARTER, _SHIFT)
     n = shifted - _SHIFT
@@ -295,4 +314,6 @@ def sine_cosine(angle: float) -> tuple[float, float]:
     odd = (quadrant & 1) != 0
     sine = c if odd else s
     cosine = s if odd else c
-    return -sine if (quadrant & 2) != 0 else sine, -cosine if ((quadrant + 1) & 2) != 0 else cosine
+    signed_sine = -sine if (quadrant & 2) != 0 else sine
+    signed_cosine = -cosine if ((quadrant + 1) & 2) != 0 else cosine
+    return signed_sine, signed_cosine

@@ -1,4 +1,7 @@
-"""Errors of runs that began and failed, and of numbers that no robot has. Other bad input raises a `ValueError`."""
+"""Errors of runs that began and failed, and of numbers that no robot has.
+
+Other bad input raises a `ValueError`.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,15 @@ class SsmrError(RuntimeError):
 
 
 class ParameterError(ValueError):
-    """A parameter lies outside its range, or parameters do not go together: there is no such plant."""
+    """A parameter lies outside its range, or parameters do not fit together."""
 
 
 class DivergedError(SsmrError):
-    """A simulation left the finite numbers or the simulator gave up; `evidence` says at which step and from what state."""
+    """A simulation left the finite numbers or the simulator gave up.
+
+    `evidence` says at which step and from which state.
+    """
 
 
 class ControllerError(SsmrError):
-    """A controller that is a Python object failed: it raised an error, or its command is no two finite numbers."""
+    """A Python controller raised an error, or its command is not two finite numbers."""

@@ -27,17 +27,17 @@ CommandKind = Literal["twist", "wheels"]
 
 
 def frozen_array(values: ArrayLike, name: str, shape: tuple[int | None, ...]) -> FloatArray:
-    """Return a contiguous, read-only copy of numbers in the `shape` asked for, `None` in it where any length will do.
+    """Return a contiguous, read-only copy of numbers of a `shape`, in which `None` is any length.
 
-    Raises: ValueError: the shape is another one, or a number is not finite; the message calls the
-        values `name`.
+    Raises:
+        ValueError: the shape is another one, or a number is not finite; the message calls the
+            values `name`.
     """
     array = np.array(values, dtype=np.float64, order="C", copy=True)
-    if array.ndim != len(shape) or any(
-        w is not None and g != w for g, w in zip(array.shape, shape, strict=False)
-    ):
-        wanted = "x".join("N" if n is None else str(n) for n in shape)
-        raise ValueError(f"{name} has shape {array.shape}, wanted {wanted}")
+    pairs = zip(array.shape, shape, strict=False)
+    if array.ndim != len(shape) or any(length not in (n, None) for n, length in pairs):
+        expected = "x".join("N" if length is None else str(length) for length in shape)
+        raise ValueError(f"{name} has shape {array.shape}, wanted {expected}")
     if not np.all(np.isfinite(array)):
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ValueError(f"{name} is not finite at index {first}")
@@ -60,10 +60,9 @@ def increasing_times(values: ArrayLike) -> FloatArray:
         ValueError: they do not increase, or are not finite.
     """
     t = frozen_array(values, "t", (None,))
-    if np.any(np.diff(t) <= 0.0):
-        raise ValueError(
-            f"t must increase; it does not after sample {int(np.argmax(np.diff(t) <= 0.0))}"
-        )
+    stalled = np.diff(t) <= 0.0
+    if np.any(stalled):
+        raise ValueError(f"t must increase; it does not after sample {int(np.argmax(stalled))}")
     return t
 
 
@@ -83,7 +82,11 @@ class Commands:
     """Command before the first one, which fills the delay lines."""
 
     def __post_init__(self) -> None:
-        """Check and freeze; a ValueError refuses no commands, a period that is not positive, and numbers not finite."""
+        """Check and freeze.
+
+        Raises:
+            ValueError: no commands, a period that is not positive, or numbers that are not finite.
+        """
         if not (np.isfinite(self.dt) and self.dt > 0.0):
             raise ValueError(f"the command period must be positive, got {self.dt} s")
         if self.kind not in ("twist", "wheels"):
@@ -109,7 +112,7 @@ class Commands:
 
 @dataclass(frozen=True)
 class State:
-    """A planar robot at one instant: where its reference point is and how its body and wheels move."""
+    """A planar robot at one instant: the pose of its reference point, and its velocities."""
 
     x: float = 0.0
     """World x of the reference point [m]."""
@@ -129,7 +132,7 @@ class State:
     """Rate of the right wheels [rad/s]."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for what is no finite number."""
+        """Raise a ValueError for a field that is no finite number."""
         for name, value in vars(self).items():
             if not is_finite_number(value):
                 raise ValueError(f"State.{name} must be a finite number, got {reprlib.repr(value)}")
@@ -152,7 +155,12 @@ class Trajectory:
     accelerations."""
 
     def __post_init__(self) -> None:
-        """Check and freeze; a ValueError refuses other lengths, time that does not increase, and numbers not finite."""
+        """Check and freeze.
+
+        Raises:
+            ValueError: unequal lengths, time that does not increase, or numbers that are not
+                finite.
+        """
         t = increasing_times(self.t)
         if len(t) == 0:
             raise ValueError("a trajectory needs at least one sample")
@@ -185,9 +193,8 @@ class Trajectory:
 
     def state(self, k: int) -> State:
         """Return the `k`-th sample."""
-        return State(
-            *map(float, self.pose[k]), *map(float, self.twist[k]), *map(float, self.wheels[k])
-        )
+        row = np.concatenate([self.pose[k], self.twist[k], self.wheels[k]])
+        return State(*map(float, row))
 
 
 class Plant(Protocol):
@@ -212,10 +219,10 @@ class Plant(Protocol):
         ...
 
     def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
-        """Hold `command` (v [m/s], omega [rad/s]) for `dt` [s], whole physics steps; return where it is then.
+        """Hold `command` (v [m/s], omega [rad/s]) for `dt` [s]; return the state at the end.
 
-        `yaw_acceleration` is a disturbance added meanwhile [rad/s2], see
-        `ssmr.robot.sensors.yaw_disturbance`.
+        `dt` is a whole number of physics steps. `yaw_acceleration` is a disturbance added meanwhile
+        [rad/s2], see `ssmr.robot.sensors.yaw_disturbance`.
         """
         ...
 
@@ -226,8 +233,9 @@ class Plant(Protocol):
         sample_dt: float,
         disturbance: FloatArray | None = None,
     ) -> Trajectory:
-        """Drive `commands` from `state` at once; equal to `reset` and repeated `step`, but as fast as the plant can.
+        """Drive `commands` from `state` at once.
 
+        The motion is that of `reset` and repeated `step`, as fast as the plant computes it.
         `disturbance` is (n,) yaw acceleration [rad/s2] for the n physics steps.
         """
         ...

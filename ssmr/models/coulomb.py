@@ -42,25 +42,29 @@ class CoulombConstants(NamedTuple):
 
 
 def constants(body: Any, parameters: Any, dt: float) -> CoulombConstants:
-    """Return the numbers of a law with this friction: a wheel resists with mu N sgn(v) (Eq. 2.18), by Eq. 2.17 and 2.19.
+    """Return the numbers of a law with this friction (Eq. 2.17, 2.19).
 
-    An axle slides sideways with (b - x_ICR) omega or -(a + x_ICR) omega (Eq. 2.7, 2.10), and S^T R
-    has the moment of its force about the centre of rotation, so its lever is also its share of the
-    speed: the moments add up, whatever the signs.
+    A wheel resists with mu N sgn(v) (Eq. 2.18). An axle slides sideways with (b - x_ICR) omega or
+    -(a + x_ICR) omega (Eq. 2.7, 2.10), and S^T R has the moment of its force about the centre of
+    rotation, so its lever is also its share of the speed: the moments add up, whatever the signs.
     """
     rolling = parameters.u_x * (body.load_front + body.load_rear)
     front = abs(body.b - body.x_icr) * body.load_front
     rear = abs(body.a + body.x_icr) * body.load_rear
-    return CoulombConstants(rolling, 2.0 * parameters.mu_c * (front + rear), body.mass * body.x_icr)
+    skidding = 2.0 * parameters.mu_c * (front + rear)
+    return CoulombConstants(rolling, skidding, aside=body.mass * body.x_icr)
 
 
 @jit
 def resistance(v: float, w: float, robot: PlanarRobot) -> tuple[float, float]:
-    """Return resisting force [N] and moment [N m] in velocity space: S^T R = (R_x, M_r - x_ICR F_y) (Eq. 2.18-2.28)."""
+    """Return resisting force [N] and moment [N m] in velocity space (Eq. 2.18-2.28).
+
+    They are S^T R = (R_x, M_r - x_ICR F_y).
+    """
     c = robot.vehicle.half_track
     k = robot.constants
-    # wheels 1 and 4, 2 and 3
-    left, right = k.rolling * sign(v - c * w), k.rolling * sign(v + c * w)
+    left = k.rolling * sign(v - c * w)  # wheels 1 and 4
+    right = k.rolling * sign(v + c * w)  # wheels 2 and 3
     return left + right, k.skidding * sign(w) + c * (right - left)
 
 
@@ -79,8 +83,9 @@ def accelerations(
     torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
     thrust = thrusts(torque, rates, vehicle, robot.motor)
     resisting_force, resisting_moment = resist
+    turning = vehicle.half_track * (thrust.right - thrust.left)
     force = thrust.left + thrust.right - resisting_force - aside * w
-    moment = vehicle.half_track * (thrust.right - thrust.left) - resisting_moment + aside * v
+    moment = turning - resisting_moment + aside * v
     return force * vehicle.per_moved, moment * vehicle.per_turned_aside, torque
 
 
@@ -88,21 +93,18 @@ def accelerations(
 def advance(
     v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
 ) -> Advanced:
-    """Advance the velocities by one step of Heun's method, with the signs of friction as they are at the start of the step.
+    """Advance the velocities by one step of Heun's method.
 
-    Nothing stops the sign from flipping at every step near rest: the numerical artefact of Fig.
-    3.33 belongs to the model.
+    The signs of friction are those at the start of the step. Nothing stops the sign from flipping
+    at every step near rest: the numerical artefact of Fig. 3.33 belongs to the model.
     """
     resist = resistance(v, w, robot)
     dv, dw, torque = accelerations(v, w, wheels, resist, robot)
     dw += disturbance
     dv2, dw2, _ = accelerations(v + dt * dv, w + dt * dw, wheels, resist, robot)
-    return Advanced(
-        v + 0.5 * dt * (dv + dv2),
-        w + 0.5 * dt * (dw + dw2 + disturbance),
-        torque.left,
-        torque.right,
-    )
+    v_next = v + 0.5 * dt * (dv + dv2)
+    w_next = w + 0.5 * dt * (dw + dw2 + disturbance)
+    return Advanced(v_next, w_next, torque.left, torque.right)
 
 
 LAW = PlanarLaw(

@@ -1,4 +1,4 @@
-"""A planar body on four tyres with slip: the rung between the planar models, which know no slip, and MuJoCo.
+"""A planar body on four tyres with slip, a rung between the slipless planar models and MuJoCo.
 
 The body has three velocities, each wheel its own rate and a tyre (`ssmr.models.friction`), each
 motor the loop of every plant (`ssmr.robot.drive`). Wheel loads follow the forces of the ground, as
@@ -132,7 +132,7 @@ class FourWheelParameters:
     """Rolling resistance over wheel load [1]."""
 
     def __post_init__(self) -> None:
-        """Check the ranges, that the robot stands on all wheels, and that its tyres are not too stiff."""
+        """Check the ranges, that every wheel carries load, and that no tyre is too stiff."""
         check_parameters(self)
         require_in_range(self, "radius_difference", -self.wheel_radius, self.wheel_radius)
         if self.link not in get_args(_Link):
@@ -145,7 +145,8 @@ class FourWheelParameters:
             )
         if not _stiffness(self) <= MOST_STEPS_A_SECOND:
             raise ParameterError(
-                "tyres are too stiff for so light a body or wheels: they swing too fast for any step that is worth its time"
+                "tyres are too stiff for so light a body or wheels: "
+                "they swing too fast for any step that is worth its time"
             )
 
 
@@ -186,46 +187,72 @@ class FourWheels(NamedTuple):
     given: bool  # whether the wheels turn as they are told, whatever torque that takes
 
 
-TEMPLATE = FourWheels(*(0.0,) * 28, 1, True, False)
+TEMPLATE = FourWheels(*(0.0,) * 28, inner=1, linked=True, given=False)
 """Template for `ssmr._jit.named_like`."""
 
 
 def _stiffness(p: FourWheelParameters) -> float:
-    """Return the least number of steps in a second [1/s]: h^2 w^2 + 2 h d w^2 = `STIFFEST` for the stiffest motion."""
+    """Return the least number of steps in a second [1/s].
+
+    Their length h follows from h^2 w^2 + 2 h d w^2 = `STIFFEST` for the stiffest motion.
+    """
     spin = p.armature + p.wheel_inertia
     damping = p.tyre_damping * math.sqrt(p.wheel_radius / _GRAVITY)
     lever = (0.5 * p.wheelbase) ** 2 + p.half_track**2
     lightness = 1.0 + p.mass * lever / p.yaw_inertia + 0.25 * p.mass * p.wheel_radius**2 / spin
-    square = (
-        max(p.stiffness_x, p.stiffness_y) * _GRAVITY / (p.relaxation * p.wheel_radius) * lightness
-    )
-    return (
-        damping * square + math.sqrt(damping * damping * square * square + STIFFEST * square)
-    ) / STIFFEST
+    stiffness = max(p.stiffness_x, p.stiffness_y)
+    square = stiffness * _GRAVITY / (p.relaxation * p.wheel_radius) * lightness  # w^2
+    root = math.sqrt(damping * damping * square * square + STIFFEST * square)
+    return (damping * square + root) / STIFFEST
 
 
 def four_wheels(
     p: FourWheelParameters, drive: Drive, dt: float, *, given: bool = False
 ) -> FourWheels:
-    """Return the numbers for physics steps `dt` [s], which are divided where the tyres are too stiff for them."""
+    """Return the numbers for physics steps `dt` [s], divided where stiff tyres need it."""
     inner = max(1, math.ceil(dt * _stiffness(p)))
+    step = dt / inner
     unit = math.sqrt(p.wheel_radius / _GRAVITY)  # of time
-    motor = motor_numbers(drive, dt / inner)
+    motor = motor_numbers(drive, step)
     lag = p.load_lag * unit
+    # Two motors drive four wheels, so a wheel has half of its motor.
     return FourWheels(
-        p.mass, p.yaw_inertia, p.com_x, p.com_y, p.com_height, 0.5 * p.wheelbase, p.half_track,
-        p.wheel_radius + 0.5 * p.radius_difference, p.wheel_radius - 0.5 * p.radius_difference,
-        1.0 + 0.5 * p.strength_difference, 1.0 - 0.5 * p.strength_difference,
-        0.5 * p.gain, 0.5 * motor.limit, 0.5 * motor.braking, 0.5 * motor.integral_gain,
-        motor.leaked, 0.5 * motor.gained, 0.5 * motor.gear_loss,
-        p.armature + p.wheel_inertia, p.wheel_inertia, p.friction, p.stiffness_x, p.stiffness_y,
-        p.relaxation * p.wheel_radius, p.tyre_damping * unit, p.rolling_resistance,
-        1.0 if lag == 0.0 else -math.expm1(-dt / inner / lag), dt / inner, inner, p.link == "belt", given,
-    )  # fmt: skip
+        mass=p.mass,
+        yaw_inertia=p.yaw_inertia,
+        com_x=p.com_x,
+        com_y=p.com_y,
+        com_height=p.com_height,
+        half_base=0.5 * p.wheelbase,
+        half_track=p.half_track,
+        radius_left=p.wheel_radius + 0.5 * p.radius_difference,
+        radius_right=p.wheel_radius - 0.5 * p.radius_difference,
+        strength_left=1.0 + 0.5 * p.strength_difference,
+        strength_right=1.0 - 0.5 * p.strength_difference,
+        gain=0.5 * p.gain,
+        limit=0.5 * motor.limit,
+        braking=0.5 * motor.braking,
+        integral_gain=0.5 * motor.integral_gain,
+        leaked=motor.leaked,
+        gained=0.5 * motor.gained,
+        gear_loss=0.5 * motor.gear_loss,
+        spin_inertia=p.armature + p.wheel_inertia,
+        wheel_inertia=p.wheel_inertia,
+        friction=p.friction,
+        stiffness_x=p.stiffness_x,
+        stiffness_y=p.stiffness_y,
+        relaxation=p.relaxation * p.wheel_radius,
+        damping=p.tyre_damping * unit,
+        rolling_resistance=p.rolling_resistance,
+        following=1.0 if lag == 0.0 else -math.expm1(-step / lag),
+        dt=step,
+        inner=inner,
+        linked=p.link == "belt",
+        given=given,
+    )
 
 
 class Body(NamedTuple):
-    """The state of a robot on four tyres, as views of one row of numbers that compiled functions change in place."""
+    """The state of a robot on four tyres: views of a row that compiled functions change."""
 
     motion: FloatArray
     """(6,) x, y [m], yaw [rad] of the middle between the axles; forward and leftward speed of the
@@ -252,9 +279,18 @@ STATE_NUMBERS = 41
 def body_of(row: FloatArray) -> Body:
     """Return the views of a row of `STATE_NUMBERS` numbers."""
     return Body(
-        row[0:6], row[6:10], row[10:14], row[14:18], row[18:22], row[22:26], row[26:30], row[30:32], row[32:36], row[36:40],
-        row[40:41],
-    )  # fmt: skip
+        motion=row[0:6],
+        spin=row[6:10],
+        integral=row[10:14],
+        torque=row[14:18],
+        slip_x=row[18:22],
+        slip_y=row[22:26],
+        load=row[26:30],
+        shift=row[30:32],
+        force_x=row[32:36],
+        force_y=row[36:40],
+        turn=row[40:41],
+    )
 
 
 @jit
@@ -266,17 +302,36 @@ def tyre_of(robot: FourWheels) -> Tyre:
 
 
 @jit
+def contact(i: int, robot: FourWheels) -> AlongAcross:
+    """Return where wheel i touches the ground, ahead and to the left of the centre of mass [m]."""
+    x = robot.half_base if i < 2 else -robot.half_base
+    y = robot.half_track if i % 2 == 0 else -robot.half_track
+    return AlongAcross(x - robot.com_x, y - robot.com_y)
+
+
+@jit
+def rim_speed(body: Body, i: int, robot: FourWheels) -> float:
+    """Return the speed at which the rim of wheel i rolls [m/s]."""
+    radius = robot.radius_left if i % 2 == 0 else robot.radius_right
+    return body.spin[i] * radius  # type: ignore[no-any-return]  # numba knows what it returns
+
+
+@jit
 def sliding_velocity(motion: FloatArray, rolling: float, i: int, robot: FourWheels) -> AlongAcross:
-    """Return the velocity of wheel i's rim over the ground where they touch [m/s]; the rim rolls at `rolling` [m/s]."""
-    x = (robot.half_base if i < 2 else -robot.half_base) - robot.com_x
-    y = (robot.half_track if i % 2 == 0 else -robot.half_track) - robot.com_y
-    return AlongAcross(motion[3] - motion[5] * y - rolling, motion[4] + motion[5] * x)
+    """Return the velocity of wheel i's rim over the ground [m/s]; it rolls at `rolling` [m/s]."""
+    place = contact(i, robot)
+    along = motion[3] - motion[5] * place.y - rolling
+    return AlongAcross(along, motion[4] + motion[5] * place.x)
 
 
 @jit_alone
 def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
-    """Put the robot into a state, (8,) as `ssmr.State` has it, with loads as at rest and tyres bent as in steady rolling."""
-    tyre, (w, w_l, w_r) = tyre_of(robot), (start[5], start[6], start[7])
+    """Put the robot into a state, (8,) numbers in the order of `ssmr.State`.
+
+    Wheel loads are those at rest, and tyres are bent as in steady rolling.
+    """
+    tyre = tyre_of(robot)
+    w = start[5]
     body.motion[0] = start[0]
     body.motion[1] = start[1]
     body.motion[2] = start[2]
@@ -286,22 +341,26 @@ def place(start: FloatArray, robot: FourWheels, body: Body) -> None:
     body.shift[0] = robot.com_x / robot.half_base
     body.shift[1] = robot.com_y / robot.half_track
     for i in range(4):
-        body.spin[i] = w_l if i % 2 == 0 else w_r
-        rolling = body.spin[i] * (robot.radius_left if i % 2 == 0 else robot.radius_right)
-        bent = steady_bend(sliding_velocity(body.motion, rolling, i, robot), rolling, tyre)
+        body.spin[i] = start[6 + i % 2]
+        rolling = rim_speed(body, i, robot)
+        sliding = sliding_velocity(body.motion, rolling, i, robot)
+        bent = steady_bend(sliding, rolling, tyre)
         body.slip_x[i] = bent.x
         body.slip_y[i] = bent.y
-        body.integral[i] = body.torque[i] = body.force_x[i] = body.force_y[i] = 0.0
+        body.integral[i] = 0.0
+        body.torque[i] = 0.0
+        body.force_x[i] = 0.0
+        body.force_y[i] = 0.0
     body.turn[0] = 0.0
     spread_load(body, robot)
 
 
 @jit
 def spread_load(body: Body, robot: FourWheels) -> None:
-    """Spread the weight over the wheels as a rigid body on four equal springs does; a wheel that would hang, lifts.
+    """Spread the weight over the wheels as a rigid body on four equal springs does.
 
-    Then the robot stands on three wheels: the lack goes to the opposite wheel and is taken off both
-    neighbours, which changes neither the sum nor the moments.
+    A wheel that would hang, lifts. Then the robot stands on three wheels: the lack goes to the
+    opposite wheel and is taken off both neighbours, which changes neither the sum nor the moments.
     """
     ahead = saturate(body.shift[0], 1.0)
     aside = saturate(body.shift[1], 1.0)
@@ -310,7 +369,7 @@ def spread_load(body: Body, robot: FourWheels) -> None:
         front = 1.0 if i < 2 else -1.0
         left = 1.0 if i % 2 == 0 else -1.0
         share = 1.0 + front * ahead + left * aside + front * left * lack
-        # what is below zero is rounding
+        # Only rounding makes a share negative.
         body.load[i] = 0.25 * robot.mass * _GRAVITY * max(share, 0.0)
 
 
@@ -318,7 +377,7 @@ def spread_load(body: Body, robot: FourWheels) -> None:
 def turn_wheel(
     rate: float,
     integral: float,
-    wanted: float,
+    reference: float,
     pull: float,
     dry: float,
     strength: float,
@@ -326,56 +385,65 @@ def turn_wheel(
 ) -> tuple[float, float]:
     """Return a wheel's rate after a step [rad/s] and the mean torque of its motor [N m].
 
-    The speed loop is stepped exactly for a load that is constant over the step. The motor has the
-    `strength` of its nominal one [1] and an `integral` part of its torque, before `strength` [N m];
-    the ground brakes the wheel with the moment `pull` [N m]. `dry` friction [N m] holds a wheel
-    that stands and stops one that would turn back (Eq. 2.29, 2.31).
+    The loop of the speed `reference` [rad/s] is stepped exactly for a load that is constant over
+    the step. The motor has the `strength` of its nominal one [1] and an `integral` part of its
+    torque, before `strength` [N m]; the ground brakes the wheel with the moment `pull` [N m]. `dry`
+    friction [N m] holds a wheel that stands and stops one that would turn back (Eq. 2.29, 2.31).
     """
     gain = strength * robot.gain
     back = strength * robot.braking * rate
     limit = strength * robot.limit
-    own = strength * integral
-    driving = saturate(gain * (wanted - rate) + own + back, limit) - back - pull
+    lasting = strength * integral
+    driving = saturate(gain * (reference - rate) + lasting + back, limit) - back - pull
     if rate == 0.0 and abs(driving) <= dry:
         return 0.0, driving + pull
     load = pull - improved_friction(driving, dry, dry, rate)
-    free = wanted + (own - load) / gain
+    # rate that an unlimited motor would end at
+    free = reference + (lasting - load) / gain
     faster = free + (rate - free) * math.exp(-gain * robot.dt / robot.spin_inertia)
     torque = robot.spin_inertia * (faster - rate) / robot.dt + load
     if abs(torque + back) > limit:
         torque = saturate(torque + back, limit) - back
         faster = rate + robot.dt * (torque - load) / robot.spin_inertia
-    return (stop_at_zero_crossing(faster, rate) if dry > 0.0 else faster), torque
+    if dry > 0.0:
+        faster = stop_at_zero_crossing(faster, rate)
+    return faster, torque
 
 
 @jit
 def turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> float:
-    """Advance all wheels under wheel-rate references [rad/s]; return the sum of their angular accelerations [rad/s2]."""
+    """Advance all wheels under references [rad/s]; return their summed accelerations [rad/s2]."""
     motor = Motor(
         robot.limit, robot.braking, robot.integral_gain, robot.leaked, robot.gained, robot.gear_loss
     )
     total = 0.0
     for i in range(4):
         on_left = i % 2 == 0
-        other = (i + 2) % 4
-        wanted, radius = (left, robot.radius_left) if on_left else (right, robot.radius_right)
+        reference = left if on_left else right
+        radius = robot.radius_left if on_left else robot.radius_right
         pull = body.force_x[i]
         load = body.load[i]
         rate = body.spin[i]
         if robot.linked:
+            # A belt shares forces and loads between the wheels of its side.
+            other = (i + 2) % 4
             pull = 0.5 * (pull + body.force_x[other])
             load = 0.5 * (load + body.load[other])
         if robot.given:
-            faster = wanted
+            faster = reference
             torque = pull * radius
         else:
-            strength = robot.strength_left if on_left else robot.strength_right
-            dry = robot.gear_loss + robot.rolling_resistance * load * radius
             faster, torque = turn_wheel(
-                rate, body.integral[i], wanted, pull * radius, dry, strength, robot
+                rate=rate,
+                integral=body.integral[i],
+                reference=reference,
+                pull=pull * radius,
+                dry=robot.gear_loss + robot.rolling_resistance * load * radius,
+                strength=robot.strength_left if on_left else robot.strength_right,
+                robot=robot,
             )
             if robot.integral_gain > 0.0:
-                error = wanted - 0.5 * (rate + faster)
+                error = reference - 0.5 * (rate + faster)
                 body.integral[i] = advance_integral(body.integral[i], error, motor)
         total += (faster - rate) / robot.dt
         body.spin[i] = faster
@@ -387,10 +455,10 @@ def turn_wheels(body: Body, left: float, right: float, robot: FourWheels) -> flo
 def advance_body(
     body: Body, left: float, right: float, disturbance: float, robot: FourWheels
 ) -> None:
-    """Advance the robot by one inner step under wheel-rate references [rad/s] and a disturbing yaw acceleration [rad/s2].
+    """Advance the robot by one inner step under wheel-rate references [rad/s].
 
-    Tyres bend with the velocities at the start of the step, and their forces then change the
-    velocities (symplectic Euler).
+    A `disturbance` adds to the yaw acceleration [rad/s2]. Tyres bend with the velocities at the
+    start of the step, and their forces then change the velocities (symplectic Euler).
     """
     motion = body.motion
     tyre = tyre_of(robot)
@@ -400,11 +468,10 @@ def advance_body(
     force_y = 0.0
     moment = 0.0
     for i in range(4):
-        x = (robot.half_base if i < 2 else -robot.half_base) - robot.com_x
-        y = (robot.half_track if i % 2 == 0 else -robot.half_track) - robot.com_y
-        rolling = body.spin[i] * (robot.radius_left if i % 2 == 0 else robot.radius_right)
+        rolling = rim_speed(body, i, robot)
         sliding = sliding_velocity(motion, rolling, i, robot)
-        bent = bend(AlongAcross(body.slip_x[i], body.slip_y[i]), sliding, rolling, dt, tyre)
+        slip = AlongAcross(body.slip_x[i], body.slip_y[i])
+        bent = bend(slip, sliding, rolling, dt, tyre)
         force = tyre_force(felt_slip(bent, sliding, rolling, tyre), body.load[i], tyre)
         body.slip_x[i] = bent.x
         body.slip_y[i] = bent.y
@@ -412,20 +479,24 @@ def advance_body(
         body.force_y[i] = force.y
         force_x = force_x + force.x
         force_y = force_y + force.y
-        moment = moment + x * force.y - y * force.x
+        lever = contact(i, robot)
+        moment = moment + lever.x * force.y - lever.y * force.x
     spun_up = turn_wheels(body, left, right, robot)
     w = motion[5]
     body.turn[0] = moment / robot.yaw_inertia + disturbance
     w_next = w + dt * body.turn[0]
     turned = 0.5 * dt * (w + w_next)
-    u = motion[3] + dt * force_x / robot.mass
-    v = motion[4] + dt * force_y / robot.mass
+    pushed_u = motion[3] + dt * force_x / robot.mass
+    pushed_v = motion[4] + dt * force_y / robot.mass
     cos = math.cos(turned)
     sin = math.sin(turned)
-    u, v = cos * u + sin * v, cos * v - sin * u  # the body turns under its velocity
-    # of the middle between the axles
-    ahead = 0.5 * (motion[3] + u) + 0.5 * (w + w_next) * robot.com_y
-    aside = 0.5 * (motion[4] + v) - 0.5 * (w + w_next) * robot.com_x
+    # The body turns under its velocity.
+    u = cos * pushed_u + sin * pushed_v
+    v = cos * pushed_v - sin * pushed_u
+    # mean velocity of the middle between the axles
+    mean_w = 0.5 * (w + w_next)
+    ahead = 0.5 * (motion[3] + u) + mean_w * robot.com_y
+    aside = 0.5 * (motion[4] + v) - mean_w * robot.com_x
     cos = math.cos(motion[2] + 0.5 * turned)
     sin = math.sin(motion[2] + 0.5 * turned)
     motion[0] += dt * (ahead * cos - aside * sin)
@@ -434,12 +505,27 @@ def advance_body(
     motion[3] = u
     motion[4] = v
     motion[5] = w_next
-    weight = robot.mass * _GRAVITY
     spin = body.spin[0] + body.spin[1] + body.spin[2] + body.spin[3]
-    about_y = weight * robot.com_x - robot.com_height * force_x - robot.wheel_inertia * spun_up
-    about_x = weight * robot.com_y - robot.com_height * force_y - robot.wheel_inertia * spin * w
-    body.shift[0] += robot.following * (about_y / (weight * robot.half_base) - body.shift[0])
-    body.shift[1] += robot.following * (about_x / (weight * robot.half_track) - body.shift[1])
+    shift_load(body, AlongAcross(force_x, force_y), spun_up, spin * w, robot)
+
+
+@jit
+def shift_load(
+    body: Body, force: AlongAcross, spun_up: float, gyroscopic: float, robot: FourWheels
+) -> None:
+    """Let the loads follow the moments of the ground's forces [N] and of the wheels' rotation.
+
+    Over the inertia of a wheel, the moment about the axles is `spun_up` [rad/s2], and that about
+    the robot's length `gyroscopic`, the wheels' rates times the yaw rate [rad2/s2].
+    """
+    inertia = robot.wheel_inertia
+    weight = robot.mass * _GRAVITY
+    about_y = weight * robot.com_x - robot.com_height * force.x - inertia * spun_up
+    about_x = weight * robot.com_y - robot.com_height * force.y - inertia * gyroscopic
+    ahead = about_y / (weight * robot.half_base)
+    aside = about_x / (weight * robot.half_track)
+    body.shift[0] += robot.following * (ahead - body.shift[0])
+    body.shift[1] += robot.following * (aside - body.shift[1])
 
 
 SAMPLE_COLUMNS = 25
@@ -450,7 +536,7 @@ forces along and across the four wheels."""
 
 @jit_alone
 def write_sample(body: Body, row: FloatArray, robot: FourWheels) -> None:
-    """Write the state into a row of `SAMPLE_COLUMNS` numbers, but for the range of the yaw acceleration."""
+    """Write the state into a row of `SAMPLE_COLUMNS`, but for the yaw acceleration's range."""
     motion = body.motion
     w = body.motion[5]
     row[0] = motion[0]
@@ -479,14 +565,15 @@ def run_wheels(
     body: Body,
     out: FloatArray,
 ) -> int:
-    """Advance a robot over (n, 2) references [rad/s] in place; return the step after which a number is not finite, or -1.
+    """Advance a robot in place; return the step after which a number is not finite, or -1.
 
-    `disturbance` is (n,) yaw accelerations [rad/s2], or (1,) for the same at every step. Every
-    `stride`-th state is written to `out` (1 + n // stride, 25), see `SAMPLE_COLUMNS`; row 0 is the
-    start. `body` is then the state at the last step.
+    `references` are (n, 2) wheel rates [rad/s]. `disturbance` is (n,) yaw accelerations [rad/s2],
+    or (1,) for the same at every step. Every `stride`-th state is written to `out` (1 + n //
+    stride, 25), see `SAMPLE_COLUMNS`; row 0 is the start. `body` is then the state at the last
+    step.
     """
     write_sample(body, out[0], robot)
-    out[0, 11] = out[0, 12] = body.turn[0]
+    out[0, 11:13] = body.turn[0]
     least = math.inf
     most = -math.inf
     for k in range(len(references)):
@@ -494,9 +581,12 @@ def run_wheels(
         before = body.motion[5]
         for _ in range(robot.inner):
             advance_body(body, references[k, 0], references[k, 1], push, robot)
-        if not math.isfinite(body.motion[3] + body.motion[4] + body.motion[5]):
+        u = body.motion[3]
+        v = body.motion[4]
+        w = body.motion[5]
+        if not math.isfinite(u + v + w):
             return k
-        turn = (body.motion[5] - before) / (robot.inner * robot.dt)
+        turn = (w - before) / (robot.inner * robot.dt)
         least = min(least, turn)
         most = max(most, turn)
         if (k + 1) % stride == 0:

@@ -23,11 +23,7 @@ from ssmr.models.four_wheel import (
     run_wheels,
     write_sample,
 )
-from ssmr.robot.drive import (
-    Driver,
-    wheel_references,
-    whole_steps,
-)
+from ssmr.robot.drive import Driver, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 
@@ -37,7 +33,7 @@ FOUR_WHEEL_DT = 0.001
 
 @dataclass(frozen=True)
 class FourWheelModel:
-    """A robot on four tyres with all its numbers: everything that defines the plant, and no state."""
+    """A robot on four tyres: all numbers that define the plant, and no state."""
 
     parameters: FourWheelParameters
     """Body, tyres and motors."""
@@ -58,7 +54,11 @@ class FourWheelPlant:
     """Physics step [s]."""
 
     def __init__(self, model: FourWheelModel, dt: float = FOUR_WHEEL_DT) -> None:
-        """Start at rest at the origin, with physics steps `dt` [s]; a ValueError if the hold is no whole number of them."""
+        """Start at rest at the origin, with physics steps `dt` [s].
+
+        Raises:
+            ValueError: the hold is no whole number of steps.
+        """
         whole_steps(model.drive.hold, dt, "the drive's hold")
         self.dt = dt
         self.model = model
@@ -96,7 +96,8 @@ class FourWheelPlant:
         """Hold a twist command for `dt` [s]."""
         n = whole_steps(dt, self.dt, "the step")
         references = self._driver.references(command, n)
-        out = self._run(references, np.array([float(yaw_acceleration)]), n, self._robot, self._row)
+        push = np.array([float(yaw_acceleration)])
+        out = self._run(references, push, n, self._robot, self._row)
         return State(*map(float, out[-1, :8]))
 
     def run(
@@ -108,36 +109,37 @@ class FourWheelPlant:
     ) -> Trajectory:
         """Drive `commands` at once.
 
-        Returns: The motion, with channels `torque_N_m` (M, 2), `yaw_acceleration_rad_s2` (M,) and
-            its range between samples (M, 2), and for the wheels front left, front right, rear left,
+        Returns:
+            The motion, with channels `torque_N_m` (M, 2), `yaw_acceleration_rad_s2` (M,) and its
+            range between samples (M, 2), and for the wheels front left, front right, rear left,
             rear right `wheel_load_N` (M, 4) and the forces of the ground in the body's axes,
             `force_x_N` and `force_y_N` (M, 4).
 
-        Raises: DivergedError: a velocity is no longer finite. ValueError: periods that are no whole
-            number of steps, or disturbances that are not one a step.
+        Raises:
+            DivergedError: a velocity is no longer finite.
+            ValueError: periods that are no whole number of steps, or disturbances that are not one
+                a step.
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         given = commands.kind == "wheels"
         references = wheel_references(commands, self.model.drive, self.dt, state)
-        push = (
-            np.zeros(1)
-            if disturbance is None
-            else np.ascontiguousarray(disturbance, dtype=np.float64)
-        )
-        if disturbance is not None and len(push) != len(references):
-            raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
+        push = np.zeros(1)
+        if disturbance is not None:
+            push = np.ascontiguousarray(disturbance, dtype=np.float64)
+            if len(push) != len(references):
+                raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
         robot = self._robot._replace(given=given)
         out = self._run(references, push, stride, robot, _placed(state, robot))
-        channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
-        channels |= {"yaw_acceleration_range_rad_s2": out[:, 11:13], "wheel_load_N": out[:, 13:17]}
-        channels |= {"force_x_N": out[:, 17:21], "force_y_N": out[:, 21:25]}
-        return Trajectory(
-            sample_dt * np.arange(len(out), dtype=np.float64),
-            out[:, :3],
-            out[:, 3:6],
-            out[:, 6:8],
-            channels,
-        )
+        channels = {
+            "torque_N_m": out[:, 8:10],
+            "yaw_acceleration_rad_s2": out[:, 10],
+            "yaw_acceleration_range_rad_s2": out[:, 11:13],
+            "wheel_load_N": out[:, 13:17],
+            "force_x_N": out[:, 17:21],
+            "force_y_N": out[:, 21:25],
+        }
+        t = sample_dt * np.arange(len(out), dtype=np.float64)
+        return Trajectory(t, out[:, :3], out[:, 3:6], out[:, 6:8], channels)
 
 
 def _placed(state: State, robot: FourWheels) -> FloatArray:
@@ -155,10 +157,10 @@ def _advance_all(
     now: FloatArray,
     failed: Any,
 ) -> None:
-    """Advance S robots in place; write (S, 2, 25) samples of their starts and ends, and where they failed.
+    """Advance S robots in place; write samples of starts and ends, and where robots failed.
 
-    This is one thread's work: a period of the position loop is too short for threads to be worth
-    their start.
+    `now` has (S, 2, 25) samples. This is one thread's work: a period of the position loop is too
+    short for threads to be worth their start.
     """
     for i in range(len(robots)):
         robot = named_like(TEMPLATE, robots[i])
@@ -192,5 +194,5 @@ class FourWheelBodies:
         return np.ascontiguousarray(self._now[:, 1, :10])
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
-        """Take (S, n, 2) references [rad/s] and (S, n) yaw accelerations [rad/s2] through n physics steps."""
+        """Take n steps under (S, n, 2) references [rad/s], (S, n) yaw accelerations [rad/s2]."""
         _advance_all(references, pushes, self._robots, self._rows, self._now, self._failed)

@@ -1,9 +1,10 @@
-"""The field's baseline: wheel rates and six constants give the body's velocity, through instantaneous centres of rotation.
+"""The field's baseline: six constants turn wheel rates into the body's velocity.
 
-J. L. Martinez, A. Mandow, J. Morales, S. Pedraza, A. Garcia-Cerezo, "Approximating kinematics for
-tracked mobile robots", Int. J. Robotics Research 24(10), 2005; A. Mandow et al., "Experimental
-kinematics for wheeled skid-steer mobile robots", IROS 2007. No masses and no friction: the body has
-the velocity at once.
+They are the instantaneous centres of rotation of the body and of both treads, and the shares of
+wheel speed that move the treads. J. L. Martinez, A. Mandow, J. Morales, S. Pedraza, A.
+Garcia-Cerezo, "Approximating kinematics for tracked mobile robots", Int. J. Robotics Research
+24(10), 2005; A. Mandow et al., "Experimental kinematics for wheeled skid-steer mobile robots", IROS
+2007. No masses and no friction: the body has the velocity at once.
 
 Tyres give way to the centripetal force m v omega of a bend, so the body slips outwards: v_y = -k v
 omega. In a left bend (omega > 0, v > 0) that is to the right. The centres of rotation thus move
@@ -23,7 +24,10 @@ from ssmr.robot.drive import Wanted
 
 @dataclass(frozen=True)
 class KinematicParameters:
-    """Six constants of a robot on one ground. The defaults say: no slip, the thesis' half-track, centre at the origin."""
+    """Six constants of a robot on one ground.
+
+    The defaults mean no slip, the thesis' half-track and a centre of rotation at the origin.
+    """
 
     alpha_l: float = parameter(1.0, unit="1", low=0.0, high=2.0, open_low=True, search=(0.3, 1.2))
     """Share of the left wheels' speed that moves the robot [1]: rolling radius over nominal radius,
@@ -93,7 +97,10 @@ def body_velocity(left: float, right: float, robot: PlanarRobot) -> tuple[float,
 def advance(
     v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
 ) -> Advanced:
-    """Return the velocities that the references give at once; torques are zero, and disturbances have no effect."""
+    """Return the velocities that the references give at once.
+
+    Torques are zero, and disturbances have no effect.
+    """
     v_next, w_next = body_velocity(wheels.left, wheels.right, robot)
     return Advanced(v_next, w_next, 0.0, 0.0)
 

@@ -1,4 +1,4 @@
-"""Declaration of a planar model: its parameter set, and the compiled law by which its velocities advance.
+"""Declaration of a planar model: its parameter set, and the compiled law of its velocities.
 
 A new model is a file beside this one, named like the model, and a name in `PLANAR_MODELS`.
 """
@@ -46,9 +46,9 @@ class Advanced(NamedTuple):
 
 
 Advance = Callable[[float, float, Wanted, float, float, PlanarRobot], Advanced]
-"""One step of the velocities: v [m/s], omega [rad/s], what the motor controllers want, disturbing
-yaw acceleration [rad/s2], time step [s] and the robot's numbers give the velocities after the
-step."""
+"""One step of the velocities: v [m/s], omega [rad/s], the motor controllers' references,
+disturbing yaw acceleration [rad/s2], time step [s] and the robot's numbers give the velocities
+after the step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +74,8 @@ class PlanarLaw:
         "radius_difference",
         "effective_half_track",
     )
-    """Fields of the vehicle that a fit may move: those that the law uses, less what is surely
-    known."""
+    """Fields of the vehicle that a fit may move: those that the law uses and that no scale or
+    tape measures surely."""
     colour: str = "#808080"
     """Colour in pictures and recordings, as #rrggbb."""
     ideal: bool = False
@@ -86,7 +86,7 @@ class PlanarLaw:
     omega; the thesis has none."""
 
     def __post_init__(self) -> None:
-        """Let robots find the law by the type of their parameters, and compiled functions by the type of their numbers."""
+        """Register the law for robots and compiled functions, which find it by types."""
         _LAWS[self.parameters] = self
         _ADVANCE[numbers_of(self.parameters)] = self.advance
 
@@ -126,14 +126,18 @@ def law_of(parameters: object) -> PlanarLaw:
 def advance(
     v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
 ) -> Advanced:
-    """Advance the velocities of any planar robot by one step of its own law; for compiled functions only."""
+    """Advance the velocities of any planar robot by its law; for compiled functions only."""
     raise NotImplementedError("advance works in compiled functions only")
 
 
 @overload(advance, strict=False)
 def _choose(v: Any, w: Any, wheels: Any, disturbance: Any, dt: Any, robot: Any) -> Any:
-    """Choose the law when a loop is compiled: every model gets a loop of its own, without a branch at run time."""
-    law = _ADVANCE[robot.types[robot.fields.index("parameters")].instance_class]
+    """Choose the law when a loop is compiled.
+
+    Every model gets a loop of its own, without a branch at run time.
+    """
+    numbers = robot.types[robot.fields.index("parameters")]
+    law = _ADVANCE[numbers.instance_class]
 
     def call(v: Any, w: Any, wheels: Any, disturbance: Any, dt: Any, robot: Any) -> Any:
         return law(v, w, wheels, disturbance, dt, robot)

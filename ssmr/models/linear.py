@@ -1,12 +1,12 @@
-"""Linear state-space model with hyperviscous friction (Eq. 2.41-2.47): x = (x, dx/dt, theta, dtheta/dt), u = (v, omega).
+"""Linear state-space model with hyperviscous friction (Eq. 2.41-2.47).
 
-Printed against used (docs/errata.md): A_22 is printed as -2 K_P/(r m) - m g K_u. The unit asks for
-g K_u; the published parameters ask for 4 g K_u, the load mg under each of four wheels as Eq. 2.18
-has it: with it the three published models agree on trajectory 4, with g K_u they do not. K_P
-belongs to wheel speeds in m/s (N m s/m), because Eq. 2.44 leaves out 1/r; with wheels of unlike
-radii a side's torque is K_P r times the rate error of its wheels. The yaw resistance keeps its
-printed lever c, to which the published K_y belongs. The torque limit (Tab. 3.14) lies in front of
-the linear system.
+State x = (x, dx/dt, theta, dtheta/dt), input u = (v, omega). Printed against used (docs/errata.md):
+A_22 is printed as -2 K_P/(r m) - m g K_u. The unit asks for g K_u; the published parameters ask for
+4 g K_u, the load mg under each of four wheels as Eq. 2.18 has it: with it the three published
+models agree on trajectory 4, with g K_u they do not. K_P belongs to wheel speeds in m/s (N m s/m),
+because Eq. 2.44 leaves out 1/r; with wheels of unlike radii a side's torque is K_P r times the rate
+error of its wheels. The yaw resistance keeps its printed lever c, to which the published K_y
+belongs. The torque limit (Tab. 3.14) lies in front of the linear system.
 """
 
 from __future__ import annotations
@@ -57,10 +57,11 @@ the module's text)."""
 
 
 class Rates(NamedTuple):
-    """Rates of Eq. 2.46: A_22 = -(loop + friction), B_21 = loop; A_44 = -(loop_yaw c_eff + friction_yaw), B_42 = loop_yaw c.
+    """Rates of Eq. 2.46.
 
-    With the driver's half-track and c_eff equal to c they are those of the thesis, whose t is the
-    track, 2c.
+    A_22 = -(loop + friction), B_21 = loop; A_44 = -(loop_yaw c_eff + friction_yaw), B_42 = loop_yaw
+    c. With the driver's half-track and c_eff equal to c they are those of the thesis, whose t is
+    the track, 2c.
     """
 
     loop: float  # rate of the speed loop [1/s]
@@ -80,12 +81,11 @@ def coefficients(body: Any, parameters: Any) -> Rates:
     k_u = parameters.k_u
     k_y = parameters.k_y
     gain = parameters.gain
-    slowing = LOAD_SUM * g * k_u * (mass / moved)
     return Rates(
-        2.0 * gain / (r * moved),
-        slowing,
-        2.0 * gain * c / (r * turned),
-        mass * g * k_y * c / turned,
+        loop=2.0 * gain / (r * moved),
+        friction=LOAD_SUM * g * k_u * (mass / moved),
+        loop_yaw=2.0 * gain * c / (r * turned),
+        friction_yaw=mass * g * k_y * c / turned,
     )
 
 
@@ -134,9 +134,10 @@ def _constants(body: Any, parameters: Any, dt: float) -> LinearConstants:
 
 
 def exact_push(matrix: Sequence[Sequence[float]], dt: float) -> FloatArray:
-    """Return the (2, 2) matrix P with which a step `dt` [s] of dx/dt = A x + u is exactly x + P (A x + u) for a constant u.
+    """Return the (2, 2) matrix P of an exact step `dt` [s] of dx/dt = A x + u for a constant u.
 
-    P is the integral of exp(A s) over the step; A must have real eigenvalues.
+    The step ends at x + P (A x + u). P is the integral of exp(A s) over the step; A must have real
+    eigenvalues.
     """
     rates, modes = np.linalg.eig(np.array(matrix))
     pushes = [exact_step(-rate, dt)[1] for rate in rates.tolist()]
@@ -155,7 +156,8 @@ def matrices(
     stretch = vehicle.wheel_radius / drive.command_radius
     a = np.zeros((4, 4))
     b = np.zeros((4, 2))
-    a[0, 1] = a[2, 3] = 1.0
+    a[0, 1] = 1.0
+    a[2, 3] = 1.0
     a[1, 1] = -(rates.loop + rates.friction)
     b[1, 0] = rates.loop * stretch
     a[3, 3] = -(rates.loop_yaw * vehicle.effective_half_track + rates.friction_yaw)
@@ -167,7 +169,7 @@ def matrices(
 def advance(
     v: float, w: float, wheels: Wanted, disturbance: float, dt: float, robot: PlanarRobot
 ) -> Advanced:
-    """Advance the velocities exactly, for references that are constant over the step (matrix exponential, Eq. 2.44).
+    """Advance the velocities exactly for constant references (matrix exponential, Eq. 2.44).
 
     A side has the torque K_P r e, with the rate error e of its wheels, and thrusts with it over its
     own radius. Where a torque is at its limit, both are held over the step and friction alone is
@@ -180,13 +182,11 @@ def advance(
     torque = motor_torques(wheels, actual, k.gain, motor)
     thrust = thrusts(torque, actual, body, motor)
     dv = (thrust.left + thrust.right) * body.per_moved - k.friction * v
-    dw = (
-        body.half_track * (thrust.right - thrust.left) * body.per_turned
-        - k.friction_yaw * w
-        + disturbance
-    )
+    turning = body.half_track * (thrust.right - thrust.left)
+    dw = turning * body.per_turned - k.friction_yaw * w + disturbance
     free_left = abs(torque.left + motor.braking * actual.left) < motor.limit
-    if free_left and abs(torque.right + motor.braking * actual.right) < motor.limit:
+    free_right = abs(torque.right + motor.braking * actual.right) < motor.limit
+    if free_left and free_right:
         v_step = k.free_v * dv + k.free_v_by_w * dw
         w_step = k.free_w_by_v * dv + k.free_w * dw
     else:

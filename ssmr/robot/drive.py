@@ -1,4 +1,4 @@
-"""The driver in front of every plant, from command to wheel rates, and the motors behind it, from wheel rates to torques.
+"""The driver and the motors of every plant: from command to wheel rates, and on to torques.
 
 Order, as in Fig. 3.10: a command is sampled at 20 Hz and held, or gone over to in a ramp, delayed,
 saturated; v and omega move towards it no faster than their limits, and are turned into wheel-rate
@@ -43,8 +43,8 @@ MOST_STEPS = 1e7
 """Most physics steps in one period: hours of the finest ones."""
 
 
-def whole_steps(period: float, dt: float, what: str) -> int:
-    """Return the number of physics steps of `dt` [s] that make up `period` [s]; `what` names the period in an error.
+def whole_steps(period: float, dt: float, name: str) -> int:
+    """Return the number of physics steps of `dt` [s] in `period` [s], which errors call `name`.
 
     Raises:
         ParameterError: not a whole number, less than one, or more than `MOST_STEPS`.
@@ -52,13 +52,13 @@ def whole_steps(period: float, dt: float, what: str) -> int:
     steps = round(period / dt) if 0.0 < period / dt < MOST_STEPS else 0
     if steps < 1 or abs(period / dt - steps) > WHOLE_STEPS:
         raise ParameterError(
-            f"{what} of {period} s is not a whole number of physics steps of {dt} s"
+            f"{name} of {period} s is not a whole number of physics steps of {dt} s"
         )
     return steps
 
 
 class Sides(NamedTuple):
-    """One number for the left wheels and one for the right: rates [rad/s], speeds [m/s] or torques [N m]."""
+    """A number for each side's wheels: rates [rad/s], speeds [m/s] or torques [N m]."""
 
     left: float
     right: float
@@ -104,7 +104,7 @@ def saturate(value: float, limit: float) -> float:
 
 @jit
 def wheel_rates(v: Any, w: Any, half_track: float, radius: float) -> Sides:
-    """Return the wheel rates [rad/s] of a body speed v [m/s] and yaw rate w [rad/s]: Eq. 2.9 solved for the wheels."""
+    """Return the wheel rates [rad/s] of a body speed v [m/s] and yaw rate w [rad/s] (Eq. 2.9)."""
     return Sides((v - half_track * w) / radius, (v + half_track * w) / radius)
 
 
@@ -124,26 +124,26 @@ def ramp(reference: float, target: float, largest_change: float) -> float:
 def held_value(
     values: FloatArray, column: int, step: int, delay: int, drive: DriveNumbers, before: float
 ) -> float:
-    """Return the value in one column of (N, 2) twists on which the driver acts: that of `delay` steps ago, as last sampled.
+    """Return the value on which the driver acts, from one column of (N, 2) twists.
 
-    `step` counts the physics steps since the first command; `before` was commanded before it.
-    Within the ramp the value lies between the last sample and the one before it: the mean of the
-    held values over the time of the ramp.
+    It is that of `delay` steps ago, as last sampled. `step` counts the physics steps since the
+    first command; `before` was commanded before it. Within the ramp the value lies between the last
+    sample and the one before it: the mean of the held values over the time of the ramp.
     """
     past = step - delay
     if past < 0:
         return before
+    final = len(values) - 1
     sample = past // drive.hold
-    value: float = values[min(sample * drive.hold // drive.period, len(values) - 1), column]
+    value: float = values[min(sample * drive.hold // drive.period, final), column]
     since = past - sample * drive.hold + 1
     if since >= drive.ramp:
         return value
-    last: float = (
-        before
-        if sample == 0
-        else values[min((sample - 1) * drive.hold // drive.period, len(values) - 1), column]
-    )
-    return last + (value - last) * (since / drive.ramp)
+    part = since / drive.ramp
+    if sample == 0:
+        return before + (value - before) * part
+    last: float = values[min((sample - 1) * drive.hold // drive.period, final), column]
+    return last + (value - last) * part
 
 
 @jit
@@ -154,10 +154,10 @@ def follow(
     before: tuple[float, float],
     last: DriveState,
 ) -> DriveState:
-    """Return the references of one physics step, `step` steps after the first of the (N, 2) twist commands.
+    """Return the references of one physics step, `step` steps after the first command.
 
-    `before` is the twist commanded before the first command, `last` holds the references of the
-    last step.
+    `values` are (N, 2) twists. `before` is the twist commanded before the first command, `last`
+    holds the references of the last step.
     """
     v = held_value(values, 0, step, drive.delay_v, drive, before[0])
     w = held_value(values, 1, step, drive.delay_w, drive, before[1])
@@ -166,9 +166,9 @@ def follow(
 
 @jit
 def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: DriveState) -> DriveState:
-    """Return the references of one physics step from the twist that the driver holds, v [m/s] and w [rad/s].
+    """Return the references of one physics step from the held twist, v [m/s] and w [rad/s].
 
-    `share` is the drive's own, or 1 where it is known that nothing lags.
+    `share` is that of the drive, or 1 where nothing lags.
     """
     v = ramp(last.v, saturate(v, drive.v_max), drive.change_v)
     w = ramp(last.w, saturate(w, drive.w_max), drive.change_w)
@@ -182,7 +182,7 @@ def drive_on(v: float, w: float, drive: DriveNumbers, share: float, last: DriveS
 
 @jit_alone
 def rolling(wheels: Sides, drive: DriveNumbers) -> DriveState:
-    """Return the references before the driver's first step, when the wheels turn at `wheels` [rad/s]."""
+    """Return the references before the driver's first step, for the wheels' rates [rad/s]."""
     v, w = body_rates(wheels.left, wheels.right, drive.half_track, drive.radius)
     return DriveState(v, w, wheels.left, wheels.right)
 
@@ -196,7 +196,7 @@ def continue_references(
     first: int,
     out: FloatArray,
 ) -> DriveState:
-    """Write the references of the physics steps from `first` on into `out`, (n, 2); return those of the last step.
+    """Write the references of the steps from `first` on into (n, 2) `out`; return the last ones.
 
     `last` holds the references of the step before `first`.
     """
@@ -210,7 +210,9 @@ def continue_references(
 
 @lru_cache(maxsize=64)
 def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
-    """Return a drive's numbers for commands of a period [s] and physics steps `dt` [s]; delays are rounded to whole steps.
+    """Return a drive's numbers for commands of a period [s] and physics steps `dt` [s].
+
+    Delays are rounded to whole steps.
 
     Raises:
         ValueError: the hold or the command period is no whole number of steps.
@@ -235,7 +237,7 @@ def drive_numbers(drive: Drive, period: float, dt: float) -> DriveNumbers:
 
 
 def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) -> FloatArray:
-    """Return the (n, 2) left and right wheel-rate references [rad/s] of every physics step `dt` [s] of a whole run.
+    """Return the (n, 2) wheel-rate references [rad/s] of all physics steps `dt` [s] of a run.
 
     Ramp and lag start from the wheel rates of `state`; delays are rounded to whole steps.
 
@@ -250,51 +252,56 @@ def wheel_references(commands: Commands, drive: Drive, dt: float, state: State) 
 def reference_chunks(
     commands: Commands, drive: Drive, dt: float, state: State, size: int
 ) -> Iterator[FloatArray]:
-    """Yield what `wheel_references` returns, piece by piece: (`size`, 2) arrays, the last one shorter."""
+    """Yield the `wheel_references` in pieces: (`size`, 2) arrays, the last one shorter."""
     period = whole_steps(commands.dt, dt, "the command period")
-    numbers = drive_numbers(drive, commands.dt, dt) if commands.kind == "twist" else DRIVE_TEMPLATE
-    held = (
-        rolling(Sides(float(state.wheel_left), float(state.wheel_right)), numbers)
-        if commands.kind == "twist"
-        else None
-    )
-    for first in range(0, commands.n * period, size):
-        n = min(size, commands.n * period - first)
-        if held is None:
-            yield commands.values[np.arange(first, first + n) // period]
-        else:
-            out = np.empty((n, 2))
-            held = continue_references(commands.values, numbers, commands.before, held, first, out)
-            yield out
+    steps = commands.n * period
+    if commands.kind == "wheels":
+        for first in range(0, steps, size):
+            step = np.arange(first, min(first + size, steps))
+            yield commands.values[step // period]
+        return
+    numbers = drive_numbers(drive, commands.dt, dt)
+    held = rolling(_wheels(state), numbers)
+    for first in range(0, steps, size):
+        out = np.empty((min(size, steps - first), 2))
+        held = continue_references(commands.values, numbers, commands.before, held, first, out)
+        yield out
+
+
+def _wheels(state: State) -> Sides:
+    return Sides(float(state.wheel_left), float(state.wheel_right))
 
 
 class Driver:
-    """The drive as an object that takes one command at a time, for closed loops; equal to `wheel_references` to the bit."""
+    """The drive one command at a time, for closed loops; equal to `wheel_references` to the bit."""
 
     def __init__(self, drive: Drive, dt: float, state: State) -> None:
-        """Start at rest commands: delay lines hold zeros; ramp and lag start from the state's wheels."""
+        """Start with delay lines full of zeros; ramp and lag start from the state's wheels."""
         if not isinstance(state, State):
             raise ValueError(f"state is {reprlib.repr(state)}, must be a State")
         self._drive = drive_numbers(drive, dt, dt)  # one command a physics step
         self._samples = np.empty((0, 2))
-        self._asked = rolling(Sides(float(state.wheel_left), float(state.wheel_right)), self._drive)
+        self._last = rolling(_wheels(state), self._drive)
 
     def references(self, command: tuple[float, float], n: int) -> FloatArray:
-        """Return the (n, 2) references of the next `n` physics steps, while `command` (v [m/s], omega [rad/s]) is held."""
+        """Return the (n, 2) references of the next `n` steps, while `command` is held.
+
+        A command is v [m/s] and omega [rad/s].
+        """
         if np.shape(command) != (2,) or not all(map(is_finite_number, command)):
             raise ValueError(
-                f"command is {reprlib.repr(command)}, must be a finite speed [m/s] and yaw rate [rad/s]"
+                f"command is {reprlib.repr(command)}, must be a finite speed [m/s] "
+                "and yaw rate [rad/s]"
             )
         out = np.empty((n, 2))
         step = len(self._samples)
+        drive = self._drive
         self._samples = np.concatenate([self._samples, np.tile(command, (n, 1))])
-        self._asked = continue_references(
-            self._samples, self._drive, (0.0, 0.0), self._asked, step, out
-        )
-        hold = self._drive.hold
-        spare = len(self._samples) - max(self._drive.delay_v, self._drive.delay_w) - 2 * hold
-        if spare > 1000:  # no delay reaches these samples any more; whole holds are dropped
-            self._samples = self._samples[spare // hold * hold :]
+        self._last = continue_references(self._samples, drive, (0.0, 0.0), self._last, step, out)
+        spare = len(self._samples) - max(drive.delay_v, drive.delay_w) - 2 * drive.hold
+        # No delay reaches these samples any more. Whole holds go, so that none begins elsewhere.
+        if spare > 1000:
+            self._samples = self._samples[spare // drive.hold * drive.hold :]
         return out
 
 
@@ -331,18 +338,23 @@ def motor_numbers(drive: Drive, dt: float) -> Motor:
     """Return the numbers of a drive's motors for physics steps `dt` [s]."""
     d = packed(drive)
     limit = 2.0 * d.torque_limit
-    braking = 0.0 if math.isinf(d.no_load_rate) or math.isinf(limit) else limit / d.no_load_rate
+    # an infinite no-load rate gives 0
+    braking = 0.0 if math.isinf(limit) else limit / d.no_load_rate
     leaked, share = exact_step(d.integral_gain / d.dc_stiffness, dt)
-    return Motor(limit, braking, d.integral_gain, leaked, share * d.integral_gain, d.gear_loss)
+    gained = share * d.integral_gain
+    return Motor(limit, braking, d.integral_gain, leaked, gained, d.gear_loss)
 
 
 def exact_step(rate: float, dt: float) -> tuple[float, float]:
-    """Return the numbers (a, b) with which a step `dt` [s] of dx/dt = -rate x + u is exactly x + a x + b u for a constant u.
+    """Return (a, b) of an exact step `dt` [s] of dx/dt = -rate x + u for a constant u.
 
-    a is expm1(-rate dt) [1] and b is -a / rate, or dt where there is hardly a rate [s].
+    The step ends at x + a x + b u: a is expm1(-rate dt) [1] and b is -a / rate, or dt where there
+    is hardly a rate [s].
     """
     decay = math.expm1(-rate * dt)
-    return decay, -decay / rate if rate * dt > 1e-12 else dt
+    if rate * dt > 1e-12:
+        return decay, -decay / rate
+    return decay, dt
 
 
 @jit
@@ -362,7 +374,7 @@ def side_torque(wanted: float, actual: float, integral: float, gain: float, moto
 
 @jit
 def motor_torques(wanted: Wanted, actual: Sides, gain: float, motor: Motor) -> Sides:
-    """Return the torques of both sides' motors at the wheels [N m]; `actual` are the wheel rates [rad/s]."""
+    """Return the torques of both motors at the wheels [N m], for the `actual` rates [rad/s]."""
     return Sides(
         side_torque(wanted.left, actual.left, wanted.integral_left, gain, motor),
         side_torque(wanted.right, actual.right, wanted.integral_right, gain, motor),
@@ -371,32 +383,36 @@ def motor_torques(wanted: Wanted, actual: Sides, gain: float, motor: Motor) -> S
 
 @jit
 def gear_loss(rate: float, motor: Motor) -> float:
-    """Return the torque that the gear of a side takes at a wheel rate [N m], in the direction of the rate."""
-    return motor.gear_loss * saturate(rate * _PER_DRY_RATE, 1.0) if motor.gear_loss > 0.0 else 0.0
+    """Return the torque that a side's gear takes at a wheel rate [N m]; it has the rate's sign."""
+    if motor.gear_loss > 0.0:
+        return motor.gear_loss * saturate(rate * _PER_DRY_RATE, 1.0)
+    return 0.0
 
 
 @jit
 def thrusts(torque: Sides, actual: Sides, vehicle: Any, motor: Motor) -> Sides:
-    """Return the forces [N] with which both sides push on the ground, but for what spins the wheels up."""
-    return Sides(
-        (torque.left - gear_loss(actual.left, motor)) * vehicle.per_radius_left,
-        (torque.right - gear_loss(actual.right, motor)) * vehicle.per_radius_right,
-    )
+    """Return the forces [N] of both sides on the ground, as if wheels had no inertia."""
+    left = torque.left - gear_loss(actual.left, motor)
+    right = torque.right - gear_loss(actual.right, motor)
+    return Sides(left * vehicle.per_radius_left, right * vehicle.per_radius_right)
 
 
 @jit
 def advance_integral(integral: float, error: float, motor: Motor) -> float:
-    """Return the integral part of a side's torque [N m] after a physics step with a mean rate error [rad/s].
+    """Return the integral part of a side's torque [N m] after a physics step.
 
-    The step is exact for a constant error.
+    The step is exact for a constant rate error, here the mean one [rad/s].
     """
     return saturate(integral + (motor.leaked * integral + motor.gained * error), motor.limit)
 
 
 @jit
 def side_rates(v: float, w: float, vehicle: Any) -> Sides:
-    """Return the wheel rates [rad/s] of a body speed [m/s] and yaw rate [rad/s]: Eq. 2.9, each side with its own radius."""
+    """Return the wheel rates [rad/s] of a body speed [m/s] and yaw rate [rad/s].
+
+    It is Eq. 2.9, each side with its own radius.
+    """
     reach = vehicle.effective_half_track
-    return Sides(
-        (v - reach * w) * vehicle.per_radius_left, (v + reach * w) * vehicle.per_radius_right
-    )
+    left = v - reach * w
+    right = v + reach * w
+    return Sides(left * vehicle.per_radius_left, right * vehicle.per_radius_right)

@@ -1,4 +1,4 @@
-"""Closed forms say how a robot turns on the spot and how its wheels are loaded, without any simulation.
+"""Closed forms of how a robot turns on the spot and how its wheels are loaded.
 
 In the closed form of a turn (see docs/physics.md and docs/why_drift.md) rigid tyres slide on the
 ground, left and right ones turning alike and against each other; nothing accelerates. The robot
@@ -19,14 +19,14 @@ from scipy.optimize import minimize
 from ssmr.types import FloatArray, Trajectory
 
 FRONT = np.array([1.0, 1.0, -1.0, -1.0])
+"""Sides of the wheels along the robot: 1 in front, -1 behind."""
 LEFT = np.array([1.0, -1.0, 1.0, -1.0])
-"""Which wheels are in front (1) and behind (-1), and on the left (1) and the right (-1): front
-left, front right, rear left, rear right."""
+"""Sides of the wheels across the robot: 1 on the left, -1 on the right."""
 
 
 @dataclass(frozen=True)
 class SkidTurn:
-    """A quasi-static turn on the spot, for tyres whose rims roll at 1 m/s, the right ones forward."""
+    """A quasi-static turn on the spot: the tyres' rims roll at 1 m/s, the right ones forward."""
 
     forward: float
     """Speed of the middle between the axles ahead [m/s]."""
@@ -58,45 +58,48 @@ def turn_on_the_spot(
 ) -> SkidTurn:
     """Return the turn with Coulomb friction, each tyre touching at one point or at two.
 
-    Args: wheelbase: distance of the axles [m]. track: distance of the sides [m]. x: distance of the
-        centre of mass ahead of the middle between the axles [m]. y: distance of the centre of mass
-        to the left of that middle [m]. ratio: lateral over longitudinal friction [1]. half_width:
-        half the distance of a tyre's two contact points, which share its load [m]; 0 for one point.
-        shift: loads that differ from those at rest: shares of the weight that move from the rear to
-        the front wheels, from
-            right to left, and from one pair of diagonal wheels to the one with the front left; and
-            the share of its load that a tyre's inner contact point gives to the outer one [1].
+    Args:
+        wheelbase: distance of the axles [m].
+        track: distance of the sides [m].
+        x: distance of the centre of mass ahead of the middle between the axles [m].
+        y: distance of the centre of mass to the left of that middle [m].
+        ratio: lateral over longitudinal friction [1].
+        half_width: half the distance of a tyre's two contact points, which share its load [m]; 0
+            for one point.
+        shift: loads that differ from those at rest: shares of the weight that move from the rear
+            to the front wheels, from right to left, and from one pair of diagonal wheels to the
+            one with the front left; and the share of its load that a tyre's inner contact point
+            gives to the outer one [1].
     """
     unit = 0.5 * track  # of length: the search sees the same numbers for every size of robot
     ends = (0.0,) if half_width == 0.0 else (-half_width / unit, half_width / unit)
-    front, left = np.tile(FRONT, len(ends)), np.tile(LEFT, len(ends))  # of each contact point
-    at_x = 0.5 * (wheelbase / unit) * front
+    # of each contact point
+    front = np.tile(FRONT, len(ends))
+    left = np.tile(LEFT, len(ends))
+    half_base = 0.5 * (wheelbase / unit)
+    at_x = half_base * front
     at_y = left + np.repeat(ends, len(LEFT))
     # equal springs
-    load = (
-        0.25
-        * (1.0 + (x / unit) * front / (0.5 * (wheelbase / unit)) + (y / unit) * left)
-        / len(ends)
-    )
-    ahead, aside, across, outwards = shift
+    at_rest = 0.25 * (1.0 + (x / unit) * front / half_base + (y / unit) * left) / len(ends)
+    ahead, aside, diagonal, outwards = shift
+    moved = (ahead * front + aside * left + diagonal * front * left) / len(left)
     outer = np.sign(np.abs(at_y) - 1.0)  # -1 for an inner point, 0 where a tyre has only one
-    load = (load + (ahead * front + aside * left + across * front * left) / len(left)) * (
-        1.0 + outwards * outer
-    )
+    load = (at_rest + moved) * (1.0 + outwards * outer)
 
     def power(motion: FloatArray) -> tuple[float, FloatArray]:
         v_x, v_y, rate = motion
-        # the rims roll at 1 m/s, the left ones backward
-        s_x, s_y = v_x - rate * at_y + left, v_y + rate * at_x
+        # The rims roll at 1 m/s, the left ones backward.
+        s_x = v_x - rate * at_y + left
+        s_y = v_y + rate * at_x
         size = np.sqrt(s_x**2 + (ratio * s_y) ** 2 + 1e-16)
         f_x = load * s_x / size
         f_y = load * ratio**2 * s_y / size
-        return float(load @ size), np.array([f_x.sum(), f_y.sum(), (at_x * f_y - at_y * f_x).sum()])
+        moment = at_x * f_y - at_y * f_x
+        return float(load @ size), np.array([f_x.sum(), f_y.sum(), moment.sum()])
 
-    minimum = minimize(
-        power, np.array([0.0, 0.0, 0.55]), jac=True, method="BFGS", options={"gtol": 1e-10}
-    )
-    forward, across, rate = (float(value) for value in minimum.x)
+    start = np.array([0.0, 0.0, 0.55])
+    minimum = minimize(power, start, jac=True, method="BFGS", options={"gtol": 1e-10})
+    forward, across, rate = map(float, minimum.x)
     return SkidTurn(forward, across, rate / unit, track, float(minimum.fun))
 
 
@@ -107,7 +110,7 @@ than a manoeuvre."""
 
 @dataclass(frozen=True)
 class LoadModel:
-    """A rigid robot on four equal springs that hardly give: the numbers that decide its wheel loads."""
+    """Numbers that decide the wheel loads of a rigid robot on four stiff, equal springs."""
 
     mass: float
     """Total mass [kg]."""
@@ -150,26 +153,21 @@ class LoadModel:
         the body's axes [m/s2]; `spin` (M,) is the mean rate of the wheels W [rad/s], `spin_rate`
         (M,) its rate of change [rad/s2], and `yaw_rate` (M,) omega [rad/s].
 
-        Returns: (M, 4) loads [N]; negative where a wheel would have to be held down: it lifts, and
-            the formula no longer holds.
+        Returns:
+            (M, 4) loads [N]; negative where a wheel would have to be held down: it lifts, and the
+            formula no longer holds.
         """
         force = self.mass * (acceleration - gravity[:, :2])
         weight = -self.mass * gravity[:, 2]
-        about_y = (
-            self.com_x * weight - self.com_height * force[:, 0] - self.spin_inertia * spin_rate
-        )
-        about_x = (
-            self.com_y * weight
-            - self.com_height * force[:, 1]
-            - self.spin_inertia * spin * yaw_rate
-        )
+        spinning_up = self.spin_inertia * spin_rate
+        gyroscopic = self.spin_inertia * spin * yaw_rate
+        about_y = self.com_x * weight - self.com_height * force[:, 0] - spinning_up
+        about_x = self.com_y * weight - self.com_height * force[:, 1] - gyroscopic
         x = 0.5 * self.wheelbase * FRONT
         y = 0.5 * self.track * LEFT
-        return (
-            weight[:, None] / 4.0
-            + np.outer(about_y, x / self.wheelbase**2)
-            + np.outer(about_x, y / self.track**2)
-        )
+        ahead = np.outer(about_y, x / self.wheelbase**2)
+        aside = np.outer(about_x, y / self.track**2)
+        return weight[:, None] / 4.0 + ahead + aside
 
     def along(self, motion: Trajectory, gravity: FloatArray, wheel_radius: float) -> FloatArray:
         """Return the (M, 4) quasi-static loads [N] over a motion of the middle between the axles.
@@ -178,18 +176,26 @@ class LoadModel:
         [m/s2]. Where the motion has no wheel rates, the wheels are taken to roll with
         `wheel_radius` [m].
         """
-        t, (v_x, v_y, w) = motion.t, motion.twist.T
-        a_x = slope(t, v_x) - w * v_y - w**2 * self.com_x - slope(t, w) * self.com_y
-        a_y = slope(t, v_y) + w * v_x - w**2 * self.com_y + slope(t, w) * self.com_x
-        spin = motion.wheels.mean(axis=1) if np.any(motion.wheels) else v_x / wheel_radius
+        t = motion.t
+        v_x, v_y, w = motion.twist.T
+        turn = slope(t, w)
+        a_x = slope(t, v_x) - w * v_y - w**2 * self.com_x - turn * self.com_y
+        a_y = slope(t, v_y) + w * v_x - w**2 * self.com_y + turn * self.com_x
+        spin = v_x / wheel_radius
+        if np.any(motion.wheels):
+            spin = motion.wheels.mean(axis=1)
         return self.quasi_static(np.column_stack([a_x, a_y]), gravity, spin, slope(t, spin), w)
 
 
 def slope(t: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the (M,) rate of change of (M,) values over a centred `DIFFERENTIATED_OVER`, shorter at the ends."""
+    """Return the (M,) rates of change of (M,) values.
+
+    They are differences over a centred `DIFFERENTIATED_OVER`, shorter at the ends.
+    """
     if len(t) < 2:
         return np.zeros_like(values)
     span = DIFFERENTIATED_OVER
     low = np.clip(t - 0.5 * span, t[0], t[-1])
     high = np.clip(t + 0.5 * span, t[0], t[-1])
-    return np.asarray((np.interp(high, t, values) - np.interp(low, t, values)) / (high - low))
+    change = np.interp(high, t, values) - np.interp(low, t, values)
+    return np.asarray(change / (high - low))

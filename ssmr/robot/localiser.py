@@ -74,8 +74,11 @@ class Localiser:
     ) -> FloatArray:
         """Return the poses that the log tells of a body which moves in a line between samples.
 
-        Args: body: (N, 3) poses of the body. period: time between them [s]. t: (M,) stamps of the
-            log [s], the first of which is that of the first pose; None: the poses' own.
+        Args:
+            body: (N, 3) poses of the body.
+            period: time between them [s].
+            t: (M,) stamps of the log [s], the first of which is that of the first pose; None: the
+                poses' own.
 
         Returns:
             (M, 3) poses of the tracked frame, held before the first and after the last.
@@ -94,11 +97,14 @@ class Localiser:
     def seen(self, motion: Trajectory, t: ArrayLike | None = None) -> Trajectory:
         """Return a body's motion as the log tells it.
 
-        Args: motion: the body's motion. t: (M,) stamps of the log [s], the first of which is that
-            of the motion's first sample; None: the motion's own.
+        Args:
+            motion: the body's motion.
+            t: (M,) stamps of the log [s], the first of which is that of the motion's first sample;
+                None: the motion's own.
 
-        Returns: The motion of the tracked frame at these stamps, linear between samples. Only the
-            pose is late: the first pose is told until the delay is over.
+        Returns:
+            The motion of the tracked frame at these stamps, linear between samples. Only the pose
+            is late: the first pose is held until the delay is over.
         """
         lever = motion.twist[:, 2:] * np.array([-self.tracked_y, self.tracked_x])
         velocity = rotate_world_to_body(motion.twist[:, :2] + lever, self.tracked_yaw)
@@ -110,14 +116,12 @@ class Localiser:
         clock = motion.t if t is None else motion.t + stamps[0]
 
         def at(values: FloatArray, late: float = 0.0) -> FloatArray:
-            columns = [
-                np.interp(stamps - late, clock, column)
-                for column in values.reshape(len(values), -1).T
-            ]
+            flat = values.reshape(len(values), -1).T
+            columns = [np.interp(stamps - late, clock, column) for column in flat]
             return np.column_stack(columns).reshape(len(stamps), *values.shape[1:])
 
-        poses = np.concatenate(
-            [at(pose[:, :2], self.position_late), at(pose[:, 2:], self.yaw_late)], axis=1
-        )
+        position = at(pose[:, :2], self.position_late)
+        heading = at(pose[:, 2:], self.yaw_late)
+        poses = np.concatenate([position, heading], axis=1)
         channels = {name: at(values) for name, values in motion.channels.items()}
         return Trajectory(stamps, poses, at(twist), at(motion.wheels), channels)

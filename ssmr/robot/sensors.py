@@ -1,4 +1,4 @@
-"""Sensors with noise and bias, and a yaw disturbance, drawn from a seeded generator (Sec. 3.4.4-3.4.6)."""
+"""Sensors with noise and bias, and a seeded yaw disturbance (Sec. 3.4.4-3.4.6)."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def measure(
 
 
 def _ticks(t: FloatArray, rate: float) -> IndexArray:
-    """Return the number of the period of a sample rate [Hz] in which each of (M,) instants [s] lies."""
+    """Return the number of the sample period, at a rate [Hz], of each of (M,) instants [s]."""
     if not rate > 0.0:
         raise ValueError(f"the sample rate must be positive, got {rate} Hz")
     return np.asarray(np.floor((t - t[0]) * rate + 1e-9), dtype=np.intp)
@@ -75,16 +75,16 @@ random number block."""
 
 
 def yaw_disturbance(duration: float, dt: float, rng: np.random.Generator) -> FloatArray:
-    """Return (n,) yaw accelerations of the physics steps `dt` [s] of a run of `duration` [s]: white, held (Sec. 3.4.5).
+    """Return (n,) disturbing yaw accelerations [rad/s2] of a run's physics steps (Sec. 3.4.5).
 
-    `rng` draws them [rad/s2]. The draws do not depend on `dt`, so all plants of one run feel the
-    same disturbance.
+    The run lasts `duration` [s], with steps `dt` [s]. `rng` draws white noise, which is held. The
+    draws do not depend on `dt`, so all plants of one run feel the same disturbance.
     """
-    draws = math.sqrt(YAW_DISTURBANCE_VARIANCE) * rng.standard_normal(
-        math.ceil(duration / PUSH_TIME - 1e-9) + 1
-    )
+    count = math.ceil(duration / PUSH_TIME - 1e-9) + 1
+    draws = math.sqrt(YAW_DISTURBANCE_VARIANCE) * rng.standard_normal(count)
     step = np.arange(round(duration / dt))
-    return np.asarray(draws[np.floor(step * dt / PUSH_TIME + 1e-9).astype(int)])
+    draw = np.floor(step * dt / PUSH_TIME + 1e-9).astype(int)
+    return np.asarray(draws[draw])
 
 
 class SensorSample(NamedTuple):
@@ -148,7 +148,7 @@ def sense(
     draws: tuple[float, float, float],
     noise: SensorErrors,
 ) -> SensorSample:
-    """Return what encoders and gyro show where these are the true rates of both wheels and of the body [rad/s].
+    """Return the readings of encoders and gyro for true rates of wheels and body [rad/s].
 
     `draws` are three standard normal numbers, for left, right and gyro, which the caller draws.
     """
@@ -165,7 +165,7 @@ def simulate_sensors(
     model: SensorModel | None = None,
     rate: float = SAMPLE_RATES_HZ["ekf"],
 ) -> SensorLog:
-    """Return what a robot's sensors show along a motion; `SensorModel()` if no `model` is given.
+    """Return the readings of a robot's sensors along a motion; by default of a `SensorModel()`.
 
     There are `rate` samples a second [Hz]; for each `rng` draws three numbers. Each is the first
     state of the motion in its period, with that state's own instant, so a motion whose samples do
@@ -176,10 +176,10 @@ def simulate_sensors(
     """
     tick = _ticks(trajectory.t, rate)
     first = np.unique(tick, return_index=True)[1]
-    (left, right), yaw_rate = trajectory.wheels[first].T, trajectory.twist[first, 2]
+    left, right = trajectory.wheels[first].T
+    yaw_rate = trajectory.twist[first, 2]
     draws = rng.standard_normal((len(first), 3)).T
+    errors = (model or SensorModel()).packed()
     on_arrays: Any = source(sense)
-    return SensorLog(
-        trajectory.t[first],
-        *on_arrays(left, right, yaw_rate, draws, (model or SensorModel()).packed()),
-    )
+    readings = on_arrays(left, right, yaw_rate, draws, errors)
+    return SensorLog(trajectory.t[first], *readings)

@@ -1,4 +1,4 @@
-"""The robot's mass and geometry, and the drive between a command and its wheels. SI units and radians."""
+"""The robot's mass and geometry, and the drive between a command and its wheels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from ssmr.parameters import check_parameters, numbers_of, parameter, require_in_
 
 @dataclass(frozen=True)
 class Vehicle:
-    """Mass and geometry of a four-wheel skid-steering robot (Fig. 2.3); the defaults are the thesis' robot (Tab. 3.1)."""
+    """Mass and geometry of a four-wheel skid-steering robot (Fig. 2.3).
+
+    The defaults are those of the thesis' robot (Tab. 3.1).
+    """
 
     mass: float = parameter(
         73.30, unit="kg", low=0.0, high=1e6, open_low=True, search=(0.55, 2.05), of="mass"
@@ -63,7 +66,7 @@ class Vehicle:
     """g [m/s2]; list of symbols."""
 
     def __post_init__(self) -> None:
-        """Check the ranges; the ICR must lie within (-a, b), see Sec. 2.2.1, and both radii must be positive."""
+        """Check the ranges: the ICR lies within (-a, b) (Sec. 2.2.1), both radii are positive."""
         check_parameters(self)
         require_in_range(self, "radius_difference", -self.wheel_radius, self.wheel_radius)
         require_in_range(self, "x_icr", -self.a, self.b)
@@ -71,20 +74,22 @@ class Vehicle:
 
 VehicleNumbers = numbers_of(Vehicle)
 _DERIVED = (
-    *(
-        "radius_left",
-        "radius_right",
-        "per_radius_left",
-        "per_radius_right",
-        "load_front",
-        "load_rear",
-        "load_levers",
-    ),
-    *("moved", "turned", "per_moved", "per_turned", "per_turned_aside"),
+    "radius_left",
+    "radius_right",
+    "per_radius_left",
+    "per_radius_right",
+    "load_front",
+    "load_rear",
+    "load_levers",
+    "moved",
+    "turned",
+    "per_moved",
+    "per_turned",
+    "per_turned_aside",
 )
 VehicleBody = namedtuple("VehicleBody", [*VehicleNumbers._fields, *_DERIVED])  # type: ignore[misc]
-"""A vehicle in compiled functions: its numbers, and what the laws of motion derive from them once
-instead of at every step.
+"""A vehicle in compiled functions: its numbers, and those that the laws of motion derive from them
+once instead of at every step.
 
 - `radius_left`, `radius_right`: effective rolling radii of the sides [m]; `per_radius_...`: their
   reciprocals [1/m].
@@ -98,7 +103,7 @@ instead of at every step.
 
 
 def vehicle_body(v: Any) -> Any:
-    """Return the `VehicleBody` of a vehicle's packed numbers, each a float or one for each of many robots."""
+    """Return the `VehicleBody` of packed numbers, each a float or an array over robots."""
     left = v.wheel_radius + 0.5 * v.radius_difference
     right = v.wheel_radius - 0.5 * v.radius_difference
     weight = v.mass * v.gravity
@@ -126,7 +131,7 @@ def vehicle_body(v: Any) -> Any:
 
 @dataclass(frozen=True)
 class Drive:
-    """From a command (v, omega) to wheel torques: the part of the robot in front of every plant (Fig. 3.10, 3.11)."""
+    """The part of the robot between a command and the wheel torques (Fig. 3.10, 3.11)."""
 
     v_max: float = parameter(1.0, unit="m/s", low=0.0, open_low=True)
     """Saturation of the linear velocity command [m/s]; Sec. 3.4."""

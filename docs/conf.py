@@ -59,7 +59,10 @@ def write_block(translator: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def navigation(index: str, pages: set[str]) -> str:
-    """Return the site's tables of contents: for each section of the index its pages; the rest as `More`."""
+    """Return the site's tables of contents: for each section of the index its pages.
+
+    The rest as `More`.
+    """
     out = []
     left = pages - {"index"}
     for section in re.split(r"^## ", index, flags=re.MULTILINE)[1:]:
@@ -77,7 +80,10 @@ def navigation(index: str, pages: set[str]) -> str:
 
 
 def prepare(app: Sphinx, name: str, source: list[str]) -> None:
-    """Let links to README, which is no page of the site, lead to its first page; give the index its navigation."""
+    """Let links to README, which is no page of the site, lead to its first page.
+
+    Give the index its navigation.
+    """
     source[0] = source[0].replace("](../README.md", "](index.md")
     if name == "index":
         source[0] += navigation(source[0], {path.stem for path in Path(app.srcdir).glob("*.md")})

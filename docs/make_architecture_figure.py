@@ -63,7 +63,10 @@ def heights(graph: Graph) -> dict[str, int]:
 
 
 def with_waypoints(graph: Graph, floor: dict[str, int]) -> list[list[str]]:
-    """Return the links from floor to floor, each arrow as a chain; a long one passes each floor at a place of its own."""
+    """Return the links from floor to floor, each arrow as a chain.
+
+    A long one passes each floor at a place of its own.
+    """
     chains = []
     for room in sorted(graph):
         for other in sorted(graph[room]):
@@ -76,7 +79,10 @@ def with_waypoints(graph: Graph, floor: dict[str, int]) -> list[list[str]]:
 
 
 def places(chains: list[list[str]], floor: dict[str, int], panel: str) -> dict[str, Place]:
-    """Return where each room and each waypoint stands; those of a floor in the order in which their neighbours stand."""
+    """Return where each room and each waypoint stands.
+
+    Those of a floor in the order in which their neighbours stand.
+    """
     near: dict[str, set[str]] = {name: set() for name in floor}
     for chain in chains:
         for one, other in pairwise(chain):

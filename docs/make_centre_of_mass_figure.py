@@ -1,6 +1,7 @@
-"""Draw the figure of docs/centre_of_mass.md and print the multipliers of its table; both follow from the closed form alone.
+"""Draw the figure of docs/centre_of_mass.md and print the multipliers of its table.
 
-Run from the project's root: `python docs/make_centre_of_mass_figure.py`.
+Both follow from the closed form alone. Run from the project's root: `python
+docs/make_centre_of_mass_figure.py`.
 """
 
 from __future__ import annotations

@@ -96,7 +96,8 @@ def draw_theory(section: PlantProfile, result: dict[str, Setting], ax: Axes) -> 
     ax.set_title("Turning slowly on the spot (dots: MuJoCo)", fontsize=10)
     straight = polygonal_turn("diamond", 0.25 * math.pi, WHEELBASE, TRACK, 0.0, y)
     print(
-        f"polygon at 45 degrees, maker's centre: {straight.forward:.3f} ahead, {straight.yaw_rate:.3f} rad/m of rim speed"
+        f"polygon at 45 degrees, maker's centre: {straight.forward:.3f} ahead, "
+        f"{straight.yaw_rate:.3f} rad/m of rim speed"
     )
     turn = turn_on_the_spot(WHEELBASE, TRACK, 0.0, y)
     print(f"circle: centre of rotation {turn.forward / turn.yaw_rate:.3f} m to the left")
@@ -120,7 +121,8 @@ def draw_paths(section: PlantProfile, measured: dict[str, Setting], ax: Axes) ->
             zorder=3 if last else 2,
         )
         print(
-            f"{words}: {turned / (2.0 * np.pi):.2f} turns, {np.hypot(*xy.T).max():.3f} m from its place at most"
+            f"{words}: {turned / (2.0 * np.pi):.2f} turns, "
+            f"{np.hypot(*xy.T).max():.3f} m from its place at most"
         )
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel="x [m]", ylabel="y [m]")
@@ -146,7 +148,8 @@ def main() -> None:
     section = load_profile("thesis-lab").plants["mujoco"]
     measured = all_settings()
     print(
-        f"a centre farther aside makes a polygon's robot drive straight: {0.5 * (TRACK - WHEELBASE):.4f} m"
+        "a centre farther aside makes a polygon's robot drive straight: "
+        f"{0.5 * (TRACK - WHEELBASE):.4f} m"
     )
     figure = Figure(figsize=(12.6, 3.9), dpi=120, layout="constrained")
     panels = figure.subplots(1, 3, width_ratios=(1.15, 0.85, 1.15))

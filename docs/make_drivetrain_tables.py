@@ -99,7 +99,8 @@ def main(path: str) -> None:
             bounds=([0.001], [2.0]),
         )
         print(
-            f"| MuJoCo, impratio {impratio:g} | {explains(shares):.2f} | {near.x[0]:.3f} | {1e3 * speed:.2f} |",
+            f"| MuJoCo, impratio {impratio:g} | {explains(shares):.2f} | {near.x[0]:.3f} | "
+            f"{1e3 * speed:.2f} |",
             flush=True,
         )
     fine, _ = mujoco_shares(rates, CHECKED, 0.001)

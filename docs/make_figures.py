@@ -126,7 +126,8 @@ def print_row(*cells: object) -> None:
 def table_turning() -> None:
     """Print multipliers by shape, friction and step, under soft and default contact."""
     print(
-        "\nshape, friction: soft at 1, 2, 5 ms; by contact radius at 2 ms; closed form; default contact at 1, 2, 5 ms"
+        "\nshape, friction: soft at 1, 2, 5 ms; by contact radius at 2 ms; closed form; "
+        "default contact at 1, 2, 5 ms"
     )
     for shape, half_width in HALF_WIDTH.items():
         for friction in (0.1, 0.3, 0.6, 0.8):
@@ -190,12 +191,18 @@ def table_rise() -> None:
 def table_trembling() -> None:
     """Print how far the loads' sum trembles on trajectories 1 and 4, by gain, armature and lag."""
     print(
-        "\ngain, armature, lag [ms]: rms of the loads' sum about the weight on trajectories 1 and 4 [N]"
+        "\ngain, armature, lag [ms]: rms of the loads' sum about the weight on trajectories 1 and "
+        "4 [N]"
     )
     for gain, armature, lag in (
-        (2100.0, 1.8, 0.0), (2100.0, 1.8, 0.02), (2100.0, 1.8, 0.05), (2100.0, 0.3, 0.0),
-        (118.04, 0.3, 0.0), (118.04, 0.1, 0.02), (118.04, 0.1, 0.05),
-    ):  # fmt: skip
+        (2100.0, 1.8, 0.0),
+        (2100.0, 1.8, 0.02),
+        (2100.0, 1.8, 0.05),
+        (2100.0, 0.3, 0.0),
+        (118.04, 0.3, 0.0),
+        (118.04, 0.1, 0.02),
+        (118.04, 0.1, 0.05),
+    ):
         calibration = husky(friction=0.7, gain=gain, armature=armature)
         plant = MujocoPlant(calibration, replace(lab_drive(400.0), wheel_lag=lag))
         runs = [
@@ -232,7 +239,8 @@ def ends_apart(coarse: Trajectory, fine: Trajectory) -> float:
 def table_steps() -> None:
     """Print convergence with the time step on trajectories 1-4, and over servo gain and armature."""
     print(
-        "\nfriction, torque limit, trajectory: end moves from 5 to 2, 2 to 1, 1 to 0.5 ms [mm]; loads; side slip [m/s]"
+        "\nfriction, torque limit, trajectory: end moves from 5 to 2, 2 to 1, 1 to 0.5 ms [mm]; "
+        "loads; side slip [m/s]"
     )
     lab = load_profile("thesis-lab").plants["mujoco"]
     grounds = {
@@ -268,11 +276,18 @@ def table_steps() -> None:
         ]
         print_row(friction, *(f"{ends_apart(a, b):.0f}" for a, b in pairwise(runs)))
     print(
-        "\ngain, armature: time constant [ms], end moves from 2 to 1 ms on trajectories 1 and 4 [mm]"
+        "\ngain, armature: time constant [ms], end moves from 2 to 1 ms on trajectories 1 and 4 "
+        "[mm]"
     )
     for gain, armature in (
-        (118.04, 1.0), (118.04, 0.3), (118.04, 0.1), (118.04, 0.03), (400.0, 0.3), (783.0, 0.3), (783.0, 0.11),
-    ):  # fmt: skip
+        (118.04, 1.0),
+        (118.04, 0.3),
+        (118.04, 0.1),
+        (118.04, 0.03),
+        (400.0, 0.3),
+        (783.0, 0.3),
+        (783.0, 0.11),
+    ):
         steps = [
             husky(friction=0.14, gain=gain, armature=armature, timestep=dt) for dt in (0.002, 0.001)
         ]
@@ -310,7 +325,8 @@ def table_rest() -> None:
                 speeds.append(f"{1e3 * creep(plant):.3f}")
             print_row(shape, friction, *speeds)
     print(
-        "\nfriction: stop from 0.5 forward, 0.5 sideways, 1.5 forward, 1.5 sideways [% off v^2 / (2 mu g)]"
+        "\nfriction: stop from 0.5 forward, 0.5 sideways, 1.5 forward, "
+        "1.5 sideways [% off v^2 / (2 mu g)]"
     )
     for friction in (0.1, 0.3, 0.6, 0.8):
         off = []
@@ -329,7 +345,8 @@ def table_rest() -> None:
 def table_between() -> None:
     """Print side slip and droop, in which the MuJoCo Husky differs from a planar model."""
     print(
-        "\nfriction, v, omega: measured v_y, predicted [m/s], x_ICR [m], multiplier by contact radius at rest"
+        "\nfriction, v, omega: measured v_y, predicted [m/s], x_ICR [m], "
+        "multiplier by contact radius at rest"
     )
     lag = 0.5 * CONTACT_TIME * GREATEST_IMPEDANCE
     for friction in (0.2, 0.4, 0.8):
@@ -391,8 +408,16 @@ def draw() -> None:
             base = husky(friction=0.6, wheel_shape=shape)  # type: ignore[arg-type]
             measured = [turn(replace(base, timestep=dt), solimp=solimp).multiplier for dt in steps]
             fill = colour if shape == "ellipsoid" else "white"
-            left.plot([1e3 * dt for dt in steps], measured, marker, ls="-", lw=1.2, color=colour, markerfacecolor=fill,
-                      label=f"{contact} contact, {label}")  # fmt: skip
+            left.plot(
+                [1e3 * dt for dt in steps],
+                measured,
+                marker,
+                ls="-",
+                lw=1.2,
+                color=colour,
+                markerfacecolor=fill,
+                label=f"{contact} contact, {label}",
+            )
     for shape, style in (("ellipsoid", "-"), ("cylinder", "--")):
         form = turn_on_the_spot(WHEELBASE, TRACK, half_width=HALF_WIDTH[shape]).multiplier
         name = "a point" if shape == "ellipsoid" else "a line"

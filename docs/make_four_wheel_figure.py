@@ -38,9 +38,15 @@ LAG = 0.0095
 (docs/physics.md) [s]."""
 NUMBERS = replace(tyred_defaults(ROBOT), friction=MU)
 DRIVE = replace(
-    ROBOT.drive, torque_limit=200.0, delay_v=0.0, delay_w=0.0, v_max=10.0, w_max=10.0, command_ramp=0.05,
+    ROBOT.drive,
+    torque_limit=200.0,
+    delay_v=0.0,
+    delay_w=0.0,
+    v_max=10.0,
+    w_max=10.0,
+    command_ramp=0.05,
     command_half_track=NUMBERS.half_track,
-)  # fmt: skip
+)
 STIFFNESSES = (7.0, 20.0, 100.0, 1000.0)
 """Slip stiffnesses of the tyres, along and across [1]: of the drive-train study, of a car's tyre,
 and nearly rigid ones."""
@@ -189,14 +195,19 @@ def print_tables() -> None:
     every = ("mujoco", *STIFFNESSES)
     names = ["MuJoCo", *(f"C = {c:g}" for c in STIFFNESSES)]
     _print_rows(
-        "multiplier on the spot", ["$\\omega$ asked [rad/s]", *names],
-        [[f"{w:g}", *(f"{multiplier(n, 0.0, w):.4f}" for n in every)] for w in (0.3, 0.6, 1.2, 2.4)],
-    )  # fmt: skip
+        "multiplier on the spot",
+        ["$\\omega$ asked [rad/s]", *names],
+        [
+            [f"{w:g}", *(f"{multiplier(n, 0.0, w):.4f}" for n in every)]
+            for w in (0.3, 0.6, 1.2, 2.4)
+        ],
+    )
     for w in (0.3, 2.4):
         lifted = rise(w)
         whole = multiplier("mujoco", 0.0, w) * (1.0 + 0.5 * lifted / NUMBERS.wheel_radius)
         print(
-            f"asked {w:g} rad/s, MuJoCo's robot rises by {1e3 * lifted:.2f} mm; multiplier with half of that: {whole:.4f}"
+            f"asked {w:g} rad/s, MuJoCo's robot rises by {1e3 * lifted:.2f} mm; "
+            f"multiplier with half of that: {whole:.4f}"
         )
     rows = []
     for v, w in CURVES:
@@ -251,7 +262,8 @@ def print_tables() -> None:
     for n in STIFFNESSES:
         off = np.hypot(*(arc(n).xy - base.xy).T).max()
         print(
-            f"arc, C = {n:g}: at most {1e3 * off:.0f} mm and {np.abs(arc(n).yaw - base.yaw).max():.4f} rad from MuJoCo"
+            f"arc, C = {n:g}: at most {1e3 * off:.0f} mm and "
+            f"{np.abs(arc(n).yaw - base.yaw).max():.4f} rad from MuJoCo"
         )
     for n in ("mujoco", 7.0, RIGID):
         motion = manoeuvre(n)
@@ -259,11 +271,13 @@ def print_tables() -> None:
         formula = quasi_static(motion)
         rms = math.sqrt(np.mean((loads - formula)[20:-20] ** 2))
         print(
-            f"loads of {n}: {loads.min():.0f} to {loads.max():.0f} N, rms {rms:.2f} N from quasi-static ones"
+            f"loads of {n}: {loads.min():.0f} to {loads.max():.0f} N, "
+            f"rms {rms:.2f} N from quasi-static ones"
         )
     off = manoeuvre("mujoco").channels["wheel_load_N"] - manoeuvre(RIGID).channels["wheel_load_N"]
     print(
-        f"loads, MuJoCo less C = {RIGID:g}: rms {math.sqrt(np.mean(off**2)):.2f} N, at most {np.abs(off).max():.1f} N"
+        f"loads, MuJoCo less C = {RIGID:g}: rms {math.sqrt(np.mean(off**2)):.2f} N, "
+        f"at most {np.abs(off).max():.1f} N"
     )
 
 
@@ -360,7 +374,8 @@ def main() -> None:
     print_tables()
     figure = Figure(figsize=(11.0, 7.4), dpi=110, layout="constrained")
     figure.suptitle(
-        "A robot on four brush tyres (stiffness C, in loads per unit of slip) beside the Husky in MuJoCo",
+        "A robot on four brush tyres (stiffness C, in loads per unit of slip) beside the Husky in "
+        "MuJoCo",
         fontsize=12,
     )
     for draw, ax in zip(

@@ -195,7 +195,8 @@ def table_floor(path: str) -> None:
                 )
     data = np.array(rows)
     print(
-        "yaw of the localiser after 6 s: windows; median and rms left by the gyro; by the wheels' rotation [rad]"
+        "yaw of the localiser after 6 s: windows; median and rms left by the gyro; "
+        "by the wheels' rotation [rad]"
     )
     for part, which in (("train", data[:, 0] < SPLIT - 6.0), ("held out", data[:, 0] >= SPLIT)):
         left = [

@@ -74,7 +74,8 @@ def print_lags() -> None:
             wanted = other[1] * (v * w) / (other[0] * other[2])
             lag = (wanted - v_y) / (v * w)
             print(
-                f"d_0 {d_0}, {speed} m/s: v_y {v_y:.4f}, rigid tyres {other[1]:.4f} m/s, lag {1e3 * lag:.2f} ms"
+                f"d_0 {d_0}, {speed} m/s: v_y {v_y:.4f}, rigid tyres {other[1]:.4f} m/s, "
+                f"lag {1e3 * lag:.2f} ms"
             )
 
 
@@ -93,7 +94,8 @@ def print_work(motions: Mapping[str, Trajectory]) -> None:
         shift = np.abs(np.diff(sides)).max()
         moment = 0.5 * HUSKY.geometry.track * numbers.rolling_resistance * shift
         print(
-            f"{name}: motors {work:.0f} J, lost {lost:.0f} J, by load {knowing:.0f} J, moment {moment:.2f} N m"
+            f"{name}: motors {work:.0f} J, lost {lost:.0f} J, by load {knowing:.0f} J, "
+            f"moment {moment:.2f} N m"
         )
 
 

@@ -62,7 +62,8 @@ def driven(scenario: str, plant: str) -> Trajectory:
 def print_agreement() -> None:
     """Print the first table: the four trajectories by both plants."""
     print(
-        "\ntrajectory; final yaws: improved, mujoco [rad]; d_rms, d_haus [mm]; published; v_y, a omega [m/s]; demand"
+        "\ntrajectory; final yaws: improved, mujoco [rad]; d_rms, d_haus [mm]; published; v_y, "
+        "a omega [m/s]; demand"
     )
     for scenario, motion in TRAJECTORIES.items():
         model = driven(scenario, "improved")
@@ -124,7 +125,8 @@ def draw_curves(ax: Axes) -> None:
     held = []
     lost = []
     print(
-        "\ncommanded yaw rate; v omega reached [m/s2]; centre of rotation ahead of the middle [m]; change of v_y [m/s2]"
+        "\ncommanded yaw rate; v omega reached [m/s2]; "
+        "centre of rotation ahead of the middle [m]; change of v_y [m/s2]"
     )
     for rate in RATES:
         commands = Commands(0.05, np.tile([SPEED, rate], (round(TIME / 0.05), 1)))

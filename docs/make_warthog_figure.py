@@ -209,7 +209,8 @@ def main(path: str) -> None:
             times = np.arange(float(s.n))
             chances = [chance_of_difference(a, b, times, 6.0) for a, b in pairs]
             print(
-                f"{name}, {plant}: {s.n} windows, {span_m}, {yaw}, as good as mujoco by chance: {chances}"
+                f"{name}, {plant}: {s.n} windows, {span_m}, {yaw}, as good as mujoco by chance: "
+                f"{chances}"
             )
         horizons = (6.0, 15.0) if name == "fitted" else (6.0,)
         for drifts in (False, True):
@@ -221,11 +222,13 @@ def main(path: str) -> None:
                 f"{label} {value:.4f}" for label, value in zip(Drift.NAMES, x, strict=True)
             )
             print(
-                f"  kinematics fitted to this part: cost {kinematics.cost(x):.4f}, {medians}; {measured}"
+                f"  kinematics fitted to this part: cost {kinematics.cost(x):.4f}, {medians}; "
+                f"{measured}"
             )
         late, off = gyro_errors(source)
         print(
-            f"  the gyro's heading, {late:.2f} s late: median {np.median(off):.3f} rad, mean {off.mean():.3f} rad"
+            f"  the gyro's heading, {late:.2f} s late: median {np.median(off):.3f} rad, "
+            f"mean {off.mean():.3f} rad"
         )
     figure = Figure(figsize=(11.0, 6.4), layout="constrained")
     errors, rates = figure.subplots(2, 1)

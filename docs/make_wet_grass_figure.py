@@ -107,7 +107,10 @@ class Turns:
 def moving(
     source: Source, horizon: float = HORIZON
 ) -> list[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Return starts and ends of the windows in which wheels turn, piece by piece; none spans a gap or a jump."""
+    """Return starts and ends of the windows in which wheels turn, piece by piece.
+
+    None spans a gap or a jump.
+    """
     rows = []
     for piece in source.pieces:
         assert piece.t is not None
@@ -215,8 +218,10 @@ def print_sides(turns: dict[str, Turns]) -> dict[str, Part]:
         sides = fit_sides(part)
         p = entries[name] = Part(sides, *scatter(part, sides))
         print(
-            f"{name:18s} {len(part.turned):4d} windows: gain {sides.gain:.4f} ± {p.gain:.4f}, radius difference "
-            f"{1e3 * sides.difference:+.1f} ± {1e3 * p.difference:.1f} mm, late {sides.late:+.3f} ± {p.late:.3f} s, "
+            f"{name:18s} {len(part.turned):4d} windows: gain {sides.gain:.4f} ± {p.gain:.4f}, "
+            "radius difference "
+            f"{1e3 * sides.difference:+.1f} ± {1e3 * p.difference:.1f} mm, "
+            f"late {sides.late:+.3f} ± {p.late:.3f} s, "
             f"left over {text(interval(part.errors(sides)))}"
         )
     return entries
@@ -279,7 +284,8 @@ def print_tracks(turns: Turns) -> None:
     for gain in (0.153, 0.155, 0.1565, 0.160, 0.1633):
         errors = np.abs(turns.errors(Sides(gain, gain, late)))
         print(
-            f"radius over track {gain:.4f}: median {text(interval(errors))}, mean {errors.mean():.3f}"
+            f"radius over track {gain:.4f}: median {text(interval(errors))}, "
+            f"mean {errors.mean():.3f}"
         )
 
 

@@ -32,9 +32,15 @@ TILE, GRASS, RAISED, WARTHOG = (
 )
 
 RUNS = (
-    TILE, GRASS, "husky_unnamed_train.csv", f"{WARTHOG}@warthog",
-    *(f"warthog_{name}_train.csv@warthog" for name in ("grass_2", "asphalt", "asphalt_slow", "gravel_fast", "ice")),
-)  # fmt: skip
+    TILE,
+    GRASS,
+    "husky_unnamed_train.csv",
+    f"{WARTHOG}@warthog",
+    *(
+        f"warthog_{name}_train.csv@warthog"
+        for name in ("grass_2", "asphalt", "asphalt_slow", "gravel_fast", "ice")
+    ),
+)
 
 
 @dataclass(frozen=True)

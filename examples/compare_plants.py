@@ -1,4 +1,7 @@
-"""Drive MuJoCo and the thesis' models with the same commands; print how far they part, keep picture and recording."""
+"""Drive MuJoCo and the thesis' models with the same commands.
+
+Print how far they part, keep picture and recording.
+"""
 
 from validation import load_profile
 from validation.compare import compare

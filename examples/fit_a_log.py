@@ -19,5 +19,6 @@ for name, profile in (("husky-tile", "husky-tile"), ("fitted", fitted.profile)):
     )
     errors = judged.as_dict()["plants"]["kinematic"]["horizons"]["6"]["overlapping"]
     print(
-        f"{name}: {1e3 * errors['position_median_m']:.0f} mm after 6 s, median of {errors['n']} windows"
+        f"{name}: {1e3 * errors['position_median_m']:.0f} mm after 6 s, "
+        f"median of {errors['n']} windows"
     )

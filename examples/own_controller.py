@@ -12,7 +12,10 @@ class Chase:
         self.limit = mission.drive.v_max
 
     def command(self, now):
-        """Return speed [m/s] and yaw rate [rad/s]; `now` is described in ssmr/control/mission.py."""
+        """Return speed [m/s] and yaw rate [rad/s].
+
+        `now` is described in ssmr/control/mission.py.
+        """
         x = now.target.x - now.seen.x
         y = now.target.y - now.seen.y
         ahead = math.cos(now.seen.yaw) * x + math.sin(now.seen.yaw) * y

@@ -19,5 +19,6 @@ def errors(friction):
 
 for row in sweep({f"{mu:g}": mu for mu in (0.3, 0.4, 0.5, 0.6)}, {"traj4": errors}).rows:
     print(
-        f"friction {row['friction']:.1f}: {1e3 * row['sync_rms_m']:.0f} mm from the improved model at equal times"
+        f"friction {row['friction']:.1f}: {1e3 * row['sync_rms_m']:.0f} mm from the improved "
+        "model at equal times"
     )

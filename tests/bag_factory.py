@@ -129,7 +129,10 @@ def _fill(writer: Any, messages: Sequence[Message], types: Any, serialize: Any) 
 
 
 def circle(n: int = 60, dt: float = 0.05, late: float = 0.01) -> list[Message]:
-    """Every type that is read, of a robot on a circle, 0.5 m/s and 0.4 rad/s; written `late` [s] after its stamps."""
+    """Every type that is read, of a robot on a circle, 0.5 m/s and 0.4 rad/s.
+
+    Written `late` [s] after its stamps.
+    """
     v = 0.5
     w = 0.4
     messages = list[Message]()
@@ -167,7 +170,10 @@ def poses_at(n: int = 20, jump: float = 0.0, value: float | None = None) -> list
 
 
 def message_of(types: Any, kind: str, fields: Any) -> Any:
-    """Return a message of a type of a rosbags type store; fields that are not given are zero or empty."""
+    """Return a message of a type of a rosbags type store.
+
+    Fields that are not given are zero or empty.
+    """
     from rosbags.interfaces import Nodetype
 
     entries = {}

@@ -83,7 +83,10 @@ def strict_arithmetic() -> Iterator[None]:
 
 @pytest.fixture
 def launch() -> Iterator[Launch]:
-    """Starts processes as `subprocess.Popen` does; however the test ends, they are killed and their pipes closed."""
+    """Starts processes as `subprocess.Popen` does.
+
+    However the test ends, they are killed and their pipes closed.
+    """
     with contextlib.ExitStack() as left:
 
         def start(command: Sequence[str], **options: Any) -> subprocess.Popen[Any]:
@@ -103,7 +106,10 @@ def hangup() -> Iterator[None]:
 
 
 def installed_plant(profile: Profile, name: str, settings: PhysicsSettings = SHIPPED) -> Plant:
-    """The plant of that name; a test of an engine that is not installed skips with the line that says how to get it."""
+    """The plant of that name.
+
+    A test of an engine that is not installed skips with the line that says how to get it.
+    """
     try:
         return make_plant(profile, name, settings=settings)
     except EngineMissingError as error:
@@ -118,7 +124,10 @@ def make(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Plant]:
 
 @pytest.fixture(params=ALL_PLANTS)
 def make_exact(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Plant]:
-    """A maker of each plant in turn, MuJoCo's with a solver that is exact; the shipped one is held to it elsewhere."""
+    """A maker of each plant in turn, MuJoCo's with a solver that is exact.
+
+    The shipped one is held to it elsewhere.
+    """
     return lambda: installed_plant(lab, request.param, PhysicsSettings(solver="Newton"))
 
 

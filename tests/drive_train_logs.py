@@ -135,10 +135,17 @@ def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -
     drawn = current[:, seen] + noise
     voltage = 47.0 - 0.01 * drawn.sum(axis=0)
     columns = {
-        "t": rows, "cmd_v": motion.commands[now, 0], "cmd_w": motion.commands[now, 1],
-        "enc_left": rates[0], "enc_right": rates[1], "gyro_z": np.gradient(yaw, _FINE)[now],
-        "current_left": drawn[0], "current_right": drawn[1], "voltage_left": voltage, "voltage_right": voltage,
-    }  # fmt: skip
+        "t": rows,
+        "cmd_v": motion.commands[now, 0],
+        "cmd_w": motion.commands[now, 1],
+        "enc_left": rates[0],
+        "enc_right": rates[1],
+        "gyro_z": np.gradient(yaw, _FINE)[now],
+        "current_left": drawn[0],
+        "current_right": drawn[1],
+        "voltage_left": voltage,
+        "voltage_right": voltage,
+    }
     return Log.of_columns(f"{name}.csv", columns)
 
 

@@ -136,10 +136,13 @@ def turn(calibration: Calibration, time: float = TURN_TIME) -> Turned:
     multiplier = rims / (2.0 * calibration.half_track * float(np.mean(rates)))
     carried = np.array(loads)
     return Turned(
-        multiplier, math.log(multiplier / closed_form(calibration).multiplier), load_sensitivity(calibration),
-        float(np.ptp(rates) / np.mean(rates)), float((carried.std(axis=0) / carried.mean(axis=0)).max()),
+        multiplier,
+        math.log(multiplier / closed_form(calibration).multiplier),
+        load_sensitivity(calibration),
+        float(np.ptp(rates) / np.mean(rates)),
+        float((carried.std(axis=0) / carried.mean(axis=0)).max()),
         4.0 * float(np.abs(carried[-1] - static_shares(calibration)).max()),
-    )  # fmt: skip
+    )
 
 
 def resting_error(calibration: Calibration) -> tuple[float, float]:
@@ -189,7 +192,10 @@ def stop_error(calibration: Calibration, sideways: bool) -> float:
 
 
 def tipping(calibration: Calibration) -> float:
-    """Return how near a robot that slides straight ahead or sideways is to lifting wheels [1]; 1 where it does."""
+    """Return how near a robot that slides straight ahead or sideways is to lifting wheels [1].
+
+    1 where it does.
+    """
     robot = calibration.robot
     share = 1.0 - 4.0 * robot.masses.wheel / calibration.mass
     height = (

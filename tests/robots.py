@@ -82,12 +82,24 @@ def drawn_document(
         "schema": "ssmr.robot/1",
         "name": "drawn",
         "geometry": {
-            "wheelbase": wheelbase, "track": track, "wheel_radius": radius, "wheel_width": width, "body_size": size,
+            "wheelbase": wheelbase,
+            "track": track,
+            "wheel_radius": radius,
+            "wheel_width": width,
+            "body_size": size,
             "link": str(one_of(["belt", "none"])),
         },
-        "mass": {"total": total, "wheel": wheel, "com": [*com, height - radius], "inertia": [y + z, x + z, x + y]},
-        "simulation": {"friction": between(0.2, 1.0), "wheel_shape": str(one_of(["ellipsoid", "cylinder", "capsule"]))},
-    }  # fmt: skip
+        "mass": {
+            "total": total,
+            "wheel": wheel,
+            "com": [*com, height - radius],
+            "inertia": [y + z, x + z, x + y],
+        },
+        "simulation": {
+            "friction": between(0.2, 1.0),
+            "wheel_shape": str(one_of(["ellipsoid", "cylinder", "capsule"])),
+        },
+    }
 
 
 @st.composite

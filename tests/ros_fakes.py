@@ -33,7 +33,10 @@ def twist(v: float, w: float = 0.0) -> Any:
 
 
 class FakeClock:
-    """Time that passes when somebody sleeps, and a little more than asked for; it begins at 100 s."""
+    """Time that passes when somebody sleeps, and a little more than asked for.
+
+    It begins at 100 s.
+    """
 
     def __init__(self, overshoot: float = 0.0) -> None:
         self.now = 100.0

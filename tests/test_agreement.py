@@ -42,7 +42,7 @@ def driven(profile: Profile, source: str, reference: str, plant: str) -> PlantRe
     return compare(open_source(source), profile, (plant,), reference).plants[plant]
 
 
-# ----------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # thesis-lab
 
 
@@ -108,7 +108,7 @@ def test_mujocos_dynamics_are_those_of_a_robot_on_rigid_tyres_and_of_no_other(
     assert (late < LATE and torque < TORQUE) == (change == "none")
 
 
-# ----------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # husky-tile
 
 

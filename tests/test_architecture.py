@@ -256,7 +256,8 @@ PRICES = {
         7_200,
         4,
         33,
-        "options, their check against their annotations, help, exit status, progress, and each program's call by its name",
+        "options, their check against their annotations, help, exit status, progress, "
+        "and each program's call by its name",
     ),
     "validation/engines": Price(
         8_700,
@@ -268,8 +269,10 @@ PRICES = {
         22_800,
         20,
         68,
-        "what finds a plant's parameters and a controller's gains, with their uncertainty; the better judge of turns; "
-        "friction: torques from a simulation or a log's currents (what study drivetrain knew of these)",
+        "what finds a plant's parameters and a controller's gains, with their uncertainty; "
+        "the better judge of turns; "
+        "friction: torques from a simulation or a log's currents (what study drivetrain knew of "
+        "these)",
     ),
     "validation/learning": Price(
         6_200,
@@ -329,7 +332,8 @@ PRICES = {
         12_700,
         9,
         54,
-        "scenarios and logs that plants are driven along, and how sure they are; references, gains, controllers in loops",
+        "scenarios and logs that plants are driven along, and how sure they are; references, "
+        "gains, controllers in loops",
     ),
     "validation/.": Price(
         22_500,

@@ -129,12 +129,21 @@ def test_wrong_topics_are_refused(bag_path: Path, named: dict[str, str], message
 # ------------------------------------------------------------------------------------------- faults
 IMU_LATER = [("/imu", 5.0 + 0.1 * k, make.imu(5.0 + 0.1 * k, (0.0, 0.0, 0.0))) for k in range(10)]
 FAULTS: dict[str, tuple[list[Message], str]] = {
-    "no number": (poses_at(value=math.nan), "/pose, 0.000 s: x is nan m, wanted a finite number [m]; topics pose=none"),
-    "no overlap": ([*poses_at(10), *IMU_LATER], "do not overlap: /imu 5 to 5.9 s, /pose 0 to 0.9 s"),
-    "nothing of use": ([("/rosout", 0.1 * k, make.text("hello")) for k in range(3)], "nothing of use"),
+    "no number": (
+        poses_at(value=math.nan),
+        "/pose, 0.000 s: x is nan m, wanted a finite number [m]; topics pose=none",
+    ),
+    "no overlap": (
+        [*poses_at(10), *IMU_LATER],
+        "do not overlap: /imu 5 to 5.9 s, /pose 0 to 0.9 s",
+    ),
+    "nothing of use": (
+        [("/rosout", 0.1 * k, make.text("hello")) for k in range(3)],
+        "nothing of use",
+    ),
     "nothing": ([], "empty"),
     "one sample": (poses_at(1), "fewer than two samples; topics pose=none leaves it out"),
-}  # fmt: skip
+}
 
 
 def refused(path: Path, **options: object) -> str:

@@ -359,7 +359,10 @@ def driven(
 
 
 def spun(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
-    """Turn on the spot from rest; the mean multiplier and torque, or by heading and over a quarter turn."""
+    """Turn on the spot from rest.
+
+    The mean multiplier and torque, or by heading and over a quarter turn.
+    """
     r = case["robot"]
     rim = 2.0 * case["motion"]["rim_speed_m_s"] / case["robot"]["track_m"]
     slow = "heading_deg" in answer
@@ -382,7 +385,10 @@ def spun(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
 
 
 def rolled(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
-    """Drive with given rims; the mean twist of the last second, at the place where a lagging contact takes it."""
+    """Drive with given rims.
+
+    The mean twist of the last second, at the place where a lagging contact takes it.
+    """
     r = case["robot"]
     commanded = case["motion"]
     rims = np.array([commanded["rim_speed_left_m_s"], commanded["rim_speed_right_m_s"]])
@@ -433,7 +439,10 @@ def held(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
 
 
 def stepped(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
-    """Ask for a step of the wheel rates; straight ahead with the integral part, on the spot at the limit without it."""
+    """Ask for a step of the wheel rates.
+
+    Straight ahead with the integral part, on the spot at the limit without it.
+    """
     commanded = case["motion"]
     straight = answer["name"] == "straight"
     loop = {"gain": commanded["gain_N_m_s_rad"], "torque_limit": 0.5 * commanded["limit_N_m"]}
@@ -461,7 +470,10 @@ def stepped(plant: str, name: str, case: Table, answer: Table, dt: float) -> Tab
 
 
 def worked(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
-    """Start and brake; the work of the motors less what the answer says of it, and the greatest that it says."""
+    """Start and brake.
+
+    The work of the motors less what the answer says of it, and the greatest that it says.
+    """
     commanded = case["motion"]
     half = round(case["motion"]["brake_at_s"] / 0.05)
     twists = [[commanded["speed_m_s"], 0.0]] * half + [[0.0, 0.0]] * half
@@ -478,10 +490,17 @@ def worked(plant: str, name: str, case: Table, answer: Table, dt: float) -> Tabl
 
 
 DRIVES = {
-    "turn_on_the_spot": spun, "turn_on_a_polygon": spun, "turn_off_the_middle": rolled, "turn_on_lines": rolled,
-    "steady_curve": rolled, "sliding_stop": slid, "tip_limit": slid, "side_slope": held, "motor_step": stepped,
+    "turn_on_the_spot": spun,
+    "turn_on_a_polygon": spun,
+    "turn_off_the_middle": rolled,
+    "turn_on_lines": rolled,
+    "steady_curve": rolled,
+    "sliding_stop": slid,
+    "tip_limit": slid,
+    "side_slope": held,
+    "motor_step": stepped,
     "energy": worked,
-}  # fmt: skip
+}
 
 
 def errors(name: str, plant: str, dt: float) -> dict[str, tuple[float, float]]:

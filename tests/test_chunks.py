@@ -33,9 +33,15 @@ def weave(seconds: float, kind: str = "twist") -> Commands:
 def numbers(plant: MujocoPlant, commands: Commands, push: np.ndarray | None) -> np.ndarray:
     """All numbers of a run."""
     run = plant.run(commands, State(1.0, -2.0, 9.0, 0.2), SAMPLE_DT, push)
-    return np.column_stack([
-        run.t, run.pose, run.twist, run.wheels, *(np.atleast_2d(c.T).T for c in run.channels.values())
-    ])  # fmt: skip
+    return np.column_stack(
+        [
+            run.t,
+            run.pose,
+            run.twist,
+            run.wheels,
+            *(np.atleast_2d(c.T).T for c in run.channels.values()),
+        ]
+    )
 
 
 @pytest.mark.parametrize("size", [1, 7, 333, 4000])

@@ -78,7 +78,10 @@ def surroundings(house: Path) -> dict[str, str]:
 
 
 def ci(house: Path, main: str, readme: str = README) -> tuple[int, list[str], list[str]]:
-    """Commit the README with `main` in its main job and run; exit status, lines of output, calls."""
+    """Commit the README with `main` in its main job and run.
+
+    Exit status, lines of output, calls.
+    """
     (house / "README.md").write_text(readme.format(main=main))
     who = ["-c", "user.name=a", "-c", "user.email=a@b"]
     for command in (["init", "-q"], ["add", "-A"], [*who, "commit", "-qm", "house"]):

@@ -1,4 +1,7 @@
-"""The main program as its user runs it: files, exit status, messages; and what a comparison must be."""
+"""The main program as its user runs it: files, exit status, messages.
+
+And what a comparison must be.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,10 @@ from validation.plants.profile import Profile, load_profile, make_plant
 
 
 def recorded(profile: Profile, plant: str, tmp_path: Path, *, gap: bool = False) -> Path:
-    """A recording of a plant that weaves for 16 s, as CSV; with a gap of 1 s in the middle if asked for."""
+    """A recording of a plant that weaves for 16 s, as CSV.
+
+    With a gap of 1 s in the middle if asked for.
+    """
     t = np.arange(320) * 0.05
     # it stands at first: what was commanded before a log begins nobody knows
     driving = (t >= 1.0)[:, None]
@@ -74,7 +80,10 @@ def test_gaps_are_not_bridged(lab: Profile, tmp_path: Path) -> None:
 
 
 def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -> None:
-    """A plant whose tracked point is set where the recording's was fits; one whose is not errs by what the point swings."""
+    """A plant whose tracked point is set where the recording's was fits.
+
+    One whose is not errs by what the point swings.
+    """
     text = 'schema = "ssmr.profile/1"\n[plants.kinematic.localiser]\ntracked_x = 0.3\ntracked_y = 0.1\n'
     (tmp_path / "p.toml").write_text(text)
     shifted = load_profile(str(tmp_path / "p.toml"))

@@ -78,10 +78,21 @@ def measured(bench: Bench, name: str) -> dict[str, Any]:
 
 
 GOOD = {
-    "ripple_share": 0.01, "lifted_share": 0.005, "glide_share": 0.02, "wander_m": 0.01, "drift_m": 0.001,
-    "off_closed_form_share": FORM_ERROR, "veer_share": 0.001, "creep_m_s": 1e-4, "surge_share": 0.02,
-    "ground_turned_m": 0.005, "step_halved_m": 0.01, "to_improved_m": 0.025, "to_coulomb_m": 0.035, "to_linear_m": 0.025,
-}  # fmt: skip
+    "ripple_share": 0.01,
+    "lifted_share": 0.005,
+    "glide_share": 0.02,
+    "wander_m": 0.01,
+    "drift_m": 0.001,
+    "off_closed_form_share": FORM_ERROR,
+    "veer_share": 0.001,
+    "creep_m_s": 1e-4,
+    "surge_share": 0.02,
+    "ground_turned_m": 0.005,
+    "step_halved_m": 0.01,
+    "to_improved_m": 0.025,
+    "to_coulomb_m": 0.035,
+    "to_linear_m": 0.025,
+}
 """Greatest sizes of measures of a robot that drives as mechanics says [SI]."""
 
 
@@ -135,7 +146,10 @@ def test_each_robot_has_its_own_closed_form(
 
 
 def test_the_sideways_drift_is_shown_and_cured(lab: Profile) -> None:
-    """Hard pyramids and the maker's centre of mass: a metre off; each cure takes some of it, all of them take it all."""
+    """Hard pyramids and the maker's centre of mass: a metre off.
+
+    Each cure takes some of it, all of them take it all.
+    """
     steps = [
         "maker's centre",
         "also elliptic cone",
@@ -209,13 +223,20 @@ def test_every_setting_can_be_made(lab: Profile) -> None:
 def test_gazebo_s_husky_does_not_come_round_and_a_cone_with_the_centre_in_the_middle_does(
     lab: Profile, bench: Bench
 ) -> None:
-    """The maker's centre of mass alone makes the middle circle a point; that the robot sticks is friction's law."""
+    """The maker's centre of mass alone makes the middle circle a point.
+
+    That the robot sticks is friction's law.
+    """
     installed_plant(lab, "ode")
     gazebo, cone, cured, best = (
         Trial(bench, EVERY[f"ode: {name}"]).spot()
-        for name in ("Gazebo's Husky", "Gazebo's Husky, emulated cone", "Gazebo's Husky, emulated cone, centred",
-                     "best, emulated cone, exact solver")
-    )  # fmt: skip
+        for name in (
+            "Gazebo's Husky",
+            "Gazebo's Husky, emulated cone",
+            "Gazebo's Husky, emulated cone, centred",
+            "best, emulated cone, exact solver",
+        )
+    )
     assert gazebo["multiplier"] is None
     assert cone["wander_m"] == pytest.approx(0.314, abs=0.02)
     for right in (cured, best):

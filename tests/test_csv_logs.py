@@ -33,7 +33,7 @@ def timed(t: list[float], **columns: list[float]) -> Log:
     return Log.of_columns("drive.csv", {"t": t, **(columns or {"cmd_v": [0.0] * len(t)})})
 
 
-# ----------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # bad files
 BAD_FILES: dict[str, tuple[str | bytes, int | None, str | None, str]] = {
     "empty": ("", None, None, "the file is empty; wanted a header line"),
@@ -146,7 +146,7 @@ def test_logs_that_cannot_be_are_not_made(columns: dict[str, list[float]], messa
         Log.of_columns("drive.csv", columns)
 
 
-# ---------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # good files
 def test_mark_line_endings_blank_lines_and_spaces_are_fine(tmp_path: Path) -> None:
     log = read_csv(
@@ -312,8 +312,14 @@ def test_columns_with_other_names_and_units_are_read_as_ours(tmp_path: Path) -> 
     np.savetxt(
         theirs, rows, delimiter=",", header=",".join(names.values()), comments="", fmt="%.12g"
     )
-    read = {"t": ("stamp", "ms"), "x": ("pos_x", "mm"), "y": ("pos_y", ""), "yaw": ("heading", "deg"),
-            "enc_left": ("wl", "m/s"), "cmd_v": ("v", "km/h")}  # fmt: skip
+    read = {
+        "t": ("stamp", "ms"),
+        "x": ("pos_x", "mm"),
+        "y": ("pos_y", ""),
+        "yaw": ("heading", "deg"),
+        "enc_left": ("wl", "m/s"),
+        "cmd_v": ("v", "km/h"),
+    }
     wanted = read_csv(ours)
     measured = read_csv(theirs, ReadOptions(columns=read, radius=0.15))
     assert set(measured.columns) == set(wanted.columns)
@@ -324,6 +330,6 @@ def test_columns_with_other_names_and_units_are_read_as_ours(tmp_path: Path) -> 
         ({"x": ("heading", ""), "yaw": ("heading", "")}, "takes one column for two"),
         ({"yaw": ("heading", "km/h")}, "yaw cannot be in 'km/h'; its units are rad, deg"),
         ({"enc_left": ("wl", "m/s")}, "needs the radius of the wheels"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(FileError, match=message):
             read_csv(theirs, ReadOptions(columns={"t": ("stamp", "ms"), **wrong}))

@@ -1,4 +1,7 @@
-"""Damaged and hostile bags: one line and exit status 2, or a sound result; soon, and in little memory."""
+"""Damaged and hostile bags: one line and exit status 2, or a sound result.
+
+Soon, and in little memory.
+"""
 
 from __future__ import annotations
 

@@ -49,7 +49,10 @@ GRADES = {"hardware", "maker", "stated", "published", "derived", "assumed", "fit
 
 
 def tables(page: str) -> dict[str, list[list[str]]]:
-    """Rows of all tables of a page by the heading they stand under; header rows and rulers left out."""
+    """Rows of all tables of a page by the heading they stand under.
+
+    Header rows and rulers left out.
+    """
     entries: dict[str, list[list[str]]] = {}
     heading = ""
     header = True

@@ -155,9 +155,15 @@ def test_a_driver_is_the_drive_of_the_plants() -> None:
     commands = np.repeat(rng.uniform([-0.4, -0.8], [0.4, 0.8], (20, 2)), 300, axis=0)
     law = LAW._replace(gain=1.0, lag=0.05)
     drive = Drive(
-        delay_v=0.1, delay_w=0.1, hold=DT, w_max=1.0, command_half_track=0.29, acceleration_v=2.0, acceleration_w=1.9,
+        delay_v=0.1,
+        delay_w=0.1,
+        hold=DT,
+        w_max=1.0,
+        command_half_track=0.29,
+        acceleration_v=2.0,
+        acceleration_w=1.9,
         wheel_lag=0.05,
-    )  # fmt: skip
+    )
     commanded = wheel_references(Commands(DT, commands), drive, DT, State()) * drive.command_radius
     assert np.allclose(rim_speeds(commands, DT, law, 10.0), commanded, atol=1e-12)
 

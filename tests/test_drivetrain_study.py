@@ -53,11 +53,18 @@ def numbers(study: Report, what: str = "value") -> dict[str, float]:
 
 
 KNOWN = {
-    "friction_current": (FRICTION, 0.03), "loss_left": (LOSSES[0], 0.08), "loss_right": (LOSSES[1], 0.08),
-    "slip_scale": (SLIP, 0.08), "rho": (RHO, 0.1), "inertia_current": (INERTIA, 0.12), "driver_gain": (LAW.gain, 0.005),
-    "driver_half_track": (LAW.half_track, 0.02), "driver_yaw_rate_limit": (LAW.yaw_rate_limit, 0.02),
-    "driver_acceleration": (LAW.acceleration, 0.08), "driver_yaw_acceleration": (LAW.yaw_acceleration, 0.05),
-}  # fmt: skip
+    "friction_current": (FRICTION, 0.03),
+    "loss_left": (LOSSES[0], 0.08),
+    "loss_right": (LOSSES[1], 0.08),
+    "slip_scale": (SLIP, 0.08),
+    "rho": (RHO, 0.1),
+    "inertia_current": (INERTIA, 0.12),
+    "driver_gain": (LAW.gain, 0.005),
+    "driver_half_track": (LAW.half_track, 0.02),
+    "driver_yaw_rate_limit": (LAW.yaw_rate_limit, 0.02),
+    "driver_acceleration": (LAW.acceleration, 0.08),
+    "driver_yaw_acceleration": (LAW.yaw_acceleration, 0.05),
+}
 """What a Husky's logs are made with, and the shares that noise and messages every 0.15 s leave of
 some 30 commands: about three standard errors."""
 KNOWN_BY_POWER = {
@@ -181,7 +188,10 @@ def real(name: str) -> str:
 
 
 def test_a_real_warthog_and_tile_are_what_the_page_says() -> None:
-    """docs/drivetrain.md; the numbers do not depend on the resamples, their errors do. A golden case has the Husky."""
+    """docs/drivetrain.md.
+
+    The numbers do not depend on the resamples, their errors do. A golden case has the Husky.
+    """
     document = study_drivetrain(
         ground=real("warthog_grass"), robot="warthog", resamples=2
     ).as_dict()

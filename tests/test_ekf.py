@@ -205,7 +205,10 @@ def test_a_sharp_measurement_of_a_wide_guess_leaves_a_positive_variance() -> Non
 
 
 class Fleet:
-    """Two hundred robots that move as the filter supposes, and their filters; the truth in steps of a quarter of theirs."""
+    """Two hundred robots that move as the filter supposes, and their filters.
+
+    The truth in steps of a quarter of theirs.
+    """
 
     RUNS = 200
     STEPS = 200
@@ -263,7 +266,10 @@ def nees(errors: FloatArray, p: FloatArray) -> FloatArray:
 
 
 def assert_mean_is_chi_square(values: FloatArray, degrees: int) -> None:
-    """N independent chi-squares of d degrees have a mean of d, with the standard error sqrt(2 d/N); 4 of them allowed."""
+    """N independent chi-squares of d degrees have a mean of d, with the standard error sqrt(2 d/N).
+
+    4 of them allowed.
+    """
     assert abs(values.mean() - degrees) < 4.0 * math.sqrt(2.0 * degrees / values.size)
 
 

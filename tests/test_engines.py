@@ -1,4 +1,7 @@
-"""ODE and Drake against closed forms and against MuJoCo; the laws of all plants are in test_plant_conformance."""
+"""ODE and Drake against closed forms and against MuJoCo.
+
+The laws of all plants are in test_plant_conformance.
+"""
 
 from __future__ import annotations
 

@@ -176,7 +176,10 @@ def test_5_the_published_k_y_belongs_to_the_printed_lever() -> None:
 
 
 def test_6_the_second_c_of_the_yaw_equation_is_a_misprint() -> None:
-    """(c/r)(tau_R - tau_L) c has the unit N m2; the published steady yaw gain needs one c (with two it would be 0.907)."""
+    """(c/r)(tau_R - tau_L) c has the unit N m2.
+
+    The published steady yaw gain needs one c (with two it would be 0.907).
+    """
     a, b = linear.matrices(Vehicle(), LinearParameters(), Drive())
     friction = -a[3, 3] - b[3, 1]
     assert b[3, 1] / (b[3, 1] + friction) > 0.97
@@ -236,7 +239,10 @@ def test_15_the_lengths_of_coulomb_and_improved_runs_date_the_recording() -> Non
 
 
 def test_16_table_3_6_amplitude_is_a_yaw_rate() -> None:
-    """As an amplitude in metres 0.75 m would be a path as wide as it is long; as rad/s the turns fit a room."""
+    """As an amplitude in metres 0.75 m would be a path as wide as it is long.
+
+    As rad/s the turns fit a room.
+    """
     assert TRAJECTORIES["traj4"].commands().values[:, 1].max() == pytest.approx(0.75, rel=1e-2)
     assert np.ptp(lab_run(ImprovedParameters()).yaw) < math.pi / 2
 

@@ -36,7 +36,10 @@ def sections() -> dict[str, str]:
 
 
 def patched(source: str, diff: str) -> str:
-    """The source with a block of ` `, `-` and `+` lines applied; what it replaces must be there just once."""
+    """The source with a block of ` `, `-` and `+` lines applied.
+
+    What it replaces must be there just once.
+    """
     lines = diff.splitlines(keepends=True)
     before = "".join(line[1:] for line in lines if line[0] in " -")
     after = "".join(line[1:] for line in lines if line[0] in " +")

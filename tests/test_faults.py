@@ -104,9 +104,16 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     t = np.arange(0.0, 12.0, 0.05)
     yaw = 0.3 * t
     columns = {
-        "t": t, "cmd_v": 0 * t + 0.5, "cmd_w": 0 * t + 0.3, "enc_left": 0 * t + 3.0, "enc_right": 0 * t + 3.5,
-        "gyro_z": 0 * t + 0.3, "x": np.sin(yaw) / 0.6, "y": (1.0 - np.cos(yaw)) / 0.6, "yaw": yaw,
-    }  # fmt: skip
+        "t": t,
+        "cmd_v": 0 * t + 0.5,
+        "cmd_w": 0 * t + 0.3,
+        "enc_left": 0 * t + 3.0,
+        "enc_right": 0 * t + 3.5,
+        "gyro_z": 0 * t + 0.3,
+        "x": np.sin(yaw) / 0.6,
+        "y": (1.0 - np.cos(yaw)) / 0.6,
+        "yaw": yaw,
+    }
     rows = [
         ",".join(columns),
         *(",".join(f"{v:.6f}" for v in row) for row in zip(*columns.values(), strict=True)),
@@ -223,7 +230,10 @@ LONG = {
 @pytest.mark.slow  # six processes each
 @pytest.mark.parametrize("name", LONG)
 def test_an_end_in_mid_run(name: str, good: Path, tmp_path: Path) -> None:
-    """Whatever ends a program, each file is whole or not there; then the same command comes to its end."""
+    """Whatever ends a program, each file is whole or not there.
+
+    Then the same command comes to its end.
+    """
     program, *words = LONG[name].split()
     rng = random.Random(name)
     bad = list[str]()
@@ -242,9 +252,13 @@ def test_an_end_in_mid_run(name: str, good: Path, tmp_path: Path) -> None:
             else None
         )
         child = subprocess.Popen(
-            [sys.executable, "-m", f"validation.{program}", *words, *again], cwd=folder, text=True, preexec_fn=limit,
-            stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-        )  # fmt: skip
+            [sys.executable, "-m", f"validation.{program}", *words, *again],
+            cwd=folder,
+            text=True,
+            preexec_fn=limit,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+        )
         if (how := ENDS.get(end)) is not None:
             time.sleep(rng.uniform(0.5, 1.0) * took)
             child.send_signal(how)

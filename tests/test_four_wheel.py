@@ -257,15 +257,25 @@ def test_a_robot_four_times_as_large_does_the_same_in_twice_the_time() -> None:
     )
     inertias = ("yaw_inertia", "armature", "wheel_inertia")
     large = replace(
-        p, mass=p.mass * k**3, gain=p.gain * k**4 * t,
-        **{name: getattr(p, name) * k for name in lengths}, **{name: getattr(p, name) * k**5 for name in inertias},
-    )  # fmt: skip
+        p,
+        mass=p.mass * k**3,
+        gain=p.gain * k**4 * t,
+        **{name: getattr(p, name) * k for name in lengths},
+        **{name: getattr(p, name) * k**5 for name in inertias},
+    )
     drive = replace(STRONG, torque_limit=8.0, integral_gain=50.0, dc_stiffness=400.0, delay_v=0.05)
     larger = replace(
-        drive, torque_limit=8.0 * k**4, integral_gain=50.0 * k**4, dc_stiffness=400.0 * k**4 * t, delay_v=0.05 * t,
-        hold=0.1, command_half_track=drive.command_half_track * k, command_radius=drive.command_radius * k,
-        v_max=drive.v_max * t, w_max=drive.w_max / t,
-    )  # fmt: skip
+        drive,
+        torque_limit=8.0 * k**4,
+        integral_gain=50.0 * k**4,
+        dc_stiffness=400.0 * k**4 * t,
+        delay_v=0.05 * t,
+        hold=0.1,
+        command_half_track=drive.command_half_track * k,
+        command_radius=drive.command_radius * k,
+        v_max=drive.v_max * t,
+        w_max=drive.w_max / t,
+    )
     values = np.random.default_rng(6).uniform([-0.8, -1.0], [0.8, 1.0], (40, 2))
     one = FourWheelPlant(FourWheelModel(p, drive), 0.001).run(Commands(0.05, values), State(), 0.01)
     other = FourWheelPlant(FourWheelModel(large, larger), 0.002).run(
@@ -289,7 +299,10 @@ def test_unlike_sides_veer_to_the_weaker_and_to_the_smaller() -> None:
 
 
 def test_wheels_with_motors_of_their_own_turn_at_their_own_rates() -> None:
-    """With the centre of mass ahead, front wheels pull harder at equal rates; without belts they are slower then."""
+    """With the centre of mass ahead, front wheels pull harder at equal rates.
+
+    Without belts they are slower then.
+    """
     uneven = [plant(link=link, com_x=0.1, friction=0.6) for link in ("belt", "none")]
     belt, free = (made.run(held(0.0, 0.6, 4.0), State(), 0.05) for made in uneven)
     assert np.abs(belt.twist[-1] - free.twist[-1]).max() > 1e-4

@@ -68,7 +68,7 @@ def refused(controller: str, name: str | Path) -> str:
     return str(caught.value)
 
 
-# -----------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # the shipped
 
 
@@ -101,7 +101,7 @@ def test_every_shipped_set_is_found_by_both_names_and_suits_its_controller(name:
     assert not by_hand & searched
 
 
-# -----------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # round trips
 
 
@@ -125,7 +125,7 @@ def test_a_set_survives_its_file(
     assert list(again.values) == list(FIELDS[controller])
 
 
-# --------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # mistakes
 
 MISTAKES: dict[str, tuple[dict[str, Any] | bytes, str]] = {
@@ -165,7 +165,10 @@ OWN = [(controller, profile) for controller in LAWS for profile in profile_sets(
 
 
 def test_every_real_profile_has_gains_of_its_own() -> None:
-    """For each law that has tuned gains; the other profiles are of the thesis' lab, where those come from."""
+    """For each law that has tuned gains.
+
+    The other profiles are of the thesis' lab, where those come from.
+    """
     tuned = [name.removesuffix("-tuned") for name in names() if name.endswith("-tuned")]
     real = [name for name in shipped() if not name.startswith("thesis-")]
     assert {(c, p) for c in tuned for p in real} <= set(OWN)

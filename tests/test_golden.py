@@ -60,7 +60,10 @@ five."""
 
 
 def _thinned(values: Sequence[Any]) -> Mapping[str, Any]:
-    """The numbers of a list by their index; of a long one the number of them, the sum and some five."""
+    """The numbers of a list by their index.
+
+    Of a long one the number of them, the sum and some five.
+    """
     if len(values) <= MOST_ITEMS:
         return {str(i): value for i, value in enumerate(values)}
     usable = [float(v) for v in values if isinstance(v, int | float) and math.isfinite(v)]

@@ -73,9 +73,13 @@ def candidates(kind: type, count: int, special: dict[str, float]) -> list[Planar
             x_icr=rng.uniform(-0.1, 0.1),
         )
         drive = Drive(
-            delay_v=rng.uniform(0.0, 0.3), delay_w=rng.uniform(0.0, 0.3), acceleration_v=rng.uniform(0.5, 5.0),
-            command_half_track=rng.uniform(0.25, 0.4), torque_limit=rng.uniform(3.0, 8.0), **special,
-        )  # fmt: skip
+            delay_v=rng.uniform(0.0, 0.3),
+            delay_w=rng.uniform(0.0, 0.3),
+            acceleration_v=rng.uniform(0.5, 5.0),
+            command_half_track=rng.uniform(0.25, 0.4),
+            torque_limit=rng.uniform(3.0, 8.0),
+            **special,
+        )
         rows.append(
             PlanarModel(
                 kind(**own), replace(vehicle, radius_difference=rng.uniform(-0.01, 0.01)), drive
@@ -102,7 +106,10 @@ def alone(models: list[PlanarModel], commands: Commands, starts: list[State]) ->
 @pytest.mark.parametrize("special", DRIVES)
 @pytest.mark.parametrize("name", KINDS)
 def test_a_robot_in_a_lane_moves_as_it_does_alone(name: str, special: str) -> None:
-    """Each robot has its own delay, ramp, half-track and law; neighbours, order and number of robots change no bit."""
+    """Each robot has its own delay, ramp, half-track and law.
+
+    Neighbours, order and number of robots change no bit.
+    """
     models = candidates(KINDS[name], 2 * LANES + 1, DRIVES[special])
     starts = [State(0.1 * i, -0.2, 0.3 * i, 0.05, 0.0, 0.02 * i) for i in range(len(models))]
     together = run_population(models, inputs(), starts, SAMPLE_DT)

@@ -234,7 +234,10 @@ def test_an_action_that_cannot_be_is_one_error_and_nothing_has_moved(
 
 
 def test_the_examples_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
-    """The PID, read off the page and run as it stands there; a robot that stands still would have less than 0.1."""
+    """The PID, read off the page and run as it stands there.
+
+    A robot that stands still would have less than 0.1.
+    """
     page = (Path(__file__).resolve().parents[1] / "docs" / "learning.md").read_text(
         encoding="utf-8"
     )
@@ -265,7 +268,10 @@ def test_the_checker_of_gymnasium_finds_nothing(gymnasium: Any) -> None:
 
 @pytest.mark.slow
 def test_the_policy_of_the_page_learns(tmp_path: Path) -> None:
-    """From standing still to following, and then the picture of the page; what it learnt holds on a path it never saw."""
+    """From standing still to following, and then the picture of the page.
+
+    What it learnt holds on a path it never saw.
+    """
     path = Path(__file__).resolve().parents[1] / "docs" / "examples" / "learn_to_track.py"
     spec = importlib.util.spec_from_file_location("learn_to_track", path)
     assert spec is not None

@@ -17,8 +17,29 @@ from validation.files.formats import read_log, write_log
 from validation.files.log import POSE_COLUMNS, RECORDED, Log, is_column_name
 from validation.recordings import PROGRAM, convert
 
-SPECIAL = ("pose", "cmd vel", "cmd_vel", "ü", "é", "odom_v", "odom_w", "odom_x", "odom_y", "odom_yaw", "gps_east",
-           "gps_north", "/pose", "a/b", "2nd", "_", "imu/data", "tf", "\u202eevil", "[/red]", "x" * 300)  # fmt: skip
+SPECIAL = (
+    "pose",
+    "cmd vel",
+    "cmd_vel",
+    "ü",
+    "é",
+    "odom_v",
+    "odom_w",
+    "odom_x",
+    "odom_y",
+    "odom_yaw",
+    "gps_east",
+    "gps_north",
+    "/pose",
+    "a/b",
+    "2nd",
+    "_",
+    "imu/data",
+    "tf",
+    "\u202eevil",
+    "[/red]",
+    "x" * 300,
+)
 
 
 @st.composite

@@ -1,4 +1,7 @@
-"""What enters as a log: regular files within limits, in seconds; and limits that are documented and can be raised."""
+"""What enters as a log: regular files within limits, in seconds.
+
+And limits that are documented and can be raised.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +41,7 @@ def drive(folder: Path, t: np.ndarray, columns: dict[str, np.ndarray] | None = N
     return path
 
 
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # files and sizes
 @pytest.mark.parametrize("name", ["a.csv", "a.bag", "a.mcap", "folder"])
 def test_a_pipe_is_not_waited_for(tmp_path: Path, name: str) -> None:
@@ -76,7 +79,7 @@ def test_sizes_are_limited_before_anything_is_held(tmp_path: Path) -> None:
         read_log(bag, ReadOptions(limits=USUAL.changed({"samples": 7})))
 
 
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # time
 T = 0.05 * np.arange(1200)
 
@@ -87,7 +90,8 @@ T = 0.05 * np.arange(1200)
         (
             T * 1e9,
             2,
-            "the median step is 5e+07 s, but the limit period is 5 s; t looks like nanoseconds: divide",
+            "the median step is 5e+07 s, but the limit period is 5 s; t looks like nanoseconds: "
+            "divide",
         ),
         (T * 1e6, 2, "t looks like microseconds: divide it by 1e+06"),
         ((1.7e9 + T) * 1e3, 2, "t looks like milliseconds: divide it by 1000"),
@@ -119,7 +123,7 @@ def test_stamps_too_large_to_be_added_are_one_fault(t: tuple[float, ...]) -> Non
         assert find_time_fault(np.array(t), USUAL) is not None
 
 
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # numbers
 @pytest.mark.parametrize("name", ["cmd_v", "cmd_w", "enc_left", "gyro_z", "x", "yaw"])
 def test_numbers_that_cannot_be_are_refused_with_line_and_column(tmp_path: Path, name: str) -> None:
@@ -189,7 +193,7 @@ def test_a_new_format_keeps_to_the_limits_without_a_word_of_its_own(
     assert message in str(refused.value)
 
 
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # the limits themselves
 def test_limits_can_be_raised_by_an_option(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -1,4 +1,7 @@
-"""Laws of the metrics: identities, invariances, inequalities; oracles are scipy, evo and the search over all pairs."""
+"""Laws of the metrics: identities, invariances, inequalities.
+
+Oracles are scipy, evo and the search over all pairs.
+"""
 
 from __future__ import annotations
 
@@ -129,7 +132,7 @@ def winding(step: float, amplitude: float = 1.5, wave: float = 4.0, waves: int =
 
 
 # Nearest samples
-# -----------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 @quick
@@ -219,7 +222,7 @@ def test_bending_energy_of_a_standing_robot_is_zero(still: FloatArray):
 
 
 # The metrics together
-# ------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 @quick
@@ -299,7 +302,7 @@ def test_the_kernel_answers_a_diverged_candidate_with_nan(bad: float):
 
 
 # Synchronised errors
-# -------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 @quick
@@ -338,7 +341,7 @@ def test_stamps_that_differ_by_rounding_are_the_same():
 
 
 # evo as oracle
-# -------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 def evo_trajectory(path: Trajectory):
@@ -380,7 +383,7 @@ def test_relative_pose_errors_are_evos(delta: int, all_pairs_of_evo: bool):
 
 
 # Horizons
-# ------------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 @quick
@@ -448,7 +451,7 @@ def test_the_parts_are_those_of_the_whole() -> None:
 
 
 # Declarations and pieces
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 
 
 def test_pieces_are_pooled_as_declared():

@@ -1,4 +1,7 @@
-"""The motors' speed loop: its law and its limits; tests/test_same_motor.py drives it in every plant."""
+"""The motors' speed loop: its law and its limits.
+
+Tests/test_same_motor.py drives it in every plant.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +64,10 @@ def test_without_an_integral_part_the_torque_is_proportional_and_limited() -> No
 
 @pytest.mark.parametrize("rate", [-8.0, -2.0, 0.0, 3.0, 6.0, 9.0])
 def test_a_motor_at_full_voltage_loses_torque_with_its_rate(rate: float) -> None:
-    """From the stall torque to the no-load rate, forwards and backwards; below full voltage the loop does not notice."""
+    """From the stall torque to the no-load rate, forwards and backwards.
+
+    Below full voltage the loop does not notice.
+    """
     motor = motor_numbers(Drive(torque_limit=10.0, no_load_rate=6.0), 0.001)
     most, least = (
         motor_torques(wanted(w, w), Sides(rate, rate), 1e6, motor).left for w in (100.0, -100.0)
@@ -172,7 +178,10 @@ def hung(drive: Drive, calibration: Calibration) -> tuple[mujoco.MjModel, mujoco
 
 
 def test_a_simulated_wheel_that_was_stuck_is_let_go_without_wind_up() -> None:
-    """The integral part holds little more than the motor's limit, a twentieth, as long as it slips; the torque no more."""
+    """The integral part holds little more than the motor's limit, a twentieth, as long as it slips.
+
+    The torque no more.
+    """
     calibration = husky(armature=0.2)
     model, data = hung(LEAKY, calibration)
     dofs = model.jnt_dofadr[[model.joint(name).id for name in JOINTS]]

@@ -39,9 +39,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     t = np.arange(0.0, 8.0, 0.04)
     yaw = 0.3 * t
     columns = {
-        "t": t, "cmd_v": 0 * t + 0.5, "cmd_w": 0 * t + 0.3, "enc_left": 0 * t + 3.0, "enc_right": 0 * t + 3.5,
-        "x": np.sin(yaw) / 0.6, "y": (1.0 - np.cos(yaw)) / 0.6, "yaw": yaw, COLUMN: t,
-    }  # fmt: skip
+        "t": t,
+        "cmd_v": 0 * t + 0.5,
+        "cmd_w": 0 * t + 0.3,
+        "enc_left": 0 * t + 3.0,
+        "enc_right": 0 * t + 3.5,
+        "x": np.sin(yaw) / 0.6,
+        "y": (1.0 - np.cos(yaw)) / 0.6,
+        "yaw": yaw,
+        COLUMN: t,
+    }
     rows = [
         ",".join(columns),
         *(",".join(f"{v:.6f}" for v in row) for row in zip(*columns.values(), strict=True)),

@@ -34,9 +34,15 @@ def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Lo
 
     motion = make_plant(lab, plant).run(Commands(0.05, np.column_stack([v, w])), State(), 0.05)
     columns = {
-        "t": t, "cmd_v": v, "cmd_w": w, "enc_left": motion.wheels[:-1, 0], "enc_right": motion.wheels[:-1, 1],
-        "x": motion.pose[:-1, 0], "y": motion.pose[:-1, 1], "yaw": motion.pose[:-1, 2],
-    }  # fmt: skip
+        "t": t,
+        "cmd_v": v,
+        "cmd_w": w,
+        "enc_left": motion.wheels[:-1, 0],
+        "enc_right": motion.wheels[:-1, 1],
+        "x": motion.pose[:-1, 0],
+        "y": motion.pose[:-1, 1],
+        "yaw": motion.pose[:-1, 2],
+    }
     keep = np.abs(t - 0.4 * seconds) > 0.2
     return Log.of_columns("log.csv", {k: c[keep] for k, c in columns.items()})
 
@@ -132,9 +138,12 @@ def test_abandoning_changes_nothing(lab: Profile, kind: str) -> None:
     """A cost within its limit is exact; one beyond is a lower bound that exceeds the limit."""
     target = log_target(lab, kind)
     p = FitProblem(
-        "linear", lab.plants["linear"], make_space("linear", plant_kind("linear").free["commands"], {}, HUSKY), [target],
+        "linear",
+        lab.plants["linear"],
+        make_space("linear", plant_kind("linear").free["commands"], {}, HUSKY),
+        [target],
         FitCost("horizon"),
-    )  # fmt: skip
+    )
     x = points(len(p.space), 24)
     whole = p.costs(x)
     limits = np.where(np.arange(len(x)) % 2, np.inf, 0.3 * np.nan_to_num(whole, posinf=1.0))

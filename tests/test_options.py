@@ -86,9 +86,15 @@ def test_a_misspelt_choice_is_refused_with_the_choices(options: Any) -> None:
 
 def test_a_text_is_what_the_command_line_makes_of_it() -> None:
     given = made(
-        Compare, columns="yaw=heading:deg", limits="gap=1e4", terrain="ramp:5", plants="mujoco,linear", out="here",
-        horizons="2,6", start="3",
-    )  # fmt: skip
+        Compare,
+        columns="yaw=heading:deg",
+        limits="gap=1e4",
+        terrain="ramp:5",
+        plants="mujoco,linear",
+        out="here",
+        horizons="2,6",
+        start="3",
+    )
     assert given.columns == {"yaw": ("heading", "deg")}
     assert given.limits == USUAL.changed({"gap": 1e4})
     assert given.terrain == parse_terrain("ramp:5")

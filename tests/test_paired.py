@@ -32,7 +32,10 @@ def test_a_steady_difference_is_seen_and_has_no_direction() -> None:
 
 
 def test_neighbours_that_share_data_count_once() -> None:
-    """The test tells few equally good candidates apart; a test of single windows would tell many apart by chance."""
+    """The test tells few equally good candidates apart.
+
+    A test of single windows would tell many apart by chance.
+    """
     pairs = [(drawn(2 * k), drawn(2 * k + 1)) for k in range(40)]
     blocks, single = (
         sum(chance_of_difference(a, b, TIMES, s) < SIGNIFICANCE for a, b in pairs)

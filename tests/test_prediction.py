@@ -109,7 +109,7 @@ def mpc(body: PlanarModel, **gains: float) -> PythonController:
     return law
 
 
-# -------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # the predictor
 
 
@@ -127,7 +127,10 @@ def test_without_dead_time_the_predictor_changes_nothing(name: str) -> None:
 def test_with_the_right_model_the_loop_is_that_without_dead_time_but_later(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To a tenth of a millimetre where the prediction has the robot's own steps; the motion is seen every 8 ms only."""
+    """To a tenth of a millimetre where the prediction has the robot's own steps.
+
+    The motion is seen every 8 ms only.
+    """
     monkeypatch.setattr(predictor, "PREDICTION_STEP", 0.001)
     prompt = replace(STRONG, delay_v=0.0, delay_w=0.0)
     law = Controller(make_gains(name, {}), A, B, STRONG, predictor=True)
@@ -153,7 +156,10 @@ def test_with_the_right_model_the_loop_is_that_without_dead_time_but_later(
 
 
 def test_it_learns_how_fast_the_robot_really_is() -> None:
-    """A robot with a third more half-track turns more slowly than the model; what is seen corrects the prediction."""
+    """A robot with a third more half-track turns more slowly than the model.
+
+    What is seen corrects the prediction.
+    """
     seen: list[ControllerInput] = []
 
     class Spy(CompiledSteering):
@@ -252,7 +258,7 @@ def test_an_object_that_observes_is_called_at_every_tick_and_keeps_what_it_likes
     assert diary.mission.target(0.5).x == pytest.approx(0.25)
 
 
-# ------------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # MPC
 
 

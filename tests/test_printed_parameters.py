@@ -1,4 +1,7 @@
-"""What the printed numbers of the thesis do in MuJoCo, with nothing fitted; docs/printed_parameters.md tells the story."""
+"""What the printed numbers of the thesis do in MuJoCo, with nothing fitted.
+
+Docs/printed_parameters.md tells the story.
+"""
 
 from __future__ import annotations
 
@@ -100,7 +103,10 @@ def test_sideways_friction_holds_a_curve_only_with_the_centre_of_rotation_at_an_
 
 
 def test_a_curve_that_needs_more_than_mu_d_g_is_not_held_at_all() -> None:
-    """The whole friction, m mu_d g, acts towards the centre; what v omega needs beyond that makes the robot slide faster."""
+    """The whole friction, m mu_d g, acts towards the centre.
+
+    What v omega needs beyond that makes the robot slide faster.
+    """
     robot = make_plant(printed(), "mujoco").run(twist(0.5, 1.0, 12.0), State(), 0.01)
     tail = robot.t > 6.0
     across = robot.twist[tail, 1]

@@ -1,4 +1,7 @@
-"""Profiles: shipped ones load and say where they are from; bad ones are refused by file, section and key."""
+"""Profiles: shipped ones load and say where they are from.
+
+Bad ones are refused by file, section and key.
+"""
 
 from __future__ import annotations
 
@@ -120,7 +123,10 @@ def test_what_is_clearly_faster_than_the_fit_is_told_with_both_numbers(
 def test_numbers_that_do_not_go_together_are_the_profiles_and_a_fault_of_code_is_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A compiled call that fails can raise a ValueError too; blaming the profile would hide its cause."""
+    """A compiled call that fails can raise a ValueError too.
+
+    Blaming the profile would hide its cause.
+    """
     profile = bare_profile(load_robot("husky"))
     mujoco = profile.section("mujoco")
     heavy = replace(mujoco, parameters=replace(mujoco.parameters, yaw_inertia=1e4))

@@ -46,7 +46,10 @@ def test_torques_tell_friction_and_the_path_hardly_does() -> None:
 
 @pytest.mark.slow
 def test_jde_finds_the_friction_of_nineteen_robots_of_twenty() -> None:
-    """From default bounds, with noise on poses and torques; the hybrid search does it in less time."""
+    """From default bounds, with noise on poses and torques.
+
+    The hybrid search does it in less time.
+    """
     every = [(recover(seed, JDE), recover(seed, HYBRID)) for seed in range(DRAWS)]
     for found in zip(*every, strict=True):
         close = [abs(one.off["friction"]) <= CLOSE for one in found]

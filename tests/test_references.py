@@ -170,7 +170,7 @@ def test_a_sine_is_one_with_steps_of_one_length(
     assert np.max(np.abs(curvatures(waypoints))) <= tightest * (1.0 + 1e-3)
 
 
-# -------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # generic
 
 
@@ -183,7 +183,10 @@ def test_generic_saturates_at_half_a_metre_a_second_and_not_at_a_quarter() -> No
 
 
 def drawn(pieces: list[list[str]]) -> FloatArray:
-    """Corners of the pieces of docs/references.md; each is begun where the one before ended, in complex numbers."""
+    """Corners of the pieces of docs/references.md.
+
+    Each is begun where the one before ended, in complex numbers.
+    """
     z = 0j
     direction = 1 + 0j
     corners = [0j]

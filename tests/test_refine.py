@@ -40,7 +40,10 @@ def truth(lab: Profile, names: tuple[str, ...]) -> FloatArray:
 def test_a_short_search_arrives_at_the_numbers_that_made_the_motion(
     lab: Profile, objective: Any
 ) -> None:
-    """Twelve candidates over four generations are nowhere near; least squares go on to the truth."""
+    """Twelve candidates over four generations are nowhere near.
+
+    Least squares go on to the truth.
+    """
     options = {**quick(), "objective": objective}
     short = fit("improved", "traj4@improved", lab, search="jde", **options)
     whole = fit("improved", "traj4@improved", lab, search="hybrid", **options)
@@ -129,7 +132,7 @@ def test_an_interrupted_search_goes_on_to_the_same_end(
     assert [p.value for p in rest.parameters] == [p.value for p in whole.parameters]
 
 
-# -------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # parts
 
 

@@ -54,7 +54,7 @@ def section(key: str) -> Section:
     return next(s for s in ALL_SECTIONS if s.key == key)
 
 
-# -------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # the program
 
 
@@ -133,12 +133,15 @@ def test_an_interrupt_keeps_the_sections_that_are_finished() -> None:
     assert exit_status(replicate, "--only", "5.1") == 2
 
 
-# ------------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # numbers
 
 
 def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis() -> None:
-    """White noise of the printed variances leaves the share that the filter lets pass; wrong stamps are noise of X alone."""
+    """White noise of the printed variances leaves the share that the filter lets pass.
+
+    Wrong stamps are noise of X alone.
+    """
     measured = section("noise").run(SMALL._replace(budget=QUICK._replace(draws=3)))
     for name, pairs in measured.tables["3.4"].items():
         pair = pairs["variance"]
@@ -160,7 +163,7 @@ def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
         assert set(GAIN_NAMES[controller]) == set(published.table(number)["rows"])
 
 
-# --------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # tracked references
 
 
@@ -195,7 +198,7 @@ def test_the_supposed_path_has_its_rate_and_both_ends() -> None:
     assert len(sampled.t) == pytest.approx(8.0 * PATH_RATE_HZ, abs=2)
 
 
-# -------------------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # Gazebo
 
 
@@ -255,7 +258,10 @@ DECIBEL = 10.0 ** (-value("text", "noise_highpass_attenuation") / 20.0)
 def test_the_filter_passes_what_is_above_its_transition_and_keeps_that_part_of_the_band(
     rate: float,
 ) -> None:
-    """Parseval: the sum of the squared taps is the mean squared gain; the transition's middle is the band's edge."""
+    """Parseval: the sum of the squared taps is the mean squared gain.
+
+    The transition's middle is the band's edge.
+    """
     taps = high_pass(rate)
     assert np.array_equal(taps, taps[::-1])
     f, gain = signal.freqz(taps, worN=1 << 14, fs=rate)

@@ -58,7 +58,10 @@ def stamps(period: float, last: float, first: float = 0.0) -> FloatArray:
 def arc(
     speed: float, yaw_rate: float, t: FloatArray, start: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> Trajectory:
-    """A drive along a circle at constant speed, its wheels rolling; wheel loads, torques and accelerations made up."""
+    """A drive along a circle at constant speed, its wheels rolling.
+
+    Wheel loads, torques and accelerations made up.
+    """
     angle = yaw_rate * (t - t[0])
     one = np.ones(len(t))
     x = speed / yaw_rate * np.sin(angle)

@@ -1,4 +1,7 @@
-"""Laws of physics hold for every robot, shipped or drawn at random; tests/test_husky_physics.py tests the Husky further."""
+"""Laws of physics hold for every robot, shipped or drawn at random.
+
+Tests/test_husky_physics.py tests the Husky further.
+"""
 
 from __future__ import annotations
 
@@ -69,14 +72,30 @@ simplify it costs a second."""
 
 DRIVES: dict[str, dict[str, float]] = {
     "proportional": {
-        "torque_limit": math.inf, "delay_v": 0.2, "delay_w": 0.1, "hold": 0.05, "v_max": 1.0, "w_max": 2.0,
-        "acceleration_v": 2.0, "acceleration_w": 5.0, "wheel_lag": 0.02, "command_radius": 0.165,
+        "torque_limit": math.inf,
+        "delay_v": 0.2,
+        "delay_w": 0.1,
+        "hold": 0.05,
+        "v_max": 1.0,
+        "w_max": 2.0,
+        "acceleration_v": 2.0,
+        "acceleration_w": 5.0,
+        "wheel_lag": 0.02,
+        "command_radius": 0.165,
     },
     "integral": {
-        "torque_limit": 60.0, "no_load_rate": 30.0, "gear_loss": 2.0, "integral_gain": 800.0, "dc_stiffness": 1900.0,
-        "delay_v": 0.0, "delay_w": 0.0, "hold": 0.05, "command_ramp": 0.05, "command_radius": 0.165,
+        "torque_limit": 60.0,
+        "no_load_rate": 30.0,
+        "gear_loss": 2.0,
+        "integral_gain": 800.0,
+        "dc_stiffness": 1900.0,
+        "delay_v": 0.0,
+        "delay_w": 0.0,
+        "hold": 0.05,
+        "command_ramp": 0.05,
+        "command_radius": 0.165,
     },
-}  # fmt: skip
+}
 """Drives of a robot of the Husky's size."""
 
 
@@ -92,10 +111,18 @@ def motion(
     time = math.sqrt(length)
     torque = mass * length
     factors = {
-        "v_max": time, "w_max": 1.0 / time, "acceleration_v": 1.0, "acceleration_w": 1.0 / length,
-        "command_half_track": length, "command_radius": length, "torque_limit": torque, "no_load_rate": 1.0 / time,
-        "gear_loss": torque, "integral_gain": torque, "dc_stiffness": torque * time,
-    }  # fmt: skip
+        "v_max": time,
+        "w_max": 1.0 / time,
+        "acceleration_v": 1.0,
+        "acceleration_w": 1.0 / length,
+        "command_half_track": length,
+        "command_radius": length,
+        "torque_limit": torque,
+        "no_load_rate": 1.0 / time,
+        "gear_loss": torque,
+        "integral_gain": torque,
+        "dc_stiffness": torque * time,
+    }
     robot = parse_robot(scaled(document, length, mass))
     calibration = Calibration.of(
         robot, timestep=0.002 * time, rolling_resistance=0.02, radius_difference=0.001 * length
@@ -312,7 +339,10 @@ def test_a_motor_of_its_own_slows_down_by_its_own_load() -> None:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_robot_that_is_told_to_stand_on_ten_degrees_stands(name: str) -> None:
-    """It sinks into its motors' integral parts and then only creeps as its contacts do; a proportional loop rolls back."""
+    """It sinks into its motors' integral parts and then only creeps as its contacts do.
+
+    A proportional loop rolls back.
+    """
     plant = make_plant(bare_profile(load_robot(name)), "mujoco", Terrain(math.radians(10.0)))
     ahead = plant.run(Commands(0.1, np.zeros((60, 2))), State(), 0.1).xy[:, 0]
     assert -4e-3 < ahead[30] - ahead[0] < 0.0

@@ -54,12 +54,25 @@ def robots(draw: st.DrawFn) -> UrdfRobot:
     )
     axle = size * (draw(numbers) - 0.5) * 0.2
     return UrdfRobot(
-        wheelbase, track, radius, width, axle, mass,
-        (0.1 * wheelbase * draw(numbers), -0.1 * track * draw(numbers), axle + 0.3 * radius * draw(numbers)),
-        (float(inertia[0]), float(inertia[1]), float(inertia[2])), wheel, names, draw(st.permutations(range(4))),
-        tuple((0.0, f * math.cos(r), -f * math.sin(r)) for f, r in zip(flips, rolls, strict=True)), rolls,
+        wheelbase,
+        track,
+        radius,
+        width,
+        axle,
+        mass,
+        (
+            0.1 * wheelbase * draw(numbers),
+            -0.1 * track * draw(numbers),
+            axle + 0.3 * radius * draw(numbers),
+        ),
+        (float(inertia[0]), float(inertia[1]), float(inertia[2])),
+        wheel,
+        names,
+        draw(st.permutations(range(4))),
+        tuple((0.0, f * math.cos(r), -f * math.sin(r)) for f, r in zip(flips, rolls, strict=True)),
+        rolls,
         lumps=(tuple(away), tuple(-away)),
-    )  # fmt: skip
+    )
 
 
 @given(made=robots())
@@ -159,8 +172,15 @@ MOTOR = {
 }
 
 
-@pytest.mark.parametrize(("kind", "count", "link"), [("transmission", 4, "none"), ("ros2_control", 4, "none"),
-                                                      ("transmission", 2, "belt"), ("state only", 4, "belt")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "count", "link"),
+    [
+        ("transmission", 4, "none"),
+        ("ros2_control", 4, "none"),
+        ("transmission", 2, "belt"),
+        ("state only", 4, "belt"),
+    ],
+)
 def test_four_motorised_wheels_are_four_motors(
     tmp_path: Path, kind: str, count: int, link: str
 ) -> None:
@@ -177,24 +197,48 @@ LOOP = '<joint name="l" type="fixed"><parent link="part0"/><child link="'
 END = '"/></joint></robot>'
 BOMB = '<!DOCTYPE b [<!ENTITY a "aaaa"><!ENTITY c "&a;&a;">]><robot name="&c;"/>'
 REFUSED = {
-    "six wheels": (UrdfRobot(more=extra_wheel("m1", 0, 0.3) + extra_wheel("m2", 0, -0.3)).text(), "it has 6 joints"),
-    "three wheels": (WHEELS.replace('rear_left_joint" type="continuous"', 'rear_left_joint" type="fixed"'), "has 3 joints"),
+    "six wheels": (
+        UrdfRobot(more=extra_wheel("m1", 0, 0.3) + extra_wheel("m2", 0, -0.3)).text(),
+        "it has 6 joints",
+    ),
+    "three wheels": (
+        WHEELS.replace('rear_left_joint" type="continuous"', 'rear_left_joint" type="fixed"'),
+        "has 3 joints",
+    ),
     "steered": (
-        WHEELS.replace(f"{ON_BASE}front_left", f"{ON_BASE.replace('base_link', 'knuckle')}front_left")
-        .replace("</robot>", extra_wheel("knuckle", 0, 0, axis="0 0 1", kind="revolute") + "</robot>"),
+        WHEELS.replace(
+            f"{ON_BASE}front_left", f"{ON_BASE.replace('base_link', 'knuckle')}front_left"
+        ).replace(
+            "</robot>", extra_wheel("knuckle", 0, 0, axis="0 0 1", kind="revolute") + "</robot>"
+        ),
         "can be steered by joint 'knuckle_joint'",
     ),
     "tyres of meshes": (UrdfRobot(drums=False).text(), "give --wheel-radius and --wheel-width"),
-    "tyres of two sizes": (WHEELS.replace('radius="0.15"', 'radius="0.2"', 1), "from 0.15 to 0.2 m"),
-    "no masses": (WHEELS.replace('<mass value="40.0"/>', '<mass value="0"/>'), "its body has no mass"),
+    "tyres of two sizes": (
+        WHEELS.replace('radius="0.15"', 'radius="0.2"', 1),
+        "from 0.15 to 0.2 m",
+    ),
+    "no masses": (
+        WHEELS.replace('<mass value="40.0"/>', '<mass value="0"/>'),
+        "its body has no mass",
+    ),
     "not XML": ("schema = 1", "this is no XML"),
-    "xacro": ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="a"/><xacro:a/></robot>', "expand it first"),
-    "left of xacro": (WHEELS.replace('<mass value="40.0"/>', '<mass value="${mass}"/>'), "expand it first"),
+    "xacro": (
+        '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><link name="a"/><xacro:a/></robot>',
+        "expand it first",
+    ),
+    "left of xacro": (
+        WHEELS.replace('<mass value="40.0"/>', '<mass value="${mass}"/>'),
+        "expand it first",
+    ),
     "a bomb": (BOMB, "declares a document type or entities"),
     "a loop": (WHEELS.replace("</robot>", f"{LOOP}base_link{END}"), "no tree"),
-    "a number": (WHEELS.replace('<mass value="40.0"/>', '<mass value="heavy"/>'), "bad format in attribute 'value'"),
+    "a number": (
+        WHEELS.replace('<mass value="40.0"/>', '<mass value="heavy"/>'),
+        "bad format in attribute 'value'",
+    ),
     "twice": (WHEELS.replace('link name="part0"', 'link name="front_left"'), "repeated URDF name"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -23,9 +23,20 @@ from validation.simulator.turning import spin
 
 SHIPPED = ("husky", "jackal", "warthog", "pioneer3at")
 KEYS = {
-    "schema", "name", "mass_kg", "wheelbase_m", "track_m", "wheel_radius_m", "turning_multiplier", "closed_form",
-    "yaw_ripple", "static_loads_N", "apparent_mass_kg", "ok", "advice",
-}  # fmt: skip
+    "schema",
+    "name",
+    "mass_kg",
+    "wheelbase_m",
+    "track_m",
+    "wheel_radius_m",
+    "turning_multiplier",
+    "closed_form",
+    "yaw_ripple",
+    "static_loads_N",
+    "apparent_mass_kg",
+    "ok",
+    "advice",
+}
 """Of robot.json, as the contract has them."""
 
 
@@ -82,18 +93,62 @@ def test_the_simulated_robot_needs_the_torque_that_mechanics_says(com: tuple[flo
 
 
 FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
-    "front and rear tyres": ({"geometry": {"wheel_radius": 0.46}}, "front and rear tyres touch", "less than 0.457"),
-    "left and right tyres": ({"geometry": {"wheel_width": 1.2}}, "left and right tyres touch", "more than 0.6"),
-    "hull in the ground": ({"geometry": {"body_centre": [0.0, 0.0, -0.2]}}, "below the ground", "axle_height or"),
-    "inertia of no body": ({"mass": {"inertia": [10.0, 10.0, 60.0]}}, "that of no rigid body", "the two others together"),
-    "centre of mass outside": ({"mass": {"com": [0.0, 0.0, 2.0]}}, "lies outside of the robot: z is 2 m", "from -0.288 to"),
-    "inertia about the axle": ({"mass": {"wheel_inertia": [1.0, 1.5]}}, "1.5 kg m2 about its axle", "m r^2 = 1.35"),
-    "swapped inertia": ({"mass": {"wheel_inertia": [0.3, 0.7]}}, "wheel_inertia", "the two others together"),
-    "loads": ({"mass": {"com": [0.6, 0.0, 0.1]}}, "wheel carries nothing", "must be less than 1, not 1.03"),
-    "torque": ({"drive": {"torque_limit": 80.0}}, "cannot turn on the spot on ground", "at least 89.13 N m"),
-    "a line of contact": ({"simulation": {"wheel_shape": "cylinder"}}, "turns with a multiplier of", "usual wheel_shape"),
-    "step": ({"drive": {"hold": 0.0213}}, "no model can be built of it: the drive's hold", "physics steps of 0.002 s"),
-}  # fmt: skip
+    "front and rear tyres": (
+        {"geometry": {"wheel_radius": 0.46}},
+        "front and rear tyres touch",
+        "less than 0.457",
+    ),
+    "left and right tyres": (
+        {"geometry": {"wheel_width": 1.2}},
+        "left and right tyres touch",
+        "more than 0.6",
+    ),
+    "hull in the ground": (
+        {"geometry": {"body_centre": [0.0, 0.0, -0.2]}},
+        "below the ground",
+        "axle_height or",
+    ),
+    "inertia of no body": (
+        {"mass": {"inertia": [10.0, 10.0, 60.0]}},
+        "that of no rigid body",
+        "the two others together",
+    ),
+    "centre of mass outside": (
+        {"mass": {"com": [0.0, 0.0, 2.0]}},
+        "lies outside of the robot: z is 2 m",
+        "from -0.288 to",
+    ),
+    "inertia about the axle": (
+        {"mass": {"wheel_inertia": [1.0, 1.5]}},
+        "1.5 kg m2 about its axle",
+        "m r^2 = 1.35",
+    ),
+    "swapped inertia": (
+        {"mass": {"wheel_inertia": [0.3, 0.7]}},
+        "wheel_inertia",
+        "the two others together",
+    ),
+    "loads": (
+        {"mass": {"com": [0.6, 0.0, 0.1]}},
+        "wheel carries nothing",
+        "must be less than 1, not 1.03",
+    ),
+    "torque": (
+        {"drive": {"torque_limit": 80.0}},
+        "cannot turn on the spot on ground",
+        "at least 89.13 N m",
+    ),
+    "a line of contact": (
+        {"simulation": {"wheel_shape": "cylinder"}},
+        "turns with a multiplier of",
+        "usual wheel_shape",
+    ),
+    "step": (
+        {"drive": {"hold": 0.0213}},
+        "no model can be built of it: the drive's hold",
+        "physics steps of 0.002 s",
+    ),
+}
 """What is changed, and parts of the sentence that say what is wrong and what would be right."""
 
 
@@ -115,12 +170,27 @@ def test_a_fault_is_told_with_what_would_be_right(name: str) -> None:
 HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
     "no limit of torque": ({"drive": {"torque_limit": math.inf}}, "no torque_limit is given"),
     "driver": ({"drive": {"command_half_track": 0.3}}, "of the commanded yaw rate"),
-    "endless torque": ({"drive": {"torque_limit": 1e308}}, "is it that of a wheel, behind the gear, in N m?"),
-    "an antenna": ({"geometry": {"body_size": [0.02, 0.02, 0.4]}}, "smaller than a wheel: is it an antenna"),
-    "a guessed radius": ({"sources": {"geometry.wheel_radius": "assumed: by eye"}}, "wheel_radius is a guess: count"),
-    "grams": ({"mass": {"total": 70_000.0}, "drive": {"torque_limit": 1e5}}, "kg a cubic metre of its hull"),
-    "a guessed mass": ({"sources": {"mass.total": "assumed: by eye"}}, "mass.total is a guess: weigh"),
-}  # fmt: skip
+    "endless torque": (
+        {"drive": {"torque_limit": 1e308}},
+        "is it that of a wheel, behind the gear, in N m?",
+    ),
+    "an antenna": (
+        {"geometry": {"body_size": [0.02, 0.02, 0.4]}},
+        "smaller than a wheel: is it an antenna",
+    ),
+    "a guessed radius": (
+        {"sources": {"geometry.wheel_radius": "assumed: by eye"}},
+        "wheel_radius is a guess: count",
+    ),
+    "grams": (
+        {"mass": {"total": 70_000.0}, "drive": {"torque_limit": 1e5}},
+        "kg a cubic metre of its hull",
+    ),
+    "a guessed mass": (
+        {"sources": {"mass.total": "assumed: by eye"}},
+        "mass.total is a guess: weigh",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", HINTS)
@@ -164,8 +234,9 @@ def test_a_fault_is_a_failed_run_whose_files_are_there(
 
 # ------------------------------------------------------------------------------------------- new,
 # and the command line
-def test_a_new_robot_has_what_was_measured_and_says_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                             capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
+def test_a_new_robot_has_what_was_measured_and_says_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     numbers = "--wheelbase 0.5 --track 0.6 --wheel-radius 0.15 --wheel-width 0.1 --mass 60"
     run("new", "mine", *numbers.split())

@@ -36,9 +36,17 @@ STRING = "std_msgs/msg/String"
 ODOMETRY = "nav_msgs/msg/Odometry"
 FORMS = (TWIST, "geometry_msgs/msg/TwistStamped")
 KINDS = (
-    *FORMS, STRING, ODOMETRY, "std_msgs/msg/Bool", "geometry_msgs/msg/PoseWithCovarianceStamped", "sensor_msgs/msg/Imu",
-    "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState", "tf2_msgs/msg/TFMessage", "rosgraph_msgs/msg/Clock",
-)  # fmt: skip
+    *FORMS,
+    STRING,
+    ODOMETRY,
+    "std_msgs/msg/Bool",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "sensor_msgs/msg/Imu",
+    "geometry_msgs/msg/PoseStamped",
+    "sensor_msgs/msg/JointState",
+    "tf2_msgs/msg/TFMessage",
+    "rosgraph_msgs/msg/Clock",
+)
 
 
 @pytest.fixture
@@ -244,7 +252,10 @@ def test_sensors_match_readers_and_writers_of_either_quality(
 def test_commands_come_and_go_as_twist_and_as_twist_stamped(
     graph: Graph, cyclone: Any, kind: str
 ) -> None:
-    """Robots of Humble take the one and those of Jazzy the other; a node of this project speaks and hears both."""
+    """Robots of Humble take the one and those of Jazzy the other.
+
+    A node of this project speaks and hears both.
+    """
     peer = Peer(cyclone, graph)
     with joined(graph) as node:
         node.advertise("/out", TWIST)

@@ -263,13 +263,15 @@ FAR = 1e300
         (
             1.0,
             NAN,
-            r"no feedback that can be used for 0\.5\d s: \d\d messages on \S+ were refused, .*position\.x is nan",
+            r"no feedback that can be used for 0\.5\d s: \d\d messages on \S+ were refused, "
+            r".*position\.x is nan",
         ),
         (0.0, None, "no robot to drive after 2 s: no feedback yet"),
         (
             0.0,
             FAR,
-            r"no robot to drive after 2 s: \d+ messages on \S+ were refused, .* position\.x is 1e\+300",
+            r"no robot to drive after 2 s: \d+ messages on \S+ were refused, "
+            r".* position\.x is 1e\+300",
         ),
     ],
 )
@@ -472,7 +474,10 @@ class Drive:
 
 @pytest.fixture
 def handlers() -> Iterator[None]:
-    """Handlers of signals as a command line has them, which a node leaves as they were; put back afterwards."""
+    """Handlers of signals as a command line has them, which a node leaves as they were.
+
+    Put back afterwards.
+    """
     before = {number: signal.signal(number, signal.default_int_handler) for number in SIGNALS}
     yield
     assert {signal.getsignal(number) for number in SIGNALS} == {signal.default_int_handler}
@@ -513,7 +518,10 @@ def test_a_drive_that_arrives_or_has_to_be_stopped_is_kept(
 def test_signals_stop_the_robot_and_keep_the_drive(
     drive: Drive, capsys: pytest.CaptureFixture[str], number: int, background: bool
 ) -> None:
-    """Others that come while it is being stopped change nothing; a shell has programs in the background ignore Ctrl-C."""
+    """Others that come while it is being stopped change nothing.
+
+    A shell has programs in the background ignore Ctrl-C.
+    """
     before = (
         signal.signal(signal.SIGINT, signal.SIG_IGN) if background else signal.default_int_handler
     )

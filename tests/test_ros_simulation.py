@@ -85,8 +85,12 @@ def test_every_topic_comes_at_its_rate_and_its_instants(plant: MujocoPlant) -> N
         "/tf",
     )
     assert Counter(topic for topic, *_ in node.sent) == {
-        "/tf_static": 1, "/robot_description": 1, "/clock": 200, POSE: 240, **dict.fromkeys(sensors, 100),
-    }  # fmt: skip
+        "/tf_static": 1,
+        "/robot_description": 1,
+        "/clock": 200,
+        POSE: 240,
+        **dict.fromkeys(sensors, 100),
+    }
     stamps = np.array([msg.read_pose(m)[0] for _, m in node.of(POSE)])
     assert np.all(
         (stamps - np.arange(1, 241) / 120.0 >= -1e-9)

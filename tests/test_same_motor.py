@@ -212,7 +212,10 @@ def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(
 
 @pytest.mark.parametrize("limit", [5.0, 8.0, 9.0, 10.0, 11.0, 12.0, 15.0, 30.0])
 def test_the_step_hardly_matters_at_the_motors_limit_either(limit: float, lab: Profile) -> None:
-    """Half the step moves the end of trajectory 1 by 1.7 mm at most; contacts and the integrator alone, by 0.4 mm."""
+    """Half the step moves the end of trajectory 1 by 1.7 mm at most.
+
+    Contacts and the integrator alone, by 0.4 mm.
+    """
     section = lab.section("mujoco")
     ends = []
     for dt in (0.002, 0.001):

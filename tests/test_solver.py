@@ -96,7 +96,10 @@ def test_left_and_right_are_alike_in_any_frame_within_a_solvers_tolerance(
 
 
 def test_newtons_method_is_taken_where_conjugate_gradients_converge_badly() -> None:
-    """The printed numbers have a twentieth of the friction across the wheels; other physics may be as stiff as it likes."""
+    """The printed numbers have a twentieth of the friction across the wheels.
+
+    Other physics may be as stiff as it likes.
+    """
     printed = load_profile("thesis-printed").plants["mujoco"]
     plants = [
         MujocoPlant(printed.parameters, printed.drive, settings=s)

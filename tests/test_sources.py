@@ -51,7 +51,7 @@ def driven(
     return {"x": start[0] + x, "y": start[1] + y, "yaw": start[2] + turn}
 
 
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # commands and poses
 def test_zero_order_hold() -> None:
     t = np.array([10.0, 10.1, 10.25, 10.3 + 4e-7, 10.4])
@@ -154,7 +154,7 @@ def test_the_odometrys_speeds_stand_for_commands_that_were_not_recorded() -> Non
         )
 
 
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # windows
 @pytest.mark.parametrize("cut", [horizon_windows, overlapping_windows])
 def test_windows_span_no_jump(cut: WindowCut) -> None:
@@ -198,7 +198,7 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
     assert (errors.n_standing, errors.position_median_m) == (len(cut[0]) - errors.n, 0.0)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # judges of heading
 @pytest.mark.parametrize("stalls", [True, False])
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -1,4 +1,7 @@
-"""The commands of README and of the pages can be read; those of README and of the Start pages run, with what ships."""
+"""The commands of README and of the pages can be read.
+
+Those of README and of the Start pages run, with what ships.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Tuning: costs by their formulas, the stability guard, resumption; track and tune as their users call them."""
+"""Tuning: costs by their formulas, the stability guard, resumption.
+
+Track and tune as their users call them.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +58,7 @@ def published_point(p: TuneProblem) -> np.ndarray:
     return p.space.points(np.array([p.base.values[name] for name in p.space.names]))
 
 
-# ---------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # costs
 
 
@@ -143,7 +146,7 @@ def test_impossible_gains_cost_infinity_and_are_not_driven(lab: Profile) -> None
     assert p.costs(np.array([[0.5, 0.0]]))[0] == np.inf
 
 
-# ------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # programs
 
 

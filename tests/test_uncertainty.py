@@ -20,7 +20,10 @@ DRAWS = 200
 
 
 def hanging_together(rng: np.random.Generator, seconds: float, count: int = len(T)) -> FloatArray:
-    """Return (count,) errors of size 1 whose correlation falls by e within so many seconds; white if 0."""
+    """Return (count,) errors of size 1 whose correlation falls by e within so many seconds.
+
+    White if 0.
+    """
     keep = np.exp(-PERIOD / seconds) if seconds > 0.0 else 0.0
     noise = rng.normal(size=count)
     out = np.empty(count)
@@ -50,9 +53,10 @@ class Wave:
 @pytest.mark.parametrize("robust", [False, True])
 @pytest.mark.parametrize(("seconds", "least"), [(0.0, 0.91), (0.5, 0.91), (2.0, 0.87)])
 def test_intervals_hold_the_truth(seconds: float, least: float, robust: bool) -> None:
-    """95 % intervals hold it in about 95 % of cases; a little less where errors hang together for a thirtieth of the data.
+    """95 % intervals hold it in about 95 % of cases.
 
-    Of 200 draws the share itself is known to 0.015 (one standard deviation).
+    A little less where errors hang together for a thirtieth of the data. Of 200 draws the share
+    itself is known to 0.015 (one standard deviation).
     """
     held = np.zeros((DRAWS, 2))
     for seed in range(DRAWS):

@@ -185,7 +185,10 @@ TAKEN = PlanarLaw("linear", SlipParameters, advance)
 
 @pytest.fixture
 def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The file of a model, whose plants are known to this test alone; what is compiled later is kept as before."""
+    """The file of a model, whose plants are known to this test alone.
+
+    What is compiled later is kept as before.
+    """
     monkeypatch.setattr(_jit, "_saves", _jit._saves)
     with patch.dict(OWN_MODELS):
         yield written(tmp_path, MODEL)
@@ -200,8 +203,13 @@ def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: P
         written(own.parent, MODEL.replace("1.0 - robot", f"1.0 - {times} * robot"))
         file.write_text(f'schema = "ssmr.profile/1"\n[plants.slip.parameters]\nslip = {slip}\n')
         comparison = compare(
-            "traj4", file, ("kinematic",), "kinematic", own_model=f"{own}:LAW", own_metric=f"{own}:gap_m"
-        )  # fmt: skip
+            "traj4",
+            file,
+            ("kinematic",),
+            "kinematic",
+            own_model=f"{own}:LAW",
+            own_metric=f"{own}:gap_m",
+        )
         assert list(comparison.plants) == ["kinematic", "slip"]
         assert comparison.as_dict()["plants"]["kinematic"]["gap_m"] == 0.0
         assert (

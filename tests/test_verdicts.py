@@ -123,11 +123,16 @@ def test_every_criterion_names_rows_and_words_with_two_sides() -> None:
 def test_a_row_has_the_class_that_its_numbers_deserve() -> None:
     """A robot calibrated to the improved model recovers it, a repeated row repeats, and chosen limits are assumptions."""
     expected = {
-        ("3.12", "traj1"): "recovered", ("4.14", "line_0.50"): "recovered", ("4.37", "pid_line_0.50"): "duplicate",
-        ("3.8", "delay_w_s"): "duplicate", ("3.8", "u_x"): "recovered", ("4.6", "line_0.50"): "independent",
+        ("3.12", "traj1"): "recovered",
+        ("4.14", "line_0.50"): "recovered",
+        ("4.37", "pid_line_0.50"): "duplicate",
+        ("3.8", "delay_w_s"): "duplicate",
+        ("3.8", "u_x"): "recovered",
+        ("4.6", "line_0.50"): "independent",
         ("4.23", "line_0.50"): "fitted",
-        ("4.8", "circle_0.50"): "impossible", ("4.21", "K_y"): "impossible",
-    }  # fmt: skip
+        ("4.8", "circle_0.50"): "impossible",
+        ("4.21", "K_y"): "impossible",
+    }
     assert {key: criterion_of(*key).evidence for key in expected} == expected
 
 

@@ -40,12 +40,15 @@ def at(waypoints: Waypoints, t: float) -> tuple[float, ...]:
     return tuple(target(waypoints.course(), t, 0)[:5])
 
 
-# ----------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # what is refused
 
 
 def test_waits_keep_the_heading_and_stand_still() -> None:
-    """Before the first move the target has the heading with which it leaves; after that, the one that it came with."""
+    """Before the first move the target has the heading with which it leaves.
+
+    After that, the one that it came with.
+    """
     xy = np.array([[0, 0], [0, 0], [0, 1], [0, 1], [0, 1], [1, 1], [1, 1]], dtype=float)
     waypoints = Waypoints(np.array([5.0, 7.0, 8.0, 9.0, 10.0, 12.0, 13.0]), xy)
     up = 0.5 * math.pi
@@ -101,7 +104,7 @@ def test_a_speed_replaces_times_but_no_waits(
     assert waiting.t[-1] - waiting.t[-2] == pytest.approx(2.5, rel=1e-9)
 
 
-# -------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # what they are
 
 
@@ -157,7 +160,7 @@ def test_it_starts_at_rest_facing_the_second_waypoint(
     assert abs(ahead[1]) < 1e-12
 
 
-# --------------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # the target
 
 
@@ -195,7 +198,10 @@ def test_the_target_waits_at_both_ends(moves: list[tuple[float, float, float]]) 
 def test_the_hint_changes_nothing_but_the_way(
     moves: list[tuple[float, float, float]], shares: list[float], hint: int
 ) -> None:
-    """Whatever segment the search begins at, also where time goes back; the segment holds the time."""
+    """Whatever segment the search begins at, also where time goes back.
+
+    The segment holds the time.
+    """
     waypoints = wander(moves)
     course = waypoints.course()
     k = hint
@@ -229,7 +235,7 @@ def test_the_reference_trajectory_is_the_target_sampled(
             waypoints.trajectory(period)
 
 
-# ---------------------------------------------------------------------------------------------------
+# --------------------------------------------------------------------------------------------------
 # position errors
 
 

@@ -54,7 +54,10 @@ def moving(source: Source) -> list[tuple[IndexArray, IndexArray, FloatArray]]:
 
 
 def heading_per_side(ground: str) -> tuple[float, float]:
-    """Mean change of heading over rotation of a side, and the share by which left exceeds right; least absolute errors."""
+    """Mean change of heading over rotation of a side, and the share by which left exceeds right.
+
+    Least absolute errors.
+    """
     source = log(ground)
     rows = []
     turned = []

@@ -64,13 +64,17 @@ def test_what_is_not_shown_as_it_is_can_still_be_told_apart() -> None:
 
 @given(texts, texts)
 def test_markdown_shows_foreign_text_as_text(text: str, other: str) -> None:
-    page = "\n".join([
-        f"# {words.markdown(text)}",
-        "",
-        f"- {words.markdown(other)}",
-        "",
-        *markdown_table(Grid((("name", ""), (text, "m")), (((Cell(text), Cell(other, best=True)),),), 1)),
-    ])  # fmt: skip
+    page = "\n".join(
+        [
+            f"# {words.markdown(text)}",
+            "",
+            f"- {words.markdown(other)}",
+            "",
+            *markdown_table(
+                Grid((("name", ""), (text, "m")), (((Cell(text), Cell(other, best=True)),),), 1)
+            ),
+        ]
+    )
     parser = MarkdownIt("commonmark").enable("table")
     tokens = parser.parse(page)
     every = [inner for token in tokens for inner in (token, *(token.children or ()))]

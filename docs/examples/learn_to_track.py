@@ -117,7 +117,8 @@ def learn(
                 {"generation": generation, "reward": reward, "away_m": away, "processor_s": seconds}
             )
             print(
-                f"generation {generation:4d}: reward {reward:.3f}, {1e3 * away:5.0f} mm away, {seconds:4.0f} s",
+                f"generation {generation:4d}: reward {reward:.3f}, {1e3 * away:5.0f} mm away, "
+                f"{seconds:4.0f} s",
                 flush=True,
             )
         changes = rng.standard_normal((ROBOTS // 2, policy.size))

@@ -1,6 +1,7 @@
-"""Print a command of README.md, ready to run in an empty folder: `python .ci/readme.py main|tests SOURCE`.
+"""Print a command of README.md, ready to run in an empty folder.
 
-The README's `git clone <...>` becomes a clone of SOURCE. A command that does not clone runs inside such a clone.
+Usage: `python .ci/readme.py main|tests SOURCE`. The README's `git clone <...>` becomes a clone of
+SOURCE. A command that does not clone runs inside such a clone.
 """
 
 from __future__ import annotations

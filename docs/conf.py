@@ -1,7 +1,7 @@
-"""The site of these pages: `python -m sphinx -W -b html docs docs/_build`. GitHub shows the same pages as they are.
+"""The site of these pages: `python -m sphinx -W -b html docs docs/_build`.
 
-Only index.md lists the pages: each of its headings with pages becomes a group of the site's
-navigation.
+GitHub shows the same pages as they are. Only index.md lists the pages: each of its headings with
+pages becomes a group of the site's navigation.
 """
 
 from __future__ import annotations
@@ -90,7 +90,10 @@ def prepare(app: Sphinx, name: str, source: list[str]) -> None:
 
 
 def setup(app: Sphinx) -> None:
-    """Equations become MathML while the site is built: browsers draw it without a script, so the site works offline."""
+    """Equations become MathML while the site is built.
+
+    Browsers draw it without a script, so the site works offline.
+    """
     app.add_html_math_renderer("mathml", (write_inline, None), (write_block, None))
     app.connect("source-read", prepare)
     # new pages change its navigation

@@ -1,4 +1,4 @@
-"""Print how far each plant is from each answer of the cases, which the table of docs/cases.md sums up.
+"""Print how far each plant is from each answer of the cases, for the table of docs/cases.md.
 
 Run from the project's root: `python docs/make_cases_table.py`. A dash means that the plant cannot
 have the answer, or that its engine is not installed.
@@ -14,7 +14,7 @@ PLANTS = ("coulomb", "improved", "linear", "four_wheel", "mujoco", *ENGINES)
 
 
 def measured(name: str, plant: str) -> dict[str, tuple[float, float]]:
-    """Return the error of each number of an answer and how great it may be, at the steps of the tests."""
+    """Return error and tolerance of each number of an answer, at the steps of the tests."""
     try:
         return (
             errors(name, plant, 0.001 if name.startswith("energy") else 0.002)

@@ -44,13 +44,13 @@ BINS = 18
 
 
 def whole_robot(offset: float, section: PlantProfile) -> float:
-    """Return the offset of the whole robot's centre of mass for an offset of that of the base [m]."""
+    """Return the offset of the robot's centre of mass for that of the base's [m]."""
     mass = section.parameters.mass
     return offset * (mass - 4.0 * 2.637) / mass
 
 
 def by_heading(setting: Setting, section: PlantProfile) -> tuple[np.ndarray, np.ndarray]:
-    """Return (BINS,) headings [deg] and (BINS,) mean yaw rates over rim speed [rad/m] of a slow turn."""
+    """Return (BINS,) headings [deg] and mean yaw rates over rim speed [rad/m] of a slow turn."""
     plant = setting.plant(section)
     motion = plant.run(
         Commands(0.05, np.tile([0.0, SLOW], (round(SLOW_TIME / 0.05), 1))), State(), SAMPLE
@@ -64,7 +64,7 @@ def by_heading(setting: Setting, section: PlantProfile) -> tuple[np.ndarray, np.
 
 
 def draw_theory(section: PlantProfile, result: dict[str, Setting], ax: Axes) -> None:
-    """Draw yaw rate over heading for a friction circle and a friction polygon, in theory and in MuJoCo."""
+    """Draw yaw rate over heading for a friction circle and a polygon, in theory and MuJoCo."""
     headings = np.linspace(0.0, 90.0, 181)
     y = whole_robot(-0.085, section)
     for place, colour, words, key in (

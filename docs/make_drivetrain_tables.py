@@ -1,4 +1,4 @@
-"""Print the table of docs/drivetrain.md on what MuJoCo's contacts can do of the slip law that a Husky's currents ask for.
+"""Print the table of docs/drivetrain.md: MuJoCo's contacts against a Husky's slip law.
 
 Run from the project's root: `python docs/make_drivetrain_tables.py husky_wet_grass_train.csv`. The
 page's figure is that of `python -m validation.study drivetrain`.
@@ -42,7 +42,10 @@ HUSKY = chassis_of(load_profile("husky-tile"))
 def mujoco_shares(
     rates: FloatArray, impratio: float, timestep: float = 0.002
 ) -> tuple[FloatArray, float]:
-    """Return (2, n) torques of the sides over their friction torque at (2, n) steady wheel rates, and the creep [m/s]."""
+    """Return (2, n) torques of the sides over their friction torque, and the creep [m/s].
+
+    The wheel rates, (2, n), are steady.
+    """
     calibration = husky(
         friction=FRICTION, wheel_radius=HUSKY.geometry.radius, mass=HUSKY.mass, timestep=timestep
     )
@@ -66,7 +69,7 @@ def law_shares(rates: FloatArray, scale: float) -> FloatArray:
 
 
 def main(path: str) -> None:
-    """Fit friction, losses and rho to the currents with each contact, and print how much that explains."""
+    """Fit friction, losses and rho to currents with each contact; print how much that explains."""
     log = drive_log(path)
     samples = window_samples(log)
     sensor = sensor_of(log)

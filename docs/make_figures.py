@@ -1,4 +1,4 @@
-"""Draw the figure of docs/physics.md and, with `--tables`, measure and print the numbers of its tables.
+"""Draw the figure of docs/physics.md; with `--tables`, print the numbers of its tables.
 
 Run from the project's root: `python docs/make_figures.py [--tables]`.
 """
@@ -160,7 +160,7 @@ def table_turning() -> None:
 
 
 def table_lift() -> None:
-    """Print, by impedance at zero depth, the largest friction times slip speed at which all tyres stay down."""
+    """Print, by impedance at zero depth, the largest friction times slip speed without lift."""
     print("\nimpedance d0, friction: mu v at which a tyre lifts [m/s]")
     for d0 in (0.1, 0.2, 0.5, 0.9):
         for friction in (0.3, 0.6, 1.0):
@@ -180,7 +180,7 @@ def table_lift() -> None:
 
 
 def table_rise() -> None:
-    """Print by how much the body rides higher at a friction times slip speed, turning on the spot."""
+    """Print the body's rise at a friction times slip speed, turning on the spot."""
     print("\nfriction 0.3, mu v [m/s]: rise of the body [mm]")
     still = turn(husky(), 1e-3, None, 4.0).depth
     for product in (0.05, 0.1, 0.2, 0.4, 0.6, 0.7):
@@ -237,7 +237,7 @@ def ends_apart(coarse: Trajectory, fine: Trajectory) -> float:
 
 
 def table_steps() -> None:
-    """Print convergence with the time step on trajectories 1-4, and over servo gain and armature."""
+    """Print convergence with the time step on trajectories 1-4, and over gain and armature."""
     print(
         "\nfriction, torque limit, trajectory: end moves from 5 to 2, 2 to 1, 1 to 0.5 ms [mm]; "
         "loads; side slip [m/s]"
@@ -392,7 +392,7 @@ def table_between() -> None:
 
 
 def draw() -> None:
-    """Draw the multiplier over the time step, and one wheel's load over time, under default and soft contact."""
+    """Draw multiplier over time step, and a wheel's load over time, of default and soft contact."""
     steps = (0.00025, 0.0005, 0.001, 0.002, 0.005, 0.01)
     figure = Figure(figsize=(9.0, 3.6), dpi=120, layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.25, 1.0))

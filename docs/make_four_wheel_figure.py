@@ -1,4 +1,4 @@
-"""Draw the figure of docs/four_wheel.md, on which MuJoCo and the robot on four tyres meet, and print its tables.
+"""Draw the figure of docs/four_wheel.md and print its tables.
 
 Run from the project's root: `python docs/make_four_wheel_figure.py`. Both have the Husky of its
 file on ground of friction 0.5, and motors strong enough to let the tyres slide; the tyres are of
@@ -91,7 +91,7 @@ def held(v: float, w: float, seconds: float) -> Commands:
 def steady(
     which: Which, v: float, w: float, settings: PhysicsSettings = SHIPPED
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return means over the last 3 s of a steady curve of 8 s: (3,) twist, (2,) wheel rates, (4,) loads."""
+    """Return (3,) twist, (2,) wheel rates, (4,) loads: means of the last 3 of 8 s of a curve."""
     motion = make(which, settings=settings).run(held(v, w, 8.0), State(), 0.01)
     tail = motion.t > 5.0
     return (
@@ -144,7 +144,10 @@ def thrust(which: Which, share: float) -> tuple[float, float, float]:
 
 
 def brush_slip(share: float, stiffness: float) -> float:
-    """Return the slip at which a brush tyre pushes with a share of its friction limit (docs/four_wheel.md, solved) [1]."""
+    """Return the slip of a brush tyre that pushes with a share of its friction limit [1].
+
+    It solves the law of docs/four_wheel.md.
+    """
     return 3.0 * MU / stiffness * (1.0 - (1.0 - share) ** (1.0 / 3.0))
 
 

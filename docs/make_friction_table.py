@@ -1,8 +1,8 @@
-"""Print what tells a MuJoCo robot's friction, for docs/friction.md: `python docs/make_friction_table.py`.
+"""Print measures of a MuJoCo robot's friction, for docs/friction.md.
 
-Standard errors are those at the profile's numbers: the inverse of the information that poses and
-torques on trajectory 4 have of the six causes, by central differences, with one independent sample
-a second.
+Usage: `python docs/make_friction_table.py`. Standard errors are those at the profile's numbers: the
+inverse of the information that poses and torques on trajectory 4 have of the six causes, by central
+differences, with one independent sample a second.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ def _provenance(plant: str) -> Mapping[str, Any]:
 
 
 def draw_tile() -> None:
-    """Draw the median errors after 6 s of every plant on the recording: on the data of the fit and on held-out data."""
+    """Draw the median errors after 6 s of every plant, on data of the fit and on held-out data."""
     figure = Figure(figsize=(9.0, 4.4), dpi=130, layout="constrained")
     panels = figure.subplots(2, 2, sharey=True, sharex="col")
     rows = {plant: len(PLANTS) - 1 - i for i, plant in enumerate(PLANTS)}
@@ -165,7 +165,7 @@ def _least_sizes(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def table_floor(path: str) -> None:
-    """Print how much of the heading after 6 s the gyro explains, and how much a constant map of wheel rotation can."""
+    """Print how much of the heading after 6 s gyro and wheel rotation explain."""
     log = read_csv(path)
     rows = []
     for stretch in log.stretches():

@@ -60,7 +60,7 @@ def steady_curve(plant: Plant, v: float) -> FloatArray:
 
 
 def print_lags() -> None:
-    """Print the lag of MuJoCo's friction: what its side slip exceeds that of rigid tyres by, over v omega."""
+    """Print the lag of MuJoCo's friction: its side slip less that of rigid tyres, over v omega."""
     section = bare_profile(HUSKY).section("four_wheel")
     parameters = replace(section.parameters, **RIGID, friction=0.5)
     rigid = plant_kind("four_wheel").build(replace(section, parameters=parameters))
@@ -80,7 +80,7 @@ def print_lags() -> None:
 
 
 def print_work(motions: Mapping[str, Trajectory]) -> None:
-    """Print the work of the motors, of the rolling loss, and of one that is in proportion to the load of each side."""
+    """Print the work of the motors and of rolling losses, even and in proportion to the load."""
     numbers = LAB.section("mujoco").parameters
     of_load = numbers.rolling_resistance * numbers.wheel_radius  # torque over load [m]
     for name, motion in motions.items():

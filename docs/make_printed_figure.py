@@ -120,7 +120,7 @@ def draw_path(scenario: str, ax: Axes) -> None:
 
 
 def draw_curves(ax: Axes) -> None:
-    """Draw where the centre of rotation lies in steady curves, against the acceleration that they need."""
+    """Draw the centre of rotation in steady curves over the acceleration that they need."""
     plant = make_plant(PROFILE, "mujoco")
     held = []
     lost = []

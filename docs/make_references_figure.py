@@ -22,7 +22,7 @@ SPEED = 0.5
 
 
 def draw() -> None:
-    """Draw the path of each reference above its yaw rate, or for a straight one its speed, over time."""
+    """Draw the path of each reference above its yaw rate, or speed if it is straight."""
     figure = Figure(figsize=(16.0, 4.6), dpi=100, layout="constrained")
     rows = figure.subplots(2, len(NAMES), height_ratios=(3.0, 2.0))
     for name, path, time in zip(NAMES, *rows, strict=True):

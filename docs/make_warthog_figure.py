@@ -48,7 +48,7 @@ def moving_windows(piece: Piece, horizon: float) -> tuple[IndexArray, IndexArray
 
 
 def signed_errors(source: Source, poses: list[FloatArray], horizon: float) -> FloatArray:
-    """Return (W, 3) errors ahead, to the left [m] and of the heading [rad] over the moving windows of all pieces."""
+    """Return (W, 3) errors ahead, to the left [m] and of the heading [rad] of all moving windows."""
     rows = []
     for piece, pose in zip(source.pieces, poses, strict=True):
         assert piece.reference is not None
@@ -70,7 +70,7 @@ def window_errors(source: Source, profile: Profile, plant: str) -> WindowErrors:
 
 
 def gyro_errors(source: Source) -> tuple[float, FloatArray]:
-    """Return the delay of the localiser's heading behind the gyro [s], and (W,) errors of the gyro after 6 s [rad]."""
+    """Return the heading's delay behind the gyro [s], (W,) errors of the gyro after 6 s [rad]."""
     rows = []
     for late in np.arange(0.2, 0.5, 0.02):
         off = []
@@ -131,7 +131,7 @@ class Drift:
         return signed_errors(self._source, poses, horizon)
 
     def cost(self, x: FloatArray) -> float:
-        """Return the mean size of position errors [m] plus that of yaw errors [rad], over the horizons."""
+        """Return the mean of position errors [m] plus yaw errors [rad], over the horizons."""
         measured = [self.errors(x, h) for h in self._horizons]
         return float(
             np.mean([np.hypot(e[:, 0], e[:, 1]).mean() + np.abs(e[:, 2]).mean() for e in measured])
@@ -169,7 +169,7 @@ class Drift:
 def wheel_rates(
     path: str, span: tuple[float, float], profile: Profile, plant: str
 ) -> tuple[FloatArray, FloatArray, Trajectory]:
-    """Return stamps [s], (N, 2) measured wheel rates [rad/s] and the motion that commands give a plant, at these stamps."""
+    """Return stamps [s], (N, 2) measured wheel rates [rad/s] and a plant's motion."""
     (by_command,), (by_wheels,) = (
         open_source(path, kind, *span).pieces for kind in ("twist", "wheels")
     )

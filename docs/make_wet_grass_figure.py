@@ -50,7 +50,7 @@ COLOURS = {"tile": "#4477aa", "wet grass": "#228833"}
 
 
 class Sides(NamedTuple):
-    """How far the heading turns for a radian of the wheels of each side, and how late it is told."""
+    """Turn of the heading for a radian of the wheels of each side, and its delay."""
 
     left: float
     """Minus the change of heading over the rotation of the left side [1]."""
@@ -61,7 +61,10 @@ class Sides(NamedTuple):
 
     @property
     def gain(self) -> float:
-        """Return the change of heading over the difference of the sides' rotations [1]: radius over effective track."""
+        """Return the change of heading over the difference of the sides' rotations [1].
+
+        It is the radius over the effective track.
+        """
         return 0.5 * (self.left + self.right)
 
     @property
@@ -90,7 +93,7 @@ class Turns:
     """(W,) change of the heading [rad]."""
 
     def wheels(self, late: float) -> FloatArray:
-        """Return (2, W) rotations of the sides in windows that begin and end so much earlier [rad]."""
+        """Return (2, W) rotations of the sides [rad] in windows that lie so much earlier."""
         return np.stack(
             [
                 np.interp(self.end - late, self.t, s) - np.interp(self.begin - late, self.t, s)
@@ -144,7 +147,7 @@ def turns_of(source: Source) -> Turns:
 
 
 def fit_sides(turns: Turns, which: NDArray[np.intp] | None = None, start: Sides = START) -> Sides:
-    """Return the numbers that make the sum of absolute errors of the windows least, all or those of `which`."""
+    """Return the numbers of least absolute errors over the windows, all or those of `which`."""
     rows = slice(None) if which is None else which
     measured = start
     step = 0.02
@@ -164,7 +167,7 @@ def fit_sides(turns: Turns, which: NDArray[np.intp] | None = None, start: Sides 
 
 
 def scatter(turns: Turns, measured: Sides, seed: int = 0) -> tuple[float, float, float]:
-    """Return standard errors of gain [1], radius difference [m] and delay [s] by resampled blocks of windows."""
+    """Return standard errors of gain [1], radius difference [m], delay [s], by block resampling."""
     rng = np.random.default_rng(seed)
     n = len(turns.turned)
     drawn = []
@@ -228,7 +231,10 @@ def print_sides(turns: dict[str, Turns]) -> dict[str, Part]:
 
 
 def variants() -> dict[str, dict[str, Profile]]:
-    """Return the profiles of the table by ground: as shipped, with the clock of the log, and with the other's radii too."""
+    """Return the profiles of the table by ground.
+
+    They are as shipped, with the clock of the log, and with the other's radii too.
+    """
     tile = load_profile("husky-tile")
     grass = load_profile("husky-wet-grass")
 
@@ -259,7 +265,7 @@ def variants() -> dict[str, dict[str, Profile]]:
 def print_scores(
     rest: dict[str, Source], measured: dict[str, Part], turns: dict[str, Turns]
 ) -> Scores:
-    """Print the medians of the heading errors on the part of each log that no profile was fitted to, and return them.
+    """Print and return medians of heading errors on the part of each log beyond the fits.
 
     The last row of each ground is the floor: two radii over the track and a delay, fitted to that
     part itself.
@@ -279,7 +285,7 @@ def print_scores(
 
 
 def print_tracks(turns: Turns) -> None:
-    """Print how well equal radii over other tracks predict the headings of the rest of the log on wet grass."""
+    """Print how well equal radii over other tracks predict headings on wet grass."""
     late = load_profile("husky-wet-grass").plants["linear"].localiser.yaw_late
     for gain in (0.153, 0.155, 0.1565, 0.160, 0.1633):
         errors = np.abs(turns.errors(Sides(gain, gain, late)))
@@ -290,7 +296,10 @@ def print_tracks(turns: Turns) -> None:
 
 
 def print_commands(path: str) -> None:
-    """Print the medians on wet grass from commands, which somebody else than a joystick gave only after the first part."""
+    """Print the medians on wet grass from commands.
+
+    Only after the first part did anything but a joystick give them.
+    """
     source = open_source(path, "twist", SPLIT["wet grass"])
     for name in ("husky-tile", "husky-wet-grass"):
         for model in ("kinematic", "mujoco"):

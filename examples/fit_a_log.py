@@ -1,4 +1,4 @@
-"""Fit the kinematic model to the first 50 s of a log and judge it on the rest, which the fit has not seen.
+"""Fit the kinematic model to the first 50 s of a log and judge it on the rest.
 
 `sample` is the log that travels with the package; put the path of your own in its place.
 """

@@ -6,7 +6,7 @@ from validation.track import track
 
 
 class Chase:
-    """Drive towards the moving target: faster the farther it is ahead, turning towards where it is."""
+    """Drive towards the moving target, faster the farther it is ahead."""
 
     def __init__(self, mission):
         self.limit = mission.drive.v_max

@@ -1,6 +1,7 @@
-"""Change one number of a robot at a time, by a tenth up and down: how far does trajectory 4 move, and which measure sees it?
+"""Change one number of a robot at a time, by a tenth up and down.
 
-Each number of the table is the greater of the two differences from the robot as it is.
+How far does trajectory 4 move, and which measure sees it? Each number of the table is the greater
+of the two differences from the robot as it is.
 """
 
 from dataclasses import replace
@@ -45,7 +46,7 @@ VARIANTS |= {
 
 
 def driven(plant, names="", factor=1.0, more=0.0):
-    """Return trajectory 4 as a plant drives it whose numbers of these names are times `factor`, plus `more`."""
+    """Return trajectory 4 of a plant whose numbers of these names are times `factor`, plus `more`."""
     section = LAB.section(plant)
     for name in names.split():
         part = next(

@@ -1,4 +1,4 @@
-"""Show what friction does: drive the MuJoCo robot with more and less of it, and compare it with the improved model."""
+"""Drive the MuJoCo robot with more and less friction beside the improved model."""
 
 from dataclasses import replace
 

@@ -132,7 +132,10 @@ def make_exact(request: pytest.FixtureRequest, lab: Profile) -> Callable[[], Pla
 
 
 def exit_status(program: Any, *arguments: str) -> int:
-    """The exit status of a program that runs in this process: starting another one takes longer than what it does."""
+    """The exit status of a program that runs in this process.
+
+    Starting another one takes longer than what it does.
+    """
     try:
         cli.run(program, "program", arguments)
     except SystemExit as left:

@@ -58,7 +58,7 @@ class Motion(NamedTuple):
 def random_drive(
     seed: int, commands: int, chassis: Chassis, law: SetPointLaw = LAW, most: float = 0.7
 ) -> Motion:
-    """Return random commands, held for 6 s each after 3 s of rest, and the wheel rates that a driver makes of them."""
+    """Return random commands, held for 6 s each after 3 s of rest, and their wheel rates."""
     rng = np.random.default_rng(seed)
     chosen = np.vstack([np.zeros((1, 2)), rng.uniform([-most, -1.8], [most, 1.8], (commands, 2))])
     held = np.repeat(chosen, [300, *[600] * commands], axis=0)
@@ -73,7 +73,7 @@ def random_drive(
 def bridge_log(
     name: str, motion: Motion, current: FloatArray, ripple: float, seed: int, yaw: FloatArray | None
 ) -> Log:
-    """Return the log of a Husky: set points in steps, and |I| while the bridge drives, both from messages."""
+    """Return the log of a Husky: set points in steps, and |I| while the bridge drives."""
     rng = np.random.default_rng(seed)
     chassis = HUSKY
     step = 0.01 / chassis.command_radius
@@ -118,7 +118,7 @@ def on_grass(seed: int = 2, commands: int = 40, name: str = "grass", slip: float
 
 
 def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -> Log:
-    """Return a log of a Warthog: measured rates, a gyro, and currents of the battery once a second."""
+    """Return a log of a Warthog: measured rates, a gyro, and battery currents once a second."""
     rng = np.random.default_rng(seed)
     chassis = WARTHOG
     motion = random_drive(
@@ -150,6 +150,6 @@ def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -
 
 
 def _effort(rates: FloatArray, chassis: Chassis, slip: float) -> tuple[FloatArray, FloatArray]:
-    """Return (2, n) forces over friction limits and (n,) headings of a robot that does not accelerate."""
+    """Return (2, n) forces over friction limits, (n,) headings of a robot without acceleration."""
     twist = quasi_static_twist(rates, chassis.geometry, slip)
     return side_forces(rates, twist, chassis.geometry, slip), np.cumsum(twist[2]) * _FINE

@@ -1,4 +1,4 @@
-"""A turn on the spot where a polygon that does not turn with the robot limits friction (docs/why_drift.md)."""
+"""A turn on the spot where a polygon fixed to the ground limits friction (docs/why_drift.md)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Limit = Literal["diamond", "square"]
 def polygonal_turn(
     limit: Limit, heading: float, wheelbase: float, track: float, x: float = 0.0, y: float = 0.0
 ) -> SkidTurn:
-    """Return the turn where a polygon that does not turn with the robot limits friction, instead of a circle.
+    """Return the turn where a polygon fixed to the ground limits friction, instead of a circle.
 
     Args: limit: which polygon; a square is a diamond turned by 45 degrees, and greater, of which
         the motion knows nothing. heading: yaw of the robot in the polygon's axes [rad]. wheelbase:

@@ -1,4 +1,4 @@
-"""Measurements that set the simulator beside mechanics: a robot turns, rolls, stands on a slope and slides to a stop.
+"""Measurements that set the simulator beside mechanics: turns, rolling, slopes and sliding stops.
 
 Speeds and times are those of the robot's size: Froude numbers, and multiples of sqrt(wheel radius /
 g).
@@ -45,7 +45,7 @@ TILT = math.radians(8.0)
 
 
 def load_sensitivity(calibration: Calibration) -> float:
-    """Return by what share the closed form's multiplier may change as the turn itself shifts the loads (`LOAD_SHIFTS`) [1].
+    """Return the share by which the closed form's multiplier may change with `LOAD_SHIFTS` [1].
 
     It is small but for long robots with their centre of mass far off the middle, which barely turn
     at all.
@@ -146,7 +146,10 @@ def turn(calibration: Calibration, time: float = TURN_TIME) -> Turned:
 
 
 def resting_error(calibration: Calibration) -> tuple[float, float]:
-    """Return how far loads at rest are from the weight, over it, and from `static_shares`, over a quarter of it [1]."""
+    """Return the errors of loads at rest [1].
+
+    Of their sum over the weight, and of each from `static_shares`, over a quarter of it.
+    """
     loads = Bench(calibration).loads()
     return abs(float(loads.sum()) - 1.0), 4.0 * float(
         np.abs(loads - static_shares(calibration)).max()

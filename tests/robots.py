@@ -1,4 +1,4 @@
-"""Robots that tests drive: the Husky of the thesis with any of its numbers changed, and robots that hypothesis draws."""
+"""Robots that tests drive: the thesis' Husky with changed numbers, and random robots."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def husky(**changes: Any) -> Calibration:
 
 
 def scaled(document: dict[str, Any], length: float, mass: float) -> dict[str, Any]:
-    """Return what the file of a geometrically similar robot says: lengths and masses times these factors."""
+    """Return the file of a geometrically similar robot: lengths and masses times factors."""
 
     def times(section: dict[str, Any], factors: dict[str, float], usual: float) -> dict[str, Any]:
         out: dict[str, Any] = {}
@@ -60,7 +60,9 @@ def drawn_document(
     one_of: Callable[[Sequence[str]], Any],
     off_the_middle: float = 0.25,
 ) -> dict[str, Any]:
-    """Return what the file of a robot drawn at random says: 8 to 800 kg, wheels of 0.05 to 0.35 m, any tyres and links.
+    """Return the file of a random robot.
+
+    It has 8 to 800 kg, wheels of 0.05 to 0.35 m, any tyres and links.
 
     Args: between: draws a number between two. one_of: draws one of several words. off_the_middle:
         how far the centre of mass may lie off the middle, over half the wheelbase and half the
@@ -113,7 +115,7 @@ def documents(draw: st.DrawFn) -> dict[str, Any]:
 
 
 def former_model(section: PlantProfile) -> mujoco.MjModel:
-    """Return the robot as version 1.0 simulated it: with its looks, all sensors, islands, and Newton's method."""
+    """Return version 1.0's robot, with its looks, all sensors, islands, and Newton's method."""
     robot = section.parameters.robot
     spec = compose_robot(robot)
     spec.worldbody.add_geom(

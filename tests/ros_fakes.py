@@ -1,4 +1,4 @@
-"""A node without DDS for tests: a clock of its own, messages that are known beforehand, and those that were sent."""
+"""A node without DDS for tests, with its own clock, given messages and a record of sent ones."""
 
 from __future__ import annotations
 
@@ -109,7 +109,10 @@ class FakeNode(Node):
 
 
 class RobotNode(FakeNode):
-    """A node with a robot behind it: it does what it is told one dead time later, and its odometry comes at 50 Hz."""
+    """A node with a robot behind it.
+
+    It follows commands one dead time later, and its odometry comes at 50 Hz.
+    """
 
     def __init__(self, command: str, dead_time: float = 0.2, late: float = 0.0) -> None:
         super().__init__()

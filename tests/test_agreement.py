@@ -1,4 +1,4 @@
-"""What the shipped profiles reach: MuJoCo against the published models, the models against MuJoCo, all against a real Husky.
+"""Agreement of the shipped profiles: MuJoCo, the models and a real Husky.
 
 Limits are the thesis' own distances between model and robot, and for the real Husky what a
 kinematic fit of the field reaches; they are never set by what this project happens to get.
@@ -61,7 +61,10 @@ def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(
 def test_published_models_agree_with_mujoco_unfitted(
     lab: Profile, model: str, trajectory: str
 ) -> None:
-    """The published parameters belong to a robot that MuJoCo stands for: no nearer than twice the real one's distance."""
+    """The published parameters belong to a robot that MuJoCo stands for.
+
+    It is no nearer to them than twice the real one's distance.
+    """
     assert driven(lab, trajectory, "mujoco", model).metrics["d_rms_m"] <= 2.0 * limit(
         model, trajectory
     )
@@ -131,7 +134,10 @@ def tile() -> Mapping[str, Mapping[str, PlantResult]]:
 def test_mujoco_follows_a_real_husky(
     tile: Mapping[str, Mapping[str, PlantResult]], given: str, position: float, yaw: float
 ) -> None:
-    """The aims lie above the lower end of the 90 % intervals of the medians: no distance from them can be shown."""
+    """The aims lie above the lower end of the medians' 90 % intervals.
+
+    No distance from them can be shown.
+    """
     after = tile[given]["mujoco"].overlapping[6.0]
     assert after.position_low_m <= position
     assert after.yaw_low_rad <= yaw

@@ -1,4 +1,4 @@
-"""Every program runs with a robot that is no Husky: one that comes with the package, and a stranger's file."""
+"""Every program runs with a robot that is no Husky: a shipped one, and a stranger's file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from validation.tune import tune
 
 
 def stranger(folder: Path, seed: int = 5) -> Path:
-    """Return the file of a robot drawn at random: 8 to 800 kg, of the shape that its mass asks for."""
+    """Return the file of a random robot of 8 to 800 kg, with the shape that its mass asks for."""
     rng = np.random.default_rng(seed)
     mass = math.exp(rng.uniform(math.log(8.0), math.log(800.0)))
     radius = float(np.clip(0.035 * mass ** (1.0 / 3.0) * rng.uniform(0.8, 1.2), 0.05, 0.35))
@@ -193,7 +193,7 @@ def test_a_robots_own_numbers_lie_within_its_bounds(name: str, plant: str) -> No
 
 @pytest.mark.parametrize("name", ["jackal", "warthog", "pioneer3at"])
 def test_planar_models_scale_with_the_robot(name: str) -> None:
-    """Speed loops of robots of all sizes are equally fast, and turns on the spot take the slip of dry friction."""
+    """Speed loops of robots of all sizes are equally fast, and turns slip by dry friction."""
     robot = load_robot(name)
     thesis = load_robot("husky")
 

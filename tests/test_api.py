@@ -1,4 +1,7 @@
-"""The Python API: every exported name is there, no name hides another, and importing costs next to nothing."""
+"""The Python API.
+
+Every exported name is there, no name hides another, and importing costs next to nothing.
+"""
 
 from __future__ import annotations
 

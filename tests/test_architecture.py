@@ -1,4 +1,4 @@
-"""Imports run one way, the pure part stays pure, and no room costs a reader more than what it is worth."""
+"""Imports run one way, the pure part stays pure, and no room costs more than it is worth."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def tree(name: str) -> ast.Module:
 
 @cache
 def imports(name: str) -> frozenset[str]:
-    """Every imported module, wherever the import stands: also in functions and under TYPE_CHECKING."""
+    """Every imported module, also of imports in functions and under TYPE_CHECKING."""
     names = set()
     for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
@@ -208,7 +208,10 @@ def test_functions_stay_short_and_take_few_parameters() -> None:
 
 
 def test_a_public_name_means_one_thing() -> None:
-    """Command lines are left out: nobody imports them, and their functions are named after what they call."""
+    """Command lines are left out.
+
+    Nobody imports them, and their functions are named after what they call.
+    """
     homes: dict[str, set[str]] = {}
     for name in modules():
         if not name.endswith(".__main__"):

@@ -207,7 +207,7 @@ def test_what_is_no_bag_is_said_so(tmp_path: Path) -> None:
 def test_local_metres_agree_with_the_ellipsoid(
     latitude: float, longitude: float, east: float, north: float
 ) -> None:
-    """Against the chord between two points of WGS 84 in Cartesian coordinates, which is the distance to 1e-9 there."""
+    """Against the chord between two points of WGS 84, which is the distance to 1e-9 there."""
 
     def cartesian(lat: float, lon: float) -> np.ndarray:
         a = 6378137.0

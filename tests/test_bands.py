@@ -1,4 +1,7 @@
-"""Bands of predictions: errors grow along a path as their causes say, and nine tenths of fresh ones lie inside."""
+"""Bands of predictions.
+
+Errors grow along a path as their causes say, and nine tenths of fresh ones lie inside.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,10 @@ DT = 0.1
 
 
 def path(n: int, seed: int) -> FloatArray:
-    """Return (n, 2) ways [m] and turns [rad] of steps: straight on, bends to both sides, turns on the spot, backwards."""
+    """Return (n, 2) ways [m] and turns [rad] of steps.
+
+    They go straight on, bend to both sides, turn on the spot and go backwards.
+    """
     rng = np.random.default_rng(seed)
     v = np.repeat(rng.choice([0.8, 0.5, 0.0, -0.4], -(-n // 40)), 40)[:n]
     w = np.repeat(rng.choice([0.0, 0.6, -0.5, 0.3], -(-n // 25)), 25)[:n]
@@ -36,7 +42,7 @@ def driven(steps: FloatArray) -> FloatArray:
 
 
 def disturbed(steps: FloatArray, band: Band, rng: np.random.Generator, n: int = 1) -> FloatArray:
-    """Return (n, ..., 3) poses of robots whose true motion differs from the prediction as a band says."""
+    """Return (n, ..., 3) poses of robots that differ from the prediction as a band says."""
     way, turn = steps.T
     lasting = rng.standard_normal((3, n, 1))
     walks = rng.standard_normal((4, n, len(steps)))
@@ -97,7 +103,10 @@ def test_what_is_mirrored_is_as_sure() -> None:
 def logs(
     band: Band, n: int, seed: int
 ) -> dict[float, list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]]:
-    """Return windows of 2, 6 and 30 s of a log with errors of a band whose lasting causes change twice a minute."""
+    """Return windows of 2, 6 and 30 s of a log with errors of a band.
+
+    Their lasting causes change twice a minute.
+    """
     rng = np.random.default_rng(seed)
     windows = {2.0: [], 6.0: [], 30.0: []}
     for k in range(n):
@@ -138,7 +147,10 @@ def test_windows_that_are_there_twice_change_little() -> None:
 
 
 def test_four_parts_with_lasting_errors_of_their_own_hold_nine_tenths_of_the_next_one() -> None:
-    """Turn gains drawn for each part: the numbers of the others predict it, and those of all four predict the next one."""
+    """Turn gains are drawn for each part.
+
+    The numbers of the others predict it, and those of all four predict the next one.
+    """
     rng = np.random.default_rng(4)
     inside = list[float]()
     for _ in range(200):

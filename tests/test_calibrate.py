@@ -1,4 +1,7 @@
-"""Calibration: known numbers come back in every file, what is no better is not kept, and faulty logs are refused."""
+"""Calibration.
+
+Known numbers come back in every file, what is no better is not kept, and faulty logs are refused.
+"""
 
 from __future__ import annotations
 

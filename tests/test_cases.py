@@ -1,4 +1,4 @@
-"""The cases of cases/ have right answers, and every plant that can have a case gets its answer (docs/cases.md)."""
+"""The cases of cases/ have right answers, and every able plant gets them (docs/cases.md)."""
 
 from __future__ import annotations
 
@@ -347,7 +347,7 @@ def driven(
     start: State | None = None,
     **drive: Any,
 ) -> Trajectory:
-    """Drive a case: commands of 50 ms, and a drive that neither waits nor gives up but for `drive`."""
+    """Drive a case with commands of 50 ms; only `drive` delays or limits them."""
     r = ANSWERS[name][0]["robot"]
     free = {"delay_v": 0.0, "delay_w": 0.0, "v_max": 50.0, "w_max": 50.0, "torque_limit": 1e4}
     sizes = {"command_half_track": 0.5 * r["track_m"], "command_radius": r["wheel_radius_m"]}
@@ -407,7 +407,7 @@ def rolled(plant: str, name: str, case: Table, answer: Table, dt: float) -> Tabl
 
 
 def slid(plant: str, name: str, case: Table, answer: Table, dt: float) -> Table:
-    """Slide with blocked wheels, or with free ones whose rolling takes the friction, as planar models have it."""
+    """Slide with blocked wheels, or with free ones whose rolling resistance is the friction."""
     v = case["motion"]["speed_m_s"]
     blocked = plant in ENGINES or plant == "mujoco"
     start = State(v_x=v) if plant in PLANAR else State(v_y=-v)

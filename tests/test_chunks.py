@@ -1,4 +1,7 @@
-"""A long run keeps samples and forgets its steps: how long chunks are changes nothing, and hours fit into memory."""
+"""A long run keeps samples and forgets its steps.
+
+The length of chunks changes nothing, and hours fit into memory.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The README's two commands, and `.ci/run`, which runs them as they are printed before it installs anything else."""
+"""The README's two commands, and `.ci/run`, which runs them as printed before all else."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closed loops: the fused ones against the obvious one, symmetries, rates, noise, the thesis' line, lost robots."""
+"""Closed loops: fused against obvious, symmetries, rates, noise, lost robots."""
 
 from __future__ import annotations
 
@@ -87,7 +87,10 @@ def husky() -> MujocoPlant:
 
 @pytest.fixture(scope="module")
 def exact_husky() -> MujocoPlant:
-    """Return the plant with an exact solver: the shipped one's tolerance turns rounding into micrometres."""
+    """Return the plant with an exact solver.
+
+    The shipped one's tolerance turns rounding into micrometres.
+    """
     section = load_profile("thesis-lab").plants["mujoco"]
     return MujocoPlant(section.parameters, section.drive, settings=PhysicsSettings(solver="Newton"))
 
@@ -164,7 +167,10 @@ def test_so_it_is_from_a_rolling_start_at_other_rates_and_with_a_drive_that_lags
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 @pytest.mark.parametrize("law", COMPILED)
 def test_the_batch_of_huskies_is_the_slow_loop(husky: MujocoPlant, law: str, feedback: str) -> None:
-    """To round-off: the slow loop's start has gone through the simulator's quaternion, and so has its filter's."""
+    """Equal to round-off.
+
+    The slow loop's start has gone through the simulator's quaternion, and so has its filter's.
+    """
     settings = LoopSettings(feedback=feedback)  # type: ignore[arg-type]
     fast = drive(husky, PUBLISHED[law], BEND, settings, 3)
     slow = run_loop(husky, PUBLISHED[law], BEND, settings, 3)
@@ -264,7 +270,10 @@ def decay(run: ClosedRun, begin: float, end: float) -> float:
 
 @pytest.mark.parametrize(("k_p", "k_i"), [(2.836, 0.115), (2.0, 0.5), (1.0, 0.1)])
 def test_the_lag_of_a_pid_dies_out_as_its_equation_says(k_p: float, k_i: float) -> None:
-    """On a line d e / dt = v - K_P e - K_I int e: s^2 + K_P s + K_I = 0, whose slow root is -K_I / K_P to first order."""
+    """On a line d e / dt = v - K_P e - K_I int e.
+
+    So s^2 + K_P s + K_I = 0, whose slow root is -K_I / K_P to first order.
+    """
     law = controller("pid", k_p_rho=k_p, k_i_rho=k_i, k_p_u=0.0, k_i_u=0.0)
     run = drive(IDEAL, law, line(0.25, 10.8))
     begin = 5.0 / k_p
@@ -283,7 +292,7 @@ def test_the_lag_of_a_pid_dies_out_as_its_equation_says(k_p: float, k_i: float) 
 def test_published_gains_on_the_published_model_reproduce_the_published_line(
     number: str, row: str, speed: float, disturbed: bool
 ) -> None:
-    """The robot lags by v / K_P exp(-K_I / K_P t), so that is how far it is short of the end when time is up.
+    """The robot lags by v / K_P exp(-K_I / K_P t), and so is short of the end when time is up.
 
     The whole gap is d_haus, and its share of the length is 1 - d_ratio: K_P, K_I, speed and length
     say both.
@@ -362,7 +371,7 @@ def test_equal_seeds_give_equal_runs_and_others_do_not(husky: MujocoPlant) -> No
 
 
 def test_noise_depends_on_the_seed_alone(husky: MujocoPlant) -> None:
-    """What is seen less what is true: the same whatever robot and controller, to the rounding of metres."""
+    """Measurement less truth: the same for each robot and controller, to rounding of metres."""
     shown = ("seen_x", "seen_y", "seen_yaw", "seen_v", "seen_w")
     true = ("x", "y", "yaw", "v_x", "yaw_rate")
     settings = LoopSettings(noise=SensorNoise(x=1e-4, y=1e-4, yaw=1e-4))
@@ -435,7 +444,7 @@ def test_one_lost_robot_does_not_disturb_the_others(husky: MujocoPlant) -> None:
 def test_a_husky_whose_simulation_gives_up_is_lost_and_does_not_begin_again(
     husky: MujocoPlant,
 ) -> None:
-    """MuJoCo puts a diverged robot back to the origin, which on this reference is not far from the target."""
+    """MuJoCo puts a diverged robot back to the origin, here not far from the target."""
     for run in run_huskies(
         [husky] * 2, [PUBLISHED["pid"]] * 2, [TRUTH] * 2, BEND, [1], start=State(v_x=1e11)
     ):

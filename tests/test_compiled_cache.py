@@ -1,4 +1,4 @@
-"""Compiled code on disk is never another function's or another user's, and a damaged file only costs time."""
+"""Compiled code on disk is never another function's or user's, and a damaged file costs time."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def kept(folder: Path, ending: str) -> list[Path]:
 def test_two_first_starts_at_once_and_whatever_lies_in_the_cache_give_the_right_numbers(
     folder: Path,
 ) -> None:
-    """A race can leave the code of one signature under the name of another, and a full disk half a file."""
+    """A race can leave code under another signature's name, and a full disk half a file."""
     first = start(folder)
     second = start(folder)
     assert said(first) == said(second) == RIGHT

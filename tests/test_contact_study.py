@@ -118,7 +118,10 @@ def test_default_contact_lifts_wheels(small: Report) -> None:
 
 
 def test_tyres_roll_with_the_profiles_radius_whatever_the_contact(lab: Profile) -> None:
-    """Under a harder contact the same tyre is larger by what it is pressed in less, and only the first drive notices."""
+    """Under a harder contact the same tyre is larger, and only the first drive notices.
+
+    It is larger by what it is pressed in less.
+    """
     plant = EVERY[DEFAULT].plant(lab.plants["mujoco"])
     excess = rolling_radius(plant)[0] - plant.calibration.wheel_radius
     assert excess / plant.calibration.wheel_radius == pytest.approx(0.5 * 0.0025 / 0.16, rel=0.1)

@@ -1,4 +1,4 @@
-"""Controllers: the laws of their blocks and of their regulators, apart from any loop around them."""
+"""Controllers: the laws of their blocks and regulators, without any loop around them."""
 
 from __future__ import annotations
 
@@ -241,7 +241,7 @@ def test_commands_are_saturated_and_the_integral_is_clamped(name: str) -> None:
 
 
 def applied(gains: FloatArray, v_ref: float) -> FloatArray:
-    """(5,) k_x, k_v, k_y, k_alpha, k_w as the law applies them at a speed: its answer to each error alone."""
+    """(5,) k_x, k_v, k_y, k_alpha, k_w of the law at a speed: its answer to each error alone."""
     size = 1e-3 * np.eye(5)
     size[:2] *= [[-1.0], [1.0]]  # too far, too fast: away from the limit of the speed command
 
@@ -282,7 +282,7 @@ def test_gains_at_the_operating_speeds_are_those_of_a_regulator(
 
 @given(st.floats(0.1, 0.9), st.floats(0.1, 0.9))
 def test_gains_change_with_speed_as_theory_says(one: float, other: float) -> None:
-    """Spectral factorisation of the lateral chain at frequency zero: k_y^2 = q_y / r whatever the speed.
+    """Spectral factorisation of the lateral chain at frequency zero: k_y^2 = q_y / r.
 
     The next coefficient makes k_alpha grow with it: without lag k_alpha^2 = q_alpha / r + 2 v
     sqrt(q_y / r).

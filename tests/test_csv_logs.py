@@ -1,4 +1,4 @@
-"""Logs in CSV files: what is refused and how it is said, what survives a round trip, and where time has gaps."""
+"""Logs in CSV files: refusals and their messages, round trips, and gaps in time."""
 
 from __future__ import annotations
 
@@ -183,7 +183,7 @@ def test_columns_that_are_no_numbers_throughout_are_left_out_with_a_warning(
 
 
 def test_an_empty_cell_is_no_sample(tmp_path: Path) -> None:
-    """Topics of different rates as pandas merges them, two of them at the same instant in two rows."""
+    """Topics of different rates as pandas merges them, two at the same instant in two rows."""
     rows = [
         (0.0, 1.0, 2.0, "", ""),
         (0.0, "", "", 0.0, ""),

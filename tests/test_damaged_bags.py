@@ -70,7 +70,7 @@ def mutated(whole: bytes, chance: np.random.Generator) -> bytes:
 
 
 def damage(bag: Path, seed: int, many: int, capsys: pytest.CaptureFixture[str]) -> list[int]:
-    """The exit statuses for a bag with its data damaged in many ways, and every fifth time its metadata."""
+    """Exit statuses for a bag with data damaged in many ways, every fifth time also metadata."""
     files = [data_of(bag)] * 4 + ([bag / "metadata.yaml"] if bag.is_dir() else [])
     statuses = []
     for k in range(many):
@@ -136,7 +136,7 @@ def test_metadata_that_counts_what_cannot_be_is_refused_or_passed_over(
 def test_a_bag_that_unpacks_to_gigabytes_leaves_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A file of zeros is 30 000 times as large as what zstd makes of it: one bag of them, and one message."""
+    """Zeros are 30 000 times as large as what zstd makes of them: a bag and a message."""
     (tmp_path / "unpacked").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "unpacked"))
     files = write(tmp_path, "sqlite file", circle(20), "files")

@@ -1,4 +1,4 @@
-"""The documentation says what the code has: parameters, modules, links, and the tests that errata claim."""
+"""The documentation agrees with the code: parameters, modules, links, tests of errata."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_every_key_of_a_robot_s_file_is_listed() -> None:
 
 
 def constant(room: str, name: str) -> object:
-    """The value of a constant in whichever modules of a room know it, with or without a leading underscore."""
+    """The value of a constant in any module of a room, with or without a leading underscore."""
     path = ROOT.joinpath(*room.split("."))
     inside = [
         f"{room}.{p.stem}" for p in sorted(path.glob("*.py")) if not p.stem.startswith("__")
@@ -135,7 +135,7 @@ def without_code(text: str) -> str:
 
 
 def anchors(page: Path) -> set[str]:
-    """What headings of a page are linked by, as GitHub makes it: letters, digits, hyphens, a hyphen for every blank."""
+    """Anchors of a page's headings, as on GitHub: letters, digits, a hyphen for every blank."""
     entries: set[str] = set()
     text = re.sub(
         r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
@@ -151,7 +151,7 @@ def anchors(page: Path) -> set[str]:
 
 
 def links(page: Path) -> list[tuple[str, str]]:
-    """Relative links of a page: the file, empty for the page itself, and the heading, empty for none."""
+    """Relative links of a page: file, empty for the page itself, and heading, empty for none."""
     targets = re.findall(r"\]\(([^)\s]+)[^)]*\)", without_code(page.read_text(encoding="utf-8")))
     local = [
         target for target in targets if "://" not in target and not target.startswith("mailto:")

@@ -1,4 +1,7 @@
-"""Between command and wheel: saturation, hold, delay, acceleration limits, kinematics, lag, each on a case made by hand."""
+"""Between command and wheel, on cases made by hand.
+
+They test saturation, hold, delay, acceleration limits, kinematics and lag.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +98,7 @@ def test_a_ramp_is_the_mean_of_the_held_commands_over_its_time(ramp: float) -> N
     ],
 )
 def test_stepping_is_the_whole_run(drive: Drive, chunk: float) -> None:
-    """A driver that is told one command at a time, at any period, does what the precomputed references say."""
+    """A driver of one command at a time, at any period, equals the precomputed references."""
     rng = np.random.default_rng(1)
     commands = Commands(0.2, rng.uniform(-2, 2, (25, 2)))
     whole = wheel_references(commands, drive, DT, State())

@@ -1,4 +1,4 @@
-"""Contacts that give way, set points and readings of currents: limits, symmetries, and cases made by hand."""
+"""Contacts that give way, set points and currents: limits, symmetries, cases made by hand."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ scales = st.floats(0.01, 0.8)
 
 
 def balance(w: FloatArray, twist: FloatArray, scale: float) -> FloatArray:
-    """Sum of forces ahead and moment of the sides, over the friction limit, with the lateral ones from scratch."""
+    """Force ahead and moment of the sides, over the friction limit, computed from scratch."""
     out = np.zeros(3)
     for x in (HUSKY.half_base, -HUSKY.half_base):
         for side, y in ((0, HUSKY.half_track), (1, -HUSKY.half_track)):
@@ -86,7 +86,10 @@ def test_mirror_and_reversal(w: FloatArray, scale: float) -> None:
 
 @pytest.mark.parametrize("half_base", [0.1, 0.256, 0.5])
 def test_a_turn_on_the_spot_is_coulombs_whatever_the_scale(half_base: float) -> None:
-    """All four contacts slip alike there, so the law drops out: the closed form 1 + (a / b)^2 for any scale."""
+    """All four contacts slip alike there, so the law drops out.
+
+    The closed form is 1 + (a / b)^2 for any scale.
+    """
     geometry = SkidGeometry(0.1651, 0.2854, half_base)
     for scale in (1e-5, 0.08, 0.5):
         rate = quasi_static_twist(np.array([[-2.0], [2.0]]), geometry, scale)[2, 0]
@@ -122,7 +125,10 @@ def test_a_reading_knows_no_direction(current: float, rate: float, ripple: float
 def test_a_reading_is_the_current_while_the_bridge_drives(
     current: float, rate: float, reads: float
 ) -> None:
-    """At 2 rad/s and 0.15 rad/s per A, a braking current of less than 13.3 A feeds the battery: I (w + rho I) < 0."""
+    """At 2 rad/s and 0.15 rad/s per A, a braking current below 13.3 A feeds the battery.
+
+    There I (w + rho I) < 0.
+    """
     sharp = bridge_reading(np.array(current), np.array(rate), 0.15, 0.0, 0.3)
     assert sharp == reads
     if abs(current) > 5.0:
@@ -150,7 +156,7 @@ def test_a_lossless_battery_gives_what_the_wheels_take(torque: float, rate: floa
 
 
 def test_a_driver_is_the_drive_of_the_plants() -> None:
-    """Without the limit that the two sides share, the law is that of `ssmr.robot.drive`, to the step on which times lie."""
+    """Without the shared limit, the law is that of `ssmr.robot.drive`, to a step."""
     rng = np.random.default_rng(3)
     commands = np.repeat(rng.uniform([-0.4, -0.8], [0.4, 0.8], (20, 2)), 300, axis=0)
     law = LAW._replace(gain=1.0, lag=0.05)
@@ -182,7 +188,10 @@ def test_a_driver_keeps_its_limits() -> None:
 
 
 def test_mujocos_contacts_push_by_sliding_speed_and_not_by_slip() -> None:
-    """docs/drivetrain.md: at half the wheel rates MuJoCo's contacts push half as much, those of the law nearly as much."""
+    """At half the wheel rates MuJoCo's contacts push half as much (docs/drivetrain.md).
+
+    Those of the law push nearly as much.
+    """
     tables = runpy.run_path(
         str(Path(__file__).resolve().parents[1] / "docs" / "make_drivetrain_tables.py")
     )

@@ -1,4 +1,4 @@
-"""The study of a drive train finds the numbers that synthetic logs were made with, and says what each log is."""
+"""The study of a drive train finds the numbers of synthetic logs, and says what each log is."""
 
 from __future__ import annotations
 

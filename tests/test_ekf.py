@@ -54,7 +54,10 @@ def jacobian(mean: FloatArray, dt: float) -> FloatArray:
 
 
 def process_noise(mean: FloatArray, dt: float, process: tuple[float, ...]) -> FloatArray:
-    """The integral of f(s) q f(s)' over a step, f the columns of the Jacobian after s at the step's heading; by Gauss."""
+    """The integral of f(s) q f(s)' over a step, by Gauss.
+
+    f are the columns of the Jacobian after s at the step's heading.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(5)
     heading = mean[2] + 0.5 * dt * mean[4]
     v = mean[3]
@@ -298,7 +301,10 @@ def test_innovations_are_white_and_of_the_size_foreseen(fleet: Fleet) -> None:
 
 
 def test_the_gyro_saves_the_yaw_where_the_wheels_slip() -> None:
-    """A robot with an effective half-track of 0.5 m, odometry with 0.275 m: wheels alone turn it 1.8 times too far."""
+    """A robot with an effective half-track of 0.5 m, odometry with 0.275 m.
+
+    Wheels alone turn it 1.8 times too far.
+    """
     slipping = replace(STOCK, half_track=0.5)
     t, pose = circle(0.02)
     left, right, gyro = exact_sensors(len(t), 0.8, 1.3, slipping)

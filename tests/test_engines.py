@@ -37,7 +37,7 @@ def made(
 
 
 def multiplier(plant: EnginePlant) -> tuple[float, float]:
-    """Yaw rate that the wheels suggest over the body's in a turn on the spot, and the range of the latter over its mean."""
+    """Multiplier of a turn on the spot, and the range of the yaw rate over its mean."""
     motion = plant.run(SPIN, State(), 0.01)
     c = plant.calibration
     rate = motion.twist[motion.t > 1.0, 2]
@@ -56,7 +56,7 @@ def test_gazebo_s_cone_turns_as_a_cone_does(lab: Profile) -> None:
 
 
 def test_gazebo_s_box_bounds_friction_in_newtons(lab: Profile) -> None:
-    """Four contacts push with at most mu newtons each, so the robot gains no more than 4 mu t / m."""
+    """Four contacts push with at most mu newtons each, so the robot gains at most 4 mu t / m."""
     plant = made(lab, "ode", lambda n: OdeBody(n, OdeSettings("gazebo_box", "world", "quick", 50)))
     ahead = Commands(0.05, np.tile([4.0, 4.0], (40, 1)), "wheels")
     speed = float(plant.run(ahead, State(), 0.01).twist[-1, 0])
@@ -66,10 +66,10 @@ def test_gazebo_s_box_bounds_friction_in_newtons(lab: Profile) -> None:
 
 
 def test_load_transfer_speeds_the_robot_up_in_a_bend_whatever_the_step(lab: Profile) -> None:
-    """The outer wheels carry more and so pull more: the robot is faster than its rims by 1.96 mm/s in MuJoCo, 1.57 in Drake.
+    """The outer wheels carry more and so pull more.
 
-    Bounds of friction from the normal forces without friction, as dWorldStep has them, give 0.70 at
-    2 ms and 0.91 at 1 ms.
+    The robot is faster than its rims by 1.96 mm/s in MuJoCo, 1.57 in Drake. Bounds of friction from
+    the normal forces without friction, as dWorldStep has them, give 0.70 at 2 ms and 0.91 at 1 ms.
     """
     bend = Commands(0.05, np.tile([2.0, 4.0], (60, 1)), "wheels")
     plants = [

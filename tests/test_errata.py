@@ -54,7 +54,10 @@ def lab_run(
 
 
 def distance(one: Trajectory, other: Trajectory) -> float:
-    """d_rms from the shorter path to the longer [m]: as the thesis measured, whose robot drove less far than its models."""
+    """d_rms from the shorter path to the longer [m], as the thesis measured.
+
+    Its robot drove less far than its models.
+    """
     short, long = sorted((one, other), key=lambda m: path_length(m.xy))
     return compare_paths(long, short)["d_rms_m"]
 
@@ -102,7 +105,10 @@ def test_the_published_models_agree_on_trajectory_4(one: str, other: str) -> Non
 
 
 def test_1_the_torque_limit_is_per_wheel() -> None:
-    """With 7 N m a side the improved model's rolling resistance exceeds the greatest thrust: the robot never starts."""
+    """With 7 N m a side the improved model's rolling resistance exceeds the thrust.
+
+    The robot never starts.
+    """
     p = ImprovedParameters()
     vehicle = Vehicle()
     assert p.u_x * vehicle.mass * vehicle.gravity > 2 * 7.0 / vehicle.wheel_radius
@@ -112,7 +118,10 @@ def test_1_the_torque_limit_is_per_wheel() -> None:
 
 
 def test_3_the_linear_gain_belongs_to_speeds_in_metres() -> None:
-    """Eq. 2.44 without 1/r: divided by r, the published gain is of the size of the nonlinear ones' only as N m s/m."""
+    """Eq. 2.44 lacks 1/r.
+
+    Divided by r, the published gain is of the size of the nonlinear ones' only as N m s/m.
+    """
     p = LinearParameters()
     # [N m s/rad], beside 56.75 and 118.04
     assert p.gain * Vehicle().wheel_radius == pytest.approx(37.9, abs=0.1)
@@ -160,7 +169,10 @@ def test_4c_without_torque_limit_the_linear_model_runs_ahead() -> None:
 
 
 def test_5_the_published_k_y_belongs_to_the_printed_lever() -> None:
-    """With the moment's own lever a^2 in place of c the yaw gain, 0.973 as printed and close to Coulomb's, becomes 0.993."""
+    """With the moment's own lever a^2 in place of c the yaw gain becomes 0.993.
+
+    As printed it is 0.973, close to Coulomb's.
+    """
     vehicle = Vehicle()
     p = LinearParameters()
     a, b = linear.matrices(vehicle, p, Drive())
@@ -248,7 +260,10 @@ def test_16_table_3_6_amplitude_is_a_yaw_rate() -> None:
 
 
 def test_42_the_printed_distance_drives_a_robot_on_that_has_overtaken() -> None:
-    """A target at rest a tenth of a metre behind, u = K_P e for 2 s: as printed the robot leaves, else it comes back."""
+    """A target at rest a tenth of a metre behind, u = K_P e for 2 s.
+
+    As printed the robot leaves, else it comes back.
+    """
     gain = value("4.4", "K_P_rho")
     dt = 0.01
     origin = Target(0.0, 0.0, 0.0, 0.0, 0.0, 0)
@@ -262,7 +277,7 @@ def test_42_the_printed_distance_drives_a_robot_on_that_has_overtaken() -> None:
 
 
 def test_43_the_gaps_of_the_line_are_not_those_of_the_manual_weights() -> None:
-    """The steady distance is at least v / K_11, and e^(-K_I T) of it is left at the end, whatever the plant."""
+    """The steady distance is at least v / K_11, and e^(-K_I T) of it is left at the end."""
     for number, row, speed in (("4.22", "line_0.25", 0.25), ("4.23", "line_0.50", 0.5)):
         left = math.exp(-value("4.21", "K_I_rho", "manual") * 10.8 / speed)
         gaps = {
@@ -277,7 +292,7 @@ def test_43_the_gaps_of_the_line_are_not_those_of_the_manual_weights() -> None:
 
 
 def test_43b_nor_are_the_circles_but_one_pair_of_gains_makes_both(lab: Profile) -> None:
-    """The printed lengths and gaps of line and circle at 0.25 m/s, with the weights printed and with those supposed."""
+    """The printed lengths and gaps at 0.25 m/s, with weights as printed and as supposed."""
     tables = TrackedTables(lab, 2)
     for number in ("4.22", "4.24"):
         ((_, pairs),) = tables.rows(number).items()
@@ -301,7 +316,7 @@ def test_44_the_high_pass_filter_takes_noise_away_too() -> None:
 
 
 def test_45_wrong_stamps_make_x_noisy_and_nothing_else() -> None:
-    """A state filter's output in a straight run at 0.5 m/s, and the same with stamps that are wrong by 10 ms."""
+    """A filter's output in a straight run at 0.5 m/s, and with stamps wrong by 10 ms."""
     t = np.arange(0.0, 40.0, 0.02)
     straight = np.column_stack([0.5 * t, 0.0 * t, 0.0 * t])
     motion = Trajectory(
@@ -322,7 +337,10 @@ def test_45_wrong_stamps_make_x_noisy_and_nothing_else() -> None:
 
 
 def test_46_three_bounds_of_the_search_let_unstable_gains_in() -> None:
-    """On a line, errors die out a little below the bounds that the errata tell, neither above nor at the printed ends."""
+    """On a line, errors die out a little below the bounds of the errata.
+
+    They do not above them, nor at the printed ends.
+    """
     bounds = {
         "k_p_rho": (5.17, "K_P_rho", "v_cmd"),
         "k_p_u": (0.914, "K_P_u", "v_cmd"),

@@ -1,4 +1,7 @@
-"""docs/extend.md, followed word for word in a copy of the project: a model, a plant and a controller that were not there."""
+"""docs/extend.md, followed word for word in a copy of the project.
+
+It adds a model, a plant and a controller.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What users really meet, tried on every program: a clear line, the right status, and what is on disk is whole.
+"""Mishaps of users, on every program: a clear line, the right status, whole files.
 
 Mistyped options, files that are missing, empty, damaged or of another kind, folders and disks that
 take nothing, and an end in mid-run.
@@ -186,7 +186,7 @@ def call(
 def test_what_users_meet(
     good: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Every program with every mishap of its file, and every mistake in options that are read alike in all programs."""
+    """Every program with every mishap of its file, and every mistake in shared options."""
     cases = [
         *itertools.product(COMMANDS, ["well", *FILES], [""]),
         *itertools.product(READERS, ["well"], OPTIONS),

@@ -161,7 +161,10 @@ def test_turns_are_fitted_to_the_gyro_where_it_is_the_better_judge(
 
 
 def test_what_a_log_hardly_excites_stays_where_it_was(tmp_path: Path) -> None:
-    """A noisy straight line says how far the wheels roll, and nothing of turns: they must not follow the noise."""
+    """A noisy straight line says how far wheels roll, and nothing of turns.
+
+    They must not follow the noise.
+    """
     t = 0.05 * np.arange(1600)
     noise = np.random.default_rng(2).normal(0.0, 1.0, (1600, 3)) * (0.02, 0.02, 0.01)
     x, y, yaw = (np.outer((0.45, 0.0, 0.0), t).T + noise).T

@@ -1,4 +1,4 @@
-"""The robot on four tyres: laws of its tyres, loads, wheels and motion, each against what mechanics says of it."""
+"""The robot on four tyres: laws of its tyres, loads, wheels and motion, each against mechanics."""
 
 from __future__ import annotations
 
@@ -101,7 +101,10 @@ def test_a_tyre_is_as_stiff_as_its_numbers_say_and_slides_against_its_slip() -> 
 
 
 def test_the_force_of_equal_stiffness_is_the_brush_law_of_a_parabolic_pressure() -> None:
-    """Integrate the brushes one by one: each is bent by slip times its way from the leading edge, until it slides."""
+    """Integrate the brushes one by one.
+
+    Each is bent by slip times its way from the leading edge, until it slides.
+    """
     tyre = EIGHT_TIMES_G._replace(across=9.0)
     load = 180.0
     slip = np.array([0.06, 0.08])
@@ -203,7 +206,7 @@ def test_the_ground_takes_energy_and_gives_none(changes: dict[str, float]) -> No
 
 
 def test_a_robot_at_rest_holds_below_the_limit_and_gives_way_above_it() -> None:
-    """A yaw moment on locked wheels: four tyres hold mu m g times their distance from the middle."""
+    """A yaw moment on locked wheels: tyres hold mu m g times their distance from the middle."""
     locked = replace(STRONG, gear_loss=1e3)
     limit = P.friction * WEIGHT * math.hypot(0.5 * P.wheelbase, P.half_track) / P.yaw_inertia
     for share, moves in ((0.9, False), (1.1, True)):
@@ -287,7 +290,10 @@ def test_a_robot_four_times_as_large_does_the_same_in_twice_the_time() -> None:
 
 
 def test_unlike_sides_veer_to_the_weaker_and_to_the_smaller() -> None:
-    """A stronger left motor droops less, and a larger left tyre rolls farther: both turn the robot to the right."""
+    """A stronger left motor droops less, and a larger left tyre rolls farther.
+
+    Both turn the robot to the right.
+    """
     for changes in (
         {"strength_difference": 0.3, "rolling_resistance": 0.1},
         {"radius_difference": 0.005},

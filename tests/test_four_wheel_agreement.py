@@ -1,4 +1,4 @@
-"""MuJoCo and the robot on four tyres, two independent computations of one robot: what docs/four_wheel.md says of them."""
+"""MuJoCo and the robot on four tyres, two computations of one robot (docs/four_wheel.md)."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def test_the_arctangent_is_odd_and_tends_to_coulomb(
 def test_the_line_of_the_arctangent_is_the_friction_of_the_linear_model(
     u_x: float, mu_c: float, k_sx: float, k_sy: float
 ) -> None:
-    """Eq. 2.33 to 2.46: each wheel's law, summed and differentiated about rest, gives A_22 and A_44.
+    """Eq. 2.33 to 2.46: the wheels' laws, summed and differentiated at rest, give A_22 and A_44.
 
     As the published coefficients ask for, each wheel carries mg along, and mg/4 across. Across,
     wheels slide with a omega and brake with the lever a, where the printed K_y has one lever, c,

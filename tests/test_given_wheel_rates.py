@@ -64,7 +64,7 @@ def test_mujoco_has_no_lag_behind_given_wheels(link: str) -> None:
 
 @pytest.mark.parametrize("stiffness", [7.0, 20.0])
 def test_four_tyres_lag_by_their_slip(stiffness: float) -> None:
-    """A robot that speeds up with a slips by m a / (m g C), so it has its wheels' speed v / (g C) later.
+    """A robot with acceleration a slips by a / (g C), so it has its wheels' speed v / (g C) later.
 
     The forces of a step are those of the rates before it, which adds half a step.
     """

@@ -1,4 +1,4 @@
-"""What each program says in numbers, frozen: a rebuilding of the house must leave these numbers alone.
+"""Frozen numbers of each program, which a rebuilding of the house must leave alone.
 
 A file `tests/golden/NAME.json` holds a command line, and every number that the program then writes,
 by its place in the files. It is at once the list of cases: for a new one, write a file with its
@@ -72,7 +72,7 @@ def _thinned(values: Sequence[Any]) -> Mapping[str, Any]:
 
 
 def _by_name(rows: Sequence[Any]) -> Mapping[str, Any]:
-    """The members of a list by their words where these tell them apart, so that a row more or less moves no other.
+    """The members of a list by their words where these differ, so that rows do not move others.
 
     Of a long list of other rows the columns, which are thinned in their turn.
     """
@@ -96,7 +96,7 @@ def _flat(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
 
 
 def _table(text: str, delimiter: str) -> Mapping[str, list[float]]:
-    """The columns of a table of numbers by their names, or by their number where it has no header."""
+    """The columns of a table of numbers by name, or by number where it has no header."""
     rows = [
         row
         for row in csv.reader(text.splitlines(), delimiter=delimiter)
@@ -151,7 +151,7 @@ def said_by(command: Sequence[str], out: Path) -> dict[str, Any]:
 
 
 def made_on() -> str:
-    """What rounds the numbers: the processor as BLAS sees it, the library of sines, and the versions of what computes."""
+    """Causes of rounding: processor as BLAS sees it, library of sines, versions of libraries."""
     blas = next(
         (str(each["architecture"]) for each in threadpool_info() if each["user_api"] == "blas"),
         "no BLAS",
@@ -161,7 +161,7 @@ def made_on() -> str:
 
 
 def _agree(golden: Any, measured: Any, same: Mapping[str, float]) -> bool:
-    """Whether two numbers agree within tolerances, or two words, truth values or nothings are equal."""
+    """Whether numbers agree within tolerances, or words, truth values or nothings are equal."""
     if isinstance(golden, float | int) and isinstance(measured, float | int):
         return math.isclose(golden, measured, **same) or (
             math.isnan(golden) and math.isnan(measured)

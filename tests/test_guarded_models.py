@@ -1,4 +1,4 @@
-"""MJCF and URDF from others: what has no end, is too large or lies elsewhere is refused in one line, and soon."""
+"""MJCF and URDF from others: the endless, too large or outside is refused in one line, soon."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run's health says: inertia, torque and trembling, each held against a law or against the simulator."""
+"""A run's health: inertia, torque and trembling, against a law or the simulator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The unit cube and differential evolution: formulas by hand, what can never happen, repetition, stop rules, convergence."""
+"""The unit cube and differential evolution.
+
+Formulas by hand, impossible events, repetition, stop rules and convergence.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Robots side by side in lanes: each moves as it does alone, to the bit, and the loop over them is vector instructions."""
+"""Robots side by side in lanes.
+
+Each moves as it does alone, to the bit, and the loop over them is vector instructions.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,7 @@ DRIVES = {
 
 
 def candidates(kind: type, count: int, special: dict[str, float]) -> list[PlanarModel]:
-    """Return robots of which no number is like another's: delays, limits, half-tracks, masses, the law's own."""
+    """Return robots with different numbers: delays, limits, half-tracks, masses, the law's."""
     rng = np.random.default_rng(3)
     rows = []
     for _ in range(count):
@@ -89,7 +92,10 @@ def candidates(kind: type, count: int, special: dict[str, float]) -> list[Planar
 
 
 def inputs(kind: str = "twist") -> Commands:
-    """Return commands that start, stop, reverse and turn on the spot: stiction, breakaway and limits all happen."""
+    """Return commands that start, stop, reverse and turn on the spot.
+
+    Stiction, breakaway and limits all happen.
+    """
     rng = np.random.default_rng(4)
     values = rng.uniform(-1.0, 1.0, (60, 2)) * ([1.2, 2.4] if kind == "twist" else [6.0, 6.0])
     values[rng.uniform(size=60) < 0.3] = 0.0
@@ -152,7 +158,10 @@ def test_a_lane_that_diverges_leaves_its_neighbours_alone() -> None:
 
 
 def test_the_loop_over_the_lanes_is_vector_instructions() -> None:
-    """The law with the most branches: only the halves of the step, which all lanes share, are products of single numbers."""
+    """The law with the most branches.
+
+    Only the halves of the step, which all lanes share, are products of single numbers.
+    """
     robot = candidates(KINDS["improved"], 1, {})[0].packed(0.001)
     loop = numba.njit(nogil=True, error_model="numpy")(lanes._run_lanes.py_func)
     places = np.zeros(2 * LANES, dtype=np.uint64)

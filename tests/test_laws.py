@@ -1,4 +1,4 @@
-"""Laws that every plant obeys, however it is computed: Newton's, the motor's line, a tyre's damping."""
+"""Laws that every plant obeys: Newton's, the motor's line, a tyre's damping."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_mujoco_is_pushed_to_the_left_too(lab: Profile) -> None:
 
 
 def fast(name: str, lab: Profile) -> tuple[Trajectory, float]:
-    """Return how a robot drives that was told to drive faster than it can, and its resistance [N m]."""
+    """Return the drive of a robot that was told to be too fast, and its resistance [N m]."""
     section = lab.section(name)
     limits = {"torque_limit": STALL, "no_load_rate": NO_LOAD, "acceleration_v": math.inf}
     drive = replace(section.drive, **limits, v_max=100.0, integral_gain=0.0)
@@ -115,7 +115,7 @@ def test_a_robot_at_full_voltage_drives_where_its_motors_line_meets_the_resistan
 
 @pytest.mark.parametrize("dt", [0.001, 0.05])
 def test_the_linear_model_at_its_motors_limit_is_stepped_exactly(dt: float) -> None:
-    """A constant thrust F against friction f v: v = F / (f m) (1 - exp(-f t)), in steps of any length."""
+    """Constant thrust F against friction f v: v = F / (f m) (1 - exp(-f t)), for any step."""
     drive = replace(FREE, torque_limit=2.0)
     plant = PlanarPlant(PlanarModel(LinearParameters(), VEHICLE, drive), dt)
     motion = plant.run(Commands(0.05, np.tile([50.0, 0.0], (20, 1))), State(), 0.05)
@@ -129,7 +129,7 @@ def test_the_linear_model_at_its_motors_limit_is_stepped_exactly(dt: float) -> N
 
 @pytest.mark.parametrize("parameters", PLANAR)
 def test_motors_at_their_limit_on_one_side_alone_know_no_side(parameters: Any) -> None:
-    """What the left side's motor at its limit does to a right bend, the right one's does to a left bend."""
+    """The left motor's limit does to a right bend what the right one's does to a left bend."""
     plant = PlanarPlant(PlanarModel(parameters, VEHICLE, replace(FREE, torque_limit=3.0)), 0.01)
     start = State(
         v_x=0.5, wheel_left=0.5 / VEHICLE.wheel_radius, wheel_right=0.5 / VEHICLE.wheel_radius
@@ -163,7 +163,7 @@ def test_a_steady_tyre_feels_its_slip_whatever_its_damping(
 
 
 def test_a_standing_tyre_damps_what_shakes_it() -> None:
-    """Over a cycle its force takes energy, lead / relaxation length times the square of the speed."""
+    """Over a cycle its force takes energy: lead / relaxation length times the squared speed."""
     phase = np.linspace(0.0, 2.0 * math.pi, 2001)
     place = 1e-3 * np.sin(phase)
     speed = 1e-3 * np.cos(phase)
@@ -191,7 +191,7 @@ def path_of(twist: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
 
 
 def test_loads_follow_from_how_the_centre_of_mass_is_accelerated() -> None:
-    """Of any motion: its path through the world is differentiated twice, and turned into the body."""
+    """Of any motion: its path in the world, differentiated twice and turned into the body."""
     dt = 1e-3
     t = dt * np.arange(3001)
     twist = np.column_stack([0.5 + 0.2 * np.sin(t), 0.1 * np.cos(1.3 * t), 0.8 * np.sin(2.0 * t)])

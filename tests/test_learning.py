@@ -1,4 +1,7 @@
-"""Environments that learning code can trust: repeatable, checked by their makers' own suites, and the plant of all else."""
+"""Environments that learning code can trust.
+
+They repeat, pass their makers' own suites, and have the plant of all else.
+"""
 
 from __future__ import annotations
 
@@ -55,7 +58,7 @@ def ended(batch: TrackBatch, ticks: int, seed: int) -> list[tuple[Any, ...]]:
 
 
 def test_a_row_does_not_know_the_others() -> None:
-    """Alone or among others, on one thread or two: the same to the bit, over the ends of several episodes."""
+    """Alone or among others, on one thread or two, over several episodes: the same to the bit."""
     task = TrackTask(seconds=2.0)
     rows = 3
     ticks = 100
@@ -111,7 +114,7 @@ def test_who_stands_still_loses_the_target() -> None:
 
 
 def test_what_a_seed_draws() -> None:
-    """Robots, starts, paths and speeds differ from episode to episode, and stay within what is said of them."""
+    """Robots, starts, paths and speeds differ between episodes, within documented ranges."""
     source = EpisodeSource(TrackTask("thesis-lab,husky-tile"))
     rng = np.random.default_rng(0)
     drawn = [source.draw_episode(rng) for _ in range(60)]
@@ -169,7 +172,7 @@ def test_tasks_that_cannot_be(wrong: dict[str, Any], message: str) -> None:
 
 
 def test_an_entity_on_its_ground_is_the_plant() -> None:
-    """The same wheel rates move a dm_control entity as they move the plant, over a second of speeding up into a bend."""
+    """Wheel rates move a dm_control entity as the plant, over a second into a bend."""
     with warnings.catch_warnings():
         # without a screen dm_control's import warns of its search for one
         warnings.simplefilter("ignore")

@@ -17,7 +17,7 @@ from validation.files.reading import FileError
 
 
 def weaving(t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Yaw [rad] and yaw rate [rad/s] of a robot that weaves, never twice alike, after 5 s of standing."""
+    """Yaw [rad] and yaw rate [rad/s] of a robot that weaves irregularly after 5 s at rest."""
     s = np.maximum(t - 5.0, 0.0)
     yaw = 0.8 * (1.0 - np.cos(0.7 * s)) + 0.3 * (1.0 - np.cos(1.9 * s))
     return yaw, 0.56 * np.sin(0.7 * s) + 0.57 * np.sin(1.9 * s)

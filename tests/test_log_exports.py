@@ -1,4 +1,7 @@
-"""Logs that are written: nothing is lost silently, what was written is read back, and no file is written over unasked."""
+"""Logs that are written.
+
+Nothing is lost silently, all is read back, and no file is written over unasked.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults that a log shows by itself, and what becomes of them: `recordings info`, and windows that span no jump."""
+"""Faults that a log shows by itself, in `recordings info` and in windows that span no jump."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ them."""
 
 
 def drive(seconds: float = 60.0, slow: float = 1.0, speed: float = 1.0) -> dict[str, FloatArray]:
-    """Columns of a robot that follows its commands at once, with a localiser of 10 Hz in a log of 20 Hz."""
+    """Columns of a robot without delay, with a localiser of 10 Hz in a log of 20 Hz."""
     t = DT * np.arange(round(seconds / DT))
     v = speed * (0.4 + 0.2 * np.sin(0.5 * t))
     w = 0.5 * np.sin(0.3 * t) * slow
@@ -176,7 +176,7 @@ Spoil = Callable[[dict[str, FloatArray]], dict[str, FloatArray]]
 
 
 def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
-    """Return mistakes of loggers for wheels of this radius [m]: kind of the fault, its columns, what spoils a log."""
+    """Return loggers' mistakes for a wheel radius [m]: kind of fault, columns, spoiling function."""
     return {
         **{
             f"{n} negated": ("sign", n, scaled(-1.0, *n.split()))

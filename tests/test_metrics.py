@@ -122,7 +122,10 @@ def circle(radius: float, length: float, step: float) -> FloatArray:
 
 
 def winding(step: float, amplitude: float = 1.5, wave: float = 4.0, waves: int = 3) -> FloatArray:
-    """(M, 2) whole waves of curvature amplitude cos(2 pi s / wave): the bending energy is amplitude^2 length / 2."""
+    """(M, 2) whole waves of curvature amplitude cos(2 pi s / wave).
+
+    The bending energy is amplitude^2 length / 2.
+    """
     fine = 20
     n = round(waves * wave / step) * fine
     s = (np.arange(n) + 0.5) * waves * wave / n  # midpoint rule
@@ -152,7 +155,10 @@ def test_nearest_distances_are_those_of_the_search_over_all_pairs(
 def test_nearest_distances_of_a_path_that_jumps_and_stands_still(
     seed: int, jump: float, jumps: int, still: int
 ):
-    """Jumps of a localiser, and a robot that stands: batches of points and boxes of samples lie across both."""
+    """Jumps of a localiser, and a robot that stands.
+
+    Batches of points and boxes of samples lie across both.
+    """
     rng = np.random.default_rng(seed)
     path = random_walk(seed, 600)
     for at in rng.integers(1, len(path), jumps):
@@ -470,7 +476,7 @@ def test_pieces_are_pooled_as_declared():
 
 
 def turning(rate: FloatArray, torque: float, dt: float = 0.01) -> Trajectory:
-    """A motion of a given yaw rate, with both torques equal and the yaw acceleration of its own slope."""
+    """A motion of a given yaw rate and its slope, with both torques equal."""
     t = dt * np.arange(len(rate))
     still = np.zeros((len(t), 2))
     channels = {"torque_N_m": still + torque, "yaw_acceleration_rad_s2": np.gradient(rate, t)}

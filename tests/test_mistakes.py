@@ -1,4 +1,4 @@
-"""Every program answers a user's mistake with status 2 and one line that names it, and leaves no file behind."""
+"""Every program answers a user's mistake with status 2 and a line, and leaves no file."""
 
 from __future__ import annotations
 

@@ -96,7 +96,10 @@ def test_coulomb_accelerations_follow_from_the_lagrangian(
 
 @given(v=speeds, w=speeds)
 def test_the_simplifications_of_2_2_3_are_a_case_of_coulomb(v: float, w: float) -> None:
-    """With a = b and x_ICR = 0 the moment is mu m g a sgn(omega), and R_x is u_x m g if both sides roll forward."""
+    """With a = b and x_ICR = 0 the moment is mu m g a sgn(omega).
+
+    R_x is u_x m g if both sides roll forward.
+    """
     robot = PlanarModel(CoulombParameters(u_x=0.1, mu_c=0.2), VEHICLE, LOOSE).packed(0.001)
     force, moment = coulomb.resistance(v, w, robot)
     load = VEHICLE.mass * VEHICLE.gravity
@@ -158,7 +161,7 @@ def test_it_breaks_away_above_stiction_and_not_below(share: float, moves: bool) 
 
 
 def test_stiction_does_not_make_a_moving_robot_stop_between_samples_of_one_sign() -> None:
-    """Above breakaway the steady rate is the commanded one less dynamic friction over loop stiffness."""
+    """Above breakaway the steady rate lacks dynamic friction over loop stiffness."""
     p = ImprovedParameters()
     motion = PlanarPlant(PlanarModel(p, VEHICLE, LOOSE)).run(hold(0.5, 0.6), State(), 0.01)
     r = VEHICLE.wheel_radius
@@ -285,7 +288,7 @@ def test_linear_equals_python_control() -> None:
 def test_each_side_has_its_centre_of_rotation(
     left: float, right: float, x_icr: float, y_l: float, y_r: float
 ) -> None:
-    """The body's velocity at (x_ICR, y_l) is the left tread's: forward alpha_l left, sideways nothing."""
+    """The velocity at (x_ICR, y_l) is the left tread's: forward alpha_l left, sideways 0."""
     robot = PlanarModel(KinematicParameters(0.9, 0.8, x_icr, y_l, y_r), VEHICLE, LOOSE).packed(
         0.001
     )
@@ -297,7 +300,7 @@ def test_each_side_has_its_centre_of_rotation(
 
 @pytest.mark.parametrize(("left", "right"), [(3.0, 6.0), (6.0, 3.0), (-3.0, -6.0), (-4.0, 4.0)])
 def test_a_bend_is_driven_with_a_drift_to_its_outside(left: float, right: float) -> None:
-    """On a circle the body has the speed (v, -k v omega): away from the centre, forward and backward."""
+    """On a circle the body has the speed (v, -k v omega), away from the centre in both gears."""
     model = PlanarModel(KinematicParameters(drift=0.2), VEHICLE, LOOSE)
     n = 400
     motion = PlanarPlant(model).run(

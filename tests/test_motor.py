@@ -97,7 +97,7 @@ def test_the_integral_part_leaks_to_its_stiffness_and_is_stepped_exactly() -> No
 
 @pytest.mark.parametrize("difference", [-0.01, 0.0, 0.008])
 def test_thrust_and_rates_have_one_power(difference: float) -> None:
-    """Torque times wheel rate is thrust times ground speed on each side, whatever the sides' radii."""
+    """Torque times wheel rate is thrust times ground speed on each side, for any radii."""
     vehicle = vehicle_body(packed(Vehicle(radius_difference=difference)))
     rates = side_rates(0.4, 0.3, vehicle)
     torque = Sides(7.0, -3.0)
@@ -111,7 +111,7 @@ def test_thrust_and_rates_have_one_power(difference: float) -> None:
 def test_the_torque_that_is_reported_is_the_one_that_moves_the_robot(
     parameters: object, limit: float
 ) -> None:
-    """Sides of unlike radii thrust with their torque over their own radius, at the limit and below it."""
+    """Sides of unlike radii thrust with torque over their own radius, at the limit and below."""
     vehicle = Vehicle(radius_difference=0.009)
     dt = 1e-6
     robot = PlanarModel(parameters, vehicle, Drive(torque_limit=limit)).packed(dt)
@@ -169,7 +169,7 @@ def test_sides_of_different_radius_turn_a_robot_that_is_told_to_drive_straight(
 
 
 def hung(drive: Drive, calibration: Calibration) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return a robot that hangs in the air, weightless, so that its motors turn nothing but its wheels."""
+    """Return a weightless robot in the air, whose motors turn nothing but its wheels."""
     model = robot_model(calibration, drive=drive)
     model.opt.gravity = 0.0
     data = mujoco.MjData(model)
@@ -204,7 +204,10 @@ def test_a_simulated_wheel_that_was_stuck_is_let_go_without_wind_up() -> None:
 
 @pytest.mark.parametrize("stiffness", [500.0, 1900.0, 1e6, math.inf])
 def test_a_lasting_load_costs_a_simulated_wheel_what_the_law_says(stiffness: float) -> None:
-    """T / (K_P + K_dc), of any stiffness: that of the slip ends where the rate is lost in a millionth of the wheels' own."""
+    """T / (K_P + K_dc), of any stiffness.
+
+    That of the slip ends where the rate is lost in a millionth of the wheels' own.
+    """
     model, data = hung(replace(LEAKY, dc_stiffness=stiffness), husky(armature=0.2))
     dofs = model.jnt_dofadr[[model.joint(name).id for name in JOINTS]]
     data.ctrl[:] = controls(model, np.full(2, 3.0))

@@ -1,4 +1,7 @@
-"""Programs on files, columns, profiles and folders with nasty names: they work, and nothing raw leaves them."""
+"""Programs on files, columns, profiles and folders with nasty names.
+
+They work, and nothing raw leaves them.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ SHIPPED = Path(cli.__file__).parents[1]
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Make a folder with a recording, waypoints, a profile and gains whose names are nasty, and go there."""
+    """Go to a new folder with a recording, waypoints, profile and gains of nasty names."""
     monkeypatch.chdir(tmp_path)
     t = np.arange(0.0, 8.0, 0.04)
     yaw = 0.3 * t

@@ -1,4 +1,4 @@
-"""Costs: what they are made of, that abandoning early changes nothing, that workers do not matter."""
+"""Costs: their parts; neither early abandonment nor workers change them."""
 
 from __future__ import annotations
 

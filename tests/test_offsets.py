@@ -1,4 +1,4 @@
-"""Delays of wheels, positions and headings of a log: recovered from simulated logs, and taken out one by one."""
+"""Delays of a log's wheels, positions and headings: recovered, and taken out one by one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ sample."""
 
 
 def motion(t: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Speed, yaw rate, x, y and yaw of a robot at instants t, which turns while it speeds up and slows down."""
+    """Speed, yaw rate, x, y and yaw at instants t, of a robot with changing speed and turn."""
     fine = np.arange(-2.0, SECONDS + 2.0, 1e-3)
     v = 0.3 + 0.3 * np.sin(0.9 * fine) * np.sin(0.23 * fine)
     w = 0.5 * np.sin(0.7 * fine + 1.0) + 0.3 * np.sin(1.3 * fine)
@@ -31,7 +31,10 @@ def motion(t: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def made(wheels: float, position: float, yaw: float, seed: int = 0) -> Log:
-    """A log whose sensors are late by so much [s]: 20 Hz, poses of 10 Hz that are logged twice, all of them noisy."""
+    """A noisy log whose sensors are late by so much [s].
+
+    It has 20 Hz, and poses of 10 Hz that are logged twice.
+    """
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, SECONDS, 0.05)
     seen = np.repeat(t[::2], 2)[: len(t)]

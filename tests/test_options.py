@@ -1,4 +1,7 @@
-"""Options are checked against their annotations, whoever gives them: a misspelt choice never runs something else."""
+"""Options are checked against their annotations, whoever gives them.
+
+A misspelt choice never runs something else.
+"""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ pytest.importorskip("hatchling", reason="building a wheel needs the extra `test`
 
 @pytest.mark.slow
 def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
-    """Unpacked, not installed: what it depends on is already here, and the tree is not on the path."""
+    """Unpacked, not installed: its dependencies are here, and the tree is not on the path."""
     command = [
         sys.executable,
         "-m",

@@ -45,7 +45,10 @@ def test_neighbours_that_share_data_count_once() -> None:
 
 
 def test_of_many_pairs_none_is_told_apart_by_their_number() -> None:
-    """Six equally good candidates have 15 pairs. Uncorrected some differ by chance in most recordings."""
+    """Six equally good candidates have 15 pairs.
+
+    Uncorrected, some differ by chance in most recordings.
+    """
     plain = raised = 0
     for seed in range(10):
         some = [drawn(100 * seed + k) for k in range(6)]

@@ -1,4 +1,7 @@
-"""Declared numbers: every parameter set declares all of its own, within ranges that hold defaults and search bounds."""
+"""Declared numbers.
+
+Every parameter set declares all of its own, within ranges that hold defaults and search bounds.
+"""
 
 from __future__ import annotations
 

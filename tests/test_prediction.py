@@ -1,4 +1,4 @@
-"""Controllers that look ahead: the predictor, model predictive control, and controllers that are Python objects."""
+"""Controllers that look ahead: predictor, model predictive control, Python objects."""
 
 from __future__ import annotations
 
@@ -274,7 +274,7 @@ def model_of(n: int) -> tuple[FloatArray, FloatArray]:
 
 
 def step(now: FloatArray, u: FloatArray, k: int, gains: FloatArray, slip: float) -> FloatArray:
-    """The (7,) robot after step k of a plan, step by step: x, y, yaw, v, w and both lagged references."""
+    """The (7,) robot after step k of a plan: x, y, yaw, v, w and both lagged references."""
     x, y, yaw, v, w, lagged_v, lagged_w = now
     inputs = np.array(
         [[v, gains[0] * lagged_v, gains[0] * u[0]], [w, gains[1] * lagged_w, gains[1] * u[1]]]
@@ -349,7 +349,10 @@ def test_the_program_has_the_gradient_of_the_cost() -> None:
 
 
 def test_without_limits_it_is_the_lqr_of_a_finite_horizon() -> None:
-    """On a line the motion is linear in small errors: the first command of the program is that of a Riccati recursion."""
+    """On a line the motion is linear in small errors.
+
+    The first command of the program is that of a Riccati recursion.
+    """
     gains = MpcGains(d_v=0.0, d_w=0.0)
     none = np.ones(2)
     steady = np.array([8.0 / 7.0, 12.0 / 11.0]) * (0.5, 0.0)  # holds 0.5 m/s
@@ -425,7 +428,10 @@ def test_it_goes_on_with_its_plan_where_the_solver_fails() -> None:
 
 
 def test_mpc_is_calm_on_a_fast_straight_line() -> None:
-    """Noise in the yaw rate must not come back as commands from one limit to the other, which dry friction answers late."""
+    """Noise in the yaw rate must not come back as commands from one limit to the other.
+
+    Dry friction answers those late.
+    """
     lab = load_profile("thesis-lab")
     way = line(0.8)
     robot = make_robot(lab, "improved")

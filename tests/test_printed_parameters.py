@@ -74,7 +74,10 @@ def test_it_turns_as_the_improved_model_but_drives_elsewhere(scenario: str) -> N
 
 @pytest.mark.parametrize("scenario", list(PATH))
 def test_it_slides_out_of_its_curves(scenario: str) -> None:
-    """The robot moves outward as fast as its axles swing, where friction can hold it so: A hypot(v, 2 pi f a) < mu_d g."""
+    """The robot moves outward as fast as its axles swing, while friction holds it.
+
+    It does where A hypot(v, 2 pi f a) < mu_d g.
+    """
     robot = driven(scenario, "mujoco")
     motion = TRAJECTORIES[scenario]
     late = robot.t > 4.0
@@ -94,7 +97,10 @@ def test_it_slides_out_of_its_curves(scenario: str) -> None:
 def test_sideways_friction_holds_a_curve_only_with_the_centre_of_rotation_at_an_axle(
     rate: float,
 ) -> None:
-    """The axles' frictions cancel while the centre of rotation lies between them: no force towards the curve's centre."""
+    """The axles' frictions cancel while the centre of rotation lies between them.
+
+    No force acts towards the curve's centre.
+    """
     robot = make_plant(printed(), "mujoco").run(twist(0.5, rate, 12.0), State(), 0.01)
     tail = robot.t > 8.0
     assert 0.5 * rate < 0.0409 * GRAVITY
@@ -118,7 +124,10 @@ def test_a_curve_that_needs_more_than_mu_d_g_is_not_held_at_all() -> None:
 
 
 def test_the_printed_torque_turns_tyres_of_equal_friction_only_below_0_158() -> None:
-    """Of a side's 14 N m rolling resistance takes u_x (m g / 2) r, and turning takes r mu (m g / 2) L / hypot(L, B)."""
+    """Rolling resistance and turning take their parts of a side's 14 N m.
+
+    They are u_x (m g / 2) r and r mu (m g / 2) L / hypot(L, B).
+    """
     section = printed().plants["mujoco"]
     numbers = section.parameters
     side = 2.0 * section.drive.torque_limit

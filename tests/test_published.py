@@ -1,4 +1,4 @@
-"""The published numbers: complete, finite, read-only, and consistent wherever the thesis says a thing twice.
+"""The published numbers: complete, finite, read-only, consistent where said twice.
 
 Where the thesis contradicts itself the test states both sides, so that the print is known to be
 wrong and not the copy.

@@ -1,4 +1,4 @@
-"""What a reference asks of a robot beside what the robot can do, and gains that were found on another profile."""
+"""Demands of a reference beside the robot's limits, and gains from another profile."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_a_settled_motion_of_a_robot_without_slip_is_the_command(lab: Profile) -
 
 @pytest.mark.parametrize("plant", ["improved", "four_wheel", "mujoco"])
 def test_the_tile_husky_turns_at_less_than_an_eight_asks_for(plant: str) -> None:
-    """Told 2 rad/s it turns at 0.9 rad/s: half as wide as its track is what its driver reckons with."""
+    """Told 2 rad/s it turns at 0.9 rad/s: its driver reckons with half of its track."""
     robot = make_robot(load_profile("husky-tile"), plant)
     message = demand_of(eight(0.5), robot, "husky-tile", "eight")
     asks = f"eight at 0.5 m/s asks {plant} of husky-tile for a yaw rate of 1.20 rad/s"

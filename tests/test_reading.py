@@ -1,4 +1,4 @@
-"""Files that people give: only regular ones of a limited size are read, and whatever they hold, the answer is one line."""
+"""Files that people give: regular ones of limited size are read, and the answer is one line."""
 
 from __future__ import annotations
 

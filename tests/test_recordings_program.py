@@ -1,4 +1,7 @@
-"""`python -m validation.recordings` as its user runs it: what it writes, what others make of that, and what it refuses."""
+"""`python -m validation.recordings` as its user runs it.
+
+What it writes, what others make of that, and what it refuses.
+"""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def test_the_error_of_torques_is_what_it_says(target: FitTarget) -> None:
 
 
 def test_torques_that_nobody_knows_do_not_count(target: FitTarget) -> None:
-    """What lies where the truth is not known changes no cost, and shares no block with what is known."""
+    """Samples without truth change no cost, and share no block with others."""
     (known,) = target.torques or ()
     half = len(known) // 2
     partly = known.copy()
@@ -106,7 +106,7 @@ def test_torques_that_nobody_knows_do_not_count(target: FitTarget) -> None:
 
 
 def test_planar_torques_are_not_believed(target: FitTarget) -> None:
-    """A planar model's torques are numbers of its fit: its kind says so, and it is fitted by its path."""
+    """A planar model's torques are numbers of its fit, so it is fitted by its path."""
     assert not plant_kind("improved").torques
     assert TORQUES in target.truth[0].channels
     (rater,) = make_raters(FitCost("sync"), [target])

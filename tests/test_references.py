@@ -1,4 +1,4 @@
-"""The sample trajectories: their geometry, what they ask of the robot, and that data and page agree."""
+"""The sample trajectories: geometry, demands on the robot, agreement of data and page."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SMOOTH = ("sine", "eight", "slalom", "square", "spiral", "u-turn", "stop-and-go"
 
 
 def curvatures(waypoints: Waypoints) -> FloatArray:
-    """Signed, at the waypoints between the ends, each once, however long the target waits there [1/m]."""
+    """Signed, at each waypoint between the ends once, even where the target waits [1/m]."""
     lengths = waypoints.lengths[waypoints.moving]
     headings = waypoints.headings[waypoints.moving]
     return np.diff(headings) / (0.5 * (lengths[1:] + lengths[:-1]))
@@ -61,7 +61,10 @@ def test_references_are_dense_smooth_and_as_fast_as_asked(name: str, speed: floa
 
 @pytest.mark.parametrize("name", SMOOTH)
 def test_curvature_is_continuous(name: str) -> None:
-    """From waypoint to waypoint it changes by the slope of the curvature times a step: 15 1/m2 in a slalom's crests."""
+    """From waypoint to waypoint it changes by the slope of the curvature times a step.
+
+    The slope is 15 1/m2 in a slalom's crests.
+    """
     assert np.max(np.abs(np.diff(curvatures(REFERENCES[name](0.25)))), initial=0.0) < 15.0 * SPACING
 
 
@@ -127,7 +130,10 @@ def test_stop_and_go_drives_at_its_speed_and_waits(
 
 
 def lengths_by(number: str) -> tuple[float, float]:
-    """Lengths of the line that a table's printed digits allow: a robot short by d_haus lacks the share 1 - d_ratio."""
+    """Lengths of the line that a table's printed digits allow.
+
+    A robot short by d_haus lacks the share 1 - d_ratio.
+    """
     (row,) = published.table(number)["rows"]
     gap = published.value(number, row, "d_haus_m")
     missing = 1.0 - published.value(number, row, "d_ratio")
@@ -175,7 +181,10 @@ def test_a_sine_is_one_with_steps_of_one_length(
 
 
 def test_generic_saturates_at_half_a_metre_a_second_and_not_at_a_quarter() -> None:
-    """Its corners ask for 1.4 to 2 rad/s, the driver gives 2: nothing is left to correct with. Half of that is easy."""
+    """Its corners ask for 1.4 to 2 rad/s, the driver gives 2.
+
+    Nothing is left to correct with. Half of that is easy.
+    """
     w_max = Drive().w_max
     for speed, low, high in ((0.5, 0.9, 1.0), (0.25, 0.45, 0.5)):
         rates = np.abs(REFERENCES["generic"](speed).course()["w"])

@@ -137,7 +137,7 @@ def test_an_interrupted_search_goes_on_to_the_same_end(
 
 
 class Plateau:
-    """Errors that a second number changes only in the lower half of its bounds, where the optimum lies."""
+    """Errors that a second number changes only in its lower half, where the optimum lies."""
 
     robust = False
     cheap = False
@@ -182,7 +182,7 @@ def test_errors_of_a_log_count_by_their_size() -> None:
 
 
 def test_offsets_of_a_path_are_perpendicular_to_it() -> None:
-    """A path one decimetre to the left, with samples elsewhere: the offsets are (0, 0.1) whatever the samples."""
+    """A path one decimetre to the left, with other samples: the offsets are (0, 0.1)."""
     truth = np.column_stack([np.linspace(0.0, 5.0, 101), np.zeros(101), np.zeros(101)])
     path = np.column_stack([np.linspace(-0.37, 5.4, 77), np.full(77, 0.1), np.zeros(77)])
     offsets = np.empty((1, 11, 2))

@@ -1,4 +1,4 @@
-"""The replication: every table of the thesis has its rows, with verdicts, and numbers that are simple to check."""
+"""The replication: every table of the thesis has its rows, verdicts and simple checks."""
 
 from __future__ import annotations
 
@@ -170,7 +170,10 @@ def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
 def test_the_line_comes_out_as_printed_and_the_husky_as_near_the_prediction_as_the_real_robot(
     lab: Profile,
 ) -> None:
-    """Tab. 4.5 and 4.6 have certain geometry and gains: gap at the end and length, within what four seeds spread."""
+    """Tab. 4.5 and 4.6 have certain geometry and gains.
+
+    Gap at the end and length agree within the spread of four seeds.
+    """
     tables = TrackedTables(lab, 4)
     for number in ("4.5", "4.6"):
         ((_, pairs),) = tables.rows(number).items()
@@ -239,7 +242,10 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(
 def test_gazebo_s_pyramid_along_the_worlds_axes_is_as_fast_as_the_thesis_saw_and_never_turns(
     lab: Profile,
 ) -> None:
-    """Sec. 3.7 describes a run that turns, and ours does not, so the lost direction is a conjecture (docs/why_drift.md)."""
+    """Sec. 3.7 describes a run that turns, and ours does not.
+
+    So the lost direction is a conjecture (docs/why_drift.md).
+    """
     installed_plant(lab, "ode")
     measured = gazebo.driven_on_trajectory_3("pyramid", "world", gazebo.starts(1)[0])
     assert 0.4 < measured.excess < 0.5

@@ -1,4 +1,4 @@
-"""Tables say what they were given: every number, with its unit and digits, the best marked, on any width."""
+"""Tables show every number, with its unit and digits, the best marked, at any width."""
 
 from __future__ import annotations
 

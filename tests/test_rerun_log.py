@@ -1,4 +1,4 @@
-"""The recording sink: what was put in is read back from the file, and a file is there whole or not at all."""
+"""The recording sink: all is read back from the file, which is whole or not there."""
 # pyright: reportAttributeAccessIssue=false
 # (mujoco's compiled modules have no type stubs)
 
@@ -291,7 +291,7 @@ def test_forces_of_the_ground_are_arrows_of_one_scale_where_a_plant_tells_them(
 def test_the_centre_of_rotation_of_a_circle_is_its_middle(
     shown: tuple[Comparison, Path, Read],
 ) -> None:
-    """A robot on a circle to the left with v = 0.5 m/s and 0.8 rad/s turns about a point beside it."""
+    """A robot on a left circle with v = 0.5 m/s and 0.8 rad/s turns about a point beside it."""
     _, _, read = shown
     _, points = read.over_time["world/mujoco/robot/rotation_centre"]["Points3D:positions"]
     assert np.abs(np.array(points)[:, 0] - [0.0, 0.5 / 0.8, 0.0]).max() < 1e-6
@@ -436,7 +436,7 @@ def test_the_viewer_listens_on_loopback_or_its_absence_is_logged(
 
 @pytest.mark.parametrize("name", ["husky", "jackal"])
 def test_a_robot_looks_as_large_as_it_is(name: str) -> None:
-    """Hull and wheels are those of the robot's numbers, and what stands on top adds at most a quarter of the hull."""
+    """Hull and wheels have the robot's numbers; a mast adds at most a quarter of the hull."""
     geometry = load_robot(name).geometry
     looks = looks_of(load_robot(name))
     radius, track, (long, _, high) = geometry.wheel_radius, geometry.track, geometry.body_size

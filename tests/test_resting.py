@@ -1,4 +1,7 @@
-"""The computed rest of a robot is where it settles, and a plant that is given other numbers equals one built with them."""
+"""The computed rest of a robot is where it settles.
+
+A plant that is given other numbers equals one built with them.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,7 @@ def settled(plant: MujocoPlant, seconds: float) -> np.ndarray:
 
 
 def lie(qpos: np.ndarray) -> np.ndarray:
-    """Height, and the x and y of the upright axis as the world sees it: of no heading but their size."""
+    """Height, and x and y of the upright axis in the world, whose size has no heading."""
     w, x, y, z = qpos[3:7]
     return np.array([qpos[2], 2.0 * (w * x + y * z), 2.0 * (w * y - x * z)])
 

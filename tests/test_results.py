@@ -1,4 +1,7 @@
-"""Results keep one contract, whatever program made them: they print, draw, and save files that are whole and finite."""
+"""Results of all programs keep one contract.
+
+They print, draw, and save files that are whole and finite.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A robot's file: what is wrong with one is said in one line that names section and key, and what is right comes back."""
+"""A robot's file.
+
+An error is one line that names section and key, and a good file comes back.
+"""
 
 from __future__ import annotations
 

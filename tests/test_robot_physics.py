@@ -102,7 +102,7 @@ DRIVES: dict[str, dict[str, float]] = {
 def motion(
     document: dict[str, Any], drive: dict[str, float], length: float, mass: float, given_rates: bool
 ) -> FloatArray:
-    """Drive a robot of the Husky's size, enlarged `length` times in space and root `length` times in time.
+    """Drive a Husky enlarged `length` times in space and root `length` times in time.
 
     Returns: (M, 10) place over wheel radius, yaw, wheel rates times the unit of time, loads over a
         quarter of the weight, and torques over weight and wheel radius, which there are none of
@@ -216,7 +216,7 @@ def check_turn(calibration: Calibration) -> None:
 
 
 def check_rest(calibration: Calibration) -> None:
-    """Compare what a robot does at rest, on a slope, straight ahead and with blocked wheels with mechanics."""
+    """Compare a robot at rest, on a slope, ahead and with blocked wheels with mechanics."""
     weight, shares = measures.resting_error(calibration)
     assert weight < WEIGHT
     assert shares < REST_LOADS
@@ -302,7 +302,10 @@ def both_links(robot: Any, **drive: float) -> tuple[MujocoPlant, MujocoPlant]:
 def test_four_motors_turn_a_symmetrical_robot_as_two_with_belts_do(
     name: str, integral: bool
 ) -> None:
-    """All wheels of a side have the same load and slip on the spot: a belt carries nothing, and a side's torques add up."""
+    """All wheels of a side have the same load and slip on the spot.
+
+    A belt carries nothing, and a side's torques add up.
+    """
     robot = load_robot(name)
     size = robot.masses.total / 73.3 * robot.geometry.wheel_radius / 0.1651
     parts = (
@@ -324,7 +327,10 @@ def test_four_motors_turn_a_symmetrical_robot_as_two_with_belts_do(
 
 
 def test_a_motor_of_its_own_slows_down_by_its_own_load() -> None:
-    """With the centre of mass ahead, front wheels carry more: their proportional loops yield more. A belt forbids that."""
+    """With the centre of mass ahead, front wheels carry more.
+
+    Their proportional loops yield more. A belt forbids that.
+    """
     rates = []
     for link in ("belt", "none"):
         linked = replace(HUSKY, geometry=replace(HUSKY.geometry, link=link), mjcf="")

@@ -1,4 +1,4 @@
-"""Robots that leave the house: a URDF or MJCF read by MuJoCo, an SDF model read by Drake, and numbers of ros2_control."""
+"""Robots for others: URDF and MJCF in MuJoCo, SDF in Drake, numbers of ros2_control."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_urdf_read_back_in_mujoco_is_the_robot(name: str) -> None:
 def in_plain_mujoco(
     text: str, start: np.ndarray[Any, Any], references: np.ndarray[Any, Any]
 ) -> np.ndarray[Any, Any]:
-    """(N + 1, 3) x, y, yaw of an MJCF's robot, which has (N, 2) wheel rates from a whole state on."""
+    """(N + 1, 3) x, y, yaw of an MJCF's robot under (N, 2) wheel rates from a whole state on."""
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_setState(model, data, start, mujoco.mjtState.mjSTATE_FULLPHYSICS)
@@ -76,7 +76,10 @@ def in_plain_mujoco(
 @pytest.mark.parametrize("limit", [None, 10.0])
 @pytest.mark.parametrize("name", ["thesis-lab", "husky-tile", "thesis-printed", "pioneer3at"])
 def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float | None) -> None:
-    """To a hundredth of a millimetre: also with tyres that grip better along than across, and with motors at their limit."""
+    """To a hundredth of a millimetre.
+
+    Also with tyres that grip better along than across, and with motors at their limit.
+    """
     given = name in shipped()
     profile = load_profile(name) if given else bare_profile(load_robot(name))
     section = profile.section("mujoco")
@@ -94,7 +97,7 @@ def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float 
 
 @pytest.mark.parametrize("name", shipped_robots())
 def test_ros2_control_turns_a_robot_as_it_is_told(name: str) -> None:
-    """The rates that diff_drive_controller makes of a turn on the spot turn the robot at that rate, by its own mechanics."""
+    """diff_drive_controller's rates for a turn on the spot turn the robot at that rate."""
     robot = load_robot(name)
     rows = dict(
         line.strip().split(": ") for line in export_robot(robot, "diff-drive").splitlines()[2:]
@@ -113,7 +116,7 @@ def test_ros2_control_turns_a_robot_as_it_is_told(name: str) -> None:
 
 
 def test_ros2_control_has_a_profiles_radii_and_separation() -> None:
-    """Straight and turning by the profile's kinematic plant, for rates that diff_drive_controller asks the wheels for."""
+    """Straight and turning by the kinematic plant, for rates of diff_drive_controller."""
     profile = load_profile("husky-tile")
     section = profile.section("kinematic")
     rows = dict(

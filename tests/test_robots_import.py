@@ -1,4 +1,4 @@
-"""`import` finds a robot's numbers in a URDF, whatever its names, order and frames, and refuses what is none."""
+"""`import` finds a robot's numbers in a URDF, whatever its names, order and frames, and refuses others."""
 
 from __future__ import annotations
 

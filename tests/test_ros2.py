@@ -1,4 +1,4 @@
-"""The nodes on a ROS 2 graph: names, types and bytes, then DDS on loopback, as the extra `ros2` brings it.
+"""The nodes on a ROS 2 graph: names, types and bytes, then DDS on loopback.
 
 Nothing here waits for a certain time: what must come is polled for, with a deadline that only a
 broken program meets.
@@ -58,7 +58,7 @@ def cyclone() -> Any:
 
 @pytest.fixture
 def graph(cyclone: Any, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
-    """A domain on loopback in which nobody is, and which no other test takes as long as a port of it is bound here."""
+    """An empty domain on loopback, which no other test takes while a port is bound here."""
     monkeypatch.setenv("CYCLONEDDS_URI", dds.configuration(""))
     for domain in range(1, 101):  # the ports of greater ones are those that the system hands out
         # DDSI-RTPS 9.6.2: + 10 for the first participant, + 248 for the 120th, which none is
@@ -229,7 +229,7 @@ def test_a_late_joiner_gets_what_was_latched_and_nothing_else(graph: Graph, cycl
 def test_sensors_match_readers_and_writers_of_either_quality(
     graph: Graph, cyclone: Any, reliable: bool
 ) -> None:
-    """Drivers send what they measure with best effort, and RViz and rosbag2 ask for the one or the other."""
+    """Drivers send with best effort; RViz and rosbag2 ask for the one or the other."""
     peer = Peer(cyclone, graph)
     came = set[str]()
     with joined(graph) as node:
@@ -289,7 +289,7 @@ def test_commands_come_and_go_as_twist_and_as_twist_stamped(
 def test_nonsense_is_refused_and_what_is_right_goes_on(
     graph: Graph, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A number that is none, a text that is none, and one that cannot be sent: nothing ends by them."""
+    """A number or text that is none, and one that cannot be sent, end nothing."""
     with joined(graph) as node, joined(graph, "driver") as driver:
         node.subscribe("/cmd_vel", TWIST, msg.read_twist)
         node.subscribe("/words", STRING, lambda m: m.data)
@@ -391,7 +391,10 @@ def text_of(log: Path) -> str:
 
 
 def test_a_robot_is_driven_along_a_line_and_ctrl_c_ends_it(tmp_path: Path, graph: Graph) -> None:
-    """The controller finds the robot, drives it and arrives. Mission time is that of the stamps, so load does not matter."""
+    """The controller finds the robot, drives it and arrives.
+
+    Mission time is that of the stamps, so load does not matter.
+    """
     path = tmp_path / "short.csv"
     path.write_text("x,y\n0,0\n0.3,0\n0.6,0\n", encoding="utf-8")
     out = tmp_path / "out"
@@ -436,7 +439,7 @@ def test_a_killed_robot_stops_the_controller(tmp_path: Path, graph: Graph) -> No
             sent: list[float] = []
 
             def half_a_second() -> bool:
-                """Whether so many commands came: a drive that had not yet gone anywhere leaves no files."""
+                """Whether so many commands came; a drive without motion leaves no files."""
                 sent.extend(v for _, (v, _) in node.receive() if v > 0.0)
                 return len(sent) >= 10 or controller.poll() is not None
 
@@ -450,7 +453,7 @@ def test_a_killed_robot_stops_the_controller(tmp_path: Path, graph: Graph) -> No
 def test_a_flood_of_malformed_packets_fills_no_log(
     graph: Graph, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Cyclone itself writes a line for each, and whoever reaches the port can send as many as they like."""
+    """Cyclone writes a line for each, and whoever reaches the port can send any number."""
     header = b"RTPS" + bytes([2, 5, 1, 16]) + bytes(12)
     cut_short = bytes([0x15, 1, 255, 255]) + bytes(range(40))
     with joined(graph) as node, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:

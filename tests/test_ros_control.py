@@ -1,4 +1,7 @@
-"""The node that drives: it is the closed loop of the process, it stops when in doubt, and it keeps every drive."""
+"""The node that drives.
+
+It is the closed loop of the process, stops when in doubt, and keeps every drive.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +70,7 @@ def started(
 
 @pytest.mark.parametrize("name", ["pid", "lqr-scheduled", "lqr-scheduled+predictor"])
 def test_driving_by_messages_is_the_closed_loop_of_the_process(lab: Profile, name: str) -> None:
-    """Same instants, perfect messages, any start: the same motion, to what the first tick's period makes of it."""
+    """Same instants, perfect messages, any start: the same motion, to the first tick."""
     controller = law(lab, name)
     settings = LoopSettings("truth", disturbance=False, position_period=0.01)
     plant = make_plant(lab, "improved")
@@ -177,7 +180,7 @@ def test_commands_keep_their_limits_and_those_that_cannot_be_are_refused(lab: Pr
 
 
 def test_a_tracking_system_judges_and_its_half_turns_are_no_jumps(lab: Profile) -> None:
-    """The tracking system's frame is its own: what counts is the way from where it was at the start (Sec. 4.2)."""
+    """The tracking system's frame is its own: only the way from the start counts (Sec. 4.2)."""
     follower = follower_of(lab)
     turned = math.pi - 0.05
     follower.track(9.99, Observation(7.0, 8.0, turned, math.nan, math.nan))
@@ -343,7 +346,10 @@ def with_robot(
 def test_after_an_emergency_stop_the_robot_goes_on_gently(
     lab: Profile, name: str, text: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Whether the stop has a topic or not: the target waits where the robot stopped, and nothing has to be caught up."""
+    """With or without a topic of the stop.
+
+    The target waits where the robot stopped, and nothing has to be caught up.
+    """
     loop, node, follower = with_robot(lab, name)
     node.blocked = lambda t: 3.0 <= t < 9.0
     for at, on in ((3.0, True), (9.0, False)) if text else ():

@@ -113,7 +113,7 @@ def numeric_fields(came: Any, path: str = "") -> Iterator[str]:
 def test_whatever_a_field_holds_a_message_is_read_as_plausible_numbers_or_refused(
     data: st.DataObject,
 ) -> None:
-    """The law of the entrance: a `ValueError` of one line, or nothing but finite numbers within the limits."""
+    """The law of the entrance: a `ValueError` of one line, or finite numbers within limits."""
     whole, read = data.draw(st.sampled_from(READERS))
     came = message(as_fields(whole))
     for path in data.draw(

@@ -61,7 +61,10 @@ def speeds(node: FakeNode) -> tuple[np.ndarray, np.ndarray]:
 def test_lateness_is_caught_up_with_or_dropped(
     plant: MujocoPlant, stall: float, dropped: float
 ) -> None:
-    """A simulation that stalls for longer than the limit does not run fast afterwards: its time has lost the stall."""
+    """A simulation that stalls for longer than the limit does not run fast afterwards.
+
+    Its time has lost the stall.
+    """
     loop, node = simulation(plant)
     stalls = iter([0.0] * 50 + [stall])
     receive = node.receive

@@ -1,4 +1,7 @@
-"""The study of runs: plants are fitted on the first half of a log and judged on the second, and a broken study goes on."""
+"""The study of runs.
+
+Plants are fitted on the first half of a log and judged on the second, and a broken study goes on.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One closed drive in every plant: PI loop whose integral leaks, torque limit, gear loss and ramped commands.
+"""One drive in every plant: leaky PI loop, torque limit, gear loss, ramped commands.
 
 On a straight line with much grip every robot is one mass and two spinning sides, so one equation
 says what the motors do.
@@ -109,7 +109,7 @@ PLANTS: dict[str, Callable[[Drive], Plant]] = {
 
 @cache
 def expected(stiffness: float) -> tuple[FloatArray, FloatArray]:
-    """Return (n,) ways [m] and torques of a side [N m] by the one equation, in twenty small steps a physics step."""
+    """Return (n,) ways [m] and torques of a side [N m], in twenty small steps a physics step."""
     few = 20
     d = drive(stiffness)
     motor: Motor = motor_numbers(d, DT / few)
@@ -142,7 +142,10 @@ def driven(name: str, stiffness: float) -> Trajectory:
 @pytest.mark.parametrize("stiffness", [500.0, 2e4, np.inf])
 @pytest.mark.parametrize("name", PLANTS)
 def test_every_plant_has_the_same_motor(name: str, stiffness: float) -> None:
-    """Within 2 mm at equal times, and half a newton metre of the 14 at which the motors stay for two fifths of the time."""
+    """Within 2 mm at equal times, and half a newton metre.
+
+    The motors stay at their 14 N m for two fifths of the time.
+    """
     motion, (way, torque) = driven(name, stiffness), expected(stiffness)
     assert np.abs(motion.xy[1:, 0] - way).max() < 2e-3
     assert np.sqrt(np.mean((motion.channels["torque_N_m"][1:, 0] - torque) ** 2)) < 0.5
@@ -169,7 +172,7 @@ millimetre to one [s]."""
 
 
 def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> float:
-    """Return the greatest distance [m] of MuJoCo's path from that of the law applied as a force in small steps."""
+    """Return the greatest distance [m] of MuJoCo's path from that of the law in small steps."""
     section = lab.section("mujoco")
     commands = TRAJECTORIES[trajectory].commands()
     drive = replace(section.drive, torque_limit=limit, dc_stiffness=stiffness)
@@ -206,7 +209,7 @@ def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> floa
 def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(
     trajectory: str, limit: float, stiffness: float, lab: Profile
 ) -> None:
-    """Of five to ten metres, also where motors are at their limit for three quarters of the time."""
+    """Of five to ten metres, also with motors at their limit three quarters of the time."""
     assert apart(lab, trajectory, limit, stiffness) < 3e-3
 
 

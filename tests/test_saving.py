@@ -1,4 +1,4 @@
-"""Results are saved so that a kill at any moment locks nobody out, and numbers that cannot be drawn are kept."""
+"""A kill while results are saved locks nobody out, and undrawable numbers are kept."""
 
 from __future__ import annotations
 

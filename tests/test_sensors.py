@@ -17,7 +17,7 @@ STILL = Trajectory(np.arange(N) * 0.001, np.zeros((N, 3)), np.zeros((N, 3)), np.
 
 
 def test_noise_has_the_published_variances() -> None:
-    """1001 draws at 50 Hz: a sample variance is within 4 standard errors, 4 sqrt(2/1000) = 18 %, of the true one."""
+    """1001 draws: sample variances lie within 4 standard errors, 4 sqrt(2/1000) = 18 %."""
     seen = measure(STILL, SensorNoise(), np.random.default_rng(0))
     noise = SensorNoise()
     drawn = seen.pose[::20].var(axis=0), seen.twist[::20, [0, 2]].var(axis=0)

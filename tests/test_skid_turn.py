@@ -1,4 +1,4 @@
-"""The closed forms of a turn on the spot: limits, symmetries, and what polygons do that circles do not."""
+"""The closed forms of a turn on the spot: limits, symmetries, polygons against circles."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ which is integrated implicitly; the channel is the change of the yaw rate over t
 
 
 def same_motion(calibration: Calibration, drive: Drive, scenario: str) -> str:
-    """Drive with both solvers, hold the paths and the loads against one another, and return the solver that is shipped."""
+    """Drive with both solvers, compare paths and loads, and return the shipped solver."""
     commands = TRAJECTORIES[scenario].commands()
     plant = MujocoPlant(calibration, drive)
     now, then = (
@@ -83,7 +83,7 @@ def test_robots_of_any_size_drive_the_same_paths_with_either_solver(
 def test_left_and_right_are_alike_in_any_frame_within_a_solvers_tolerance(
     frame: tuple[float, float, float],
 ) -> None:
-    """The laws of tests/test_plant_conformance.py for the shipped solver, over a whole trajectory."""
+    """The laws of tests/test_plant_conformance.py for the shipped solver, over a trajectory."""
     section = load_profile("husky-tile").plants["mujoco"]
     centred = replace(section.parameters, com_y=0.0, radius_difference=0.0)
     plant = MujocoPlant(centred, section.drive)

@@ -1,4 +1,4 @@
-"""Logs as sources: commands on a grid, the state that a drive begins with, windows that span no jump."""
+"""Logs as sources: commands on a grid, the state at the start, windows without jumps."""
 
 from __future__ import annotations
 
@@ -37,7 +37,10 @@ def ticks(n: int, step: float, start: float = 0.0) -> FloatArray:
 def driven(
     t: FloatArray, twist: tuple[float, float, float], start: tuple[float, float, float]
 ) -> dict[str, FloatArray]:
-    """Pose columns of a robot that keeps its body twist (v_x, v_y, yaw rate not zero) from `start` on, in closed form."""
+    """Pose columns of a robot with a constant body twist from `start` on, in closed form.
+
+    The twist is (v_x, v_y, yaw rate), with a yaw rate that is not zero.
+    """
     v_x, v_y, rate = twist
     turn = rate * (t - t[0])
     body = np.stack(
@@ -84,7 +87,10 @@ def test_a_uniform_log_is_held_sample_by_sample(n: int, substeps: int, start: fl
 
 
 def test_sides_that_are_refreshed_in_turn_are_interpolated_one_by_one() -> None:
-    """Rates go on between samples, and a side is not measured anew when the other one is: Warthogs log them in turn."""
+    """Rates go on between samples, and a side is not measured anew when the other one is.
+
+    Warthogs log them in turn.
+    """
     left, right = (np.maximum(np.floor((np.arange(101) - k) / 5) * 5 + k, 0) * 0.05 for k in (0, 2))
     made = commands_on_grid(
         ticks(101, 0.05), np.column_stack([3.0 * left, 1.0 - 2.0 * right]), "wheels", 0.01
@@ -203,7 +209,7 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
 @pytest.mark.parametrize("stalls", [True, False])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_gyro_judges_headings_whatever_its_sign_and_bias(sign: float, stalls: bool) -> None:
-    """What is right is so by the gyro, whose clock is 0.2 s before the wheels', also where the localiser stalls."""
+    """The gyro, whose clock is 0.2 s before the wheels', is right even where the localiser stalls."""
     columns = drive(120.0)
     rate = np.roll(columns["gyro_z"], -4)
     late = columns["t"] - 0.5 * (1.0 + np.sin(columns["t"]))  # it stalls and catches up

@@ -29,7 +29,7 @@ Call = Callable[..., tuple[int, str, str]]
 
 @pytest.fixture
 def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
-    """Return a function that calls the command with arguments, and returns exit status, output and errors."""
+    """Return a function that runs the command and returns exit status, output and errors."""
 
     def called(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["/bin/ssmr", *arguments])
@@ -71,7 +71,10 @@ def test_help_fits_a_narrow_terminal_and_breaks_lines_between_words(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """A line ends where the first word of the next has no room: tyro leaves descriptions long, and docstrings broken."""
+    """A line ends where the first word of the next has no room.
+
+    tyro leaves descriptions long, and docstrings broken.
+    """
     monkeypatch.setenv("COLUMNS", "80")
     assert exit_status(program, *arguments, "--help") == 0
     lines = capsys.readouterr().out.splitlines()

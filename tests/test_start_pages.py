@@ -27,7 +27,7 @@ START = (
 
 
 def commands(page: Path) -> list[list[str]]:
-    """The words behind `python -m validation.` of each command of a page that a reader can copy, in their order."""
+    """The words behind `python -m validation.` of each command of a page, in order."""
     text = page.read_text(encoding="utf-8").replace("\\\n", " ")
     match = re.findall(r"^(?: {4}|\S*&& )*python -m validation\.(.*)$", text, re.MULTILINE)
     return [
@@ -50,7 +50,10 @@ def test_every_command_of_a_page_can_be_read(page: Path) -> None:
 
 
 def shortened(words: list[str]) -> str:
-    """The command with a short search and without fits of MuJoCo: what is tried is the command, not what it finds."""
+    """The command with a short search and without fits of MuJoCo.
+
+    The command is tried, not its result.
+    """
     text = re.sub(r"(--population) \d+ (--generations) \d+", r"\1 5 \2 1", shlex.join(words))
     for begins, more in (("calibrate", "--plants kinematic"), ("study transfer", "--quick")):
         text += f" {more}" if text.startswith(begins) and more.split()[0] not in text else ""

@@ -1,4 +1,4 @@
-"""Threads of our own: shares of a population, on a machine with no threading layer that bears them as well."""
+"""Threads of our own: shares of a population, also without a safe threading layer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_what_goes_wrong_in_a_thread_is_raised() -> None:
 
 
 def test_no_search_starts_a_threading_layer_of_numba() -> None:
-    """The layer that a machine without OpenMP and TBB has ends the process when two threads call it at once."""
+    """The layer that a machine without OpenMP and TBB has, ends the process if two threads call it."""
     few: dict[str, Any] = {"profile": "thesis-lab", "population": 8, "generations": 1, "workers": 2}
     fit("mujoco", to="traj4@improved", search="jde", **few)
     tune("lqr", "line", **few)

@@ -1,4 +1,4 @@
-"""Measures of tracking: distance from the path beside the target, effort and restlessness of commands."""
+"""Measures of tracking: distance from path and target, effort, restlessness of commands."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_off_a_circle_it_is_the_difference_of_radii() -> None:
 
 
 def test_another_branch_of_the_path_is_no_way() -> None:
-    """A robot that waits at the crossing of an eight is on the path, but not where its target drives."""
+    """A robot that waits at the crossing of an eight is on the path, but not at its target."""
     waypoints = eight(0.5)
     t = np.array([0.5 * waypoints.duration / 2.0])
     crossing = np.zeros((1, 2))

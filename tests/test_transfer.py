@@ -1,4 +1,4 @@
-"""Transfer: a plant agrees with itself, losers come last, and references are as fast as the robot."""
+"""Transfer: a plant agrees with itself, losers come last, references suit the robot."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_rank_correlation_and_regret_of_a_hand_made_table() -> None:
 
 @pytest.fixture(scope="module")
 def small(lab: Profile, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Options: gains of one's own and a law that is not compiled beside shipped ones, on short references."""
+    """Options: own gains and an uncompiled law beside shipped ones, on short references."""
     path = tmp_path_factory.mktemp("transfer") / "hopeless.toml"
     path.write_text(dump_gains(hopeless()), encoding="utf-8")
     return {
@@ -151,7 +151,7 @@ def test_the_judge_agrees_with_itself(study: Report) -> None:
 
 
 def test_references_are_as_fast_as_the_robot_can_drive() -> None:
-    """The Husky on tile turns at 0.9 rad/s at most, so a U-turn at 0.5 m/s is too fast for it, and a line is not."""
+    """The Husky on tile turns at 0.9 rad/s at most, so of U-turn and line at 0.5 m/s one is too fast."""
     robot = make_robot(load_profile("husky-tile"), "improved")
     o = TransferStudy(references=("u-turn", "line@0.5", "line"))
     missions = missions_of(o, robot)

@@ -82,7 +82,7 @@ def test_the_cost_is_that_of_the_thesis(lab: Profile) -> None:
 
 
 def test_the_time_cost_sees_the_clock(lab: Profile) -> None:
-    """A robot that follows the path perfectly but late costs nothing by path and its distance by time."""
+    """A robot that follows the path late costs nothing by path and its distance by time."""
     waypoints = line(0.5, 4.0)
     target = waypoints.trajectory(0.008)
     late = np.zeros((len(target), 25))
@@ -151,7 +151,7 @@ def test_impossible_gains_cost_infinity_and_are_not_driven(lab: Profile) -> None
 
 
 def test_bounds_hold_the_start_and_are_widened_for_it() -> None:
-    """The tuned LQR lies outside of Tab. 4.21's bounds: a start moved into them costs 3.6 times as much."""
+    """The tuned LQR lies outside Tab. 4.21's bounds: a start within costs 3.6 times as much."""
     start = load_gains("lqr", "tuned").values
     usual = make_tuning_space("lqr", None, False, {})
     wide = make_tuning_space("lqr", None, False, {}, start=start)
@@ -214,7 +214,7 @@ def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
 
 @pytest.mark.parametrize("plant", ["linear", "mujoco"])
 def test_a_start_is_seen_from_that_of_the_reference(lab: Profile, plant: str) -> None:
-    """A quarter turn to the left of the reference's own heading, 1 m ahead of it and 0.5 m to its left."""
+    """1 m ahead of the reference's start, 0.5 m to its left, and turned left by a quarter."""
     up = Waypoints.from_path([[2.0, 3.0], [2.0, 4.0]], 0.5)
     robot = track("pid", up, plant, lab, start=(1.0, 0.5, 0.5 * math.pi), feedback="truth").robots[
         0

@@ -1,4 +1,4 @@
-"""Standard errors and intervals of fits: they hold what made the data, however long errors hang together."""
+"""Standard errors and intervals of fits: they hold the truth, however long errors hang together."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def hanging_together(rng: np.random.Generator, seconds: float, count: int = len(
 
 
 class Wave:
-    """A constant and a slow wave in errors: two numbers whose best values least squares give in one step."""
+    """A constant and a slow wave in errors: least squares finds both numbers in one step."""
 
     space = ParameterSpace((Parameter("level", "m", 0.0, 1.0), Parameter("height", "m", 0.0, 1.0)))
     shape = np.column_stack([np.ones(len(T)), np.sin(2.0 * np.pi * T / 7.0)])
@@ -70,7 +70,10 @@ def test_intervals_hold_the_truth(seconds: float, least: float, robust: bool) ->
 
 
 def test_each_part_is_left_out_by_a_step_to_the_optimum_of_the_others() -> None:
-    """A level that differs in the last quarter: where errors are linear, the step goes to what the other quarters give."""
+    """A level that differs in the last quarter.
+
+    Where errors are linear, the step goes to the fit of the other quarters.
+    """
     problem = Wave(
         0.1 * (T >= 0.75 * SECONDS) + 0.02 * np.random.default_rng(1).normal(size=len(T)),
         robust=False,

@@ -1,4 +1,4 @@
-"""Controllers from a user's file: they drive, and what is wrong with them is said in one line with file and line."""
+"""Controllers from a user's file: they drive, and a fault is one line with file and line."""
 
 from __future__ import annotations
 
@@ -196,7 +196,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: Path) -> None:
-    """One whose wheels slip by a tenth drives nine tenths of the way, and an edited one what the edit says."""
+    """One whose wheels slip by a tenth drives nine tenths of the way; an edited one, its edit."""
     file = own.with_name("p.toml")
     ways = list[float]()
     for slip, times in ((0.0, "1.0"), (0.1, "1.0"), (0.1, "2.0")):

@@ -121,7 +121,7 @@ def test_every_criterion_names_rows_and_words_with_two_sides() -> None:
 
 
 def test_a_row_has_the_class_that_its_numbers_deserve() -> None:
-    """A robot calibrated to the improved model recovers it, a repeated row repeats, and chosen limits are assumptions."""
+    """A calibrated robot recovers its model, a repeated row repeats, chosen limits are assumed."""
     expected = {
         ("3.12", "traj1"): "recovered",
         ("4.14", "line_0.50"): "recovered",

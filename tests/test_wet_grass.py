@@ -1,4 +1,4 @@
-"""A Husky on tile and on wet grass: what docs/wet_grass.md says of both, and of the profile husky-wet-grass."""
+"""A Husky on tile and on wet grass: docs/wet_grass.md and the profile husky-wet-grass."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def log(ground: str, start: float | None = None) -> Source:
 
 
 def moving(source: Source) -> list[tuple[IndexArray, IndexArray, FloatArray]]:
-    """Starts and ends of windows in which wheels turn, and the (2, M) rotation of the sides since the piece's begin."""
+    """Starts and ends of windows in which wheels turn, and the sides' (2, M) rotation."""
     rows = []
     for piece in source.pieces:
         assert piece.t is not None

@@ -37,7 +37,10 @@ def test_where_no_window_fits_there_is_none(t: list[float], usable: list[bool] |
 
 
 def moving_sums(rng: np.random.Generator, n: int, horizon: int) -> np.ndarray:
-    """Sizes of errors that gather over a horizon, as those of dead reckoning do: neighbours share all but one sample."""
+    """Sizes of errors that gather over a horizon, as in dead reckoning.
+
+    Neighbours share all but one sample.
+    """
     return np.abs(np.convolve(rng.normal(size=n + horizon - 1), np.ones(horizon), "valid"))
 
 
@@ -61,7 +64,10 @@ def test_intervals_hold_the_true_median_about_as_often_as_they_say() -> None:
 
 
 def test_intervals_hold_the_median_of_what_comes_next_though_a_log_is_short() -> None:
-    """From a quarter of a series to its rest: 85 % where 90 % of true medians are held, as differences of both scatter."""
+    """From a quarter of a series to its rest: 85 %, where 90 % of true medians are held.
+
+    Differences of both scatter.
+    """
     rng = np.random.default_rng(5)
     held = list[bool]()
     for _ in range(200):

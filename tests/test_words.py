@@ -1,4 +1,7 @@
-"""Foreign text leaves the project harmless on every medium: nothing raw reaches a terminal, a page, a picture or a name."""
+"""Foreign text leaves the project harmless on every medium.
+
+Nothing raw reaches a terminal, a page, a picture or a name.
+"""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class UrdfRobot:
     """Where equal parts of the body's mass lie, around its centre [m]; their mean must be zero."""
 
     def spin(self) -> tuple[float, float]:
-        """Return the moments of inertia of a wheel about a diameter and about its axle: a solid cylinder's."""
+        """Return a wheel's moments of inertia about a diameter and its axle: a solid cylinder's."""
         return self.wheel * (
             3.0 * self.radius**2 + self.width**2
         ) / 12.0, 0.5 * self.wheel * self.radius**2

@@ -1,4 +1,4 @@
-"""Settings of the test run: the number of its processes, the order of tests, and the end of a run that loses a process."""
+"""Settings of the test run: number of processes, order of tests, loss of a process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """After the files that compile come those with the most tests, so that no worker is left with a long one at the end."""
+    """After the files that compile come those with the most tests, so no long one is left."""
     sizes = Counter(item.path for item in items)
     items.sort(key=lambda item: (item.path.name not in FIRST, -sizes[item.path], item.path))
 

@@ -1,9 +1,9 @@
-"""Learn to follow paths from nothing, in minutes on two cores: `python docs/examples/learn_to_track.py [FOLDER]`.
+"""Learn to follow paths from nothing, in minutes on two cores.
 
-An evolution strategy in numpy moves the weights of a linear policy. It is trained on robots, starts
-and winding paths that are drawn anew in each generation, and judged beside the shipped controllers
-on references that it has never seen, in the physics of all other programs. The folder gets
-`policy.json` and `learning.png`.
+Usage: `python docs/examples/learn_to_track.py [FOLDER]`. An evolution strategy in numpy moves the
+weights of a linear policy. It is trained on robots, starts and winding paths that are drawn anew in
+each generation, and judged beside the shipped controllers on references that it has never seen, in
+the physics of all other programs. The folder gets `policy.json` and `learning.png`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ RULES = ("pid", "lqr", "mpc")
 
 
 class Policy:
-    """Speed and yaw rate, each linear in the numbers that a mirror leaves alone, or turns around, with it."""
+    """Speed and yaw rate, each linear in the numbers that a mirror changes as it does the output."""
 
     def __init__(self, past: int) -> None:
         """Choose the numbers of an observation with `past` commands, and their scales."""
@@ -69,7 +69,7 @@ class Policy:
         return len(self.even) + len(self.odd)
 
     def __call__(self, weights: FloatArray, seen: FloatArray) -> FloatArray:
-        """Return (S, 2) commands [m/s, rad/s] for (S, n) observations and (size,) or (S, size) weights."""
+        """Return (S, 2) commands [m/s, rad/s] for (S, n) observations; weights are (size,) or (S, size)."""
         v = np.sum(weights[..., : len(self.even)] * self._even_scale * seen[:, self.even], axis=-1)
         w = np.sum(weights[..., len(self.even) :] * self._odd_scale * seen[:, self.odd], axis=-1)
         return np.stack([v, w], axis=-1)
@@ -78,7 +78,10 @@ class Policy:
 def episode_rewards(
     batch: TrackBatch, act: Any, seeds: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (S,) mean reward of one episode a robot, and its mean distance to the target, lost time counting as 1.1 m."""
+    """Return (S,) mean reward of an episode a robot, and its mean distance to the target.
+
+    Lost time counts as 1.1 m.
+    """
     for row, seed in enumerate(seeds):
         batch.seed(row, int(seed))
     seen = batch.reset()
@@ -97,7 +100,10 @@ def episode_rewards(
 def learn(
     generations: int, seed: int = 0, every: int = 10
 ) -> tuple[Policy, FloatArray, list[dict[str, float]]]:
-    """Return the policy, its weights, and what was reached every few generations on 64 episodes that no training saw."""
+    """Return the policy, its weights, and its history.
+
+    The history has the reward every few generations on 64 episodes that no training saw.
+    """
     batch = TrackBatch(TASK, ROBOTS)
     policy = Policy(batch.source.past)
     rng = np.random.default_rng(seed)
@@ -160,7 +166,7 @@ class Learnt:
 
 
 def pid_reward(episodes: int = ROBOTS) -> tuple[float, float]:
-    """Return reward and distance [m] of the published PID on the episodes that the history is measured on."""
+    """Return reward and distance [m] of the published PID on the episodes of the history."""
     pid = make_controller(load_profile("thesis-lab"), load_gains("pid", "published"))
     assert isinstance(pid, Controller)
     batch = TrackBatch(TASK, episodes)
@@ -185,7 +191,7 @@ def pid_reward(episodes: int = ROBOTS) -> tuple[float, float]:
 def judge(
     policy: Policy, weights: FloatArray, references: tuple[str, ...] = HELD_OUT, seeds: int = 2
 ) -> dict[str, dict[str, Any]]:
-    """Return the metrics of the shipped controllers and of the policy on MuJoCo, by reference and controller."""
+    """Return the metrics of shipped controllers and policy on MuJoCo, by reference and controller."""
     profile = load_profile("thesis-lab")
     past = (policy.size - 2 - 5 * len(AHEAD_TICKS)) // 2
     robot = make_robot(profile, "mujoco")

@@ -124,11 +124,14 @@ def arrow(points: list[Place]) -> str:
 def box(room: str, centre: Place, width: float) -> str:
     """Return a room's box with its name."""
     x, y = centre
-    frame = f'<rect x="{x - width / 2:.0f}" y="{y - BOX / 2:.0f}" width="{width:.0f}" height="{BOX}" rx="7"'
     name = escape(room.split(".")[1])
     size = 11 if width < 80.0 else 13
-    text = f'<text x="{x:.0f}" y="{y + 5:.0f}" font-size="{size}" text-anchor="middle" fill="{INK}">{name}</text>'
-    return f'{frame} fill="#ffffff" stroke="{INK}"/>{text}'
+    return (
+        f'<rect x="{x - width / 2:.0f}" y="{y - BOX / 2:.0f}" width="{width:.0f}" height="{BOX}" '
+        f'rx="7" fill="#ffffff" stroke="{INK}"/>'
+        f'<text x="{x:.0f}" y="{y + 5:.0f}" font-size="{size}" text-anchor="middle" '
+        f'fill="{INK}">{name}</text>'
+    )
 
 
 def panel(package: str, graph: Graph) -> list[str]:
@@ -146,8 +149,15 @@ def panel(package: str, graph: Graph) -> list[str]:
     at = places(chains, floor, package)
     wide = min(104.0, width / max(Counter(floor.values()).values()) - 6.0)
     top = min(y for _, y in at.values()) - 62
-    frame = f'<rect x="{left}" y="{top:.0f}" width="{width}" height="{HEIGHT - 10 - top:.0f}" rx="12" fill="{fill}"/>'
-    title = f'<text x="{left + 14}" y="{top + 25:.0f}" font-size="14" fill="{INK}">{escape(WORDS[package])}</text>'
+    height = HEIGHT - 10 - top
+    frame = (
+        f'<rect x="{left}" y="{top:.0f}" width="{width}" height="{height:.0f}" rx="12" '
+        f'fill="{fill}"/>'
+    )
+    title = (
+        f'<text x="{left + 14}" y="{top + 25:.0f}" font-size="14" fill="{INK}">'
+        f"{escape(WORDS[package])}</text>"
+    )
     return [
         frame,
         title,
@@ -160,16 +170,17 @@ def figure() -> str:
     """Return the whole drawing."""
     graph = room_imports()
     x = PANELS["validation"][0] + PANELS["validation"][1]
-    across = f'<path d="M{x} {HEIGHT / 2:.0f} L{PANELS["ssmr"][0] - 3} {HEIGHT / 2:.0f}" stroke="{FLOW}" stroke-width="4" '
-    parts = [
-        *panel("validation", graph),
-        *panel("ssmr", graph),
-        across + 'marker-end="url(#head)"/>',
-    ]
+    end = PANELS["ssmr"][0] - 3
+    across = (
+        f'<path d="M{x} {HEIGHT / 2:.0f} L{end} {HEIGHT / 2:.0f}" stroke="{FLOW}" '
+        'stroke-width="4" marker-end="url(#head)"/>'
+    )
+    parts = [*panel("validation", graph), *panel("ssmr", graph), across]
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
         'font-family="Helvetica, Arial, sans-serif">'
-        '<defs><marker id="head" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="7" markerHeight="7" orient="auto" '
+        '<defs><marker id="head" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="7" '
+        'markerHeight="7" orient="auto" '
         f'markerUnits="userSpaceOnUse"><path d="M0 0 L10 5 L0 10 z" fill="{FLOW}"/></marker></defs>'
         f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#ffffff"/>\n'
         + "\n".join(parts)

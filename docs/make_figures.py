@@ -336,9 +336,9 @@ def table_rest() -> None:
                 data.qvel[axis] = speed
                 start = data.qpos[axis]
                 mujoco.mj_step(model, data, nstep=round(2.0 * speed / (friction * GRAVITY) / 0.002))
-                off.append(
-                    f"{100.0 * ((data.qpos[axis] - start) / (speed**2 / (2.0 * friction * GRAVITY)) - 1.0):+.1f}"
-                )
+                way = data.qpos[axis] - start
+                expected = speed**2 / (2.0 * friction * GRAVITY)
+                off.append(f"{100.0 * (way / expected - 1.0):+.1f}")
         print_row(friction, *off)
 
 

@@ -48,7 +48,7 @@ def moving_windows(piece: Piece, horizon: float) -> tuple[IndexArray, IndexArray
 
 
 def signed_errors(source: Source, poses: list[FloatArray], horizon: float) -> FloatArray:
-    """Return (W, 3) errors ahead, to the left [m] and of the heading [rad] of all moving windows."""
+    """Return (W, 3) errors ahead, to the left [m] and of heading [rad] of all moving windows."""
     rows = []
     for piece, pose in zip(source.pieces, poses, strict=True):
         assert piece.reference is not None
@@ -217,7 +217,8 @@ def main(path: str) -> None:
             kinematics = Drift(source, horizons)
             x = kinematics.fit(drifts)
             e = kinematics.errors(x, 6.0)
-            medians = f"{np.median(np.hypot(e[:, 0], e[:, 1])):.3f} m, {np.median(np.abs(e[:, 2])):.3f} rad"
+            distance = np.median(np.hypot(e[:, 0], e[:, 1]))
+            medians = f"{distance:.3f} m, {np.median(np.abs(e[:, 2])):.3f} rad"
             measured = ", ".join(
                 f"{label} {value:.4f}" for label, value in zip(Drift.NAMES, x, strict=True)
             )

@@ -46,7 +46,7 @@ VARIANTS |= {
 
 
 def driven(plant, names="", factor=1.0, more=0.0):
-    """Return trajectory 4 of a plant whose numbers of these names are times `factor`, plus `more`."""
+    """Return trajectory 4 of a plant whose named numbers are times `factor`, plus `more`."""
     section = LAB.section(plant)
     for name in names.split():
         part = next(

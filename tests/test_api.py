@@ -45,7 +45,10 @@ def test_every_exported_name_resolves(package: str) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_an_import_is_quick_and_loads_no_engine(package: str) -> None:
-    program = f"import time, sys; import {package}; print(time.process_time(), *{{'numba', 'mujoco', 'scipy'}} & set(sys.modules))"
+    program = (
+        f"import time, sys; import {package}; "
+        "print(time.process_time(), *{'numba', 'mujoco', 'scipy'} & set(sys.modules))"
+    )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
@@ -65,7 +68,8 @@ def test_results_and_profiles_can_be_pickled() -> None:
     )
     assert pickle.loads(pickle.dumps(lab)).as_dict() == lab.as_dict()  # noqa: S301 - our own
     for result in results:
-        assert str(pickle.loads(pickle.dumps(result)).table()) == str(result.table())  # noqa: S301 - our own
+        copied = pickle.loads(pickle.dumps(result))  # noqa: S301 - our own
+        assert str(copied.table()) == str(result.table())
 
 
 @pytest.mark.parametrize("name", ["calibrate", "compare", "fit", "replicate", "track", "tune"])

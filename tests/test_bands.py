@@ -68,11 +68,17 @@ def errors(predicted: FloatArray, true: FloatArray, i: IndexArray, j: IndexArray
 @pytest.mark.parametrize(
     "cause",
     [
-        {"position_noise": 0.02}, {"yaw_noise": 0.01}, {"way_walk": 0.03}, {"way_scale": 0.02}, {"turn_walk": 0.02},
-        {"turn_scale": 0.02}, {"bend_walk": 0.01}, {"bend_scale": 0.01},
+        {"position_noise": 0.02},
+        {"yaw_noise": 0.01},
+        {"way_walk": 0.03},
+        {"way_scale": 0.02},
+        {"turn_walk": 0.02},
+        {"turn_scale": 0.02},
+        {"bend_walk": 0.01},
+        {"bend_scale": 0.01},
     ],
     ids=lambda cause: next(iter(cause)),
-)  # fmt: skip
+)
 def test_errors_of_each_cause_grow_as_it_says(cause: dict[str, float]) -> None:
     band = replace(NOTHING, **cause)
     steps = path(200, 3)

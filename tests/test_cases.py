@@ -50,7 +50,10 @@ ANSWERS: Mapping[str, tuple[Table, Table]] = {
 
 PLANAR = tuple(PLANAR_MODELS)
 ENGINES = ("ode", "drake")
-NO_SLIP = "its sides do not slip sideways: yaw rate and wheel rates are linked by a half-track that is put in"
+NO_SLIP = (
+    "its sides do not slip sideways: "
+    "yaw rate and wheel rates are linked by a half-track that is put in"
+)
 NO_FORCES = "it has no forces"
 VISCOUS = "its friction is viscous"
 LEVEL = "it knows level ground alone"

@@ -24,10 +24,13 @@ BROUGHT = {"packaging": "pytest", "pillow": "matplotlib"}
 """A package that tests import, and the one that cannot do without it."""
 
 PYTHON = """#!/usr/bin/env bash
-# Stands for python3.11: reads the README's commands, makes environments whose programs only say that they were called.
+# Stands for python3.11: reads the README's commands, makes environments whose programs
+# only say that they were called.
 case "$*" in
     *readme.py*) exec {python} "$@" ;;
-    "-m venv"*) mkdir -p "$3/bin"; for name in pip python ruff mypy bandit; do ln -s {here}/program "$3/bin/$name"; done ;;
+    "-m venv"*)
+        mkdir -p "$3/bin"
+        for name in pip python ruff mypy bandit; do ln -s {here}/program "$3/bin/$name"; done ;;
 esac
 """
 PROGRAM = """#!/usr/bin/env bash
@@ -41,20 +44,20 @@ mkdir -p "$root"/{{etc,proc,dev,root,usr}}
 mount -o ro,bind /usr "$root/usr"
 for name in bin lib lib64; do ln -s "usr/$name" "$root/$name"; done
 """
-README = """
-```bash
-git clone <this repository> husky && cd husky && {main} && python3.11 -m venv .venv && .venv/bin/pip install compare traj4
-```
-
-```bash
-python3.11 -m venv .venv && .venv/bin/pip install ".[test]" && .venv/bin/python -m pytest && echo "== 3 passed in 0.10s =="
-```
-"""
+README = (
+    "\n```bash\n"
+    "git clone <this repository> husky && cd husky && {main} && "
+    "python3.11 -m venv .venv && .venv/bin/pip install compare traj4\n"
+    "```\n\n```bash\n"
+    'python3.11 -m venv .venv && .venv/bin/pip install ".[test]" && '
+    '.venv/bin/python -m pytest && echo "== 3 passed in 0.10s =="\n'
+    "```\n"
+)
 
 
 @pytest.fixture
 def house(tmp_path: Path) -> Path:
-    """A repository with this `.ci/run` and a README of its own, and programs that do nothing but write down their calls."""
+    """A repository with this `.ci/run`, its own README, and programs that note their calls."""
     ci = tmp_path / "house" / ".ci"
     ci.mkdir(parents=True)
     for name in ("run", "fresh", "readme.py"):
@@ -119,7 +122,8 @@ def test_a_main_job_that_fails_is_told_and_hides_nothing_else(house: Path) -> No
 
 
 def test_tests_that_skipped_for_the_newcomer_run_for_the_maintainer(house: Path) -> None:
-    message = "SKIPPED tests/test_b.py::test_c[a b] - why\nSKIPPED tests/test_a.py - why\nSKIPPED tests/test_b.py::test_c[d] - why"
+    skipped = ("test_b.py::test_c[a b]", "test_a.py", "test_b.py::test_c[d]")
+    message = "\n".join(f"SKIPPED tests/{name} - why" for name in skipped)
     readme = README.replace('&& echo "==', f'&& echo "{message}" && echo "==')
     calls = ci(house, "true", readme)[2]
     assert "python -m pytest -q tests/test_a.py tests/test_b.py::test_c" in calls

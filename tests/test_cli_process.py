@@ -71,7 +71,12 @@ def test_under_nohup_a_hangup_is_ignored(start: Launch, tmp_path: Path) -> None:
 
 
 def test_a_reader_that_leaves_is_no_failure(start: Launch) -> None:
-    program = "from validation.cli import run\ndef main() -> None:\n    print('x' * 10**6)\nrun(main, 'program', [])"
+    program = (
+        "from validation.cli import run\n"
+        "def main() -> None:\n"
+        "    print('x' * 10**6)\n"
+        "run(main, 'program', [])"
+    )
     process = start(program)
     assert process.stdout is not None
     process.stdout.close()
@@ -164,7 +169,10 @@ def test_ctrl_c_while_a_program_loads_its_libraries_has_no_traceback(
 
 
 def test_importing_the_package_changes_no_signal(start: Launch) -> None:
-    text = "import signal, validation, validation.compare, validation.fit; print(signal.getsignal(signal.SIGINT))"
+    text = (
+        "import signal, validation, validation.compare, validation.fit; "
+        "print(signal.getsignal(signal.SIGINT))"
+    )
     said, _ = start(text).communicate(timeout=60)
     assert "default_int_handler" in said
 

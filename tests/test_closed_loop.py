@@ -186,7 +186,10 @@ def test_a_planar_population_is_its_members(feedback: str) -> None:
         for i in range(len(MIXED))
     ]
     laws = [controller(law, **gains) for law, gains, _ in MIXED]
-    settings = [replace(s, feedback=feedback, disturbance=True) for *_, s in MIXED]  # type: ignore[arg-type]
+    settings = [
+        replace(s, feedback=feedback, disturbance=True)  # type: ignore[arg-type]
+        for *_, s in MIXED
+    ]
     loops = list(zip(models, laws, settings, strict=True))
     alone = [
         run_loops([m], [law], [s], BEND, [7 + i % 2])[0] for i, (m, law, s) in enumerate(loops)
@@ -411,10 +414,8 @@ def test_a_robot_that_stays_is_lost_when_its_target_has_gone_too_far_wherever_to
         text = str(caught.value)
         evidence = caught.value.evidence
         assert text.startswith(f"an idle robot left its bounds at t = {run.t[-1]:.2f} s: x = ")
-        assert (
-            f"{np.hypot(*(run.columns('target_x', 'target_y')[-1] - run.columns('x', 'y')[-1])):.2f} m from its"
-            in text
-        )
+        away = run.columns("target_x", "target_y")[-1] - run.columns("x", "y")[-1]
+        assert f"{np.hypot(*away):.2f} m from its" in text
         assert (evidence["t"], evidence["state"], evidence["run"]) == (run.t[-1], run.state, run)
 
 

@@ -84,14 +84,20 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
 
     One whose is not errs by what the point swings.
     """
-    text = 'schema = "ssmr.profile/1"\n[plants.kinematic.localiser]\ntracked_x = 0.3\ntracked_y = 0.1\n'
+    text = (
+        'schema = "ssmr.profile/1"\n'
+        "[plants.kinematic.localiser]\n"
+        "tracked_x = 0.3\n"
+        "tracked_y = 0.1\n"
+    )
     (tmp_path / "p.toml").write_text(text)
     shifted = load_profile(str(tmp_path / "p.toml"))
     source = open_source(str(recorded(lab, "kinematic", tmp_path)))
     there = drive(
         make_plant(shifted, "kinematic"), source.pieces[0], Localiser(0.3, 0.1), source.sample_dt
     )
-    assert np.allclose(there.pose[0], source.pieces[0].reference.pose[0])  # type: ignore[union-attr]
+    reference = source.pieces[0].reference
+    assert np.allclose(there.pose[0], reference.pose[0])  # type: ignore[union-attr]
     error = horizons_of([(source, [there])], (2.0,))[2.0].position_median_m
     assert 0.02 < error < 0.4
 

@@ -220,7 +220,8 @@ STOPPED = (130, -signal.SIGINT, -signal.SIGTERM)
 """Statuses of programs that a signal ends: 130, and the signal itself while they are being
 loaded."""
 LONG = {
-    "fit": "fit improved --to traj4@linear --population 30 --generations 60 --patience 99 --search jde --out out",
+    "fit": "fit improved --to traj4@linear --population 30 --generations 60 --patience 99 "
+    "--search jde --out out",
     "recordings": "recordings convert log.csv --out out/made.csv --overwrite",
     "replicate": "replicate --quick --only 3.12,accelerations --out out",
 }

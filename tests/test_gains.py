@@ -30,7 +30,10 @@ from validation.plants.profile import load_profile, odometry_of, shipped
 from validation.thesis import published
 
 PRINTED = {
-    "pid": "K_P_u K_I_u K_P_omega K_I_omega K_P_FF_u K_P_FF_omega K_P_rho K_I_rho K_P_y K_I_y K_P_alpha K_I_alpha".split(),
+    "pid": (
+        "K_P_u K_I_u K_P_omega K_I_omega K_P_FF_u K_P_FF_omega "
+        "K_P_rho K_I_rho K_P_y K_I_y K_P_alpha K_I_alpha"
+    ).split(),
     "lqr": "Q_11 Q_22 Q_33 Q_44 R_11 R_22 K_alpha K_y K_I_rho".split(),
 }
 """Names of the thesis, in the order of ours."""

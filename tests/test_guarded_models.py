@@ -42,7 +42,10 @@ def test_an_mjcf_has_the_files_of_its_folder(tmp_path: Path) -> None:
     assert model.nbody == compose_robot(load_robot("husky")).compile().nbody
 
 
-BODIES = '<worldbody><replicate count="100000000" offset="1 0 0"><body><geom size="1"/></body></replicate></worldbody>'
+BODIES = (
+    '<worldbody><replicate count="100000000" offset="1 0 0"><body><geom size="1"/></body>'
+    "</replicate></worldbody>"
+)
 HOSTILE = {
     "bodies without end": BODIES,
     "keys without end": '<size nkey="2000000000"/>',

@@ -219,9 +219,16 @@ def pair() -> tuple[Any, Any]:
 @pytest.mark.parametrize(
     "action",
     [
-        [np.nan, 0.0], [], [0.1, 0.2, 0.3], [[0.1, 0.2]], None, ["\x1b[31m", 0], [10**400, 0], np.zeros((2, 1)),
+        [np.nan, 0.0],
+        [],
+        [0.1, 0.2, 0.3],
+        [[0.1, 0.2]],
+        None,
+        ["\x1b[31m", 0],
+        [10**400, 0],
+        np.zeros((2, 1)),
     ],
-)  # fmt: skip
+)
 def test_an_action_that_cannot_be_is_one_error_and_nothing_has_moved(
     pair: tuple[Any, Any], action: Any
 ) -> None:

@@ -176,7 +176,7 @@ Spoil = Callable[[dict[str, FloatArray]], dict[str, FloatArray]]
 
 
 def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
-    """Return loggers' mistakes for a wheel radius [m]: kind of fault, columns, spoiling function."""
+    """Return loggers' mistakes for a wheel radius [m]: kind of fault, columns, function."""
     return {
         **{
             f"{n} negated": ("sign", n, scaled(-1.0, *n.split()))

@@ -35,7 +35,9 @@ MISTAKES = {
     "compare traj4 --workers 0": "--workers: '0' must be a whole number from 1 on",
     "compare traj4 --plant mujoco": "--plant",
     "compare": "SOURCE",
-    "compare traj4 --plants improved --reference improved --out file": "no folder that can be written",
+    "compare traj4 --plants improved --reference improved --out file": (
+        "no folder that can be written"
+    ),
     "compare traj4 --view --no-rerun": "--view",
     "fit coulomb --to traj9": "no source 'traj9'",
     f"{FIT} --free mu_s": "coulomb has no parameter 'mu_s' to fit; there are: u_x, mu_c",
@@ -75,13 +77,17 @@ MISTAKES = {
     "recordings info nowhere.bag": "nowhere.bag: there is no such file",
     "recordings info .": "no ROS 2 bag: there is no metadata.yaml",
     "recordings info drive.csv --limits perid=20": "unknown limit 'perid'; there are: table_size, ",
-    "recordings convert drive.csv --out x.xls": "no format has the ending '.xls'; there are: .csv, .tum",
+    "recordings convert drive.csv --out x.xls": (
+        "no format has the ending '.xls'; there are: .csv, .tum"
+    ),
     "recordings convert drive.csv --out drive.csv": "is the log itself, or a part of it",
     "recordings convert drive.csv --rate -3": "rate -3.0 must be positive [Hz]",
     "recordings convert drive.csv --from 99": "nothing was logged in 99 to inf s",
     "recordings convert drive.csv --topics odom=/odom": "topics names the topics of a bag",
     "recordings convert drive.bag --topics odom": "must be ROLE=TOPIC such as",
-    "recordings convert drive.bag --topics odom=/nowhere": "there is no topic /nowhere; there are: /pose",
+    "recordings convert drive.bag --topics odom=/nowhere": (
+        "there is no topic /nowhere; there are: /pose"
+    ),
     "recordings convert drive.bag --unbias": "unbias needs a gyro",
     "recordings convert cut.bag": "no bag that can be read, or a damaged one",
     "recordings convert log.txt": "logs are .csv, .bag, .mcap or the folder of a ROS 2 bag",

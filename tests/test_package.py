@@ -74,9 +74,11 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     )
     (entries,) = site.glob("*.dist-info/entry_points.txt")
     assert "ssmr = validation.__main__:main" in entries.read_text()
-    program = f"import sys; sys.path.insert(0, {str(site)!r}); import validation; print(validation.__file__)"
-    program += "; from validation import cli; from validation.compare import compare"
-    program += "; cli.run(compare.command(), 'compare', ['traj2', '--plants', 'mujoco,improved', '--no-rerun'])"
+    options = ["traj2", "--plants", "mujoco,improved", "--no-rerun"]
+    program = f"import sys; sys.path.insert(0, {str(site)!r}); "
+    program += "import validation; print(validation.__file__); "
+    program += "from validation import cli; from validation.compare import compare; "
+    program += f"cli.run(compare.command(), 'compare', {options!r})"
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     done = subprocess.run(
         [sys.executable, "-c", program],

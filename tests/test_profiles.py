@@ -52,7 +52,8 @@ def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
     path.write_text(
         HEAD
         + "[vehicle]\nmass = 50\n[drive]\ndelay_v = 0.1\nacceleration_v = inf\n"
-        + "[plants.improved.localiser]\ntracked_x = 0.1\ntracked_y = -0.2\n[plants.improved.drive]\ndelay_v = 0.3\n"
+        + "[plants.improved.localiser]\ntracked_x = 0.1\ntracked_y = -0.2\n"
+        + "[plants.improved.drive]\ndelay_v = 0.3\n"
     )
     profile = load_profile(str(path))
     assert profile.plants["coulomb"].drive.delay_v == 0.1

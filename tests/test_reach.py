@@ -19,7 +19,8 @@ def test_a_settled_motion_of_a_robot_without_slip_is_the_command(lab: Profile) -
     assert w == pytest.approx(0.0, abs=0.05)
     rolled = section.vehicle.wheel_radius / section.drive.command_radius
     p = section.parameters
-    assert v == pytest.approx(0.4 * rolled * 0.5 * (p.alpha_l + p.alpha_r), rel=0.02)  # type: ignore[attr-defined]
+    share = 0.5 * (p.alpha_l + p.alpha_r)  # type: ignore[attr-defined]
+    assert v == pytest.approx(0.4 * rolled * share, rel=0.02)
 
 
 @pytest.mark.parametrize("plant", ["improved", "four_wheel", "mujoco"])

@@ -1,4 +1,4 @@
-"""`import` finds a robot's numbers in a URDF, whatever its names, order and frames, and refuses others."""
+"""`import` finds a robot's numbers in a URDF of any names, order and frames, or refuses it."""
 
 from __future__ import annotations
 
@@ -120,9 +120,11 @@ def test_rockers_are_no_wheels(tmp_path: Path) -> None:
         text = text.replace("</robot>", f"{rocker}</robot>")
         for end in ("front", "rear"):
             x = 0.25 if end == "front" else -0.25
+            child = f'<child link="{end}_{side}"/>'
+            origin = f'<origin xyz="{x} {y} 0.03" rpy="0.0 0 0"/>'
             text = text.replace(
-                f'<parent link="base_link"/><child link="{end}_{side}"/><origin xyz="{x} {y} 0.03" rpy="0.0 0 0"/>',
-                f'<parent link="{side}_rocker"/><child link="{end}_{side}"/><origin xyz="{x} 0 0"/>',
+                f'<parent link="base_link"/>{child}{origin}',
+                f'<parent link="{side}_rocker"/>{child}<origin xyz="{x} 0 0"/>',
             )
     assert text.count('<parent link="left_rocker"/>') == 2
     (tmp_path / "rockers.urdf").write_text(text)
@@ -164,7 +166,10 @@ def test_an_antenna_is_no_hull(tmp_path: Path) -> None:
     assert any("hull is estimated" in remark for remark in drafted.remarks)
 
 
-ROS2 = '<ros2_control name="r"><joint name="{{0}}_joint"><{}_interface name="velocity"/></joint></ros2_control>'
+ROS2 = (
+    '<ros2_control name="r"><joint name="{{0}}_joint"><{}_interface name="velocity"/></joint>'
+    "</ros2_control>"
+)
 MOTOR = {
     "transmission": '<transmission name="t{0}"><joint name="{0}_joint"/></transmission>',
     "ros2_control": ROS2.format("command"),

@@ -69,7 +69,12 @@ def test_lateness_is_caught_up_with_or_dropped(
     stalls = iter([0.0] * 50 + [stall])
     receive = node.receive
     clock = node.clock
-    node.receive = lambda *now: clock.sleep(next(stalls, 0.0)) or receive(*now)  # type: ignore[method-assign, func-returns-value]
+
+    def stalled(*now: Any) -> Any:
+        clock.sleep(next(stalls, 0.0))
+        return receive(*now)
+
+    node.receive = stalled  # type: ignore[method-assign]
     loop.run(2.0)
     assert clock.now == pytest.approx(102.0 + dropped, abs=0.01)
     late = np.array([t - msg.read_pose(m)[0] for t, m in node.of(POSE)])

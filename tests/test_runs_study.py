@@ -58,9 +58,13 @@ def test_a_log_is_fitted_judged_and_not_fitted_again(
 
 @pytest.mark.parametrize(
     ("logs", "plants", "message"),
-    [((), ("kinematic",), "no log is named"), (("husky",), ("carriage",), "unknown plant 'carriage'"),
-     (("husky@ox",), ("kinematic",), "ox"), (("husky", "husky"), ("kinematic",), "two logs have the name husky")],
-)  # fmt: skip
+    [
+        ((), ("kinematic",), "no log is named"),
+        (("husky",), ("carriage",), "unknown plant 'carriage'"),
+        (("husky@ox",), ("kinematic",), "ox"),
+        (("husky", "husky"), ("kinematic",), "two logs have the name husky"),
+    ],
+)
 def test_mistakes_are_named(
     logs: tuple[str, ...], plants: tuple[str, ...], message: str, tmp_path: Path
 ) -> None:

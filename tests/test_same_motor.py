@@ -83,18 +83,21 @@ def four_wheels(d: Drive) -> Plant:
             "mass": MASS,
             "yaw_inertia": CALIBRATION.yaw_inertia,
             "wheelbase": HUSKY.geometry.wheelbase,
-        },
-        **{
             "half_track": CALIBRATION.half_track,
             "wheel_radius": RADIUS,
             "com_x": 0.0,
             "com_y": 0.0,
             "com_height": 0.19,
+            "gain": GAIN,
+            "armature": ARMATURE,
+            "wheel_inertia": HUSKY.masses.wheel_inertia[1],
+            "friction": 1.0,
+            "stiffness_x": 300.0,
+            "stiffness_y": 300.0,
         },
-        **{"gain": GAIN, "armature": ARMATURE, "wheel_inertia": HUSKY.masses.wheel_inertia[1]},
-        **{"friction": 1.0, "stiffness_x": 300.0, "stiffness_y": 300.0},
     }
-    return FourWheelPlant(FourWheelModel(FourWheelParameters(**robot), d), DT)  # type: ignore[arg-type] # link has a default
+    parameters = FourWheelParameters(**robot)  # type: ignore[arg-type]  # link has a default
+    return FourWheelPlant(FourWheelModel(parameters, d), DT)
 
 
 PLANTS: dict[str, Callable[[Drive], Plant]] = {

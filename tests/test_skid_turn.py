@@ -52,9 +52,7 @@ def test_a_polygon_is_the_same_after_a_quarter_turn_and_a_square_is_a_turned_dia
     assert rates == pytest.approx([rates[0]] * 3, rel=1e-9)
 
 
-def test_a_square_along_the_worlds_axes_turns_by_1_00_to_1_90_over_heading_and_1_396_in_the_mean() -> (
-    None
-):
+def test_a_square_along_the_worlds_axes_turns_by_1_00_to_1_90_and_1_396_in_the_mean() -> None:
     headings = np.radians(np.arange(0.25, 90.0, 0.5))
     measured = np.array(
         [polygonal_turn("square", h, WHEELBASE, TRACK).multiplier for h in headings]

@@ -209,7 +209,7 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
 @pytest.mark.parametrize("stalls", [True, False])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_gyro_judges_headings_whatever_its_sign_and_bias(sign: float, stalls: bool) -> None:
-    """The gyro, whose clock is 0.2 s before the wheels', is right even where the localiser stalls."""
+    """The gyro, 0.2 s before the wheels' clock, is right even where the localiser stalls."""
     columns = drive(120.0)
     rate = np.roll(columns["gyro_z"], -4)
     late = columns["t"] - 0.5 * (1.0 + np.sin(columns["t"]))  # it stalls and catches up

@@ -90,7 +90,10 @@ def test_help_fits_a_narrow_terminal_and_breaks_lines_between_words(
 
 
 def test_a_program_is_called_as_by_its_module(tmp_path: Path) -> None:
-    program = "import sys; sys.argv[0] = '/bin/ssmr'; from validation.__main__ import main; sys.exit(main())"
+    program = (
+        "import sys; sys.argv[0] = '/bin/ssmr'; "
+        "from validation.__main__ import main; sys.exit(main())"
+    )
     command = [
         sys.executable,
         "-c",

@@ -28,7 +28,7 @@ def test_what_goes_wrong_in_a_thread_is_raised() -> None:
 
 
 def test_no_search_starts_a_threading_layer_of_numba() -> None:
-    """The layer that a machine without OpenMP and TBB has, ends the process if two threads call it."""
+    """The layer without OpenMP and TBB ends the process when two threads call it at once."""
     few: dict[str, Any] = {"profile": "thesis-lab", "population": 8, "generations": 1, "workers": 2}
     fit("mujoco", to="traj4@improved", search="jde", **few)
     tune("lqr", "line", **few)

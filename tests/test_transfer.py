@@ -151,7 +151,7 @@ def test_the_judge_agrees_with_itself(study: Report) -> None:
 
 
 def test_references_are_as_fast_as_the_robot_can_drive() -> None:
-    """The Husky on tile turns at 0.9 rad/s at most, so of U-turn and line at 0.5 m/s one is too fast."""
+    """The Husky on tile turns at 0.9 rad/s at most: a U-turn at 0.5 m/s is too fast for it."""
     robot = make_robot(load_profile("husky-tile"), "improved")
     o = TransferStudy(references=("u-turn", "line@0.5", "line"))
     missions = missions_of(o, robot)

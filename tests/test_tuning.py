@@ -163,7 +163,8 @@ def test_bounds_hold_the_start_and_are_widened_for_it() -> None:
     assert all(p.lower < start[p.name] < p.upper for p in wide.parameters)
     with pytest.raises(
         ValueError,
-        match=r"the bounds of q_yaw, 5 to 15, leave out 3.3723, where the search begins; widen them",
+        match=r"the bounds of q_yaw, 5 to 15, leave out 3.3723, "
+        "where the search begins; widen them",
     ):
         make_tuning_space("lqr", None, False, {"q_yaw": (5.0, 15.0)}, start=start)
 

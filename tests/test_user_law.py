@@ -178,7 +178,8 @@ class OtherParameters(SlipParameters):
     """A law's parameters are its own."""
 
 
-BAD = PlanarLaw("bad", OtherParameters, jit(lambda v, w, wheels, disturbance, dt, robot: robot.parameters.nothing))
+NOTHING = jit(lambda v, w, wheels, disturbance, dt, robot: robot.parameters.nothing)
+BAD = PlanarLaw("bad", OtherParameters, NOTHING)
 TAKEN = PlanarLaw("linear", SlipParameters, advance)
 '''
 

@@ -240,7 +240,8 @@ def test_the_reference_trajectory_is_the_target_sampled(
 
 
 def errors(pose: ArrayLike, goal: ArrayLike, switch: float = ALPHA_SWITCH) -> FloatArray:
-    seen, aim = Observation(*map(float, pose), 0.0, 0.0), Target(*map(float, goal), 0.0, 0.0, 0)  # type: ignore[arg-type]
+    seen = Observation(*map(float, pose), 0.0, 0.0)  # type: ignore[arg-type]
+    aim = Target(*map(float, goal), 0.0, 0.0, 0)  # type: ignore[arg-type]
     return np.array(position_errors(seen, aim, switch))
 
 

@@ -72,7 +72,8 @@ class UrdfRobot:
             parts.append(
                 f'<link name="part{k}"><inertial><origin xyz="0 0 {z}"/><mass value="{each}"/>'
                 f"<inertia {tensor}/></inertial></link>"
-                f'<joint name="part{k}_joint" type="fixed"><parent link="base_link"/><child link="part{k}"/>'
+                f'<joint name="part{k}_joint" type="fixed"><parent link="base_link"/>'
+                f'<child link="part{k}"/>'
                 f'<origin xyz="{x} {y} 0"/></joint>'
             )
         return "".join(parts)
@@ -92,8 +93,10 @@ class UrdfRobot:
             shape = f"<visual>{mesh}</visual><collision>{turned}{cylinder}</collision>"
         return (
             f'<link name="{name}"><inertial><origin rpy="{-roll} 0 0"/><mass value="{self.wheel}"/>'
-            f'<inertia ixx="{across}" ixy="0" ixz="0" iyy="{spin}" iyz="0" izz="{across}"/></inertial>{shape}</link>'
-            f'<joint name="{name}_joint" type="continuous"><parent link="base_link"/><child link="{name}"/>'
+            f'<inertia ixx="{across}" ixy="0" ixz="0" iyy="{spin}" iyz="0" izz="{across}"/>'
+            f"</inertial>{shape}</link>"
+            f'<joint name="{name}_joint" type="continuous"><parent link="base_link"/>'
+            f'<child link="{name}"/>'
             f'<origin xyz="{x} {y} {self.axle}" rpy="{roll} 0 0"/>'
             f'<axis xyz="{" ".join(map(str, self.axes[k]))}"/></joint>'
         )
@@ -116,7 +119,9 @@ def extra_wheel(
 ) -> str:
     """Return one more wheel, for `UrdfRobot.more`."""
     return (
-        f'<link name="{name}"><inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01"/></inertial></link>'
+        f'<link name="{name}"><inertial><mass value="1"/>'
+        f'<inertia ixx="0.01" iyy="0.01" izz="0.01"/></inertial></link>'
         f'<joint name="{name}_joint" type="{kind}"><parent link="{parent}"/><child link="{name}"/>'
-        f'<origin xyz="{x} {y} 0.03"/><axis xyz="{axis}"/><limit lower="-0.4" upper="0.4" effort="1" velocity="1"/></joint>'
+        f'<origin xyz="{x} {y} 0.03"/><axis xyz="{axis}"/>'
+        '<limit lower="-0.4" upper="0.4" effort="1" velocity="1"/></joint>'
     )

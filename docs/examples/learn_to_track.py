@@ -47,7 +47,7 @@ RULES = ("pid", "lqr", "mpc")
 
 
 class Policy:
-    """Speed and yaw rate, each linear in the numbers that a mirror changes as it does the output."""
+    """Speed and yaw rate, each linear in numbers that a mirror changes in the same way."""
 
     def __init__(self, past: int) -> None:
         """Choose the numbers of an observation with `past` commands, and their scales."""
@@ -69,7 +69,7 @@ class Policy:
         return len(self.even) + len(self.odd)
 
     def __call__(self, weights: FloatArray, seen: FloatArray) -> FloatArray:
-        """Return (S, 2) commands [m/s, rad/s] for (S, n) observations; weights are (size,) or (S, size)."""
+        """Return (S, 2) commands [m/s, rad/s] for (S, n) observations and (S, size) weights."""
         v = np.sum(weights[..., : len(self.even)] * self._even_scale * seen[:, self.even], axis=-1)
         w = np.sum(weights[..., len(self.even) :] * self._odd_scale * seen[:, self.odd], axis=-1)
         return np.stack([v, w], axis=-1)
@@ -191,7 +191,7 @@ def pid_reward(episodes: int = ROBOTS) -> tuple[float, float]:
 def judge(
     policy: Policy, weights: FloatArray, references: tuple[str, ...] = HELD_OUT, seeds: int = 2
 ) -> dict[str, dict[str, Any]]:
-    """Return the metrics of shipped controllers and policy on MuJoCo, by reference and controller."""
+    """Return metrics of shipped controllers and policy on MuJoCo, by reference and controller."""
     profile = load_profile("thesis-lab")
     past = (policy.size - 2 - 5 * len(AHEAD_TICKS)) // 2
     robot = make_robot(profile, "mujoco")

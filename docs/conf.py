@@ -37,8 +37,9 @@ html_css_files = ["site.css"]
 def mathml(latex: str, display: str) -> str:
     """Return an equation as MathML.
 
-    Raises: ExtensionError: the converter did not understand a part of it, which it then leaves
-        unchanged.
+    Raises:
+        ExtensionError: the converter did not understand a part of it, which it then leaves
+            unchanged.
     """
     made = convert(latex.replace("{aligned}", "{align*}"), display=display)
     if "\\" in made or ">&<" in made:

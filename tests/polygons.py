@@ -19,13 +19,17 @@ def polygonal_turn(
 ) -> SkidTurn:
     """Return the turn where a polygon fixed to the ground limits friction, instead of a circle.
 
-    Args: limit: which polygon; a square is a diamond turned by 45 degrees, and greater, of which
-        the motion knows nothing. heading: yaw of the robot in the polygon's axes [rad]. wheelbase:
-        distance of the axles [m]. track: distance of the sides [m]. x: distance of the centre of
-        mass ahead of the middle between the axles [m]. y: distance of the centre of mass to the
-        left of that middle [m].
+    Args:
+        limit: kind of polygon; a square is a diamond turned by 45 degrees, and greater, of which
+            the motion knows nothing.
+        heading: yaw of the robot in the polygon's axes [rad].
+        wheelbase: distance of the axles [m].
+        track: distance of the sides [m].
+        x: distance of the centre of mass ahead of the middle between the axles [m].
+        y: distance of the centre of mass to the left of that middle [m].
 
-    Returns: One of the motions of least dissipation: a polygon may leave the motion across free
+    Returns:
+        One of the motions of least dissipation: a polygon may leave the motion across free
         (docs/why_drift.md).
     """
     place_x = 0.5 * wheelbase * FRONT

@@ -64,9 +64,11 @@ def drawn_document(
 
     It has 8 to 800 kg, wheels of 0.05 to 0.35 m, any tyres and links.
 
-    Args: between: draws a number between two. one_of: draws one of several words. off_the_middle:
-        how far the centre of mass may lie off the middle, over half the wheelbase and half the
-        track [1].
+    Args:
+        between: draws a number between two.
+        one_of: draws one of several words.
+        off_the_middle: greatest distance of the centre of mass from the middle, over half the
+            wheelbase and half the track [1].
     """
     radius = 0.05 * 7.0 ** between(0.0, 1.0)
     total = 8.0 * 100.0 ** between(0.0, 1.0)

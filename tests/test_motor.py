@@ -35,8 +35,14 @@ from validation.simulator.model import robot_model
 from validation.simulator.motors import controls
 
 LEAKY = Drive(
-    **{"delay_v": 0.0, "delay_w": 0.0, "v_max": 5.0, "w_max": 5.0, "command_ramp": 0.05},
-    **{"torque_limit": 30.0, "integral_gain": 800.0, "dc_stiffness": 1900.0},
+    delay_v=0.0,
+    delay_w=0.0,
+    v_max=5.0,
+    w_max=5.0,
+    command_ramp=0.05,
+    torque_limit=30.0,
+    integral_gain=800.0,
+    dc_stiffness=1900.0,
 )
 STILL = Sides(0.0, 0.0)
 JOINTS = tuple(f"{wheel}_wheel" for wheel in WHEELS)

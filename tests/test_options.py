@@ -35,7 +35,10 @@ PROGRAMS = (compare, fit, calibrate, track, tune)
 OPTIONS = (
     *(program.options for program in PROGRAMS),
     *(study_named(name).options for name in STUDIES),
-    *(Info, CheckRobot, Control, Sim),
+    Info,
+    CheckRobot,
+    Control,
+    Sim,
 )
 NEEDED = {
     "source": "traj4",

@@ -104,9 +104,10 @@ def motion(
 ) -> FloatArray:
     """Drive a Husky enlarged `length` times in space and root `length` times in time.
 
-    Returns: (M, 10) place over wheel radius, yaw, wheel rates times the unit of time, loads over a
-        quarter of the weight, and torques over weight and wheel radius, which there are none of
-        where rates are given.
+    Returns:
+        (M, 10) place over wheel radius, yaw, wheel rates times the unit of time, loads over a
+        quarter of the weight, and torques over weight and wheel radius, which are left out where
+        rates are given.
     """
     time = math.sqrt(length)
     torque = mass * length

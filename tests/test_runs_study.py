@@ -16,22 +16,18 @@ from validation.study import runs
 from validation.study.runs import study_runs
 
 COLUMNS = {
-    *(
-        "log",
-        "plant",
-        "horizon_s",
-        "position_median_m",
-        "yaw_median_rad",
-        "position_low_m",
-        "position_high_m",
-    ),
-    *(
-        "coverage_90_position",
-        "coverage_90_yaw",
-        "coverage_90_yaw_gyro",
-        "yaw_gyro_median_rad",
-        "n",
-    ),
+    "log",
+    "plant",
+    "horizon_s",
+    "position_median_m",
+    "yaw_median_rad",
+    "position_low_m",
+    "position_high_m",
+    "coverage_90_position",
+    "coverage_90_yaw",
+    "coverage_90_yaw_gyro",
+    "yaw_gyro_median_rad",
+    "n",
 }
 
 

@@ -56,19 +56,15 @@ COMMANDS = Commands(0.05, np.repeat([[0.6, 0.0], [-0.4, 0.0], [0.2, 0.0]], 24, a
 
 def drive(stiffness: float) -> Drive:
     return Drive(
-        **{
-            "delay_v": 0.0,
-            "delay_w": 0.0,
-            "command_ramp": 0.05,
-            "command_half_track": 0.275,
-            "command_radius": RADIUS,
-        },
-        **{
-            "torque_limit": 7.0,
-            "integral_gain": 800.0,
-            "dc_stiffness": stiffness,
-            "gear_loss": 3.0,
-        },
+        delay_v=0.0,
+        delay_w=0.0,
+        command_ramp=0.05,
+        command_half_track=0.275,
+        command_radius=RADIUS,
+        torque_limit=7.0,
+        integral_gain=800.0,
+        dc_stiffness=stiffness,
+        gear_loss=3.0,
     )
 
 
@@ -79,22 +75,20 @@ def planar(parameters: object) -> Callable[[Drive], Plant]:
 
 def four_wheels(d: Drive) -> Plant:
     robot = {
-        **{
-            "mass": MASS,
-            "yaw_inertia": CALIBRATION.yaw_inertia,
-            "wheelbase": HUSKY.geometry.wheelbase,
-            "half_track": CALIBRATION.half_track,
-            "wheel_radius": RADIUS,
-            "com_x": 0.0,
-            "com_y": 0.0,
-            "com_height": 0.19,
-            "gain": GAIN,
-            "armature": ARMATURE,
-            "wheel_inertia": HUSKY.masses.wheel_inertia[1],
-            "friction": 1.0,
-            "stiffness_x": 300.0,
-            "stiffness_y": 300.0,
-        },
+        "mass": MASS,
+        "yaw_inertia": CALIBRATION.yaw_inertia,
+        "wheelbase": HUSKY.geometry.wheelbase,
+        "half_track": CALIBRATION.half_track,
+        "wheel_radius": RADIUS,
+        "com_x": 0.0,
+        "com_y": 0.0,
+        "com_height": 0.19,
+        "gain": GAIN,
+        "armature": ARMATURE,
+        "wheel_inertia": HUSKY.masses.wheel_inertia[1],
+        "friction": 1.0,
+        "stiffness_x": 300.0,
+        "stiffness_y": 300.0,
     }
     parameters = FourWheelParameters(**robot)  # type: ignore[arg-type]  # link has a default
     return FourWheelPlant(FourWheelModel(parameters, d), DT)

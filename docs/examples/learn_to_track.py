@@ -159,7 +159,8 @@ class Learnt:
         drive = self._mission.drive
         command = np.clip(
             self._policy(self._weights, self._seen[None])[0],
-            *([-drive.v_max, -drive.w_max], [drive.v_max, drive.w_max]),
+            [-drive.v_max, -drive.w_max],
+            [drive.v_max, drive.w_max],
         )
         self._sent = np.vstack([self._sent[1:], command])
         return float(command[0]), float(command[1])

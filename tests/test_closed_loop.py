@@ -414,8 +414,8 @@ def test_a_robot_that_stays_is_lost_when_its_target_has_gone_too_far_wherever_to
         text = str(caught.value)
         evidence = caught.value.evidence
         assert text.startswith(f"an idle robot left its bounds at t = {run.t[-1]:.2f} s: x = ")
-        away = run.columns("target_x", "target_y")[-1] - run.columns("x", "y")[-1]
-        assert f"{np.hypot(*away):.2f} m from its" in text
+        gap = run.columns("target_x", "target_y")[-1] - run.columns("x", "y")[-1]
+        assert f"{np.hypot(*gap):.2f} m from its" in text
         assert (evidence["t"], evidence["state"], evidence["run"]) == (run.t[-1], run.state, run)
 
 

@@ -184,7 +184,7 @@ class FourWheels(NamedTuple):
     dt: float  # inner step [s]
     inner: int  # inner steps in a physics step
     linked: bool  # whether the wheels of a side turn together
-    given: bool  # whether the wheels turn as they are told, whatever torque that takes
+    given: bool  # whether the wheels turn at their references, whatever torque that takes
 
 
 TEMPLATE = FourWheels(*(0.0,) * 28, inner=1, linked=True, given=False)
@@ -295,7 +295,7 @@ def body_of(row: FloatArray) -> Body:
 
 @jit
 def tyre_of(robot: FourWheels) -> Tyre:
-    """Return the numbers of a tyre; all four are alike."""
+    """Return the numbers of a tyre; all four have the same."""
     return Tyre(
         robot.friction, robot.stiffness_x, robot.stiffness_y, robot.relaxation, robot.damping
     )

@@ -32,7 +32,7 @@ class PlanarRobot(NamedTuple):
     # 2.10)
     x_icr: float
     drift: float  # its shift with speed, k [s]
-    ideal: bool  # whether the wheels turn exactly as they are told, see `PlanarLaw.ideal`
+    ideal: bool  # whether the wheels turn exactly at their references, see `PlanarLaw.ideal`
     constants: Any  # what `PlanarLaw.constants` returned
 
 
@@ -79,7 +79,7 @@ class PlanarLaw:
     colour: str = "#808080"
     """Colour in pictures and recordings, as #rrggbb."""
     ideal: bool = False
-    """Whether the wheels turn exactly as they are told. Otherwise their rates follow from the
+    """Whether the wheels turn exactly at their references. Otherwise their rates follow from the
     body's motion (Eq. 2.9)."""
     drift: Callable[[Any], float] = lambda parameters: 0.0
     """Function of the parameters that returns the outward drift k [s] of v_y = -(x_ICR + k v)

@@ -11,7 +11,7 @@ already passed a driver.
 A side's motor turns both of its wheels through a gear and a belt. Its controller asks for the
 torque
 
-    tau = K_P e + y,    dy/dt = K_I (e - y / K_dc),    e = wanted rate - wheel rate,
+    tau = K_P e + y,    dy/dt = K_I (e - y / K_dc),    e = reference - wheel rate,
 
 so a lasting load tau costs a rate of tau / (K_P + K_dc), and a short one tau / K_P. K_I = 0 leaves
 the proportional loop of the thesis (Eq. 2.32). A motor whose voltage is limited loses torque in
@@ -358,12 +358,14 @@ def exact_step(rate: float, dt: float) -> tuple[float, float]:
 
 
 @jit
-def side_torque(wanted: float, actual: float, integral: float, gain: float, motor: Motor) -> float:
+def side_torque(
+    reference: float, actual: float, integral: float, gain: float, motor: Motor
+) -> float:
     """Return the torque of a side's motor at its wheels [N m], before the gear's loss.
 
     The controller makes up for the voltage that the motor's rate takes, as far as there is voltage.
     """
-    torque = gain * (wanted - actual)
+    torque = gain * (reference - actual)
     if motor.integral_gain > 0.0:
         torque += integral
     if motor.braking > 0.0:
@@ -373,11 +375,11 @@ def side_torque(wanted: float, actual: float, integral: float, gain: float, moto
 
 
 @jit
-def motor_torques(wanted: Wanted, actual: Sides, gain: float, motor: Motor) -> Sides:
+def motor_torques(wheels: Wanted, actual: Sides, gain: float, motor: Motor) -> Sides:
     """Return the torques of both motors at the wheels [N m], for the `actual` rates [rad/s]."""
     return Sides(
-        side_torque(wanted.left, actual.left, wanted.integral_left, gain, motor),
-        side_torque(wanted.right, actual.right, wanted.integral_right, gain, motor),
+        side_torque(wheels.left, actual.left, wheels.integral_left, gain, motor),
+        side_torque(wheels.right, actual.right, wheels.integral_right, gain, motor),
     )
 
 

@@ -1,7 +1,7 @@
 """Closed forms of how a robot turns on the spot and how its wheels are loaded.
 
 In the closed form of a turn (see docs/physics.md and docs/why_drift.md) rigid tyres slide on the
-ground, left and right ones turning alike and against each other; nothing accelerates. The robot
+ground, left and right ones turning equally fast against each other; nothing accelerates. The robot
 then moves so that the forces and the moments of friction cancel, which is where what friction
 dissipates is least: that is convex in the motion, so there is nothing to search.
 

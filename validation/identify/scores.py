@@ -81,10 +81,8 @@ def worse_sentences(
         yaw = cost.yaw_weight * e.yaw_median_rad
         return cost.position_weight * e.position_median_m + yaw
 
-    if not before:
-        return []
-    was = float(np.mean([*map(size, before)]))
-    now = float(np.mean([*map(size, after)]))
+    was = float(np.mean([*map(size, before)])) if before else 0.0
+    now = float(np.mean([*map(size, after)])) if after else 0.0
     if now <= was:
         return []
     kept = "keeps the old ones (--even-if-worse)"

@@ -35,10 +35,22 @@ from validation.progress import Progress, Progressing, silent
 CHECKPOINT = "checkpoint.npz"
 """Name of the file in the results' folder that keeps a search's state."""
 # options that a result file has at other places, or that decide no number
-_LEFT_OUT = set(
-    "model to controller references profile robot limits bounds seed "
-    "out workers progress resume name".split()
-)
+_LEFT_OUT = {
+    "model",
+    "to",
+    "controller",
+    "references",
+    "profile",
+    "robot",
+    "limits",
+    "bounds",
+    "seed",
+    "out",
+    "workers",
+    "progress",
+    "resume",
+    "name",
+}
 MOST_WORKERS = 4096
 """Greatest number of threads that a search can be told to use."""
 _log = logging.getLogger(__name__)

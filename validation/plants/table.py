@@ -1,4 +1,4 @@
-"""The table of plants. A new engine is a module and a line here; planar models come by themselves."""
+"""The table of plants. A new engine is a module and a line here; a planar model is a law."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ def known_plants() -> tuple[str, ...]:
 
 
 def add_model(law: PlanarLaw) -> None:
-    """Make a planar model of the user's own a plant of this process, in the place of an earlier one of its name.
+    """Make a planar model of the user's own a plant of this process.
+
+    It takes the place of an earlier one of its name.
 
     Raises:
         ValueError: the name is a shipped plant's, or none.
@@ -63,8 +65,8 @@ def plant_kind(name: str) -> PlantKind:
     """
     if name not in known_plants():
         raise ValueError(f"unknown plant '{name}'; there are: {', '.join(known_plants())}")
-    others = dict.fromkeys(SECOND_OPINIONS, "validation.plants.simulated")
-    kind: PlantKind = import_module(
-        {**_SIMULATED, **others}.get(name, "validation.plants.planar")
-    ).declare(name)
+    module = _SIMULATED.get(name, "validation.plants.planar")
+    if name in SECOND_OPINIONS:
+        module = "validation.plants.simulated"
+    kind: PlantKind = import_module(module).declare(name)
     return kind

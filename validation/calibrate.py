@@ -194,7 +194,8 @@ def _fits(
 
     The last one may have been interrupted.
     """
-    fits = list[Fitted]()
+    fits = []
+    track = profile.robot.geometry.track
     others = [plant for plant in o.plants if plant != FIRST_FITTED]
     plans = list(product([FIRST_FITTED, *others], inputs))
     for k, (plant, kind) in enumerate(plans):
@@ -203,7 +204,16 @@ def _fits(
             share = min(now.done / max(now.total, 1.0), 1.0)
             o.progress(Progress(k + share, len(plans), f"{lead}: {now.text}"))
 
-        driver = kind == "commands" and len(inputs) == 2
+        settings: dict[str, Any] = {}
+        if kind == "commands" and len(inputs) == 2:
+            settings = {
+                "free": _DRIVER,
+                "bounds": {"command_half_track": (0.2 * track, 1.5 * track)},
+            }
+        if plant in SIMULATED:
+            # a simulated run is dear, and the kinematic fit knows where to begin
+            begun = begin_at(plant, settings.get("free", BODY), profile)
+            settings |= {"search": "lsq", "start": begun}
         done = fit(
             plant,
             str(o.log),
@@ -215,7 +225,7 @@ def _fits(
             workers=o.workers,
             progress=show,
             columns=o.columns,
-            **_settings(plant, profile, driver),
+            **settings,
         )
         if not done.held_out or not done.held_out[0].windows:
             raise ValueError(
@@ -226,22 +236,6 @@ def _fits(
         if done.status != FINISHED:
             break
     return fits
-
-
-def _settings(plant: str, profile: Profile, driver: bool) -> dict[str, Any]:
-    """Return the options of one fit: of the driver alone, or of the plant's default numbers."""
-    settings: dict[str, Any] = {}
-    free = BODY
-    if driver:
-        free = _DRIVER
-        track = profile.robot.geometry.track
-        settings["free"] = free
-        settings["bounds"] = {"command_half_track": (0.2 * track, 1.5 * track)}
-    if plant in SIMULATED:
-        # a simulated run is dear, and the kinematic fit knows where to begin
-        settings["search"] = "lsq"
-        settings["start"] = begin_at(plant, free, profile)
-    return settings
 
 
 def _inputs(o: Calibrate, log: Log, faults: Faults) -> tuple[list[Input], list[str]]:
@@ -314,8 +308,7 @@ def _report(
         # the first note of a fit that is no better says so, and the verdict does too
         remarks += [f"{label}: {note}" for note in f.notes()[not f.better :]]
         for when, scored in _scores(f).items():
-            for horizon, e in scored.windows.items():
-                errors.append((horizon, f"{label}, {when}", e.summary()))
+            errors += [(h, f"{label}, {when}", e.summary()) for h, e in scored.windows.items()]
     table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
     title = "Error of the relative pose on data that no fit has seen, and how sure that is"
     faulty = [f"The log: {fault.sentence}." for fault in faults]
@@ -353,17 +346,16 @@ def _draw(c: Calibrated) -> Figure:
         for when, scored in _scores(s).items():
             errors = {h: e.summary() for h, e in scored.windows.items()}
             name = f"{_label(s)}, {when}"
-            mark = drawing.HorizonMarks(name, inks[when], marker, scored.horizons, errors)
-            marks.append(mark)
+            marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.horizons, errors))
 
     handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
-    names = [m.name for m in marks]
-    header = partial(drawing.draw_header, title=c.title, handles=handles, labels=names)
-    position = partial(drawing.draw_horizons, marks, "position")
-    yaw = partial(drawing.draw_horizons, marks, "yaw")
-    rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, [position, yaw])]
-    notes = drawing.note_rows(list(map(_verdict, c.fits)))
-    return drawing.put_together([*rows, *notes])
+    header = partial(
+        drawing.draw_header, title=c.title, handles=handles, labels=[m.name for m in marks]
+    )
+    panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
+    rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, panels)]
+    rows += drawing.note_rows(list(map(_verdict, c.fits)))
+    return drawing.put_together(rows)
 
 
 if __name__ == "__main__":

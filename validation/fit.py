@@ -62,7 +62,7 @@ from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress
 from validation.report import drawing
 from validation.report.motions import HEADLINE_HORIZON, interval_table
-from validation.report.table import Row, Table
+from validation.report.table import Table
 from validation.simulator.description import with_robot
 from validation.simulator.physics import SHIPPED
 from validation.simulator.terrain import FLAT
@@ -261,8 +261,9 @@ def fit(o: Fit) -> Fitted:
     start = _first_points(o, space, before, occasion)
     radius = None if is_default else base.robot.geometry.wheel_radius
     read = ReadOptions({}, o.limits, o.columns, radius)
-    span = (o.start_at, o.until)
-    targets, held_out = open_targets(o.names, base, o.held_out, o.input, span, read)
+    targets, held_out = open_targets(
+        o.names, base, o.held_out, o.input, span=(o.start_at, o.until), options=read
+    )
     yaw_weight = o.yaw_weight
     if yaw_weight is None:
         yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
@@ -339,7 +340,7 @@ def _report(
     """Return the report: the numbers with their uncertainty, and scores on all sources."""
     point = search.best
     space = problem.space
-    notes = list[str]()
+    notes = []
     fitted = problem.candidate(point)
     assert fitted is not None
     parameters = fitted_parameters(space, point, before)
@@ -451,13 +452,16 @@ def _with_provenance(
 ) -> Profile:
     """Return the profile of before with the fitted numbers and their provenance in it."""
     kept = ("source", "search", "seed", "cost", "evaluations", "generations", "standard_errors_by")
-    provenance: dict[str, Any] = {name: document[name] for name in kept}
-    provenance["status"] = f.status
-    provenance["options"] = {k: value for k, value in f.options.items() if value is not None}
-    provenance["date"] = datetime.datetime.now(datetime.UTC).date().isoformat()
-    provenance["versions"] = dict(f.versions)
-    errors = {p.name: p.standard_error for p in f.parameters}
-    provenance["standard_errors"] = {k: e for k, e in errors.items() if e is not None}
+    options = {name: value for name, value in f.options.items() if value is not None}
+    errors = {p.name: e for p in f.parameters if (e := p.standard_error) is not None}
+    provenance = {
+        **{name: document[name] for name in kept},
+        "status": f.status,
+        "options": options,
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "versions": dict(f.versions),
+        "standard_errors": errors,
+    }
     return replace(
         f.profile,
         name=o.name or f"{f.profile.name}-fitted",
@@ -479,15 +483,11 @@ def _named(f: Fitted) -> list[tuple[str, Scored]]:
 def _tables(f: Fitted) -> list[Table]:
     """Return the parameters, the scores on each source, and the errors by horizon of recordings."""
     named = _named(f)
-    scores = list[Row]()
+    scores = []
     for name, s in named:
-        row: Row = {"source": name}
-        for key in _SHOWN:
-            row[key] = s.metrics[key]
-        if s.torque_rms is not None:
-            row["torque_rms_N_m"] = s.torque_rms
-        scores.append(row)
-    errors = list[Row]()
+        torque = {} if s.torque_rms is None else {"torque_rms_N_m": s.torque_rms}
+        scores.append({"source": name, **{key: s.metrics[key] for key in _SHOWN}, **torque})
+    errors = []
     windows = []
     for h in HORIZONS:
         for name, s in named:

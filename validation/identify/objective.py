@@ -61,8 +61,9 @@ class FitCost:
     def __post_init__(self) -> None:
         """Raise a ValueError for a wrong objective or number, or weights that are all 0."""
         if self.objective is not None and self.objective not in get_args(Objective):
-            choices = ", ".join(get_args(Objective))
-            raise ValueError(f"unknown objective '{self.objective}'; there are: {choices}")
+            raise ValueError(
+                f"unknown objective '{self.objective}'; there are: {', '.join(get_args(Objective))}"
+            )
         weights = ("yaw_weight", "position_weight", "torque_weight")
         require_within(self, (*weights, "k_rms", "k_haus", "k_ratio"), 0.0, 1e6)
         if self.objective == "path" and self.position_weight != 1.0:
@@ -165,8 +166,7 @@ class SyncRater(Rater):
         """Keep the piece's share in the cost, and count its blocks of time from `block`."""
         self._share = share
         self._every = _stride(truth.t)
-        seconds = truth.t[:: self._every] - truth.t[0]
-        blocks = block + np.floor(seconds / _SCENARIO_BLOCK_S)
+        blocks = block + np.floor((truth.t[:: self._every] - truth.t[0]) / _SCENARIO_BLOCK_S)
         weight = np.full(len(blocks), share / len(blocks))
         super().__init__(truth, cost, weight, blocks)
 
@@ -181,8 +181,7 @@ class SyncRater(Rater):
         position, yaw = self.errors(poses, 1)
         far = np.sqrt((position**2).sum(axis=2).mean(axis=1))
         turned = np.sqrt((yaw**2).mean(axis=1))
-        cost = self._cost.position_weight * far + self._cost.yaw_weight * turned
-        return self._share * cost
+        return self._share * (self._cost.position_weight * far + self._cost.yaw_weight * turned)
 
 
 @jit_alone
@@ -228,12 +227,6 @@ def path_offsets(poses, truth, every, out):
                     out[i, k, 1] = dy
 
 
-def _lengths(poses: FloatArray) -> FloatArray:
-    """Return the (S,) lengths of the paths of (S, M, 3) poses [m]."""
-    steps = np.diff(poses[..., :2], axis=-2)
-    return np.asarray(np.hypot(*steps.T).sum(axis=0))
-
-
 class PathRater(SyncRater):
     """The path objective, Eq. 3.1.
 
@@ -262,7 +255,9 @@ class PathRater(SyncRater):
 
         share_among_threads(write, len(poses), workers)
         share = s.k_rms / math.sqrt(offsets.shape[1])
-        ratio = s.k_ratio * (1.0 - _lengths(poses) / _lengths(truth[None]))
+        steps = [np.diff(path[..., :2], axis=-2) for path in (poses, truth[None])]
+        length, true_length = (np.hypot(*step.T).sum(axis=0) for step in steps)
+        ratio = s.k_ratio * (1.0 - length / true_length)
         timing = _FAINT * s.k_rms * super().residuals(poses)
         columns = [root * share * offsets.reshape(len(poses), -1), root * ratio[:, None], timing]
         return np.concatenate(columns, axis=1)
@@ -298,20 +293,15 @@ class HorizonRater(Rater):
         `counts` are the numbers of windows of all pieces by horizon, and `block` is the piece's
         first block of time.
         """
-        starts = []
-        ends = []
+        windows = [piece.windows(overlapping_windows, truth.t, h) for h in cost.horizons]
+        self._starts = np.concatenate([starts for starts, _ in windows])
+        self._ends = np.concatenate([ends for _, ends in windows])
         weights = []
-        for horizon, count in zip(cost.horizons, counts, strict=True):
-            first, last = piece.windows(overlapping_windows, truth.t, horizon)[:2]
-            starts.append(first)
-            ends.append(last)
-            weights.append(np.full(len(first), 1.0 / (count * len(counts))))
-        self._starts = np.concatenate(starts)
-        self._ends = np.concatenate(ends)
+        for (starts, _), count in zip(windows, counts, strict=True):
+            weights.append(np.full(len(starts), 1.0 / (count * len(windows))))
         self._moved = relative(truth.pose[self._starts], truth.pose[self._ends])
         self._moved[:, 2] = heading[self._ends] - heading[self._starts]
-        seconds = truth.t[self._starts] - truth.t[0]
-        blocks = block + np.floor(seconds / _BLOCK_S)
+        blocks = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
         super().__init__(truth, cost, np.concatenate(weights), blocks)
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -362,7 +352,7 @@ class TorqueRater:
         """Return (S, K) means of (S, M, 2) torques over what is known of each tenth of a second."""
         finite = np.where(self._finite, torques, 0.0)
         sums = np.add.reduceat(finite, self._first, axis=1)
-        return np.asarray((sums / self._count)[:, self._kept])
+        return (sums / self._count)[:, self._kept]
 
     def cost(self, torques: FloatArray) -> FloatArray:
         """Return the weighted RMS of the errors of (S, M, 2) torques, or their mean size."""
@@ -371,13 +361,13 @@ class TorqueRater:
             size = np.abs(error).mean(axis=1)
         else:
             size = np.sqrt((error**2).mean(axis=1))
-        return np.asarray(self._share * self._size * size)
+        return self._share * self._size * size
 
     def residuals(self, torques: FloatArray) -> FloatArray:
         """Return the weighted errors of (S, M, 2) torques, whose squares add up as in a rater's."""
         root = math.sqrt(self._share / len(self._of_block))
         error = self._means(torques) - self._true_means
-        return np.asarray(root * self._size * error)
+        return root * self._size * error
 
 
 def _spans(cost: FitCost, targets: Sequence[FitTarget]) -> tuple[list[float], list[int]]:
@@ -395,19 +385,19 @@ def make_torque_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Torq
     A piece weighs by its share of the time in which torques are known.
     """
     seconds, blocks = _spans(cost, targets)
-    known = list[FloatArray | None]()
+    known = []
     for target in targets:
         for torques in target.torques or [None] * len(target.truth):
             is_known = torques is not None and np.isfinite(torques).any()
             known.append(torques if is_known else None)
     total = sum(s for s, torques in zip(seconds, known, strict=True) if torques is not None)
     truths = chain(*(target.truth for target in targets))
-    out = list[TorqueRater | None]()
+    out = []
     for truth, torques, s, block in zip(truths, known, seconds, blocks, strict=True):
-        rater = None
-        if torques is not None and cost.torque_weight != 0.0:
-            rater = TorqueRater(truth.t, torques, cost, s / total, block)
-        out.append(rater)
+        if torques is None or cost.torque_weight == 0.0:
+            out.append(None)
+        else:
+            out.append(TorqueRater(truth.t, torques, cost, s / total, block))
     return out
 
 
@@ -417,21 +407,22 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
     Raises:
         ValueError: no window of the horizon objective fits into them.
     """
-    pieces = list(chain(*(target.source.pieces for target in targets)))
-    truths = list(chain(*(target.truth for target in targets)))
+    pairs = []
+    for target in targets:
+        pairs += zip(target.source.pieces, target.truth, strict=True)
     seconds, blocks = _spans(cost, targets)
-    raters = list[Rater]()
+    raters = []
     if cost.objective != "horizon":
         make = PathRater if cost.objective == "path" else SyncRater
-        for truth, s, block in zip(truths, seconds, blocks, strict=True):
+        for (_, truth), s, block in zip(pairs, seconds, blocks, strict=True):
             raters.append(make(truth, cost, s / sum(seconds), block))
         return raters
-    counts = [0] * len(cost.horizons)
-    for piece, truth in zip(pieces, truths, strict=True):
-        for k, horizon in enumerate(cost.horizons):
-            counts[k] += len(piece.windows(overlapping_windows, truth.t, horizon)[0])
+    counts = []
+    for horizon in cost.horizons:
+        cut = [p.windows(overlapping_windows, r.t, horizon)[0] for p, r in pairs]
+        counts.append(sum(map(len, cut)))
     if not all(counts):
-        if not any(piece.moves is None or piece.moves.any() for piece in pieces):
+        if not any(piece.moves is None or piece.moves.any() for piece, _ in pairs):
             raise ValueError(
                 "the robot stands all the time, so nothing tells how it moves; record a drive"
             )
@@ -441,12 +432,10 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
             f"jumps; the longest stretch without a gap has {max(seconds):.1f} s: "
             "record a longer drive"
         )
-    headings = list[FloatArray]()
+    headings = []
     for target in targets:
-        if target.gyro:
-            headings += target.gyro.late
-        else:
-            headings += [motion.pose[:, 2] for motion in target.truth]
-    for piece, truth, heading, block in zip(pieces, truths, headings, blocks, strict=True):
+        seen = [motion.pose[:, 2] for motion in target.truth]
+        headings += target.gyro.late if target.gyro else seen
+    for (piece, truth), heading, block in zip(pairs, headings, blocks, strict=True):
         raters.append(HorizonRater(truth, heading, piece, cost, counts=counts, block=block))
     return raters

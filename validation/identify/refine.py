@@ -97,7 +97,7 @@ def arrivals(
     def errors_at(new: FloatArray) -> FloatArray:
         return driven.look_up(new, lambda unseen: problem.residuals(unseen, workers))
 
-    visited = list[FloatArray]()
+    visited = []
     least = math.inf
     start = next_start(points, costs, visited)
     for k in range(starts):
@@ -121,7 +121,7 @@ def next_start(
     """Return the (n,) best of (S, n) candidates far from all visited points; None for none."""
     for i in np.argsort(costs, kind="stable"):
         if np.isfinite(costs[i]) and _far(points[i], visited):
-            return np.asarray(points[i])
+            return points[i]
     return None
 
 
@@ -202,7 +202,7 @@ def descend(
         return errors
 
     def errors(point: FloatArray) -> FloatArray:
-        return np.asarray(errors_at(point[None])[0])
+        return errors_at(point[None])[0]
 
     def jacobian(point: FloatArray) -> FloatArray:
         slopes = error_slopes(errors_at, point)[1]

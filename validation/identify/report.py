@@ -162,17 +162,18 @@ class SearchReport(Report):
         rows = []
         for p in self.parameters:
             error = {"standard_error": p.standard_error} if has_errors else {}
-            row = {
-                heading: p.name,
-                "unit": "" if p.unit == "1" else p.unit,
-                "value": p.value,
-                **error,
-                "lower_bound": p.lower,
-                "upper_bound": p.upper,
-                before: p.before,
-                "warning": p.warning,
-            }
-            rows.append(row)
+            rows.append(
+                {
+                    heading: p.name,
+                    "unit": "" if p.unit == "1" else p.unit,
+                    "value": p.value,
+                    **error,
+                    "lower_bound": p.lower,
+                    "upper_bound": p.upper,
+                    before: p.before,
+                    "warning": p.warning,
+                }
+            )
         return Table(self.title, rows, f"{self.effort}\n{caption}")
 
 
@@ -272,21 +273,18 @@ def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
             clip_on=False,
         )
         unit = "" if p.unit == "1" else f" {p.unit}"
-        _annotate(ax, f"{p.value:.4g}{unit}", (x, row), (0.0, 7.0), "center")
-        _annotate(ax, f"{p.lower:.4g}", (0.0, row), (-7.0, -3.0), "right")
-        _annotate(ax, f"{p.upper:.4g}{unit}", (1.0, row), (7.0, -3.0), "left")
-
-
-def _annotate(
-    ax: Axes, text: str, xy: tuple[float, float], offset: tuple[float, float], align: str
-) -> None:
-    """Write a text at an offset [points] from a place."""
-    ax.annotate(
-        text,
-        xy,
-        offset,
-        textcoords="offset points",
-        ha=align,
-        fontsize=8.5,
-        annotation_clip=False,
-    )
+        texts = (
+            (f"{p.value:.4g}{unit}", x, (0.0, 7.0), "center"),
+            (f"{p.lower:.4g}", 0.0, (-7.0, -3.0), "right"),
+            (f"{p.upper:.4g}{unit}", 1.0, (7.0, -3.0), "left"),
+        )
+        for text, at, offset, align in texts:
+            ax.annotate(
+                text,
+                (at, row),
+                offset,
+                textcoords="offset points",
+                ha=align,
+                fontsize=8.5,
+                annotation_clip=False,
+            )

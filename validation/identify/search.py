@@ -69,6 +69,9 @@ _DAMAGE = (
 """Errors that reading a damaged checkpoint raises; one that numpy wrote has no others."""
 
 
+_Size = Annotated[cli.Count, cli.option(default="what is usual for the plant or the controller")]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Searching(cli.Common):
     """Options of a program that searches for numbers."""
@@ -83,13 +86,9 @@ class Searching(cli.Common):
         default_factory=dict
     )
     """Bounds of the search, such as friction=0.2:0.8,delay=0:0.5."""
-    population: Annotated[
-        cli.Count, cli.option(default="what is usual for the plant or the controller")
-    ] = None
+    population: _Size = None
     """Number of candidates in a generation of differential evolution (jDE)."""
-    generations: Annotated[
-        cli.Count, cli.option(default="what is usual for the plant or the controller")
-    ] = None
+    generations: _Size = None
     """Greatest number of generations of jDE after its first population."""
     patience: Annotated[int, cli.option(metavar="N")] = 30
     """Number of generations over which the best cost must improve by a thousandth, or jDE stops."""
@@ -137,9 +136,7 @@ class Searching(cli.Common):
     def chosen(self, settings: JdeSettings) -> dict[str, Any]:
         """Return the options that decide numbers, with the sizes that the search had."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _LEFT_OUT}
-        values["population"] = settings.population
-        values["generations"] = settings.generations
-        return values
+        return {**values, "population": settings.population, "generations": settings.generations}
 
 
 @dataclass
@@ -251,7 +248,10 @@ class Search:
             self.progress(Progress(before + self.ends, before + self.starts, text))
 
         try:
-            for end in arrivals(problem, points, costs, self.starts, self.driven, threads, step):
+            ends = arrivals(
+                problem, points, costs, self.starts, self.driven, workers=threads, on_step=step
+            )
+            for end in ends:
                 self.ends += 1
                 cost = float(problem.costs(end[None], None, threads, None)[0])
                 if cost < self.cost:
@@ -332,8 +332,7 @@ def search_for(
         SsmrError: every candidate was impossible or failed.
     """
     plain = {**problem.identity(), "settings of the search": asdict(settings)}
-    plain["start"] = None if start is None else start.tolist()
-    plain["seed"] = o.seed
+    plain |= {"start": None if start is None else start.tolist(), "seed": o.seed}
     identity = {}
     for name, value in plain.items():
         identity[name] = hashlib.sha256(repr(value).encode()).hexdigest()

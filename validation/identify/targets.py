@@ -60,18 +60,17 @@ def open_targets(
     """
     if not names:
         raise ValueError("to names no source")
-    _require_different("to", names)
-    _require_different("held_out", held_out)
+    for option, given in (("to", names), ("held_out", held_out)):
+        if len(set(given)) != len(given):
+            raise ValueError(f"{option} names a source twice")
     if all(map(is_scenario, names)) and span != (None, None):
         raise ValueError(f"start_at and until cut recordings; {', '.join(names)} are scenarios")
     kind: CommandKind = "wheels" if input == "wheels" else "twist"
     truth_of = _truth(profile)
     train = []
     for name in names:
-        if is_scenario(name):
-            source = open_source(name, kind)
-        else:
-            source = _recorded(name, kind, [span], options)
+        recorded = not is_scenario(name)
+        source = _recorded(name, kind, [span], options) if recorded else open_source(name, kind)
         judge = find_gyro_judge(source)
         gyro = judge if judge and judge.first else None
         train.append(replace(truth_of(source, name), gyro=gyro))
@@ -90,12 +89,6 @@ def open_targets(
             spans = _outside(name, span)
         judged.append(truth_of(_recorded(name, kind, spans, options), name))
     return tuple(train), tuple(judged)
-
-
-def _require_different(option: str, names: Sequence[str]) -> None:
-    """Raise a ValueError for a source that an option names twice."""
-    if len(set(names)) != len(names):
-        raise ValueError(f"{option} names a source twice")
 
 
 def _outside(name: str, span: Span) -> list[Span]:

@@ -63,8 +63,9 @@ class TuneCost:
     def __post_init__(self) -> None:
         """Raise a ValueError for an unknown cost, or a guard or seed out of its range."""
         if self.cost not in get_args(TuneMeasure):
-            choices = ", ".join(get_args(TuneMeasure))
-            raise ValueError(f"unknown cost '{self.cost}'; there are: {choices}")
+            raise ValueError(
+                f"unknown cost '{self.cost}'; there are: {', '.join(get_args(TuneMeasure))}"
+            )
         require_within(self, ("guard",), 0.0, 10.0)
         require_within(self, ("seed",), 0, MOST_SEED, whole=True)
 
@@ -233,10 +234,9 @@ class TuneProblem:
         self.cases = tuple(cases)
         self.cost = cost
         self._targets = [case.target for case in self.cases]
-        self._late = list[ClosedLoopRobot | None]()
-        for case in self.cases:
-            late = delayed(case.robot, cost.guard) if cost.guard > 0.0 else None
-            self._late.append(late)
+        self._late: list[ClosedLoopRobot] = []
+        if cost.guard > 0.0:
+            self._late = [delayed(case.robot, cost.guard) for case in self.cases]
 
     def gains(self, point: FloatArray) -> GainSet:
         """Return all gains that an (n,) point of the unit cube stands for."""
@@ -281,12 +281,11 @@ class TuneProblem:
     ) -> FloatArray:
         """Return the (S,) costs of candidates on one case; in a search the guard counts."""
         case = self.cases[k]
-        late = self._late[k]
         runs = self._runs(case, case.robot, laws, workers)
         costs = costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers)
         kept = np.flatnonzero(np.isfinite(costs))
-        if late is not None and searching and len(kept):
-            runs = self._runs(case, late, [laws[i] for i in kept], workers)
+        if self._late and searching and len(kept):
+            runs = self._runs(case, self._late[k], [laws[i] for i in kept], workers)
             for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
                     costs[i] = np.inf
@@ -323,12 +322,16 @@ class TuneProblem:
         """Return all that decides the costs, by name."""
         held = sorted(item for item in self.base.values.items() if item[0] not in self.space.names)
         plants = sorted(self.profile.plants.items())
-        references = []
-        for case in self.cases:
-            path = case.waypoints
-            ground = repr(case.robot.terrain)
-            stamps = path.t.tobytes()
-            references.append((case.reference, case.robot.name, ground, stamps, path.xy.tobytes()))
+        references = [
+            (
+                case.reference,
+                case.robot.name,
+                repr(case.robot.terrain),
+                case.waypoints.t.tobytes(),
+                case.waypoints.xy.tobytes(),
+            )
+            for case in self.cases
+        ]
         return {
             "controller": self.base.controller,
             "gains that are held": held,

@@ -91,9 +91,8 @@ def estimate(
     correlation = np.where(np.isfinite(covariance), covariance / scale, 0.0)
     np.fill_diagonal(correlation, 1.0)
     reach = float(stdtrit(max(blocks - 1, 1), 0.975)) * np.nan_to_num(share)
-    lower = problem.space.values(np.clip(point - reach, 0.0, 1.0))
-    upper = problem.space.values(np.clip(point + reach, 0.0, 1.0))
-    interval = np.stack([lower, upper], axis=1)
+    ends = [np.clip(point - reach, 0.0, 1.0), np.clip(point + reach, 0.0, 1.0)]
+    interval = np.stack(list(map(problem.space.values, ends)), axis=1)
     return Uncertainty(
         share * problem.space.slopes(point),
         np.where(known[:, None], interval, np.nan),
@@ -124,7 +123,7 @@ def _still_to_go(
     curvature = (free * stiffness[:, None]).T @ free
     step = np.zeros(len(point))
     step[inside] = np.linalg.lstsq(curvature, -free.T @ pull)[0]
-    return np.asarray(np.clip(point + step, 0.0, 1.0) - point)
+    return np.clip(point + step, 0.0, 1.0) - point
 
 
 def _without(
@@ -190,9 +189,8 @@ def _sandwich(curvature: FloatArray, curvature_error: FloatArray, sums: FloatArr
     noise = float(np.trace(scatter)) / max(float(np.trace(curvature)), 1e-300)
     ridge = np.diag(np.maximum(max(noise, 1e-300) / IGNORANCE**2, curvature_error))
     inverse = np.linalg.inv(curvature + ridge)
-    whole = scatter + (ridge * IGNORANCE) ** 2
-    spread, axes = np.linalg.eigh(inverse @ whole @ inverse)
-    return np.asarray((axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T)
+    spread, axes = np.linalg.eigh(inverse @ (scatter + (ridge * IGNORANCE) ** 2) @ inverse)
+    return (axes * np.clip(spread, 0.0, IGNORANCE**2)) @ axes.T
 
 
 def sentences(problem: FitProblem, uncertainty: Uncertainty) -> list[str]:

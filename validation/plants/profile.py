@@ -312,8 +312,8 @@ def _parse_plant(common: PlantProfile, section: Mapping[str, Any], where: str) -
 
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
     """Return a copy of `default` with `values` in place, each of the type its field has."""
-    types = {f.name: type(getattr(default, f.name)) for f in fields(default)}  # type: ignore[arg-type]
-    types.pop("robot", None)
+    names = [f.name for f in fields(default) if f.name != "robot"]  # type: ignore[arg-type]
+    types = {name: type(getattr(default, name)) for name in names}
     reading.require_known(values, set(types), where)
     given = {}
     for key, value in values.items():

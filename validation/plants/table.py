@@ -1,8 +1,7 @@
-"""The table of plants. A new engine is a module and a line here; a planar model is a law."""
+"""The table of plants: an engine is a name here, and a planar model comes with its law."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -13,13 +12,8 @@ from ssmr.models.law import OWN_MODELS, PLANAR_MODELS, PlanarLaw
 if TYPE_CHECKING:
     from validation.plants.kind import PlantKind
 
-_SIMULATED: Mapping[str, str] = {
-    "mujoco": "validation.plants.simulated",
-}
-"""Module of each simulated plant, whose function `declare` declares it; imported when the plant is
-first used."""
 
-SIMULATED = tuple(_SIMULATED)
+SIMULATED = ("mujoco",)
 """Plants that are simulated in space: they stand on terrain and obey physics settings."""
 STANDARD = SIMULATED[0]
 """The plant that stands for the robot where the user names none."""
@@ -65,8 +59,8 @@ def plant_kind(name: str) -> PlantKind:
     """
     if name not in known_plants():
         raise ValueError(f"unknown plant '{name}'; there are: {', '.join(known_plants())}")
-    module = _SIMULATED.get(name, "validation.plants.planar")
-    if name in SECOND_OPINIONS:
+    module = "validation.plants.planar"
+    if name in (*SIMULATED, *SECOND_OPINIONS):
         module = "validation.plants.simulated"
     kind: PlantKind = import_module(module).declare(name)
     return kind

@@ -107,9 +107,10 @@ def _scores(f: Fitted) -> dict[str, Scored]:
 
 def _as_dict(f: Fitted) -> dict[str, Any]:
     """Return a fit as calibrate.json holds it."""
-    numbers = {}
-    for p in f.parameters:
-        numbers[p.name] = {"value": p.value, "unit": p.unit, "standard_error": p.standard_error}
+    numbers = {
+        p.name: {"value": p.value, "unit": p.unit, "standard_error": p.standard_error}
+        for p in f.parameters
+    }
     document: dict[str, Any] = {"input": f.options["input"], "parameters": numbers}
     for when, scored in _scores(f).items():
         document[when] = {f"{h:g}": asdict(e.summary()) for h, e in scored.windows.items()}
@@ -179,7 +180,7 @@ def calibrate(o: Calibrate) -> Calibrated:
         source = open_source(name, kind, options=read)
         notes += stranger_sentences(source, profile.robot)
     sources = logging.getLogger("validation.bench.sources")
-    sources.disabled = True  # what is wrong with a log is said once, in the notes
+    sources.disabled = True  # the notes name a log's faults once
     try:
         fits = _fits(o, profile, inputs, until)
     finally:

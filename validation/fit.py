@@ -283,6 +283,7 @@ def fit(o: Fit) -> Fitted:
     problem = FitProblem(o.model, begun, space, targets, cost)
     _require_possible(problem, o.bounds)
     simulated = o.model in SIMULATED
+    # sampled paths make the cost jagged, so differential evolution has to go farther
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
     sizes = _JAGGED if jagged else _SIZES[o.search, simulated]
     settings = o.settings(*sizes)
@@ -370,6 +371,7 @@ def _report(
     judged = []
     unfitted = []
     for target in held_out:
+        # data may hold a motion that the fitted plant cannot make; the rest is still judged
         try:
             judged.append(_scored(problem, fitted, target))
             unfitted.append(_scored(problem, problem.base, target))
@@ -423,7 +425,7 @@ def _band(problem: FitProblem, sure: Uncertainty, fitted: PlantProfile) -> Band 
 
 
 def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) -> dict[str, Any]:
-    """Return what fit.json holds before its tables."""
+    """Return the document of fit.json without its tables."""
     correlation = None
     if f.correlation is not None:
         names = [p.name for p in f.parameters]
@@ -519,8 +521,8 @@ def _draw(f: Fitted) -> Figure:
 
     rows = []
     if marks:
-        yaw = partial(drawing.draw_horizons, marks, "yaw")
-        rows.append(drawing.side_by_side(2.8, [position, yaw]))
+        panels = [position, partial(drawing.draw_horizons, marks, "yaw")]
+        rows.append(drawing.side_by_side(2.8, panels))
     return search_figure(f, ink, "before", rows)
 
 

@@ -206,8 +206,7 @@ def tune(o: Tune) -> Tuned:
     law = LAWS[o.controller]
     robots = [make_robot(profile, name) for name in o.plants]
     simulated = any(name in SIMULATED for name in o.plants)
-    sizes = _SIMULATED_SIZE if simulated else (law.population, law.generations)
-    settings = o.settings(*sizes)
+    settings = o.settings(*(_SIMULATED_SIZE if simulated else (law.population, law.generations)))
     references = list(map(split_speed, o.references))
     cases = o.cases(references, robots)
     fastest = max(case.waypoints.speed for case in cases)
@@ -240,6 +239,7 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
                 f"{o.controller} has no gain '{name}'; there are: {', '.join(base.values)}"
             )
     base = replace(base, values={**base.values, **o.fix})
+    # gains that no controller can have are refused before a search begins
     make_controller(profile, base)
     return base
 

@@ -66,6 +66,7 @@ class FitCost:
             )
         weights = ("yaw_weight", "position_weight", "torque_weight")
         require_within(self, (*weights, "k_rms", "k_haus", "k_ratio"), 0.0, 1e6)
+        # a distance of positions alone has nothing that a weight could be relative to
         if self.objective == "path" and self.position_weight != 1.0:
             raise ValueError(
                 "position_weight belongs to the objectives sync and horizon; "
@@ -208,6 +209,7 @@ def path_offsets(poses, truth, every, out):
             x = truth[k * every, 0]
             y = truth[k * every, 1]
             best = math.inf
+            # stays NaN where the candidate's path is NaN
             out[i, k] = math.nan
             for j in range(len(path) - 1):
                 ax = path[j, 0] - x
@@ -215,6 +217,7 @@ def path_offsets(poses, truth, every, out):
                 bx = path[j + 1, 0] - path[j, 0]
                 by = path[j + 1, 1] - path[j, 1]
                 length = bx * bx + by * by
+                # a robot that stands makes segments without a length
                 share = 0.0
                 if length > 0.0:
                     share = min(max(-(ax * bx + ay * by) / length, 0.0), 1.0)
@@ -239,8 +242,9 @@ class PathRater(SyncRater):
     @property
     def blocks(self) -> FloatArray:
         """Number of the block of each residual; the error of the length has a block to itself."""
-        last = [self._blocks[-1] + 1.0]
-        return np.concatenate([np.repeat(self._blocks, 2), last, super().blocks])
+        return np.concatenate(
+            [np.repeat(self._blocks, 2), [self._blocks[-1] + 1.0], super().blocks]
+        )
 
     def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return offsets, error of the length and faint errors of time."""
@@ -300,6 +304,7 @@ class HorizonRater(Rater):
         for (starts, _), count in zip(windows, counts, strict=True):
             weights.append(np.full(len(starts), 1.0 / (count * len(windows))))
         self._moved = relative(truth.pose[self._starts], truth.pose[self._ends])
+        # a gyro may judge turns better than the poses do
         self._moved[:, 2] = heading[self._ends] - heading[self._starts]
         blocks = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
         super().__init__(truth, cost, np.concatenate(weights), blocks)
@@ -327,13 +332,14 @@ class TorqueRater:
     ) -> None:
         """Keep the (M, 2) true torques at stamps [s], the piece's share, and its first block.
 
-        A mean is over the samples that are known, and a tenth of a second without any is left out.
+        A mean is over the finite samples; a tenth of a second without any is left out.
         """
         every = _stride(t)
         self._first = np.arange(0, len(t), every)
         self._finite = np.isfinite(torques)
         count = np.add.reduceat(self._finite, self._first, axis=0)
         self._kept = count > 0
+        # those without a sample are dropped after the division
         self._count = np.maximum(count, 1)
         self._share = share
         self._size = cost.torque_weight
@@ -349,7 +355,7 @@ class TorqueRater:
         return self._of_block
 
     def _means(self, torques: FloatArray) -> FloatArray:
-        """Return (S, K) means of (S, M, 2) torques over what is known of each tenth of a second."""
+        """Return (S, K) means of (S, M, 2) torques over each tenth of a second's finite samples."""
         finite = np.where(self._finite, torques, 0.0)
         sums = np.add.reduceat(finite, self._first, axis=1)
         return (sums / self._count)[:, self._kept]
@@ -375,6 +381,7 @@ def _spans(cost: FitCost, targets: Sequence[FitTarget]) -> tuple[list[float], li
     truths = chain(*(target.truth for target in targets))
     seconds = [float(truth.t[-1] - truth.t[0]) for truth in truths]
     length = _BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S
+    # one more for a last block that is not full, and one for the error of a path's length
     counts = [2 + int(s / length) for s in seconds]
     return seconds, list(accumulate(counts[:-1], initial=0))
 
@@ -385,15 +392,15 @@ def make_torque_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Torq
     A piece weighs by its share of the time in which torques are known.
     """
     seconds, blocks = _spans(cost, targets)
-    known = []
+    measured = []
     for target in targets:
         for torques in target.torques or [None] * len(target.truth):
             is_known = torques is not None and np.isfinite(torques).any()
-            known.append(torques if is_known else None)
-    total = sum(s for s, torques in zip(seconds, known, strict=True) if torques is not None)
+            measured.append(torques if is_known else None)
+    total = sum(s for s, torques in zip(seconds, measured, strict=True) if torques is not None)
     truths = chain(*(target.truth for target in targets))
     out = []
-    for truth, torques, s, block in zip(truths, known, seconds, blocks, strict=True):
+    for truth, torques, s, block in zip(truths, measured, seconds, blocks, strict=True):
         if torques is None or cost.torque_weight == 0.0:
             out.append(None)
         else:
@@ -417,6 +424,7 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
         for (_, truth), s, block in zip(pairs, seconds, blocks, strict=True):
             raters.append(make(truth, cost, s / sum(seconds), block))
         return raters
+    # every window of a horizon weighs the same, whatever piece it is in
     counts = []
     for horizon in cost.horizons:
         cut = [p.windows(overlapping_windows, r.t, horizon)[0] for p, r in pairs]

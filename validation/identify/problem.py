@@ -104,6 +104,7 @@ class FitProblem:
         if any(target.source.reference == RECORDING for target in targets):
             objective = "horizon"
         self.cost = replace(cost, objective=cost.objective or objective)
+        # torques of planar models are numbers of a fit, and say nothing of a body
         if not kind.torques:
             self.cost = replace(self.cost, torque_weight=0.0)
         self._together = kind.together  # one compiled loop drives all candidates
@@ -125,6 +126,7 @@ class FitProblem:
             self._priors = max(1, min(round(seconds / PRIOR_S), most))
         self._prior = PRIOR_M / max(self._priors, 1) * self.robust
         values = np.array([find(model, name, base.robot).read(base) for name in space.names])
+        # a value of before may lie outside the bounds; its nearest point is the prior's centre
         self._before = space.points(np.clip(values, space.lower, space.upper)[None])[0]
 
     def identity(self) -> dict[str, object]:
@@ -135,8 +137,7 @@ class FitProblem:
             for piece, truth in zip(target.source.pieces, target.truth, strict=True):
                 for array in (piece.commands.values, truth.t, truth.pose):
                     data.update(np.ascontiguousarray(array).tobytes())
-            late = target.gyro.late if target.gyro else ()
-            for array in (*(target.torques or ()), *late):
+            for array in (*(target.torques or ()), *(target.gyro.late if target.gyro else ())):
                 data.update(np.ascontiguousarray(array).tobytes())
         return {
             "model": self.model,
@@ -192,6 +193,7 @@ class FitProblem:
         away = (points - self._before) / IGNORANCE
         seconds = sum(rated.piece.commands.duration for rated in self._pieces)
         total = seconds * len(points)
+        # a list, which threads can add to
         done = [0.0]
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
@@ -243,6 +245,7 @@ class FitProblem:
             population = plant_kind(self.model).population(candidates[which], workers)
             return rate(population, which, workers if size > 1 else 1)
 
+        # a compiled loop has threads of its own; a simulator's plants are driven side by side
         pool = ThreadPoolExecutor(1 if self._together else workers)
         try:
             return np.concatenate(list(pool.map(share, range(0, len(points), max(size, 1)))))

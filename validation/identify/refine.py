@@ -158,6 +158,7 @@ def error_slopes(
     """
     n = len(point)
     steps = np.where(point + STEP <= 1.0, STEP, -STEP)
+    # the step goes inwards near an upper bound, and the other side may lie outside the cube
     has_other_side = (point - steps >= 0.0) & (point - steps <= 1.0)
     back = np.zeros(n)
     ends = [point[None], point + np.diag(steps)]
@@ -209,6 +210,7 @@ def descend(
         # an impossible neighbour says nothing
         return np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)
 
+    # least squares want a start strictly within the bounds
     begin = np.clip(start, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
     first = errors(begin)
     if not np.isfinite(first).all():
@@ -243,6 +245,7 @@ def descend(
         last = errors(end)
         scale = median_size(last)
         size = total_size(last, robust)
+        # a trial has too few steps to judge its scale by
         hopeless = size > HOPELESS * goal
         settled = most != TRIAL and scale > SAME_SCALE * before
         if hopeless or settled:

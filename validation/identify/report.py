@@ -109,6 +109,7 @@ def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
             continue
         end, bound = ("lower", p.lower) if x < 0.5 else ("upper", p.upper)
         advice = "give it wider bounds, or fix it"
+        # no number lies beyond this bound, so wider bounds are no advice
         if bound in (p.least, p.greatest):
             beyond = "below" if end == "lower" else "above"
             advice = f"values {beyond} are impossible; fix it there, or look for a cause"
@@ -121,7 +122,7 @@ class SearchReport(Report):
     """The report on a search."""
 
     cost: float
-    """Cost of what was found."""
+    """Cost of the best candidate."""
     cost_name: str
     """Name of the cost: `path`, `sync` or `horizon` of a fit, `path` or `time` of a tuning."""
     parameters: tuple[FittedParameter, ...]
@@ -138,7 +139,7 @@ class SearchReport(Report):
         return f"{cost} · {done} · {c.wall_s:.1f} s · stopped by {c.stopped_by}"
 
     def searched(self) -> dict[str, Any]:
-        """Return what the JSON files of fits and tunings have in common."""
+        """Return the common part of the JSON files of fits and tunings."""
         c = self.course
         history = c.jde.history
         return {
@@ -201,6 +202,7 @@ def search_figure(
     height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(report.parameters))
     course = partial(_draw_course, report, ink)
     strips = partial(_draw_strips, report, ink, before)
+    # a single generation, as with one start of least squares, has no course to draw
     panels = ((1.0, strips),)
     if len(report.course.jde.history) > 1:
         panels = ((0.36, course), (0.64, strips))
@@ -222,6 +224,7 @@ def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
     finite = costs[np.isfinite(costs)]
     drawn = np.where(np.isfinite(costs), costs, np.nan)
     ax.plot(np.arange(len(costs)), drawn, color=ink, marker="o", markersize=2.5)
+    # within less than a decade a logarithmic axis has hardly any ticks
     if finite.min() > 0.0 and finite.max() > 10.0 * finite.min():
         ax.set_yscale("log")
         drawing.plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
@@ -240,8 +243,7 @@ def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
     ax.grid(visible=False)
     for row, p in enumerate(report.parameters):
         colour: Ink = ALARM if p.at_bound else ink
-        ends = p.interval_95 or (p.value, p.value)
-        shares = map(p.share, (*ends, p.before, p.value))
+        shares = map(p.share, (*(p.interval_95 or (p.value, p.value)), p.before, p.value))
         low, high, was, x = (min(max(share, 0.0), 1.0) for share in shares)
         ax.plot(
             [0.0, 1.0],

@@ -1,6 +1,6 @@
 """Options of a search, and its course: generations, checkpoints and interruption.
 
-Fits and tunings search alike.
+Fits and tunings have these in common.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _LEFT_OUT = {
     "name",
 }
 MOST_WORKERS = 4096
-"""Greatest number of threads that a search can be told to use."""
+"""Greatest number of threads of a search."""
 _log = logging.getLogger(__name__)
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -146,7 +146,7 @@ class Search:
     jde: Jde
     """The optimiser."""
     identity: Mapping[str, str]
-    """Digests of all that decides the outcome, by what they are digests of."""
+    """Digests of all that decides the outcome, by name."""
     checkpoint: Path | None = None
     """File that the state is written to after every generation."""
     progress: Progressing = silent
@@ -206,6 +206,7 @@ class Search:
         """
         began = time.perf_counter()
         rated = self.jde.evaluations
+        # the clock at which the search would have begun without interruptions
         zero = began - self.wall_s
 
         def tell(share: float) -> None:
@@ -235,6 +236,7 @@ class Search:
         points = self.jde.population
         costs = self.jde.costs
         before = self.jde.settings.generations + 1
+        # one start alone is the user's: the first candidate, be it the best or not
         if self.starts == 1 and np.isfinite(costs[0]):
             points = points[:1]
             costs = costs[:1]
@@ -253,6 +255,7 @@ class Search:
             )
             for end in ends:
                 self.ends += 1
+                # least squares see errors alone; the cost decides between ends
                 cost = float(problem.costs(end[None], None, threads, None)[0])
                 if cost < self.cost:
                     self.refined = end, cost
@@ -285,7 +288,7 @@ class Search:
         """Return the search of a checkpoint of this identity.
 
         Raises:
-            ValueError: the file is damaged, or of another search; the message says what differs.
+            ValueError: the file is damaged, or of another search; the message names the difference.
         """
         try:
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:

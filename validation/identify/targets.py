@@ -55,7 +55,7 @@ def open_targets(
         options: how recordings are read.
 
     Raises:
-        ValueError: a source is missing, named twice, cannot be read, or lacks what is asked for.
+        ValueError: a source is missing, named twice, cannot be read, or lacks an input.
         SsmrError: the plant that drives a scenario diverged.
     """
     if not names:
@@ -78,6 +78,7 @@ def open_targets(
     judged = []
     for name in held_out:
         if is_scenario(name):
+            # the same plant as drives the fit's, or the fit would be judged by another truth
             full = f"{name}@{driver}" if driver and "@" not in name else name
             if full in names or name in names:
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
@@ -114,6 +115,7 @@ def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], options: Read
 def _truth(profile: Profile) -> Callable[[Source, str], FitTarget]:
     """Return a function that finds the true motion of a source, recorded or of a plant."""
 
+    # building a simulated plant takes long, and several scenarios may share one
     @cache
     def plant(name: str) -> Plant:
         return make_plant(profile, name)

@@ -101,6 +101,7 @@ def costs_of(
     d_rms = measures[:, 0]
     d_haus = measures[:, 1]
     if cost.cost == "time":
+        # the run may go on after the reference's end, or stop before it
         errors = poses[:, : len(target.t), :2] - target.pose[None, : poses.shape[1], :2]
         apart = np.hypot(*np.moveaxis(errors, 2, 0))
         d_rms = np.sqrt(np.mean(apart**2, axis=1))
@@ -151,6 +152,7 @@ def make_tuning_space(
     for name in names:
         parameter = declared(searchable[name], bounds.get(name))
         value = parameter.lower if start is None else start[name]
+        # gains to begin with may lie outside the default bounds
         if not parameter.lower <= value <= parameter.upper:
             if name in bounds:
                 raise ValueError(
@@ -256,6 +258,7 @@ class TuneProblem:
             (S,) means over the cases; infinite for a candidate that loses a reference, or fails the
             guard.
         """
+        # Riccati equations are too small for the threads of a linear algebra library
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1, user_api="blas"):
@@ -265,7 +268,7 @@ class TuneProblem:
         total = sum(case.waypoints.duration for case in self.cases)
         done = 0.0
         for k, case in enumerate(self.cases):
-            # a case before may have failed a candidate, or made it dearer than its parent
+            # a case before may have failed a candidate, or raised its sum beyond its parent's
             promising = np.isfinite(sums) & ((k == 0) | (sums <= bounds))
             live = np.flatnonzero(promising)
             if len(live):

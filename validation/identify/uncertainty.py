@@ -73,17 +73,20 @@ def estimate(
 
     one_sided = error_slopes(errors_at, point)[1]
     with_prior, all_slopes = error_slopes(errors_at, point, central=True)
-    # the prior is no observation; what nobody observed gets the bounds' own uncertainty below
+    # the prior is no observation: a number that no data determine gets the bounds' uncertainty
     k = len(problem.blocks)
     one_sided = one_sided[:k]
     errors = with_prior[:k]
     slopes = all_slopes[:k]
-    known = np.array(np.isfinite(slopes).all(axis=0) & np.isfinite(errors).all())
+    finite = np.array(np.isfinite(slopes).all(axis=0) & np.isfinite(errors).all())
     covariance = np.full((n, n), np.nan)
     blocks = 0
-    if known.any():
-        widest, blocks = _widest(errors, slopes[:, known], one_sided[:, known], problem)
-        covariance[np.ix_(known, known)] = widest
+    if finite.any():
+        inner = np.ix_(finite, finite)
+        covariance[inner], blocks = _widest(
+            errors, slopes[:, finite], one_sided[:, finite], problem
+        )
+    # a search that was stopped is off by the rest of its way
     rest = _still_to_go(point, with_prior, all_slopes, problem)
     covariance += np.outer(rest, rest)
     share = np.sqrt(np.diag(covariance))
@@ -95,7 +98,7 @@ def estimate(
     interval = np.stack(list(map(problem.space.values, ends)), axis=1)
     return Uncertainty(
         share * problem.space.slopes(point),
-        np.where(known[:, None], interval, np.nan),
+        np.where(finite[:, None], interval, np.nan),
         correlation,
         share,
         f"derivatives of least squares and the scatter of {blocks} blocks of time, "
@@ -168,6 +171,7 @@ def _widest(
         sums = np.zeros((count, len(curvature)))
         np.add.at(sums, member, gradients)
         covariances.append((_sandwich(curvature, curvature_error, sums), count))
+        # neighbouring blocks in pairs
         member = member // 2
     return max(covariances, key=lambda one: float(np.trace(one[0])))
 

@@ -86,7 +86,7 @@ class Stretch(Protocol):
 
     @property
     def t(self) -> FloatArray | None:
-        """(M,) stamps at which poses are wanted [s]; None for the samples of the simulation."""
+        """(M,) stamps at which poses are asked for [s]; None for the samples of the simulation."""
         ...
 
 
@@ -151,6 +151,7 @@ class OneByOne:
             if plant is None or candidate is None:
                 continue
             localiser = candidate.localiser
+            # a candidate that diverges keeps its NaN, which no cost accepts
             with contextlib.suppress(SsmrError):
                 start = localiser.body_state(piece.start)
                 motion = localiser.seen(plant.run(piece.commands, start, sample_dt), piece.t)

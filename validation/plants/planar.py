@@ -83,6 +83,7 @@ def defaults(kind: type, robot: Robot) -> Any:
     numbers = kind()
     mass = vehicle.mass / thesis.mass
     radius = vehicle.wheel_radius / thesis.wheel_radius
+    # ratios of sizes by their names in declarations
     ratios = {
         "gain": mass * radius**2,
         "gain_over_radius": mass * radius,

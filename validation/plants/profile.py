@@ -52,7 +52,7 @@ _KEYS = {
 }
 
 _MOVES = 0.05  # speed [m/s] and yaw rate [rad/s] from which a robot moves
-_BEYOND = 2.0  # ratio of paces from which a motion is clearly beyond what was fitted [1]
+_BEYOND = 2.0  # ratio of paces from which a motion is clearly beyond the fitted ones [1]
 
 T = TypeVar("T")
 
@@ -63,7 +63,7 @@ class ProfileError(ValueError):
 
 @dataclass(frozen=True)
 class Pace:
-    """Pace of motions: what a robot in motion stays below for 95 % of the time."""
+    """Pace of motions: 95 % of the time in motion, a robot stays below it."""
 
     speed: float = 0.0
     """Speed [m/s]."""
@@ -144,10 +144,11 @@ class Profile:
         plants: dict[str, Any] = {}
         for name, plant in self.plants.items():
             section: dict[str, Any] = {}
-            usual = _defaults(name, plant.robot).numbers()
+            bare = _defaults(name, plant.robot).numbers()
             for part, numbers in plant.numbers().items():
-                section[part] = {k: v for k, v in numbers.items() if v != usual[part][k]}
+                section[part] = {k: v for k, v in numbers.items() if v != bare[part][k]}
             section["bands"] = {kind: _rounded(band, 4) for kind, band in plant.bands.items()}
+            # a table without entries would only make the file longer
             section = {part: values for part, values in section.items() if values}
             if section:
                 plants[name] = section
@@ -201,16 +202,16 @@ def bare_profile(robot: Robot) -> Profile:
 
 
 def choose_profile(
-    profile: str | Path | Profile | None, robot: str | Path | Robot | None, usual: str
+    profile: str | Path | Profile | None, robot: str | Path | Robot | None, default: str
 ) -> Profile:
     """Return the profile that a user means.
 
     A robot that the profile without either is not of has its bare profile.
 
     Args:
-        profile: name, path or profile; None for the one named `usual`.
+        profile: name, path or profile; None for the one named `default`.
         robot: name, path or robot; None for the profile's.
-        usual: name of the profile without either.
+        default: name of the profile without either.
 
     Raises:
         ProfileError: the profile or the robot cannot be had, or the profile is of another robot.
@@ -222,10 +223,10 @@ def choose_profile(
             f"profile is {reprlib.repr(profile)}, wanted a name, a path or a Profile"
         )
     if robot is None:
-        return profile or load_profile(usual)
+        return profile or load_profile(default)
     chosen = robot if isinstance(robot, Robot) else load_robot(robot)
     if profile is None:
-        common = load_profile(usual)
+        common = load_profile(default)
         return common if common.robot == chosen else bare_profile(chosen)
     if profile.robot != chosen:
         raise ProfileError(
@@ -243,6 +244,7 @@ def load_profile(name_or_path: str | Path) -> Profile:
     """
     name = str(name_or_path)
     try:
+        # a shipped name comes before a file of that name in the current folder
         if name in shipped():
             file = resources.files("validation.plants").joinpath("profiles", f"{name}.toml")
             document = reading.parse_toml(file.read_text(encoding="utf-8"), name)

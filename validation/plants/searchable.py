@@ -46,6 +46,7 @@ def _declared(
     out = []
     for name, d in described(kind).items():
         bounds = d.bounds(robot.sizes)
+        # the bounds of a limit that is off for this robot are infinite
         if name in allowed and bounds is not None and all(map(math.isfinite, bounds)):
             s = Searchable(name, d.unit, *bounds, scale=d.scale, least=d.low, greatest=d.high)
             out.append(replace(s, places=(f"{section}.{name}",)))
@@ -98,6 +99,7 @@ def make_space(
         find(plant, name, robot)
         if name not in [s.name for s in chosen]:
             raise ValueError(f"bounds are given for {name}, which is not free")
+    # two names of one number, such as delay and delay_v, would undo each other
     taken: dict[str, str] = {}
     for number in chosen:
         for place in number.places:

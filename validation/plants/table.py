@@ -18,7 +18,7 @@ SIMULATED = ("mujoco",)
 STANDARD = SIMULATED[0]
 """The plant that stands for the robot where the user names none."""
 USUAL_PLANTS = (*SIMULATED, *PLANAR_MODELS)
-"""Plants that programs drive unless told otherwise, in the order of tables."""
+"""Plants that programs drive by default, in the order of tables."""
 PLANTS = (*USUAL_PLANTS, "four_wheel")
 """Names of the plants that profiles hold numbers of, in the order of tables."""
 SECOND_OPINIONS = ("ode", "drake")
@@ -45,6 +45,7 @@ def add_model(law: PlanarLaw) -> None:
         raise ValueError(
             f"a model cannot be named '{law.name}'; take another name than {', '.join(ALL_PLANTS)}"
         )
+    # compiled loops of a law that another process does not have must not be kept on disk
     stop_saving()
     OWN_MODELS[law.name] = law
     plant_kind.cache_clear()

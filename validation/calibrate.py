@@ -314,7 +314,6 @@ def _report(
     title = "Error of the relative pose on data that no fit has seen, and how sure that is"
     faulty = [f"The log: {fault.sentence}." for fault in faults]
     sentences = dict.fromkeys([*faulty, *map(_verdict, fits), *notes, *remarks])
-    held_out = None if o.held_out is None else str(o.held_out)
     robot = profile.robot
     return Calibrated(
         program="calibrate",
@@ -330,7 +329,11 @@ def _report(
         },
         draw=_draw,
         sentences=list(map(one_line, sentences)),
-        options={"plants": o.plants, "held_out": held_out, "trust": o.trust},
+        options={
+            "plants": o.plants,
+            "held_out": None if o.held_out is None else str(o.held_out),
+            "trust": o.trust,
+        },
         status=fits[-1].status,
         has_text=True,
         profile=replace(profile, name=file_name(f"{robot.name}-{log.stem}")),

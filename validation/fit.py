@@ -203,10 +203,10 @@ def _scored(problem: FitProblem, fitted: PlantProfile, target: FitTarget) -> Sco
     """Drive the fitted plant along one source; an SsmrError says that it diverged."""
     plant = _built(problem.model, fitted)
     source = target.source
-    motion = []
-    for piece in source.pieces:
-        motion.append(drive(plant, piece, fitted.localiser, source.sample_dt))
-    return score(target.label, [target], [tuple(motion)])
+    motion = tuple(
+        drive(plant, piece, fitted.localiser, source.sample_dt) for piece in source.pieces
+    )
+    return score(target.label, [target], [motion])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -255,8 +255,7 @@ def fit(o: Fit) -> Fitted:
     base = choose_profile(o.profile, o.robot, standard)
     begun = with_values(o.model, base.section(o.model), list(o.fix), o.fix.values())
     names = kind.free[occasion] if o.free is None else o.free
-    free = [name for name in names if name not in o.fix]
-    space = make_space(o.model, free, o.bounds, begun.robot)
+    space = make_space(o.model, [n for n in names if n not in o.fix], o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
     radius = None if is_default else base.robot.geometry.wheel_radius
@@ -285,8 +284,7 @@ def fit(o: Fit) -> Fitted:
     simulated = o.model in SIMULATED
     # sampled paths make the cost jagged, so differential evolution has to go farther
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
-    sizes = _JAGGED if jagged else _SIZES[o.search, simulated]
-    settings = o.settings(*sizes)
+    settings = o.settings(*(_JAGGED if jagged else _SIZES[o.search, simulated]))
     search = search_for(problem, settings, o, start, _STARTS[o.search])
     if search.starts and not search.interrupted:
         search.refine(problem, o.threads)
@@ -340,11 +338,10 @@ def _report(
 ) -> Fitted:
     """Return the report: the numbers with their uncertainty, and scores on all sources."""
     point = search.best
-    space = problem.space
     notes = []
     fitted = problem.candidate(point)
     assert fitted is not None
-    parameters = fitted_parameters(space, point, before)
+    parameters = fitted_parameters(problem.space, point, before)
     correlation = None
     method = ""
     if o.profile is None and o.robot is None:
@@ -355,11 +352,11 @@ def _report(
         if target.gyro:
             notes.append(f"{source.title}: {target.gyro.sentence}")
         notes += [*source.warnings, *standing_sentences(source, HEADLINE_HORIZON)]
-    notes += bound_sentences(space, point)
+    notes += bound_sentences(problem.space, point)
     if not search.interrupted:
         try:
             sure = estimate(problem, point, o.threads, search.driven)
-            parameters = fitted_parameters(space, point, before, sure)
+            parameters = fitted_parameters(problem.space, point, before, sure)
             correlation = sure.correlation
             notes += sentences(problem, sure)
             method = sure.method
@@ -381,7 +378,6 @@ def _report(
             )
     worse = worse_sentences(problem.cost, o.even_if_worse, unfitted, judged)
     chosen = {name: getattr(problem.cost, name) for name in ("objective", "yaw_weight")}
-    train = tuple(_scored(problem, fitted, target) for target in problem.targets)
     names = ",".join(o.names)
     begun = with_robot(base.name, base.robot.name)
     bare = Fitted(
@@ -400,7 +396,7 @@ def _report(
         model=o.model,
         profile=base,
         correlation=correlation,
-        train=train,
+        train=tuple(_scored(problem, fitted, target) for target in problem.targets),
         held_out=tuple(judged),
         unfitted=tuple(unfitted),
         better=not worse if judged else None,
@@ -454,12 +450,11 @@ def _with_provenance(
 ) -> Profile:
     """Return the profile of before with the fitted numbers and their provenance in it."""
     kept = ("source", "search", "seed", "cost", "evaluations", "generations", "standard_errors_by")
-    options = {name: value for name, value in f.options.items() if value is not None}
     errors = {p.name: e for p in f.parameters if (e := p.standard_error) is not None}
     provenance = {
         **{name: document[name] for name in kept},
         "status": f.status,
-        "options": options,
+        "options": {name: value for name, value in f.options.items() if value is not None},
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "versions": dict(f.versions),
         "standard_errors": errors,
@@ -496,11 +491,15 @@ def _tables(f: Fitted) -> list[Table]:
             if h in s.horizons:
                 errors.append({"horizon_s": h, "source": name, **asdict(s.horizons[h])})
                 windows.append((h, name, s.windows[h].summary()))
-    title = "Error of the relative pose after a horizon"
     return [
         f.values("parameter", "before"),
         Table("Scores of the fitted plant", scores),
-        Table(title, errors, group="horizon_s", headings=_WINDOWS),
+        Table(
+            "Error of the relative pose after a horizon",
+            errors,
+            group="horizon_s",
+            headings=_WINDOWS,
+        ),
         interval_table(windows, "source"),
     ]
 
@@ -521,8 +520,8 @@ def _draw(f: Fitted) -> Figure:
 
     rows = []
     if marks:
-        panels = [position, partial(drawing.draw_horizons, marks, "yaw")]
-        rows.append(drawing.side_by_side(2.8, panels))
+        yaw = partial(drawing.draw_horizons, marks, "yaw")
+        rows.append(drawing.side_by_side(2.8, [position, yaw]))
     return search_figure(f, ink, "before", rows)
 
 

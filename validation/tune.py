@@ -305,8 +305,11 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
         train={case.label: problem.rated(case, sets, threads) for case in problem.cases},
         held_out={case.label: problem.rated(case, sets, threads) for case in held_out},
     )
-    gains = _with_provenance(bare, o.name or f"{base.controller}-tuned")
-    whole = replace(bare, document=_document(bare), gain_set=gains)
+    whole = replace(
+        bare,
+        document=_document(bare),
+        gain_set=_with_provenance(bare, o.name or f"{base.controller}-tuned"),
+    )
     sentences = [*_sentences(whole), *map(one_line, notes)]
     return replace(whole, tables=_tables(whole), sentences=sentences)
 

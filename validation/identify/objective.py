@@ -399,7 +399,7 @@ def make_torque_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Torq
             measured.append(torques if is_known else None)
     total = sum(s for s, torques in zip(seconds, measured, strict=True) if torques is not None)
     truths = chain(*(target.truth for target in targets))
-    out = []
+    out: list[TorqueRater | None] = []
     for truth, torques, s, block in zip(truths, measured, seconds, blocks, strict=True):
         if torques is None or cost.torque_weight == 0.0:
             out.append(None)
@@ -414,11 +414,11 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
     Raises:
         ValueError: no window of the horizon objective fits into them.
     """
-    pairs = []
+    pairs: list[tuple[Piece, Trajectory]] = []
     for target in targets:
         pairs += zip(target.source.pieces, target.truth, strict=True)
     seconds, blocks = _spans(cost, targets)
-    raters = []
+    raters: list[Rater] = []
     if cost.objective != "horizon":
         make = PathRater if cost.objective == "path" else SyncRater
         for (_, truth), s, block in zip(pairs, seconds, blocks, strict=True):
@@ -440,7 +440,7 @@ def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
             f"jumps; the longest stretch without a gap has {max(seconds):.1f} s: "
             "record a longer drive"
         )
-    headings = []
+    headings: list[FloatArray] = []
     for target in targets:
         seen = [motion.pose[:, 2] for motion in target.truth]
         headings += target.gyro.late if target.gyro else seen

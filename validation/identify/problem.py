@@ -108,8 +108,8 @@ class FitProblem:
         if not kind.torques:
             self.cost = replace(self.cost, torque_weight=0.0)
         self._together = kind.together  # one compiled loop drives all candidates
-        pieces = []
-        periods = []
+        pieces: list[Piece] = []
+        periods: list[float] = []
         for target in self.targets:
             pieces += target.source.pieces
             periods += [target.source.sample_dt] * len(target.source.pieces)

@@ -97,7 +97,7 @@ def arrivals(
     def errors_at(new: FloatArray) -> FloatArray:
         return driven.look_up(new, lambda unseen: problem.residuals(unseen, workers))
 
-    visited = []
+    visited: list[FloatArray] = []
     least = math.inf
     start = next_start(points, costs, visited)
     for k in range(starts):

@@ -94,9 +94,10 @@ def fitted_parameters(
             p.name, p.unit, value, p.lower, p.upper, p.scale, before=float(was), at_bound=bound
         )
         if sure is not None and math.isfinite(sure.standard_error[k]):
-            error = float(sure.standard_error[k])
             low, high = sure.interval[k].tolist()
-            row = replace(row, standard_error=error, interval_95=(low, high))
+            row = replace(
+                row, standard_error=float(sure.standard_error[k]), interval_95=(low, high)
+            )
         rows.append(row)
     return tuple(rows)
 
@@ -203,13 +204,11 @@ def search_figure(
     course = partial(_draw_course, report, ink)
     strips = partial(_draw_strips, report, ink, before)
     # a single generation, as with one start of least squares, has no course to draw
-    panels = ((1.0, strips),)
-    if len(report.course.jde.history) > 1:
-        panels = ((0.36, course), (0.64, strips))
-    title = shortened(report.title, 110)
+    has_course = len(report.course.jde.history) > 1
+    panels = ((0.36, course), (0.64, strips)) if has_course else ((1.0, strips),)
     foot = f"{report.effort} · seed {report.document['seed']}"
     page = [
-        drawing.text_row(0.3, partial(drawing.draw_section, title)),
+        drawing.text_row(0.3, partial(drawing.draw_section, shortened(report.title, 110))),
         drawing.text_row(0.25, partial(drawing.draw_footer, foot)),
         PanelRow(height, panels),
         *rows,
@@ -222,8 +221,13 @@ def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
     """Draw the least cost by generation; a generation without a finite cost leaves a gap."""
     costs = report.course.jde.history
     finite = costs[np.isfinite(costs)]
-    drawn = np.where(np.isfinite(costs), costs, np.nan)
-    ax.plot(np.arange(len(costs)), drawn, color=ink, marker="o", markersize=2.5)
+    ax.plot(
+        np.arange(len(costs)),
+        np.where(np.isfinite(costs), costs, np.nan),
+        color=ink,
+        marker="o",
+        markersize=2.5,
+    )
     # within less than a decade a logarithmic axis has hardly any ticks
     if finite.min() > 0.0 and finite.max() > 10.0 * finite.min():
         ax.set_yscale("log")

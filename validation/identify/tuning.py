@@ -286,8 +286,8 @@ class TuneProblem:
         case = self.cases[k]
         runs = self._runs(case, case.robot, laws, workers)
         costs = costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers)
-        kept = np.flatnonzero(np.isfinite(costs))
-        if self._late and searching and len(kept):
+        kept = np.flatnonzero(np.isfinite(costs)).tolist()
+        if self._late and searching and kept:
             runs = self._runs(case, self._late[k], [laws[i] for i in kept], workers)
             for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:

@@ -95,10 +95,9 @@ def estimate(
     np.fill_diagonal(correlation, 1.0)
     reach = float(stdtrit(max(blocks - 1, 1), 0.975)) * np.nan_to_num(share)
     ends = [np.clip(point - reach, 0.0, 1.0), np.clip(point + reach, 0.0, 1.0)]
-    interval = np.stack(list(map(problem.space.values, ends)), axis=1)
     return Uncertainty(
         share * problem.space.slopes(point),
-        np.where(finite[:, None], interval, np.nan),
+        np.where(finite[:, None], np.stack(list(map(problem.space.values, ends)), axis=1), np.nan),
         correlation,
         share,
         f"derivatives of least squares and the scatter of {blocks} blocks of time, "

@@ -45,7 +45,7 @@ def add_model(law: PlanarLaw) -> None:
         raise ValueError(
             f"a model cannot be named '{law.name}'; take another name than {', '.join(ALL_PLANTS)}"
         )
-    # compiled loops of a law that another process does not have must not be kept on disk
+    # compiled loops that call the user's law are not kept on disk, as its file may change
     stop_saving()
     OWN_MODELS[law.name] = law
     plant_kind.cache_clear()

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
 from validation.bench.gains import FIELDS, GainSet, dump_gains
-from validation.bench.loops import make_robot, within_reach
+from validation.bench.loops import make_robot, slowed_to_feasible
 from validation.bench.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
 from validation.report.report import Report
@@ -164,5 +164,5 @@ def test_references_are_as_fast_as_the_robot_can_drive() -> None:
     assert 0.25 < fast.speed < 0.4
     _, whole = open_reference("u-turn", 0.5)
     assert fast.speed == pytest.approx(
-        PRACTICABLE * within_reach(whole, robot, 1.0).speed, abs=0.01
+        PRACTICABLE * slowed_to_feasible(whole, robot, 1.0).speed, abs=0.01
     )

@@ -1,4 +1,7 @@
-"""From a log to a calibrated robot, judged on what the fit has not seen: `python -m validation.calibrate LOG --robot R`."""
+"""From a log to a calibrated robot: `python -m validation.calibrate LOG --robot R`.
+
+Fits are judged on data that they have not seen.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 import tyro
 from matplotlib.figure import Figure
@@ -45,7 +48,7 @@ REFUSED = ("sign", "swapped", "scale", "handedness")
 TRAINED = 2.0 / 3.0
 """Share of a log that is fitted to, from its beginning, where no other log is held out [1]."""
 FIRST_FITTED = "kinematic"
-"""Others begin with what this plant says of pose source, wheels and driver."""
+"""Plant that is fitted first; its pose source, wheels and driver are where others begin."""
 # share of time without a command in which wheels may turn [1]; beyond it commands say little
 _UNCOMMANDED = 0.05
 _DRIVER = (
@@ -93,33 +96,42 @@ class Calibrate(cli.Common):
 
 
 def _label(f: Fitted) -> str:
+    """Return a fit's name in tables and sentences."""
     return f"{f.model} by {f.options['input']}"
 
 
 def _scores(f: Fitted) -> dict[str, Scored]:
+    """Return the scores on unseen data, before and after a fit."""
     return {"before": f.unfitted[0], "after": f.held_out[0]}
 
 
 def _as_dict(f: Fitted) -> dict[str, Any]:
+    """Return a fit as calibrate.json holds it."""
     numbers = {
-        p.name: {k: getattr(p, k) for k in ("value", "unit", "standard_error")}
+        p.name: {"value": p.value, "unit": p.unit, "standard_error": p.standard_error}
         for p in f.parameters
     }
-    errors = {
-        when: {f"{h:g}": asdict(e.summary()) for h, e in s.windows.items()}
-        for when, s in _scores(f).items()
-    }
-    return {"input": f.options["input"], "parameters": numbers, **errors, "better": f.better}
+    document: dict[str, Any] = {"input": f.options["input"], "parameters": numbers}
+    for when, scored in _scores(f).items():
+        document[when] = {f"{h:g}": asdict(e.summary()) for h, e in scored.windows.items()}
+    document["better"] = f.better
+    return document
 
 
 def _verdict(f: Fitted) -> str:
+    """Return a sentence on the errors before and after a fit, and on the numbers that are kept."""
     errors = []
     for scored in _scores(f).values():
         horizon = min(scored.windows, key=lambda h: abs(h - HEADLINE_HORIZON))
         e = scored.windows[horizon].summary()
         errors.append(f"{e.position_median_m:.3f} m and {math.degrees(e.yaw_median_rad):.2f} deg")
-    kept = "has the new numbers" if f.better else "keeps the old numbers: the fit is no better"
-    return f"{_label(f)}: {errors[1]} off after {horizon:g} s of new data, {errors[0]} before. profile.toml {kept}."
+    kept = "keeps the old numbers: the fit is no better"
+    if f.better:
+        kept = "has the new numbers"
+    return (
+        f"{_label(f)}: {errors[1]} off after {horizon:g} s of new data, {errors[0]} before. "
+        f"profile.toml {kept}."
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -132,7 +144,7 @@ class Calibrated(Report):
     """The fits, in their order."""
 
     def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
-        """Return functions that write its files: profile.toml, diff_drive.yaml, the page and the picture."""
+        """Return functions that write the two parameter files, the page and the picture."""
         drive = export_robot(self.profile.robot, "diff-drive", self.profile)
         return {
             "profile.toml": self.profile.save,
@@ -143,7 +155,7 @@ class Calibrated(Report):
 
 @cli.program(Calibrate)
 def calibrate(o: Calibrate) -> Calibrated:
-    """Calibrate a robot from a log: first what the log says wrongly, then fits with a verdict on data they have not seen.
+    """Calibrate a robot from a log: name its faults, fit, and judge the fits on unseen data.
 
     Body and pose source are fitted from wheel rates, the driver from commands. Writes profile.toml,
     diff_drive.yaml for ros2_control, calibrate.md, calibrate.png and calibrate.json.
@@ -160,12 +172,15 @@ def calibrate(o: Calibrate) -> Calibrated:
     faults = find_faults(log, read.radius)
     inputs, notes = _inputs(o, log, faults)
     t = log.on_one_clock().t
-    until = None if o.held_out is not None else float(t[0] + TRAINED * (t[-1] - t[0]))
+    until = None
+    if o.held_out is None:
+        until = float(t[0] + TRAINED * (t[-1] - t[0]))
     if o.profile is None and o.robot is None:
         kind: CommandKind = "wheels" if inputs[0] == "wheels" else "twist"
-        notes += stranger_sentences(open_source(name, kind, options=read), profile.robot)
+        source = open_source(name, kind, options=read)
+        notes += stranger_sentences(source, profile.robot)
     sources = logging.getLogger("validation.bench.sources")
-    sources.disabled = True  # what is wrong with a log is said once, in the notes
+    sources.disabled = True  # the notes name a log's faults once
     try:
         fits = _fits(o, profile, inputs, until)
     finally:
@@ -176,37 +191,44 @@ def calibrate(o: Calibrate) -> Calibrated:
 def _fits(
     o: Calibrate, profile: Profile, inputs: Sequence[Input], until: float | None
 ) -> list[Fitted]:
-    """Return the fits, each begun with the profile of the one before; the last one may have been interrupted."""
-    fits = list[Fitted]()
+    """Return the fits, each begun with the profile of the one before.
+
+    The last one may have been interrupted.
+    """
+    fits = []
     track = profile.robot.geometry.track
-    plans = list(
-        product([FIRST_FITTED, *(plant for plant in o.plants if plant != FIRST_FITTED)], inputs)
-    )
+    others = [plant for plant in o.plants if plant != FIRST_FITTED]
+    plans = list(product([FIRST_FITTED, *others], inputs))
     for k, (plant, kind) in enumerate(plans):
+
+        def show(now: Progress, k: int = k, lead: str = f"{plant} by {kind}") -> None:
+            share = min(now.done / max(now.total, 1.0), 1.0)
+            o.progress(Progress(k + share, len(plans), f"{lead}: {now.text}"))
+
         settings: dict[str, Any] = {}
-        if driver := kind == "commands" and len(inputs) == 2:
+        if kind == "commands" and len(inputs) == 2:
             settings = {
                 "free": _DRIVER,
                 "bounds": {"command_half_track": (0.2 * track, 1.5 * track)},
             }
         if plant in SIMULATED:
-            settings |= {
-                "search": "lsq",
-                "start": begin_at(plant, _DRIVER if driver else BODY, profile),
-            }
-
-        def show(now: Progress, k: int = k, what: str = f"{plant} by {kind}") -> None:
-            o.progress(
-                Progress(
-                    k + min(now.done / max(now.total, 1.0), 1.0), len(plans), f"{what}: {now.text}"
-                )
-            )
-
+            # a simulated run is dear, and the kinematic fit knows where to begin
+            begun = begin_at(plant, settings.get("free", BODY), profile)
+            settings |= {"search": "lsq", "start": begun}
         done = fit(
-            plant, str(o.log), profile, input=kind, until=until, held_out=(str(o.held_out or o.log),),
-            seed=o.seed, workers=o.workers, progress=show, columns=o.columns, **settings,
-        )  # fmt: skip
-        if not (done.held_out and done.held_out[0].windows):
+            plant,
+            str(o.log),
+            profile,
+            input=kind,
+            until=until,
+            held_out=(str(o.held_out or o.log),),
+            seed=o.seed,
+            workers=o.workers,
+            progress=show,
+            columns=o.columns,
+            **settings,
+        )
+        if not done.held_out or not done.held_out[0].windows:
             raise ValueError(
                 f"{o.log}: nothing is left to judge on; name another log with --held-out"
             )
@@ -218,28 +240,38 @@ def _fits(
 
 
 def _inputs(o: Calibrate, log: Log, faults: Faults) -> tuple[list[Input], list[str]]:
-    """Return what can drive plants along a log, and a note where something cannot; a ValueError refuses a faulty log."""
-    if not o.trust and (refused := [fault for fault in faults.named if fault.kind in REFUSED]):
+    """Return the inputs that can drive plants along a log, and a note on one that cannot.
+
+    Raises:
+        ValueError: the columns contradict one another, or nothing drives a plant.
+    """
+    refused = [fault for fault in faults.named if fault.kind in REFUSED]
+    if refused and not o.trust:
         for fault in faults.named:
             cli.warn(f"{log.name}: {fault.sentence}")
-        named = ", ".join(dict.fromkeys(column for fault in refused for column in fault.columns))
-        raise ValueError(f"{log.name}: look at {named} first; --trust calibrates all the same")
+        named = dict.fromkeys(chain(*(fault.columns for fault in refused)))
+        raise ValueError(
+            f"{log.name}: look at {', '.join(named)} first; --trust calibrates all the same"
+        )
     often = (faults.uncommanded_share or 0.0) > _UNCOMMANDED
-    columns = {
-        "wheels": log.has(COMMAND_COLUMNS["wheels"]),
-        "commands": log.has(COMMAND_COLUMNS["twist"]) and not often,
-    }
-    if inputs := [name for name in get_args(Input)[::-1] if columns[name]]:
-        return inputs, [
-            "The wheels often turn without a command, so the driver was not fitted."
-        ] * often
+    inputs = list[Input]()
+    if log.has(COMMAND_COLUMNS["wheels"]):
+        inputs.append("wheels")
+    if log.has(COMMAND_COLUMNS["twist"]) and not often:
+        inputs.append("commands")
+    if inputs:
+        note = "The wheels often turn without a command, so the driver was not fitted."
+        return inputs, [note] * often
     raise ValueError(
         f"{log.name} has neither wheel rates, enc_left and enc_right, nor commands that drive it"
     )
 
 
 def begin_at(plant: str, free: Sequence[str], profile: Profile) -> dict[str, float]:
-    """Return what the baseline's numbers say of a simulated plant's, within its bounds, to begin a fit with."""
+    """Return a simulated plant's numbers to begin a fit with, from those of the kinematic plant.
+
+    They lie within the plant's bounds.
+    """
     section = profile.section(FIRST_FITTED)
     radius = section.vehicle.wheel_radius
     p = section.parameters
@@ -247,69 +279,87 @@ def begin_at(plant: str, free: Sequence[str], profile: Profile) -> dict[str, flo
         "wheel_radius": 0.5 * radius * (p.alpha_l + p.alpha_r),
         "radius_difference": radius * (p.alpha_l - p.alpha_r),
     }
-    of_first = [find(FIRST_FITTED, name, section.robot) for name in free if name not in numbers]
-    numbers |= {s.name: s.read(section) for s in of_first}
-    return {
-        s.name: min(max(numbers[s.name], s.lower), s.upper)
-        for s in (find(plant, name, section.robot) for name in free)
-    }
+    for name in free:
+        if name not in numbers:
+            numbers[name] = find(FIRST_FITTED, name, section.robot).read(section)
+    start = {}
+    for name in free:
+        s = find(plant, name, section.robot)
+        start[name] = min(max(numbers[name], s.lower), s.upper)
+    return start
 
 
 def _report(
     o: Calibrate, fits: Sequence[Fitted], faults: Sequence[LogFault], notes: Sequence[str]
 ) -> Calibrated:
-    plants: dict[str, dict[str, Any]] = {}
-    for f in fits:
-        if plants.setdefault(f.model, entry := _as_dict(f)) is not entry:
-            plants[f.model]["commands"] = entry
+    """Return the report on all fits."""
     profile = fits[-1].profile
-    faulty = [f"The log: {fault.sentence}." for fault in faults]
-    remarks = [f"{_label(s)}: {note}" for s in fits for note in s.notes()[not s.better :]]
-    errors = [
-        (h, f"{_label(s)}, {w}", e.summary())
-        for s in fits
-        for w, one in _scores(s).items()
-        for h, e in one.windows.items()
-    ]
+    log = Path(o.log)
+    plants: dict[str, dict[str, Any]] = {}
+    errors = []
+    values = []
+    remarks = []
+    for f in fits:
+        label = _label(f)
+        entry = _as_dict(f)
+        # a plant's second fit is that of its driver
+        if plants.setdefault(f.model, entry) is not entry:
+            plants[f.model]["commands"] = entry
+        values.append(replace(f.values("parameter", "before"), title=f"{label}, fitted"))
+        # the first note of a fit that is no better says so, and the verdict does too
+        remarks += [f"{label}: {note}" for note in f.notes()[not f.better :]]
+        for when, scored in _scores(f).items():
+            errors += [(h, f"{label}, {when}", e.summary()) for h, e in scored.windows.items()]
     table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
     title = "Error of the relative pose on data that no fit has seen, and how sure that is"
-    values = (replace(s.values("parameter", "before"), title=f"{_label(s)}, fitted") for s in fits)
+    faulty = [f"The log: {fault.sentence}." for fault in faults]
+    sentences = dict.fromkeys([*faulty, *map(_verdict, fits), *notes, *remarks])
+    robot = profile.robot
     return Calibrated(
         program="calibrate",
-        title=one_line(f"{profile.robot.title or profile.robot.name}, calibrated with {Path(o.log).name}"),
+        title=one_line(f"{robot.title or robot.name}, calibrated with {log.name}"),
         tables=[replace(table, title=title), *values],
-        document={"schema": "ssmr.calibrate/1", "log": str(o.log), "robot": profile.robot.name, "seed": o.seed,
-                  "faults": [asdict(fault) for fault in faults], "plants": plants},
+        document={
+            "schema": "ssmr.calibrate/1",
+            "log": str(o.log),
+            "robot": robot.name,
+            "seed": o.seed,
+            "faults": list(map(asdict, faults)),
+            "plants": plants,
+        },
         draw=_draw,
-        sentences=[one_line(n) for n in dict.fromkeys([*faulty, *(_verdict(s) for s in fits), *notes, *remarks])],
-        options={"plants": o.plants, "held_out": None if o.held_out is None else str(o.held_out), "trust": o.trust},
+        sentences=list(map(one_line, sentences)),
+        options={
+            "plants": o.plants,
+            "held_out": None if o.held_out is None else str(o.held_out),
+            "trust": o.trust,
+        },
         status=fits[-1].status,
         has_text=True,
-        profile=replace(profile, name=file_name(f"{profile.robot.name}-{Path(o.log).stem}")),
+        profile=replace(profile, name=file_name(f"{robot.name}-{log.stem}")),
         fits=tuple(fits),
-    )  # fmt: skip
+    )
 
 
 def _draw(c: Calibrated) -> Figure:
-    marks = [
-        drawing.HorizonMarks(
-            f"{_label(s)}, {when}", drawing.ink_of(s.model) if when == "after" else drawing.BESIDE_INK,
-            "s" if s.options["input"] == "wheels" else "o", one.horizons, {h: e.summary() for h, e in one.windows.items()},
-        )
-        for s in c.fits
-        for when, one in _scores(s).items()
-    ]  # fmt: skip
+    """Return the picture: errors by horizon before and after each fit, and the verdicts."""
+    marks = []
+    for s in c.fits:
+        marker = "s" if s.options["input"] == "wheels" else "o"
+        inks = {"before": drawing.BESIDE_INK, "after": drawing.ink_of(s.model)}
+        for when, scored in _scores(s).items():
+            errors = {h: e.summary() for h, e in scored.windows.items()}
+            name = f"{_label(s)}, {when}"
+            marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.horizons, errors))
 
     handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
     header = partial(
         drawing.draw_header, title=c.title, handles=handles, labels=[m.name for m in marks]
     )
-    panels = [
-        partial(drawing.draw_horizons, marks, "position"),
-        partial(drawing.draw_horizons, marks, "yaw"),
-    ]
+    panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
     rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, panels)]
-    return drawing.put_together([*rows, *drawing.note_rows([_verdict(s) for s in c.fits])])
+    rows += drawing.note_rows(list(map(_verdict, c.fits)))
+    return drawing.put_together(rows)
 
 
 if __name__ == "__main__":

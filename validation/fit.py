@@ -11,6 +11,7 @@ import datetime
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -21,6 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.errors import ParameterError, SsmrError
+from ssmr.metrics.bands import Band
 from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant
@@ -52,7 +54,7 @@ from validation.identify.report import (
 from validation.identify.scores import HORIZONS, Scored, score, worse_sentences
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
-from validation.identify.uncertainty import estimate, sentences
+from validation.identify.uncertainty import Uncertainty, estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import find, make_space, with_values
@@ -60,7 +62,7 @@ from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress
 from validation.report import drawing
 from validation.report.motions import HEADLINE_HORIZON, interval_table
-from validation.report.table import Row, Table
+from validation.report.table import Table
 from validation.simulator.description import with_robot
 from validation.simulator.physics import SHIPPED
 from validation.simulator.terrain import FLAT
@@ -175,22 +177,25 @@ class Fit(Searching):
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
-        return (
-            Path("runs")
-            / "fit"
-            / file_name(f"{self.model}-{Path(next(iter(self.names), '')).stem}")
-        )
+        first = next(iter(self.names), "")
+        return Path("runs") / "fit" / file_name(f"{self.model}-{Path(first).stem}")
 
     @property
     def names(self) -> list[str]:
         """The sources that it is fitted to, as the user named them."""
-        if isinstance(self.to, Path) or (isinstance(self.to, str) and Path(self.to).exists()):
+        if isinstance(self.to, Path):
             return [str(self.to)]
-        parts = self.to.split(",") if isinstance(self.to, str) else map(str, self.to)
+        if isinstance(self.to, str):
+            if Path(self.to).exists():
+                return [self.to]
+            parts = self.to.split(",")
+        else:
+            parts = list(map(str, self.to))
         return [part.strip() for part in parts if part.strip()]
 
 
 def _built(model: str, plant: PlantProfile) -> Plant:
+    """Return a plant on level ground; a ParameterError says that it cannot have such numbers."""
     return plant_kind(model).build(plant, FLAT, SHIPPED)
 
 
@@ -230,7 +235,7 @@ class Fitted(SearchReport):
 
 @cli.program(Fit)
 def fit(o: Fit) -> Fitted:
-    """Fit a plant's parameters to motions by differential evolution (jDE), least squares, or one after the other.
+    """Fit a plant's parameters to motions by differential evolution (jDE), least squares, or both.
 
     Prints tables; writes fit.json, profile.toml, fit.png and checkpoint.npz.
 
@@ -244,36 +249,40 @@ def fit(o: Fit) -> Fitted:
     """
     add_user_model(o.own_model)
     occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else o.input
-    usual = plant_kind(o.model).free[occasion]
+    kind = plant_kind(o.model)
+    is_default = o.profile is None and o.robot is None
     standard = "thesis-lab" if occasion == "scenario" else profile_of_log(o.names[0])
     base = choose_profile(o.profile, o.robot, standard)
     begun = with_values(o.model, base.section(o.model), list(o.fix), o.fix.values())
-    space = make_space(
-        o.model,
-        [n for n in (usual if o.free is None else o.free) if n not in o.fix],
-        o.bounds,
-        begun.robot,
-    )
+    names = kind.free[occasion] if o.free is None else o.free
+    space = make_space(o.model, [n for n in names if n not in o.fix], o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
-    known = o.profile is not None or o.robot is not None
-    read = ReadOptions({}, o.limits, o.columns, base.robot.geometry.wheel_radius if known else None)
+    radius = None if is_default else base.robot.geometry.wheel_radius
+    read = ReadOptions({}, o.limits, o.columns, radius)
     targets, held_out = open_targets(
-        o.names, base, o.held_out, o.input, (o.start_at, o.until), read
+        o.names, base, o.held_out, o.input, span=(o.start_at, o.until), options=read
     )
-    usual_yaw = 0.2 if occasion == "scenario" and plant_kind(o.model).torques else 1.0
-    yaw_weight = usual_yaw if o.yaw_weight is None else o.yaw_weight
-    horizons = tuple(o.horizons)
-    cost = FitCost(o.objective, horizons, yaw_weight, o.position_weight, o.torque_weight)
-    if plant_kind(o.model).torques and o.torque_weight > 0.0:
+    yaw_weight = o.yaw_weight
+    if yaw_weight is None:
+        yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
+    cost = FitCost(
+        o.objective,
+        tuple(o.horizons),
+        yaw_weight,
+        position_weight=o.position_weight,
+        torque_weight=o.torque_weight,
+    )
+    if kind.torques and o.torque_weight > 0.0:
         constant = o.torque_constant or begun.drive.torque_constant
-        own_loss = 0.0 if occasion == "wheels" else loss_of(begun)  # given wheels lose nothing
+        loss = 0.0 if occasion == "wheels" else loss_of(begun)  # given wheels lose nothing
         chassis = chassis_of(base)
-        targets = with_torques(targets, chassis, constant, own_loss)
-        held_out = with_torques(held_out, chassis, constant, own_loss)
+        targets = with_torques(targets, chassis, constant, loss)
+        held_out = with_torques(held_out, chassis, constant, loss)
     problem = FitProblem(o.model, begun, space, targets, cost)
     _require_possible(problem, o.bounds)
     simulated = o.model in SIMULATED
+    # sampled paths make the cost jagged, so differential evolution has to go farther
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
     settings = o.settings(*(_JAGGED if jagged else _SIZES[o.search, simulated]))
     search = search_for(problem, settings, o, start, _STARTS[o.search])
@@ -290,27 +299,33 @@ def _first_points(
     """Return the (1, n) candidate to begin with, in the unit cube; None for none."""
     if o.start is None and o.search != "lsq" and occasion == "scenario":
         return None
-    before = np.clip(before, space.lower, space.upper)
     named = o.start or {}
-    if unknown := [name for name in named if name not in space.names]:
-        raise ValueError(f"start names {unknown[0]}, which is not free")
-    values = np.array([named.get(name, was) for name, was in zip(space.names, before, strict=True)])
+    for name in named:
+        if name not in space.names:
+            raise ValueError(f"start names {name}, which is not free")
+    begun = dict(zip(space.names, np.clip(before, space.lower, space.upper), strict=True))
+    values = np.array(list({**begun, **named}.values()))
     return space.points(values[None])
 
 
 def _require_possible(problem: FitProblem, given: Container[str]) -> None:
-    """Refuse numbers that no candidate can have: the profile's own, and given bounds of the inertia that no body has.
+    """Refuse numbers that no candidate can have.
 
-    Where default bounds reach farther than a robot's other numbers allow, candidates beyond are
-    rated as impossible.
+    Those are the profile's, and given bounds of mass and inertia that no body has. Where default
+    bounds reach farther than a robot's other numbers allow, candidates beyond are rated as
+    impossible.
     """
-    heavy = ("yaw_inertia", "mass") if problem.model in SIMULATED else ()
-    bodies = [p for p in problem.space.parameters if p.name in heavy and p.name in given]
-    for end in ({}, *({p.name: end} for p in bodies for end in (p.lower, p.upper))):
+    ends: list[dict[str, float]] = [{}]
+    for p in problem.space.parameters:
+        is_inertia = p.name in ("yaw_inertia", "mass") and problem.model in SIMULATED
+        if is_inertia and p.name in given:
+            ends += [{p.name: p.lower}, {p.name: p.upper}]
+    for end in ends:
         try:
             _built(problem.model, with_values(problem.model, problem.base, list(end), end.values()))
         except ParameterError as error:
-            raise ValueError(f"{''.join(f'bounds of {name}: ' for name in end)}{error}") from error
+            lead = "".join(f"bounds of {name}: " for name in end)
+            raise ValueError(f"{lead}{error}") from error
 
 
 def _report(
@@ -321,47 +336,39 @@ def _report(
     before: FloatArray,
     held_out: Sequence[FitTarget],
 ) -> Fitted:
-    """Estimate how sure the numbers are, score the fitted plant on all sources, and return the report."""
+    """Return the report: the numbers with their uncertainty, and scores on all sources."""
     point = search.best
-    space = problem.space
-    notes = list[str]()
+    notes = []
     fitted = problem.candidate(point)
     assert fitted is not None
-    parameters = fitted_parameters(space, point, before)
+    parameters = fitted_parameters(problem.space, point, before)
     correlation = None
     method = ""
     if o.profile is None and o.robot is None:
-        notes += [
-            sentence
-            for target in problem.targets
-            for sentence in stranger_sentences(target.source, base.robot)
-        ]
+        for target in problem.targets:
+            notes += stranger_sentences(target.source, base.robot)
     for target in (*problem.targets, *held_out):
-        notes += [f"{target.source.title}: {target.gyro.sentence}"] if target.gyro else []
-        notes += [*target.source.warnings, *standing_sentences(target.source, HEADLINE_HORIZON)]
-    notes += bound_sentences(space, point)
+        source = target.source
+        if target.gyro:
+            notes.append(f"{source.title}: {target.gyro.sentence}")
+        notes += [*source.warnings, *standing_sentences(source, HEADLINE_HORIZON)]
+    notes += bound_sentences(problem.space, point)
     if not search.interrupted:
         try:
             sure = estimate(problem, point, o.threads, search.driven)
-            parameters = fitted_parameters(space, point, before, sure)
+            parameters = fitted_parameters(problem.space, point, before, sure)
             correlation = sure.correlation
-            notes = [*notes, *sentences(problem, sure)]
+            notes += sentences(problem, sure)
             method = sure.method
             notes.append(f"Standard errors come from: {method}.")
-            logs = [target for target in problem.targets if target.source.reference == RECORDING]
-            plants = [problem.candidate(part) or fitted for part in sure.without]
-            if band := band_of(
-                [
-                    [(log.source, _scored(problem, plant, log).motion) for log in logs]
-                    for plant in plants
-                ]
-            ):
+            if band := _band(problem, sure, fitted):
                 fitted = replace(fitted, bands={**fitted.bands, o.input: band})
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")
     judged = []
     unfitted = []
     for target in held_out:
+        # data may hold a motion that the fitted plant cannot make; the rest is still judged
         try:
             judged.append(_scored(problem, fitted, target))
             unfitted.append(_scored(problem, problem.base, target))
@@ -371,11 +378,11 @@ def _report(
             )
     worse = worse_sentences(problem.cost, o.even_if_worse, unfitted, judged)
     chosen = {name: getattr(problem.cost, name) for name in ("objective", "yaw_weight")}
-    train = tuple(_scored(problem, fitted, target) for target in problem.targets)
-    source = ",".join(o.names)
+    names = ",".join(o.names)
+    begun = with_robot(base.name, base.robot.name)
     bare = Fitted(
         program="fit",
-        title=f"{o.model} fitted to {one_line(source)}, begun with profile {with_robot(base.name, base.robot.name)}",
+        title=f"{o.model} fitted to {one_line(names)}, begun with profile {begun}",
         tables=(),
         document={},
         draw=_draw,
@@ -389,24 +396,36 @@ def _report(
         model=o.model,
         profile=base,
         correlation=correlation,
-        train=train,
+        train=tuple(_scored(problem, fitted, target) for target in problem.targets),
         held_out=tuple(judged),
         unfitted=tuple(unfitted),
         better=not worse if judged else None,
     )
     together = score("all fitted to", problem.targets, [each.motion for each in bare.train])
-    document = _document(bare, source, o.seed, method, together)
-    pace = pace_of(
-        [m for target in problem.targets for m in target.truth], base.robot.geometry.wheel_radius
-    )
+    document = _document(bare, names, o.seed, method, together)
+    truth = list(chain(*(target.truth for target in problem.targets)))
+    pace = pace_of(truth, base.robot.geometry.wheel_radius)
     new = replace(_with_provenance(o, bare, fitted, document), fitted_at=pace)
     kept = base if worse and not o.even_if_worse else new
     return replace(bare, profile=kept, tables=_tables(bare), document=document)
 
 
+def _band(problem: FitProblem, sure: Uncertainty, fitted: PlantProfile) -> Band | None:
+    """Return how far predictions along the recordings differ if a part of the data is left out."""
+    logs = [target for target in problem.targets if target.source.reference == RECORDING]
+    motions = []
+    for point in sure.without:
+        plant = problem.candidate(point) or fitted
+        motions.append([(log.source, _scored(problem, plant, log).motion) for log in logs])
+    return band_of(motions)
+
+
 def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) -> dict[str, Any]:
-    """Return what fit.json holds before its tables."""
-    matrix = None if f.correlation is None else f.correlation.tolist()
+    """Return the document of fit.json without its tables."""
+    correlation = None
+    if f.correlation is not None:
+        names = [p.name for p in f.parameters]
+        correlation = {"names": names, "matrix": f.correlation.tolist()}
     return {
         "schema": "ssmr.fit/1",
         "model": f.model,
@@ -416,9 +435,7 @@ def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) 
         "seed": seed,
         **f.searched(),
         "search": f.options["search"],
-        "correlation": None
-        if matrix is None
-        else {"names": [p.name for p in f.parameters], "matrix": matrix},
+        "correlation": correlation,
         "standard_errors_by": method,
         "train": together.as_dict(),
         "train_by_source": {s.label: s.as_dict() for s in f.train},
@@ -431,17 +448,16 @@ def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) 
 def _with_provenance(
     o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[str, Any]
 ) -> Profile:
-    """Return the profile that the fit began with, its plant's numbers replaced, and their provenance."""
+    """Return the profile of before with the fitted numbers and their provenance in it."""
     kept = ("source", "search", "seed", "cost", "evaluations", "generations", "standard_errors_by")
+    errors = {p.name: e for p in f.parameters if (e := p.standard_error) is not None}
     provenance = {
         **{name: document[name] for name in kept},
         "status": f.status,
         "options": {name: value for name, value in f.options.items() if value is not None},
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "versions": dict(f.versions),
-        "standard_errors": {
-            p.name: p.standard_error for p in f.parameters if p.standard_error is not None
-        },
+        "standard_errors": errors,
     }
     return replace(
         f.profile,
@@ -452,21 +468,29 @@ def _with_provenance(
 
 
 def _named(f: Fitted) -> list[tuple[str, Scored]]:
-    leads = zip(
-        ("", "held out: ", "before, held out: "), (f.train, f.held_out, f.unfitted), strict=True
-    )
-    every = [(lead, s) for lead, scores in leads for s in scores]
-    return [(f"{lead}{shortened(Path(s.label).name, 32)}", s) for lead, s in every]
+    """Return all scores with their names in tables and pictures."""
+    out = []
+    leads = ("", "held out: ", "before, held out: ")
+    for lead, scores in zip(leads, (f.train, f.held_out, f.unfitted), strict=True):
+        for s in scores:
+            out.append((f"{lead}{shortened(Path(s.label).name, 32)}", s))
+    return out
 
 
 def _tables(f: Fitted) -> list[Table]:
-    """Return the parameters, the scores on each source, and the errors by horizon where there are recordings."""
-    scores = list[Row]()
-    for name, s in _named(f):
+    """Return the parameters, the scores on each source, and the errors by horizon of recordings."""
+    named = _named(f)
+    scores = []
+    for name, s in named:
         torque = {} if s.torque_rms is None else {"torque_rms_N_m": s.torque_rms}
         scores.append({"source": name, **{key: s.metrics[key] for key in _SHOWN}, **torque})
-    pairs = [(h, name, s) for h in HORIZONS for name, s in _named(f) if h in s.horizons]
-    errors = [{"horizon_s": h, "source": name, **asdict(s.horizons[h])} for h, name, s in pairs]
+    errors = []
+    windows = []
+    for h in HORIZONS:
+        for name, s in named:
+            if h in s.horizons:
+                errors.append({"horizon_s": h, "source": name, **asdict(s.horizons[h])})
+                windows.append((h, name, s.windows[h].summary()))
     return [
         f.values("parameter", "before"),
         Table("Scores of the fitted plant", scores),
@@ -476,33 +500,29 @@ def _tables(f: Fitted) -> list[Table]:
             group="horizon_s",
             headings=_WINDOWS,
         ),
-        interval_table([(h, name, s.windows[h].summary()) for h, name, s in pairs], "source"),
+        interval_table(windows, "source"),
     ]
 
 
 def _draw(f: Fitted) -> Figure:
-    """Return the picture: the search, the parameters, and the errors by horizon where there are recordings."""
+    """Return the picture: the search, the parameters, and the errors by horizon of recordings."""
     ink = drawing.ink_of(f.model)
-    marks = [
-        drawing.HorizonMarks(
-            name, drawing.BESIDE_INK if s not in f.train else ink, "osvDP"[k % 5], s.horizons
-        )
-        for k, (name, s) in enumerate(_named(f))
-        if s.horizons
-    ]
+    marks = []
+    for k, (name, s) in enumerate(_named(f)):
+        if s.horizons:
+            colour = ink if s in f.train else drawing.BESIDE_INK
+            marks.append(drawing.HorizonMarks(name, colour, "osvDP"[k % 5], s.horizons))
 
     def position(ax: Axes) -> None:
         drawing.draw_horizons(marks, "position", ax)
-        ax.legend(
-            [Line2D([], [], color=m.ink, marker=m.marker) for m in marks],
-            [m.name for m in marks],
-            fontsize=8.5,
-        )
+        handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
+        ax.legend(handles, [m.name for m in marks], fontsize=8.5)
 
-    yaw = partial(drawing.draw_horizons, marks, "yaw")
-    return search_figure(
-        f, ink, "before", [drawing.side_by_side(2.8, [position, yaw])] if marks else []
-    )
+    rows = []
+    if marks:
+        yaw = partial(drawing.draw_horizons, marks, "yaw")
+        rows.append(drawing.side_by_side(2.8, [position, yaw]))
+    return search_figure(f, ink, "before", rows)
 
 
 if __name__ == "__main__":

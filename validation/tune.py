@@ -130,25 +130,21 @@ class Tune(Searching):
         return Path("runs") / "tune" / f"{self.controller}-{'-'.join(self.plants)}"
 
     def cases(
-        self, wanted: Iterable[tuple[str, float | None]], robots: Sequence[ClosedLoopRobot]
+        self, references: Iterable[tuple[str, float | None]], robots: Sequence[ClosedLoopRobot]
     ) -> tuple[TuneCase, ...]:
-        """Return every robot on every reference, which are names and speeds [m/s]; `speed` where there is none."""
+        """Return every robot on every reference, given by name and speed [m/s].
+
+        The option `speed` stands for None.
+        """
         loop = LoopSettings(self.feedback if self.noise else "truth", disturbance=self.noise)
         out = []
-        for name, speed in wanted:
+        for name, speed in references:
             label, waypoints = open_reference(name, self.speed if speed is None else speed)
             for robot in robots:
                 require_practicable(waypoints, robot.drive, label)
                 around = replace(loop, filter=odometry_of(robot.drive))
-                out.append(
-                    TuneCase(
-                        f"{label} at {waypoints.speed:.3g} m/s, {robot.name}",
-                        name,
-                        waypoints,
-                        robot,
-                        around,
-                    )
-                )
+                title = f"{label} at {waypoints.speed:.3g} m/s, {robot.name}"
+                out.append(TuneCase(title, name, waypoints, robot, around))
         return tuple(out)
 
 
@@ -189,7 +185,9 @@ class Tuned(SearchReport):
 
 @cli.program(Tune)
 def tune(o: Tune) -> Tuned:
-    """Tune the gains of a controller by differential evolution (jDE), and compare them with those it began with.
+    """Tune the gains of a controller by differential evolution (jDE).
+
+    They are compared with those it began with.
 
     Prints tables; writes tune.json, gains.toml, tune.png and checkpoint.npz.
 
@@ -209,53 +207,54 @@ def tune(o: Tune) -> Tuned:
     robots = [make_robot(profile, name) for name in o.plants]
     simulated = any(name in SIMULATED for name in o.plants)
     settings = o.settings(*(_SIMULATED_SIZE if simulated else (law.population, law.generations)))
-    wanted = list(map(split_speed, o.references))
-    cases = o.cases(wanted, robots)
+    references = list(map(split_speed, o.references))
+    cases = o.cases(references, robots)
     fastest = max(case.waypoints.speed for case in cases)
-    tuned_on = [name for name, _ in wanted]
-    usual = [(name, fastest) for name in HELD_OUT if name not in tuned_on]
-    held_out = o.cases(usual if o.held_out is None else map(split_speed, o.held_out), robots)
+    tuned_on = [name for name, _ in references]
+    others = [(name, fastest) for name in HELD_OUT if name not in tuned_on]
+    held_out = o.cases(others if o.held_out is None else map(split_speed, o.held_out), robots)
     cost = TuneCost(o.cost, o.guard, o.seed if o.noise_seed is None else o.noise_seed, k_u=law.k_u)
     problem = TuneProblem(profile, base, space, cases, cost)
-    start = None if begun is None else space.points([begun[name] for name in space.names])[None]
+    start = None
+    if begun is not None:
+        start = space.points([begun[name] for name in space.names])[None]
     search = search_for(problem, settings, o, start)
-    o.progress(
-        Progress(
-            settings.generations + 1,
-            settings.generations + 1,
-            "tuned and earlier gains on every reference",
-        )
-    )
+    total = settings.generations + 1
+    o.progress(Progress(total, total, "tuned and earlier gains on every reference"))
     return _report(o, problem, search, held_out)
 
 
 def _base_gains(o: Tune, profile: Profile) -> GainSet:
-    """Return the gains that a tuning begins with: those named, else the published, else the defaults; with those held."""
+    """Return the gains that a tuning begins with, with those that are held.
+
+    They are those that are named, else the published ones, else the defaults.
+    """
     if o.controller not in LAWS:
         raise ValueError(f"unknown controller '{o.controller}'; there are: {', '.join(LAWS)}")
     published = f"{o.controller}-published" in names(o.controller)
     base = load_gains(o.controller, o.gains or ("published" if published else DEFAULT))
-    if unknown := [name for name in o.fix if name not in base.values]:
-        raise ValueError(
-            f"{o.controller} has no gain '{unknown[0]}'; there are: {', '.join(base.values)}"
-        )
-    base = replace(base, values={**base.values, **o.fix}) if o.fix else base
+    for name in o.fix:
+        if name not in base.values:
+            raise ValueError(
+                f"{o.controller} has no gain '{name}'; there are: {', '.join(base.values)}"
+            )
+    base = replace(base, values={**base.values, **o.fix})
+    # gains that no controller can have are refused before a search begins
     make_controller(profile, base)
     return base
 
 
 def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[TuneCase]) -> Tuned:
-    """Keep the better of what was found and what it began with, drive it beside other gains, and return the report."""
+    """Return the report on the better of found and earlier gains, driven beside others."""
     base = problem.base
     space = problem.space
     profile = problem.profile
     threads = o.threads
-    known = [origin_sentence(base, profile.name)]
-    known += [
-        demand_of(case.waypoints, case.robot, profile.name, case.reference)
-        for case in problem.cases
-    ]
-    notes = [sentence for sentence in known if sentence is not None]
+    remarks = [origin_sentence(base, profile.name)]
+    for case in problem.cases:
+        remarks.append(demand_of(case.waypoints, case.robot, profile.name, case.reference))
+    notes = [remark for remark in remarks if remark is not None]
+    values = [base.values[name] for name in space.names]
     point = search.best
     cost = search.cost
     before = problem.cost_of(base, threads)
@@ -264,14 +263,16 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
         least = problem.cost_of(base, threads, guarded=True)
         if least <= cost:
             notes.append(
-                f"No candidate costs less than {base.name}, with which the search began: those gains are kept."
+                f"No candidate costs less than {base.name}, with which the search began: "
+                "those gains are kept."
             )
             kept = base
             cost = least
-            point = space.points([base.values[name] for name in space.names])
+            point = space.points(values)
         elif math.isinf(least) and math.isfinite(before):
             notes.append(
-                f"{base.name}, with which the search began, fails the stability guard, so it had to be left."
+                f"{base.name}, with which the search began, fails the stability guard, "
+                "so it had to be left."
             )
     notes += bound_sentences(space, point)
     shipped = shipped_gains(base.controller, profile.name)
@@ -279,9 +280,10 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
     if shipped is not None and shipped.values != base.values:
         sets["shipped"] = shipped
     source = ",".join(dict.fromkeys(case.reference for case in problem.cases))
+    profile_name = with_robot(profile.name, profile.robot.name)
     bare = Tuned(
         program="tune",
-        title=f"{base.controller} tuned on {one_line(source)}, profile {with_robot(profile.name, profile.robot.name)}",
+        title=f"{base.controller} tuned on {one_line(source)}, profile {profile_name}",
         tables=(),
         document={"seed": o.seed, "source": source},
         draw=_draw,
@@ -294,7 +296,7 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
         course=search,
         cost=cost,
         cost_name=problem.cost.cost,
-        parameters=fitted_parameters(space, point, [base.values[name] for name in space.names]),
+        parameters=fitted_parameters(space, point, values),
         problem=problem,
         gain_set=kept,
         baseline_cost=before,
@@ -308,25 +310,25 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
         document=_document(bare),
         gain_set=_with_provenance(bare, o.name or f"{base.controller}-tuned"),
     )
-    return replace(
-        whole, tables=_tables(whole), sentences=[*_sentences(whole), *map(one_line, notes)]
-    )
+    sentences = [*_sentences(whole), *map(one_line, notes)]
+    return replace(whole, tables=_tables(whole), sentences=sentences)
 
 
 def _draw(t: Tuned) -> Figure:
+    """Return the picture of the search."""
     return search_figure(t, drawing.ink_of(t.problem.cases[0].robot.name), "baseline")
 
 
 def _document(t: Tuned) -> dict[str, Any]:
-    """Return what tune.json holds before its tables; null stands for every number that is not finite."""
+    """Return the document of tune.json without its tables; null stands for an infinite number."""
 
     def runs(cases: Mapping[str, Mapping[str, RatedRun]]) -> dict[str, Any]:
-        return {
-            label: {
+        out: dict[str, Any] = {}
+        for label, rated in cases.items():
+            out[label] = {
                 name: {**r.metrics, "cost": r.cost, "lost": r.run.lost} for name, r in rated.items()
             }
-            for label, rated in cases.items()
-        }
+        return out
 
     return {
         "schema": "ssmr.tune/1",
@@ -347,10 +349,15 @@ def _document(t: Tuned) -> dict[str, Any]:
 
 
 def _with_provenance(t: Tuned, name: str) -> GainSet:
+    """Return the tuned gains with their name and their provenance."""
     searched = [p.name for p in t.parameters]
     document = _document(t)
-    rated = {label: runs["tuned"] for label, runs in (*t.train.items(), *t.held_out.items())}
-    kept = (
+    followed = {}
+    for label, runs in (*t.train.items(), *t.held_out.items()):
+        r = runs["tuned"]
+        if not r.run.lost:
+            followed[label] = {"d_rms_m": r.metrics["d_rms_m"], "cost": r.cost}
+    kept = [
         "profile",
         "robot",
         "cost_name",
@@ -360,25 +367,19 @@ def _with_provenance(t: Tuned, name: str) -> GainSet:
         "seed",
         "evaluations",
         "generations",
-    )
+    ]
+    if not math.isfinite(t.baseline_cost):
+        kept.remove("baseline_cost")
     provenance = {
         "tuned_on": list(t.train),
         "searched": searched,
         "by_hand": [name for name in t.gains if name not in searched],
-        **{
-            key: document[key]
-            for key in kept
-            if key != "baseline_cost" or math.isfinite(t.baseline_cost)
-        },
+        **{key: document[key] for key in kept},
         "status": t.status,
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "options": {key: value for key, value in t.options.items() if value is not None},
         "versions": dict(t.versions),
-        "followed": {
-            k: {"d_rms_m": r.metrics["d_rms_m"], "cost": r.cost}
-            for k, r in rated.items()
-            if not r.run.lost
-        },
+        "followed": followed,
     }
     return GainSet(
         t.gain_set.controller,
@@ -390,43 +391,45 @@ def _with_provenance(t: Tuned, name: str) -> GainSet:
 
 
 def _tables(t: Tuned) -> list[Table]:
+    """Return the parameters, and the runs along all references."""
     base = one_line(t.problem.base.name)
     searched = [p.name for p in t.parameters]
-    held = " · ".join(
-        f"{name} {value:.4g}" for name, value in t.gains.items() if name not in searched
-    )
+    held = [f"{name} {value:.4g}" for name, value in t.gains.items() if name not in searched]
+    others = " · ".join(held) or "none"
     rows: list[Row] = []
     for lead, cases in (("", t.train), ("held out: ", t.held_out)):
         for label, runs in cases.items():
             for name, rated in runs.items():
-                measures = {"cost": rated.cost, **{key: rated.metrics[key] for key in _SHOWN}}
-                shown = {key: None if rated.run.lost else value for key, value in measures.items()}
-                rows.append({"reference": f"{lead}{label}", "gains": name, **shown})
+                measures = {"cost": rated.cost, **rated.metrics}
+                row: dict[str, Any] = {"reference": f"{lead}{label}", "gains": name}
+                for key in ("cost", *_SHOWN):
+                    row[key] = None if rated.run.lost else measures[key]
+                rows.append(row)
     return [
-        t.values("gain", "baseline", f"{base} costs {t.baseline_cost:.4g}\nheld: {held or 'none'}"),
+        t.values("gain", "baseline", f"{base} costs {t.baseline_cost:.4g}\nheld: {others}"),
         Table(f"Tuned gains compared with {base}", rows, group="reference", best=True),
     ]
 
 
 def _sentences(t: Tuned) -> list[str]:
-    """Return what should not be overlooked in the tables, sentence by sentence."""
-    out = list[str]()
-    worse = list[str]()
+    """Return sentences on lost references and on gains that are no better than others."""
+    out = []
+    worse = []
     for label, runs in (*t.train.items(), *t.held_out.items()):
-        out += [
-            f"The {name} gains lose {label}: {lost_text(r.run)}."
-            for name, r in runs.items()
-            if r.run.lost
-        ]
+        for name, r in runs.items():
+            if r.run.lost:
+                out.append(f"The {name} gains lose {label}: {lost_text(r.run)}.")
         if label in t.held_out and runs["tuned"].cost > _WORSE * runs["baseline"].cost:
             worse.append(label)
     if worse:
         out.append(
-            f"Compared with {t.problem.base.name} these gains are worse on other references: {', '.join(worse)}."
+            f"Compared with {t.problem.base.name} these gains are worse on other references: "
+            f"{', '.join(worse)}."
         )
     if t.shipped is not None and t.shipped_cost < t.cost:
         out.append(
-            f"The shipped gains {t.shipped.name} cost less on what these were tuned on: {t.shipped_cost:.4g}."
+            f"The shipped gains {t.shipped.name} cost less on what these were tuned on: "
+            f"{t.shipped_cost:.4g}."
         )
     return list(map(one_line, out))
 

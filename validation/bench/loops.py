@@ -247,7 +247,7 @@ def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: 
     return f"{demand}; at {speed:.2f} m/s it could be followed."
 
 
-def within_reach(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> Waypoints:
+def slowed_to_feasible(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> Waypoints:
     """Return the reference, slower where it asks for more than `part` of the robot's greatest speed or yaw rate."""
     speed, demands = _possible(waypoints, robot, part)
     return waypoints.at_speed(speed) if demands else waypoints

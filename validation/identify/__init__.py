@@ -1,1 +1,1 @@
-"""Parts that a fit and a tuning share: problems, the search, least squares, uncertainty, and how a search is reported."""
+"""Parts that fits and tunings share: problems, search, least squares, uncertainty and report."""

@@ -1,11 +1,11 @@
-"""Costs of a fit: the distance of a candidate's motion from the true one as one number, and its errors."""
+"""Costs of a fit: the distance between two motions as one number, and the errors behind it."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate, chain
 from typing import Literal, get_args
 
 import numpy as np
@@ -21,8 +21,9 @@ from validation.bench.sources import Piece, Source
 from validation.plants.kind import side_torques
 
 Objective = Literal["path", "sync", "horizon"]
+"""Objective of a fit, see `FitCost`."""
 
-# errors that begin within one block of time count as one observation [s]: they share poses and
+# errors that begin within one block of time [s] count as one observation, as they share poses and
 # ground
 _BLOCK_S = 6.0
 _SCENARIO_BLOCK_S = 1.0  # length of a block on the twenty seconds of a scenario [s]
@@ -58,16 +59,18 @@ class FitCost:
     be rewarded."""
 
     def __post_init__(self) -> None:
-        """Raise a ValueError for an unknown objective, a number out of its range, or weights that are all 0."""
+        """Raise a ValueError for a wrong objective or number, or weights that are all 0."""
         if self.objective is not None and self.objective not in get_args(Objective):
             raise ValueError(
                 f"unknown objective '{self.objective}'; there are: {', '.join(get_args(Objective))}"
             )
         weights = ("yaw_weight", "position_weight", "torque_weight")
         require_within(self, (*weights, "k_rms", "k_haus", "k_ratio"), 0.0, 1e6)
+        # a distance of positions alone has nothing that a weight could be relative to
         if self.objective == "path" and self.position_weight != 1.0:
             raise ValueError(
-                "position_weight belongs to the objectives sync and horizon; path is a distance of positions"
+                "position_weight belongs to the objectives sync and horizon; "
+                "path is a distance of positions"
             )
         if self.yaw_weight == self.position_weight == 0.0:
             raise ValueError(
@@ -96,20 +99,29 @@ class FitTarget:
 
     def torque_errors(self, motions: Sequence[Trajectory]) -> FloatArray:
         """Return (K,) errors of the `TORQUES` of a plant's motions [N m], where both are known."""
-        known = self.torques or ()
-        pairs = [(side_torques(motion), true) for motion, true in zip(motions, known, strict=False)]
-        errors = [(torques - true).ravel() for torques, true in pairs if torques is not None]
-        every = np.concatenate([*errors, np.empty(0)])
+        errors = [np.empty(0)]
+        # the plant's motions may outnumber the true torques, of which there may be none
+        for motion, true in zip(motions, self.torques or (), strict=False):
+            torques = side_torques(motion)
+            if torques is not None:
+                errors.append((torques - true).ravel())
+        every = np.concatenate(errors)
         return every[np.isfinite(every)]
 
 
+def _stride(t: FloatArray) -> int:
+    """Return the number of samples between errors at equal times, of (M,) stamps [s]."""
+    period = float(np.median(np.diff(t)))
+    return max(1, round(_SYNC_STRIDE_S / period))
+
+
 class Rater:
-    """Rates candidates along one piece of motion; a subclass says what their errors are."""
+    """Rates candidates along one piece of motion; a subclass defines their errors."""
 
     def __init__(
         self, truth: Trajectory, cost: FitCost, weight: FloatArray, blocks: FloatArray
     ) -> None:
-        """Keep the true motion, the (K,) weights of its errors, and the (K,) numbers of their blocks of time."""
+        """Keep the true motion, and (K,) weights and blocks of time of its errors."""
         self._truth = truth
         self._cost = cost
         self._weight = weight
@@ -118,40 +130,46 @@ class Rater:
     @property
     def blocks(self) -> FloatArray:
         """Number of the block of time that each residual belongs to, counted over all pieces."""
-        return np.tile(
-            self._blocks, 2 * (self._cost.position_weight > 0.0) + (self._cost.yaw_weight > 0.0)
-        )
+        columns = 2 * (self._cost.position_weight > 0.0) + (self._cost.yaw_weight > 0.0)
+        return np.tile(self._blocks, columns)
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (S, K, 2) errors of positions [m] and (S, K) of yaw [rad] of (S, M, 3) poses."""
         raise NotImplementedError
 
     def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
-        """Return the (S,) terms of the cost of (S, M, 3) poses, rated on so many threads; NaN where a pose is NaN."""
+        """Return the (S,) terms of the cost of (S, M, 3) poses; NaN where a pose is NaN."""
         raise NotImplementedError
 
     def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
-        """Return the errors that least squares make small, each times the root of its weight; none that weighs nothing."""
-        (position, yaw), root, cost = self.errors(poses), np.sqrt(self._weight), self._cost
-        columns = (
-            [cost.position_weight * root * position[..., i] for i in (0, 1)]
-            if cost.position_weight > 0.0
-            else []
-        )
-        return np.concatenate(
-            [*columns, *([cost.yaw_weight * root * yaw] if cost.yaw_weight > 0.0 else [])], axis=1
-        )
+        """Return the errors that least squares make small, each times the root of its weight.
+
+        Errors that weigh nothing are left out.
+        """
+        position, yaw = self.errors(poses)
+        root = np.sqrt(self._weight)
+        weight = self._cost.position_weight
+        columns = []
+        if weight > 0.0:
+            columns += [weight * root * position[..., 0], weight * root * position[..., 1]]
+        if self._cost.yaw_weight > 0.0:
+            columns.append(self._cost.yaw_weight * root * yaw)
+        return np.concatenate(columns, axis=1)
 
 
 class SyncRater(Rater):
-    """The sync objective: RMS of position and yaw errors at equal times; least squares see every tenth of a second."""
+    """The sync objective: RMS of position and yaw errors at equal times.
+
+    Least squares see the errors of every tenth of a second.
+    """
 
     def __init__(self, truth: Trajectory, cost: FitCost, share: float, block: int) -> None:
         """Keep the piece's share in the cost, and count its blocks of time from `block`."""
         self._share = share
-        self._every = max(1, round(_SYNC_STRIDE_S / float(np.median(np.diff(truth.t)))))
+        self._every = _stride(truth.t)
         blocks = block + np.floor((truth.t[:: self._every] - truth.t[0]) / _SCENARIO_BLOCK_S)
-        super().__init__(truth, cost, np.full(len(blocks), share / len(blocks)), blocks)
+        weight = np.full(len(blocks), share / len(blocks))
+        super().__init__(truth, cost, weight, blocks)
 
     def errors(self, poses: FloatArray, every: int | None = None) -> tuple[FloatArray, FloatArray]:
         """Return the errors at every so many samples, see `Rater.errors`."""
@@ -162,28 +180,36 @@ class SyncRater(Rater):
     def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return the weighted sum of the RMS of position and of yaw errors."""
         position, yaw = self.errors(poses, 1)
-        rms = np.sqrt((position**2).sum(axis=2).mean(axis=1)), np.sqrt((yaw**2).mean(axis=1))
-        return self._share * (self._cost.position_weight * rms[0] + self._cost.yaw_weight * rms[1])
+        far = np.sqrt((position**2).sum(axis=2).mean(axis=1))
+        turned = np.sqrt((yaw**2).mean(axis=1))
+        return self._share * (self._cost.position_weight * far + self._cost.yaw_weight * turned)
 
 
 @jit_alone
 def path_costs(poses, truth, k_rms, k_haus, k_ratio, out):
-    """Write (S,) K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| (Eq. 3.1) of (S, M, 3) poses against (N, 3)."""
+    """Write the (S,) costs of (S, M, 3) poses against the (N, 3) true ones, by Eq. 3.1.
+
+    A cost is K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio|.
+    """
     length = path_length(truth)
     for i in range(len(poses)):
-        metrics = one_sided_kernel(poses[i], truth, length)
-        out[i] = k_rms * metrics[0] + k_haus * metrics[1] + k_ratio * abs(1.0 - metrics[2])
+        d_rms, d_haus, d_ratio = one_sided_kernel(poses[i], truth, length)
+        out[i] = k_rms * d_rms + k_haus * d_haus + k_ratio * abs(1.0 - d_ratio)
 
 
 @jit_alone
 def path_offsets(poses, truth, every, out):
-    """Write (S, N, 2) vectors [m] from every `every`-th of (M, 3) true positions to the nearest of (S, L, 3) paths."""
+    """Write (S, N, 2) vectors [m] from true positions to the nearest points of (S, L, 3) paths.
+
+    The true positions are every `every`-th of (M, 3) poses.
+    """
     for i in range(len(poses)):
         path = poses[i]
         for k in range(out.shape[1]):
             x = truth[k * every, 0]
             y = truth[k * every, 1]
             best = math.inf
+            # stays NaN where the candidate's path is NaN
             out[i, k] = math.nan
             for j in range(len(path) - 1):
                 ax = path[j, 0] - x
@@ -191,11 +217,15 @@ def path_offsets(poses, truth, every, out):
                 bx = path[j + 1, 0] - path[j, 0]
                 by = path[j + 1, 1] - path[j, 1]
                 length = bx * bx + by * by
-                share = min(max(-(ax * bx + ay * by) / length, 0.0), 1.0) if length > 0.0 else 0.0
+                # a robot that stands makes segments without a length
+                share = 0.0
+                if length > 0.0:
+                    share = min(max(-(ax * bx + ay * by) / length, 0.0), 1.0)
                 dx = ax + share * bx
                 dy = ay + share * by
-                if dx * dx + dy * dy < best:
-                    best = dx * dx + dy * dy
+                distance = dx * dx + dy * dy
+                if distance < best:
+                    best = distance
                     out[i, k, 0] = dx
                     out[i, k, 1] = dy
 
@@ -211,7 +241,7 @@ class PathRater(SyncRater):
 
     @property
     def blocks(self) -> FloatArray:
-        """Number of the block of time that each residual belongs to; the error of the length has one of its own."""
+        """Number of the block of each residual; the error of the length has a block to itself."""
         return np.concatenate(
             [np.repeat(self._blocks, 2), [self._blocks[-1] + 1.0], super().blocks]
         )
@@ -221,33 +251,37 @@ class PathRater(SyncRater):
         s = self._cost
         root = math.sqrt(self._share)
         truth = self._truth.pose
-        poses, offsets = np.ascontiguousarray(poses), np.empty((len(poses), len(self._blocks), 2))
-        share_among_threads(
-            lambda i, k: path_offsets(poses[i:k], truth, self._every, offsets[i:k]), len(poses), workers
-        )  # fmt: skip
+        poses = np.ascontiguousarray(poses)
+        offsets = np.empty((len(poses), len(self._blocks), 2))
+
+        def write(i: int, k: int) -> None:
+            path_offsets(poses[i:k], truth, self._every, offsets[i:k])
+
+        share_among_threads(write, len(poses), workers)
         share = s.k_rms / math.sqrt(offsets.shape[1])
-        lengths = [
-            np.hypot(*np.diff(p[..., :2], axis=-2).T).sum(axis=0) for p in (poses, truth[None])
-        ]
-        ratio = s.k_ratio * (1.0 - lengths[0] / lengths[1])
+        steps = [np.diff(path[..., :2], axis=-2) for path in (poses, truth[None])]
+        length, true_length = (np.hypot(*step.T).sum(axis=0) for step in steps)
+        ratio = s.k_ratio * (1.0 - length / true_length)
         timing = _FAINT * s.k_rms * super().residuals(poses)
-        return np.concatenate(
-            [root * share * offsets.reshape(len(poses), -1), root * ratio[:, None], timing], axis=1
-        )
+        columns = [root * share * offsets.reshape(len(poses), -1), root * ratio[:, None], timing]
+        return np.concatenate(columns, axis=1)
 
     def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
         """Return K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| of each candidate."""
         s = self._cost
         truth = self._truth.pose
-        poses, costs = np.ascontiguousarray(poses), np.empty(len(poses))
-        share_among_threads(
-            lambda i, k: path_costs(poses[i:k], truth, s.k_rms, s.k_haus, s.k_ratio, costs[i:k]), len(poses), workers
-        )  # fmt: skip
+        poses = np.ascontiguousarray(poses)
+        costs = np.empty(len(poses))
+
+        def write(i: int, k: int) -> None:
+            path_costs(poses[i:k], truth, s.k_rms, s.k_haus, s.k_ratio, costs[i:k])
+
+        share_among_threads(write, len(poses), workers)
         return self._share * costs
 
 
 class HorizonRater(Rater):
-    """The horizon objective: mean size of relative pose errors over windows that begin every second."""
+    """The horizon objective: mean size of relative pose errors over windows, one every second."""
 
     def __init__(
         self,
@@ -263,26 +297,22 @@ class HorizonRater(Rater):
         `counts` are the numbers of windows of all pieces by horizon, and `block` is the piece's
         first block of time.
         """
-        windows = [
-            piece.windows(overlapping_windows, truth.t, horizon) for horizon in cost.horizons
-        ]
-        self._starts, self._ends = (np.concatenate([f[end] for f in windows]) for end in (0, 1))
-        self._wanted = relative(truth.pose[self._starts], truth.pose[self._ends])
-        self._wanted[:, 2] = heading[self._ends] - heading[self._starts]
-        weight = np.concatenate(
-            [
-                np.full(len(f[0]), 1.0 / (n * len(windows)))
-                for f, n in zip(windows, counts, strict=True)
-            ]
-        )
-        super().__init__(
-            truth, cost, weight, block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
-        )
+        windows = [piece.windows(overlapping_windows, truth.t, h) for h in cost.horizons]
+        self._starts = np.concatenate([starts for starts, _ in windows])
+        self._ends = np.concatenate([ends for _, ends in windows])
+        weights = []
+        for (starts, _), count in zip(windows, counts, strict=True):
+            weights.append(np.full(len(starts), 1.0 / (count * len(windows))))
+        self._moved = relative(truth.pose[self._starts], truth.pose[self._ends])
+        # a gyro may judge turns better than the poses do
+        self._moved[:, 2] = heading[self._ends] - heading[self._starts]
+        blocks = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
+        super().__init__(truth, cost, np.concatenate(weights), blocks)
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the errors of the relative pose over each window, see `Rater.errors`."""
         moved = relative(poses[:, self._starts], poses[:, self._ends])
-        error = relative(np.broadcast_to(self._wanted, moved.shape), moved)
+        error = relative(np.broadcast_to(self._moved, moved.shape), moved)
         return error[..., :2], wrap_angle(error[..., 2])
 
     def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
@@ -302,13 +332,14 @@ class TorqueRater:
     ) -> None:
         """Keep the (M, 2) true torques at stamps [s], the piece's share, and its first block.
 
-        A mean is over the samples that are known, and a tenth of a second without any is left out.
+        A mean is over the finite samples; a tenth of a second without any is left out.
         """
-        every = max(1, round(_SYNC_STRIDE_S / float(np.median(np.diff(t)))))
+        every = _stride(t)
         self._first = np.arange(0, len(t), every)
-        self._known = np.isfinite(torques)
-        count = np.add.reduceat(self._known, self._first, axis=0)
+        self._finite = np.isfinite(torques)
+        count = np.add.reduceat(self._finite, self._first, axis=0)
         self._kept = count > 0
+        # those without a sample are dropped after the division
         self._count = np.maximum(count, 1)
         self._share = share
         self._size = cost.torque_weight
@@ -316,7 +347,7 @@ class TorqueRater:
         length = _BLOCK_S if self._robust else _SCENARIO_BLOCK_S
         number = block + np.floor((t[self._first] - t[0]) / length)
         self._of_block = np.broadcast_to(number[:, None], count.shape)[self._kept]
-        self._wanted = self._means(torques[None])
+        self._true_means = self._means(torques[None])
 
     @property
     def blocks(self) -> FloatArray:
@@ -324,32 +355,35 @@ class TorqueRater:
         return self._of_block
 
     def _means(self, torques: FloatArray) -> FloatArray:
-        """Return (S, K) means of (S, M, 2) torques over what is known of each tenth of a second."""
-        known = np.where(self._known, torques, 0.0)
-        sums = np.add.reduceat(known, self._first, axis=1)
-        return np.asarray((sums / self._count)[:, self._kept])
+        """Return (S, K) means of (S, M, 2) torques over each tenth of a second's finite samples."""
+        finite = np.where(self._finite, torques, 0.0)
+        sums = np.add.reduceat(finite, self._first, axis=1)
+        return (sums / self._count)[:, self._kept]
 
     def cost(self, torques: FloatArray) -> FloatArray:
         """Return the weighted RMS of the errors of (S, M, 2) torques, or their mean size."""
-        error = self._means(torques) - self._wanted
+        error = self._means(torques) - self._true_means
         if self._robust:
             size = np.abs(error).mean(axis=1)
         else:
             size = np.sqrt((error**2).mean(axis=1))
-        return np.asarray(self._share * self._size * size)
+        return self._share * self._size * size
 
     def residuals(self, torques: FloatArray) -> FloatArray:
         """Return the weighted errors of (S, M, 2) torques, whose squares add up as in a rater's."""
         root = math.sqrt(self._share / len(self._of_block))
-        return np.asarray(root * self._size * (self._means(torques) - self._wanted))
+        error = self._means(torques) - self._true_means
+        return root * self._size * error
 
 
 def _spans(cost: FitCost, targets: Sequence[FitTarget]) -> tuple[list[float], list[int]]:
     """Return the length of each piece of each target [s], and its first block of time."""
-    seconds = [float(truth.t[-1] - truth.t[0]) for target in targets for truth in target.truth]
+    truths = chain(*(target.truth for target in targets))
+    seconds = [float(truth.t[-1] - truth.t[0]) for truth in truths]
     length = _BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S
+    # one more for a last block that is not full, and one for the error of a path's length
     counts = [2 + int(s / length) for s in seconds]
-    return seconds, list(itertools.accumulate(counts[:-1], initial=0))
+    return seconds, list(accumulate(counts[:-1], initial=0))
 
 
 def make_torque_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[TorqueRater | None]:
@@ -358,56 +392,58 @@ def make_torque_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Torq
     A piece weighs by its share of the time in which torques are known.
     """
     seconds, blocks = _spans(cost, targets)
-    known = [
-        torques if torques is not None and np.isfinite(torques).any() else None
-        for target in targets
-        for torques in target.torques or [None] * len(target.truth)
-    ]
-    total = sum(s for s, torques in zip(seconds, known, strict=True) if torques is not None)
-    stamps = [truth.t for target in targets for truth in target.truth]
-    out = list[TorqueRater | None]()
-    for t, torques, s, block in zip(stamps, known, seconds, blocks, strict=True):
+    measured = []
+    for target in targets:
+        for torques in target.torques or [None] * len(target.truth):
+            is_known = torques is not None and np.isfinite(torques).any()
+            measured.append(torques if is_known else None)
+    total = sum(s for s, torques in zip(seconds, measured, strict=True) if torques is not None)
+    truths = chain(*(target.truth for target in targets))
+    out: list[TorqueRater | None] = []
+    for truth, torques, s, block in zip(truths, measured, seconds, blocks, strict=True):
         if torques is None or cost.torque_weight == 0.0:
             out.append(None)
         else:
-            out.append(TorqueRater(t, torques, cost, s / total, block))
+            out.append(TorqueRater(truth.t, torques, cost, s / total, block))
     return out
 
 
 def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
-    """Return a rater for every piece of every target, in their order; a ValueError says that no window fits into them."""
-    pieces = [
-        pair for target in targets for pair in zip(target.source.pieces, target.truth, strict=True)
-    ]
+    """Return a rater for every piece of every target, in their order.
+
+    Raises:
+        ValueError: no window of the horizon objective fits into them.
+    """
+    pairs: list[tuple[Piece, Trajectory]] = []
+    for target in targets:
+        pairs += zip(target.source.pieces, target.truth, strict=True)
     seconds, blocks = _spans(cost, targets)
+    raters: list[Rater] = []
     if cost.objective != "horizon":
         make = PathRater if cost.objective == "path" else SyncRater
-        return [
-            make(r, cost, s / sum(seconds), b)
-            for (_, r), s, b in zip(pieces, seconds, blocks, strict=True)
-        ]
-    counts = np.sum(
-        [
-            [len(p.windows(overlapping_windows, r.t, h)[0]) for h in cost.horizons]
-            for p, r in pieces
-        ],
-        axis=0,
-    )
-    if not counts.all():
-        if not any(piece.moves is None or piece.moves.any() for piece, _ in pieces):
+        for (_, truth), s, block in zip(pairs, seconds, blocks, strict=True):
+            raters.append(make(truth, cost, s / sum(seconds), block))
+        return raters
+    # every window of a horizon weighs the same, whatever piece it is in
+    counts = []
+    for horizon in cost.horizons:
+        cut = [p.windows(overlapping_windows, r.t, horizon)[0] for p, r in pairs]
+        counts.append(sum(map(len, cut)))
+    if not all(counts):
+        if not any(piece.moves is None or piece.moves.any() for piece, _ in pairs):
             raise ValueError(
                 "the robot stands all the time, so nothing tells how it moves; record a drive"
             )
+        horizon = cost.horizons[counts.index(min(counts))]
         raise ValueError(
-            f"no window of {cost.horizons[int(np.argmin(counts))]:g} s in which the robot moves fits between gaps and "
-            f"jumps; the longest stretch without a gap has {max(seconds):.1f} s: record a longer drive"
+            f"no window of {horizon:g} s in which the robot moves fits between gaps and "
+            f"jumps; the longest stretch without a gap has {max(seconds):.1f} s: "
+            "record a longer drive"
         )
-    headings = [
-        h
-        for t in targets
-        for h in (t.gyro.late if t.gyro else [motion.pose[:, 2] for motion in t.truth])
-    ]
-    return [
-        HorizonRater(r, h, p, cost, list(counts), b)
-        for (p, r), h, b in zip(pieces, headings, blocks, strict=True)
-    ]
+    headings: list[FloatArray] = []
+    for target in targets:
+        seen = [motion.pose[:, 2] for motion in target.truth]
+        headings += target.gyro.late if target.gyro else seen
+    for (piece, truth), heading, block in zip(pairs, headings, blocks, strict=True):
+        raters.append(HorizonRater(truth, heading, piece, cost, counts=counts, block=block))
+    return raters

@@ -6,7 +6,7 @@ not be driven: the outcome is the same.
 
 A log may hardly excite some number, which then runs away with its noise. So the horizon objective
 has a weak prior: the profile's values, as far off as the bounds allow on average, count as one
-block of time with a usual error.
+block of time with an ordinary error.
 """
 
 from __future__ import annotations
@@ -37,18 +37,16 @@ from validation.plants.table import plant_kind
 
 OnShare = Callable[[float], object] | None
 """Callback from any thread, with the share of a generation that is rated."""
-
-
 IGNORANCE = 12.0**-0.5
 """Standard deviation of a number of which only the bounds are known, in the unit cube [1]."""
 PRIOR_S = 6.0
+"""Time that a deviation of `IGNORANCE` from the profile's value counts as [s]."""
 PRIOR_M = 0.05
-"""Time [s] and error of the relative pose [m] that a deviation of `IGNORANCE` from the profile's
-value counts as."""
+"""Error of the relative pose that such a deviation counts as in that time [m]."""
 
 
 class RatedPiece(NamedTuple):
-    """One piece of motion with what rates candidates along it."""
+    """One piece of motion with its raters of candidates."""
 
     piece: Piece
     """Commands, start and stamps."""
@@ -62,12 +60,16 @@ class RatedPiece(NamedTuple):
     @property
     def blocks(self) -> FloatArray:
         """(K,) number of the block of time of each residual."""
-        return np.concatenate([r.blocks for r in (self.poses, self.torques) if r is not None])
+        if self.torques is None:
+            return self.poses.blocks
+        return np.concatenate([self.poses.blocks, self.torques.blocks])
 
     def cost(self, motions: FloatArray, workers: int) -> FloatArray:
         """Return (S,) terms of the cost of (S, M, 3 or 5) motions, see `Population.motions`."""
         terms = self.poses.cost(motions[..., :3], workers)
-        return terms if self.torques is None else terms + self.torques.cost(motions[..., 3:])
+        if self.torques is None:
+            return terms
+        return terms + self.torques.cost(motions[..., 3:])
 
     def residuals(self, motions: FloatArray, workers: int) -> FloatArray:
         """Return (S, K) residuals of (S, M, 3 or 5) motions."""
@@ -78,7 +80,7 @@ class RatedPiece(NamedTuple):
 
 
 class FitProblem:
-    """Problem of a fit: candidates of one plant are rated by how well they make the targets' motions."""
+    """Problem of a fit: candidates of one plant are rated by their distance from true motions."""
 
     def __init__(
         self,
@@ -88,32 +90,44 @@ class FitProblem:
         targets: Sequence[FitTarget],
         cost: FitCost,
     ) -> None:
-        """Begin with `base`; the targets choose an objective of None, and a ValueError says that they are too short."""
+        """Begin with the numbers of `base`; an objective of None is chosen for the targets.
+
+        Raises:
+            ValueError: the targets are too short.
+        """
         self.model = model
         self.base = base
         self.space = space
         self.targets = tuple(targets)
         kind = plant_kind(model)
-        usual: Objective = "sync" if kind.torques else "path"  # paths do not say when
+        objective: Objective = "sync" if kind.torques else "path"  # paths do not say when
         if any(target.source.reference == RECORDING for target in targets):
-            usual = "horizon"
-        self.cost = replace(cost, objective=cost.objective or usual)
+            objective = "horizon"
+        self.cost = replace(cost, objective=cost.objective or objective)
+        # torques of planar models are numbers of a fit, and say nothing of a body
         if not kind.torques:
             self.cost = replace(self.cost, torque_weight=0.0)
         self._together = kind.together  # one compiled loop drives all candidates
-        pieces = [piece for target in self.targets for piece in target.source.pieces]
-        periods = [t.source.sample_dt for t in self.targets for _ in t.source.pieces]
-        raters = make_raters(self.cost, targets), make_torque_raters(self.cost, targets)
-        self._pieces = list(map(RatedPiece, pieces, periods, *raters))
-        seconds = sum(rated.piece.commands.duration for rated in self._pieces)
-        rows = sum(len(rated.poses.blocks) for rated in self._pieces)
-        # where a robot mostly stands, the median of all errors is one of the data
-        most = 2 * rows // (3 * len(space.names))
-        # copies as small as other errors
-        self._priors = max(1, min(round(seconds / PRIOR_S), most)) if self.robust else 0
+        pieces: list[Piece] = []
+        periods: list[float] = []
+        for target in self.targets:
+            pieces += target.source.pieces
+            periods += [target.source.sample_dt] * len(target.source.pieces)
+        poses = make_raters(self.cost, targets)
+        torques = make_torque_raters(self.cost, targets)
+        self._pieces = list(map(RatedPiece, pieces, periods, poses, torques))
+        seconds = sum(piece.commands.duration for piece in pieces)
+        rows = sum(len(rater.blocks) for rater in poses)
+        self._priors = 0
+        if self.robust:
+            # where a robot mostly stands, the median of all errors is one of the data
+            most = 2 * rows // (3 * len(space.names))
+            # copies as small as other errors
+            self._priors = max(1, min(round(seconds / PRIOR_S), most))
         self._prior = PRIOR_M / max(self._priors, 1) * self.robust
         values = np.array([find(model, name, base.robot).read(base) for name in space.names])
-        self._usual = space.points(np.clip(values, space.lower, space.upper)[None])[0]
+        # a value of before may lie outside the bounds; its nearest point is the prior's centre
+        self._before = space.points(np.clip(values, space.lower, space.upper)[None])[0]
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
@@ -123,11 +137,8 @@ class FitProblem:
             for piece, truth in zip(target.source.pieces, target.truth, strict=True):
                 for array in (piece.commands.values, truth.t, truth.pose):
                     data.update(np.ascontiguousarray(array).tobytes())
-            for array in target.torques or ():
+            for array in (*(target.torques or ()), *(target.gyro.late if target.gyro else ())):
                 data.update(np.ascontiguousarray(array).tobytes())
-            data.update(
-                b"".join(heading.tobytes() for heading in (target.gyro.late if target.gyro else ()))
-            )
         return {
             "model": self.model,
             "parameters or bounds": self.space.limits(),
@@ -138,17 +149,16 @@ class FitProblem:
         }
 
     def candidate(self, point: FloatArray) -> PlantProfile | None:
-        """Return the plant that an (n,) point of the unit cube stands for; None where its numbers are impossible."""
+        """Return the plant at an (n,) point of the unit cube; None where numbers are impossible."""
         try:
-            return with_values(
-                self.model, self.base, self.space.names, self.space.values(point).tolist()
-            )
+            values = self.space.values(point).tolist()
+            return with_values(self.model, self.base, self.space.names, values)
         except ValueError:
             return None
 
     @property
     def robust(self) -> bool:
-        """Whether errors beyond their median count by their size, and not by its square: those of recordings."""
+        """Whether errors beyond their median count by size, not by square: those of recordings."""
         return self.cost.objective == "horizon"
 
     @property
@@ -173,24 +183,24 @@ class FitProblem:
         workers: int = 1,
         on_share: OnShare = None,
     ) -> FloatArray:
-        """Return the (S,) costs of (S, n) points of the unit cube; infinite for one that is impossible or fails.
+        """Return the (S,) costs of (S, n) points of the unit cube; infinite for a failed one.
 
         A candidate whose partial sum exceeds its own of (S,) `limits` is abandoned, and that sum is
         returned. The result does not depend on the number of threads, `workers`. `on_share` is
         called with the share of the work that is done.
         """
         bounds = np.full(len(points), np.inf) if limits is None else limits
-        away = (points - self._usual) / IGNORANCE
-        seconds = [rated.piece.commands.duration for rated in self._pieces]
-        total = sum(seconds) * len(points)
+        away = (points - self._before) / IGNORANCE
+        seconds = sum(rated.piece.commands.duration for rated in self._pieces)
+        total = seconds * len(points)
+        # a list, which threads can add to
         done = [0.0]
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             costs = 0.5 * self._prior * (away[which] ** 2).sum(axis=1)
             for rated in self._pieces:
-                live = np.flatnonzero(
-                    (costs == 0.0) | (np.isfinite(costs) & (costs <= bounds[which]))
-                )
+                promising = np.isfinite(costs) & (costs <= bounds[which])
+                live = np.flatnonzero((costs == 0.0) | promising)
                 if len(live):
                     motions = population.motions(list(live), rated.piece, rated.dt)
                     terms = rated.cost(motions, threads)
@@ -203,26 +213,30 @@ class FitProblem:
         return self._side_by_side(rate, points, workers)
 
     def residuals(self, points: FloatArray, workers: int = 1) -> FloatArray:
-        """Return (S, K) errors whose squares add up to what least squares make small; NaN for one that is impossible.
+        """Return (S, K) errors whose squares least squares make small; NaN for an impossible point.
 
         The `blocks` number the errors of motions; those of the prior follow.
         """
-        pulls = self._prior * (points - self._usual) / IGNORANCE
+        pulls = self._prior * (points - self._before) / IGNORANCE
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             every = range(which.stop - which.start)
-            residuals = [
-                rated.residuals(population.motions(every, rated.piece, rated.dt), threads)
-                for rated in self._pieces
-            ]
-            return np.concatenate([*residuals, np.tile(pulls[which], self._priors)], axis=1)
+            residuals = []
+            for rated in self._pieces:
+                motions = population.motions(every, rated.piece, rated.dt)
+                residuals.append(rated.residuals(motions, threads))
+            residuals.append(np.tile(pulls[which], self._priors))
+            return np.concatenate(residuals, axis=1)
 
         return self._side_by_side(rate, points, workers)
 
     def _side_by_side(
         self, rate: Callable[[Population, slice, int], FloatArray], points: FloatArray, workers: int
     ) -> FloatArray:
-        """Rate (S, n) points: all at once, or each on a thread of its own; an interrupt drops those that have not begun."""
+        """Rate (S, n) points, all at once or each on a thread of its own.
+
+        An interrupt drops those that have not begun.
+        """
         candidates = [self.candidate(point) for point in points]
         size = len(points) if self._together else 1
 
@@ -231,6 +245,7 @@ class FitProblem:
             population = plant_kind(self.model).population(candidates[which], workers)
             return rate(population, which, workers if size > 1 else 1)
 
+        # a compiled loop has threads of its own; a simulator's plants are driven side by side
         pool = ThreadPoolExecutor(1 if self._together else workers)
         try:
             return np.concatenate(list(pool.map(share, range(0, len(points), max(size, 1)))))

@@ -1,4 +1,6 @@
-"""The second stage of a fit: bounded least squares on the errors themselves, from the best of the first and from others.
+"""The second stage of a fit: bounded least squares on the errors themselves.
+
+They begin at the best candidate of the first stage, and at others far from it.
 
 A cost is one number; the errors that it is made of are thousands, and how each changes with each
 parameter says where the optimum lies. `scipy.optimize.least_squares` (trust region, within the unit
@@ -30,21 +32,22 @@ ms of usually 0.6 s, so a much smaller one would measure the rounding."""
 INSIDE = 1e-6
 """Distance from the bounds that the search keeps, in the unit cube."""
 TOLERANCE = 1e-4
+"""Relative change of the sum of squares, or of the point, at which least squares end."""
 FINE = 1e-6
-"""Relative change of the sum of squares, or of the point, at which least squares end; finer where
-motions are cheap."""
+"""The same where motions are cheap."""
 MOST_DESCENT = 25
+"""Greatest number of steps from one start, with one scale."""
 MOST_FINE = 60
-"""Greatest number of steps from one start, with one scale; the greater one where motions are
-cheap."""
+"""The same where motions are cheap."""
 TRIAL = 10
+"""Number of steps after which a later start may be given up."""
 HOPELESS = 2.0
-"""A later start is given up if its errors, after so many steps, are still so many times those at
-the best end before."""
+"""Ratio of its errors to those at the best end before, beyond which it is given up [1]."""
 MOST_SCALES = 5
+"""Greatest number of times that robust least squares begin with a new scale, the errors' median
+size: far from the optimum all errors are large, and the scale with them."""
 SAME_SCALE = 0.8
-"""Robust least squares begin anew with the errors' median size as the scale, at most so often, and
-while it shrinks so much [1]: far from the optimum all errors are large, and the scale with them."""
+"""Ratio of a scale to the one before, beyond which there is no new one [1]."""
 
 
 class Residuals(Protocol):
@@ -52,21 +55,21 @@ class Residuals(Protocol):
 
     @property
     def robust(self) -> bool:
-        """Whether errors beyond their median count by their size, and not by its square (`soft_l1`)."""
+        """Whether errors beyond their median count by size, not by square (`soft_l1`)."""
 
     @property
     def cheap(self) -> bool:
         """Whether many motions cost little, so that the optimum may be found finely."""
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
-        """Return (S, K) errors of (S, n) points of the unit cube; NaN for one that is impossible."""
+        """Return (S, K) errors of (S, n) points of the unit cube; NaN for an impossible one."""
 
 
 class Remembered(dict[bytes, FloatArray]):
-    """Everything that least squares have driven: (K,) errors by the bytes of their (n,) point of the unit cube."""
+    """Errors that least squares have driven: (K,) by the bytes of their (n,) point."""
 
     def look_up(self, points: FloatArray, drive: Callable[[FloatArray], FloatArray]) -> FloatArray:
-        """Return (S, K) errors of (S, n) points; `drive` is called only with those that are not known yet."""
+        """Return (S, K) errors of (S, n) points; `drive` is called with the new ones alone."""
         new = [i for i, point in enumerate(points) if point.tobytes() not in self]
         if new:
             for point, errors in zip(points[new], drive(points[new]), strict=True):
@@ -83,88 +86,96 @@ def arrivals(
     workers: int,
     on_step: Callable[[], object],
 ) -> Iterator[FloatArray]:
-    """Yield the (n,) ends of least squares from some of (S, n) candidates with (S,) costs; an interrupt passes through.
+    """Yield the (n,) ends of least squares from some of (S, n) candidates with (S,) costs.
 
-    The first start is the best candidate. A later one is the end before it with its silent numbers
-    put elsewhere, see `woken`, or else the best candidate that is far from all that was visited.
-    What was `driven` before is not driven again, and `on_step` is called after every population.
+    The first start is the best candidate. A later one is the end before it with insensitive
+    parameters reset to mid-range, see `restart_insensitive`, or else the best candidate that is far
+    from all that was visited. What was `driven` before is not driven again, and `on_step` is called
+    after every population. An interrupt passes through.
     """
-    visited = list[FloatArray]()
+
+    def errors_at(new: FloatArray) -> FloatArray:
+        return driven.look_up(new, lambda unseen: problem.residuals(unseen, workers))
+
+    visited: list[FloatArray] = []
     least = math.inf
     start = next_start(points, costs, visited)
     for k in range(starts):
         if start is None:
             return
         end, size = descend(problem, start, driven, workers, on_step, least)
-        visited = [*visited, start, end]
+        visited += [start, end]
         least = min(least, size)
         yield end
         start = None
         if k + 1 < starts and math.isfinite(size):
-            errors, slopes = error_slopes(
-                lambda new: driven.look_up(new, lambda p: problem.residuals(p, workers)), end
-            )
-            start = woken(errors, slopes, end, visited)
-        start = next_start(points, costs, visited) if start is None else start
+            errors, slopes = error_slopes(errors_at, end)
+            start = restart_insensitive(errors, slopes, end, visited)
+        if start is None:
+            start = next_start(points, costs, visited)
 
 
 def next_start(
     points: FloatArray, costs: FloatArray, visited: Sequence[FloatArray]
 ) -> FloatArray | None:
-    """Return the (n,) best of (S, n) candidates that are far from all points visited before; None if there is none."""
+    """Return the (n,) best of (S, n) candidates far from all visited points; None for none."""
     for i in np.argsort(costs, kind="stable"):
         if np.isfinite(costs[i]) and _far(points[i], visited):
-            return np.asarray(points[i])
+            return points[i]
     return None
 
 
-def woken(
+def restart_insensitive(
     errors: FloatArray, slopes: FloatArray, end: FloatArray, visited: Sequence[FloatArray]
 ) -> FloatArray | None:
-    """Return an (n,) end of least squares with the numbers that do nothing there put in the middle; None if there is none.
+    """Return an (n,) end of least squares with its insensitive parameters reset to mid-range.
+
+    None stands for a point that is not far from all that was visited.
 
     Such a number (an acceleration limit so high that it is never reached, say) has no slope to
     follow, but may do much elsewhere. It does nothing where its (K,) slopes over the whole width of
     its bounds are less than the errors.
     """
-    moved = np.where(np.linalg.norm(slopes, axis=0) < np.linalg.norm(errors), 0.5, end)
-    return moved if _far(moved, visited) else None
+    insensitive = np.linalg.norm(slopes, axis=0) < np.linalg.norm(errors)
+    moved = np.where(insensitive, 0.5, end)
+    if _far(moved, visited):
+        return moved
+    return None
 
 
 def _far(point: FloatArray, visited: Sequence[FloatArray]) -> bool:
+    """Return whether an (n,) point is at least `APART` from all others."""
     return all(np.abs(point - other).max() >= APART for other in visited)
 
 
 def error_slopes(
     errors_at: Callable[[FloatArray], FloatArray], point: FloatArray, central: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (K,) errors at an (n,) point of the unit cube, and their (K, n) derivatives; NaN beside an impossible one.
+    """Return (K,) errors at an (n,) point of the unit cube, and their (K, n) derivatives.
 
-    The derivatives are finite differences into the cube, of one population of n + 1. With those of
-    the other side too (`central`) they are exact to second order.
+    The derivatives are finite differences into the cube, of one population of n + 1; NaN beside an
+    impossible point. With those of the other side too (`central`) they are exact to second order.
     """
+    n = len(point)
     steps = np.where(point + STEP <= 1.0, STEP, -STEP)
-    back = (
-        np.where((point - steps >= 0.0) & (point - steps <= 1.0), -steps, 0.0)
-        if central
-        else np.zeros(len(point))
-    )
-    ends = [point + np.diag(steps), *([point + np.diag(back)] if central else [])]
-    errors = errors_at(np.vstack([point, *ends]))
-    dead = (
-        ~np.isfinite(errors[1 : len(point) + 1]).all(axis=1)
-        & (point - steps >= 0.0)
-        & (point - steps <= 1.0)
-    )
+    # the step goes inwards near an upper bound, and the other side may lie outside the cube
+    has_other_side = (point - steps >= 0.0) & (point - steps <= 1.0)
+    back = np.zeros(n)
+    ends = [point[None], point + np.diag(steps)]
+    if central:
+        back = np.where(has_other_side, -steps, 0.0)
+        ends.append(point + np.diag(back))
+    errors = errors_at(np.vstack(ends))
+    dead = ~np.isfinite(errors[1 : n + 1]).all(axis=1) & has_other_side
     # an impossible neighbour, such as dynamic friction above static: the other side tells the slope
     if dead.any():
         errors[1 + np.flatnonzero(dead)] = errors_at((point - np.diag(steps))[dead])
         steps = np.where(dead, -steps, steps)
         back = np.where(dead, 0.0, back)
         if central:
-            errors[1 + len(point) + np.flatnonzero(dead)] = errors[0]
-    ahead = errors[1 : len(point) + 1]
-    behind = errors[len(point) + 1 :] if central else errors[:1]
+            errors[1 + n + np.flatnonzero(dead)] = errors[0]
+    ahead = errors[1 : n + 1]
+    behind = errors[n + 1 :] if central else errors[:1]
     return errors[0], ((ahead - behind) / (steps - back)[:, None]).T
 
 
@@ -176,7 +187,7 @@ def descend(
     on_step: Callable[[], object],
     goal: float = math.inf,
 ) -> tuple[FloatArray, float]:
-    """Return the (n,) point of the unit cube where least squares from a start end, and the size of the errors there.
+    """Return the (n,) point where least squares from a start end, and the size of errors there.
 
     An interrupt passes through. The arguments are those of `arrivals`, and `goal` is the least size
     of the errors at the ends of earlier starts: a start that does not come near it is given up.
@@ -192,13 +203,14 @@ def descend(
         return errors
 
     def errors(point: FloatArray) -> FloatArray:
-        return np.asarray(errors_at(point[None])[0])
+        return errors_at(point[None])[0]
 
     def jacobian(point: FloatArray) -> FloatArray:
         slopes = error_slopes(errors_at, point)[1]
         # an impossible neighbour says nothing
         return np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)
 
+    # least squares want a start strictly within the bounds
     begin = np.clip(start, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
     first = errors(begin)
     if not np.isfinite(first).all():
@@ -206,26 +218,46 @@ def descend(
     scale = median_size(first)
     end = begin
     box = (np.full(n, INSIDE), np.full(n, 1.0 - INSIDE))
-    trial = [TRIAL] if math.isfinite(goal) else []
-    tolerance, descent = (FINE, MOST_FINE) if problem.cheap else (TOLERANCE, MOST_DESCENT)
-    for most in [*trial, *[descent] * (MOST_SCALES if robust else 1)]:
+    tolerance = TOLERANCE
+    descent = MOST_DESCENT
+    if problem.cheap:
+        tolerance = FINE
+        descent = MOST_FINE
+    descents = [descent] * (MOST_SCALES if robust else 1)
+    if math.isfinite(goal):
+        descents.insert(0, TRIAL)
+    for most in descents:
         end = least_squares(
-            errors, begin, jac=jacobian, bounds=box, method="trf", loss="soft_l1" if robust else "linear", f_scale=scale,
-            xtol=tolerance, ftol=tolerance, gtol=None, max_nfev=most,
-        ).x  # fmt: skip
+            errors,
+            begin,
+            jac=jacobian,
+            bounds=box,
+            method="trf",
+            loss="soft_l1" if robust else "linear",
+            f_scale=scale,
+            xtol=tolerance,
+            ftol=tolerance,
+            gtol=None,
+            max_nfev=most,
+        ).x
         begin = np.clip(end, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
         before = scale
-        scale = median_size(errors(end))
-        if total_size(errors(end), robust) > HOPELESS * goal or (
-            most != TRIAL and scale > SAME_SCALE * before
-        ):
+        last = errors(end)
+        scale = median_size(last)
+        size = total_size(last, robust)
+        # a trial has too few steps to judge its scale by
+        hopeless = size > HOPELESS * goal
+        settled = most != TRIAL and scale > SAME_SCALE * before
+        if hopeless or settled:
             break
-    return np.asarray(end), total_size(errors(end), robust)
+    return np.asarray(end), size
 
 
 def total_size(errors: FloatArray, robust: bool) -> float:
-    """Return the size of all errors together: the root of the sum of their squares, or the sum of their sizes."""
-    return float(np.abs(errors).sum() if robust else np.linalg.norm(errors))
+    """Return the size of all errors: the root of the sum of squares, or the sum of sizes."""
+    if robust:
+        return float(np.abs(errors).sum())
+    return float(np.linalg.norm(errors))
 
 
 def median_size(errors: FloatArray) -> float:

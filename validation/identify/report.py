@@ -1,4 +1,7 @@
-"""Report of a search, as fits and tunings give it: numbers within their bounds, the course of the search, its picture."""
+"""Report of a search, as fits and tunings give it.
+
+It has the numbers within their bounds, the course of the search, and its picture.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +26,11 @@ from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
 from validation.words import shortened
 
-# a number with a wider interval, as a share of the space between its bounds, is marked as uncertain
+# a number with a wider interval, as a share of the space between its bounds, is uncertain
 _VAGUE_SHARE = 0.5
-# height of the first row; of a strip, and what their panel needs besides
-_LEAST_IN, _STRIP_IN, _STRIPS_IN = 2.7, 0.52, 0.8
+_LEAST_IN = 2.7  # height of the first row [in]
+_STRIP_IN = 0.52  # height of a parameter's strip [in]
+_STRIPS_IN = 0.8  # height that the panel of strips needs besides [in]
 
 
 @dataclass(frozen=True)
@@ -55,20 +59,22 @@ class FittedParameter:
     """95 % interval by the same estimate, within the bounds."""
 
     def share(self, value: float) -> float:
-        """Return a value's place between the bounds, 0 to 1 on the scale of the search; -inf where it has no logarithm."""
-        if self.scale == "log":
-            return (
-                math.log(value / self.lower) / math.log(self.upper / self.lower)
-                if value > 0.0
-                else -math.inf
-            )
-        return (value - self.lower) / (self.upper - self.lower)
+        """Return a value's place between the bounds, 0 to 1 on the scale of the search.
+
+        It is -inf for a value that has no logarithm.
+        """
+        if self.scale != "log":
+            return (value - self.lower) / (self.upper - self.lower)
+        if value <= 0.0:
+            return -math.inf
+        return math.log(value / self.lower) / math.log(self.upper / self.lower)
 
     @property
     def warning(self) -> str:
-        """`at bound`, `uncertain` where its interval takes up more than half of the bounds, both or nothing."""
+        """`at bound`, `uncertain` for an interval over more than half of the bounds, both or ""."""
         low, high = map(self.share, self.interval_95 or (self.value, self.value))
-        return ", ".join(["at bound"] * self.at_bound + ["uncertain"] * (high - low > _VAGUE_SHARE))
+        uncertain = high - low > _VAGUE_SHARE
+        return ", ".join(["at bound"] * self.at_bound + ["uncertain"] * uncertain)
 
 
 def fitted_parameters(
@@ -77,31 +83,38 @@ def fitted_parameters(
     before: Iterable[float],
     sure: Uncertainty | None = None,
 ) -> tuple[FittedParameter, ...]:
-    """Return the parameters at an (n,) point of the unit cube, with the values of before, and with errors that are known."""
+    """Return the parameters at an (n,) point of the unit cube, with the values of before.
+
+    They have the errors that `sure` knows.
+    """
     ends = space.values(point).tolist(), before, space.at_bound(point).tolist()
-    rows = [
-        FittedParameter(p.name, p.unit, value, p.lower, p.upper, p.scale, float(was), bound)
-        for p, value, was, bound in zip(space.parameters, *ends, strict=True)
-    ]
-    errors = zip(sure.standard_error.tolist(), sure.interval.tolist(), strict=True) if sure else []
-    for k, (error, (low, high)) in enumerate(errors):
-        if math.isfinite(error):
-            rows[k] = replace(rows[k], standard_error=error, interval_95=(low, high))
+    rows = []
+    for k, (p, value, was, bound) in enumerate(zip(space.parameters, *ends, strict=True)):
+        row = FittedParameter(
+            p.name, p.unit, value, p.lower, p.upper, p.scale, before=float(was), at_bound=bound
+        )
+        if sure is not None and math.isfinite(sure.standard_error[k]):
+            low, high = sure.interval[k].tolist()
+            row = replace(
+                row, standard_error=float(sure.standard_error[k]), interval_95=(low, high)
+            )
+        rows.append(row)
     return tuple(rows)
 
 
 def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
-    """Return a sentence for each parameter that a search left at a bound, with advice that can be followed."""
+    """Return a sentence for each parameter that a search left at a bound, with advice."""
     out = []
     for p, at_bound, x in zip(space.parameters, space.at_bound(point), point, strict=True):
-        if at_bound:
-            end, bound, limit = (
-                ("lower", p.lower, p.least) if x < 0.5 else ("upper", p.upper, p.greatest)
-            )
-            advice = "give it wider bounds, or fix it"
-            if bound == limit:
-                advice = f"values {'below' if end == 'lower' else 'above'} are impossible; fix it there, or look for a cause"
-            out.append(f"{p.name} ended at its {end} bound, {p.text(bound)}: {advice}.")
+        if not at_bound:
+            continue
+        end, bound = ("lower", p.lower) if x < 0.5 else ("upper", p.upper)
+        advice = "give it wider bounds, or fix it"
+        # no number lies beyond this bound, so wider bounds are no advice
+        if bound in (p.least, p.greatest):
+            beyond = "below" if end == "lower" else "above"
+            advice = f"values {beyond} are impossible; fix it there, or look for a cause"
+        out.append(f"{p.name} ended at its {end} bound, {p.text(bound)}: {advice}.")
     return out
 
 
@@ -110,7 +123,7 @@ class SearchReport(Report):
     """The report on a search."""
 
     cost: float
-    """Cost of what was found."""
+    """Cost of the best candidate."""
     cost_name: str
     """Name of the cost: `path`, `sync` or `horizon` of a fit, `path` or `time` of a tuning."""
     parameters: tuple[FittedParameter, ...]
@@ -127,9 +140,9 @@ class SearchReport(Report):
         return f"{cost} · {done} · {c.wall_s:.1f} s · stopped by {c.stopped_by}"
 
     def searched(self) -> dict[str, Any]:
-        """Return what the JSON files of fits and tunings have in common."""
+        """Return the common part of the JSON files of fits and tunings."""
         c = self.course
-        parameters = {p.name: asdict(p) for p in self.parameters}
+        history = c.jde.history
         return {
             "stopped_by": c.stopped_by,
             "cost": self.cost,
@@ -138,61 +151,66 @@ class SearchReport(Report):
             "evaluations_by_stage": c.by_stage,
             "generations": c.jde.generation,
             "wall_s": c.wall_s,
-            "parameters": parameters,
-            "best_cost_by_generation": [
-                cost for cost in c.jde.history.tolist() if math.isfinite(cost)
-            ],
+            "parameters": {p.name: asdict(p) for p in self.parameters},
+            "best_cost_by_generation": history[np.isfinite(history)].tolist(),
         }
 
-    def values(self, what: str, before: str, caption: str = "") -> Table:
-        """Return the parameters row by row; `what` and `before` name the first column and the one of earlier values."""
-        known = any(p.standard_error is not None for p in self.parameters)
-        rows = [
-            {
-                what: p.name,
-                "unit": "" if p.unit == "1" else p.unit,
-                "value": p.value,
-                **({"standard_error": p.standard_error} if known else {}),
-                "lower_bound": p.lower,
-                "upper_bound": p.upper,
-                before: p.before,
-                "warning": p.warning,
-            }
-            for p in self.parameters
-        ]
+    def values(self, heading: str, before: str, caption: str = "") -> Table:
+        """Return the parameters row by row.
+
+        `heading` names their column, and `before` that of their values before the search.
+        """
+        has_errors = any(p.standard_error is not None for p in self.parameters)
+        rows = []
+        for p in self.parameters:
+            error = {"standard_error": p.standard_error} if has_errors else {}
+            rows.append(
+                {
+                    heading: p.name,
+                    "unit": "" if p.unit == "1" else p.unit,
+                    "value": p.value,
+                    **error,
+                    "lower_bound": p.lower,
+                    "upper_bound": p.upper,
+                    before: p.before,
+                    "warning": p.warning,
+                }
+            )
         return Table(self.title, rows, f"{self.effort}\n{caption}")
 
 
 def ending(search: Search, alarms: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the fields of a report that say whether its search was interrupted, and how to go on; others' alarms first."""
-    if not search.interrupted:
-        return {"status": FINISHED, "alarms": tuple(alarms)}
-    sentence = f"the search is kept in {search.checkpoint}; the same command with --resume goes on from there"
-    return {
-        "status": INTERRUPTED,
-        "alarms": (*alarms, sentence) if search.checkpoint else tuple(alarms),
-    }
+    """Return the fields of a report on how its search ended, and how to go on; alarms first."""
+    status = FINISHED
+    sentences = list(alarms)
+    if search.interrupted:
+        status = INTERRUPTED
+        if search.checkpoint:
+            sentences.append(
+                f"the search is kept in {search.checkpoint}; "
+                "the same command with --resume goes on from there"
+            )
+    return {"status": status, "alarms": tuple(sentences)}
 
 
 def search_figure(
     report: SearchReport, ink: Ink, before: str, rows: Sequence[PanelRow] = ()
 ) -> Figure:
-    """Draw a search, 1600 px wide: course, values within their bounds, further rows of panels and notes.
+    """Draw a search, 1600 px wide: course, values within bounds, further rows of panels, notes.
 
-    What was found is drawn in `ink`; `before` is the name of the values of before.
+    The found values are drawn in `ink`; `before` names the values of before.
     """
     height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(report.parameters))
     course = partial(_draw_course, report, ink)
     strips = partial(_draw_strips, report, ink, before)
-    first = (
-        ((0.36, course), (0.64, strips)) if len(report.course.jde.history) > 1 else ((1.0, strips),)
-    )
+    # a single generation, as with one start of least squares, has no course to draw
+    has_course = len(report.course.jde.history) > 1
+    panels = ((0.36, course), (0.64, strips)) if has_course else ((1.0, strips),)
+    foot = f"{report.effort} · seed {report.document['seed']}"
     page = [
         drawing.text_row(0.3, partial(drawing.draw_section, shortened(report.title, 110))),
-        drawing.text_row(
-            0.25, partial(drawing.draw_footer, f"{report.effort} · seed {report.document['seed']}")
-        ),
-        PanelRow(height, first),
+        drawing.text_row(0.25, partial(drawing.draw_footer, foot)),
+        PanelRow(height, panels),
         *rows,
         *drawing.note_rows(report.notes()),
     ]
@@ -200,8 +218,9 @@ def search_figure(
 
 
 def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
+    """Draw the least cost by generation; a generation without a finite cost leaves a gap."""
     costs = report.course.jde.history
-    known = costs[np.isfinite(costs)]
+    finite = costs[np.isfinite(costs)]
     ax.plot(
         np.arange(len(costs)),
         np.where(np.isfinite(costs), costs, np.nan),
@@ -209,7 +228,8 @@ def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
         marker="o",
         markersize=2.5,
     )
-    if known.min() > 0.0 and known.max() > 10.0 * known.min():
+    # within less than a decade a logarithmic axis has hardly any ticks
+    if finite.min() > 0.0 and finite.max() > 10.0 * finite.min():
         ax.set_yscale("log")
         drawing.plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
     ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
@@ -217,7 +237,7 @@ def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
 
 
 def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
-    """Draw the parameters within their bounds, a strip each: value, 95 % interval and value of before."""
+    """Draw the parameters within their bounds: value, 95 % interval and value of before."""
     drawing.inset(ax, left=1.3, right=1.0)
     ax.set(xlim=(0.0, 1.0), ylim=(len(report.parameters) - 0.45, -0.6), xticks=[])
     ax.set_title(f"Values within their bounds, 95 % intervals (bars) and {before} (ticks)")
@@ -227,10 +247,8 @@ def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
     ax.grid(visible=False)
     for row, p in enumerate(report.parameters):
         colour: Ink = ALARM if p.at_bound else ink
-        low, high, was, x = (
-            min(max(p.share(value), 0.0), 1.0)
-            for value in (*(p.interval_95 or (p.value, p.value)), p.before, p.value)
-        )
+        shares = map(p.share, (*(p.interval_95 or (p.value, p.value)), p.before, p.value))
+        low, high, was, x = (min(max(share, 0.0), 1.0) for share in shares)
         ax.plot(
             [0.0, 1.0],
             [row, row],
@@ -261,15 +279,16 @@ def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
             clip_on=False,
         )
         unit = "" if p.unit == "1" else f" {p.unit}"
-        for text, at, away, align in (
+        texts = (
             (f"{p.value:.4g}{unit}", x, (0.0, 7.0), "center"),
             (f"{p.lower:.4g}", 0.0, (-7.0, -3.0), "right"),
             (f"{p.upper:.4g}{unit}", 1.0, (7.0, -3.0), "left"),
-        ):
+        )
+        for text, at, offset, align in texts:
             ax.annotate(
                 text,
                 (at, row),
-                away,
+                offset,
                 textcoords="offset points",
                 ha=align,
                 fontsize=8.5,

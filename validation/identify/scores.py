@@ -44,10 +44,12 @@ class Scored:
             f"{h:g}": {**asdict(errors), "overlapping": asdict(self.windows[h].summary())}
             for h, errors in self.horizons.items()
         }
-        found: dict[str, Any] = dict(self.metrics)
+        document: dict[str, Any] = dict(self.metrics)
         if self.torque_rms is not None:
-            found["torque_rms_N_m"] = self.torque_rms
-        return {**found, **({"horizons": horizons} if horizons else {})}
+            document["torque_rms_N_m"] = self.torque_rms
+        if horizons:
+            document["horizons"] = horizons
+        return document
 
 
 def score(
@@ -58,35 +60,35 @@ def score(
     truth = tuple(chain(*(target.truth for target in targets)))
     motion = tuple(chain(*motions))
     errors = horizons_of(driven, HORIZONS), window_errors_of(driven, HORIZONS)
-    each = [target.torque_errors(own) for target, own in zip(targets, motions, strict=True)]
-    torques = np.concatenate(each)
-    rms = float(np.sqrt(np.mean(torques**2))) if len(torques) else None
+    torques = np.concatenate(list(map(FitTarget.torque_errors, targets, motions)))
+    rms = None
+    if len(torques):
+        rms = float(np.sqrt(np.mean(torques**2)))
     return Scored(label, motion, compare_pieces(motion, truth), *errors, rms)
 
 
 def worse_sentences(
     cost: FitCost, even_if_worse: bool, before: Sequence[Scored], after: Sequence[Scored]
 ) -> list[str]:
-    """Return a sentence where the error on held-out sources is larger than before the fit; nothing else."""
+    """Return a sentence where the error on held-out sources is larger than before the fit."""
 
     def size(s: Scored) -> float:
-        """Position and yaw errors after the headline's horizon, weighed as in the cost; of scenarios, paths."""
+        """The error at the headline's horizon, weighed as in the cost; of scenarios, d_rms."""
         if not s.windows:
             return s.metrics["d_rms_m"]
-        e = s.windows[min(s.windows, key=lambda h: abs(h - HEADLINE_HORIZON))].summary()
+        horizon = min(s.windows, key=lambda h: abs(h - HEADLINE_HORIZON))
+        e = s.windows[horizon].summary()
         yaw = cost.yaw_weight * e.yaw_median_rad
         return cost.position_weight * e.position_median_m + yaw
 
-    was, now = (
-        float(np.mean([*map(size, scores)])) if scores else 0.0 for scores in (before, after)
-    )
+    was = float(np.mean([*map(size, before)])) if before else 0.0
+    now = float(np.mean([*map(size, after)])) if after else 0.0
     if now <= was:
         return []
-    kept = (
-        "has the fitted numbers all the same"
-        if even_if_worse
-        else "keeps the old ones (--even-if-worse)"
-    )
+    kept = "keeps the old ones (--even-if-worse)"
+    if even_if_worse:
+        kept = "has the fitted numbers all the same"
     return [
-        f"The fit's error on held-out data is larger than before, {now:.3g} m instead of {was:.3g} m: profile.toml {kept}."
+        f"The fit's error on held-out data is larger than before, {now:.3g} m instead of "
+        f"{was:.3g} m: profile.toml {kept}."
     ]

@@ -1,4 +1,7 @@
-"""Options of a search, and how it runs: generations, checkpoints and interruption, for a fit and for a tuning alike."""
+"""Options of a search, and its course: generations, checkpoints and interruption.
+
+Fits and tunings have these in common.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +33,26 @@ from validation.identify.tuning import TuneProblem
 from validation.progress import Progress, Progressing, silent
 
 CHECKPOINT = "checkpoint.npz"
-"""Name of the file in the folder of the results that a search's state is kept in."""
+"""Name of the file in the results' folder that keeps a search's state."""
+# options that a result file has at other places, or that decide no number
 _LEFT_OUT = {
-    *("model", "to", "controller", "references", "profile", "robot", "limits", "bounds", "seed"),
-    *("out", "workers", "progress", "resume", "name"),
-}  # options that a result file has at other places, or that decide no number
+    "model",
+    "to",
+    "controller",
+    "references",
+    "profile",
+    "robot",
+    "limits",
+    "bounds",
+    "seed",
+    "out",
+    "workers",
+    "progress",
+    "resume",
+    "name",
+}
 MOST_WORKERS = 4096
-"""Greatest number of threads that a search can be told to use."""
+"""Greatest number of threads of a search."""
 _log = logging.getLogger(__name__)
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -53,6 +69,9 @@ _DAMAGE = (
 """Errors that reading a damaged checkpoint raises; one that numpy wrote has no others."""
 
 
+_Size = Annotated[cli.Count, cli.option(default="what is usual for the plant or the controller")]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Searching(cli.Common):
     """Options of a program that searches for numbers."""
@@ -67,13 +86,9 @@ class Searching(cli.Common):
         default_factory=dict
     )
     """Bounds of the search, such as friction=0.2:0.8,delay=0:0.5."""
-    population: Annotated[
-        cli.Count, cli.option(default="what is usual for the plant or the controller")
-    ] = None
+    population: _Size = None
     """Number of candidates in a generation of differential evolution (jDE)."""
-    generations: Annotated[
-        cli.Count, cli.option(default="what is usual for the plant or the controller")
-    ] = None
+    generations: _Size = None
     """Greatest number of generations of jDE after its first population."""
     patience: Annotated[int, cli.option(metavar="N")] = 30
     """Number of generations over which the best cost must improve by a thousandth, or jDE stops."""
@@ -98,7 +113,7 @@ class Searching(cli.Common):
 
     @property
     def checkpoint(self) -> Path | None:
-        """File in the folder `out` in which the search's state is kept; None where no folder is named."""
+        """File in the folder `out` that keeps the search's state; None without a folder."""
         return None if self.out is None else self.out / CHECKPOINT
 
     def writes(self) -> tuple[str, ...]:
@@ -107,28 +122,31 @@ class Searching(cli.Common):
         return (*super().writes(), result, CHECKPOINT)
 
     def settings(self, population: int, generations: int) -> JdeSettings:
-        """Return the optimiser's settings, with these sizes where none are given; a ValueError says what is out of range."""
-        size = population if self.population is None else self.population
-        return JdeSettings(
-            size,
-            generations if self.generations is None else self.generations,
-            patience=self.patience,
-        )
+        """Return the optimiser's settings, with these sizes where none are given.
+
+        Raises:
+            ValueError: a setting is out of its range.
+        """
+        if self.population is not None:
+            population = self.population
+        if self.generations is not None:
+            generations = self.generations
+        return JdeSettings(population, generations, patience=self.patience)
 
     def chosen(self, settings: JdeSettings) -> dict[str, Any]:
-        """Return the options that result files hold: those that decide numbers, with the sizes that the search had."""
+        """Return the options that decide numbers, with the sizes that the search had."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _LEFT_OUT}
         return {**values, "population": settings.population, "generations": settings.generations}
 
 
 @dataclass
 class Search:
-    """A search under way: the optimiser, and what is remembered of its generations."""
+    """A search under way: the optimiser, and the state of its stages."""
 
     jde: Jde
     """The optimiser."""
     identity: Mapping[str, str]
-    """Digests of all that decides the outcome, by what they are digests of."""
+    """Digests of all that decides the outcome, by name."""
     checkpoint: Path | None = None
     """File that the state is written to after every generation."""
     progress: Progressing = silent
@@ -150,12 +168,16 @@ class Search:
     @property
     def best(self) -> FloatArray:
         """(n,) the best point of the unit cube so far."""
-        return self.jde.best if self.refined is None else self.refined[0]
+        if self.refined is None:
+            return self.jde.best
+        return self.refined[0]
 
     @property
     def cost(self) -> float:
         """Its cost."""
-        return float(self.jde.best_cost if self.refined is None else self.refined[1])
+        if self.refined is None:
+            return float(self.jde.best_cost)
+        return self.refined[1]
 
     @property
     def by_stage(self) -> dict[str, int]:
@@ -170,36 +192,35 @@ class Search:
     @property
     def stopped_by(self) -> str:
         """`generations`, `improvement`, `target`, `least squares` or `interrupt`."""
-        return (
-            "interrupt"
-            if self.interrupted
-            else "least squares"
-            if self.driven
-            else self.jde.finished
-        )
+        if self.interrupted:
+            return "interrupt"
+        if self.driven:
+            return "least squares"
+        return self.jde.finished
 
     def run(self, problem: FitProblem | TuneProblem, threads: int, most: int | None = None) -> None:
-        """Search until a stop rule holds, `most` generations are done or Ctrl-C is pressed; what was found stays.
+        """Search until a stop rule holds, `most` generations are done or Ctrl-C is pressed.
 
-        The checkpoint is written, and the best candidate shown as progress, after every generation.
+        What was found stays. The checkpoint is written, and the best candidate shown as progress,
+        after every generation.
         """
         began = time.perf_counter()
         rated = self.jde.evaluations
+        # the clock at which the search would have begun without interruptions
         zero = began - self.wall_s
 
         def tell(share: float) -> None:
             rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
             total = self.jde.settings.generations + 1 + self.starts
-            text = (
-                f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s"
-                if rate
-                else "rates the first candidates"
-            )
+            text = "rates the first candidates"
+            if rate:
+                text = f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s"
             self.progress(Progress(len(self.jde.history) + share, total, text))
 
         try:
             while not self.jde.finished and (most is None or len(self.jde.history) <= most):
-                self.jde.tell(problem.costs(self.jde.ask(), self.jde.costs, threads, tell))
+                costs = problem.costs(self.jde.ask(), self.jde.costs, threads, tell)
+                self.jde.tell(costs)
                 self._save(zero)
                 tell(0.0)
         except KeyboardInterrupt:
@@ -207,27 +228,34 @@ class Search:
         self.wall_s = time.perf_counter() - zero
 
     def refine(self, problem: FitProblem, threads: int) -> None:
-        """Go on by least squares: from the best candidate and others far from it, or with one start from the first."""
+        """Go on by least squares from the best candidate and others far from it.
+
+        One start alone begins at the first candidate.
+        """
         zero = time.perf_counter() - self.wall_s
         points = self.jde.population
         costs = self.jde.costs
         before = self.jde.settings.generations + 1
+        # one start alone is the user's: the first candidate, be it the best or not
         if self.starts == 1 and np.isfinite(costs[0]):
             points = points[:1]
             costs = costs[:1]
 
         def step() -> None:
             self._save(zero)
-            text = f"least squares, start {self.ends + 1} of {self.starts}: cost {self.cost:.5g}"
-            self.progress(
-                Progress(
-                    before + self.ends, before + self.starts, f"{text}, {len(self.driven)} motions"
-                )
+            text = (
+                f"least squares, start {self.ends + 1} of {self.starts}: cost {self.cost:.5g}, "
+                f"{len(self.driven)} motions"
             )
+            self.progress(Progress(before + self.ends, before + self.starts, text))
 
         try:
-            for end in arrivals(problem, points, costs, self.starts, self.driven, threads, step):
+            ends = arrivals(
+                problem, points, costs, self.starts, self.driven, workers=threads, on_step=step
+            )
+            for end in ends:
                 self.ends += 1
+                # least squares see errors alone; the cost decides between ends
                 cost = float(problem.costs(end[None], None, threads, None)[0])
                 if cost < self.cost:
                     self.refined = end, cost
@@ -257,18 +285,20 @@ class Search:
 
     @classmethod
     def load(cls, path: Path, identity: Mapping[str, str]) -> Search:
-        """Return the search of a checkpoint of this identity; a ValueError says that it is damaged, or what differs."""
+        """Return the search of a checkpoint of this identity.
+
+        Raises:
+            ValueError: the file is damaged, or of another search; the message names the difference.
+        """
         try:
             with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
                 data = dict(file)
             was = dict(json.loads(str(data["identity"])))
-            jde = Jde.restore(
-                {
-                    name.removeprefix("jde_"): v
-                    for name, v in data.items()
-                    if name.startswith("jde_")
-                }
-            )
+            state = {}
+            for name, value in data.items():
+                if name.startswith("jde_"):
+                    state[name.removeprefix("jde_")] = value
+            jde = Jde.restore(state)
             wall_s = float(data["wall_s"])
             points = [point.tobytes() for point in data.get("lsq_points", ())]
             driven = Remembered(zip(points, data.get("lsq_errors", ()), strict=True))
@@ -291,7 +321,9 @@ def search_for(
     start: FloatArray | None = None,
     starts: int = 0,
 ) -> Search:
-    """Return a search, begun anew or from a checkpoint, after a stop rule held or Ctrl-C came; something was found.
+    """Return a search, begun anew or from a checkpoint, that has found something.
+
+    A stop rule held, or Ctrl-C came.
 
     The (k, n) `start` are candidates for the first population. Of so many `starts` of least squares
     that are to follow, one needs no further generation.
@@ -304,9 +336,9 @@ def search_for(
     """
     plain = {**problem.identity(), "settings of the search": asdict(settings)}
     plain |= {"start": None if start is None else start.tolist(), "seed": o.seed}
-    identity = {
-        name: hashlib.sha256(repr(value).encode()).hexdigest() for name, value in plain.items()
-    }
+    identity = {}
+    for name, value in plain.items():
+        identity[name] = hashlib.sha256(repr(value).encode()).hexdigest()
     search = Search(Jde(len(problem.space), settings, o.seed, start), identity)
     if o.resume and o.checkpoint is None:
         raise ValueError("resume needs the folder out, with a checkpoint to continue from")
@@ -324,6 +356,7 @@ def search_for(
         if search.interrupted:
             raise KeyboardInterrupt
         raise SsmrError(
-            "every candidate was impossible or failed; change the bounds, or the values that are held"
+            "every candidate was impossible or failed; "
+            "change the bounds, or the values that are held"
         )
     return search

@@ -1,4 +1,4 @@
-"""The problem of a tuning: gains as points of the unit cube in, costs of closed loops along references out."""
+"""The problem of a tuning: gains as points of the unit cube in, costs of closed loops out."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
 
 TuneMeasure = Literal["path", "time"]
+"""Measure of a tuning, see `TuneCost`."""
 GUARD_DISTANCE = 1.0
 """Distance from its target within which the robot must stay for the stability guard [m]."""
 
@@ -81,9 +82,10 @@ def _path_measures(poses, truth, out):
 def costs_of(
     runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: TuneCost, workers: int = 1
 ) -> FloatArray:
-    """Return the (S,) costs of runs along one reference, whose speed has this RMS [m/s]; infinite where a robot was lost.
+    """Return the (S,) costs of runs along one reference; infinite where a robot was lost.
 
-    The runs are rated on `workers` threads; the costs do not depend on their number.
+    `speed` is the RMS of the reference's speed [m/s]. The runs are rated on `workers` threads; the
+    costs do not depend on their number.
     """
     out = np.full(len(runs), np.inf)
     kept = [i for i, run in enumerate(runs) if not run.lost]
@@ -91,22 +93,21 @@ def costs_of(
         return out
     poses = np.array([runs[i].table[:, :3] for i in kept])
     measures = np.empty((len(poses), 4))
-    share_among_threads(
-        lambda i, k: _path_measures(poses[i:k], target.pose, measures[i:k]), len(poses), workers
-    )
+
+    def write(i: int, k: int) -> None:
+        _path_measures(poses[i:k], target.pose, measures[i:k])
+
+    share_among_threads(write, len(poses), workers)
     d_rms = measures[:, 0]
     d_haus = measures[:, 1]
     if cost.cost == "time":
-        apart = np.hypot(
-            *np.moveaxis(
-                poses[:, : len(target.t), :2] - target.pose[None, : poses.shape[1], :2], 2, 0
-            )
-        )
+        # the run may go on after the reference's end, or stop before it
+        errors = poses[:, : len(target.t), :2] - target.pose[None, : poses.shape[1], :2]
+        apart = np.hypot(*np.moveaxis(errors, 2, 0))
         d_rms = np.sqrt(np.mean(apart**2, axis=1))
         d_haus = apart.max(axis=1)
-    u_rms = np.array([np.sqrt(np.mean(runs[i].column("v_x") ** 2)) for i in kept]) / max(
-        speed, 1e-9
-    )
+    speeds = np.array([np.sqrt(np.mean(runs[i].column("v_x") ** 2)) for i in kept])
+    u_rms = speeds / max(speed, 1e-9)
     costs = cost.k_rms * d_rms + cost.k_haus * d_haus + cost.k_ratio * np.abs(1.0 - measures[:, 2])
     costs += cost.k_u * np.abs(1.0 - u_rms)
     if bending_energy(target.xy) >= BENDING_FLOOR:  # a straight reference has no ratio
@@ -123,54 +124,65 @@ def make_tuning_space(
     fixed: Collection[str] = (),
     start: Mapping[str, float] | None = None,
 ) -> ParameterSpace:
-    """Return the gains that are searched, with their usual bounds or those given.
+    """Return the gains that are searched, with their default bounds or those given.
 
-    They are those that are free, or the usual ones, or `everything`, also what the thesis sets by
-    hand; without the fixed. Usual bounds that leave out the gains to `start` with are widened
-    beyond them.
+    They are those that are free, or the default ones, or `everything`, also those that the thesis
+    sets by hand; without the fixed. Default bounds that leave out the gains to `start` with are
+    widened beyond them.
 
-    Raises: ValueError: an unknown gain, bounds for a gain that is not free, or bounds that make no
-        sense or leave out the start.
+    Raises:
+        ValueError: an unknown gain, bounds for a gain that is not free, or bounds that make no
+            sense or leave out the start.
     """
     law = LAWS[controller]
-    known = {name: d for name, d in described(law.gains).items() if d.search is not None}
-    rest = [name for name in known if everything and name not in law.searched]
-    names = [
-        name for name in ((*law.searched, *rest) if free is None else free) if name not in fixed
-    ]
+    searchable = {name: d for name, d in described(law.gains).items() if d.search is not None}
+    if free is None:
+        free = law.searched
+        if everything:
+            free = (*free, *(name for name in searchable if name not in free))
+    names = [name for name in free if name not in fixed]
     for name in (*names, *bounds):
-        if name not in known:
+        if name not in searchable:
             raise ValueError(
-                f"{controller} has no gain '{name}' to tune; there are: {', '.join(known)}"
+                f"{controller} has no gain '{name}' to tune; there are: {', '.join(searchable)}"
             )
         if name not in names:
             raise ValueError(f"bounds are given for {name}, which is not free")
     parameters = []
     for name in names:
-        usual = declared(known[name], bounds.get(name))
-        value = usual.lower if start is None else start[name]
-        if not usual.lower <= value <= usual.upper:
+        parameter = declared(searchable[name], bounds.get(name))
+        value = parameter.lower if start is None else start[name]
+        # gains to begin with may lie outside the default bounds
+        if not parameter.lower <= value <= parameter.upper:
             if name in bounds:
                 raise ValueError(
-                    f"the bounds of {name}, {usual.lower:g} to {usual.upper:g}, leave out {value:g}, where the search "
-                    "begins; widen them, begin with other gains, or begin from scratch"
+                    f"the bounds of {name}, {parameter.lower:g} to {parameter.upper:g}, leave out "
+                    f"{value:g}, where the search begins; widen them, begin with other gains, or "
+                    "begin from scratch"
                 )
             # two digits, for tables and pictures
             low, high = (float(f"{share * value:.2g}") for share in (0.5, 1.5))
-            usual = replace(usual, lower=min(usual.lower, low), upper=max(usual.upper, high))
-        parameters.append(usual)
+            parameter = replace(
+                parameter, lower=min(parameter.lower, low), upper=max(parameter.upper, high)
+            )
+        parameters.append(parameter)
     return ParameterSpace(tuple(parameters))
 
 
 @dataclass(frozen=True, eq=False)
 class TuneCase:
-    """One robot on one reference, with its label in words (`generic at 0.25 m/s, improved`), and how the loop is closed."""
+    """One robot on one reference, and how the loop is closed."""
 
     label: str
+    """Label in words, such as `generic at 0.25 m/s, improved`."""
     reference: str
+    """Name or file of the reference."""
     waypoints: Waypoints
+    """The reference."""
     robot: ClosedLoopRobot
+    """The robot that follows it."""
     settings: LoopSettings
+    """Feedback, noise and disturbance."""
 
     @property
     def target(self) -> Trajectory:
@@ -179,19 +191,22 @@ class TuneCase:
 
 
 class RatedRun(NamedTuple):
-    """One run along a reference, its metrics, and its cost, which is infinite where the robot was lost."""
+    """One rated run along a reference."""
 
     run: ClosedRun
+    """The run."""
     metrics: Metrics
+    """Its distances from the reference."""
     cost: float
+    """Its cost; infinite where the robot was lost."""
 
 
 def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
-    """Return the same robot, on the same ground and with the same physics, that acts on its commands `more` later [s]."""
-    late = replace(
-        robot.drive, delay_v=robot.drive.delay_v + more, delay_w=robot.drive.delay_w + more
-    )
-    body, known = robot.body, robot.known or robot.drive  # no controller knows of the delay
+    """Return the same robot in the same place, acting on its commands `more` later [s]."""
+    drive = robot.drive
+    late = replace(drive, delay_v=drive.delay_v + more, delay_w=drive.delay_w + more)
+    body = robot.body
+    known = robot.known or drive  # no controller knows of the delay
     if isinstance(body, MujocoPlant):
         simulated = MujocoPlant(
             body.calibration, late, terrain=body.terrain, settings=body.settings
@@ -201,7 +216,7 @@ def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
 
 
 class TuneProblem:
-    """Problem of a tuning: candidates for a controller's gains are rated by how well they follow references."""
+    """Problem of a tuning: gains are rated by how well a controller follows references."""
 
     def __init__(
         self,
@@ -221,9 +236,9 @@ class TuneProblem:
         self.cases = tuple(cases)
         self.cost = cost
         self._targets = [case.target for case in self.cases]
-        self._late = [
-            delayed(case.robot, cost.guard) if cost.guard > 0.0 else None for case in self.cases
-        ]
+        self._late: list[ClosedLoopRobot] = []
+        if cost.guard > 0.0:
+            self._late = [delayed(case.robot, cost.guard) for case in self.cases]
 
     def gains(self, point: FloatArray) -> GainSet:
         """Return all gains that an (n,) point of the unit cube stands for."""
@@ -239,9 +254,11 @@ class TuneProblem:
     ) -> FloatArray:
         """Rate candidates case by case, see `FitProblem.costs`.
 
-        Returns: (S,) means over the cases; infinite for a candidate that loses a reference, or
-            fails the guard.
+        Returns:
+            (S,) means over the cases; infinite for a candidate that loses a reference, or fails the
+            guard.
         """
+        # Riccati equations are too small for the threads of a linear algebra library
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1, user_api="blas"):
@@ -251,13 +268,12 @@ class TuneProblem:
         total = sum(case.waypoints.duration for case in self.cases)
         done = 0.0
         for k, case in enumerate(self.cases):
-            live = [
-                i
-                for i in range(len(points))
-                if np.isfinite(sums[i]) and (k == 0 or sums[i] <= bounds[i])
-            ]
-            if live:
-                sums[live] += self._case_costs(k, [law for i in live if (law := laws[i])], workers)
+            # a case before may have failed a candidate, or raised its sum beyond its parent's
+            promising = np.isfinite(sums) & ((k == 0) | (sums <= bounds))
+            live = np.flatnonzero(promising)
+            if len(live):
+                drivers = [law for i in live if (law := laws[i])]
+                sums[live] += self._case_costs(k, drivers, workers)
             done += case.waypoints.duration / total
             if on_share is not None:
                 on_share(done)
@@ -268,78 +284,71 @@ class TuneProblem:
     ) -> FloatArray:
         """Return the (S,) costs of candidates on one case; in a search the guard counts."""
         case = self.cases[k]
-        late = self._late[k]
-        n = len(laws)
-        runs = run_robots(
-            [case.robot] * n, laws, [case.settings] * n, case.waypoints, [self.cost.seed], workers
-        )
+        runs = self._runs(case, case.robot, laws, workers)
         costs = costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers)
-        kept = [i for i in range(n) if np.isfinite(costs[i])]
-        if late is not None and searching and kept:
-            some = [laws[i] for i in kept]
-            around = [case.settings] * len(kept)
-            runs = run_robots(
-                [late] * len(kept), some, around, case.waypoints, [self.cost.seed], workers
-            )
+        kept = np.flatnonzero(np.isfinite(costs)).tolist()
+        if self._late and searching and kept:
+            runs = self._runs(case, self._late[k], [laws[i] for i in kept], workers)
             for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
                     costs[i] = np.inf
         return costs
 
+    def _runs(
+        self, case: TuneCase, robot: ClosedLoopRobot, laws: Sequence[AnyController], workers: int
+    ) -> Sequence[ClosedRun]:
+        """Drive a robot along a case's reference, once with each controller."""
+        robots = [robot] * len(laws)
+        settings = [case.settings] * len(laws)
+        return run_robots(robots, laws, settings, case.waypoints, [self.cost.seed], workers)
+
     def cost_of(self, gains: GainSet, workers: int, guarded: bool = False) -> float:
-        """Return the cost of gains, by default without the guard; infinite where they lose a reference or fail the guard."""
+        """Return the cost of gains; infinite where they lose a reference or, guarded, fail."""
         law = make_controller(self.profile, gains)
-        return float(
-            np.mean(
-                [self._case_costs(k, [law], workers, guarded)[0] for k in range(len(self.cases))]
-            )
-        )
+        costs = [self._case_costs(k, [law], workers, guarded)[0] for k in range(len(self.cases))]
+        return float(np.mean(costs))
 
     def rated(
         self, case: TuneCase, sets: Mapping[str, GainSet], workers: int
     ) -> dict[str, RatedRun]:
         """Drive one case with several sets of gains; return their runs by the same names."""
         laws = [make_controller(self.profile, gains) for gains in sets.values()]
-        n = len(sets)
-        runs = run_robots(
-            [case.robot] * n, laws, [case.settings] * n, case.waypoints, [self.cost.seed], workers
-        )
+        runs = self._runs(case, case.robot, laws, workers)
         costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
-        every = zip(sets, runs, costs, strict=True)
-        limits = case.robot.limits
-        return {
-            name: RatedRun(run, track_metrics(run, case.waypoints, limits), float(cost))
-            for name, run, cost in every
-        }
+        rated = {}
+        for name, run, cost in zip(sets, runs, costs, strict=True):
+            metrics = track_metrics(run, case.waypoints, case.robot.limits)
+            rated[name] = RatedRun(run, metrics, float(cost))
+        return rated
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
+        held = sorted(item for item in self.base.values.items() if item[0] not in self.space.names)
+        plants = sorted(self.profile.plants.items())
+        references = [
+            (
+                case.reference,
+                case.robot.name,
+                repr(case.robot.terrain),
+                case.waypoints.t.tobytes(),
+                case.waypoints.xy.tobytes(),
+            )
+            for case in self.cases
+        ]
         return {
             "controller": self.base.controller,
-            "gains that are held": sorted(
-                (k, v) for k, v in self.base.values.items() if k not in self.space.names
-            ),
+            "gains that are held": held,
             "parameters or bounds": self.space.limits(),
             "robot": self.profile.robot.as_document(),
-            "profile": [
-                (name, plant.numbers()) for name, plant in sorted(self.profile.plants.items())
-            ],
-            "references or plants": [
-                (
-                    c.reference,
-                    c.robot.name,
-                    repr(c.robot.terrain),
-                    c.waypoints.t.tobytes(),
-                    c.waypoints.xy.tobytes(),
-                )
-                for c in self.cases
-            ],
+            "profile": [(name, plant.numbers()) for name, plant in plants],
+            "references or plants": references,
             "feedback, noise or disturbance": [repr(case.settings) for case in self.cases],
             "cost": asdict(self.cost),
         }
 
 
 def _law(profile: Profile, gains: GainSet) -> AnyController | None:
+    """Return the controller with these gains; None where no controller can have them."""
     try:
         return make_controller(profile, gains)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Declaration of a plant: everything that fits and comparisons need to know of it, in one place."""
+"""Declaration of a plant: everything that fits and comparisons need to know of it."""
 
 from __future__ import annotations
 
@@ -27,11 +27,15 @@ SEEN = ("tracked_x", "tracked_yaw", "position_late", "yaw_late")
 """Numbers of the localiser that a fit to a log has to find, whatever drives the plant."""
 
 TORQUES = "torque_N_m"
+"""Channel of a motion: the (M, 2) torques of the left and the right motors at the wheels [N m]."""
 GROUND_TORQUES = "ground_torque_N_m"
-"""Channels of a motion: the (M, 2) torques of the left and the right motors at the wheels [N m],
-or, of wheels whose rates are given, what the ground takes of a side."""
+"""Channel of a motion whose wheel rates are given: the (M, 2) torques on the ground [N m]."""
 CAUSES = (
-    *("com_x", "friction", "command_half_track", "wheel_radius", "acceleration_v"),
+    "com_x",
+    "friction",
+    "command_half_track",
+    "wheel_radius",
+    "acceleration_v",
     "dc_stiffness",
 )
 """Causes of a body's motion in a scenario, which a fit moves; the tracked point is no cause."""
@@ -58,13 +62,13 @@ class PlantProfile:
     """Uncertainty of predictions, by the input that drives the plant: `commands` or `wheels`."""
 
     def numbers(self) -> dict[str, dict[str, Any]]:
-        """Return the numbers of each part by name; the robot, which has a file of its own, is left out."""
-        owners = {part: getattr(self, part) for part in PARTS}
-        names = {
-            part: [f.name for f in fields(owner) if f.name != "robot"]
-            for part, owner in owners.items()
-        }
-        return {part: {name: getattr(owners[part], name) for name in names[part]} for part in PARTS}
+        """Return the numbers of each part by name, without the robot, which has its own file."""
+        numbers = {}
+        for part in PARTS:
+            owner = getattr(self, part)
+            names = [f.name for f in fields(owner) if f.name != "robot"]
+            numbers[part] = {name: getattr(owner, name) for name in names}
+        return numbers
 
 
 class Stretch(Protocol):
@@ -82,7 +86,7 @@ class Stretch(Protocol):
 
     @property
     def t(self) -> FloatArray | None:
-        """(M,) stamps at which poses are wanted [s]; None for the samples of the simulation."""
+        """(M,) stamps at which poses are asked for [s]; None for the samples of the simulation."""
         ...
 
 
@@ -105,8 +109,15 @@ class Population(Protocol):
         ...
 
 
+def sample_count(piece: Stretch, sample_dt: float) -> int:
+    """Return the number of poses of a motion over one stretch, see `Population.motions`."""
+    if piece.t is None:
+        return 1 + round(piece.commands.duration / sample_dt)
+    return len(piece.t)
+
+
 def side_torques(motion: Trajectory) -> FloatArray | None:
-    """Return the (M, 2) torques of both sides [N m], the ground's where the wheels' rates are given."""
+    """Return the (M, 2) torques of both sides [N m], on the ground where wheel rates are given."""
     return motion.channels.get(TORQUES, motion.channels.get(GROUND_TORQUES))
 
 
@@ -133,22 +144,21 @@ class OneByOne:
 
     def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.motions`."""
-        samples = (
-            1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
-        )
-        out = np.full((len(which), samples, 5), np.nan)
+        out = np.full((len(which), sample_count(piece, sample_dt), 5), np.nan)
         for row, i in enumerate(which):
             plant = self._plants[i]
             candidate = self._candidates[i]
-            if plant is not None and candidate is not None:
-                localiser = candidate.localiser
-                with contextlib.suppress(SsmrError):
-                    start = localiser.body_state(piece.start)
-                    motion = localiser.seen(plant.run(piece.commands, start, sample_dt), piece.t)
-                    out[row, :, :3] = motion.pose
-                    torques = side_torques(motion)
-                    if torques is not None:
-                        out[row, :, 3:] = torques
+            if plant is None or candidate is None:
+                continue
+            localiser = candidate.localiser
+            # a candidate that diverges keeps its NaN, which no cost accepts
+            with contextlib.suppress(SsmrError):
+                start = localiser.body_state(piece.start)
+                motion = localiser.seen(plant.run(piece.commands, start, sample_dt), piece.t)
+                out[row, :, :3] = motion.pose
+                torques = side_torques(motion)
+                if torques is not None:
+                    out[row, :, 3:] = torques
         return out
 
 

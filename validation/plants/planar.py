@@ -1,4 +1,4 @@
-"""The planar models as plants, each declared from its law (a new one needs nothing here), and the robot on four tyres."""
+"""The planar models as plants, each declared from its law, and the robot on four tyres."""
 
 from __future__ import annotations
 
@@ -25,19 +25,21 @@ from validation.plants.kind import (
     PlantKind,
     PlantProfile,
     Stretch,
+    sample_count,
 )
 from validation.simulator.description import Robot
 
 _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
-"""Numbers that the thesis read off response curves or took for given, and a fit to a scenario has
+"""Numbers that the thesis read off response curves or took for granted, and a fit to a scenario has
 to find."""
 _DRIVEN = ("delay", "acceleration_v", "acceleration_w")
 """Numbers of the driver, of which wheel rates say nothing."""
 _MOTOR = ("torque_limit", "integral_gain", "dc_stiffness")
-"""Numbers of the motors, which a model whose wheels turn as they are told does not have."""
+"""Numbers of the motors, which a model whose wheels turn exactly as commanded does not have."""
 _ROLLING = ("wheel_radius", "radius_difference", "effective_half_track")
 """Numbers that are left of a dynamic model whose wheel rates are given."""
 _CENTRES = ("alpha_l", "alpha_r", "y_l", "y_r")
+"""Numbers of the kinematic model's centres of rotation."""
 _KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": (*_CENTRES, "x_icr"),
     # x_icr and tracked_x are one number to a recording
@@ -55,6 +57,7 @@ _TYRES = (
     "com_x",
     "com_y",
 )
+"""Numbers of a body on four tyres."""
 _TYRED_FREE: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": CAUSES,
     "commands": (*_TYRES, *_DRIVEN, "wheel_lag", *SEEN),
@@ -68,33 +71,34 @@ def model_of(section: PlantProfile) -> PlanarModel:
 
 
 def defaults(kind: type, robot: Robot) -> Any:
-    """Return the thesis' parameters of a planar model, scaled to a robot's size; friction and shares stay as they are.
+    """Return the thesis' parameters of a planar model, scaled to a robot's size.
 
-    Of robots of one shape that do all things in the same time, mass times radius squared decides
+    Friction and shares stay as they are. Of robots of one shape that do all things in the same
+    time, mass times radius squared decides
     the gain between wheel rate and torque, and mass times radius that between speed and torque.
     Centres of rotation lie at the effective half-track.
     """
     thesis = Vehicle()
-    own = robot.vehicle
+    vehicle = robot.vehicle
     numbers = kind()
-    mass = own.mass / thesis.mass
-    radius = own.wheel_radius / thesis.wheel_radius
+    mass = vehicle.mass / thesis.mass
+    radius = vehicle.wheel_radius / thesis.wheel_radius
+    # ratios of sizes by their names in declarations
     ratios = {
         "gain": mass * radius**2,
         "gain_over_radius": mass * radius,
-        "half_track": own.effective_half_track / thesis.effective_half_track,
+        "half_track": vehicle.effective_half_track / thesis.effective_half_track,
     }
-    sizes = {
-        n: next((size for size in d.of if size in ratios), None) for n, d in described(kind).items()
-    }
-    scaled = {
-        n: getattr(numbers, n) * ratios[size] for n, size in sizes.items() if size is not None
-    }
+    scaled = {}
+    for name, declared in described(kind).items():
+        sizes = [size for size in declared.of if size in ratios]
+        if sizes:
+            scaled[name] = getattr(numbers, name) * ratios[sizes[0]]
     return replace(numbers, **scaled)
 
 
 def tyred_defaults(robot: Robot) -> FourWheelParameters:
-    """Return the numbers of a robot's file; those of the tyres, which no file has, are of the drive-train study."""
+    """Return the numbers of a robot's file, with the tyres of the drive-train study."""
     geometry = robot.geometry
     masses = robot.masses
     simulation = robot.simulation
@@ -124,26 +128,47 @@ def declare(name: str) -> PlantKind:
     """
     if name == "four_wheel":
         return PlantKind(
-            name, FourWheelParameters, tyred_defaults, _tyred, partial(OneByOne, _tyred), _TYRED_FREE,
-            colour="#56b4e9", usual_drive=lambda robot: robot.motor_drive, together=False, torques=True,
-        )  # fmt: skip
+            name,
+            FourWheelParameters,
+            tyred_defaults,
+            _tyred,
+            partial(OneByOne, _tyred),
+            _TYRED_FREE,
+            colour="#56b4e9",
+            usual_drive=lambda robot: robot.motor_drive,
+            together=False,
+            torques=True,
+        )
     law = planar_law(name)
-    own = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
+    searched = tuple(n for n, d in described(law.parameters).items() if d.search is not None)
     free: Mapping[Occasion, tuple[str, ...]] = {
-        "scenario": (*own, *_READ_OFF),
-        "commands": (*own, "wheel_radius", "effective_half_track", *_DRIVEN, "tracked_y", *SEEN),
+        "scenario": (*searched, *_READ_OFF),
+        "commands": (
+            *searched,
+            "wheel_radius",
+            "effective_half_track",
+            *_DRIVEN,
+            "tracked_y",
+            *SEEN,
+        ),
         "wheels": (*_ROLLING, "tracked_y", *SEEN),
     }
     drive = tuple(n for n in described(Drive) if n not in _MOTOR or not law.ideal)
-    chosen = _KINEMATIC if law.ideal else free
-    usual = partial(defaults, law.parameters)
     return PlantKind(
-        name, law.parameters, usual, lambda section, *_: PlanarPlant(model_of(section)), PlanarPopulation, chosen,
-        law.colour, law.vehicle, drive=drive,
-    )  # fmt: skip
+        name,
+        law.parameters,
+        partial(defaults, law.parameters),
+        lambda section, *_: PlanarPlant(model_of(section)),
+        PlanarPopulation,
+        _KINEMATIC if law.ideal else free,
+        colour=law.colour,
+        vehicle=law.vehicle,
+        drive=drive,
+    )
 
 
 def _tyred(section: PlantProfile, *_: object) -> FourWheelPlant:
+    """Return the robot on four tyres; it knows neither terrain nor physics settings."""
     return FourWheelPlant(FourWheelModel(section.parameters, section.drive))
 
 
@@ -161,20 +186,16 @@ class PlanarPopulation:
 
     def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.motions`."""
-        samples = (
-            1 + round(piece.commands.duration / sample_dt) if piece.t is None else len(piece.t)
-        )
-        out = np.full((len(which), samples, 3), np.nan)
+        out = np.full((len(which), sample_count(piece, sample_dt), 3), np.nan)
         rows = [row for row, i in enumerate(which) if self._built[i] is not None]
-        known = [built for built in (self._built[i] for i in which) if built is not None]
-        if known:
-            models = [model for model, _ in known]
-            localisers = [localiser for _, localiser in known]
-            starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
-            begins = [starts[localiser] for localiser in localisers]
-            poses = run_population(models, piece.commands, begins, sample_dt, workers=self._workers)
-            out[rows] = [
-                one.logged_poses(pose, sample_dt, piece.t)
-                for one, pose in zip(localisers, poses, strict=True)
-            ]
+        if not rows:
+            return out
+        built = [pair for i in which if (pair := self._built[i]) is not None]
+        models, localisers = zip(*built, strict=True)
+        # most candidates share a localiser
+        starts = {localiser: localiser.body_state(piece.start) for localiser in set(localisers)}
+        begins = [starts[localiser] for localiser in localisers]
+        poses = run_population(models, piece.commands, begins, sample_dt, workers=self._workers)
+        for row, localiser, pose in zip(rows, localisers, poses, strict=True):
+            out[row] = localiser.logged_poses(pose, sample_dt, piece.t)
         return out

@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import reprlib
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, astuple, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -26,22 +26,33 @@ from ssmr.errors import ParameterError
 from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.bands import Band
 from ssmr.models.law import OWN_MODELS
-from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, Plant
 from validation import store
 from validation.files import reading
 from validation.files.reading import is_number
-from validation.plants.kind import PlantProfile
+from validation.plants.kind import PARTS, PlantProfile
 from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, plant_kind
 from validation.simulator.description import USUAL_ROBOT, Robot, load_robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
 
 SCHEMA = "ssmr.profile/1"
+"""Schema of profiles' files."""
+_KEYS = {
+    "schema",
+    "name",
+    "description",
+    "robot",
+    "vehicle",
+    "drive",
+    "plants",
+    "provenance",
+    "fitted_at",
+}
 
-_MOVES = 0.05  # speed and yaw rate from which a robot moves [m/s, rad/s]
-_BEYOND = 2.0  # ratio of paces from which a motion is clearly beyond what was fitted [1]
+_MOVES = 0.05  # speed [m/s] and yaw rate [rad/s] from which a robot moves
+_BEYOND = 2.0  # ratio of paces from which a motion is clearly beyond the fitted ones [1]
 
 T = TypeVar("T")
 
@@ -52,7 +63,7 @@ class ProfileError(ValueError):
 
 @dataclass(frozen=True)
 class Pace:
-    """Pace of motions: what a robot in motion stays below for 95 % of the time."""
+    """Pace of motions: 95 % of the time in motion, a robot stays below it."""
 
     speed: float = 0.0
     """Speed [m/s]."""
@@ -63,11 +74,9 @@ class Pace:
     def of(cls, v: FloatArray, w: FloatArray) -> Pace:
         """Return the pace of motions with (M,) speeds [m/s] and yaw rates [rad/s]."""
         moving = (np.abs(v) > _MOVES) | (np.abs(w) > _MOVES)
-        return (
-            cls(*(float(np.percentile(np.abs(x[moving]), 95.0)) for x in (v, v * w)))
-            if moving.any()
-            else cls()
-        )
+        if not moving.any():
+            return cls()
+        return cls(*(float(np.percentile(np.abs(x[moving]), 95.0)) for x in (v, v * w)))
 
     def text(self) -> str:
         """Return both numbers with their units."""
@@ -90,15 +99,18 @@ class Profile:
     fitted_at: Pace | None = None
     """Pace of the motions that its plants were fitted to; None where nobody knows."""
 
-    def too_fast(self, pace: Pace, what: str) -> list[str]:
-        """Return a sentence where the pace of `what` is clearly beyond that of the fit; else nothing."""
+    def too_fast(self, pace: Pace, motion: str) -> list[str]:
+        """Return a sentence where the pace of the named motion is clearly beyond the fit's."""
         most = self.fitted_at
-        if most is None or all(
-            now <= _BEYOND * was for now, was in zip(astuple(pace), astuple(most), strict=True)
-        ):
+        if most is None:
+            return []
+        is_slow = pace.speed <= _BEYOND * most.speed
+        is_straight = pace.lateral_acceleration <= _BEYOND * most.lateral_acceleration
+        if is_slow and is_straight:
             return []
         return [
-            f"{what} reaches {pace.text()}; {self.name} was fitted at {most.text()}, and may be wrong beyond"
+            f"{motion} reaches {pace.text()}; {self.name} was fitted at {most.text()}, "
+            "and may be wrong beyond"
         ]
 
     @property
@@ -107,43 +119,38 @@ class Profile:
         return next(iter(self.plants.values())).robot
 
     def section(self, plant: str) -> PlantProfile:
-        """Return the numbers of a plant, of any of `known_plants`: other engines' robots have those of the standard plant.
+        """Return the numbers of a plant, of any of `known_plants`.
 
-        Models of the user's own, of which the profile says nothing, have their defaults.
+        Other engines' robots have those of the standard plant. Models of the user's own, of which
+        the profile says nothing, have their defaults.
 
         Raises:
             KeyError: there is no such plant.
         """
         if plant in OWN_MODELS and plant not in self.plants:
-            return _usual(plant, self.robot)
+            return _defaults(plant, self.robot)
         return self.plants[STANDARD if plant in SECOND_OPINIONS else plant]
 
     def as_dict(self, plants: Iterable[str] | None = None) -> dict[str, Any]:
         """Return all numbers, or those of some plants, for a result to record."""
-        return {
-            name: store.plain(self.section(name).numbers())
-            for name in (self.plants if plants is None else plants)
-        }
+        names = self.plants if plants is None else plants
+        return {name: store.plain(self.section(name).numbers()) for name in names}
 
     def save(self, path: str | Path) -> Path:
-        """Write a TOML file without the numbers that the robot has anyway; return its path. `load_profile` reads it back.
+        """Write a TOML file without the numbers that the robot has anyway; return its path.
 
-        The file's folder is made if it is not there.
+        `load_profile` reads it back. The file's folder is made if it is not there.
         """
         plants: dict[str, Any] = {}
         for name, plant in self.plants.items():
-            bands = {
-                kind: {k: float(f"{v:.4g}") for k, v in asdict(band).items()}
-                for kind, band in plant.bands.items()
-            }
-            usual = _usual(name, plant.robot).numbers()
-            changed = {
-                part: {k: v for k, v in numbers.items() if v != usual[part][k]}
-                for part, numbers in plant.numbers().items()
-            }
-            if section := {
-                part: values for part, values in {**changed, "bands": bands}.items() if values
-            }:
+            section: dict[str, Any] = {}
+            bare = _defaults(name, plant.robot).numbers()
+            for part, numbers in plant.numbers().items():
+                section[part] = {k: v for k, v in numbers.items() if v != bare[part][k]}
+            section["bands"] = {kind: _rounded(band, 4) for kind, band in plant.bands.items()}
+            # a table without entries would only make the file longer
+            section = {part: values for part, values in section.items() if values}
+            if section:
                 plants[name] = section
         robot = self.robot.name if self.robot.shipped else self.robot.as_document()
         document = {
@@ -154,14 +161,18 @@ class Profile:
             "plants": plants,
         }
         if self.fitted_at is not None:
-            document["fitted_at"] = {
-                k: float(f"{v:.3g}") for k, v in asdict(self.fitted_at).items()
-            }
-        text = tomli_w.dumps(store.encodable({**document, "provenance": dict(self.provenance)}))
+            document["fitted_at"] = _rounded(self.fitted_at, 3)
+        document["provenance"] = dict(self.provenance)
+        text = tomli_w.dumps(store.encodable(document))
         path = Path(path)
         store.make_folder(path.parent)
         store.write_text(path, text)
         return path
+
+
+def _rounded(numbers: Band | Pace, digits: int) -> dict[str, float]:
+    """Return all fields with so many digits, as a file has them."""
+    return {name: float(f"{value:.{digits}g}") for name, value in asdict(numbers).items()}
 
 
 def shipped() -> list[str]:
@@ -170,19 +181,20 @@ def shipped() -> list[str]:
     return sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
 
 
-def _usual(name: str, robot: Robot) -> PlantProfile:
+def _defaults(name: str, robot: Robot) -> PlantProfile:
+    """Return the numbers of a robot's plant that nothing was fitted to."""
     kind = plant_kind(name)
     return PlantProfile(kind.defaults(robot), robot.vehicle, kind.usual_drive(robot), robot)
 
 
 def bare_profile(robot: Robot) -> Profile:
-    """Return the profile of a robot that nothing was fitted to: the numbers of its file for every plant.
+    """Return the profile of a robot that nothing was fitted to: its file's numbers for all plants.
 
     Raises:
         ProfileError: numbers that do not go together.
     """
     try:
-        plants = {name: _usual(name, robot) for name in PLANTS}
+        plants = {name: _defaults(name, robot) for name in PLANTS}
     except ValueError as error:
         raise ProfileError(f"robot {robot.name}: {error}") from error
     words = f"{robot.title or robot.name} as its file has it; nothing was fitted"
@@ -190,13 +202,16 @@ def bare_profile(robot: Robot) -> Profile:
 
 
 def choose_profile(
-    profile: str | Path | Profile | None, robot: str | Path | Robot | None, usual: str
+    profile: str | Path | Profile | None, robot: str | Path | Robot | None, default: str
 ) -> Profile:
     """Return the profile that a user means.
 
-    Args: profile: name, path or profile; None for the one that is usual. robot: name, path or
-        robot; None for the profile's. usual: name of the profile that is meant without either. A
-        robot that this one is not of has its bare profile.
+    A robot that the profile without either is not of has its bare profile.
+
+    Args:
+        profile: name, path or profile; None for the one named `default`.
+        robot: name, path or robot; None for the profile's.
+        default: name of the profile without either.
 
     Raises:
         ProfileError: the profile or the robot cannot be had, or the profile is of another robot.
@@ -208,10 +223,10 @@ def choose_profile(
             f"profile is {reprlib.repr(profile)}, wanted a name, a path or a Profile"
         )
     if robot is None:
-        return profile or load_profile(usual)
+        return profile or load_profile(default)
     chosen = robot if isinstance(robot, Robot) else load_robot(robot)
     if profile is None:
-        common = load_profile(usual)
+        common = load_profile(default)
         return common if common.robot == chosen else bare_profile(chosen)
     if profile.robot != chosen:
         raise ProfileError(
@@ -223,11 +238,13 @@ def choose_profile(
 def load_profile(name_or_path: str | Path) -> Profile:
     """Return a shipped profile by name, or the profile of a TOML file by path.
 
-    Raises: ProfileError: there is none, or it says something that cannot be; the message names
-        file, section and key.
+    Raises:
+        ProfileError: there is none, or it says something that cannot be; the message names file,
+            section and key.
     """
     name = str(name_or_path)
     try:
+        # a shipped name comes before a file of that name in the current folder
         if name in shipped():
             file = resources.files("validation.plants").joinpath("profiles", f"{name}.toml")
             document = reading.parse_toml(file.read_text(encoding="utf-8"), name)
@@ -235,7 +252,8 @@ def load_profile(name_or_path: str | Path) -> Profile:
             document = reading.read_toml(name)
         else:
             raise ProfileError(
-                f"no profile '{name}'; shipped are: {', '.join(shipped())}; or give the path of a TOML file"
+                f"no profile '{name}'; shipped are: {', '.join(shipped())}; "
+                "or give the path of a TOML file"
             )
     except ProfileError:
         raise
@@ -248,23 +266,10 @@ def load_profile(name_or_path: str | Path) -> Profile:
 
 
 def _parse(document: Mapping[str, Any]) -> Profile:
+    """Return the profile that a file's document holds; a ValueError says where it is wrong."""
     if document.get("schema") != SCHEMA:
         raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
-    reading.require_known(
-        document,
-        {
-            "schema",
-            "name",
-            "description",
-            "robot",
-            "vehicle",
-            "drive",
-            "plants",
-            "provenance",
-            "fitted_at",
-        },
-        "the top level",
-    )
+    reading.require_known(document, _KEYS, "the top level")
     entry = document.get("robot", USUAL_ROBOT)
     if not isinstance(entry, str | dict):
         raise ValueError(f"robot is {reprlib.repr(entry)}, wanted a name or a table")
@@ -276,57 +281,49 @@ def _parse(document: Mapping[str, Any]) -> Profile:
     sections = document.get("plants", {})
     reading.require_known(sections, {*PLANTS, *OWN_MODELS}, "plants")
     plants = {}
-    for name in (*PLANTS, *(own for own in OWN_MODELS if own in sections)):
-        section = sections.get(name, {})
-        where = f"plants.{name}"
-        usual = _usual(name, robot)
-        drive = _fill(usual.drive, document.get("drive", {}), "drive")
-        reading.require_known(
-            section, {"parameters", "vehicle", "drive", "localiser", "bands"}, where
-        )
-        bands = section.get("bands", {})
-        reading.require_known(bands, {"commands", "wheels"}, f"{where}.bands")
-        plants[name] = PlantProfile(
-            _fill(usual.parameters, section.get("parameters", {}), f"{where}.parameters"),
-            _fill(vehicle, section.get("vehicle", {}), f"{where}.vehicle"),
-            _fill(drive, section.get("drive", {}), f"{where}.drive"),
-            robot,
-            _fill(Localiser(), section.get("localiser", {}), f"{where}.localiser"),
-            {
-                kind: _fill(Band(), values, f"{where}.bands.{kind}")
-                for kind, values in bands.items()
-            },
-        )
+    for plant in (*PLANTS, *(model for model in OWN_MODELS if model in sections)):
+        section = sections.get(plant, {})
+        defaults = replace(_defaults(plant, robot), vehicle=vehicle)
+        drive = _fill(defaults.drive, document.get("drive", {}), "drive")
+        plants[plant] = _parse_plant(replace(defaults, drive=drive), section, f"plants.{plant}")
     name = document.get("name", "unnamed")
     description = document.get("description", "")
     provenance = document.get("provenance", {})
-    for key, value, kind in (
-        ("name", name, str),
-        ("description", description, str),
-        ("provenance", provenance, dict),
-    ):
-        if not isinstance(value, kind):
-            raise ValueError(
-                f"{key} is {reprlib.repr(value)}, wanted {'text' if kind is str else 'a table'}"
-            )
-    fitted_at = (
-        _fill(Pace(), document["fitted_at"], "fitted_at") if "fitted_at" in document else None
-    )
+    for key, value in (("name", name), ("description", description)):
+        if not isinstance(value, str):
+            raise ValueError(f"{key} is {reprlib.repr(value)}, wanted text")
+    if not isinstance(provenance, dict):
+        raise ValueError(f"provenance is {reprlib.repr(provenance)}, wanted a table")
+    fitted_at = None
+    if "fitted_at" in document:
+        fitted_at = _fill(Pace(), document["fitted_at"], "fitted_at")
     return Profile(name, description, plants, provenance, fitted_at)
+
+
+def _parse_plant(common: PlantProfile, section: Mapping[str, Any], where: str) -> PlantProfile:
+    """Return a plant's numbers: those of its section, and the common ones that it does not have."""
+    reading.require_known(section, {*PARTS, "bands"}, where)
+    parts: dict[str, Any] = {}
+    for part in PARTS:
+        parts[part] = _fill(getattr(common, part), section.get(part, {}), f"{where}.{part}")
+    entries = section.get("bands", {})
+    reading.require_known(entries, {"commands", "wheels"}, f"{where}.bands")
+    bands = {kind: _fill(Band(), v, f"{where}.bands.{kind}") for kind, v in entries.items()}
+    return replace(common, bands=bands, **parts)
 
 
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
     """Return a copy of `default` with `values` in place, each of the type its field has."""
-    types = {f.name: type(getattr(default, f.name)) for f in fields(default) if f.name != "robot"}  # type: ignore[arg-type]
+    names = [f.name for f in fields(default) if f.name != "robot"]  # type: ignore[arg-type]
+    types = {name: type(getattr(default, name)) for name in names}
     reading.require_known(values, set(types), where)
     given = {}
     for key, value in values.items():
-        wanted = types[key]
-        if not (isinstance(value, str) if wanted is str else is_number(value)):
-            raise ValueError(
-                f"{where}.{key} is {reprlib.repr(value)}, wanted {'text' if wanted is str else 'a number'}"
-            )
-        given[key] = wanted(value)
+        is_text = types[key] is str
+        if not (isinstance(value, str) if is_text else is_number(value)):
+            kind = "text" if is_text else "a number"
+            raise ValueError(f"{where}.{key} is {reprlib.repr(value)}, wanted {kind}")
+        given[key] = types[key](value)
     try:
         return replace(default, **given)  # type: ignore[type-var]
     except ValueError as error:
@@ -343,9 +340,12 @@ def make_plant(
 ) -> Plant:
     """Return the plant of that name with the profile's numbers.
 
-    Args: profile: the numbers. name: name of the plant. terrain: ground of a simulated plant; the
-        planar models know only level ground of one friction. settings: physics settings of a
-        simulated plant.
+    Args:
+        profile: the numbers.
+        name: name of the plant.
+        terrain: ground of a simulated plant; the planar models know only level ground of one
+            friction.
+        settings: physics settings of a simulated plant.
 
     Raises:
         ProfileError: an unknown name, or numbers that do not go together.

@@ -1,4 +1,7 @@
-"""The numbers of each plant that a fit may move: names, units and default bounds, as they are declared at their fields."""
+"""The numbers of each plant that a fit may move: names, units and default bounds.
+
+They are declared at their fields.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +33,8 @@ class Searchable(Parameter):
 
 
 _DELAY = described(Drive)["delay_v"].search or (0.0, 0.0)
-_EVERY_PLANT = (
-    Searchable("delay", "s", *_DELAY, least=0.0, places=("drive.delay_v", "drive.delay_w")),
+_BOTH_DELAYS = Searchable(
+    "delay", "s", *_DELAY, least=0.0, places=("drive.delay_v", "drive.delay_w")
 )
 """A number that is no single field: one delay for both commands."""
 
@@ -39,14 +42,15 @@ _EVERY_PLANT = (
 def _declared(
     section: str, kind: type, allowed: Container[str], robot: Robot
 ) -> tuple[Searchable, ...]:
-    bounds = {
-        name: (d, d.bounds(robot.sizes)) for name, d in described(kind).items() if name in allowed
-    }
-    return tuple(
-        Searchable(name, d.unit, ends[0], ends[1], d.scale, d.low, d.high, (f"{section}.{name}",))
-        for name, (d, ends) in bounds.items()
-        if ends is not None and all(map(math.isfinite, ends))
-    )
+    """Return the numbers of one part of a plant that have finite default bounds."""
+    out = []
+    for name, d in described(kind).items():
+        bounds = d.bounds(robot.sizes)
+        # the bounds of a limit that is off for this robot are infinite
+        if name in allowed and bounds is not None and all(map(math.isfinite, bounds)):
+            s = Searchable(name, d.unit, *bounds, scale=d.scale, least=d.low, greatest=d.high)
+            out.append(replace(s, places=(f"{section}.{name}",)))
+    return tuple(out)
 
 
 @lru_cache(maxsize=64)
@@ -61,7 +65,7 @@ def searchable(plant: str, robot: Robot) -> tuple[Searchable, ...]:
         *_declared("parameters", kind.parameters, described(kind.parameters), robot),
         *_declared("vehicle", Vehicle, kind.vehicle, robot),
         *_declared("drive", Drive, kind.drive, robot),
-        *_EVERY_PLANT,
+        _BOTH_DELAYS,
         *_declared("localiser", Localiser, described(Localiser), robot),
     )
 
@@ -86,26 +90,27 @@ def make_space(
 ) -> ParameterSpace:
     """Return the space that `names` span, with default bounds or those given.
 
-    Raises: ValueError: an unknown name, bounds for what is not free, one number under two names, or
-        bounds that make no sense.
+    Raises:
+        ValueError: an unknown name, bounds for a number that is not free, one number under two
+            names, or bounds that make no sense.
     """
     chosen = [find(plant, name, robot) for name in names]
     for name in bounds:
         find(plant, name, robot)
         if name not in [s.name for s in chosen]:
             raise ValueError(f"bounds are given for {name}, which is not free")
+    # two names of one number, such as delay and delay_v, would undo each other
     taken: dict[str, str] = {}
     for number in chosen:
         for place in number.places:
             if place in taken:
                 raise ValueError(f"{taken[place]} and {number.name} move the same number")
             taken[place] = number.name
-    limits = [bounds.get(s.name, (s.lower, s.upper)) for s in chosen]
-    return ParameterSpace(
-        tuple(
-            replace(s, lower=low, upper=high) for s, (low, high) in zip(chosen, limits, strict=True)
-        )
-    )
+    parameters = []
+    for s in chosen:
+        lower, upper = bounds.get(s.name, (s.lower, s.upper))
+        parameters.append(replace(s, lower=lower, upper=upper))
+    return ParameterSpace(tuple(parameters))
 
 
 def with_values(
@@ -121,9 +126,8 @@ def with_values(
         for place in find(name, number, plant.robot).places:
             section, _, field = place.partition(".")
             sections[section][field] = float(value)
-    changed = {
-        section: replace(getattr(plant, section), **given)
-        for section, given in sections.items()
-        if given
-    }
+    changed = {}
+    for section, given in sections.items():
+        if given:
+            changed[section] = replace(getattr(plant, section), **given)
     return replace(plant, **changed)

@@ -1,4 +1,7 @@
-"""Simulated robots as plants: MuJoCo's, and ODE's and Drake's with the same numbers as second opinions on it."""
+"""Simulated robots as plants: MuJoCo's, and those of other engines as second opinions on it.
+
+ODE and Drake have the same numbers.
+"""
 
 from __future__ import annotations
 
@@ -26,24 +29,34 @@ _ENGINES: dict[str, Callable[[RigidNumbers], EngineBody]] = {
     "ode": lambda numbers: OdeBody(numbers, OdeSettings()),
     "drake": DrakeBody,
 }
-"""For each other engine, what builds the robot in it with the best settings that were found."""
+"""Function of each other engine that builds the robot in it, with the best settings found."""
 _COLOURS = {"mujoco": "#e69f00", "ode": "#8c510a", "drake": "#35978f"}  # amber: the Husky is yellow
 
 
 def declare(name: str) -> PlantKind:
-    """Return the declaration of an engine's robot; an engine besides MuJoCo is loaded when its robot is built."""
+    """Return the declaration of an engine's robot.
+
+    An engine besides MuJoCo is loaded when its robot is built.
+    """
 
     def build(
         section: PlantProfile, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED
     ) -> Plant:
+        numbers = section.parameters
         if name == "mujoco":
-            return MujocoPlant(
-                section.parameters, section.drive, terrain=terrain, settings=settings
-            )
-        return EnginePlant(name, _ENGINES[name], section.parameters, section.drive, terrain)
+            return MujocoPlant(numbers, section.drive, terrain=terrain, settings=settings)
+        return EnginePlant(name, _ENGINES[name], numbers, section.drive, terrain)
 
     population = partial(OneByOne, build)
     return PlantKind(
-        name, Calibration, Calibration.of, build, population, _FREE,
-        colour=_COLOURS[name], usual_drive=lambda robot: robot.motor_drive, together=False, torques=True,
-    )  # fmt: skip
+        name,
+        Calibration,
+        Calibration.of,
+        build,
+        population,
+        _FREE,
+        colour=_COLOURS[name],
+        usual_drive=lambda robot: robot.motor_drive,
+        together=False,
+        torques=True,
+    )

@@ -1,8 +1,7 @@
-"""The table of plants. A new engine is a module and a line here; planar models come by themselves."""
+"""The table of plants: an engine is a name here, and a planar model comes with its law."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -13,18 +12,13 @@ from ssmr.models.law import OWN_MODELS, PLANAR_MODELS, PlanarLaw
 if TYPE_CHECKING:
     from validation.plants.kind import PlantKind
 
-_SIMULATED: Mapping[str, str] = {
-    "mujoco": "validation.plants.simulated",
-}
-"""Module of each simulated plant, whose function `declare` declares it; imported when the plant is
-first used."""
 
-SIMULATED = tuple(_SIMULATED)
+SIMULATED = ("mujoco",)
 """Plants that are simulated in space: they stand on terrain and obey physics settings."""
 STANDARD = SIMULATED[0]
 """The plant that stands for the robot where the user names none."""
 USUAL_PLANTS = (*SIMULATED, *PLANAR_MODELS)
-"""Plants that programs drive unless told otherwise, in the order of tables."""
+"""Plants that programs drive by default, in the order of tables."""
 PLANTS = (*USUAL_PLANTS, "four_wheel")
 """Names of the plants that profiles hold numbers of, in the order of tables."""
 SECOND_OPINIONS = ("ode", "drake")
@@ -40,7 +34,9 @@ def known_plants() -> tuple[str, ...]:
 
 
 def add_model(law: PlanarLaw) -> None:
-    """Make a planar model of the user's own a plant of this process, in the place of an earlier one of its name.
+    """Make a planar model of the user's own a plant of this process.
+
+    It takes the place of an earlier one of its name.
 
     Raises:
         ValueError: the name is a shipped plant's, or none.
@@ -49,6 +45,7 @@ def add_model(law: PlanarLaw) -> None:
         raise ValueError(
             f"a model cannot be named '{law.name}'; take another name than {', '.join(ALL_PLANTS)}"
         )
+    # compiled loops that call the user's law are not kept on disk, as its file may change
     stop_saving()
     OWN_MODELS[law.name] = law
     plant_kind.cache_clear()
@@ -63,8 +60,8 @@ def plant_kind(name: str) -> PlantKind:
     """
     if name not in known_plants():
         raise ValueError(f"unknown plant '{name}'; there are: {', '.join(known_plants())}")
-    others = dict.fromkeys(SECOND_OPINIONS, "validation.plants.simulated")
-    kind: PlantKind = import_module(
-        {**_SIMULATED, **others}.get(name, "validation.plants.planar")
-    ).declare(name)
+    module = "validation.plants.planar"
+    if name in (*SIMULATED, *SECOND_OPINIONS):
+        module = "validation.plants.simulated"
+    kind: PlantKind = import_module(module).declare(name)
     return kind

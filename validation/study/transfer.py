@@ -31,7 +31,7 @@ from validation.bench.loops import (
     make_controller,
     make_robot,
     run_robots,
-    within_reach,
+    slowed_to_feasible,
 )
 from validation.bench.tracked import track_metrics
 from validation.bench.waypoint_files import REFERENCES, split_speed
@@ -134,7 +134,7 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Way
         if name not in REFERENCES:
             raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}")
         for speed in _USUAL_SPEEDS[-1 if o.quick else 0 :] if own is None else (own,):
-            slowed = within_reach(REFERENCES[name](speed), robot, PRACTICABLE)
+            slowed = slowed_to_feasible(REFERENCES[name](speed), robot, PRACTICABLE)
             missions.setdefault((name, round(slowed.speed, 3)), slowed)
     return [(name, waypoints) for (name, _), waypoints in missions.items()]
 

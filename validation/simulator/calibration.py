@@ -14,7 +14,8 @@ from validation.simulator.description import WHEELS, Robot, WheelShape
 class Calibration:
     """The numbers of a MuJoCo robot that a fit may move.
 
-    Its motors are a `ssmr.Drive`, as for every plant. `Calibration.of(robot)` has those of the robot's file.
+    Its motors are a `ssmr.Drive`, as for every plant. `Calibration.of(robot)` has the numbers of
+    the robot's file.
     """
 
     robot: Robot
@@ -90,7 +91,7 @@ class Calibration:
     the weight x radius."""
 
     def __post_init__(self) -> None:
-        """Check the ranges, the room for the tyres, the wheel shape, and the friction it can have."""
+        """Check ranges, room for the tyres, and whether the wheel shape can have the friction."""
         check_parameters(self)
         most = 0.1 * self.wheel_radius
         require_in_range(self, "radius_difference", -most, most)

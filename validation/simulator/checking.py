@@ -9,10 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ssmr.robot.ground import FRONT, LEFT, SkidTurn, turn_on_the_spot
-from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import GRAVITY, ROTOR_SHARE, WHEELS, Robot
+from validation.simulator.description import (
+    GRAVITY,
+    ROTOR_SHARE,
+    WHEELS,
+    Robot,
+    Vector3,
+    free_drive,
+)
 from validation.simulator.health import apparent_mass
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, closed_form, measure_spin, spin
@@ -20,28 +26,45 @@ from validation.simulator.turning import SAMPLE, SPIN_LEAD, closed_form, measure
 MULTIPLIER_LIMIT = 0.02
 """Deviation of the multiplier from its closed form that a robot may have [1]."""
 DRIVER_LIMIT = 0.25
-"""Deviation of the body's yaw rate from the commanded one that is not worth a word [1]."""
+"""Deviation of the body's yaw rate from the commanded one that raises no question [1]."""
 DENSITIES = (30.0, 6000.0)
 """Masses a cubic metre of hull between which robots are [kg/m³]: an empty box of sheet, and steel
 that fills most of it."""
 MOST_SPARE = 100.0
 """Torque of motors over what turns the robot on the spot on ground of friction 1, beyond which it
 is asked about [1]."""
+_MEASURABLE = (
+    "geometry.wheelbase",
+    "geometry.track",
+    "geometry.wheel_radius",
+    "geometry.wheel_width",
+    "geometry.body_size",
+    "mass.total",
+    "mass.wheel",
+    "mass.wheel_inertia",
+    "mass.com",
+    "mass.inertia",
+    "simulation.friction",
+    "simulation.gain",
+    "simulation.armature",
+    "drive.torque_limit",
+)
+"""Numbers of a robot that one can measure or look up, `section.key`."""
 _RIM_SPEED = 0.13
 """Speed of the rims in the measured turn over sqrt(g r) [1]: slow enough for mechanics without
-inertia, and alike for robots of every size (Froude's similarity)."""
+inertia, and similar for robots of every size (Froude's similarity)."""
 _TURNS = 2.2
 """Turns that mechanics expects in the measured time [1]; the motors lag a little behind."""
 _STIFF_TIME = 2e-4
 """Time constant of the measuring motors [s]: a seventieth of what robots have. Wheels that have a
-motor each, of which one skids and the other rolls, then turn alike to within half a percent."""
+motor each, of which one skids and the other rolls, then turn equally to within half a percent."""
 _STAND_TIME = 2.0
 """Time for which the robot stands before its loads are read [s]; the simulator has let it settle
 before."""
 
 
 # ----------------------------------------------------------------------------- by mechanics
-def whole_com(robot: Robot) -> tuple[float, float, float]:
+def whole_com(robot: Robot) -> Vector3:
     """Return the centre of mass of the whole robot, wheels included, in the base frame [m]."""
     share = robot.base_mass / robot.masses.total
     x, y, z = robot.masses.com
@@ -51,7 +74,8 @@ def whole_com(robot: Robot) -> tuple[float, float, float]:
 def load_shares(robot: Robot) -> FloatArray:
     """Return the (4,) wheel loads over the weight [1] on equal springs and level ground.
 
-    They are in the order of `WHEELS`. A negative one says that the robot would fall over that wheel's opposite.
+    They are in the order of `WHEELS`. A negative one says that the robot would fall over that
+    wheel's opposite.
     """
     x, y, _ = whole_com(robot)
     ahead = x * FRONT / (0.5 * robot.geometry.wheelbase)
@@ -61,7 +85,7 @@ def load_shares(robot: Robot) -> FloatArray:
 
 
 def spot_turn(robot: Robot) -> SkidTurn | None:
-    """Return the quasi-static turn on the spot of a robot; None where its wheels do not carry it."""
+    """Return a robot's quasi-static turn on the spot; None where its wheels do not carry it."""
     if load_shares(robot).min() < 0.0:
         return None
     g = robot.geometry
@@ -162,15 +186,7 @@ def _slow_spin(calibration: Calibration) -> dict[str, float]:
     multiplier = min(closed_form(calibration).multiplier, 10.0)
     turn_time = _TURNS * 2.0 * math.pi * multiplier / rate
     seconds = 0.05 * math.ceil((SPIN_LEAD + turn_time) / 0.05)
-    free = Drive(
-        v_max=math.inf,
-        w_max=math.inf,
-        delay_v=0.0,
-        delay_w=0.0,
-        command_half_track=half_track,
-        command_radius=radius,
-        torque_limit=math.inf,
-    )
+    free = free_drive(calibration.robot.geometry)
     motion = spin(MujocoPlant(stiff, free), seconds, rate)
     return measure_spin(motion, stiff)
 
@@ -201,12 +217,7 @@ def guessed(robot: Robot) -> list[str]:
 
     Each is a key `section.name`.
     """
-    lengths = ("wheelbase", "track", "wheel_radius", "wheel_width", "body_size")
-    masses = ("total", "wheel", "wheel_inertia", "com", "inertia")
-    keys = [f"geometry.{name}" for name in lengths]
-    keys += [f"mass.{name}" for name in masses]
-    keys += ["simulation.friction", "simulation.gain", "simulation.armature", "drive.torque_limit"]
-    return [key for key in keys if robot.source(key)[0] == "assumed"]
+    return [key for key in _MEASURABLE if robot.source(key)[0] == "assumed"]
 
 
 def _parts_faults(robot: Robot) -> Iterator[str]:

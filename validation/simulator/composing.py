@@ -13,7 +13,7 @@ from mujoco import mjtGeom, mjtObj, mjtSensor
 
 from validation.files import reading
 from validation.simulator import foreign
-from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, models_folder
+from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, Vector3, models_folder
 from validation.simulator.motors import add_integral_parts
 from validation.simulator.physics import Impedance
 
@@ -38,7 +38,7 @@ _METAL = [0.6, 0.61, 0.63, 1.0]
 
 
 def contact_settings(robot: Robot) -> tuple[tuple[float, float], Impedance]:
-    """Return `solref` and `solimp` of the tyres' contact with the ground; they follow from the radius."""
+    """Return `solref` and `solimp` of the tyres' contact, which follow from the wheels' radius."""
     radius = robot.geometry.wheel_radius
     solref = (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0)
     solimp = (*IMPEDANCE, CONTACT_DEPTH * radius, 0.5, 2.0)
@@ -128,7 +128,7 @@ def _add_motor(spec: mujoco.MjSpec, motor: str, wheels: tuple[str, ...]) -> None
     servo.set_to_velocity(kv=1.0)
 
 
-def wheel_places(robot: Robot) -> dict[str, tuple[float, float, float]]:
+def wheel_places(robot: Robot) -> dict[str, Vector3]:
     """Return the middles of the wheels in the base frame [m], by wheel."""
     g = robot.geometry
     half_base = 0.5 * g.wheelbase
@@ -206,7 +206,7 @@ def _add_hull(base: Any, robot: Robot) -> None:
     base.add_geom(name="nose", pos=ahead, **_look(mjtGeom.mjGEOM_BOX, nose, _METAL))
 
 
-def _add_wheel(base: Any, robot: Robot, wheel: str, place: tuple[float, float, float]) -> None:
+def _add_wheel(base: Any, robot: Robot, wheel: str, place: Vector3) -> None:
     """Add a wheel: its joint, the tyre that touches the ground, the site of its load, its looks."""
     radius = robot.geometry.wheel_radius
     half = 0.5 * robot.geometry.wheel_width

@@ -35,6 +35,8 @@ Link = Literal["belt", "none"]
 """Links between the wheels of a side."""
 WheelShape = Literal["ellipsoid", "cylinder", "capsule"]
 """Contact shapes of tyres."""
+Vector3 = tuple[float, float, float]
+"""Coordinates or moments of inertia along x, y and z."""
 GRADES = ("measured", "datasheet", "published", "fitted", "assumed")
 """Grades of the source of a number, best first."""
 _MOST_WORDS = 2000
@@ -86,12 +88,12 @@ class Geometry:
     """Width of the tyres [m]."""
     axle_height: float = parameter(0.0, unit="m", low=-5.0, high=5.0)
     """Height of the axles above the base frame's origin [m]."""
-    body_size: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    body_size: Vector3 = (0.0, 0.0, 0.0)
     """Length, width and height of the hull [m]; what is 0 is estimated so that the hull fits
     between the tyres."""
-    body_centre: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    body_centre: Vector3 = (math.nan, math.nan, math.nan)
     """Middle of the hull in the base frame [m]; above the axles if not given."""
-    imu: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    imu: Vector3 = (math.nan, math.nan, math.nan)
     """Place of the IMU in the base frame [m]; the middle of the hull if not given."""
     link: Link = "belt"
     """Link between the wheels of a side: `belt`, they turn together and have one motor; `none`,
@@ -124,8 +126,8 @@ class Geometry:
     def turning_half_track(self) -> float:
         """Half the difference of the rims' speeds over the yaw rate in a turn on the spot [m].
 
-        Friction is dry. With the centre of mass in the middle and one contact point a tyre, `ssmr.robot.ground` has
-        this closed form: half-track (1 + (wheelbase / track)^2).
+        Friction is dry. With the centre of mass in the middle and one contact point a tyre,
+        `ssmr.robot.ground` has this closed form: half-track (1 + (wheelbase / track)^2).
         """
         return 0.5 * self.track * (1.0 + (self.wheelbase / self.track) ** 2)
 
@@ -154,10 +156,10 @@ class Masses:
     wheel_inertia: tuple[float, float] = (0.0, 0.0)
     """Moments of inertia of a wheel about a diameter and about its axle [kg m2]; 0: estimated from
     its size and mass."""
-    com: tuple[float, float, float] = (0.0, 0.0, math.nan)
+    com: Vector3 = (0.0, 0.0, math.nan)
     """Centre of mass of the base without wheels, in the base frame [m]; z is at half of the hull's
     height if not given."""
-    inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: Vector3 = (0.0, 0.0, 0.0)
     """Moments of inertia of the base without wheels about its centre of mass [kg m2]; 0: those of a
     box like the hull."""
 
@@ -283,7 +285,7 @@ class Robot:
 
     @cached_property
     def sizes(self) -> Mapping[str, float]:
-        """The sizes of which bounds of fits are multiples (`ssmr.parameters.Declaration.of`) [SI]."""
+        """The sizes of which fits' bounds are multiples, `ssmr.parameters.Declaration.of` [SI]."""
         g = self.geometry
         s = self.simulation
         return {  # no proxy: a robot travels to other processes
@@ -400,7 +402,7 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     geometry = Geometry(**given["geometry"])
     masses = _complete_masses(Masses(**given["mass"]), geometry)
     simulation = _complete_simulation(Simulation(**given["simulation"]), masses.total, geometry)
-    drive = Drive(**{**_drive_defaults(geometry), **given["drive"]})
+    drive = replace(free_drive(geometry), **given["drive"])
     texts["mjcf"] = _mjcf_path(texts["mjcf"], folder)
     parts = {"geometry": geometry, "mass": masses, "simulation": simulation, "drive": drive}
     robot = Robot(
@@ -426,17 +428,17 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     return replace(robot, vehicle=Vehicle(**{**planar, **given["vehicle"]}))
 
 
-def _drive_defaults(geometry: Geometry) -> dict[str, float]:
-    """Return the numbers of a drive of which a robot's file says nothing: no delay and no limit."""
-    return {
-        "delay_v": 0.0,
-        "delay_w": 0.0,
-        "command_half_track": 0.5 * geometry.track,
-        "command_radius": geometry.wheel_radius,
-        "torque_limit": math.inf,
-        "v_max": math.inf,
-        "w_max": math.inf,
-    }
+def free_drive(geometry: Geometry) -> Drive:
+    """Return motors without limits and delays, which a file's drive changes."""
+    return Drive(
+        v_max=math.inf,
+        w_max=math.inf,
+        delay_v=0.0,
+        delay_w=0.0,
+        command_half_track=0.5 * geometry.track,
+        command_radius=geometry.wheel_radius,
+        torque_limit=math.inf,
+    )
 
 
 def _mjcf_path(text: str, folder: Path) -> str:
@@ -478,8 +480,8 @@ def _complete_masses(masses: Masses, geometry: Geometry) -> Masses:
         """Return the moment of inertia of a box with these sides across the axis."""
         return base * (p * p + q * q) / 12.0
 
-    return Masses(
-        total=masses.total,
+    return replace(
+        masses,
         wheel=wheel,
         wheel_inertia=(masses.wheel_inertia[0] or across, masses.wheel_inertia[1] or spin),
         com=(x, y, geometry.body_centre[2] if math.isnan(z) else z),

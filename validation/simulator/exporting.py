@@ -14,7 +14,7 @@ from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads noth
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import wheel_places
-from validation.simulator.description import SIDES, WHEELS, Robot
+from validation.simulator.description import SIDES, WHEELS, Robot, Vector3
 from validation.simulator.model import adjust, on_ground, pair_with_ground
 
 _ENDLESS = 1e16
@@ -170,7 +170,7 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
 
 
 def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: float = 1.0) -> str:
-    """Return parameters of ros2_control's `diff_drive_controller` that make a robot turn as commanded.
+    """Return parameters of ros2_control's `diff_drive_controller`; the robot turns as commanded.
 
     The controller asks the sides for the rates (v -+ multiplier separation / 2 omega) / (left or
     right radius).
@@ -205,10 +205,11 @@ def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: f
     return text
 
 
-def _wheel_moments(robot: Robot) -> tuple[float, float, float]:
+def _wheel_moments(robot: Robot) -> Vector3:
     across, spin = robot.masses.wheel_inertia
     return across, spin, across
 
 
 def _row(numbers: Iterable[float]) -> str:
+    """Return the text of numbers, with all their digits."""
     return " ".join(repr(float(number)) for number in numbers)

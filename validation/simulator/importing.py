@@ -237,7 +237,7 @@ def _plain_joints(root: ElementTree.Element) -> list[ElementTree.Element]:
 
 
 def _motorised(root: ElementTree.Element) -> set[str | None]:
-    """Return the names of the joints that have a transmission, or a command interface of ros2_control."""
+    """Return the joints that have a transmission, or a command interface of ros2_control."""
     names = set()
     for owner in root.findall("transmission"):
         names |= {joint.get("name") for joint in owner.iter("joint")}
@@ -342,8 +342,8 @@ class _Import:
                 up = model.body_jntadr[body]
                 if up >= 0 and abs(axes[up, 2]) > _UPRIGHT:
                     raise ValueError(
-                        f"wheel '{self._names([j])}' can be steered by joint '{self._names([up])}'; "
-                        "the wheels of a skid-steering robot cannot"
+                        f"wheel '{self._names([j])}' can be steered by joint "
+                        f"'{self._names([up])}'; the wheels of a skid-steering robot cannot"
                     )
         return four
 
@@ -439,7 +439,7 @@ class _Import:
         return max(sizes, key=lambda size: float(size[0]), default=None)
 
     def _tensor(self, body: int) -> FloatArray:
-        """Return the (3, 3) inertia of a body about its centre of mass, in the first link's axes."""
+        """Return a body's (3, 3) inertia about its centre, along the first link's axes [kg m2]."""
         turn = self.data.ximat[body].reshape(3, 3)
         return np.asarray(turn @ np.diag(self.model.body_inertia[body]) @ turn.T)
 

@@ -33,7 +33,8 @@ class MujocoBodies:
     ) -> None:
         """Make room for robots that move as `plants` do, several of which may be one.
 
-        They share `workers` threads. `place` puts each on its ground, which is done here if a `state` is given.
+        They share `workers` threads. `place` puts each on its ground, which is done here if a
+        `state` is given.
 
         Raises:
             ValueError: several time steps, terrains or shapes of tyre.

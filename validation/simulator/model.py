@@ -173,7 +173,7 @@ def base_inertia(calibration: Calibration) -> FloatArray:
 
 
 def static_shares(calibration: Calibration) -> FloatArray:
-    """Return the (4,) wheel loads over the weight [1] on four equal, stiff springs and level ground."""
+    """Return the (4,) wheel loads over the weight [1] on equal, stiff springs and level ground."""
     # wheels balance one another
     share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass
     x = share * calibration.com_x / (0.5 * calibration.robot.geometry.wheelbase)

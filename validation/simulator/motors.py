@@ -1,8 +1,8 @@
-"""The motors of `ssmr.robot.drive` inside MuJoCo, of its own actuators alone: a model moves and is exported as it is.
+"""The motors of `ssmr.robot.drive` inside MuJoCo, made of its own actuators alone.
 
-A motor's torque is the sum of two actuators, which both take the wanted wheel rate: `<velocity>` is
-the proportional part K_P e, and `<intvelocity>` is the integral part, a spring of stiffness K_I
-between the wheel and the angle to which the wanted rate adds up. The other end of that spring is a
+So a model is exported as it moves. A motor's torque is the sum of two actuators, which both take
+the commanded wheel rate: `<velocity>` is the proportional part K_P e, and `<intvelocity>` is the
+integral part, a spring of stiffness K_I between the wheel and the angle to which that rate adds up. The other end of that spring is a
 slip: a light joint of its own which gives way at a rate in proportion to the spring's torque y, so
 that y leaks,
 
@@ -50,7 +50,7 @@ _TENDON = mujoco.mjtTrn.mjTRN_TENDON
 
 
 def add_integral_parts(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Add the integral parts of a robot's motors; `set_motors` sets their numbers on the compiled model."""
+    """Add the integral parts of a robot's motors; `set_motors` sets their numbers."""
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
     tiny = {"mass": 1e-9, "ipos": [0.0] * 3, "inertia": [1e-9] * 3, "explicitinertial": True}
     slips = spec.worldbody.add_body(name="slips", **tiny)
@@ -65,7 +65,7 @@ def add_integral_parts(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
-    """Return the (..., nu) inputs of all actuators for (..., 2) wheel-rate references [rad/s] of the left and right side."""
+    """Return the (..., nu) inputs of all actuators for (..., 2) wheel rates of the sides [rad/s]."""
     return np.concatenate([references] * (model.nu // len(SIDES)), axis=-1)
 
 
@@ -98,8 +98,8 @@ def set_motors(
         gain = share * calibration.gain
         model.actuator_gainprm[index, 0] = gain
         model.actuator_biasprm[index, :3] = 0.0, 0.0, share * motor.braking - gain
-        # No sum with the integral part is changed by this, and MuJoCo is told where the feedback
-        # does not work.
+        # This bound changes no sum with the integral part, and MuJoCo learns from it where the
+        # feedback does not work.
         bounded = limited and too_light
         far = _FAR if drive.integral_gain > 0.0 else 1.0
         bound = far * share * motor.limit if bounded else 0.0
@@ -112,7 +112,10 @@ def set_motors(
 def _set_integral_part(
     model: mujoco.MjModel, motor: str, share: float, light: float, drive: Drive
 ) -> None:
-    """Set the spring and the slip of a motor that has a share of a side, whose wheels and rotors have an inertia [kg m2]."""
+    """Set spring and slip of a motor with a share of a side.
+
+    `light` is the inertia of the side's wheels and rotors [kg m2].
+    """
     dt = float(model.opt.timestep)
     stiffness = share * drive.integral_gain
     index = model.actuator(f"{motor}_integral").id
@@ -123,11 +126,11 @@ def _set_integral_part(
     # Friction of impedance d that stops the rate at the end of the step is a damper of d / (1 - d)
     # inertia / dt.
     softest = 1.0 - _STIFFEST
-    wanted = min(share * drive.dc_stiffness * dt, inertia / softest)
-    impedance = min(max(round(wanted / (wanted + inertia), 4), softest), _STIFFEST)
+    damping = min(share * drive.dc_stiffness * dt, inertia / softest)
+    impedance = min(max(round(damping / (damping + inertia), 4), softest), _STIFFEST)
     # a file has six digits: few of 1 - d, but enough of an inertia that goes with a d of four
     if impedance < _STIFFEST:
-        inertia = wanted * (1.0 - impedance) / impedance
+        inertia = damping * (1.0 - impedance) / impedance
     model.dof_armature[dof] = inertia
     model.dof_damping[dof] = SLIP_DAMPING * math.sqrt(stiffness * inertia)
     model.dof_frictionloss[dof] = min(2.0 * share * drive.torque_limit, _NO_LIMIT)

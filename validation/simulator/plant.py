@@ -221,9 +221,9 @@ class MujocoPlant:
         return self._last
 
     def imu(self) -> tuple[FloatArray, FloatArray]:
-        """Return angular velocity [rad/s] and specific force [m/s2] at the IMU, (3,) along its axes.
+        """Return (3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU.
 
-        The force is that under the last step's inputs; reading it changes nothing.
+        Both are along its axes. The force is that under the last step's inputs; reading it changes nothing.
         """
         model = self.model
         site = model.site("imu").id
@@ -272,7 +272,7 @@ class MujocoPlant:
             DivergedError: the simulator gave up.
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
-        steps = commands.n * self._steps_of(commands)
+        steps = self._steps_of(commands)
         spec = mujoco.mjtState.mjSTATE_CTRL
         if disturbance is not None:
             if len(disturbance) != steps:
@@ -307,18 +307,19 @@ class MujocoPlant:
         return replace(motion, channels=channels)
 
     def _steps_of(self, commands: Commands) -> int:
-        """Return the number of physics steps of a command."""
-        return whole_steps(commands.dt, self.dt, "the command period")
+        """Return the number of physics steps of all commands."""
+        return commands.n * whole_steps(commands.dt, self.dt, "the command period")
 
     def _inputs(
         self, commands: Commands, state: State, disturbance: FloatArray | None
     ) -> Iterator[FloatArray]:
         """Yield the inputs of chunks of physics steps.
 
-        These are inputs of all actuators and, with a disturbance, forces on all joints. There is one step more, with the last inputs but undisturbed: its sensors are those at the
+        These are inputs of all actuators and, with a disturbance, forces on all joints.
+        There is one step more, with the last inputs but undisturbed: its sensors are those at the
         end.
         """
-        steps = commands.n * self._steps_of(commands)
+        steps = self._steps_of(commands)
         if commands.kind == "wheels":
             chunks = self._leading_references(commands, state)
         else:
@@ -343,7 +344,7 @@ class MujocoPlant:
         h (wanted - w) / (T + n h). Here n is the share of its feedback that implicitfast keeps,
         which drops what couples wheels: one over the number of wheels that the motor turns.
         """
-        steps = commands.n * self._steps_of(commands)
+        steps = self._steps_of(commands)
         middles = (np.arange(commands.n) + 0.5) * commands.dt
         lead = PRESCRIBED_LAG + self.model.nu / len(WHEELS) - 1.0
         last = np.array([state.wheel_left, state.wheel_right])

@@ -50,10 +50,10 @@ class Terrain:
         return np.array([x, y, down])
 
     def gravity_in_body(self, yaw: FloatArray, g: float) -> FloatArray:
-        """Return (M, 3) gravity [m/s2] along the axes of a robot with (M,) headings on the ground."""
-        x, y, z = self.gravity(g)
-        along = rotate_world_to_body([x, y], yaw)
-        return np.column_stack([along, np.full(len(yaw), z)])
+        """Return (M, 3) gravity [m/s2] along the axes of a robot with (M,) headings."""
+        world = self.gravity(g)
+        along = rotate_world_to_body(world[:2], yaw)
+        return np.column_stack([along, np.full(len(yaw), world[2])])
 
     @property
     def spec(self) -> str:

@@ -109,7 +109,7 @@ def spin(plant: Plant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> T
 
 
 def closed_form(
-    calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    calibration: Calibration, shift: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 ) -> SkidTurn:
     """Return the turn on the spot by mechanics, with the robot's centre of mass and wheels.
 
@@ -133,7 +133,7 @@ def closed_form(
         y=share * calibration.com_y,
         ratio=calibration.friction_ratio,
         half_width=half_width,
-        shift=(shift[0], shift[1], shift[2], shift[3]),
+        shift=shift,
     )
 
 

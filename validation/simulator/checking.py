@@ -165,8 +165,7 @@ def _standing_loads(plant: MujocoPlant) -> tuple[float, ...]:
     period = plant.dt * max(round(SAMPLE / plant.dt), 1)
     zeros = np.zeros((round(_STAND_TIME / period), 2))
     standing = plant.run(Commands(period, zeros), State(), period)
-    second_half = slice(len(standing.t) // 2, None)
-    loads = standing.channels["wheel_load_N"][second_half].mean(axis=0)
+    loads = standing.channels["wheel_load_N"][len(standing.t) // 2 :].mean(axis=0)
     return tuple(map(float, loads))
 
 

@@ -29,8 +29,8 @@ CONTACT_DEPTH = 0.030285
 a Husky."""
 CONTACT_TIME = 0.15417
 """Time constant of the contact over sqrt(wheel radius / g) [1]; 20 ms for a Husky. With depths that
-grow as the radius and times that grow as its root, robots of one shape move alike whatever their
-size (Froude's similarity)."""
+grow as the radius and times that grow as its root, robots of one shape move in the same way
+whatever their size (Froude's similarity)."""
 _HULL = [0.98, 0.76, 0.05, 1.0]
 _DARK = [0.13, 0.13, 0.14, 1.0]
 _RUBBER = [0.11, 0.11, 0.12, 1.0]
@@ -57,9 +57,12 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
     """
     g = robot.geometry
     m = robot.masses
-    across, spin = m.wheel_inertia
-    _require_rigid("inertia", m.inertia, m.inertia)
-    _require_rigid("wheel_inertia", m.wheel_inertia, (across, spin, across))
+    for key, moments in (("inertia", m.inertia), ("wheel_inertia", m.wheel_moments)):
+        if 2.0 * max(moments) > sum(moments):
+            raise ValueError(
+                f"mass.{key} {list(getattr(m, key))} kg m2 is that of no rigid body: "
+                "about no axis can it be more than about the two others together"
+            )
     if robot.mjcf:
         return _hand_made(robot)
     spec = mujoco.MjSpec()
@@ -67,8 +70,9 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
     spec.compiler.degree = False
     spec.compiler.inertiafromgeom = False
     _set_options(spec.option, robot.simulation.timestep)
-    at = [0, 0, g.base_height]
-    base = _add_body(spec.worldbody, "base", at, robot.base_mass, m.com, m.inertia)
+    base = _add_body(
+        spec.worldbody, "base", [0, 0, g.base_height], robot.base_mass, m.com, m.inertia
+    )
     base.add_freejoint(name="root")
     mark = {"size": [0.01, 0.005, 0.005], "group": 4}
     base.add_site(name="reference", pos=[0, 0, -g.base_height], **mark)
@@ -83,15 +87,6 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
     add_integral_parts(spec, robot)
     _add_sensors(spec)
     return spec
-
-
-def _require_rigid(key: str, numbers: tuple[float, ...], moments: tuple[float, ...]) -> None:
-    """Raise a ValueError if no rigid body has three principal moments [kg m2]."""
-    if 2.0 * max(moments) > sum(moments):
-        raise ValueError(
-            f"mass.{key} {list(numbers)} kg m2 is that of no rigid body: "
-            "about no axis can it be more than about the two others together"
-        )
 
 
 def _set_options(option: Any, timestep: float) -> None:
@@ -143,12 +138,11 @@ def wheel_places(robot: Robot) -> dict[str, Vector3]:
 
 def _hand_made(robot: Robot) -> mujoco.MjSpec:
     """Return the robot's hand-made MJCF, which has all the names that the programs look for."""
-    folder = models_folder()
-    path = folder / robot.mjcf
+    path = models_folder() / robot.mjcf
     try:
         text = reading.read_text(path, foreign.MOST_BYTES)
         # those that come with the package need no trial in a child process, and bring no files
-        files = {} if path.parent == folder else foreign.tried_files(text, path.parent)
+        files = {} if path.parent == models_folder() else foreign.tried_files(text, path.parent)
         spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
     except ValueError as error:
         reason = " ".join(str(error).split())
@@ -210,9 +204,9 @@ def _add_wheel(base: Any, robot: Robot, wheel: str, place: Vector3) -> None:
     """Add a wheel: its joint, the tyre that touches the ground, the site of its load, its looks."""
     radius = robot.geometry.wheel_radius
     half = 0.5 * robot.geometry.wheel_width
-    across, spin = robot.masses.wheel_inertia
+    masses = robot.masses
     solref, solimp = contact_settings(robot)
-    body = _add_body(base, wheel, place, robot.masses.wheel, [0, 0, 0], [across, spin, across])
+    body = _add_body(base, wheel, place, masses.wheel, [0, 0, 0], masses.wheel_moments)
     body.add_joint(name=f"{wheel}_wheel", axis=[0, 1, 0], armature=robot.simulation.armature)
     body.add_geom(
         name=f"{wheel}_tire",

@@ -173,6 +173,12 @@ class Masses:
                     f"{name} is {getattr(self, name)}, must be numbers from {low:g} to 1e+06"
                 )
 
+    @property
+    def wheel_moments(self) -> Vector3:
+        """Moments of inertia of a wheel about the axes x, y and z [kg m2]."""
+        across, spin = self.wheel_inertia
+        return across, spin, across
+
 
 @dataclass(frozen=True)
 class Simulation:
@@ -370,8 +376,6 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
         )
     try:
         robot = parse_robot(reading.read_toml(path), path.parent)
-    except RobotError:
-        raise
     except ValueError as error:
         raise RobotError(f"robot {name}: {error}") from error
     if name in shipped:

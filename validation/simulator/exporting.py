@@ -14,7 +14,7 @@ from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads noth
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import wheel_places
-from validation.simulator.description import SIDES, WHEELS, Robot, Vector3
+from validation.simulator.description import SIDES, WHEELS, Robot
 from validation.simulator.model import adjust, on_ground, pair_with_ground
 
 _ENDLESS = 1e16
@@ -49,8 +49,7 @@ def urdf_text(robot: Robot) -> str:
     ) -> str:
         ixx, iyy, izz = map(repr, moments)
         inertia = e("inertia", ixx=ixx, ixy="0", ixz="0", iyy=iyy, iyz="0", izz=izz)
-        weight = e("mass", value=repr(mass))
-        inertial = e("inertial", e("origin", xyz=_row(com)), weight, inertia)
+        inertial = e("inertial", e("origin", xyz=_row(com)), e("mass", value=repr(mass)), inertia)
         return e("link", inertial, e("visual", *shape), e("collision", *shape), name=name)
 
     def joint(name: str, kind: str, child: str, at: Iterable[float], *axis: str) -> str:
@@ -58,8 +57,7 @@ def urdf_text(robot: Robot) -> str:
         return e("joint", *ends, e("origin", xyz=_row(at)), *axis, name=name, type=kind)
 
     origin = (0.0, 0.0, 0.0)
-    box = e("box", size=_row(g.body_size))
-    hull = e("origin", xyz=_row(g.body_centre)), e("geometry", box)
+    hull = e("origin", xyz=_row(g.body_centre)), e("geometry", e("box", size=_row(g.body_size)))
     drum = e("cylinder", radius=repr(g.wheel_radius), length=repr(g.wheel_width))
     tyre = e("origin", xyz="0 0 0", rpy=_row(_LYING)), e("geometry", drum)
     axis = e("axis", xyz="0 1 0")
@@ -72,7 +70,7 @@ def urdf_text(robot: Robot) -> str:
     ]
     for wheel, place in wheel_places(robot).items():
         name = f"{wheel}_wheel_link"
-        parts.append(link(name, m.wheel, origin, _wheel_moments(robot), *tyre))
+        parts.append(link(name, m.wheel, origin, m.wheel_moments, *tyre))
         parts.append(joint(f"{wheel}_wheel_joint", "continuous", name, place, axis))
     return e("robot", *parts, name=robot.name)
 
@@ -127,7 +125,7 @@ def sdf_text(robot: Robot) -> str:
         pose = e("pose", f"{_row(place)} 0 0 0", relative_to="base_link")
         name = f"{wheel}_wheel_link"
         shapes = seen_and_hit(name, tyre, grip)
-        parts.append(link(name, pose, m.wheel, (0.0, 0.0, 0.0), _wheel_moments(robot), shapes))
+        parts.append(link(name, pose, m.wheel, (0.0, 0.0, 0.0), m.wheel_moments, shapes))
         ends = e("parent", "base_link"), e("child", name)
         parts.append(e("joint", *ends, axis, name=f"{wheel}_wheel_joint", type="revolute"))
     return e("sdf", e("model", *parts, name=robot.name), version="1.7")
@@ -203,11 +201,6 @@ def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: f
         rounded = float(f"{number:.7g}")
         text += f"    {name}: {rounded!r}\n"
     return text
-
-
-def _wheel_moments(robot: Robot) -> Vector3:
-    across, spin = robot.masses.wheel_inertia
-    return across, spin, across
 
 
 def _row(numbers: Iterable[float]) -> str:

@@ -87,7 +87,7 @@ def _found(name: str, folder: Path, places: Iterable[str]) -> Path:
 
 
 def tried_files(text: str, folder: Path | None = None) -> Mapping[str, bytes]:
-    """Return the files that an MJCF or a URDF brings, by name, once a child process has compiled it.
+    """Return the files of an MJCF or a URDF, by name, once a child process has compiled it.
 
     Args:
         text: the MJCF or URDF.

@@ -350,10 +350,9 @@ class _Import:
     def _names(self, joints: Iterable[int]) -> str:
         """Return the names of joints for a message, at most eight."""
         names = [one_line(self.model.joint(j).name) for j in joints]
-        if not names:
-            return "none"
-        more = ["…"] if len(names) > 8 else []
-        return ", ".join(names[:8] + more)
+        if len(names) > 8:
+            names[8:] = ["…"]
+        return ", ".join(names) or "none"
 
     def _corners(self, joints: Sequence[int], level: float) -> list[int]:
         """Return the wheels' bodies in the order of `WHEELS`, and add wheelbase and track.
@@ -455,14 +454,12 @@ class _Import:
                 "its body has no mass: a URDF for pictures only; use `new` with the mass of the "
                 "robot"
             )
-        whole = float(masses.sum())
         weigh = "sum of all masses; weigh it: files leave out batteries and computers"
-        self.add("mass.total", whole, weigh)
+        self.add("mass.total", float(masses.sum()), weigh)
         wheel = float(masses[self.wheels].mean())
         if wheel > 2.0 * _LEAST_MASS:
             self.add("mass.wheel", wheel, "mean of the four wheels")
-            tensors = [np.diag(self._tensor(body)) for body in self.wheels]
-            moments = np.mean(tensors, axis=0)
+            moments = np.mean([np.diag(self._tensor(body)) for body in self.wheels], axis=0)
             across = 0.5 * (moments[0] + moments[2])
             inertia = np.array([across, moments[1]])
             self.add("mass.wheel_inertia", inertia, "mean of the four wheels")

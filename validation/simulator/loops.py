@@ -101,9 +101,8 @@ class MujocoBodies:
         out[:, 2] = self._yaw
         out[:, 3:5] = rotate_world_to_body(self.qvel[:, :2], self._yaw)
         out[:, 5] = self.qvel[:, 5]
-        left, right = self._first.wheel_dofs
-        out[:, 6] = self.qvel[:, left].mean(axis=1)
-        out[:, 7] = self.qvel[:, right].mean(axis=1)
+        for column, dofs in enumerate(self._first.wheel_dofs, start=6):
+            out[:, column] = self.qvel[:, dofs].mean(axis=1)
         force = self._force[:, self._wheels]
         out[:, 8:] = force[:, :2] + force[:, 2:] - self._braking * out[:, 6:8]
         return out

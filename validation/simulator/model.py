@@ -186,14 +186,14 @@ def pressed_in(model: mujoco.MjModel, calibration: Calibration, prefix: str = ""
 
     The contact point lies halfway, so the rolling radius is half of it less than the geom's.
     """
-    solref, solimp = contact_settings(calibration.robot)
+    contact = contact_settings(calibration.robot)
     shares = np.maximum(static_shares(calibration), 0.25 * LEAST_SHARE)
     loads = shares * calibration.mass * GRAVITY
     points = CONTACT_POINTS[calibration.wheel_shape]
     weights = model.body_invweight0[robot_parts(model, prefix).wheels, 0].tolist()
     depths = []
     for load, weight in zip(loads, weights, strict=True):
-        depths.append(resting_depth(load / points * weight, solref, solimp))
+        depths.append(resting_depth(load / points * weight, *contact))
     return np.array(depths)
 
 
@@ -263,12 +263,11 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
     model.body_mass[parts.base] = calibration.mass - len(WHEELS) * robot.masses.wheel
     model.body_inertia[parts.base] = inertia
     model.body_ipos[parts.base] = calibration.com_x, calibration.com_y, calibration.com_z
-    across, spin = robot.masses.wheel_inertia
     x = 0.5 * FRONT * geometry.wheelbase
     y = LEFT * calibration.half_track
     model.body_pos[parts.wheels] = np.column_stack([x, y, np.full(len(x), geometry.axle_height)])
     model.body_mass[parts.wheels] = robot.masses.wheel
-    model.body_inertia[parts.wheels] = (across, spin, across)
+    model.body_inertia[parts.wheels] = robot.masses.wheel_moments
     model.dof_armature[parts.dofs] = calibration.armature
     model.opt.timestep = calibration.timestep
     # the inverse masses, on which the depths of the tyres depend

@@ -103,8 +103,7 @@ def apply_settings(
     if settings.cone is not None:
         option.cone = getattr(mujoco.mjtCone, f"mjCONE_{settings.cone.upper()}")
     if settings.integrator is not None:
-        integrator = f"mjINT_{settings.integrator.upper()}"
-        option.integrator = getattr(mujoco.mjtIntegrator, integrator)
+        option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{settings.integrator.upper()}")
     for name, numbers in (("solimp", settings.solimp), ("solref", settings.solref)):
         if numbers is not None:
             getattr(model, f"geom_{name}")[list(tires)] = numbers

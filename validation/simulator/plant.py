@@ -90,32 +90,33 @@ class MujocoPlant:
         """
         self.terrain = terrain
         self.settings = settings
-        self.model = robot_model(calibration, terrain, settings, drive)
+        model = self.model = robot_model(calibration, terrain, settings, drive)
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
         self.calibration = calibration
         self.drive = drive
-        self._parts = robot_parts(self.model)
+        self._parts = robot_parts(model)
         # the names of `WHEELS` are left and right in turns
         self.wheel_dofs = (self._parts.dofs[::2], self._parts.dofs[1::2])
-        places = [int(self.model.sensor(f"force_{wheel}").adr[0]) for wheel in WHEELS]
+        places = [int(model.sensor(f"force_{wheel}").adr[0]) for wheel in WHEELS]
         self._forces = np.add.outer(places, range(2))
         level = None
         if terrain.level:
-            level = level_rest(self.model, mujoco.MjData(self.model), calibration)
+            level = level_rest(model, mujoco.MjData(model), calibration)
         self._resting = self._settle() if level is None else level
         self._driver: Driver | None = None
 
     @cached_property
     def yaw_inertia(self) -> float:
         """Moment of inertia of the whole robot about the vertical through its centre [kg m2]."""
-        data = mujoco.MjData(self.model)
-        mass_matrix = np.zeros((self.model.nv, self.model.nv))
+        model = self.model
+        data = mujoco.MjData(model)
+        mass_matrix = np.zeros((model.nv, model.nv))
         data.qpos[:] = self._resting
-        mujoco.mj_fwdPosition(self.model, data)
-        mujoco.mj_fullM(self.model, data, mass_matrix)
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fullM(model, data, mass_matrix)
         base = self._parts.base
         offset = data.subtree_com[base][:2] - data.xpos[base][:2]
-        return float(mass_matrix[5, 5] - self.model.body_subtreemass[base] * offset @ offset)
+        return float(mass_matrix[5, 5] - model.body_subtreemass[base] * offset @ offset)
 
     @cached_property
     def _prescribed(self) -> mujoco.MjModel:
@@ -223,7 +224,8 @@ class MujocoPlant:
     def imu(self) -> tuple[FloatArray, FloatArray]:
         """Return (3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU.
 
-        Both are along its axes. The force is that under the last step's inputs; reading it changes nothing.
+        Both are along its axes. The force is that under the last step's inputs; reading it changes
+        nothing.
         """
         model = self.model
         site = model.site("imu").id
@@ -446,8 +448,9 @@ def sampled(
         if len(bad):
             end = int(bad[0])
             t = (first + end) * dt
-            message = f"mujoco gave up at t = {t:.3f} s: no finite state"
-            raise DivergedError(message, t=t, states=before[: end + 1])
+            raise DivergedError(
+                f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=before[: end + 1]
+            )
         yaw = quat_wxyz_to_yaw(np.vstack([before[:, 4:8], after[-1:, 4:8]]))
         jumps = np.rint(np.diff(yaw) / _TURN).astype(np.int64)
         whole = turns - np.cumulative_sum(jumps, include_initial=True)

@@ -21,7 +21,7 @@ from validation.simulator.parts import robot_parts
 _DOFS = slice(2, 5)
 """Height, roll and pitch among the degrees of freedom."""
 _STEPS = 40
-"""Most steps; four or five are usual."""
+"""Most steps; four or five suffice as a rule."""
 _CLOSE = 1e-7
 """Step at which the search ends, in units of how far tyres are pressed in: that error's square
 remains."""

@@ -60,17 +60,18 @@ class Terrain:
         """Text of the terrain that `parse_terrain` reads back."""
         if self.level:
             return "flat"
-        slope = math.degrees(self.slope)
         toward = math.degrees(self.toward)
-        return f"ramp:slope_deg={slope:.12g},toward_deg={toward:.12g}"
+        return f"ramp:slope_deg={math.degrees(self.slope):.12g},toward_deg={toward:.12g}"
 
     @property
     def words(self) -> str:
         """Description of the terrain for titles."""
         if self.level:
             return "level ground"
-        slope = math.degrees(self.slope)
-        return f"a ramp of {slope:g}° that rises toward {math.degrees(self.toward):g}°"
+        return (
+            f"a ramp of {math.degrees(self.slope):g}° "
+            f"that rises toward {math.degrees(self.toward):g}°"
+        )
 
 
 FLAT = Terrain()

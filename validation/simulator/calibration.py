@@ -1,4 +1,4 @@
-"""The numbers of a simulated robot: what a fit may move, and what a profile keeps."""
+"""The numbers of a simulated robot that a fit may move and a profile keeps."""
 
 from __future__ import annotations
 

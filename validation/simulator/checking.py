@@ -31,8 +31,8 @@ DENSITIES = (30.0, 6000.0)
 """Masses a cubic metre of hull between which robots are [kg/m³]: an empty box of sheet, and steel
 that fills most of it."""
 MOST_SPARE = 100.0
-"""Torque of motors over what turns the robot on the spot on ground of friction 1, beyond which it
-is asked about [1]."""
+"""Torque of motors over that of a turn on the spot on ground of friction 1, beyond which it raises
+a question [1]."""
 _MEASURABLE = (
     "geometry.wheelbase",
     "geometry.track",
@@ -56,7 +56,7 @@ inertia, and similar for robots of every size (Froude's similarity)."""
 _TURNS = 2.2
 """Turns that mechanics expects in the measured time [1]; the motors lag a little behind."""
 _STIFF_TIME = 2e-4
-"""Time constant of the measuring motors [s]: a seventieth of what robots have. Wheels that have a
+"""Time constant of the measuring motors [s]: a seventieth of that of robots. Wheels that have a
 motor each, of which one skids and the other rolls, then turn equally to within half a percent."""
 _STAND_TIME = 2.0
 """Time for which the robot stands before its loads are read [s]; the simulator has let it settle
@@ -133,8 +133,8 @@ class Measured:
     loads: tuple[float, ...]
     """Loads of the four wheels at rest on level ground [N], in the order of `WHEELS`."""
     apparent_mass: float
-    """Constant thrust over acceleration [kg]: the mass, and what turns with the wheels over the
-    radius squared."""
+    """Constant thrust over acceleration [kg]: the mass, and the inertia of wheels and rotors over
+    the radius squared."""
 
 
 def measure_robot(robot: Robot) -> Measured:

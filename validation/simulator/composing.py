@@ -49,7 +49,7 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
     """Return the parts of a robot, without ground.
 
     They can be changed, and `compile()` makes a model of them. `set_calibration` and `set_motors`
-    set what a profile may change.
+    set the numbers that a profile may change.
 
     Raises:
         ValueError: no rigid body has the moments of inertia, or a hand-made MJCF cannot be read or

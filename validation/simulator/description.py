@@ -3,7 +3,7 @@
 It has geometry, masses, drive and sources.
 
 A robot that comes with the package is `models/NAME.toml`; a user's own is any such file. Nothing
-outside a robot's file knows its numbers. A profile adds what was fitted to one robot on one ground.
+outside a robot's file knows its numbers. A profile adds numbers fitted to one robot on one ground.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Geometry:
     axle_height: float = parameter(0.0, unit="m", low=-5.0, high=5.0)
     """Height of the axles above the base frame's origin [m]."""
     body_size: Vector3 = (0.0, 0.0, 0.0)
-    """Length, width and height of the hull [m]; what is 0 is estimated so that the hull fits
+    """Length, width and height of the hull [m]; a 0 is estimated so that the hull fits
     between the tyres."""
     body_centre: Vector3 = (math.nan, math.nan, math.nan)
     """Middle of the hull in the base frame [m]; above the axles if not given."""
@@ -215,9 +215,9 @@ class Robot:
     geometry: Geometry
     """Lengths."""
     masses: Masses
-    """Masses and inertia; what the file left out is filled in."""
+    """Masses and inertia; estimates fill the gaps of the file."""
     simulation: Simulation
-    """Tyres and motors; what the file left out is filled in."""
+    """Tyres and motors; estimates fill the gaps of the file."""
     drive: Drive
     """Motor controller as the robot's maker ships it."""
     vehicle: Vehicle
@@ -384,7 +384,7 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
 
 
 def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
-    """Return the robot that a document describes, which is what a TOML file holds.
+    """Return the robot that a document, the content of a TOML file, describes.
 
     Args:
         document: the content of the file.
@@ -466,7 +466,7 @@ def _given_keys(given: Mapping[str, Any], parts: Mapping[str, Any]) -> tuple[str
 
 
 def _complete_masses(masses: Masses, geometry: Geometry) -> Masses:
-    """Return the masses with estimates for what is not given."""
+    """Return the masses with estimates for those that are not given."""
     wheel = masses.wheel or 0.036 * masses.total
     if len(WHEELS) * wheel >= masses.total:
         raise ValueError(
@@ -494,12 +494,13 @@ def _complete_masses(masses: Masses, geometry: Geometry) -> Masses:
 
 
 def _complete_simulation(simulation: Simulation, mass: float, geometry: Geometry) -> Simulation:
-    """Return tyres and motors with what follows from the robot's size for what is not given."""
+    """Return tyres and motors; numbers that are not given follow from the robot's size."""
     radius2 = geometry.wheel_radius**2
     armature = simulation.armature or ROTOR_SHARE * mass * radius2
     inertia = 0.5 * mass * radius2 + 2.0 * armature  # of a side
     unit = math.sqrt(geometry.wheel_radius / GRAVITY)  # of time
     gain = simulation.gain or inertia / (SERVO_TIME * unit)
+    # halves of the longest step, so that the step divides the periods of commands and samples
     halvings = max(0, math.ceil(math.log2(LONGEST_STEP / (STEP_SHARE * unit))))
     timestep = simulation.timestep or LONGEST_STEP / 2**halvings
     return Simulation(simulation.friction, gain, armature, simulation.wheel_shape, timestep)

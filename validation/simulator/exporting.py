@@ -79,7 +79,7 @@ def sdf_text(robot: Robot) -> str:
     """Return a robot's SDF model, in SI units, which stands with its tyres on the plane z = 0.
 
     Tyres are cylinders with the robot's friction in both directions and without `fdir1`. A joint's
-    effort is limited to half of what a side's motors give. SDF has no word for belts, rotors and
+    effort is limited to half of that of a side's motors. SDF has no element for belts, rotors and
     speed loops: those are left out.
     """
     g = robot.geometry

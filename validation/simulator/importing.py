@@ -77,11 +77,11 @@ class RobotDraft(NamedTuple):
     text: str
     """The robot as the file describes it."""
     remarks: Sequence[str]
-    """Sentences on what was estimated or guessed, and on what to do next."""
+    """Sentences on estimates and guesses, and on the next measurements."""
 
 
 def unit_of_key(key: str) -> str:
-    """Return the unit of a number of a robot's file, `section.key`; empty for a word."""
+    """Return the unit of a number of a robot's file, `section.key`; empty for a text."""
     section, _, name = key.partition(".")
     declared = described(SECTIONS[section])
     return declared[name].unit if name in declared else _UNITS_OF_LISTS.get(name, "")
@@ -264,7 +264,7 @@ def _readable(root: ElementTree.Element) -> mujoco.MjSpec:
         raise ValueError(
             f"links and joints are no tree: {len(first)} links hang on nothing, wanted one"
         )
-    # what cannot move would be merged with the world
+    # MuJoCo merges links that cannot move with the world
     standing = ElementTree.Element("joint", name=_ROOT, type="prismatic")
     ElementTree.SubElement(standing, "parent", link=_ROOT)
     ElementTree.SubElement(standing, "child", link=first[0])

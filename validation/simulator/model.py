@@ -1,6 +1,6 @@
 """A robot, its ground and a calibration -> MjModel.
 
-`_compose` builds what has structure (robot, ground, wheel shape); `set_calibration` and
+`_compose` builds the structure (robot, ground, wheel shape); `set_calibration` and
 `set_motors` set the numbers on a compiled model and are the only places that do, so a fit that
 edits one model in place and a profile that is loaded from disk mean the same robot.
 """
@@ -46,7 +46,7 @@ carries nothing sinks nowhere."""
 def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
     """Return robot and ground, without looks and the sensors that nobody reads: they cost time.
 
-    Tyres and ground are contact pairs, so MuJoCo need not look for what else might touch.
+    Tyres and ground are contact pairs, so MuJoCo need not look for other contacts.
     """
     spec = on_ground(robot, shape)
     looks = [geom for geom in spec.geoms if not geom.name.endswith(("_tire", "ground"))]
@@ -67,7 +67,7 @@ def on_ground(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
     """Return a robot with tyres of a shape on level ground, and motors without integral parts.
 
     Raises:
-        ValueError: what `compose_robot` raises.
+        ValueError: as `compose_robot`.
     """
     spec = compose_robot(robot)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
@@ -135,7 +135,7 @@ def adjust(
     """Set calibration, motors and solver on a compiled model of a robot and its ground, in place.
 
     Raises:
-        ValueError: what `set_motors` and `set_calibration` raise.
+        ValueError: as `set_motors` and `set_calibration`.
     """
     set_calibration(model, calibration)
     set_motors(model, calibration, drive)
@@ -259,6 +259,7 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
     robot = calibration.robot
     geometry = robot.geometry
     parts = robot_parts(model, prefix)
+    # first, for it may raise
     inertia = base_inertia(calibration)
     model.body_mass[parts.base] = calibration.mass - len(WHEELS) * robot.masses.wheel
     model.body_inertia[parts.base] = inertia

@@ -1,8 +1,8 @@
 """Settings of physics: the constraint solver, MuJoCo's stopwatch, and overrides of a robot's MJCF.
 
 These are not calibrated: they say how the physics is computed, not which robot is meant.
-`robot_model` applies them once, after the calibration, so what a fit moves and what a study of
-settings moves never meet.
+`robot_model` applies them once, after the calibration, so a fit and a study of settings never
+move the same number.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Integrator = Literal["Euler", "implicit", "implicitfast", "RK4"]
 
 @dataclass(frozen=True)
 class PhysicsSettings:
-    """Overrides; None leaves what is shipped."""
+    """Overrides; None leaves the shipped value."""
 
     cone: Cone | None = None
     """Shape of the friction cone -> opt.cone."""

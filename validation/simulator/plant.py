@@ -1,7 +1,7 @@
 """A MuJoCo robot as a `Plant`.
 
 A run goes chunk by chunk: the samples of each are kept and its steps are forgotten, so that hours
-fit into memory. A chunk goes on from the last one's state and with what its solver started from, so
+fit into memory. A chunk goes on from the last one's state and its solver's warm start, so
 results do not depend on how long chunks are, to the bit.
 """
 
@@ -344,7 +344,7 @@ class MujocoPlant:
         A rate is that of the middle of its period, and linear between. After a step wheels have the
         mean rate of the step. A motor with the time constant T changes a rate w in a step h by
         h (wanted - w) / (T + n h). Here n is the share of its feedback that implicitfast keeps,
-        which drops what couples wheels: one over the number of wheels that the motor turns.
+        which drops the coupling of wheels: one over the number of wheels that the motor turns.
         """
         steps = self._steps_of(commands)
         middles = (np.arange(commands.n) + 0.5) * commands.dt

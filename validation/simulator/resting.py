@@ -117,6 +117,7 @@ def _search(
             for k, probe in enumerate(np.diag(_PROBE * reach)):
                 jacobian[:, k] = (pull(probe) - residual) / (_PROBE * reach[k])
         last = size
+        # a Newton step, shortened so that no tyre moves by more than half its depth
         change = np.linalg.solve(jacobian, -residual)
         far = float(np.max(np.abs(change) / reach))
         if not far < np.inf:

@@ -1,4 +1,4 @@
-"""The numbers of a simulated robot: what a fit may move, and what a profile keeps."""
+"""The numbers of a simulated robot that a fit may move and a profile keeps."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from validation.simulator.description import WHEELS, Robot, WheelShape
 
 @dataclass(frozen=True)
 class Calibration:
-    """The numbers of a MuJoCo robot that a fit may move. What drives it is a `ssmr.Drive`, as for every plant.
+    """The numbers of a MuJoCo robot that a fit may move.
 
-    `Calibration.of(robot)` has those of the robot's file.
+    Its motors are a `ssmr.Drive`, as for every plant. `Calibration.of(robot)` has the numbers of
+    the robot's file.
     """
 
     robot: Robot
@@ -84,39 +85,41 @@ class Calibration:
         0.0, unit="m", low=-0.5, high=0.5, search=(-0.073, 0.073), of="wheel_radius"
     )
     """Effective rolling radius of the left wheels less that of the right [m]: tyres are not pumped
-    alike -> geom_size."""
+    equally -> geom_size."""
     rolling_resistance: float = parameter(0.0, unit="1", low=0.0, high=1.0, search=(0.0, 0.3))
     """Rolling resistance over wheel load [1] -> tendon_frictionloss of a side, coefficient x half
     the weight x radius."""
 
     def __post_init__(self) -> None:
-        """Check the ranges, whether the tyres have room, the wheel shape, and whether the shape can have the friction."""
+        """Check ranges, room for the tyres, and whether the wheel shape can have the friction."""
         check_parameters(self)
-        require_in_range(
-            self, "radius_difference", -0.1 * self.wheel_radius, 0.1 * self.wheel_radius
-        )
+        most = 0.1 * self.wheel_radius
+        require_in_range(self, "radius_difference", -most, most)
         base = self.robot.geometry
         if 2.0 * self.wheel_radius + abs(self.radius_difference) >= base.wheelbase:
             raise ParameterError(
-                f"wheel_radius {self.wheel_radius:g} m makes front and rear tyres touch: "
-                f"with a wheelbase of {base.wheelbase:g} m it must be less than {0.5 * base.wheelbase:g}"
+                f"wheel_radius {self.wheel_radius:g} m makes front and rear tyres touch: with a "
+                f"wheelbase of {base.wheelbase:g} m it must be less than {0.5 * base.wheelbase:g}"
             )
         if 2.0 * self.half_track <= base.wheel_width:
             raise ParameterError(
-                f"half_track {self.half_track:g} m makes left and right tyres touch: "
-                f"with tyres {base.wheel_width:g} m wide it must be more than {0.5 * base.wheel_width:g}"
+                f"half_track {self.half_track:g} m makes left and right tyres touch: with tyres "
+                f"{base.wheel_width:g} m wide it must be more than {0.5 * base.wheel_width:g}"
             )
-        if self.mass <= len(WHEELS) * self.robot.masses.wheel:
+        wheel = self.robot.masses.wheel
+        if self.mass <= len(WHEELS) * wheel:
             raise ParameterError(
-                f"mass {self.mass:g} kg is not more than that of four wheels of {self.robot.masses.wheel:g} kg"
+                f"mass {self.mass:g} kg is not more than that of four wheels of {wheel:g} kg"
             )
-        if self.wheel_shape not in get_args(WheelShape):
+        shapes = get_args(WheelShape)
+        if self.wheel_shape not in shapes:
             raise ParameterError(
-                f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(get_args(WheelShape))}"
+                f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(shapes)}"
             )
         if self.friction_ratio != 1.0 and self.wheel_shape != "capsule":
             raise ParameterError(
-                f"friction_ratio {self.friction_ratio} needs wheel_shape 'capsule', not '{self.wheel_shape}'"
+                f"friction_ratio {self.friction_ratio} needs wheel_shape 'capsule', "
+                f"not '{self.wheel_shape}'"
             )
 
     @classmethod
@@ -128,19 +131,22 @@ class Calibration:
         """
         geometry = robot.geometry
         masses = robot.masses
+        simulation = robot.simulation
+        com_x, com_y, com_z = masses.com
         numbers = {
-            key: getattr(robot.simulation, key)
-            for key in ("gain", "armature", "timestep", "wheel_shape", "friction")
-        }
-        numbers |= dict(zip(("com_x", "com_y", "com_z"), masses.com, strict=True))
-        numbers |= {
             "mass": masses.total,
             "yaw_inertia": robot.yaw_inertia,
             "half_track": 0.5 * geometry.track,
-        }
-        numbers |= {
             "wheel_radius": geometry.wheel_radius,
+            "com_x": com_x,
+            "com_y": com_y,
+            "com_z": com_z,
+            "gain": simulation.gain,
+            "armature": simulation.armature,
             "capsule_half_width": CAPSULE_SHARE * geometry.wheel_width,
+            "timestep": simulation.timestep,
+            "wheel_shape": simulation.wheel_shape,
+            "friction": simulation.friction,
         }
         return cls(robot, **{**numbers, **changes})
 

@@ -1,4 +1,5 @@
-"""A robot's file -> MuJoCo's `MjSpec`: composed from its numbers, or read from a hand-made MJCF as models/husky.xml is."""
+"""A robot's file -> MuJoCo's `MjSpec`: composed of its numbers, or read from a hand-made MJCF."""
+
 # pyright: reportAttributeAccessIssue=false
 # (mujoco's compiled modules have no type stubs)
 
@@ -12,8 +13,9 @@ from mujoco import mjtGeom, mjtObj, mjtSensor
 
 from validation.files import reading
 from validation.simulator import foreign
-from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, models_folder
+from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, Vector3, models_folder
 from validation.simulator.motors import add_integral_parts
+from validation.simulator.physics import Impedance
 
 VISUAL_GROUP = 2
 """Geoms of this group are looks; contact shapes are in another."""
@@ -27,40 +29,35 @@ CONTACT_DEPTH = 0.030285
 a Husky."""
 CONTACT_TIME = 0.15417
 """Time constant of the contact over sqrt(wheel radius / g) [1]; 20 ms for a Husky. With depths that
-grow as the radius and times that grow as its root, robots of one shape move alike whatever their
-size (Froude's similarity)."""
+grow as the radius and times that grow as its root, robots of one shape move in the same way
+whatever their size (Froude's similarity)."""
 _HULL = [0.98, 0.76, 0.05, 1.0]
 _DARK = [0.13, 0.13, 0.14, 1.0]
 _RUBBER = [0.11, 0.11, 0.12, 1.0]
 _METAL = [0.6, 0.61, 0.63, 1.0]
 
 
-def contact_settings(
-    robot: Robot,
-) -> tuple[tuple[float, float], tuple[float, float, float, float, float]]:
-    """Return `solref` and `solimp` of the contact of a robot's tyres with the ground, which follow from the wheels' size."""
+def contact_settings(robot: Robot) -> tuple[tuple[float, float], Impedance]:
+    """Return `solref` and `solimp` of the tyres' contact, which follow from the wheels' radius."""
     radius = robot.geometry.wheel_radius
-    return (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0), (
-        *IMPEDANCE,
-        CONTACT_DEPTH * radius,
-        0.5,
-        2.0,
-    )
+    solref = (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0)
+    solimp = (*IMPEDANCE, CONTACT_DEPTH * radius, 0.5, 2.0)
+    return solref, solimp
 
 
 def compose_robot(robot: Robot) -> mujoco.MjSpec:
-    """Return the parts of a robot, without ground; they can be changed, and `compile()` makes a model of them.
+    """Return the parts of a robot, without ground.
 
-    `set_calibration` and `set_motors` set what a profile may change.
+    They can be changed, and `compile()` makes a model of them. `set_calibration` and `set_motors`
+    set the numbers that a profile may change.
 
-    Raises: ValueError: no rigid body has the moments of inertia, or a hand-made MJCF cannot be read
-        or lacks a part that the
-            programs need; the message names it.
+    Raises:
+        ValueError: no rigid body has the moments of inertia, or a hand-made MJCF cannot be read or
+            lacks a part that the programs need; the message names it.
     """
     g = robot.geometry
     m = robot.masses
-    across, spin = m.wheel_inertia
-    for key, moments in (("inertia", m.inertia), ("wheel_inertia", (across, spin, across))):
+    for key, moments in (("inertia", m.inertia), ("wheel_inertia", m.wheel_moments)):
         if 2.0 * max(moments) > sum(moments):
             raise ValueError(
                 f"mass.{key} {list(getattr(m, key))} kg m2 is that of no rigid body: "
@@ -70,89 +67,113 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
         return _hand_made(robot)
     spec = mujoco.MjSpec()
     spec.modelname = robot.name
-    spec.compiler.degree = spec.compiler.inertiafromgeom = False
-    option = spec.option
-    option.timestep = robot.simulation.timestep
+    spec.compiler.degree = False
+    spec.compiler.inertiafromgeom = False
+    _set_options(spec.option, robot.simulation.timestep)
+    base = _add_body(
+        spec.worldbody, "base", [0, 0, g.base_height], robot.base_mass, m.com, m.inertia
+    )
+    base.add_freejoint(name="root")
+    mark = {"size": [0.01, 0.005, 0.005], "group": 4}
+    base.add_site(name="reference", pos=[0, 0, -g.base_height], **mark)
+    base.add_site(name="imu", pos=g.imu, **mark)
+    _add_hull(base, robot)
+    for wheel, place in wheel_places(robot).items():
+        _add_wheel(base, robot, wheel, place)
+    if g.link == "belt":
+        _add_belts(spec)
+    for motor, wheels in robot.motors.items():
+        _add_motor(spec, motor, wheels)
+    add_integral_parts(spec, robot)
+    _add_sensors(spec)
+    return spec
+
+
+def _set_options(option: Any, timestep: float) -> None:
+    """Set the physics of a composed robot; models/husky.xml has the same."""
+    option.timestep = timestep
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = 100
     option.iterations = 50
     option.tolerance = 1e-10
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
-    base = _add_body(
-        spec.worldbody, "base", [0, 0, g.base_height], robot.base_mass, m.com, m.inertia
-    )
-    base.add_freejoint(name="root")
-    base.add_site(name="reference", pos=[0, 0, -g.base_height], size=[0.01, 0.005, 0.005], group=4)
-    base.add_site(name="imu", pos=g.imu, size=[0.01, 0.005, 0.005], group=4)
-    _add_hull(base, robot)
-    for wheel, place in wheel_places(robot).items():
-        _add_wheel(base, robot, wheel, place)
-    for side in SIDES if g.link == "belt" else ():
+
+
+def _add_belts(spec: mujoco.MjSpec) -> None:
+    """Add the constraints by which the wheels of a side turn together."""
+    for side in SIDES:
         spec.add_equality(
-            type=mujoco.mjtEq.mjEQ_JOINT, name=f"belt_{side}", name1=f"front_{side}_wheel", name2=f"rear_{side}_wheel",
-            solref=[0.004, 1], solimp=[0.99, 0.999, 0.001, 0.5, 2],
-        )  # fmt: skip
-    for motor, wheels in robot.motors.items():
-        tendon = spec.add_tendon(name=motor)
-        for wheel in wheels:
-            tendon.wrap_joint(f"{wheel}_wheel", 1.0 / len(wheels))
-        kind = mujoco.mjtTrn.mjTRN_TENDON
-        servo = spec.add_actuator(
-            name=f"{motor}_motor", target=motor, trntype=kind, forcerange=[-1.0, 1.0]
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            name=f"belt_{side}",
+            name1=f"front_{side}_wheel",
+            name2=f"rear_{side}_wheel",
+            solref=[0.004, 1],
+            solimp=[0.99, 0.999, 0.001, 0.5, 2],
         )
-        servo.set_to_velocity(kv=1.0)
-    add_integral_parts(spec, robot)
-    _add_sensors(spec)
-    return spec
 
 
-def wheel_places(robot: Robot) -> dict[str, tuple[float, float, float]]:
+def _add_motor(spec: mujoco.MjSpec, motor: str, wheels: tuple[str, ...]) -> None:
+    """Add a velocity servo on the mean angle of a motor's wheels."""
+    tendon = spec.add_tendon(name=motor)
+    for wheel in wheels:
+        tendon.wrap_joint(f"{wheel}_wheel", 1.0 / len(wheels))
+    servo = spec.add_actuator(name=f"{motor}_motor", target=motor, forcerange=[-1.0, 1.0])
+    servo.trntype = mujoco.mjtTrn.mjTRN_TENDON
+    servo.set_to_velocity(kv=1.0)
+
+
+def wheel_places(robot: Robot) -> dict[str, Vector3]:
     """Return the middles of the wheels in the base frame [m], by wheel."""
     g = robot.geometry
-    x = 0.5 * g.wheelbase
-    y = 0.5 * g.track
-    return {w: (x if "front" in w else -x, y if "left" in w else -y, g.axle_height) for w in WHEELS}
+    half_base = 0.5 * g.wheelbase
+    half_track = 0.5 * g.track
+    places = {}
+    for wheel in WHEELS:
+        x = half_base if "front" in wheel else -half_base
+        y = half_track if "left" in wheel else -half_track
+        places[wheel] = x, y, g.axle_height
+    return places
 
 
 def _hand_made(robot: Robot) -> mujoco.MjSpec:
-    """Return the robot's own MJCF, which has all the names that the programs look for."""
+    """Return the robot's hand-made MJCF, which has all the names that the programs look for."""
     path = models_folder() / robot.mjcf
     try:
         text = reading.read_text(path, foreign.MOST_BYTES)
+        # those that come with the package need no trial in a child process, and bring no files
         files = {} if path.parent == models_folder() else foreign.tried_files(text, path.parent)
         spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
     except ValueError as error:
-        raise ValueError(
-            f"{path}: this is no MJCF that can be read ({' '.join(str(error).split())})"
-        ) from error
-    parts = [("body", "base"), ("joint", "root"), ("site", "reference"), ("site", "imu")]
-    for wheel in WHEELS:
-        parts += [
-            ("body", wheel),
-            ("joint", f"{wheel}_wheel"),
-            ("geom", f"{wheel}_tire"),
-            ("site", f"{wheel}_load"),
-        ]
-        parts += [("sensor", f"load_{wheel}"), ("sensor", f"torque_{wheel}")]
-    parts += [
-        part
-        for motor in robot.motors
-        for part in (("tendon", motor), ("actuator", f"{motor}_motor"))
-    ]
-    for kind, name in parts:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{path}: this is no MJCF that can be read ({reason})") from error
+    for kind, name in _required_parts(robot):
         if getattr(spec, kind)(name) is None:
             raise ValueError(
                 f"{path}: there is no {kind} '{name}'; models/husky.xml shows all the names"
             )
-    g, (x, y, _) = robot.geometry, spec.body("front_left").pos
+    g = robot.geometry
+    x, y, _ = spec.body("front_left").pos
     if not (math.isclose(2.0 * x, g.wheelbase) and math.isclose(2.0 * y, g.track)):
         raise ValueError(
-            f"{path} has a wheelbase of {2.0 * x:g} m and a track of {2.0 * y:g} m, the robot's file {g.wheelbase:g} and "
-            f"{g.track:g} m; without the line 'mjcf' the model is made of the file's numbers"
+            f"{path} has a wheelbase of {2.0 * x:g} m and a track of {2.0 * y:g} m, the robot's "
+            f"file {g.wheelbase:g} and {g.track:g} m; without the line 'mjcf' the model is made "
+            "of the file's numbers"
         )
     add_integral_parts(spec, robot)
     return spec
+
+
+def _required_parts(robot: Robot) -> list[tuple[str, str]]:
+    """Return kinds and names of the parts that the programs look for."""
+    parts = [("body", "base"), ("joint", "root"), ("site", "reference"), ("site", "imu")]
+    for wheel in WHEELS:
+        parts += [("body", wheel), ("joint", f"{wheel}_wheel")]
+        parts += [("geom", f"{wheel}_tire"), ("site", f"{wheel}_load")]
+        parts += [("sensor", f"load_{wheel}"), ("sensor", f"torque_{wheel}")]
+    for motor in robot.motors:
+        parts += [("tendon", motor), ("actuator", f"{motor}_motor")]
+    return parts
 
 
 def _add_body(parent: Any, name: str, at: Any, mass: float, com: Any, moments: Any) -> Any:
@@ -162,13 +183,16 @@ def _add_body(parent: Any, name: str, at: Any, mass: float, com: Any, moments: A
 
 
 def _look(kind: mjtGeom, size: list[float], colour: list[float], **more: Any) -> dict[str, Any]:
-    usual = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
-    return {"type": kind, "size": [*size, 0.0, 0.0][:3], "rgba": colour, **usual, **more}
+    """Return the properties of a geom that is seen and touches nothing."""
+    massless = {"group": VISUAL_GROUP, "contype": 0, "conaffinity": 0, "mass": 0.0}
+    three_sizes = [*size, 0.0, 0.0][:3]
+    return {"type": kind, "size": three_sizes, "rgba": colour, **massless, **more}
 
 
 def _add_hull(base: Any, robot: Robot) -> None:
     """Add the looks of the body: a hull between the tyres, and a nose in front."""
-    (length, width, height), (x, y, z) = robot.geometry.body_size, robot.geometry.body_centre
+    length, width, height = robot.geometry.body_size
+    x, y, z = robot.geometry.body_centre
     half = [0.5 * length, 0.5 * width, 0.5 * height]
     nose = [0.06 * length, 0.25 * width, 0.06 * height]
     base.add_geom(name="hull", pos=[x, y, z], **_look(mjtGeom.mjGEOM_BOX, half, _HULL))
@@ -176,44 +200,53 @@ def _add_hull(base: Any, robot: Robot) -> None:
     base.add_geom(name="nose", pos=ahead, **_look(mjtGeom.mjGEOM_BOX, nose, _METAL))
 
 
-def _add_wheel(base: Any, robot: Robot, wheel: str, place: tuple[float, float, float]) -> None:
+def _add_wheel(base: Any, robot: Robot, wheel: str, place: Vector3) -> None:
+    """Add a wheel: its joint, the tyre that touches the ground, the site of its load, its looks."""
     radius = robot.geometry.wheel_radius
     half = 0.5 * robot.geometry.wheel_width
-    across, spin = robot.masses.wheel_inertia
+    masses = robot.masses
     solref, solimp = contact_settings(robot)
-    body = _add_body(base, wheel, place, robot.masses.wheel, [0, 0, 0], [across, spin, across])
+    body = _add_body(base, wheel, place, masses.wheel, [0, 0, 0], masses.wheel_moments)
     body.add_joint(name=f"{wheel}_wheel", axis=[0, 1, 0], armature=robot.simulation.armature)
     body.add_geom(
-        name=f"{wheel}_tire", type=mjtGeom.mjGEOM_ELLIPSOID, size=[radius, half, radius], contype=1, conaffinity=1, condim=3,
-        priority=1, group=3, rgba=[0.2, 0.6, 0.9, 0.4], friction=[robot.simulation.friction, 0.005, 0.0001], mass=0.0,
-        solref=solref, solimp=solimp,
-    )  # fmt: skip
-    body.add_site(name=f"{wheel}_load", size=[1.2 * math.hypot(radius, half)] * 3, group=4)
-    axle = {"zaxis": [0, 1, 0]}
-    body.add_geom(
-        name=f"{wheel}_rubber", **_look(mjtGeom.mjGEOM_CYLINDER, [radius, half], _RUBBER, **axle)
+        name=f"{wheel}_tire",
+        type=mjtGeom.mjGEOM_ELLIPSOID,
+        size=[radius, half, radius],
+        contype=1,
+        conaffinity=1,
+        condim=3,
+        priority=1,
+        group=3,
+        rgba=[0.2, 0.6, 0.9, 0.4],
+        friction=[robot.simulation.friction, 0.005, 0.0001],
+        mass=0.0,
+        solref=solref,
+        solimp=solimp,
     )
-    body.add_geom(
-        name=f"{wheel}_hub",
-        **_look(mjtGeom.mjGEOM_CYLINDER, [0.5 * radius, 1.01 * half], _METAL, **axle),
-    )
+    # a touch sensor sums the forces at points inside its site, which encloses the tyre
+    reach = 1.2 * math.hypot(radius, half)
+    body.add_site(name=f"{wheel}_load", size=[reach] * 3, group=4)
+    drum = mjtGeom.mjGEOM_CYLINDER
+    rubber = _look(drum, [radius, half], _RUBBER, zaxis=[0, 1, 0])
+    hub = _look(drum, [0.5 * radius, 1.01 * half], _METAL, zaxis=[0, 1, 0])
+    spoke = _look(mjtGeom.mjGEOM_BOX, [0.45 * radius, 1.03 * half, 0.06 * radius], _DARK)
+    body.add_geom(name=f"{wheel}_rubber", **rubber)
+    body.add_geom(name=f"{wheel}_hub", **hub)
     for k in range(SPOKES):
-        spoke = _look(mjtGeom.mjGEOM_BOX, [0.45 * radius, 1.03 * half, 0.06 * radius], _DARK)
         body.add_geom(name=f"{wheel}_spoke{k}", euler=[0, math.pi * k / SPOKES, 0], **spoke)
 
 
 def _add_sensors(spec: mujoco.MjSpec) -> None:
-    kinds = {"imu_gyro": mjtSensor.mjSENS_GYRO, "imu_accelerometer": mjtSensor.mjSENS_ACCELEROMETER}
-    wanted = [(name, kind, mjtObj.mjOBJ_SITE, "imu") for name, kind in kinds.items()]
-    wanted += [
-        (f"load_{w}", mjtSensor.mjSENS_TOUCH, mjtObj.mjOBJ_SITE, f"{w}_load") for w in WHEELS
-    ]
-    wanted += [
-        (f"torque_{w}", mjtSensor.mjSENS_JOINTACTFRC, mjtObj.mjOBJ_JOINT, f"{w}_wheel")
-        for w in WHEELS
-    ]
-    wanted += [
-        ("angular_acceleration", mjtSensor.mjSENS_FRAMEANGACC, mjtObj.mjOBJ_SITE, "reference")
-    ]
-    for name, kind, what, of in wanted:
-        spec.add_sensor(name=name, type=kind, objtype=what, objname=of)
+    """Add the IMU, the wheels' loads and torques, and the angular acceleration of the body."""
+
+    def add(name: str, kind: mjtSensor, part: str, part_kind: mjtObj = mjtObj.mjOBJ_SITE) -> None:
+        spec.add_sensor(name=name, type=kind, objtype=part_kind, objname=part)
+
+    add("imu_gyro", mjtSensor.mjSENS_GYRO, "imu")
+    add("imu_accelerometer", mjtSensor.mjSENS_ACCELEROMETER, "imu")
+    for wheel in WHEELS:
+        add(f"load_{wheel}", mjtSensor.mjSENS_TOUCH, f"{wheel}_load")
+    torque = mjtSensor.mjSENS_JOINTACTFRC
+    for wheel in WHEELS:
+        add(f"torque_{wheel}", torque, f"{wheel}_wheel", mjtObj.mjOBJ_JOINT)
+    add("angular_acceleration", mjtSensor.mjSENS_FRAMEANGACC, "reference")

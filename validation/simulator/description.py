@@ -1,7 +1,9 @@
-"""The description of a robot: one short TOML file of geometry, masses, drive and sources; everything else is built from it.
+"""The description of a robot: one short TOML file, from which everything else is built.
+
+It has geometry, masses, drive and sources.
 
 A robot that comes with the package is `models/NAME.toml`; a user's own is any such file. Nothing
-outside a robot's file knows its numbers. A profile adds what was fitted to one robot on one ground.
+outside a robot's file knows its numbers. A profile adds numbers fitted to one robot on one ground.
 """
 
 from __future__ import annotations
@@ -10,7 +12,7 @@ import math
 import os
 import reprlib
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
@@ -24,13 +26,19 @@ from validation.files.reading import is_number
 from validation.words import one_line
 
 SCHEMA = "ssmr.robot/1"
-
+"""Kind and version of a robot's file."""
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+"""Names of the wheels, in the order of all arrays of wheels: left and right take turns."""
 SIDES = ("left", "right")
+"""Names of the sides, in the order of all arrays of sides."""
 Link = Literal["belt", "none"]
+"""Links between the wheels of a side."""
 WheelShape = Literal["ellipsoid", "cylinder", "capsule"]
+"""Contact shapes of tyres."""
+Vector3 = tuple[float, float, float]
+"""Coordinates or moments of inertia along x, y and z."""
 GRADES = ("measured", "datasheet", "published", "fitted", "assumed")
-"""Where a number can come from, best first."""
+"""Grades of the source of a number, best first."""
 _MOST_WORDS = 2000
 """Greatest length of a text in a robot's file [characters]."""
 
@@ -55,8 +63,6 @@ WHEEL_FILL = 1.2
 """Moments of inertia of a wheel over those of a solid cylinder where a file does not say them [1]:
 a Husky's wheel has 1.18 times more about its diameter and 1.23 times more about its axle, as its
 mass is mostly in the tyre."""
-
-
 USUAL_ROBOT = "husky"
 """Name of the robot that is meant where none is named."""
 
@@ -67,7 +73,10 @@ class RobotError(ValueError):
 
 @dataclass(frozen=True)
 class Geometry:
-    """Lengths, in the base frame: x forward, y left, z up, its origin midway between the axles and the sides."""
+    """Lengths, in the base frame.
+
+    Its axes are x forward, y left and z up, its origin is midway between the axles and the sides.
+    """
 
     wheelbase: float = parameter(unit="m", low=0.01, high=20.0)
     """Distance of the axles [m]."""
@@ -79,12 +88,12 @@ class Geometry:
     """Width of the tyres [m]."""
     axle_height: float = parameter(0.0, unit="m", low=-5.0, high=5.0)
     """Height of the axles above the base frame's origin [m]."""
-    body_size: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Length, width and height of the hull [m]; what is 0 is estimated so that the hull fits
+    body_size: Vector3 = (0.0, 0.0, 0.0)
+    """Length, width and height of the hull [m]; a 0 is estimated so that the hull fits
     between the tyres."""
-    body_centre: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    body_centre: Vector3 = (math.nan, math.nan, math.nan)
     """Middle of the hull in the base frame [m]; above the axles if not given."""
-    imu: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    imu: Vector3 = (math.nan, math.nan, math.nan)
     """Place of the IMU in the base frame [m]; the middle of the hull if not given."""
     link: Link = "belt"
     """Link between the wheels of a side: `belt`, they turn together and have one motor; `none`,
@@ -97,34 +106,28 @@ class Geometry:
             raise ValueError(
                 f"link is {reprlib.repr(self.link)}, must be one of: {', '.join(get_args(Link))}"
             )
-        usual = (
-            self.wheelbase + self.wheel_radius,
-            0.9 * max(self.track - self.wheel_width, 0.01),
-            1.2 * self.wheel_radius,
-        )
-        size = tuple(
-            given if given != 0.0 else u for given, u in zip(self.body_size, usual, strict=True)
-        )
-        above = (0.0, 0.0, self.axle_height + 0.25 * size[2])
-        centre = tuple(
-            u if math.isnan(c) else c for c, u in zip(self.body_centre, above, strict=True)
-        )
-        imu = tuple(u if math.isnan(c) else c for c, u in zip(self.imu, centre, strict=True))
-        for name, value, low in (
-            ("body_size", size, 0.0),
-            ("body_centre", centre, -20.0),
-            ("imu", imu, -20.0),
-        ):
+        length = self.wheelbase + self.wheel_radius
+        width = 0.9 * max(self.track - self.wheel_width, 0.01)
+        box = (length, width, 1.2 * self.wheel_radius)
+        size = tuple(given or estimate for given, estimate in zip(self.body_size, box, strict=True))
+        above_axles = (0.0, 0.0, self.axle_height + 0.25 * size[2])
+        centre = _filled(self.body_centre, above_axles)
+        limits = {
+            "body_size": (size, 0.0),
+            "body_centre": (centre, -20.0),
+            "imu": (_filled(self.imu, centre), -20.0),
+        }
+        for name, (value, low) in limits.items():
             if not all(low <= v <= 20.0 for v in value):
                 raise ValueError(f"{name} is {value}, must be three numbers from {low:g} to 20 m")
             object.__setattr__(self, name, value)
 
     @property
     def turning_half_track(self) -> float:
-        """Half the difference of the rims' speeds over the yaw rate in a turn on the spot with dry friction [m].
+        """Half the difference of the rims' speeds over the yaw rate in a turn on the spot [m].
 
-        With the centre of mass in the middle and one contact point a tyre, `ssmr.robot.ground` has
-        this closed form: half-track (1 + (wheelbase / track)^2).
+        Friction is dry. With the centre of mass in the middle and one contact point a tyre,
+        `ssmr.robot.ground` has this closed form: half-track (1 + (wheelbase / track)^2).
         """
         return 0.5 * self.track * (1.0 + (self.wheelbase / self.track) ** 2)
 
@@ -132,6 +135,14 @@ class Geometry:
     def base_height(self) -> float:
         """Height of the base frame's origin above level ground [m]."""
         return self.wheel_radius - self.axle_height
+
+
+def _filled(numbers: tuple[float, ...], estimates: tuple[float, ...]) -> tuple[float, ...]:
+    """Return numbers, with an estimate in place of each that is NaN."""
+    filled = []
+    for number, estimate in zip(numbers, estimates, strict=True):
+        filled.append(estimate if math.isnan(number) else number)
+    return tuple(filled)
 
 
 @dataclass(frozen=True)
@@ -145,10 +156,10 @@ class Masses:
     wheel_inertia: tuple[float, float] = (0.0, 0.0)
     """Moments of inertia of a wheel about a diameter and about its axle [kg m2]; 0: estimated from
     its size and mass."""
-    com: tuple[float, float, float] = (0.0, 0.0, math.nan)
+    com: Vector3 = (0.0, 0.0, math.nan)
     """Centre of mass of the base without wheels, in the base frame [m]; z is at half of the hull's
     height if not given."""
-    inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: Vector3 = (0.0, 0.0, 0.0)
     """Moments of inertia of the base without wheels about its centre of mass [kg m2]; 0: those of a
     box like the hull."""
 
@@ -162,10 +173,16 @@ class Masses:
                     f"{name} is {getattr(self, name)}, must be numbers from {low:g} to 1e+06"
                 )
 
+    @property
+    def wheel_moments(self) -> Vector3:
+        """Moments of inertia of a wheel about the axes x, y and z [kg m2]."""
+        across, spin = self.wheel_inertia
+        return across, spin, across
+
 
 @dataclass(frozen=True)
 class Simulation:
-    """Tyres and motors of the simulated robot. A number that is not given follows from the robot's size."""
+    """Tyres and motors of the simulated robot; a number that is not given follows from its size."""
 
     friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True)
     """Sliding friction of tyre on ground [1]."""
@@ -185,9 +202,8 @@ class Simulation:
         """Check the ranges."""
         check_parameters(self)
         if self.wheel_shape not in get_args(WheelShape):
-            raise ValueError(
-                f"unknown wheel shape '{self.wheel_shape}'; there are: {', '.join(get_args(WheelShape))}"
-            )
+            shapes = ", ".join(get_args(WheelShape))
+            raise ValueError(f"unknown wheel shape '{self.wheel_shape}'; there are: {shapes}")
 
 
 @dataclass(frozen=True)
@@ -199,9 +215,9 @@ class Robot:
     geometry: Geometry
     """Lengths."""
     masses: Masses
-    """Masses and inertia; what the file left out is filled in."""
+    """Masses and inertia; estimates fill the gaps of the file."""
     simulation: Simulation
-    """Tyres and motors; what the file left out is filled in."""
+    """Tyres and motors; estimates fill the gaps of the file."""
     drive: Drive
     """Motor controller as the robot's maker ships it."""
     vehicle: Vehicle
@@ -221,11 +237,11 @@ class Robot:
 
     @property
     def shipped(self) -> bool:
-        """Whether this is one of the robots that come with the package, which are known by their names."""
+        """Whether this is one of the robots that come with the package."""
         return _loaded.get(self.name) == self
 
     def as_document(self) -> dict[str, Any]:
-        """Return what the robot's file says, as `parse_robot` reads it."""
+        """Return the content of the robot's file, as `parse_robot` reads it."""
         texts = {key: getattr(self, key) for key in _TEXTS if getattr(self, key)}
         document: dict[str, Any] = {"schema": SCHEMA, **texts}
         parts = {"geometry": self.geometry, "mass": self.masses, "simulation": self.simulation}
@@ -233,10 +249,11 @@ class Robot:
         for key in self.given:
             section, _, name = key.partition(".")
             value = getattr(parts[section], name)
-            document.setdefault(section, {})[name] = (
-                list(value) if isinstance(value, tuple) else value
-            )
-        return {**document, "sources": dict(self.sources)} if self.sources else document
+            numbers = document.setdefault(section, {})
+            numbers[name] = list(value) if isinstance(value, tuple) else value
+        if self.sources:
+            document["sources"] = dict(self.sources)
+        return document
 
     @property
     def base_mass(self) -> float:
@@ -245,17 +262,25 @@ class Robot:
 
     @property
     def yaw_inertia(self) -> float:
-        """Moment of inertia of the whole robot about the vertical through the middle, the centre of mass being there."""
+        """Moment of inertia of the whole robot about the vertical through the middle [kg m2].
+
+        The centre of mass is taken to be there.
+        """
         half = 0.25 * (self.geometry.wheelbase**2 + self.geometry.track**2)
         wheels = self.masses.wheel_inertia[0] + self.masses.wheel * half
         return self.masses.inertia[2] + len(WHEELS) * wheels
 
     @cached_property
     def motor_drive(self) -> Drive:
-        """The drive of a simulated robot: its speed loops have an integral part unless the file says `integral_gain`."""
+        """The drive of a simulated robot.
+
+        Its speed loops have an integral part unless the file says `integral_gain`.
+        """
+        if "drive.integral_gain" in self.given:
+            return self.drive
         time = INTEGRAL_TIME * math.sqrt(self.geometry.wheel_radius / GRAVITY)
-        usual = {"integral_gain": self.simulation.gain / time, "dc_stiffness": math.inf}
-        return self.drive if "drive.integral_gain" in self.given else replace(self.drive, **usual)
+        integral_gain = self.simulation.gain / time
+        return replace(self.drive, integral_gain=integral_gain, dc_stiffness=math.inf)
 
     @property
     def motors(self) -> Mapping[str, tuple[str, ...]]:
@@ -266,7 +291,7 @@ class Robot:
 
     @cached_property
     def sizes(self) -> Mapping[str, float]:
-        """The sizes that default bounds of fits are multiples of (`ssmr.parameters.Declaration.of`), SI units."""
+        """The sizes of which fits' bounds are multiples, `ssmr.parameters.Declaration.of` [SI]."""
         g = self.geometry
         s = self.simulation
         return {  # no proxy: a robot travels to other processes
@@ -283,13 +308,13 @@ class Robot:
         }
 
     def source(self, key: str) -> tuple[str, str]:
-        """Return the grade and the source of a number, `section.key`; one that the file does not say is assumed."""
-        sources = dict(self.sources)
+        """Return grade and source of a number, `section.key`; one that is not given is assumed."""
         if key not in self.given:
             return "assumed", "estimated from the other numbers"
-        grade, _, where = sources.get(
-            key, sources.get(key.partition(".")[0], "assumed: no source is given")
-        ).partition(":")
+        sources = dict(self.sources)
+        section = key.partition(".")[0]
+        of_section = sources.get(section, "assumed: no source is given")
+        grade, _, where = sources.get(key, of_section).partition(":")
         return grade.strip(), where.strip()
 
 
@@ -304,6 +329,7 @@ SECTIONS: Mapping[str, type] = MappingProxyType(
 )
 """The sections of a robot's file, and the dataclass that each fills."""
 _TEXTS = ("name", "title", "description", "mjcf")
+"""Keys of the texts at the top level of a robot's file."""
 
 
 def models_folder() -> Path:
@@ -328,135 +354,160 @@ def shipped_robots() -> list[str]:
 
 
 _loaded: dict[str, Robot] = {}
+"""The shipped robots that were read, by name."""
 
 
 def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     """Return a shipped robot by name, or the robot of a file by path.
 
-    Raises: RobotError: there is none, or its file says something that cannot be; the message names
-        file, section and key.
+    Raises:
+        RobotError: there is none, or its file says something that cannot be; the message names
+            file, section and key.
     """
     name = str(name_or_path)
     if name in _loaded:
         return _loaded[name]
-    known = name in shipped_robots()
-    path = models_folder() / f"{name}.toml" if known else Path(name)
-    if not known and not os.path.exists(name):
+    shipped = shipped_robots()
+    path = models_folder() / f"{name}.toml" if name in shipped else Path(name)
+    if name not in shipped and not os.path.exists(name):
         raise RobotError(
-            f"no robot '{one_line(name)}'; there are: {', '.join(shipped_robots())}; or give the path of a robot's file"
+            f"no robot '{one_line(name)}'; there are: {', '.join(shipped)}; "
+            "or give the path of a robot's file"
         )
     try:
         robot = parse_robot(reading.read_toml(path), path.parent)
-    except RobotError:
-        raise
     except ValueError as error:
         raise RobotError(f"robot {name}: {error}") from error
-    if known:
+    if name in shipped:
         _loaded[name] = robot
     return robot
 
 
 def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
-    """Return the robot that a document describes, which is what a TOML file holds.
+    """Return the robot that a document, the content of a TOML file, describes.
 
-    Args: document: what the file says. folder: where the file lies; the path of a hand-made MJCF
-        starts there, or in the folder of shipped models.
+    Args:
+        document: the content of the file.
+        folder: where the file lies; the path of a hand-made MJCF starts there, or in the folder of
+            shipped models.
 
     Raises:
         ValueError: it says something that cannot be; the message names section and key.
     """
-    if document.get("schema") != SCHEMA:
-        raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
+    schema = document.get("schema")
+    if schema != SCHEMA:
+        raise ValueError(f"schema is {reprlib.repr(schema)}, wanted '{SCHEMA}'")
     reading.require_known(document, {"schema", *_TEXTS, *SECTIONS, "sources"}, "the top level")
     texts = {key: _text(document, key) for key in _TEXTS}
-    if not texts["name"] or not texts["name"].replace("-", "").replace("_", "").isalnum():
-        raise ValueError(f"name is '{texts['name']}', wanted letters, digits, '-' and '_'")
-    given = {name: _section(document, name, kind) for name, kind in SECTIONS.items()}
+    name = texts["name"]
+    if not name.replace("-", "").replace("_", "").isalnum():
+        raise ValueError(f"name is '{name}', wanted letters, digits, '-' and '_'")
+    given = {section: _section(document, section, kind) for section, kind in SECTIONS.items()}
     geometry = Geometry(**given["geometry"])
     masses = _complete_masses(Masses(**given["mass"]), geometry)
     simulation = _complete_simulation(Simulation(**given["simulation"]), masses.total, geometry)
-    half_track = 0.5 * geometry.track
-    radius = geometry.wheel_radius
-    usual = {
-        "delay_v": 0.0,
-        "delay_w": 0.0,
-        "command_half_track": half_track,
-        "command_radius": radius,
-    }
-    drive = Drive(
-        **{
-            **usual,
-            "torque_limit": math.inf,
-            "v_max": math.inf,
-            "w_max": math.inf,
-            **given["drive"],
-        }
-    )
-    sources = _sources(document.get("sources", {}))
-    if texts["mjcf"] and (own := (folder / texts["mjcf"]).resolve()).is_file():
-        texts["mjcf"] = own.name if own.parent == models_folder() else str(own)
+    drive = replace(free_drive(geometry), **given["drive"])
+    texts["mjcf"] = _mjcf_path(texts["mjcf"], folder)
     parts = {"geometry": geometry, "mass": masses, "simulation": simulation, "drive": drive}
-    own_keys = tuple(
-        f"{section}.{key}"
-        for section, numbers in given.items()
-        for key, number in numbers.items()
-        if number != 0.0
-        or section not in parts
-        or getattr(parts[section], key) == 0.0  # a 0 that was estimated says nothing
-    )
     robot = Robot(
-        geometry=geometry, masses=masses, simulation=simulation, drive=drive, vehicle=Vehicle(),
-        sources=sources, given=own_keys, **texts,
-    )  # fmt: skip
-    half = 0.5 * geometry.wheelbase
+        geometry=geometry,
+        masses=masses,
+        simulation=simulation,
+        drive=drive,
+        vehicle=Vehicle(),
+        sources=_sources(document.get("sources", {})),
+        given=_given_keys(given, parts),
+        **texts,
+    )
+    half_wheelbase = 0.5 * geometry.wheelbase
     planar = {
         "mass": masses.total,
         "yaw_inertia": robot.yaw_inertia,
-        "wheel_radius": radius,
-        "a": half,
-        "b": half,
+        "wheel_radius": geometry.wheel_radius,
+        "a": half_wheelbase,
+        "b": half_wheelbase,
+        "half_track": 0.5 * geometry.track,
+        "effective_half_track": geometry.turning_half_track,
     }
-    planar |= {"half_track": half_track, "effective_half_track": geometry.turning_half_track}
     return replace(robot, vehicle=Vehicle(**{**planar, **given["vehicle"]}))
 
 
+def free_drive(geometry: Geometry) -> Drive:
+    """Return motors without limits and delays, which a file's drive changes."""
+    return Drive(
+        v_max=math.inf,
+        w_max=math.inf,
+        delay_v=0.0,
+        delay_w=0.0,
+        command_half_track=0.5 * geometry.track,
+        command_radius=geometry.wheel_radius,
+        torque_limit=math.inf,
+    )
+
+
+def _mjcf_path(text: str, folder: Path) -> str:
+    """Return the path of an MJCF named in `folder`, as `Robot.mjcf` has it."""
+    path = (folder / text).resolve()
+    if not text or not path.is_file():
+        return text
+    return path.name if path.parent == models_folder() else str(path)
+
+
+def _given_keys(given: Mapping[str, Any], parts: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the numbers that a file says, as `section.key`; `parts` are the completed sections."""
+    keys = []
+    for section, numbers in given.items():
+        for key, number in numbers.items():
+            # a 0 that was estimated says nothing
+            zero = number == 0.0 and section in parts
+            if not zero or getattr(parts[section], key) == 0.0:
+                keys.append(f"{section}.{key}")
+    return tuple(keys)
+
+
 def _complete_masses(masses: Masses, geometry: Geometry) -> Masses:
-    """Return the masses with estimates for what is not given."""
+    """Return the masses with estimates for those that are not given."""
     wheel = masses.wheel or 0.036 * masses.total
     if len(WHEELS) * wheel >= masses.total:
         raise ValueError(
             f"[mass] four wheels of {wheel:g} kg leave nothing of {masses.total:g} kg for the base"
         )
-    base, (length, width, height) = masses.total - len(WHEELS) * wheel, geometry.body_size
+    base = masses.total - len(WHEELS) * wheel
+    length, width, height = geometry.body_size
     radius2 = geometry.wheel_radius**2
     across = WHEEL_FILL * wheel * (radius2 / 4.0 + geometry.wheel_width**2 / 12.0)
     spin = WHEEL_FILL * wheel * radius2 / 2.0
-    box = tuple(
-        base * (p * p + q * q) / 12.0
-        for p, q in ((width, height), (length, height), (length, width))
+    x, y, z = masses.com
+    ixx, iyy, izz = masses.inertia
+
+    def box(p: float, q: float) -> float:
+        """Return the moment of inertia of a box with these sides across the axis."""
+        return base * (p * p + q * q) / 12.0
+
+    return replace(
+        masses,
+        wheel=wheel,
+        wheel_inertia=(masses.wheel_inertia[0] or across, masses.wheel_inertia[1] or spin),
+        com=(x, y, geometry.body_centre[2] if math.isnan(z) else z),
+        inertia=(ixx or box(width, height), iyy or box(length, height), izz or box(length, width)),
     )
-    z = geometry.body_centre[2]
-    return Masses(
-        masses.total, wheel,
-        (masses.wheel_inertia[0] or across, masses.wheel_inertia[1] or spin),
-        (masses.com[0], masses.com[1], z if math.isnan(masses.com[2]) else masses.com[2]),
-        tuple(given or estimated for given, estimated in zip(masses.inertia, box, strict=True)),  # type: ignore[arg-type]
-    )  # fmt: skip
 
 
 def _complete_simulation(simulation: Simulation, mass: float, geometry: Geometry) -> Simulation:
-    """Return tyres and motors with what follows from the robot's size for what is not given."""
+    """Return tyres and motors; numbers that are not given follow from the robot's size."""
     radius2 = geometry.wheel_radius**2
     armature = simulation.armature or ROTOR_SHARE * mass * radius2
     inertia = 0.5 * mass * radius2 + 2.0 * armature  # of a side
     unit = math.sqrt(geometry.wheel_radius / GRAVITY)  # of time
     gain = simulation.gain or inertia / (SERVO_TIME * unit)
+    # halves of the longest step, so that the step divides the periods of commands and samples
     halvings = max(0, math.ceil(math.log2(LONGEST_STEP / (STEP_SHARE * unit))))
     timestep = simulation.timestep or LONGEST_STEP / 2**halvings
     return Simulation(simulation.friction, gain, armature, simulation.wheel_shape, timestep)
 
 
 def _text(document: Mapping[str, Any], key: str) -> str:
+    """Return a text of the top level in one line; empty if it is not given."""
     value = document.get(key, "")
     if not isinstance(value, str) or len(value) > _MOST_WORDS:
         raise ValueError(
@@ -471,31 +522,14 @@ def _section(document: Mapping[str, Any], name: str, kind: type) -> dict[str, An
     reading.require_known(section, {f.name for f in fields(kind)}, name)
     given: dict[str, Any] = {}
     for f in fields(kind):
-        if f.name not in section:
-            if f.default is MISSING:
-                raise ValueError(f"{name}.{f.name} is missing; wanted {_wanted(kind, f.name)}")
-            continue
-        value = section[f.name]
-        if isinstance(f.default, str):
-            fits = isinstance(value, str)
-        elif isinstance(f.default, tuple):
-            fits = (
-                isinstance(value, list)
-                and len(value) == len(f.default)
-                and all(map(is_number, value))
-            )
-            fits = fits and all(
-                math.isnan(d) or not math.isnan(v) for v, d in zip(value, f.default, strict=True)
-            )
-        else:
-            fits = is_number(value) and not math.isnan(value)
-        if not fits:
-            raise ValueError(
-                f"{name}.{f.name} is {reprlib.repr(value)}, wanted {_wanted(kind, f.name)}"
-            )
-        # MuJoCo reads no number so small that a float has not all its digits: it becomes 0 here
-        numbers = tuple(round(float(v), 300) for v in value) if isinstance(value, list) else value
-        given[f.name] = numbers if isinstance(numbers, str | tuple) else round(float(numbers), 300)
+        if f.name in section:
+            value = section[f.name]
+            if not _fits(value, f.default):
+                text = reprlib.repr(value)
+                raise ValueError(f"{name}.{f.name} is {text}, wanted {_form(kind, f)}")
+            given[f.name] = _rounded(value)
+        elif f.default is MISSING:
+            raise ValueError(f"{name}.{f.name} is missing; wanted {_form(kind, f)}")
     try:
         kind(**given)
     except ValueError as error:
@@ -503,38 +537,61 @@ def _section(document: Mapping[str, Any], name: str, kind: type) -> dict[str, An
     return given
 
 
-def _wanted(kind: type, name: str) -> str:
-    default = next(f.default for f in fields(kind) if f.name == name)
+def _fits(value: Any, default: Any) -> bool:
+    """Return whether a value from a file has the type of the field with this default."""
     if isinstance(default, str):
+        return isinstance(value, str)
+    if not isinstance(default, tuple):
+        return is_number(value) and not math.isnan(value)
+    if not isinstance(value, list) or len(value) != len(default):
+        return False
+    if not all(map(is_number, value)):
+        return False
+    # NaN stands for a number to estimate, where the default is NaN
+    return all(math.isnan(d) or not math.isnan(v) for v, d in zip(value, default, strict=True))
+
+
+def _rounded(value: Any) -> Any:
+    """Return a value from a file with 0 for numbers so small that a float has not all its digits.
+
+    MuJoCo does not read those.
+    """
+    if isinstance(value, str):
+        return value
+    if isinstance(value, list):
+        return tuple(map(_rounded, value))
+    return round(float(value), 300)
+
+
+def _form(kind: type, f: Field[Any]) -> str:
+    """Return the form of a field's value, for messages."""
+    if isinstance(f.default, str):
         return "a text"
-    return (
-        f"{len(default)} numbers"
-        if isinstance(default, tuple)
-        else f"a number [{described(kind)[name].unit}]"
-    )
+    if isinstance(f.default, tuple):
+        return f"{len(f.default)} numbers"
+    return f"a number [{described(kind)[f.name].unit}]"
 
 
 def _sources(section: Any) -> tuple[tuple[str, str], ...]:
-    allowed = {
-        *SECTIONS,
-        *(f"{name}.{f.name}" for name, kind in SECTIONS.items() for f in fields(kind)),
-    }
+    """Return keys and texts of the sources, checked."""
+    allowed = set(SECTIONS)
+    for name, kind in SECTIONS.items():
+        allowed |= {f"{name}.{f.name}" for f in fields(kind)}
     reading.require_known(section, allowed, "sources")
     sources = []
     for key, value in section.items():
-        if (
-            not isinstance(value, str)
-            or value.partition(":")[0].strip() not in GRADES
-            or len(value) > _MOST_WORDS
-        ):
-            grades = ", ".join(GRADES)
+        is_text = isinstance(value, str) and len(value) <= _MOST_WORDS
+        if not is_text or value.partition(":")[0].strip() not in GRADES:
             raise ValueError(
-                f"sources.{key} is {reprlib.repr(value)}, wanted 'GRADE: source', with GRADE of {grades}"
+                f"sources.{key} is {reprlib.repr(value)}, wanted 'GRADE: source', "
+                f"with GRADE of {', '.join(GRADES)}"
             )
         sources.append((key, one_line(value)))
     return tuple(sources)
 
 
 def with_robot(profile: str, robot: str) -> str:
-    """Return the name of a profile, followed by that of its robot where the first does not tell the second."""
-    return profile if robot == USUAL_ROBOT or robot in profile else f"{profile} of {robot}"
+    """Return a profile's name, and that of its robot where the first does not contain it."""
+    if robot == USUAL_ROBOT or robot in profile:
+        return profile
+    return f"{profile} of {robot}"

@@ -1,4 +1,4 @@
-"""A robot's description -> what other programs read: a URDF, an SDF model, a calibrated MJCF, numbers of ros2_control.
+"""A robot's description -> files of other programs: URDF, SDF, calibrated MJCF and ros2_control.
 
 URDF and SDF have plain shapes, four wheels and the IMU's frame. Products of inertia are 0, as in a
 robot's file.
@@ -24,8 +24,13 @@ _LYING = (0.5 * math.pi, 0.0, 0.0)
 
 
 def _element(tag: str, *inside: str, **attributes: str) -> str:
-    opened = "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
-    return f"<{tag}{opened}>{''.join(inside)}</{tag}>\n" if inside else f"<{tag}{opened}/>\n"
+    """Return the text of an XML element."""
+    opened = tag
+    for name, value in attributes.items():
+        opened += f" {name}={quoteattr(value)}"
+    if not inside:
+        return f"<{opened}/>\n"
+    return f"<{opened}>{''.join(inside)}</{tag}>\n"
 
 
 def urdf_text(robot: Robot) -> str:
@@ -51,21 +56,22 @@ def urdf_text(robot: Robot) -> str:
         ends = e("parent", link="base_link"), e("child", link=child)
         return e("joint", *ends, e("origin", xyz=_row(at)), *axis, name=name, type=kind)
 
+    origin = (0.0, 0.0, 0.0)
     hull = e("origin", xyz=_row(g.body_centre)), e("geometry", e("box", size=_row(g.body_size)))
     drum = e("cylinder", radius=repr(g.wheel_radius), length=repr(g.wheel_width))
     tyre = e("origin", xyz="0 0 0", rpy=_row(_LYING)), e("geometry", drum)
+    axis = e("axis", xyz="0 1 0")
     parts = [
         e("link", name="base_link"),
         link("chassis_link", robot.base_mass, m.com, m.inertia, *hull),
+        joint("chassis_joint", "fixed", "chassis_link", origin),
+        e("link", name="imu_link"),
+        joint("imu_joint", "fixed", "imu_link", g.imu),
     ]
-    parts += [joint("chassis_joint", "fixed", "chassis_link", (0.0, 0.0, 0.0))]
-    parts += [e("link", name="imu_link"), joint("imu_joint", "fixed", "imu_link", g.imu)]
     for wheel, place in wheel_places(robot).items():
         name = f"{wheel}_wheel_link"
-        parts.append(link(name, m.wheel, (0.0, 0.0, 0.0), _wheel_moments(robot), *tyre))
-        parts.append(
-            joint(f"{wheel}_wheel_joint", "continuous", name, place, e("axis", xyz="0 1 0"))
-        )
+        parts.append(link(name, m.wheel, origin, m.wheel_moments, *tyre))
+        parts.append(joint(f"{wheel}_wheel_joint", "continuous", name, place, axis))
     return e("robot", *parts, name=robot.name)
 
 
@@ -73,15 +79,13 @@ def sdf_text(robot: Robot) -> str:
     """Return a robot's SDF model, in SI units, which stands with its tyres on the plane z = 0.
 
     Tyres are cylinders with the robot's friction in both directions and without `fdir1`. A joint's
-    effort is limited to half of what a side's motors give. SDF has no word for belts, rotors and
+    effort is limited to half of that of a side's motors. SDF has no element for belts, rotors and
     speed loops: those are left out.
     """
     g = robot.geometry
     m = robot.masses
     mu = repr(robot.simulation.friction)
     e = _element
-    torque = robot.drive.torque_limit
-    effort = [e("effort", repr(0.5 * torque))] if math.isfinite(torque) else []
 
     def link(
         name: str,
@@ -89,42 +93,41 @@ def sdf_text(robot: Robot) -> str:
         mass: float,
         com: Iterable[float],
         moments: Iterable[float],
-        shape: str,
-        surface: str = "",
+        shapes: str,
     ) -> str:
-        inertia = [
-            e(key, repr(value)) for key, value in zip(("ixx", "iyy", "izz"), moments, strict=True)
-        ]
-        inertial = e(
-            "inertial",
-            e("pose", f"{_row(com)} 0 0 0"),
-            e("mass", repr(mass)),
-            e("inertia", *inertia),
-        )
-        seen = e("visual", shape, name=f"{name}_visual")
-        hit = e("collision", shape, surface, name=f"{name}_collision")
-        return e("link", pose, inertial, seen, hit, name=name)
+        inertia = ""
+        for key, moment in zip(("ixx", "iyy", "izz"), moments, strict=True):
+            inertia += e(key, repr(moment))
+        centre = e("pose", f"{_row(com)} 0 0 0")
+        inertial = e("inertial", centre, e("mass", repr(mass)), e("inertia", inertia))
+        return e("link", pose, inertial, shapes, name=name)
 
-    hull = e("pose", f"{_row(g.body_centre)} 0 0 0") + e(
-        "geometry", e("box", e("size", _row(g.body_size)))
-    )
+    def seen_and_hit(name: str, shape: str, surface: str = "") -> str:
+        seen = e("visual", shape, name=f"{name}_visual")
+        return seen + e("collision", shape, surface, name=f"{name}_collision")
+
+    box = e("box", e("size", _row(g.body_size)))
+    hull = e("pose", f"{_row(g.body_centre)} 0 0 0") + e("geometry", box)
     drum = e("cylinder", e("radius", repr(g.wheel_radius)), e("length", repr(g.wheel_width)))
     tyre = e("pose", f"0 0 0 {_row(_LYING)}") + e("geometry", drum)
     grip = e("surface", e("friction", e("ode", e("mu", mu), e("mu2", mu))))
-    endless = e("limit", e("lower", repr(-_ENDLESS)), e("upper", repr(_ENDLESS)), *effort)
+    limits = e("lower", repr(-_ENDLESS)) + e("upper", repr(_ENDLESS))
+    if math.isfinite(robot.drive.torque_limit):
+        limits += e("effort", repr(0.5 * robot.drive.torque_limit))
+    axis = e("axis", e("xyz", "0 1 0"), e("limit", limits))
+    imu = e("pose", f"{_row(g.imu)} 0 0 0")
     parts = [
         e("pose", f"0 0 {g.base_height!r} 0 0 0"),
-        link("base_link", "", robot.base_mass, m.com, m.inertia, hull),
+        link("base_link", "", robot.base_mass, m.com, m.inertia, seen_and_hit("base_link", hull)),
+        e("frame", imu, name="imu_link", attached_to="base_link"),
     ]
-    parts.append(
-        e("frame", e("pose", f"{_row(g.imu)} 0 0 0"), name="imu_link", attached_to="base_link")
-    )
     for wheel, place in wheel_places(robot).items():
         pose = e("pose", f"{_row(place)} 0 0 0", relative_to="base_link")
         name = f"{wheel}_wheel_link"
-        parts.append(link(name, pose, m.wheel, (0.0, 0.0, 0.0), _wheel_moments(robot), tyre, grip))
-        ends = e("parent", "base_link"), e("child", name), e("axis", e("xyz", "0 1 0"), endless)
-        parts.append(e("joint", *ends, name=f"{wheel}_wheel_joint", type="revolute"))
+        shapes = seen_and_hit(name, tyre, grip)
+        parts.append(link(name, pose, m.wheel, (0.0, 0.0, 0.0), m.wheel_moments, shapes))
+        ends = e("parent", "base_link"), e("child", name)
+        parts.append(e("joint", *ends, axis, name=f"{wheel}_wheel_joint", type="revolute"))
     return e("sdf", e("model", *parts, name=robot.name), version="1.7")
 
 
@@ -165,7 +168,7 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
 
 
 def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: float = 1.0) -> str:
-    """Return the parameters of ros2_control's `diff_drive_controller`, with which a robot turns as it is told.
+    """Return parameters of ros2_control's `diff_drive_controller`; the robot turns as commanded.
 
     The controller asks the sides for the rates (v -+ multiplier separation / 2 omega) / (left or
     right radius).
@@ -178,30 +181,28 @@ def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: f
     """
     g = robot.geometry
     drive = robot.drive
-    lines = [
-        f'{side}_wheel_names: ["front_{side}_wheel_joint", "rear_{side}_wheel_joint"]'
-        for side in SIDES
-    ]
+    text = "diff_drive_controller:\n  ros__parameters:\n"
+    for side in SIDES:
+        joints = f'["front_{side}_wheel_joint", "rear_{side}_wheel_joint"]'
+        text += f"    {side}_wheel_names: {joints}\n"
     numbers = {
         "wheel_separation": g.track,
         "wheel_separation_multiplier": multiplier,
         "wheel_radius": g.wheel_radius,
+        "left_wheel_radius_multiplier": left,
+        "right_wheel_radius_multiplier": right,
     }
-    numbers |= {"left_wheel_radius_multiplier": left, "right_wheel_radius_multiplier": right}
     for axis, most in (("linear.x", drive.v_max), ("angular.z", drive.w_max)):
         if math.isfinite(most):
-            numbers |= {f"{axis}.max_velocity": most, f"{axis}.min_velocity": -most}
-    # 1.0: ROS takes 1 for no float
-    lines += [f"{name}: {float(f'{number:.7g}')!r}" for name, number in numbers.items()]
-    return "diff_drive_controller:\n  ros__parameters:\n" + "".join(
-        f"    {line}\n" for line in lines
-    )
-
-
-def _wheel_moments(robot: Robot) -> tuple[float, float, float]:
-    across, spin = robot.masses.wheel_inertia
-    return across, spin, across
+            numbers[f"{axis}.max_velocity"] = most
+            numbers[f"{axis}.min_velocity"] = -most
+    for name, number in numbers.items():
+        # 1.0, for ROS takes 1 for no float
+        rounded = float(f"{number:.7g}")
+        text += f"    {name}: {rounded!r}\n"
+    return text
 
 
 def _row(numbers: Iterable[float]) -> str:
+    """Return the text of numbers, with all their digits."""
     return " ".join(repr(float(number)) for number in numbers)

@@ -101,7 +101,9 @@ class Health:
 def check_health(wheel_loads: FloatArray) -> Health:
     """Judge (M, 4) wheel loads [N] of a run."""
     mean = np.maximum(wheel_loads.mean(axis=0), 1e-9)
-    return Health(float((wheel_loads.min(axis=0) / mean).min()), float((wheel_loads.std(axis=0) / mean).max()))
+    return Health(
+        float((wheel_loads.min(axis=0) / mean).min()), float((wheel_loads.std(axis=0) / mean).max())
+    )
 
 
 def apparent_mass(model: mujoco.MjModel) -> float:
@@ -125,7 +127,9 @@ def apparent_mass(model: mujoco.MjModel) -> float:
     return thrust * half * model.opt.timestep / (float(data.qvel[0]) - before)
 
 
-def run_health(model: mujoco.MjModel, motions: Sequence[Trajectory], *, given_rates: bool = False) -> Health:
+def run_health(
+    model: mujoco.MjModel, motions: Sequence[Trajectory], *, given_rates: bool = False
+) -> Health:
     """Judge a run on level ground: the worst over all its pieces.
 
     Args:
@@ -137,7 +141,10 @@ def run_health(model: mujoco.MjModel, motions: Sequence[Trajectory], *, given_ra
     verdicts = [check_health(m.channels["wheel_load_N"]) for m in motions]
     weight = float(model.body_subtreemass[model.body("base").id]) * GRAVITY
     judged = [m.t - m.t[0] >= min(START_TIME, 0.5 * float(m.t[-1] - m.t[0])) for m in motions]
-    sums = [m.channels["wheel_load_N"].sum(axis=1)[late] for m, late in zip(motions, judged, strict=True)]
+    sums = [
+        m.channels["wheel_load_N"].sum(axis=1)[late]
+        for m, late in zip(motions, judged, strict=True)
+    ]
     excess = np.concatenate(sums) - weight
     peak = None
     if not given_rates:

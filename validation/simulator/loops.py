@@ -31,50 +31,51 @@ class MujocoBodies:
     def __init__(
         self, plants: Sequence[MujocoPlant], workers: int, state: State | None = None
     ) -> None:
-        """Make room for robots that move as `plants` do, several of which may be one, on so many threads.
+        """Make room for robots that move as `plants` do, several of which may be one.
 
-        `place` puts each on its ground, which is done here if a `state` is given.
+        They share `workers` threads. `place` puts each on its ground, which is done here if a
+        `state` is given.
 
         Raises:
             ValueError: several time steps, terrains or shapes of tyre.
         """
-        if (
-            len(
-                {
-                    (p.dt, p.terrain, p.calibration.wheel_shape, p.model.npair, p.model.nu)
-                    for p in plants
-                }
-            )
-            != 1
-        ):
+        kinds = set()
+        for plant in plants:
+            model = plant.model
+            shape = plant.calibration.wheel_shape
+            kinds.add((plant.dt, plant.terrain, shape, model.npair, model.nu))
+        if len(kinds) != 1:
             raise ValueError(
                 "a population of Huskies has one time step, one terrain and one shape of tyre"
             )
         first = self._first = plants[0]
         self._plants = list(plants)
         self._batch = batch.Batch(first.model, len(plants), workers)
-        self.qpos, self.qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+        self.qpos = self._batch.bind("qpos")
+        self.qvel = self._batch.bind("qvel")
         self._force = self._batch.bind("qfrc_actuator")
         self._inertia = np.empty(len(plants))
         self._braking = np.empty((len(plants), 1))
         self._yaw = np.empty(len(plants))
         self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         self._width = first.model.nu + first.model.nv
-        # in the order of `WHEELS`
-        self._wheels = [d for pair in zip(*first.wheel_dofs, strict=True) for d in pair]
+        # left and right in front, then behind: the order of `WHEELS`
+        self._wheels = np.column_stack(first.wheel_dofs).ravel()
         if state is not None:
             self.place(range(len(plants)), [state] * len(plants))
 
     def place(
         self, rows: Sequence[int], states: Sequence[State], plants: Sequence[MujocoPlant] = ()
     ) -> None:
-        """Put the robots of some rows into states, with no memory of what they did before; as other plants, if given."""
+        """Put the robots of some rows into states, with no memory of former motion.
+
+        They move as other `plants` from then on, if these are given.
+        """
         for row, plant in zip(rows, plants, strict=False):
             self._plants[row] = plant
         self._batch.set_models([p.model for p in self._plants])
-        self._batch.reset(
-            np.asarray(rows, dtype=np.int32), stage=mujoco.mjtStage.mjSTAGE_NONE.value
-        )
+        no_stage = mujoco.mjtStage.mjSTAGE_NONE.value
+        self._batch.reset(np.asarray(rows, dtype=np.int32), stage=no_stage)
         nq = self._first.model.nq
         nv = self._first.model.nv
         for row, state in zip(rows, states, strict=True):
@@ -88,11 +89,11 @@ class MujocoBodies:
 
     @property
     def gave_up(self) -> NDArray[np.bool_]:
-        """(S,) robots that the simulator warned of: it stops there, and starts diverged ones again from the origin."""
+        """(S,) robots that the simulator warned of: it stops, and resets diverged ones."""
         return np.asarray(self._batch.warning[:, :, 1].any(axis=1))
 
     def states(self) -> FloatArray:
-        """Return (S, 10) the fields of `ssmr.control.tick.Truth`; yaw is unwrapped from the last reading."""
+        """Return (S, 10) fields of `ssmr.control.tick.Truth`; yaw goes on from the last reading."""
         out = np.empty((len(self._yaw), 10))
         turn = quat_wxyz_to_yaw(self.qpos[:, 3:7]) - self._yaw
         self._yaw = self._yaw + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
@@ -100,7 +101,8 @@ class MujocoBodies:
         out[:, 2] = self._yaw
         out[:, 3:5] = rotate_world_to_body(self.qvel[:, :2], self._yaw)
         out[:, 5] = self.qvel[:, 5]
-        out[:, 6], out[:, 7] = (self.qvel[:, dofs].mean(axis=1) for dofs in self._first.wheel_dofs)
+        for column, dofs in enumerate(self._first.wheel_dofs, start=6):
+            out[:, column] = self.qvel[:, dofs].mean(axis=1)
         force = self._force[:, self._wheels]
         out[:, 8:] = force[:, :2] + force[:, 2:] - self._braking * out[:, 6:8]
         return out
@@ -118,9 +120,7 @@ class MujocoBodies:
         control = np.zeros((*references.shape[:2], self._width))
         nu = self._first.model.nu
         control[:, :, :nu] = controls(self._first.model, references)
-        control[:, :, nu + 5] = (self._inertia if rows is None else self._inertia[rows])[
-            :, None
-        ] * pushes
-        self._batch.rollout(
-            references.shape[1], control, control_spec=self._spec, record=(), ids=rows
-        )
+        inertia = self._inertia if rows is None else self._inertia[rows]
+        control[:, :, nu + 5] = inertia[:, None] * pushes
+        steps = references.shape[1]
+        self._batch.rollout(steps, control, control_spec=self._spec, record=(), ids=rows)

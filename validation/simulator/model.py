@@ -1,6 +1,6 @@
 """A robot, its ground and a calibration -> MjModel.
 
-`_compose` builds what has structure (robot, ground, wheel shape); `set_calibration` and
+`_compose` builds the structure (robot, ground, wheel shape); `set_calibration` and
 `set_motors` set the numbers on a compiled model and are the only places that do, so a fit that
 edits one model in place and a profile that is loaded from disk mean the same robot.
 """
@@ -21,7 +21,7 @@ from validation.simulator.composing import compose_robot, contact_settings
 from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, WheelShape
 from validation.simulator.motors import set_motors
 from validation.simulator.parts import mujoco_failures, robot_parts
-from validation.simulator.physics import SHIPPED, PhysicsSettings, apply_settings
+from validation.simulator.physics import SHIPPED, Impedance, PhysicsSettings, apply_settings
 from validation.simulator.terrain import FLAT, Terrain
 
 CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
@@ -29,12 +29,12 @@ CONTACT_POINTS: dict[str, int] = {"ellipsoid": 1, "cylinder": 2, "capsule": 2}
 BELT_TIME = 0.030834
 """Time constant of the belts over sqrt(wheel radius / g) [1], a fifth of the contact's; 4 ms for a
 Husky."""
-READ_SENSORS = frozenset(f"{what}_{wheel}" for what in ("load", "torque") for wheel in WHEELS)
+READ_SENSORS = frozenset(f"load_{w}" for w in WHEELS) | {f"torque_{w}" for w in WHEELS}
 """Sensors of the simulated robot. The other channels of a run follow from its states, and the IMU
 from a state (`MujocoPlant.imu`); accelerometers would make MuJoCo compute all bodies' accelerations
 at each step."""
 _NET_FORCE = [1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1]
-"""What a sensor of contacts tells: the force, of all contacts together (MuJoCo's `netforce`), as
+"""Output of a sensor of contacts: the force, of all contacts together (MuJoCo's `netforce`), as
 one."""
 _CLOSE = 1e-8
 """Last relative step of Newton's method for a depth, beyond which rounding remains."""
@@ -44,21 +44,22 @@ carries nothing sinks nowhere."""
 
 
 def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
-    """Return robot and ground, without looks and without the sensors that nobody reads here: they cost time.
+    """Return robot and ground, without looks and the sensors that nobody reads: they cost time.
 
-    Tyres and ground are contact pairs, so MuJoCo need not look for what else might touch.
+    Tyres and ground are contact pairs, so MuJoCo need not look for other contacts.
     """
     spec = on_ground(robot, shape)
-    for part in [geom for geom in spec.geoms if not geom.name.endswith(("_tire", "ground"))]:
-        spec.delete(part)
-    for part in [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]:
+    looks = [geom for geom in spec.geoms if not geom.name.endswith(("_tire", "ground"))]
+    unread = [sensor for sensor in spec.sensors if sensor.name not in READ_SENSORS]
+    for part in looks + unread:
         spec.delete(part)
     pair_with_ground(spec)
     for wheel in WHEELS:
-        ends = {"objname": "ground", "refname": f"{wheel}_tire"}
-        force = spec.add_sensor(name=f"force_{wheel}", **ends, intprm=_NET_FORCE)
+        force = spec.add_sensor(name=f"force_{wheel}", intprm=_NET_FORCE)
         force.type = mujoco.mjtSensor.mjSENS_CONTACT
         force.objtype = force.reftype = mujoco.mjtObj.mjOBJ_GEOM
+        force.objname = "ground"
+        force.refname = f"{wheel}_tire"
     return spec
 
 
@@ -66,7 +67,7 @@ def on_ground(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
     """Return a robot with tyres of a shape on level ground, and motors without integral parts.
 
     Raises:
-        ValueError: what `compose_robot` raises.
+        ValueError: as `compose_robot`.
     """
     spec = compose_robot(robot)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
@@ -83,7 +84,10 @@ def on_ground(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
 
 
 def pair_with_ground(spec: mujoco.MjSpec) -> None:
-    """Make contact pairs of ground and tyres, which touch nothing else then; a pair can have two tangential frictions."""
+    """Make contact pairs of ground and tyres, which touch nothing else then.
+
+    A pair can have two tangential frictions.
+    """
     for wheel in WHEELS:
         tire = spec.geom(f"{wheel}_tire")
         tire.contype = 0
@@ -92,13 +96,11 @@ def pair_with_ground(spec: mujoco.MjSpec) -> None:
 
 
 _models: dict[tuple[Robot, WheelShape], mujoco.MjModel] = {}
+"""Compiled models without calibration."""
 _MOST_MODELS = 64
-"""Compiled models that are kept; a study of many robots forgets them all when it has made so
-many."""
-
-
+"""Number of compiled models that are kept; one more, and all others are forgotten."""
 FREE_DRIVE = Drive(torque_limit=math.inf)
-"""Motors of the thesis without a limit: what a model has that is driven without a `Drive`."""
+"""Motors of the thesis without a limit: those of a model that is driven without a `Drive`."""
 
 
 @mujoco_failures()
@@ -108,7 +110,7 @@ def robot_model(
     settings: PhysicsSettings = SHIPPED,
     drive: Drive = FREE_DRIVE,
 ) -> mujoco.MjModel:
-    """Return a compiled and calibrated model, which belongs to the caller; its motors are those of `drive`.
+    """Return a compiled and calibrated model with the motors of `drive`; the caller may change it.
 
     Raises:
         ValueError: a calibration whose inertia no body can have.
@@ -130,10 +132,10 @@ def adjust(
     drive: Drive,
     settings: PhysicsSettings = SHIPPED,
 ) -> None:
-    """Set all numbers on a compiled model of a robot and its ground, in place: motors, calibration and solver.
+    """Set calibration, motors and solver on a compiled model of a robot and its ground, in place.
 
     Raises:
-        ValueError: what `set_motors` and `set_calibration` raise.
+        ValueError: as `set_motors` and `set_calibration`.
     """
     set_calibration(model, calibration)
     set_motors(model, calibration, drive)
@@ -146,8 +148,9 @@ def base_inertia(calibration: Calibration) -> FloatArray:
     Roll and pitch inertia scale with the base's mass; the yaw inertia is the whole robot's less
     that of the wheels.
 
-    Raises: ParameterError: an inertia that is not positive, or that no rigid body has (each is at
-        most the sum of the others).
+    Raises:
+        ParameterError: an inertia that is not positive, or that no rigid body has (each is at most
+            the sum of the others).
     """
     robot = calibration.robot
     half_track = calibration.half_track
@@ -155,25 +158,22 @@ def base_inertia(calibration: Calibration) -> FloatArray:
     lever = (0.5 * robot.geometry.wheelbase) ** 2 + half_track**2
     from_wheels = len(WHEELS) * (masses.wheel_inertia[0] + masses.wheel * lever)
     scale = (calibration.mass - len(WHEELS) * masses.wheel) / robot.base_mass
-    inertia = np.array(
-        [
-            masses.inertia[0] * scale,
-            masses.inertia[1] * scale,
-            calibration.yaw_inertia - from_wheels,
-        ]
-    )
+    ixx = masses.inertia[0] * scale
+    iyy = masses.inertia[1] * scale
+    inertia = np.array([ixx, iyy, calibration.yaw_inertia - from_wheels])
     if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum() * (1.0 + 1e-9):
-        low = abs(inertia[0] - inertia[1]) + from_wheels
-        high = inertia[0] + inertia[1] + from_wheels
+        low = abs(ixx - iyy) + from_wheels
+        high = ixx + iyy + from_wheels
         raise ParameterError(
-            f"yaw_inertia {calibration.yaw_inertia:g} kg m2 leaves the base {inertia.round(3)}, which no rigid body has; "
-            f"with mass {calibration.mass:g} kg it must lie between {low:.3f} and {high:.3f}"
+            f"yaw_inertia {calibration.yaw_inertia:g} kg m2 leaves the base {inertia.round(3)}, "
+            f"which no rigid body has; with mass {calibration.mass:g} kg it must lie between "
+            f"{low:.3f} and {high:.3f}"
         )
     return inertia
 
 
 def static_shares(calibration: Calibration) -> FloatArray:
-    """Return the (4,) wheel loads over the weight [1] on four equal springs that hardly give, on level ground."""
+    """Return the (4,) wheel loads over the weight [1] on equal, stiff springs and level ground."""
     # wheels balance one another
     share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass
     x = share * calibration.com_x / (0.5 * calibration.robot.geometry.wheelbase)
@@ -182,24 +182,22 @@ def static_shares(calibration: Calibration) -> FloatArray:
 
 
 def pressed_in(model: mujoco.MjModel, calibration: Calibration, prefix: str = "") -> FloatArray:
-    """Return the (4,) depths to which the tyres sink into the soft contact at rest on level ground [m].
+    """Return the (4,) depths of the tyres in the soft contact at rest on level ground [m].
 
     The contact point lies halfway, so the rolling radius is half of it less than the geom's.
     """
-    solref, solimp = contact_settings(calibration.robot)
-    loads = np.maximum(static_shares(calibration), 0.25 * LEAST_SHARE) * calibration.mass * GRAVITY
+    contact = contact_settings(calibration.robot)
+    shares = np.maximum(static_shares(calibration), 0.25 * LEAST_SHARE)
+    loads = shares * calibration.mass * GRAVITY
     points = CONTACT_POINTS[calibration.wheel_shape]
     weights = model.body_invweight0[robot_parts(model, prefix).wheels, 0].tolist()
-    depths = [
-        resting_depth(load / points * weight, solref, solimp)
-        for load, weight in zip(loads, weights, strict=True)
-    ]
+    depths = []
+    for load, weight in zip(loads, weights, strict=True):
+        depths.append(resting_depth(load / points * weight, *contact))
     return np.array(depths)
 
 
-def resting_depth(
-    give: float, solref: tuple[float, float], solimp: tuple[float, float, float, float, float]
-) -> float:
+def resting_depth(give: float, solref: tuple[float, float], solimp: Impedance) -> float:
     """Return how deep a soft contact is pressed in at rest [m].
 
     A contact with the depth delta has an impedance d(delta), a curve of two power laws, and gives
@@ -213,7 +211,8 @@ def resting_depth(
         solref: time constant T [s] and damping ratio [1], as MuJoCo has them.
         solimp: impedance, as MuJoCo has it.
     """
-    (time, ratio), (least, most, width, middle, power) = solref, solimp
+    time, ratio = solref
+    least, most, width, middle, power = solimp
     stiffness = 1.0 / (most * time * ratio) ** 2
 
     def impedance(depth: float) -> tuple[float, float]:
@@ -236,15 +235,21 @@ def resting_depth(
         d, rise = impedance(depth)
         value = stiffness * d * depth - give * (1.0 - d) / d
         slope = stiffness * (d + rise * depth) + give * rise / d**2
-        low, high = (low, depth) if value > 0.0 else (depth, high)
+        if value > 0.0:
+            high = depth
+        else:
+            low = depth
         step = value / slope
         if abs(step) <= _CLOSE * depth:
             return depth - step
-        depth = depth - step if low < depth - step < high else min(0.5 * (low + high), 2.0 * depth)
+        if low < depth - step < high:
+            depth -= step
+        else:
+            depth = min(0.5 * (low + high), 2.0 * depth)
 
 
 def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str = "") -> None:
-    """Set every number of `calibration` on a compiled model, in place, but for those of the motors (`set_motors`).
+    """Set the numbers of `calibration` on a compiled model, in place; `set_motors` sets its motors.
 
     `prefix` stands in front of the robot's names in a larger model.
 
@@ -252,41 +257,24 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
         ValueError: an inertia that no rigid body has; the model is untouched then.
     """
     robot = calibration.robot
-    geometry = calibration.robot.geometry
+    geometry = robot.geometry
     parts = robot_parts(model, prefix)
+    # first, for it may raise
     inertia = base_inertia(calibration)
     model.body_mass[parts.base] = calibration.mass - len(WHEELS) * robot.masses.wheel
     model.body_inertia[parts.base] = inertia
     model.body_ipos[parts.base] = calibration.com_x, calibration.com_y, calibration.com_z
-    across, spin = robot.masses.wheel_inertia
-    places = [
-        0.5 * FRONT * geometry.wheelbase,
-        LEFT * calibration.half_track,
-        np.full(len(WHEELS), geometry.axle_height),
-    ]
-    model.body_pos[parts.wheels] = np.column_stack(places)
+    x = 0.5 * FRONT * geometry.wheelbase
+    y = LEFT * calibration.half_track
+    model.body_pos[parts.wheels] = np.column_stack([x, y, np.full(len(x), geometry.axle_height)])
     model.body_mass[parts.wheels] = robot.masses.wheel
-    model.body_inertia[parts.wheels] = (across, spin, across)
+    model.body_inertia[parts.wheels] = robot.masses.wheel_moments
     model.dof_armature[parts.dofs] = calibration.armature
     model.opt.timestep = calibration.timestep
+    # the inverse masses, on which the depths of the tyres depend
     mujoco.mj_setConst(model, mujoco.MjData(model))
-    half = {"ellipsoid": 0.5 * geometry.wheel_width, "cylinder": 0.5 * geometry.wheel_width}.get(
-        calibration.wheel_shape, calibration.capsule_half_width
-    )
-    tires, (solref, solimp) = parts.tires, contact_settings(robot)
-    radii = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
-    radii += 0.5 * pressed_in(model, calibration, prefix)
-    ellipsoid = calibration.wheel_shape == "ellipsoid"
-    model.geom_size[tires] = np.column_stack(
-        [radii, np.full(len(tires), half), radii if ellipsoid else np.zeros(len(tires))]
-    )
-    bounds = np.maximum(radii, half) if ellipsoid else radii + half
-    model.geom_rbound[tires] = bounds
-    model.geom_aabb[tires, 3:] = bounds[:, None]
-    model.geom_friction[tires, 0] = calibration.friction
-    model.geom_solref[tires] = solref
-    model.geom_solimp[tires] = solimp
-    model.site_size[parts.sites] = 1.2 * np.hypot(radii, 0.5 * geometry.wheel_width)[:, None]
+    _set_tires(model, calibration, prefix)
+    solref, solimp = contact_settings(robot)
     for motor in robot.motors:
         model.tendon_solref_fri[model.tendon(f"{prefix}{motor}").id] = solref  # of its dry friction
     for side in SIDES:
@@ -300,3 +288,28 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
         model.pair_friction[:, 1] = calibration.friction
         model.pair_solref[:] = solref
         model.pair_solimp[:] = solimp
+
+
+def _set_tires(model: mujoco.MjModel, calibration: Calibration, prefix: str) -> None:
+    """Set size, friction and contact of the tyres, and the sites of their load sensors."""
+    robot = calibration.robot
+    parts = robot_parts(model, prefix)
+    tires = parts.tires
+    half_width = 0.5 * robot.geometry.wheel_width
+    half = half_width
+    if calibration.wheel_shape == "capsule":
+        half = calibration.capsule_half_width
+    radii = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
+    radii += 0.5 * pressed_in(model, calibration, prefix)
+    # third half-axis and bounding radius, which MuJoCo computes at compilation only
+    third = np.zeros(len(tires))
+    bounds = radii + half
+    if calibration.wheel_shape == "ellipsoid":
+        third = radii
+        bounds = np.maximum(radii, half)
+    model.geom_size[tires] = np.column_stack([radii, np.full(len(tires), half), third])
+    model.geom_rbound[tires] = bounds
+    model.geom_aabb[tires, 3:] = bounds[:, None]
+    model.geom_friction[tires, 0] = calibration.friction
+    model.geom_solref[tires], model.geom_solimp[tires] = contact_settings(robot)
+    model.site_size[parts.sites] = 1.2 * np.hypot(radii, half_width)[:, None]

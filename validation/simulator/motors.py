@@ -1,10 +1,10 @@
-"""The motors of `ssmr.robot.drive` inside MuJoCo, of its own actuators alone: a model moves and is exported as it is.
+"""The motors of `ssmr.robot.drive` inside MuJoCo, made of its own actuators alone.
 
-A motor's torque is the sum of two actuators, which both take the wanted wheel rate: `<velocity>` is
-the proportional part K_P e, and `<intvelocity>` is the integral part, a spring of stiffness K_I
-between the wheel and the angle to which the wanted rate adds up. The other end of that spring is a
-slip: a light joint of its own which gives way at a rate in proportion to the spring's torque y, so
-that y leaks,
+So a model is exported as it moves. A motor's torque is the sum of two actuators, which both take
+the commanded wheel rate: `<velocity>` is the proportional part K_P e, and `<intvelocity>` is the
+integral part, a spring of stiffness K_I between the wheel and the angle to which that rate adds up.
+The other end of that spring is a slip: a light joint of its own which gives way at a rate in
+proportion to the spring's torque y, so that y leaks,
 
     dy/dt = K_I (e - slip rate),    y = K_dc times the slip rate,    |y| at most the motor's limit,
 
@@ -50,7 +50,7 @@ _TENDON = mujoco.mjtTrn.mjTRN_TENDON
 
 
 def add_integral_parts(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Add the integral parts of a robot's motors; `set_motors` sets their numbers on the compiled model."""
+    """Add the integral parts of a robot's motors; `set_motors` sets their numbers."""
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_EULERDAMP
     tiny = {"mass": 1e-9, "ipos": [0.0] * 3, "inertia": [1e-9] * 3, "explicitinertial": True}
     slips = spec.worldbody.add_body(name="slips", **tiny)
@@ -65,7 +65,7 @@ def add_integral_parts(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def controls(model: mujoco.MjModel, references: FloatArray) -> FloatArray:
-    """Return the (..., nu) inputs of all actuators for (..., 2) wheel-rate references [rad/s] of the left and right side."""
+    """Return the (..., nu) inputs of all actuators for (..., 2) rates of the sides [rad/s]."""
     return np.concatenate([references] * (model.nu // len(SIDES)), axis=-1)
 
 
@@ -92,27 +92,31 @@ def set_motors(
     too_light = max(calibration.gain, motor.braking) * calibration.timestep > light
     integrators = mujoco.mjtIntegrator
     model.opt.integrator = integrators.mjINT_IMPLICITFAST if too_light else integrators.mjINT_EULER
-    for name, wheels in robot.motors.items():
+    for motor_name, wheels in robot.motors.items():
+        name = f"{prefix}{motor_name}"
         share = 0.5 * len(wheels)
-        index = model.actuator(f"{prefix}{name}_motor").id
+        index = model.actuator(f"{name}_motor").id
         gain = share * calibration.gain
         model.actuator_gainprm[index, 0] = gain
         model.actuator_biasprm[index, :3] = 0.0, 0.0, share * motor.braking - gain
-        # No sum with the integral part is changed by this, and MuJoCo is told where the feedback
-        # does not work.
+        # This bound changes no sum with the integral part, and MuJoCo learns from it where the
+        # feedback does not work.
         bounded = limited and too_light
         far = _FAR if drive.integral_gain > 0.0 else 1.0
         bound = far * share * motor.limit if bounded else 0.0
         model.actuator_forcelimited[index] = bounded
         model.actuator_forcerange[index] = -bound, bound
-        model.tendon_frictionloss[model.tendon(f"{prefix}{name}").id] = share * lost
-        _set_integral_part(model, f"{prefix}{name}", share, light, drive)
+        model.tendon_frictionloss[model.tendon(name).id] = share * lost
+        _set_integral_part(model, name, share, light, drive)
 
 
 def _set_integral_part(
     model: mujoco.MjModel, motor: str, share: float, light: float, drive: Drive
 ) -> None:
-    """Set the spring and the slip of a motor that has a share of a side, whose wheels and rotors have an inertia [kg m2]."""
+    """Set spring and slip of a motor with a share of a side.
+
+    `light` is the inertia of the side's wheels and rotors [kg m2].
+    """
     dt = float(model.opt.timestep)
     stiffness = share * drive.integral_gain
     index = model.actuator(f"{motor}_integral").id
@@ -123,16 +127,15 @@ def _set_integral_part(
     # Friction of impedance d that stops the rate at the end of the step is a damper of d / (1 - d)
     # inertia / dt.
     softest = 1.0 - _STIFFEST
-    wanted = min(share * drive.dc_stiffness * dt, inertia / softest)
-    impedance = min(max(round(wanted / (wanted + inertia), 4), softest), _STIFFEST)
+    damping_dt = min(share * drive.dc_stiffness * dt, inertia / softest)
+    impedance = min(max(round(damping_dt / (damping_dt + inertia), 4), softest), _STIFFEST)
     # a file has six digits: few of 1 - d, but enough of an inertia that goes with a d of four
     if impedance < _STIFFEST:
-        inertia = wanted * (1.0 - impedance) / impedance
+        inertia = damping_dt * (1.0 - impedance) / impedance
     model.dof_armature[dof] = inertia
     model.dof_damping[dof] = SLIP_DAMPING * math.sqrt(stiffness * inertia)
     model.dof_frictionloss[dof] = min(2.0 * share * drive.torque_limit, _NO_LIMIT)
     model.dof_solimp[dof, :2] = impedance
     model.dof_solref[dof] = -1.0, -impedance / dt
-    # The solver's softness is in proportion to what the joint's inertia was when the model was
-    # made.
+    # The solver's softness is in proportion to the joint's inertia at compilation.
     model.dof_invweight0[dof] = 1.0 / inertia

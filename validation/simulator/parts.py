@@ -1,4 +1,4 @@
-"""Indices: where the parts of a robot lie in the arrays of a compiled model, and what it means where MuJoCo gives up."""
+"""Indices of a robot's parts in the arrays of a compiled model, and MuJoCo's own failures."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ class Parts:
     """Columns of the actuators' torques on the wheels among the sensors' numbers."""
 
 
-_parts: dict[tuple[int, bytes, str], Parts] = {}  # looking names up costs more than a few steps
+# looking names up costs more than a few steps
+_parts: dict[tuple[int, bytes, str], Parts] = {}
 
 
 def robot_parts(model: mujoco.MjModel, prefix: str = "") -> Parts:

@@ -1,8 +1,8 @@
-"""Settings of physics: the constraint solver, MuJoCo's stopwatch, and settings that override those of a robot's MJCF.
+"""Settings of physics: the constraint solver, MuJoCo's stopwatch, and overrides of a robot's MJCF.
 
 These are not calibrated: they say how the physics is computed, not which robot is meant.
-`robot_model` applies them once, after the calibration, so what a fit moves and what a study of
-settings moves never meet.
+`robot_model` applies them once, after the calibration, so a fit and a study of settings never
+move the same number.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Integrator = Literal["Euler", "implicit", "implicitfast", "RK4"]
 
 @dataclass(frozen=True)
 class PhysicsSettings:
-    """Overrides; None leaves what is shipped."""
+    """Overrides; None leaves the shipped value."""
 
     cone: Cone | None = None
     """Shape of the friction cone -> opt.cone."""
@@ -92,20 +92,18 @@ def apply_settings(
     tolerance, iterations = SOLVING[solver]
     # All wheels hang on one body: there is one island, and looking for more costs time.
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ISLAND)
-    for name, value in (
-        ("cone", settings.cone and getattr(mujoco.mjtCone, f"mjCONE_{settings.cone.upper()}")),
-        ("solver", getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")),
-        ("tolerance", tolerance),
-        (
-            "integrator",
-            settings.integrator
-            and getattr(mujoco.mjtIntegrator, f"mjINT_{settings.integrator.upper()}"),
-        ),
-        ("impratio", settings.impratio),
-        ("iterations", iterations if settings.iterations is None else settings.iterations),
-    ):
-        if value is not None:
-            setattr(model.opt, name, value)
+    option = model.opt
+    option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")
+    option.tolerance = tolerance
+    option.iterations = iterations
+    if settings.iterations is not None:
+        option.iterations = settings.iterations
+    if settings.impratio is not None:
+        option.impratio = settings.impratio
+    if settings.cone is not None:
+        option.cone = getattr(mujoco.mjtCone, f"mjCONE_{settings.cone.upper()}")
+    if settings.integrator is not None:
+        option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{settings.integrator.upper()}")
     for name, numbers in (("solimp", settings.solimp), ("solref", settings.solref)):
         if numbers is not None:
             getattr(model, f"geom_{name}")[list(tires)] = numbers

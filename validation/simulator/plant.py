@@ -1,7 +1,7 @@
 """A MuJoCo robot as a `Plant`.
 
 A run goes chunk by chunk: the samples of each are kept and its steps are forgotten, so that hours
-fit into memory. A chunk goes on from the last one's state and with what its solver started from, so
+fit into memory. A chunk goes on from the last one's state and its solver's warm start, so
 results do not depend on how long chunks are, to the bit.
 """
 
@@ -28,7 +28,7 @@ from ssmr.robot.drive import Driver, motor_numbers, reference_chunks, whole_step
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import SIDES, WHEELS
+from validation.simulator.description import WHEELS
 from validation.simulator.model import FREE_DRIVE, contact_settings, robot_model
 from validation.simulator.motors import controls
 from validation.simulator.parts import mujoco_failures, robot_parts
@@ -90,44 +90,37 @@ class MujocoPlant:
         """
         self.terrain = terrain
         self.settings = settings
-        self.model = robot_model(calibration, terrain, settings, drive)
+        model = self.model = robot_model(calibration, terrain, settings, drive)
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
         self.calibration = calibration
         self.drive = drive
-        self._parts = robot_parts(self.model)
-        self.wheel_dofs = tuple(
-            [
-                dof
-                for wheel, dof in zip(WHEELS, self._parts.dofs, strict=True)
-                if wheel.endswith(side)
-            ]
-            for side in SIDES
-        )
-        places = [int(self.model.sensor(f"force_{wheel}").adr[0]) for wheel in WHEELS]
+        self._parts = robot_parts(model)
+        # the names of `WHEELS` are left and right in turns
+        self.wheel_dofs = (self._parts.dofs[::2], self._parts.dofs[1::2])
+        places = [int(model.sensor(f"force_{wheel}").adr[0]) for wheel in WHEELS]
         self._forces = np.add.outer(places, range(2))
-        level = (
-            level_rest(self.model, mujoco.MjData(self.model), calibration)
-            if self.terrain.level
-            else None
-        )
+        level = None
+        if terrain.level:
+            level = level_rest(model, mujoco.MjData(model), calibration)
         self._resting = self._settle() if level is None else level
         self._driver: Driver | None = None
 
     @cached_property
     def yaw_inertia(self) -> float:
-        """Moment of inertia of the whole robot about the vertical through its centre of mass [kg m2]."""
-        data = mujoco.MjData(self.model)
-        mass_matrix = np.zeros((self.model.nv, self.model.nv))
+        """Moment of inertia of the whole robot about the vertical through its centre [kg m2]."""
+        model = self.model
+        data = mujoco.MjData(model)
+        mass_matrix = np.zeros((model.nv, model.nv))
         data.qpos[:] = self._resting
-        mujoco.mj_fwdPosition(self.model, data)
-        mujoco.mj_fullM(self.model, data, mass_matrix)
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fullM(model, data, mass_matrix)
         base = self._parts.base
         offset = data.subtree_com[base][:2] - data.xpos[base][:2]
-        return float(mass_matrix[5, 5] - self.model.body_subtreemass[base] * offset @ offset)
+        return float(mass_matrix[5, 5] - model.body_subtreemass[base] * offset @ offset)
 
     @cached_property
     def _prescribed(self) -> mujoco.MjModel:
-        """Return the robot's model with wheels that turn as they are told, whatever torque that takes."""
+        """Return the robot's model with wheels that turn at given rates, whatever the torque."""
         robot = self.calibration.robot
         armature = PRESCRIBED_SHARE * robot.masses.total * robot.geometry.wheel_radius**2
         # Euler's method is a step ahead of the lag
@@ -141,7 +134,7 @@ class MujocoPlant:
         return float(self.model.opt.timestep)
 
     def _settle(self) -> FloatArray:
-        """Return the (nq,) configuration at rest at the origin: tyres pressed in, the body tilted by mass and ground."""
+        """Return the (nq,) configuration at rest at the origin, after letting the robot settle."""
         data = mujoco.MjData(self.model)
         (constant, _), _ = contact_settings(self.calibration.robot)
         with solved_exactly(self.model):
@@ -149,13 +142,12 @@ class MujocoPlant:
         rest = np.array(data.qpos)
         rest[:2] = 0.0
         rest[7:] = 0.0
-        mujoco.mju_mulQuat(
-            rest[3:7], yaw_to_quat_wxyz(-float(quat_wxyz_to_yaw(rest[3:7]))), data.qpos[3:7]
-        )
+        turn_back = yaw_to_quat_wxyz(-float(quat_wxyz_to_yaw(rest[3:7])))
+        mujoco.mju_mulQuat(rest[3:7], turn_back, data.qpos[3:7])
         return rest
 
     def placed(self, state: State) -> FloatArray:
-        """Return the simulator's whole (1 + nq + nv + na) state where the robot rests on its tyres in `state`."""
+        """Return the simulator's (1 + nq + nv + na) state of a robot that rests in `state`."""
         rest = self._resting.copy()
         velocity = np.zeros(self.model.nv)
         rest[:2] = state.x, state.y
@@ -171,11 +163,18 @@ class MujocoPlant:
         qpos = self._data.qpos
         qvel = self._data.qvel
         yaw = float(quat_wxyz_to_yaw(qpos[3:7])) + 2.0 * math.pi * self._turns
-        v = rotate_world_to_body(qvel[:2], yaw)
+        v_x, v_y = rotate_world_to_body(qvel[:2], yaw).tolist()
+        left, right = (float(np.mean(qvel[dofs])) for dofs in self.wheel_dofs)
         return State(
-            float(qpos[0]), float(qpos[1]), yaw, float(v[0]), float(v[1]), float(qvel[5]),
-            *(float(np.mean(qvel[dofs])) for dofs in self.wheel_dofs),
-        )  # fmt: skip
+            x=float(qpos[0]),
+            y=float(qpos[1]),
+            yaw=yaw,
+            v_x=v_x,
+            v_y=v_y,
+            yaw_rate=float(qvel[5]),
+            wheel_left=left,
+            wheel_right=right,
+        )
 
     @cached_property
     def _data(self) -> mujoco.MjData:
@@ -184,15 +183,17 @@ class MujocoPlant:
 
     @mujoco_failures()
     def reset(self, state: State) -> State:
-        """Start from `state`, resting on its tyres, with empty delay lines and no memory of former runs."""
+        """Start from `state`, resting on its tyres, with empty delay lines.
+
+        Nothing of former runs is kept.
+        """
         self._driver = Driver(self.drive, self.dt, state)
-        mujoco.mj_resetData(self.model, self._data)
-        mujoco.mj_setState(
-            self.model, self._data, self.placed(state), mujoco.mjtState.mjSTATE_FULLPHYSICS
-        )
-        self._turns = round(
-            (state.yaw - float(quat_wxyz_to_yaw(self._data.qpos[3:7]))) / (2.0 * math.pi)
-        )
+        data = self._data
+        whole = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        mujoco.mj_resetData(self.model, data)
+        mujoco.mj_setState(self.model, data, self.placed(state), whole)
+        yaw = float(quat_wxyz_to_yaw(data.qpos[3:7]))
+        self._turns = round((state.yaw - yaw) / (2.0 * math.pi))
         self._last = self._read()
         return self._last
 
@@ -221,23 +222,28 @@ class MujocoPlant:
         return self._last
 
     def imu(self) -> tuple[FloatArray, FloatArray]:
-        """Return (3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU now, along its axes.
+        """Return (3,) angular velocity [rad/s] and (3,) specific force [m/s2] at the IMU.
 
-        The force is that under the last step's inputs; reading it changes nothing.
+        Both are along its axes. The force is that under the last step's inputs; reading it changes
+        nothing.
         """
-        site = self.model.site("imu").id
+        model = self.model
+        site = model.site("imu").id
         kind = mujoco.mjtObj.mjOBJ_SITE
-        now = self._probe
-        mujoco.mj_copyState(self.model, self._begun()[0], now, mujoco.mjtState.mjSTATE_INTEGRATION)
-        mujoco.mj_forward(self.model, now)
-        mujoco.mj_rnePostConstraint(self.model, now)  # bodies' accelerations
-        velocity, acceleration = np.empty(6), np.empty(6)  # angular, then linear
-        mujoco.mj_objectVelocity(self.model, now, kind, site, velocity, 1)
-        mujoco.mj_objectAcceleration(self.model, now, kind, site, acceleration, 1)
+        data, _ = self._begun()
+        probe = self._probe
+        mujoco.mj_copyState(model, data, probe, mujoco.mjtState.mjSTATE_INTEGRATION)
+        mujoco.mj_forward(model, probe)
+        mujoco.mj_rnePostConstraint(model, probe)  # bodies' accelerations
+        # of both, the angular part comes first
+        velocity = np.empty(6)
+        acceleration = np.empty(6)
+        mujoco.mj_objectVelocity(model, probe, kind, site, velocity, 1)
+        mujoco.mj_objectAcceleration(model, probe, kind, site, acceleration, 1)
         return velocity[:3], acceleration[3:]
 
     def _begun(self) -> tuple[mujoco.MjData, Driver]:
-        """Return what is driven step by step, with its driver: where nobody has put it, it is at rest at the origin."""
+        """Return state and driver of the stepwise run, which starts at rest at the origin."""
         if self._driver is None:
             self.reset(State())
         assert self._driver is not None  # by `reset`
@@ -245,7 +251,7 @@ class MujocoPlant:
 
     @cached_property
     def _probe(self) -> mujoco.MjData:
-        """Return another state of the simulator, to look at without touching the robot's own."""
+        """Return a second state of the simulator, for readings that leave the first untouched."""
         return mujoco.MjData(self.model)
 
     @mujoco_failures()
@@ -258,83 +264,89 @@ class MujocoPlant:
     ) -> Trajectory:
         """Drive `commands` at once, by `mujoco.rollout`.
 
-        Returns: The motion, with channels `yaw_acceleration_rad_s2` (M,) and, where no wheel rates
-            are given, `torque_N_m` (M, 2); and for the wheels front left, front right, rear left,
-            rear right `wheel_load_N` (M, 4) and the forces of the ground in the body's axes,
+        Returns:
+            The motion, with channels `yaw_acceleration_rad_s2` (M,) and, where no wheel rates are
+            given, `torque_N_m` (M, 2); and for the wheels front left, front right, rear left, rear
+            right `wheel_load_N` (M, 4) and the forces of the ground in the body's axes,
             `force_x_N` and `force_y_N` (M, 4).
 
         Raises:
             DivergedError: the simulator gave up.
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
-        steps = commands.n * self._steps_of(commands)
-        if disturbance is not None and len(disturbance) != steps:
-            raise ValueError(f"{len(disturbance)} disturbances for {steps} physics steps")
+        steps = self._steps_of(commands)
         spec = mujoco.mjtState.mjSTATE_CTRL
         if disturbance is not None:
+            if len(disturbance) != steps:
+                raise ValueError(f"{len(disturbance)} disturbances for {steps} physics steps")
             spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
-        model = self._prescribed if commands.kind == "wheels" else self.model
-        start = self.placed(state)
-        chunks = sampled(
-            model, start, self._inputs(commands, state, disturbance), int(spec), stride
-        )
+        model = self.model if commands.kind == "twist" else self._prescribed
+        inputs = self._inputs(commands, state, disturbance)
         table = np.empty((1 + steps // stride, _COLUMNS))
         done = 0
-        for chunk in chunks:
+        for chunk in sampled(model, self.placed(state), inputs, int(spec), stride):
             rows = self._rows(chunk)
             table[done : done + len(rows)] = rows
-            done = done + len(rows)
+            done += len(rows)
         table[:, 2] += _TURN * round((state.yaw - table[0, 2]) / (2.0 * math.pi))
         motion = motion_of(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
         if commands.kind == "twist":
             return motion
+        return self._with_ground_torque(motion)
+
+    def _with_ground_torque(self, motion: Trajectory) -> Trajectory:
+        """Return a motion with given wheel rates with the ground's torque in place of the motors'.
+
+        The motors' torque turned the heavy wheels, not the robot.
+        """
         channels = dict(motion.channels)
+        del channels["torque_N_m"]
         radius = self.calibration.wheel_radius
         difference = 0.5 * self.calibration.radius_difference
         pull = channels["force_x_N"]
         sides = pull[:, :2] + pull[:, 2:]
-        # The motors' torque turned the heavy wheels, not the robot.
-        del channels["torque_N_m"]
         channels["ground_torque_N_m"] = sides * [radius + difference, radius - difference]
         return replace(motion, channels=channels)
 
     def _steps_of(self, commands: Commands) -> int:
-        return whole_steps(commands.dt, self.dt, "the command period")
+        """Return the number of physics steps of all commands."""
+        return commands.n * whole_steps(commands.dt, self.dt, "the command period")
 
     def _inputs(
         self, commands: Commands, state: State, disturbance: FloatArray | None
     ) -> Iterator[FloatArray]:
-        """Yield the inputs of chunks of physics steps: of all actuators and, with a disturbance, the forces on all joints.
+        """Yield the inputs of chunks of physics steps.
 
+        These are inputs of all actuators and, with a disturbance, forces on all joints.
         There is one step more, with the last inputs but undisturbed: its sensors are those at the
         end.
         """
-        steps = commands.n * self._steps_of(commands)
-        first = 0
-        chunks = reference_chunks(commands, self.drive, self.dt, state, CHUNK)
+        steps = self._steps_of(commands)
         if commands.kind == "wheels":
             chunks = self._leading_references(commands, state)
+        else:
+            chunks = reference_chunks(commands, self.drive, self.dt, state, CHUNK)
+        first = 0
         for chunk in chunks:
-            references = chunk if first + len(chunk) < steps else np.vstack([chunk, chunk[-1:]])
+            end = first + len(chunk)
+            references = chunk if end < steps else np.vstack([chunk, chunk[-1:]])
             control = controls(self.model, references)
             if disturbance is not None:
                 force = np.zeros((len(control), self.model.nv))
-                force[: len(chunk), 5] = self.yaw_inertia * np.asarray(
-                    disturbance[first : first + len(chunk)]
-                )
+                force[: len(chunk), 5] = self.yaw_inertia * np.asarray(disturbance[first:end])
                 control = np.hstack([control, force])
             yield control
-            first += len(chunk)
+            first = end
 
     def _leading_references(self, commands: Commands, state: State) -> Iterator[FloatArray]:
-        """Yield the references, chunk by chunk, with which wheels have the given rates without a lag.
+        """Yield the references, chunk by chunk, that give wheels the commanded rates without a lag.
 
         A rate is that of the middle of its period, and linear between. After a step wheels have the
         mean rate of the step. A motor with the time constant T changes a rate w in a step h by
         h (wanted - w) / (T + n h). Here n is the share of its feedback that implicitfast keeps,
-        which drops what couples wheels: one over the number of wheels that the motor turns.
+        which drops the coupling of wheels: one over the number of wheels that the motor turns.
         """
-        steps = commands.n * self._steps_of(commands)
+        steps = self._steps_of(commands)
         middles = (np.arange(commands.n) + 0.5) * commands.dt
         lead = PRESCRIBED_LAG + self.model.nu / len(WHEELS) - 1.0
         last = np.array([state.wheel_left, state.wheel_right])
@@ -352,23 +364,19 @@ class MujocoPlant:
         qvel = chunk.states[:, 1 + nq : 1 + nq + self.model.nv]
         wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
         at_wheels = chunk.sensors[:, self._parts.torques]
-        torques = (
-            at_wheels[:, :2]
-            + at_wheels[:, 2:]
-            - motor_numbers(self.drive, self.dt).braking * wheels
-        )
+        braking = motor_numbers(self.drive, self.dt).braking
+        torques = at_wheels[:, :2] + at_wheels[:, 2:] - braking * wheels
+        forces = rotate_world_to_body(chunk.sensors[:, self._forces], chunk.yaw[:, None])
         columns = [
-            *(
-                qpos[:, :2],
-                chunk.yaw,
-                rotate_world_to_body(qvel[:, :2], chunk.yaw),
-                qvel[:, 5],
-                wheels,
-            ),
-            *(chunk.sensors[:, self._parts.loads], torques, chunk.yaw_acceleration),
-            *np.moveaxis(
-                rotate_world_to_body(chunk.sensors[:, self._forces], chunk.yaw[:, None]), -1, 0
-            ),
+            qpos[:, :2],
+            chunk.yaw,
+            rotate_world_to_body(qvel[:, :2], chunk.yaw),
+            qvel[:, 5],
+            wheels,
+            chunk.sensors[:, self._parts.loads],
+            torques,
+            chunk.yaw_acceleration,
+            *np.moveaxis(forces, -1, 0),
         ]
         return np.column_stack(columns)
 
@@ -418,45 +426,43 @@ def sampled(
         spec: kind of the inputs, of `mujoco.mjtState`.
         stride: steps from one sample to the next; the first step is one.
 
-    Raises: DivergedError: the simulator gave up; with the time and, as far as the chunk reaches
-        back, the states until then.
+    Raises:
+        DivergedError: the simulator gave up; with the time and, as far as the chunk reaches back,
+            the states until then.
     """
     dt = float(model.opt.timestep)
-    nq = model.nq
+    yaw_rate = 1 + model.nq + 5
     data = mujoco.MjData(model)
     state = start
     warm = np.zeros(model.nv)
     first = 0
     turns = 0
-    for given in inputs:
-        batch = rollout.rollout(
-            model, data, state[None], given[None], control_spec=spec, initial_warmstart=warm[None]
+    for control in inputs:
+        states, readings = rollout.rollout(
+            model, data, state[None], control[None], control_spec=spec, initial_warmstart=warm[None]
         )
-        after = batch[0][0]
-        sensors = batch[1][0]
+        after = states[0]
         before = np.vstack([state, after[:-1]])
         # A diverged simulation resets itself: its clock jumps back.
         bad = np.flatnonzero((after[:, 0] <= before[:, 0]) | ~np.isfinite(after).all(axis=1))
         if len(bad):
-            t = (first + int(bad[0])) * dt
+            end = int(bad[0])
+            t = (first + end) * dt
             raise DivergedError(
-                f"mujoco gave up at t = {t:.3f} s: no finite state",
-                t=t,
-                states=before[: int(bad[0]) + 1],
+                f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=before[: end + 1]
             )
         yaw = quat_wxyz_to_yaw(np.vstack([before[:, 4:8], after[-1:, 4:8]]))
-        whole = turns - np.cumulative_sum(
-            np.rint(np.diff(yaw) / _TURN).astype(np.int64), include_initial=True
-        )
+        jumps = np.rint(np.diff(yaw) / _TURN).astype(np.int64)
+        whole = turns - np.cumulative_sum(jumps, include_initial=True)
+        # the first step of the run is a sample, and so every `stride`-th after it
         at = slice(-first % stride, len(after), stride)
-        change = (after[at, 1 + nq + 5] - before[at, 1 + nq + 5]) / dt
         yield Samples(
-            np.array(before[at]),
-            np.array(sensors[at]),
-            yaw[:-1][at] + _TURN * whole[:-1][at],
-            change,
+            states=np.array(before[at]),
+            sensors=np.array(readings[0][at]),
+            yaw=yaw[:-1][at] + _TURN * whole[:-1][at],
+            yaw_acceleration=(after[at, yaw_rate] - before[at, yaw_rate]) / dt,
         )
         state = after[-1]
         warm = np.array(data.qacc_warmstart)
-        first = first + len(after)
+        first += len(after)
         turns = int(whole[-1])

@@ -21,7 +21,7 @@ from validation.simulator.parts import robot_parts
 _DOFS = slice(2, 5)
 """Height, roll and pitch among the degrees of freedom."""
 _STEPS = 40
-"""Most steps; four or five are usual."""
+"""Most steps; four or five suffice as a rule."""
 _CLOSE = 1e-7
 """Step at which the search ends, in units of how far tyres are pressed in: that error's square
 remains."""
@@ -30,8 +30,9 @@ _PROBE = 1e-5
 _SLOW = 0.1
 """Reduction of the residual in a step from which on the Jacobian is computed anew."""
 _TOLERANCE = 1e-14
-_ITERATIONS = 100
 """Tolerance of the constraint solver, which must not limit the accuracy here."""
+_ITERATIONS = 100
+"""Greatest number of the constraint solver's iterations."""
 
 
 def level_rest(
@@ -55,7 +56,10 @@ def level_rest(
 
 @contextlib.contextmanager
 def solved_exactly(model: mujoco.MjModel) -> Iterator[None]:
-    """Within, the model's constraints are solved to rounding; how a robot rests must not depend on its solver."""
+    """Within, the model's constraints are solved to rounding.
+
+    The rest of a robot must not depend on its solver.
+    """
     option = model.opt
     before = option.solver, option.tolerance, option.iterations
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
@@ -68,7 +72,10 @@ def solved_exactly(model: mujoco.MjModel) -> Iterator[None]:
 
 
 def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray, FloatArray]:
-    """Return a first configuration, and (3,) heights [m] and angles [rad] that press the tyres in to half their depth."""
+    """Return a first configuration, and (3,) changes of height [m], roll and pitch [rad].
+
+    Each of these changes presses the tyres in to half their depth.
+    """
     rolling = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
     # as `set_calibration` estimated them
     depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)
@@ -82,18 +89,20 @@ def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray,
     turn = np.zeros(model.nv)
     turn[3:5] = roll, pitch
     mujoco.mj_integratePos(model, start, turn, 1.0)
-    return start, 0.5 * float(depths.mean()) * np.array([1.0, 1.0 / half_track, 1.0 / half_base])
+    levers = np.array([1.0, 1.0 / half_track, 1.0 / half_base])
+    return start, 0.5 * float(depths.mean()) * levers
 
 
 def _search(
     model: mujoco.MjModel, data: mujoco.MjData, place: FloatArray, reach: FloatArray
 ) -> FloatArray | None:
+    """Return the configuration at rest near `place`, in steps of at most `reach`; None without."""
     move = np.zeros(model.nv)
     jacobian = np.empty((3, 3))
     last = np.inf
 
     def pull(change: FloatArray | float) -> FloatArray:
-        """Return (3,) accelerations of the body at rest in `place` after a change of height and angles."""
+        """Return the body's (3,) accelerations at rest after a change of height and angles."""
         data.qpos[:] = place
         move[_DOFS] = change
         mujoco.mj_integratePos(model, data.qpos, move, 1.0)
@@ -108,6 +117,7 @@ def _search(
             for k, probe in enumerate(np.diag(_PROBE * reach)):
                 jacobian[:, k] = (pull(probe) - residual) / (_PROBE * reach[k])
         last = size
+        # a Newton step, shortened so that no tyre moves by more than half its depth
         change = np.linalg.solve(jacobian, -residual)
         far = float(np.max(np.abs(change) / reach))
         if not far < np.inf:

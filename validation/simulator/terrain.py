@@ -43,52 +43,55 @@ class Terrain:
 
     def gravity(self, g: float) -> FloatArray:
         """Return (3,) gravity [m/s2] along the axes of the ground."""
+        down = -g * math.cos(self.slope)
         along = g * math.sin(self.slope)
-        return np.array(
-            [
-                -along * math.cos(self.toward),
-                -along * math.sin(self.toward),
-                -g * math.cos(self.slope),
-            ]
-        )
+        x = -along * math.cos(self.toward)
+        y = -along * math.sin(self.toward)
+        return np.array([x, y, down])
 
     def gravity_in_body(self, yaw: FloatArray, g: float) -> FloatArray:
-        """Return (M, 3) gravity [m/s2] in the axes of a robot that stands flat on the ground with (M,) headings."""
+        """Return (M, 3) gravity [m/s2] along the axes of a robot with (M,) headings."""
         world = self.gravity(g)
-        return np.column_stack([rotate_world_to_body(world[:2], yaw), np.full(len(yaw), world[2])])
+        along = rotate_world_to_body(world[:2], yaw)
+        return np.column_stack([along, np.full(len(yaw), world[2])])
 
     @property
     def spec(self) -> str:
         """Text of the terrain that `parse_terrain` reads back."""
         if self.level:
             return "flat"
-        return f"ramp:slope_deg={math.degrees(self.slope):.12g},toward_deg={math.degrees(self.toward):.12g}"
+        toward = math.degrees(self.toward)
+        return f"ramp:slope_deg={math.degrees(self.slope):.12g},toward_deg={toward:.12g}"
 
     @property
     def words(self) -> str:
         """Description of the terrain for titles."""
         if self.level:
             return "level ground"
-        return f"a ramp of {math.degrees(self.slope):g}° that rises toward {math.degrees(self.toward):g}°"
+        return (
+            f"a ramp of {math.degrees(self.slope):g}° "
+            f"that rises toward {math.degrees(self.toward):g}°"
+        )
 
 
 FLAT = Terrain()
+"""Level ground."""
 
 
 def parse_terrain(text: str) -> Terrain:
     """Return the terrain that a text such as `ramp:5` describes.
 
-    Raises: ValueError: it is not understood, or a number is outside its range; the message says
-        what would be right.
+    Raises:
+        ValueError: it is not understood, or a number is outside its range; the message says what
+            would be right.
     """
+    if text == "flat":
+        return FLAT
     ramp = _RAMP.fullmatch(text)
     try:
-        if ramp is None and text != "flat":
+        if ramp is None:
             raise ValueError(f"wanted {USAGE}")
-        return (
-            FLAT
-            if ramp is None
-            else Terrain(*(math.radians(float(n or 0.0)) for n in ramp.groups()))
-        )
+        slope, toward = (math.radians(float(degrees or 0.0)) for degrees in ramp.groups())
+        return Terrain(slope, toward)
     except ValueError as error:
         raise ValueError(f"terrain '{shortened(text, 60)}' is not understood: {error}") from error

@@ -1,4 +1,4 @@
-"""Drives that show how a robot rolls, turns on the spot and stands on a slope, and the closed forms beside them."""
+"""Drives that show how a robot rolls, turns on the spot and stands on a slope; closed forms."""
 
 from __future__ import annotations
 
@@ -19,27 +19,33 @@ from validation.simulator.plant import MujocoPlant
 SAMPLE = 0.01
 """Period of samples [s]."""
 SPIN_RATE = 0.6
+"""Commanded yaw rate of the turn on the spot [rad/s]."""
 SPIN_TIME = 38.0
+"""Duration of the turn on the spot [s]: about three turns."""
 SPIN_LEAD = 2.0
-"""Turn on the spot: commanded yaw rate [rad/s], duration [s], and start of the measurement [s];
-about three turns."""
+"""Time in the turn on the spot at which the measurement starts [s]."""
 STRAIGHT_SPEED = 0.5
+"""Commanded speed of the straight drive [m/s]."""
 STRAIGHT_TIME = 8.0
+"""Duration of the straight drive [s]."""
 _STRAIGHT_LEAD = 3.0
+"""Time in the straight drive at which the measurement starts [s]."""
 _STRAIGHT_YAW = 0.4
-"""Straight drive: commanded speed [m/s], duration [s], start of the measurement [s], and heading
-[rad] between the axes."""
+"""Heading of the straight drive, which is none of the ground's axes [rad]."""
 TURNED = 0.25 * math.pi
+"""Angle by which the ground is turned under trajectory 3, which should change nothing [rad]."""
 _SURGE_LEAD = 3.0
-"""Angle by which the ground is turned under trajectory 3, which should change nothing [rad], and
-the time from which on its speed is measured [s]."""
+"""Time in trajectory 3 from which on its speed is measured [s]."""
 _SLOPE = math.radians(8.0)
+"""Side slope on which the robot stands [rad]."""
 _SLOPE_TIME = 6.0
+"""Duration of standing on the slope [s]."""
 _SLOPE_LEAD = 2.0
-"""Side slope [rad], duration of standing on it [s], and start of the measurement [s]."""
+"""Time on the slope at which the measurement starts [s]."""
 
 
 def _twist(v: float, w: float, seconds: float) -> Commands:
+    """Return a constant command of speed [m/s] and yaw rate [rad/s]."""
     return Commands(0.05, np.tile([v, w], (round(seconds / 0.05), 1)))
 
 
@@ -55,11 +61,11 @@ def rolling_radius(plant: Plant, speed: float = STRAIGHT_SPEED) -> tuple[float, 
     motion = plant.run(_twist(speed, 0.0, STRAIGHT_TIME), State(yaw=_STRAIGHT_YAW), SAMPLE)
     tail = motion.t >= _STRAIGHT_LEAD
     along = np.array([math.cos(_STRAIGHT_YAW), math.sin(_STRAIGHT_YAW)])
-    first = motion.xy[tail][0]
-    last = motion.xy[-1]
-    ahead = float(along @ (last - first))
-    aside = float(along[0] * (last - first)[1] - along[1] * (last - first)[0])
-    turned = float(motion.wheels[tail].mean()) * float(motion.t[-1] - motion.t[tail][0])
+    way = motion.xy[-1] - motion.xy[tail][0]
+    seconds = float(motion.t[-1] - motion.t[tail][0])
+    ahead = float(along @ way)
+    aside = float(along[0] * way[1] - along[1] * way[0])
+    turned = float(motion.wheels[tail].mean()) * seconds
     if not (ahead > 0.0 and turned > 0.0):
         raise DivergedError("a drive straight ahead went nowhere")
     return ahead / turned, aside / ahead
@@ -71,22 +77,26 @@ def creep(plant: MujocoPlant) -> float:
     Raises:
         DivergedError: the simulator gave up.
     """
-    level = np.array(plant.model.opt.gravity)
-    plant.model.opt.gravity[:] = 0.0, GRAVITY * math.sin(_SLOPE), -GRAVITY * math.cos(_SLOPE)
+    gravity = plant.model.opt.gravity
+    level = np.array(gravity)
+    gravity[:] = 0.0, GRAVITY * math.sin(_SLOPE), -GRAVITY * math.cos(_SLOPE)
     try:
         motion = plant.run(_twist(0.0, 0.0, _SLOPE_TIME), State(), SAMPLE)
     finally:
-        plant.model.opt.gravity[:] = level
+        gravity[:] = level
     tail = motion.t >= _SLOPE_LEAD
-    first = motion.xy[tail][0]
-    last = motion.xy[-1]
-    return float(np.hypot(*(last - first)) / (motion.t[-1] - motion.t[tail][0]))
+    way = motion.xy[-1] - motion.xy[tail][0]
+    return float(np.hypot(*way) / (motion.t[-1] - motion.t[tail][0]))
 
 
 def surge(motion: Trajectory, wheel_radius: float, drive: Drive) -> float:
-    """Return the greatest speed on trajectory 3, once under way, over that of the wheels straight ahead, less 1 [1]."""
+    """Return the greatest speed on trajectory 3, once under way, over that of the rims, less 1 [1].
+
+    The rims' speed is that of a straight drive.
+    """
     rim = STRAIGHT_SPEED * wheel_radius / drive.command_radius
-    return float(motion.twist[motion.t >= _SURGE_LEAD, 0].max()) / rim - 1.0
+    speeds = motion.twist[motion.t >= _SURGE_LEAD, 0]
+    return float(speeds.max()) / rim - 1.0
 
 
 def spin(plant: Plant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> Trajectory:
@@ -99,56 +109,59 @@ def spin(plant: Plant, seconds: float = SPIN_TIME, rate: float = SPIN_RATE) -> T
 
 
 def closed_form(
-    calibration: Calibration, shift: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    calibration: Calibration, shift: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 ) -> SkidTurn:
-    """Return the turn on the spot of a robot with this centre of mass and these wheels by mechanics.
+    """Return the turn on the spot by mechanics, with the robot's centre of mass and wheels.
 
-    Args: calibration: parameters of the robot. shift: four shares by which loads differ from those
-        at rest, as `turn_on_the_spot` has them [1].
+    Args:
+        calibration: parameters of the robot.
+        shift: four shares by which loads differ from those at rest, as `turn_on_the_spot` has them
+            [1].
     """
-    # contact points, from the wheel's middle [m]
-    outermost = {"ellipsoid": 0.0, "capsule": calibration.capsule_half_width}
-    half_width = outermost.get(
-        calibration.wheel_shape, 0.5 * calibration.robot.geometry.wheel_width
-    )
-    share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass
+    robot = calibration.robot
+    # distance of the contact points from the wheel's middle [m]
+    half_width = 0.0
+    if calibration.wheel_shape == "capsule":
+        half_width = calibration.capsule_half_width
+    elif calibration.wheel_shape == "cylinder":
+        half_width = 0.5 * robot.geometry.wheel_width
+    share = 1.0 - len(WHEELS) * robot.masses.wheel / calibration.mass
     return turn_on_the_spot(
-        calibration.robot.geometry.wheelbase,
-        2.0 * calibration.half_track,
-        share * calibration.com_x,
-        share * calibration.com_y,
-        calibration.friction_ratio,
-        half_width,
-        (shift[0], shift[1], shift[2], shift[3]),
+        wheelbase=robot.geometry.wheelbase,
+        track=2.0 * calibration.half_track,
+        x=share * calibration.com_x,
+        y=share * calibration.com_y,
+        ratio=calibration.friction_ratio,
+        half_width=half_width,
+        shift=shift,
     )
 
 
 def measure_spin(motion: Trajectory, calibration: Calibration) -> dict[str, float]:
-    """Return the measures of a turn on the spot, by name; those of whole turns only if there was one."""
+    """Return measures of a turn on the spot, by name; some need a whole turn, and lack without."""
     tail = motion.t >= SPIN_LEAD - 1e-9
     loads = motion.channels["wheel_load_N"][tail]
     rate = motion.twist[tail, 2]
     wheels = motion.wheels[tail, 1] - motion.wheels[tail, 0]
     xy = motion.xy[tail]
     yaw = motion.yaw[tail]
+    radius = calibration.wheel_radius
+    lifted = (loads < LIFT_SHARE * loads.mean(axis=0)).any(axis=1)
+    speed = np.hypot(*motion.twist[tail, :2].T)
     out = {
         "multiplier_expected": closed_form(calibration).multiplier,
-        "lifted_share": float((loads < LIFT_SHARE * loads.mean(axis=0)).any(axis=1).mean()),
-        "glide": float(
-            np.hypot(*motion.twist[tail, :2].T).max()
-            / (0.5 * calibration.wheel_radius * wheels.mean())
-        ),
+        "lifted_share": float(lifted.mean()),
+        "glide": float(speed.max() / (0.5 * radius * wheels.mean())),
         "wander_m": float(np.hypot(*(xy - xy[0]).T).max()),
     }
-    whole = math.floor(float(yaw[-1] - yaw[0]) / (2.0 * math.pi) + 1e-9)
+    turned = yaw - yaw[0]
+    whole = math.floor(float(turned[-1]) / (2.0 * math.pi) + 1e-9)
     if whole >= 1:
-        end = int(np.argmax(yaw - yaw[0] >= 2.0 * math.pi * whole))
+        end = int(np.argmax(turned >= 2.0 * math.pi * whole))
         span = slice(0, max(end, 1))
-        out["multiplier"] = float(
-            calibration.wheel_radius
-            * wheels[span].mean()
-            / (2.0 * calibration.half_track * rate[span].mean())
-        )
-        out["ripple"] = float(np.ptp(rate[span]) / rate[span].mean())
+        rims = radius * wheels[span].mean()
+        yaw_rate = rate[span].mean()
+        out["multiplier"] = float(rims / (2.0 * calibration.half_track * yaw_rate))
+        out["ripple"] = float(np.ptp(rate[span]) / yaw_rate)
         out["drift_m"] = float(np.hypot(*(xy[end] - xy[0]))) / whole
     return out

@@ -1,4 +1,4 @@
-"""A MuJoCo robot's wheel loads beside what can be said without it: the static share and quasi-static load transfer."""
+"""A MuJoCo robot's wheel loads, beside their static shares and quasi-static load transfer."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from validation.simulator.model import GRAVITY, static_shares
 from validation.simulator.plant import MujocoPlant
 
 MEASURED = "wheel_load_N"
+"""Channel of a motion with the (M, 4) simulated loads [N]."""
 QUASI_STATIC = "quasi_static_load_N"
-"""Channels of a motion, (M, 4) each [N]: as simulated, and by the formula from that same motion."""
+"""Channel of a motion with the (M, 4) loads by the formula, from that same motion [N]."""
 
 
 @dataclass(frozen=True)
@@ -54,14 +55,20 @@ def load_model(plant: MujocoPlant) -> LoadModel:
     right = model.body("rear_right").pos
     spin = sum(float(model.body(wheel).inertia[1]) for wheel in WHEELS)
     return LoadModel(
-        float(model.body_subtreemass[root]), float(com[0]), float(com[1]), float(com[2]),
-        float(front[0] - right[0]), float(front[1] - right[1]), spin,
-    )  # fmt: skip
+        mass=float(model.body_subtreemass[root]),
+        com_x=float(com[0]),
+        com_y=float(com[1]),
+        com_height=float(com[2]),
+        wheelbase=float(front[0] - right[0]),
+        track=float(front[1] - right[1]),
+        spin_inertia=spin,
+    )
 
 
 def resting_loads(plant: MujocoPlant) -> FloatArray:
-    """Return the (4,) wheel loads [N] at rest on level ground, by the plant's own mass and centre of mass."""
-    return static_shares(plant.calibration) * plant.calibration.mass * GRAVITY
+    """Return the (4,) wheel loads [N] at rest on level ground, from mass and centre of mass."""
+    calibration = plant.calibration
+    return static_shares(calibration) * calibration.mass * GRAVITY
 
 
 def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localiser) -> Trajectory:
@@ -73,17 +80,26 @@ def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localis
 
 
 def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> WheelLoads:
-    """Sum up the loads over all pieces, each with both channels; `static` are the (4,) loads at rest [N]."""
-    measured, formula = (
-        np.concatenate([p.channels[name] for p in pieces]) for name in (MEASURED, QUASI_STATIC)
-    )
+    """Sum up the loads over all pieces, each with both channels.
+
+    `static` are the (4,) loads at rest [N].
+    """
+    measured = np.concatenate([piece.channels[MEASURED] for piece in pieces])
+    formula = np.concatenate([piece.channels[QUASI_STATIC] for piece in pieces])
+    lifted = measured < LIFT_SHARE * static.mean()
 
     def rms(values: FloatArray) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
-    lifted = np.mean(measured < LIFT_SHARE * static.mean(), axis=0)
-    values = (static, measured.mean(axis=0), measured.min(axis=0), measured.max(axis=0), lifted)
-    still, mean, lowest, highest, off = (tuple(map(float, v)) for v in values)
+    def plain(values: FloatArray) -> tuple[float, ...]:
+        return tuple(map(float, values))
+
     return WheelLoads(
-        still, mean, lowest, highest, off, rms(measured - static), rms(measured - formula)
+        static_N=plain(static),
+        mean_N=plain(measured.mean(axis=0)),
+        lowest_N=plain(measured.min(axis=0)),
+        highest_N=plain(measured.max(axis=0)),
+        off_ground_share=plain(np.mean(lifted, axis=0)),
+        static_rms_N=rms(measured - static),
+        quasi_static_rms_N=rms(measured - formula),
     )

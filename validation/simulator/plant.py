@@ -123,7 +123,7 @@ class MujocoPlant:
         """Return the robot's model with wheels that turn at given rates, whatever the torque."""
         robot = self.calibration.robot
         armature = PRESCRIBED_SHARE * robot.masses.total * robot.geometry.wheel_radius**2
-        # Euler's method is a step ahead of the lag
+        # the time constant of the motors is a step longer than the lead of their references
         gain = 2.0 * armature / ((PRESCRIBED_LAG + 1.0) * self.dt)
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)
         return robot_model(heavy, self.terrain, self.settings, FREE_DRIVE)
@@ -343,18 +343,16 @@ class MujocoPlant:
 
         A rate is that of the middle of its period, and linear between. After a step wheels have the
         mean rate of the step. A motor with the time constant T changes a rate w in a step h by
-        h (wanted - w) / (T + n h). Here n is the share of its feedback that implicitfast keeps,
-        which drops the coupling of wheels: one over the number of wheels that the motor turns.
+        h (wanted - w) / T, so a rate that is reached in the step leads by T / h - 1 changes.
         """
         steps = self._steps_of(commands)
         middles = (np.arange(commands.n) + 0.5) * commands.dt
-        lead = PRESCRIBED_LAG + self.model.nu / len(WHEELS) - 1.0
         last = np.array([state.wheel_left, state.wheel_right])
         for first in range(0, steps, CHUNK):
             step = np.arange(first, min(first + CHUNK, steps))
             at = (step + 0.5) * self.dt
             rates = np.column_stack([np.interp(at, middles, side) for side in commands.values.T])
-            yield rates + lead * np.diff(rates, axis=0, prepend=last[None])
+            yield rates + PRESCRIBED_LAG * np.diff(rates, axis=0, prepend=last[None])
             last = rates[-1]
 
     def _rows(self, chunk: Samples) -> FloatArray:

@@ -58,7 +58,7 @@ _HEALTH = (
 
 @dataclass(frozen=True, eq=False)
 class PlantResult:
-    """One plant's answer to the commands."""
+    """One plant's motion and scores."""
 
     name: str
     """Name of the plant, such as `improved`."""
@@ -266,7 +266,7 @@ def headline_horizon(horizons: Iterable[float]) -> float | None:
     return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
 
 
-def alike_plants(plants: Mapping[str, PlantResult], gyro_first: bool = False) -> dict[str, Any] | None:
+def indistinguishable_pairs(plants: Mapping[str, PlantResult], gyro_first: bool = False) -> dict[str, Any] | None:
     """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
     Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`, by a paired test that is
@@ -292,7 +292,7 @@ def alike_plants(plants: Mapping[str, PlantResult], gyro_first: bool = False) ->
 
 
 def alike_sentences(plants: Mapping[str, PlantResult], alike: Mapping[str, Any] | None) -> list[str]:
-    """Return sentences on the plants that a recording tells apart and on those that it does not, see `alike_plants`."""
+    """Return sentences on the plants that a recording tells apart and on those that it does not, see `indistinguishable_pairs`."""
     if alike is None:
         return []
     sentences, horizon = [], alike["horizon_s"]
@@ -324,7 +324,7 @@ def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
     ]
 
 
-def ailing(plants: Mapping[str, PlantResult]) -> list[str]:
+def health_warnings(plants: Mapping[str, PlantResult]) -> list[str]:
     """Return a sentence for each plant with whose physics something is wrong."""
     return [
         f"{name}{'' if health.ok else ' is unhealthy'}: {one_line(health.advice)}."

@@ -26,7 +26,7 @@ from ssmr.metrics.declared import Metrics, compare_pieces, compare_signals
 from ssmr.metrics.windows import horizon_windows
 from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import IndexArray, Plant, Trajectory
+from ssmr.types import Plant, Trajectory
 from validation import cli
 from validation.bench.gyro import GyroJudge, find_gyro_judge
 from validation.bench.sources import (
@@ -135,6 +135,10 @@ class Compare(cli.Filmed):
         return options
 
 
+_Driven = tuple[list[Trajectory], float, Health | None]
+"""A plant's motion over the pieces, the wall time that it took [s], and its health."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Comparing:
     """Inputs of a comparison, checked."""
@@ -222,13 +226,12 @@ class _Comparing:
             robot=robot,
         )
 
-    def _windows(self) -> dict[float, tuple[tuple[IndexArray, IndexArray], ...]]:
+    def _windows(self) -> dict[float, Any]:
         """Windows of each horizon on all pieces of a log."""
         scoring = {}
         stamped = [(piece, piece.t) for piece in self.source.pieces if piece.t is not None]
         for horizon in self.options.horizons:
-            windows = [piece.windows(horizon_windows, t, horizon) for piece, t in stamped]
-            scoring[horizon] = tuple(windows)
+            scoring[horizon] = tuple(p.windows(horizon_windows, t, horizon) for p, t in stamped)
         return scoring
 
     def _unjudged(self, results: Mapping[str, PlantResult]) -> list[str]:
@@ -264,7 +267,7 @@ class _Comparing:
         if gyro is not None:
             by_gyro.append((gyro.judging(source, section.localiser.yaw_late), pieces))
         band = section.bands.get(self.options.input) if self.options.bands else None
-        coverage = dict[float, dict[str, float]]()
+        coverage = {}
         if band is not None:
             coverage = coverage_of(driven, horizons, band)
             for horizon, shares in coverage_of(by_gyro, horizons, band).items():
@@ -293,24 +296,21 @@ class _Comparing:
             by_gyro=window_errors_of(by_gyro, horizons),
         )
 
-    def _drive_all(self) -> dict[str, tuple[list[Trajectory], float, Health | None]]:
-        """Each plant's motions, wall time and health.
-
-        Plants run side by side, the pieces of one after another.
-        """
+    def _drive_all(self) -> dict[str, _Driven]:
+        """Drive plants side by side, each over the pieces one after another."""
         stop = threading.Event()
         lock = threading.Lock()
         o = self.options
         done = 0
         total = len(self.plants) * len(self.source.pieces)
 
-        def one_plant(rank: int, name: str) -> tuple[list[Trajectory], float, Health | None]:
+        def one_plant(rank: int, name: str) -> _Driven:
             nonlocal done
             plant = self.plants[name]
             localiser = self.profile.section(name).localiser
             health = None
             began = time.perf_counter()
-            motions = list[Trajectory]()
+            motions = []
             for piece in self.source.pieces:
                 if stop.is_set():
                     break

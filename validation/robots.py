@@ -24,7 +24,7 @@ from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, store
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
-from validation.report.table import Row, Table
+from validation.report.table import Table
 from validation.simulator.checking import (
     Measured,
     SkidTurn,
@@ -63,7 +63,7 @@ class ListOptions:
 def list_robots(options: ListOptions) -> None:
     """List the robots that come with the package, and the profiles of each."""
     profiles = [load_profile(name) for name in shipped()]
-    rows: list[Row] = []
+    rows = []
     for robot in map(load_robot, shipped_robots()):
         spot = spot_turn(robot)
         g = robot.geometry
@@ -244,16 +244,18 @@ def _every_number(robot: Robot) -> dict[str, Any]:
 
 def _numbers(robot: Robot) -> Table:
     """Table of all numbers of a robot; its caption has the sources, which many share."""
-    rows: list[Row] = []
+    rows = []
     sources: dict[str, int] = {}
     for key, value in _every_number(robot).items():
         grade, source = robot.source(key)
         number = sources.setdefault(source, len(sources) + 1)
-        names = ("across", "spin") if key == "mass.wheel_inertia" else "xyz"
-        parts = [("", value)]
-        if isinstance(value, tuple):
-            parts = list(zip(names, value, strict=True))
-        for name, part in parts:
+        names: Sequence[str] = "xyz"
+        if key == "mass.wheel_inertia":
+            names = ("across", "spin")
+        if not isinstance(value, tuple):
+            names = ("",)
+            value = (value,)
+        for name, part in zip(names, value, strict=True):
             row = {
                 "section": key.partition(".")[0],
                 "number": f"{key} {name}".strip(),

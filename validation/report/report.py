@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -120,10 +121,8 @@ class Report:
                 lines += ["", markdown(grid.caption)]
         if notes := self.notes():
             lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in notes)]
-        keys = dict[str, None]()
-        for table in self.tables:
-            keys |= dict.fromkeys(table.keys)
-        if meanings := legend(keys):
+        keys = chain.from_iterable(table.keys for table in self.tables)
+        if meanings := legend(dict.fromkeys(keys)):
             lines += ["", "## What the metrics mean", ""]
             lines += [f"- {meaning}" for meaning in meanings]
         return "\n".join(lines) + "\n"
@@ -133,7 +132,7 @@ class Report:
 
         These are its picture, text and recording.
         """
-        writers = dict[str, Callable[[Path], object]]()
+        writers: dict[str, Callable[[Path], object]] = {}
         if self.draw is not None:
             writers[f"{self.program}.png"] = self._save_picture
         if self.has_text:
@@ -159,8 +158,8 @@ class Report:
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
         """Write its JSON file, which names the files that follow, and then these.
 
-        Each is written whole or not at all. The numbers are there before anything is drawn, and a program that was killed between two
-        files knows that all are its own.
+        Each is written whole or not at all. The numbers are there before anything is drawn, and a
+        program that was killed between two files knows that all are its own.
 
         Args:
             folder: where to; it is made if it is missing.

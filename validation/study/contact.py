@@ -36,7 +36,6 @@ from validation.report import drawing
 from validation.report.columns import MILLIMETRES, Unit, heading_of
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
@@ -255,18 +254,17 @@ class Trial:
 
     @cached_property
     def uncorrected(self) -> MujocoPlant | EnginePlant:
-        """The robot with tyres of the profile's size, which roll with another radius."""
-        return self.setting.plant(self.bench.lab)
+        """The robot with tyres of the profile's size, which roll with another radius.
 
-    @property
-    def numbers(self) -> Calibration:
-        """The robot's numbers, with the wheel radius that the corrected robot rolls with."""
-        return self.uncorrected.calibration
+        Its numbers have the radius that the corrected robot rolls with.
+        """
+        return self.setting.plant(self.bench.lab)
 
     @cached_property
     def excess(self) -> float:
         """Rolling radius of the uncorrected tyres less the profile's [m]."""
-        return rolling_radius(self.uncorrected)[0] - self.numbers.wheel_radius
+        plant = self.uncorrected
+        return rolling_radius(plant)[0] - plant.calibration.wheel_radius
 
     def plant(self, steps: float = 1.0, terrain: Terrain = FLAT) -> MujocoPlant | EnginePlant:
         """The corrected robot."""
@@ -278,7 +276,7 @@ class Trial:
 
     def spot(self) -> Row:
         """Measures of whole turns on the spot."""
-        measured = measure_spin(spin(self.plant()), self.numbers)
+        measured = measure_spin(spin(self.plant()), self.uncorrected.calibration)
         row: dict[str, Any] = {
             "ripple_share": measured.get("ripple"),
             "glide_share": measured["glide"],
@@ -312,8 +310,8 @@ class Trial:
         from_turned = replace(pieces["traj3"], start=State(yaw=TURNED))
         turned = drive(plant, from_turned, lab.localiser, SAMPLE)
         fine = drive(self.plant(steps=2.0), pieces["traj4"], lab.localiser, SAMPLE)
-        surges = [surge(m, self.numbers.wheel_radius, lab.drive) for m in (third, turned)]
-        row = {"surge_share": max(surges)}
+        radius = self.uncorrected.calibration.wheel_radius
+        row = {"surge_share": max(surge(m, radius, lab.drive) for m in (third, turned))}
         c = math.cos(TURNED)
         s = math.sin(TURNED)
         in_ground_frame = turned.xy @ np.array([[c, -s], [s, c]])
@@ -381,19 +379,15 @@ def study_contact(o: ContactStudy) -> Report:
 
 def _changes_of(setting: Setting) -> dict[str, Any]:
     """Physics settings that are given, and the numbers of the robot that change."""
-    changes = dict(setting.robot)
-    if setting.physics is None:
-        return changes
-    given = {key: value for key, value in asdict(setting.physics).items() if value is not None}
-    return given | changes
+    physics = {} if setting.physics is None else asdict(setting.physics)
+    return {k: v for k, v in physics.items() if v is not None} | dict(setting.robot)
 
 
 def _draw(study: Report) -> Figure:
     """Picture of the measures that tell settings apart, a bar for each setting."""
-    rows: dict[str, dict[str, Any]] = {}
-    for table in study.tables:
-        for row in table.rows:
-            rows.setdefault(row["variant"], {}).update(row)
+    rows = {}
+    for row, more in zip(*(table.rows for table in study.tables), strict=True):
+        rows[row["variant"]] = {**row, **more}
 
     def draw(column: str, title: str, ax: Axes) -> None:
         values = [row.get(column) or 0.0 for row in rows.values()]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -177,16 +178,22 @@ def _middle_of_motion(run: Run) -> float:
 def _fit_all(o: RunsStudy, run: Run, until: float, folder: Path) -> tuple[Profile, dict[str, Row]]:
     """Return the profile with fits of all plants up to a time [s], and their numbers by plant."""
     profile = run.profile
-    numbers = dict[str, Row]()
-    fit_plant = partial(fit, input="wheels", until=until, seed=o.seed, workers=1)
+    numbers: dict[str, Row] = {}
     # the first one gives the others their geometry
     for plant in sorted(o.plants, key=lambda plant: plant != FIRST_FITTED):
-        out = folder / plant
-        if plant not in PLANAR_MODELS and FIRST_FITTED in o.plants:
-            start = begin_at(plant, BODY, profile)
-            fitted = fit_plant(plant, run.log, profile=profile, search="lsq", start=start, out=out)
-        else:
-            fitted = fit_plant(plant, run.log, profile=profile, search="hybrid", out=out)
+        heavy = plant not in PLANAR_MODELS and FIRST_FITTED in o.plants
+        fitted = fit(
+            plant,
+            run.log,
+            profile=profile,
+            input="wheels",
+            until=until,
+            seed=o.seed,
+            workers=1,
+            search="lsq" if heavy else "hybrid",
+            start=begin_at(plant, BODY, profile) if heavy else None,
+            out=folder / plant,
+        )
         profile = fitted.profile
         values = {}
         for p in fitted.parameters:
@@ -195,9 +202,9 @@ def _fit_all(o: RunsStudy, run: Run, until: float, folder: Path) -> tuple[Profil
     return profile, numbers
 
 
-def _rows_of(run: Run, judged: Comparison) -> list[Row]:
+def _rows_of(run: Run, judged: Comparison) -> Sequence[Row]:
     """Return a row for each plant and horizon."""
-    rows = list[Row]()
+    rows = []
     for plant, result in judged.plants.items():
         for horizon, errors in result.overlapping.items():
             row = {"log": run.name, "plant": plant, "horizon_s": horizon}
@@ -241,7 +248,7 @@ def study_runs(o: RunsStudy) -> Report:
     for plant in o.plants:
         numbers = [{"log": name, **run["numbers"][plant]} for name, run in logs.items()]
         tables.append(Table(f"{plant} on each ground", numbers))
-    rows = list[Row]()
+    rows: list[Row] = []
     logs_by_note: dict[str, list[str]] = {}
     for name, run in logs.items():
         rows += run["rows"]

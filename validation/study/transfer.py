@@ -143,7 +143,7 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Way
     Raises:
         ValueError: an unknown reference; the message lists them.
     """
-    missions: dict[tuple[str, float], Waypoints] = {}
+    missions: dict[str, tuple[str, Waypoints]] = {}
     references = _REFERENCES[:3] if o.quick else _REFERENCES
     speeds = _SPEEDS[-1:] if o.quick else _SPEEDS
     for named in o.references or references:
@@ -152,8 +152,9 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Way
             raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}")
         for speed in speeds if speed_named is None else (speed_named,):
             slowed = within_reach(REFERENCES[name](speed), robot, PRACTICABLE)
-            missions.setdefault((name, round(slowed.speed, 3)), slowed)
-    return [(name, waypoints) for (name, _), waypoints in missions.items()]
+            # two speeds that the robot cannot drive are one
+            missions.setdefault(f"{name} {slowed.speed:.3f}", (name, slowed))
+    return list(missions.values())
 
 
 Scores = Mapping[str, float | int | None]
@@ -168,7 +169,7 @@ def _scores(
     Compiled laws are driven as one population and Python objects, such as mpc, as another.
     """
     target = waypoints.trajectory(LoopSettings().position_period)
-    scores = dict[int, Scores]()
+    scores = {}
     for compiled in (True, False):
         ranks = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
         if not ranks:
@@ -220,8 +221,7 @@ def rank_correlation(costs: FloatArray, others: FloatArray) -> float:
 def choice(costs: FloatArray, truth: FloatArray) -> int:
     """Column of the controller in the first place; of several there, the worst in truth."""
     first = np.flatnonzero(places(costs) == 0)
-    true_places = places(truth)[first]
-    return int(first[np.argmax(true_places)])
+    return int(first[np.argmax(places(truth)[first])])
 
 
 def regret(costs: FloatArray, truth: FloatArray) -> float:
@@ -273,14 +273,14 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
 
     tables = {plant: table_of(plant) for plant in drives[0]["scores"]}
     truth = tables[JUDGE]
-    plants = dict[str, Any]()
+    plants = {}
     for plant, costs in tables.items():
         ranks = agreement(costs, truth)
         means = {measure: mean_costs(table_of(plant, measure)) for measure in _MEANS}
         kept = np.isfinite(costs).all(axis=0) & np.isfinite(truth).all(axis=0)
         gaps = np.where(kept, mean_costs(costs) / mean_costs(truth) - 1.0, np.nan)
         ranked = 1 + places(costs)
-        each = dict[str, Row]()
+        each = {}
         for k, name in enumerate(names):
             scores = [drive["scores"][plant][name] for drive in drives]
             each[name] = {
@@ -298,11 +298,10 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
     gains = {}
     for name, (_, g) in contenders.items():
         gains[name] = {"gains": {"controller": g.controller, "name": g.name, **g.values}}
-    references = [{"name": row["reference"], "speed_m_s": row["speed_m_s"]} for row in drives]
     return {
         "robot": profile.robot.name,
         "contenders": gains,
-        "references": references,
+        "references": [{"name": r["reference"], "speed_m_s": r["speed_m_s"]} for r in drives],
         "plants": plants,
     }
 
@@ -314,12 +313,12 @@ def _ranked(result: Mapping[str, Any]) -> list[str]:
 
 def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     plants = result["plants"]
-    choices = list[Row]()
+    choices = []
     for plant, found in plants.items():
         agreed = found["all"]
         row = {"plant": plant, "tau": agreed["tau"], "same_winner": agreed["same_winner"]}
         choices.append({**row, "regret_share": agreed["regret"], "chooses": agreed["chosen"]})
-    costs = list[Row]()
+    costs = []
     for name in _ranked(result):
         row = {"controller": name}
         lost = 0
@@ -367,7 +366,7 @@ def study_transfer(o: TransferStudy) -> Report:
 
     def follow(mission: tuple[str, Waypoints]) -> Row:
         name, waypoints = mission
-        scores = dict[str, Row]()
+        scores = {}
         for plant, robot in robots.items():
             of_laws = _scores(o, robot, laws, waypoints)
             scores[plant] = dict(zip(contenders, of_laws, strict=True))

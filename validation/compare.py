@@ -242,9 +242,8 @@ class _Comparing:
         if not plants:
             return []
         profile = one_line(self.profile.name)
-        driven = f"{plants} driven by {self.options.input}"
         return [
-            f"The profile {profile} holds no band of {driven}: "
+            f"The profile {profile} holds no band of {plants} driven by {self.options.input}: "
             "calibrate and fit write one from a log."
         ]
 

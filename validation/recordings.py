@@ -285,8 +285,10 @@ def _next_step(o: Info, log: Log, faults: Faults) -> str:
         remedy = ""
         if others:
             remedy = f"; if one of {others} is it, --columns {missing[0]}=NAME says so"
-        lack = f"there is no {', '.join(missing)}, so no prediction of a pose can be judged"
-        return f"{lack}{remedy}; {_without_pose(log)}"
+        return (
+            f"there is no {', '.join(missing)}, so no prediction of a pose can be judged"
+            f"{remedy}; {_without_pose(log)}"
+        )
     if log.has(COMMAND_COLUMNS["wheels"]):
         return f"next: python -m validation.calibrate {path} --robot {name}"
     if not log.has(COMMAND_COLUMNS["twist"]) and not log.has(("odom_v", "odom_w")):
@@ -316,10 +318,9 @@ def _without_pose(log: Log) -> str:
 def _contents(log: Log) -> Table:
     rows = []
     for topic in log.topics:
+        columns = "not read" if topic.columns is None else ", ".join(topic.columns)
         row = {"topic": topic.name, "type": topic.type.rpartition("/")[2], **_sampling(topic.t)}
-        row["taken for"] = topic.role or "–"
-        row["columns"] = "not read" if topic.columns is None else ", ".join(topic.columns)
-        rows.append(row)
+        rows.append({**row, "taken for": topic.role or "–", "columns": columns})
     if not rows:
         for name, group in log.groups.items():
             columns = ", ".join(group.columns)
@@ -328,15 +329,11 @@ def _contents(log: Log) -> Table:
 
 
 def _sampling(t: FloatArray) -> Mapping[str, Any]:
-    row = {"samples": len(t), "rate_Hz": math.nan, "from_s": math.nan, "to_s": math.nan}
     if len(t) < 2 or t[-1] <= t[0]:
-        return row
+        return {"samples": len(t), "rate_Hz": math.nan, "from_s": math.nan, "to_s": math.nan}
     period = float(np.median(np.diff(t)))
-    if period > 0.0:
-        row["rate_Hz"] = 1.0 / period
-    row["from_s"] = float(t[0])
-    row["to_s"] = float(t[-1])
-    return row
+    rate = 1.0 / period if period > 0.0 else math.nan
+    return {"samples": len(t), "rate_Hz": rate, "from_s": float(t[0]), "to_s": float(t[-1])}
 
 
 def _offset_table(offsets: Sequence[Offset]) -> Table:
@@ -397,8 +394,7 @@ def _command(
         named = o.json if option == "--json" else o.out
         target = named
         if target is None and ending:
-            name = file_name(Path(o.source).stem)
-            target = Path("runs") / "recordings" / f"{name}{ending}"
+            target = Path("runs") / "recordings" / (file_name(Path(o.source).stem) + ending)
         with cli.mistakes_are_users():
             if named is not None:
                 check_apart(named, o.source)

@@ -67,18 +67,19 @@ def list_robots(options: ListOptions) -> None:
     for robot in map(load_robot, shipped_robots()):
         spot = spot_turn(robot)
         g = robot.geometry
-        own_profiles = ", ".join(p.name for p in profiles if p.robot.name == robot.name)
-        row = {
-            "name": robot.name,
-            "robot": robot.title,
-            "mass_kg": robot.masses.total,
-            "wheelbase_m": g.wheelbase,
-            "track_m": g.track,
-            "wheel_radius_m": g.wheel_radius,
-            "multiplier": spot and spot.multiplier,
-            "profiles": own_profiles or None,
-        }
-        rows.append(row)
+        of_robot = ", ".join(p.name for p in profiles if p.robot.name == robot.name)
+        rows.append(
+            {
+                "name": robot.name,
+                "robot": robot.title,
+                "mass_kg": robot.masses.total,
+                "wheelbase_m": g.wheelbase,
+                "track_m": g.track,
+                "wheel_radius_m": g.wheel_radius,
+                "multiplier": spot and spot.multiplier,
+                "profiles": of_robot or None,
+            }
+        )
     caption = (
         "multiplier: yaw rate that the wheels ask for over that of the body, "
         "turning on the spot, by mechanics"
@@ -150,16 +151,17 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     if measured is not None:
         loads = list(measured.loads)
     else:
-        weight = robot.masses.total
-        loads = [float(share) * weight * GRAVITY for share in load_shares(robot)]
+        loads = [float(share) * robot.masses.total * GRAVITY for share in load_shares(robot)]
     sentences = [verdict]
     sentences += [f"FAULT: {text}" for text in faults]
     sentences += [f"question: {text}" for text in questions]
-    document = _document(robot, spot, measured, loads)
-    document["ok"] = not faults
-    document["advice"] = [*faults, *questions]
-    document["faults"] = len(faults)
-    document["guessed"] = guessed(robot)
+    document = {
+        **_document(robot, spot, measured, loads),
+        "ok": not faults,
+        "advice": [*faults, *questions],
+        "faults": len(faults),
+        "guessed": guessed(robot),
+    }
     return RobotCheck(
         program="robot",
         title=one_line(robot.title or robot.name),
@@ -256,14 +258,15 @@ def _numbers(robot: Robot) -> Table:
             names = ("",)
             value = (value,)
         for name, part in zip(names, value, strict=True):
-            row = {
-                "section": key.partition(".")[0],
-                "number": f"{key} {name}".strip(),
-                "unit": unit_of_key(key) or None,
-                "value": part,
-                "grade": f"{grade} [{number}]",
-            }
-            rows.append(row)
+            rows.append(
+                {
+                    "section": key.partition(".")[0],
+                    "number": f"{key} {name}".strip(),
+                    "unit": unit_of_key(key) or None,
+                    "value": part,
+                    "grade": f"{grade} [{number}]",
+                }
+            )
     caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
     title = f"{one_line(robot.title or robot.name)}: its numbers"
     return Table(title, rows, caption, group="section", hidden=frozenset({"section"}))

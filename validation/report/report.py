@@ -112,8 +112,8 @@ class Report:
         """
         lines = [f"# {markdown(self.title)}", ""]
         for name, values in (("options", self.options), ("versions", self.versions)):
-            given = {one_line(k): option_text(v) for k, v in values.items() if v is not None}
-            words = ", ".join(map(" ".join, given.items()))
+            given = [f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None]
+            words = ", ".join(given)
             lines.append(f"- {name}: {code_span(words or 'none')}")
         for grid in self.grids():
             lines += ["", f"## {markdown(grid.title)}", "", *markdown_table(grid)]
@@ -185,9 +185,9 @@ class Report:
             "tables": {table.title: list(table.rows) for table in self.tables if table.rows},
             "status": self.status,
             **self.document,
-            "notes": list(self.notes()),
-            "options": dict(self.options),
-            "versions": dict(self.versions),
+            "notes": self.notes(),
+            "options": self.options,
+            "versions": self.versions,
         }
         return dict(store.plain(document))
 

@@ -256,8 +256,7 @@ def _write_forces(recording: rr.RecordingStream, track: Track) -> None:
     origins = np.tile(below, (len(rows), 1))
     columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), origins=origins)
     arrows = columns.partition([len(WHEELS)] * len(rows))
-    time = rr.TimeColumn(_TIMELINE, duration=track.t[rows])
-    recording.send_columns(entity, [time], arrows)
+    _send(recording, entity, track.t[rows], arrows)
 
 
 def _write_rotation_centre(recording: rr.RecordingStream, track: Track) -> None:
@@ -271,8 +270,7 @@ def _write_rotation_centre(recording: rr.RecordingStream, track: Track) -> None:
     recording.log(entity, look, static=True)
     places = np.column_stack([centre[near], np.zeros(np.count_nonzero(near))])
     points = rr.Points3D.columns(positions=places).partition(near.astype(int))
-    time = rr.TimeColumn(_TIMELINE, duration=track.t[rows])
-    recording.send_columns(entity, [time], points)
+    _send(recording, entity, track.t[rows], points)
 
 
 def _send_poses(
@@ -292,8 +290,12 @@ def _send_transforms(
     quat_xyzw: FloatArray,
 ) -> None:
     columns = rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
-    time = rr.TimeColumn(_TIMELINE, duration=t)
-    recording.send_columns(entity, [time], columns)
+    _send(recording, entity, t, columns)
+
+
+def _send(recording: rr.RecordingStream, entity: str, t: FloatArray, columns: Any) -> None:
+    """Send values at their stamps [s]."""
+    recording.send_columns(entity, [rr.TimeColumn(_TIMELINE, duration=t)], columns)
 
 
 def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> Any:
@@ -386,13 +388,10 @@ def _write_series(
     style = rr.SeriesLines(names=names, colors=list(series.colours), interpolation_mode=mode)
     recording.log(entity, style, static=True)
     step = math.ceil(len(series.t) / _MOST_SAMPLES)
-    time = rr.TimeColumn(_TIMELINE, duration=series.t[::step])
     samples = rr.Scalars.columns(scalars=series.values[::step])
-    recording.send_columns(entity, [time], samples)
+    _send(recording, entity, series.t[::step], samples)
     if len(gaps):
-        time = rr.TimeColumn(_TIMELINE, duration=gaps)
-        breaks = rr.Clear.columns(is_recursive=[False] * len(gaps))
-        recording.send_columns(entity, [time], breaks)
+        _send(recording, entity, gaps, rr.Clear.columns(is_recursive=[False] * len(gaps)))
 
 
 def plots_of(track: Track, length: Unit) -> dict[str, Series]:
@@ -464,20 +463,21 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
     """Return the layout: robots and report on the left, plots on the right; it plays at once."""
     left = rrb.Vertical(*_views_of_robots(scene, extent), row_shares=[6, 5])
     units = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}
-    corner = rrb.Corner2D.RightTop
     groups = []
     for group in _VIEWS:
         views = []
         for quantity, title in group.items():
             if quantity in units:
-                name = f"{title} [{units[quantity]}]"
-                origin = f"/plots/{quantity}"
-                views.append(rrb.TimeSeriesView(origin=origin, name=name, plot_legend=corner))
+                view = rrb.TimeSeriesView(
+                    origin=f"/plots/{quantity}",
+                    name=f"{title} [{units[quantity]}]",
+                    plot_legend=rrb.Corner2D.RightTop,
+                )
+                views.append(view)
         if views:
             groups.append(rrb.Tabs(*views))
-    right = rrb.Vertical(*groups)
     return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[8, 5]),
+        rrb.Horizontal(left, rrb.Vertical(*groups), column_shares=[8, 5]),
         rrb.TimePanel(timeline=_TIMELINE, state="collapsed", play_state="playing", loop_mode="off"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),

@@ -168,10 +168,8 @@ def _measure(o: RunsStudy, run: Run) -> Row:
 
 def _middle_of_motion(run: Run) -> float:
     """Return the stamp that halves the time in which a log's robot moves [s]."""
-    stamps = []
-    for piece in open_source(run.log, "wheels").pieces:
-        if piece.t is not None and piece.moves is not None:
-            stamps.append(piece.t[piece.moves])
+    pieces = open_source(run.log, "wheels").pieces
+    stamps = [p.t[p.moves] for p in pieces if p.t is not None and p.moves is not None]
     return float(np.median(np.concatenate(stamps)))
 
 
@@ -278,17 +276,18 @@ def _table(name: str, rows: list[Row], judge: str) -> Table:
     shown = []
     for row in sorted(rows, key=lambda row: (row["horizon_s"], PLANTS.index(row["plant"]))):
         interval = (row["position_median_m"], row["position_low_m"], row["position_high_m"])
-        columns = {
-            "horizon_s": row["horizon_s"],
-            "plant": row["plant"],
-            "position_median_m": interval,
-            "yaw_median_rad": row["yaw_median_rad"],
-            "yaw_gyro_median_rad": row.get("yaw_gyro_median_rad"),
-            "position_inside_share": row.get("coverage_90_position"),
-            "yaw_inside_share": row.get(inside),
-            "windows": row["n"],
-        }
-        shown.append(columns)
+        shown.append(
+            {
+                "horizon_s": row["horizon_s"],
+                "plant": row["plant"],
+                "position_median_m": interval,
+                "yaw_median_rad": row["yaw_median_rad"],
+                "yaw_gyro_median_rad": row.get("yaw_gyro_median_rad"),
+                "position_inside_share": row.get("coverage_90_position"),
+                "yaw_inside_share": row.get(inside),
+                "windows": row["n"],
+            }
+        )
     units = {
         "horizon_s": Unit("s", 1.0, 0, significant=3),
         "position_median_m": METRES,

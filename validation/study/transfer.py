@@ -174,10 +174,10 @@ def _scores(
         ranks = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
         if not ranks:
             continue
-        robots = [robot] * len(ranks)
-        settings = [LoopSettings()] * len(ranks)
+        n = len(ranks)
         chosen = [laws[k] for k in ranks]
-        runs = run_robots(robots, chosen, settings, waypoints, [o.seed], o.workers)
+        settings = [LoopSettings()] * n
+        runs = run_robots([robot] * n, chosen, settings, waypoints, [o.seed], o.workers)
         costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
         for k, run, cost in zip(ranks, runs, costs, strict=True):
             score: dict[str, float | None] = dict.fromkeys(_MEASURES)
@@ -316,8 +316,15 @@ def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     choices = []
     for plant, found in plants.items():
         agreed = found["all"]
-        row = {"plant": plant, "tau": agreed["tau"], "same_winner": agreed["same_winner"]}
-        choices.append({**row, "regret_share": agreed["regret"], "chooses": agreed["chosen"]})
+        choices.append(
+            {
+                "plant": plant,
+                "tau": agreed["tau"],
+                "same_winner": agreed["same_winner"],
+                "regret_share": agreed["regret"],
+                "chooses": agreed["chosen"],
+            }
+        )
     costs = []
     for name in _ranked(result):
         row = {"controller": name}

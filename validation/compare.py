@@ -358,8 +358,7 @@ def compare(o: Compare) -> Comparison:
     source = o.source
     user_plants = add_user_model(o.own_model)
     name = source.name if isinstance(source, Source) else str(source)
-    recorded = name.partition("@")[0] not in TRAJECTORIES
-    default = profile_of_log(name) if recorded else "thesis-lab"
+    default = "thesis-lab" if name.partition("@")[0] in TRAJECTORIES else profile_of_log(name)
     profile = choose_profile(o.profile, o.robot, default)
     if not isinstance(source, Source):
         radius = None

@@ -121,7 +121,7 @@ class Convert(LogOptions):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LogReport(Report):
-    """Report on a log: what is in it, or was made of it."""
+    """Report on a log: its contents, or its conversion."""
 
     program: str = "recordings"
     log: Log
@@ -166,9 +166,9 @@ def info(o: Info) -> LogReport:
     offsets = estimate_offsets(log)
     rest = find_rest(log)
     faults = find_faults(log, o.radius)
-    rows = []
-    for f in faults.named:
-        rows.append({"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence})
+    rows = [
+        {"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in faults.named
+    ]
     tables = [
         Table("Faults", rows, "These are not what their names say."),
         _contents(log),
@@ -343,9 +343,10 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
         "seconds": "late_s",
         "standard_error": "standard_error_s",
     }
-    rows = []
-    for offset in offsets:
-        rows.append({keys.get(name, name): value for name, value in asdict(offset).items()})
+    rows = [
+        {keys.get(name, name): value for name, value in asdict(offset).items()}
+        for offset in offsets
+    ]
     units = {
         "late_s": Unit("s", 1.0, 4),
         "standard_error_s": Unit("s", 1.0, 4),

@@ -113,7 +113,7 @@ class RobotCheck(Report):
     """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is
     none."""
     faults: Sequence[str]
-    """Sentences on what is wrong and what would be right."""
+    """Sentences on faults, each with its remedy."""
 
     @property
     def ok(self) -> bool:
@@ -238,7 +238,7 @@ def _every_number(robot: Robot) -> dict[str, Any]:
     for section, part in parts.items():
         for f in fields(part):
             key = f"{section}.{f.name}"
-            # of drive and vehicle only what the file gives: the rest are defaults of planar models
+            # drive and vehicle have many defaults that concern planar models only
             if section not in ("drive", "vehicle") or key in shown:
                 values[key] = getattr(part, f.name)
     return values
@@ -308,8 +308,7 @@ def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
         length = 2.0 * g.wheel_radius
         width = g.wheel_width
         corner = (x - 0.5 * length, y - 0.5 * width)
-        tyre = Rectangle(corner, length, width, facecolor="0.8", edgecolor="0.1", zorder=1.8)
-        ax.add_patch(tyre)
+        ax.add_patch(Rectangle(corner, length, width, facecolor="0.8", edgecolor="0.1", zorder=1.8))
         ax.text(x, y, f"{load:.0f} N", ha="center", va="center", zorder=6.0)
     ax.plot(com[0], com[1], "P", markersize=9.0, color="black", zorder=5.0)
     equal_scales(ax, 0.0)

@@ -122,8 +122,8 @@ def without_markers(hint: Any) -> Any:
     if typing.get_origin(hint) is typing.Annotated:
         return without_markers(hint.__origin__)
     if _is_union(hint):
-        members = tuple(map(without_markers, typing.get_args(hint)))
-        return typing.Union[members]  # noqa: UP007 - of a list
+        members = map(without_markers, typing.get_args(hint))
+        return typing.Union[tuple(members)]  # noqa: UP007 - of a list
     return hint
 
 

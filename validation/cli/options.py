@@ -87,7 +87,7 @@ def profile_option(default: str) -> object:
 
 
 def controller_and_reference(
-    controller: str, reference: str | None, own: str | None
+    controller: str, reference: str | None, user_class: str | None
 ) -> tuple[str, str]:
     """Return controller and reference of a command line.
 
@@ -97,15 +97,15 @@ def controller_and_reference(
         UserError: one of the two is missing, or there are two controllers.
     """
     first = shortened(controller, 40)
-    if own is None:
+    if user_class is None:
         if reference is None:
             raise UserError(f"'{first}' stands alone; wanted a controller and a reference")
         return controller, reference
     if reference is not None:
-        second = shortened(own, 60)
+        second = shortened(user_class, 60)
         raise UserError(f"there are two controllers, '{first}' and --controller {second}")
     # the only text without a name is the reference
-    return own, controller
+    return user_class, controller
 
 
 # --- how texts are read ---

@@ -1,6 +1,6 @@
 """Run a program: parse its command line, call it, and leave with an exit status.
 
-Where something went wrong, one line on standard error says what.
+A failure is one line on standard error.
 """
 
 from __future__ import annotations

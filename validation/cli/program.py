@@ -164,7 +164,7 @@ def program(options: Callable[P, Options]) -> Callable[[Callable[[Options], R]],
 
 
 def finish(report: Report, options: Common, folder: Path) -> None:
-    """Save and print a report, show its recording, and raise what it says went wrong."""
+    """Save and print a report, show its recording, and raise its failure."""
     film = options if isinstance(options, Filmed) else None
     written = report.save(folder, recording=film is None or not film.no_rerun)
     for sentence in report.alarms:
@@ -204,7 +204,7 @@ def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
     A file is ours if a JSON file of ours is there that names it, or if it is a checkpoint.
 
     Raises:
-        UserError: there is such a file among the `names` of what is written, and no `overwrite`.
+        UserError: there is such a file among the `names` of files to write, and no `overwrite`.
     """
     if options.overwrite:
         return
@@ -254,7 +254,7 @@ def writes(option: str, path: Path) -> Iterator[None]:
         ) from error
 
 
-# --- what a program says ---
+# --- output of a program ---
 
 
 @contextlib.contextmanager

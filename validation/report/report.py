@@ -40,7 +40,7 @@ class Report:
     """Name of the program and of its files: `compare` for compare.json, compare.png and
     compare.rrd."""
     title: str
-    """One line that says what was done."""
+    """Work of the program, in one line."""
     tables: Sequence[Table]
     """Tables, the most important one first."""
     document: Mapping[str, Any]
@@ -56,7 +56,7 @@ class Report:
     record: Callable[[Any, Path], object] | None = None
     """Function of the report and a path that writes its rerun recording; None where it has none."""
     status: str = FINISHED
-    """`finished`, or `interrupted`: then it holds what was finished before, and no more."""
+    """`finished`, or `interrupted`: then it holds only the work before that."""
     failure: Exception | None = None
     """Failure although there is something to show, such as a lost robot: the program then fails
     after it saved."""
@@ -108,13 +108,12 @@ class Report:
     def markdown(self) -> str:
         """Return all of it as GitHub-flavoured markdown.
 
-        That is how it was made, its tables and notes, and the meanings of the columns.
+        That is its options and versions, tables, notes, and the meanings of the columns.
         """
         lines = [f"# {markdown(self.title)}", ""]
         for name, values in (("options", self.options), ("versions", self.versions)):
             given = [f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None]
-            words = ", ".join(given)
-            lines.append(f"- {name}: {code_span(words or 'none')}")
+            lines.append(f"- {name}: {code_span(', '.join(given) or 'none')}")
         for grid in self.grids():
             lines += ["", f"## {markdown(grid.title)}", "", *markdown_table(grid)]
             if grid.caption:

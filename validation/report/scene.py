@@ -8,7 +8,7 @@ picture:
   wheels, `contact_force`, the force of the ground on each wheel, and `rotation_centre`;
 - `world/NAME/path`, `.../end`: the whole path, and the robot's name where it ends;
 - `world/target`: the moving target of a controller, an arrow along its heading;
-- `plots/QUANTITY/NAME`: what is drawn over time;
+- `plots/QUANTITY/NAME`: lines over time;
 - `report`: the report as text.
 """
 
@@ -219,8 +219,7 @@ def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> No
     recording.log(f"{entity}/base", base, static=True)
     for wheel in WHEELS:
         # about y, the axle: a positive turn rolls forward
-        side = 0 if wheel.endswith("left") else 1
-        half = 0.5 * turns[:, side]
+        half = 0.5 * turns[:, 0 if wheel.endswith("left") else 1]
         quat_xyzw = np.column_stack([zero, np.sin(half), zero, np.cos(half)])
         # a static one would not combine with turns over time
         translation = np.tile(looks.places[wheel], (len(rows), 1))
@@ -306,8 +305,7 @@ def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> A
         darkest = 0.25
     colours = [s.rgba for s in solids]
     if track.name != "mujoco":
-        ink = bright(track.name)
-        colours = [tinted(rgba, ink, darkest) for rgba in colours]
+        colours = [tinted(rgba, bright(track.name), darkest) for rgba in colours]
     look: dict[str, Any] = {
         "colors": np.round(255.0 * np.array(colours)).astype(np.uint8),
         "fill_mode": fill_mode,
@@ -461,7 +459,6 @@ def shades_of(ink: Rgb) -> list[Rgb]:
 
 def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Blueprint:
     """Return the layout: robots and report on the left, plots on the right; it plays at once."""
-    left = rrb.Vertical(*_views_of_robots(scene, extent), row_shares=[6, 5])
     units = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}
     groups = []
     for group in _VIEWS:
@@ -477,22 +474,25 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
         if views:
             groups.append(rrb.Tabs(*views))
     return rrb.Blueprint(
-        rrb.Horizontal(left, rrb.Vertical(*groups), column_shares=[8, 5]),
+        rrb.Horizontal(
+            _views_of_robots(scene, extent), rrb.Vertical(*groups), column_shares=[8, 5]
+        ),
         rrb.TimePanel(timeline=_TIMELINE, state="collapsed", play_state="playing", loop_mode="off"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
 
 
-def _views_of_robots(scene: Scene, extent: Extent) -> tuple[rrb.Tabs, rrb.Spatial3DView]:
-    """Return the whole scene with the report behind it, and a view that follows the first robot."""
+def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
+    """Return the whole scene with the report behind it, above a view of the first robot."""
     first = scene.tracks[0]
     scale = extent.scale
     distance = max(3.0 * scale, 0.9 * extent.reach)
     across = np.array([-extent.along[1], extent.along[0]])
     overview = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
-    middle = np.append(extent.middle, 0.0)
-    whole = _view("Scene (grid 1 m)", [], position=overview, look_target=middle)
+    whole = _view(
+        "Scene (grid 1 m)", [], position=overview, look_target=np.append(extent.middle, 0.0)
+    )
     start = first.pose[0]
     behind = shift_reference(start, (-1.5 * scale, -1.2 * scale))[:2]
     hull = looks_of(first.robot).solids["base"][0].kind
@@ -504,11 +504,11 @@ def _views_of_robots(scene: Scene, extent: Extent) -> tuple[rrb.Tabs, rrb.Spatia
         tracking_entity=f"/world/{first.name}/robot/base/{hull}",
     )
     report = rrb.TextDocumentView(origin="/report", name="Report")
-    return rrb.Tabs(whole, report), close
+    return rrb.Vertical(rrb.Tabs(whole, report), close, row_shares=[6, 5])
 
 
 def _view(name: str, without: Sequence[str], **eye: Any) -> rrb.Spatial3DView:
-    """Return a view of the world, seen by an eye that turns about what it looks at."""
+    """Return a view of the world, seen by an eye that turns about its target."""
     grid = rrb.LineGrid3D(visible=True, spacing=1.0, stroke_width=1.0, color=_GRID)
     looks = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye)
     seen = ["/world/**", *without]

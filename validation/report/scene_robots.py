@@ -212,8 +212,6 @@ def extent_of(tracks: Sequence[Track]) -> Extent:
     first = tracks[0]
     way = np.mean([track.pose[-1, :2] for track in tracks], axis=0) - first.pose[0, :2]
     length = np.hypot(*way)
-    along = np.array([1.0, 0.0])
-    if length > 1e-6:
-        along = way / length
+    along = way / length if length > 1e-6 else np.array([1.0, 0.0])
     reach = float((high - low).max())
     return Extent(0.5 * (low + high), along, reach, looks_of(first.robot).scale)

@@ -107,9 +107,11 @@ class Setting(NamedTuple):
             ValueError: the parameters do not fit together, or the engine is not installed.
         """
         numbers = replace(section.parameters, **self.robot)
-        radius = numbers.wheel_radius + wheels
-        timestep = numbers.timestep / steps
-        numbers = replace(numbers, wheel_radius=radius, timestep=timestep)
+        numbers = replace(
+            numbers,
+            wheel_radius=numbers.wheel_radius + wheels,
+            timestep=numbers.timestep / steps,
+        )
         physics = self.physics
         if isinstance(physics, PhysicsSettings):
             return MujocoPlant(numbers, section.drive, terrain=terrain, settings=physics)
@@ -294,8 +296,7 @@ class Trial:
         if isinstance(plant, MujocoPlant):
             return {"creep_m_s": creep(plant)}
         still = Commands(0.05, np.zeros((80, 2)), "wheels")
-        across = State(yaw=0.5 * math.pi)
-        xy = self.plant(terrain=_RAMP).run(still, across, SAMPLE).xy
+        xy = self.plant(terrain=_RAMP).run(still, State(yaw=0.5 * math.pi), SAMPLE).xy
         # the first half lets the robot settle
         first_half = xy[: len(xy) // 2 + 1]
         return {"creep_m_s": _apart(xy, first_half) / (0.5 * still.duration)}

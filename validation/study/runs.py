@@ -150,15 +150,15 @@ def _measure(o: RunsStudy, run: Run) -> Row:
         seed=o.seed,
         workers=1,
     )
-    alike = judged.document["alike"]
+    pairs = judged.document["alike"]
     found = {
         "schema": SCHEMA,
         "files": [fitted_profile.name],
         "asked": request,
         "rows": _rows_of(run, judged),
         "numbers": numbers,
-        "alike": alike,
-        "told": alike_sentences(judged.plants, alike),
+        "alike": pairs,
+        "told": alike_sentences(judged.plants, pairs),
         "heading_judge": judged.document.get("heading_judge", "localiser"),
     }
     store.write_json(file, found)
@@ -233,9 +233,8 @@ def study_runs(o: RunsStudy) -> Report:
         SsmrError: no log could be fitted.
     """
     runs = _runs(o)
-    first = next(iter(runs.values()))
     for plant in o.plants:
-        warm_up(make_plant(first.profile, plant))
+        warm_up(make_plant(next(iter(runs.values())).profile, plant))
     seconds = sum(float(np.ptp(read_log(log_path(run.log)).t)) for run in runs.values())
     minutes = sum(_COSTS.get(plant, _COST) for plant in o.plants) * seconds / 60.0
     o.progress(Progress(0, len(runs), f"at most {math.ceil(minutes)} minutes of one processor"))

@@ -132,8 +132,8 @@ def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
                 )
             contenders[name] = (make_controller(profile, gains), gains)
     if len(contenders) < 2:
-        few = ", ".join(contenders) or "no controllers"
-        raise ValueError(f"there is no choice among {few}; name two or more")
+        names_found = ", ".join(contenders) or "no controllers"
+        raise ValueError(f"there is no choice among {names_found}; name two or more")
     return contenders
 
 

@@ -166,6 +166,7 @@ class _Comparing:
         driven = self._drive_all()
         recorded = self.reference == RECORDING
         gyro = find_gyro_judge(source) if recorded else None
+        # plants are judged by one of them where nothing was recorded
         if not recorded:
             truth = tuple(driven[self.reference][0])
         results = {name: self._result(name, *d, truth, gyro) for name, d in driven.items()}
@@ -329,10 +330,12 @@ class _Comparing:
                     given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
                     health = run_health(plant.model, motions, given_rates=given)
             if o.noise and name != self.reference:
+                # each plant has its own noise, whichever thread comes first
                 rng = np.random.default_rng([o.seed, rank])
                 motions = [measure(m, SensorNoise(), rng) for m in motions]
             return motions, wall, health
 
+        # the time of a run shall not contain that of compiling
         for plant in self.plants.values():
             warm_up(plant)
         with ThreadPoolExecutor(o.workers) as pool:

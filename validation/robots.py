@@ -250,6 +250,7 @@ def _numbers(robot: Robot) -> Table:
     sources: dict[str, int] = {}
     for key, value in _every_number(robot).items():
         grade, source = robot.source(key)
+        # a source is numbered where it is named first
         number = sources.setdefault(source, len(sources) + 1)
         names: Sequence[str] = "xyz"
         if key == "mass.wheel_inertia":

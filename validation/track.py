@@ -218,6 +218,7 @@ def track(o: TrackOptions) -> Tracked:
     for k, robot in enumerate(robots):
         o.progress(Progress(k, len(robots), f"{robot.name} drives"))
         tracked = _driven(o, robot, law, gains, label=label, waypoints=waypoints, profile=profile)
+        # metrics of users see the reference to its end, also where the robot was lost
         if metric is not None:
             whole = reference_of(tracked.run, waypoints, whole=True)
             metrics = metric.added(tracked.metrics, [tracked.run.motion], [whole])
@@ -245,6 +246,7 @@ def _driven(
         disturbance=not (o.no_noise or o.no_disturbance),
         lookahead=o.lookahead,
     )
+    # the start is seen from that of the reference
     at = waypoints.start
     x, y, yaw = o.start
     dx, dy = map(float, rotate_body_to_world(np.array([x, y]), at.yaw))
@@ -252,6 +254,7 @@ def _driven(
     began = time.perf_counter()
     (run,) = run_robots([robot], [law], [around], waypoints, [o.seed], o.workers, start=start)
     wall = time.perf_counter() - began
+    # without a tick there is nothing to report
     if not len(run.t):
         run.require_complete(f"{law.name} on {label} with the plant {robot.name}")
     return TrackedRobot(

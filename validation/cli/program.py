@@ -228,7 +228,7 @@ def _ours_among(there: Sequence[Path]) -> set[str]:
     """Return the names of files of our programs, and of the files that these name."""
     ours = set[str]()
     for path in there:
-        # it is not ours
+        # a file that cannot be read so is not ours
         with contextlib.suppress(
             ValueError, TypeError, LookupError, AttributeError, RecursionError
         ):

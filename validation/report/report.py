@@ -174,6 +174,7 @@ class Report:
         writers = self.files(recording)
         document = place / f"{self.program}.json"
         store.write_json(document, {**self.as_dict(), "files": list(writers)})
+        # drawing may take long or fail; the numbers are safe by now
         for name, write in writers.items():
             write(place / name)
         return [path for path in (document, *map(place.joinpath, writers)) if path.exists()]

@@ -242,6 +242,7 @@ def _write_forces(recording: rr.RecordingStream, track: Track) -> None:
     looks = looks_of(track.robot)
     rows = track.rows
     forces = np.stack(channels, axis=-1)  # (M, 4, 3)
+    # arrows are seen beside a robot of any weight
     mean_load = max(float(forces[:, :, 2].mean()), 1e-9)
     vectors = _LOAD_LENGTH * looks.scale / mean_load * forces[rows]
     outwards = 0.6 * track.robot.geometry.wheel_width * LEFT

@@ -160,6 +160,7 @@ class Track:
         period = max(POSE_PERIOD, duration / MOST_POSES)
         shown = []
         for piece in self.pieces:
+            # 1e-6: a stamp on the border of two slots belongs to the later one
             slots = np.floor((piece.t - piece.t[0]) / period + 1e-6)
             first = np.r_[True, np.diff(slots) > 0.0]
             first[-1] = True
@@ -211,6 +212,7 @@ def extent_of(tracks: Sequence[Track]) -> Extent:
     high = xy.max(axis=0)
     first = tracks[0]
     way = np.mean([track.pose[-1, :2] for track in tracks], axis=0) - first.pose[0, :2]
+    # robots that turn on the spot have no direction
     length = np.hypot(*way)
     along = way / length if length > 1e-6 else np.array([1.0, 0.0])
     reach = float((high - low).max())

@@ -139,6 +139,7 @@ def all_settings(robot: Robot | None = None) -> dict[str, Setting]:
     s = PhysicsSettings
     pyramidal = s(cone="pyramidal")
     plain = s("pyramidal", 1.0, solimp=MUJOCO_IMPEDANCE, iterations=100, integrator="Euler")
+    # contacts as hard as in ODE, as far as the time step of 1 ms allows
     near_ode = s(
         "pyramidal",
         1.0,
@@ -308,6 +309,7 @@ class Trial:
         plant = self.plant()
         motions = _drive_all(plant, pieces, lab.localiser)
         third = motions["traj3"]
+        # the same motion in turned axes: any difference comes from the contact model
         from_turned = replace(pieces["traj3"], start=State(yaw=TURNED))
         turned = drive(plant, from_turned, lab.localiser, SAMPLE)
         fine = drive(self.plant(steps=2.0), pieces["traj4"], lab.localiser, SAMPLE)
@@ -392,6 +394,7 @@ def _draw(study: Report) -> Figure:
 
     def draw(column: str, title: str, ax: Axes) -> None:
         values = [row.get(column) or 0.0 for row in rows.values()]
+        # zero has no place on a logarithmic axis
         lengths = [max(abs(value), 1e-4) for value in values]
         ax.barh(range(len(rows)), lengths, gid=column)
         ax.set(xscale="log", title=title, ylim=(len(rows) - 0.4, -0.6))

@@ -133,6 +133,7 @@ def _measure(o: RunsStudy, run: Run) -> Row:
         "log": hashlib.sha256(log_path(run.log).read_bytes()).hexdigest(),
         "robot": run.profile.robot.name,
     }
+    # the profile is written last: a run that has both files is finished
     if file.is_file() and fitted_profile.is_file():
         before = json.loads(file.read_text(encoding="utf-8"))
         if before.get("asked") == request:
@@ -177,7 +178,7 @@ def _fit_all(o: RunsStudy, run: Run, until: float, folder: Path) -> tuple[Profil
     """Return the profile with fits of all plants up to a time [s], and their numbers by plant."""
     profile = run.profile
     numbers: dict[str, Row] = {}
-    # the first one gives the others their geometry
+    # first the kinematic model: others than planar ones begin with the body that it finds
     for plant in sorted(o.plants, key=lambda plant: plant != FIRST_FITTED):
         heavy = plant not in PLANAR_MODELS and FIRST_FITTED in o.plants
         fitted = fit(
@@ -233,6 +234,7 @@ def study_runs(o: RunsStudy) -> Report:
         SsmrError: no log could be fitted.
     """
     runs = _runs(o)
+    # a fault of a plant shows before hours of fits
     for plant in o.plants:
         warm_up(make_plant(next(iter(runs.values())).profile, plant))
     seconds = sum(float(np.ptp(read_log(log_path(run.log)).t)) for run in runs.values())
@@ -246,6 +248,7 @@ def study_runs(o: RunsStudy) -> Report:
         numbers = [{"log": name, **run["numbers"][plant]} for name, run in logs.items()]
         tables.append(Table(f"{plant} on each ground", numbers))
     rows: list[Row] = []
+    # a note that several logs share is said once
     logs_by_note: dict[str, list[str]] = {}
     for name, run in logs.items():
         rows += run["rows"]

@@ -108,6 +108,7 @@ def sweep(
         status = INTERRUPTED
     finally:
         pool.shutdown(cancel_futures=True)
+    # a row with nothing but its name has no measure
     if failures and all(len(row) == 1 for row in rows.values()):
         raise next(iter(failures.values()))
     notes = [f"{drive}: {one_line(error)}." for drive, error in sorted(failures.items())]

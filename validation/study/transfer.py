@@ -181,6 +181,7 @@ def _scores(
         costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
         for k, run, cost in zip(ranks, runs, costs, strict=True):
             score: dict[str, float | None] = dict.fromkeys(_MEASURES)
+            # errors of a robot that was lost end early, and would look small
             if not run.lost:
                 errors = {**track_metrics(run, waypoints, robot.limits), "cost": cost}
                 score = {measure: float(errors[measure]) for measure in _MEASURES}
@@ -232,6 +233,7 @@ def regret(costs: FloatArray, truth: FloatArray) -> float:
     """
     chosen = choice(costs, truth)
     best = choice(truth, truth)
+    # a lost robot costs more than any error
     lost = np.isinf(truth).sum(axis=0)
     if lost[chosen] > lost[best]:
         return math.inf
@@ -277,6 +279,7 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
     for plant, costs in tables.items():
         ranks = agreement(costs, truth)
         means = {measure: mean_costs(table_of(plant, measure)) for measure in _MEANS}
+        # sums over different references cannot be compared
         kept = np.isfinite(costs).all(axis=0) & np.isfinite(truth).all(axis=0)
         gaps = np.where(kept, mean_costs(costs) / mean_costs(truth) - 1.0, np.nan)
         ranked = 1 + places(costs)

@@ -135,13 +135,12 @@ class Report:
         if self.draw is not None:
             writers[f"{self.program}.png"] = self._save_picture
         if self.has_text:
-            writers[f"{self.program}.md"] = self._save_text
+            writers[f"{self.program}.md"] = lambda path: store.write_text(
+                path, each_line(self.markdown())
+            )
         if recording and self.record is not None:
             writers[f"{self.program}.rrd"] = partial(self.record, self)
         return writers
-
-    def _save_text(self, path: Path) -> None:
-        store.write_text(path, each_line(self.markdown()))
 
     def _save_picture(self, path: Path) -> None:
         """Write its picture; a warning says that numbers beyond all measure cannot be drawn."""
@@ -151,8 +150,9 @@ class Report:
             save_figure(self.figure(), path)
         except (ValueError, ArithmeticError, MemoryError) as error:  # which are in the other files
             path.unlink(missing_ok=True)  # an older one would show other numbers
-            reason = shortened(error, _LONGEST)
-            _log.warning("%s cannot be drawn (%s); the numbers are written", path, reason)
+            _log.warning(
+                "%s cannot be drawn (%s); the numbers are written", path, shortened(error, _LONGEST)
+            )
 
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
         """Write its JSON file, which names the files that follow, and then these.

@@ -149,8 +149,9 @@ def write_scene(scene: Scene, path: Path) -> None:
         OSError: the file cannot be written.
         RuntimeError: rerun is switched off by `RERUN=off`.
     """
-    name = f"ssmr-testbed {scene.program}"
-    recording = rr.RecordingStream(name, recording_id=scene.identity(), send_properties=False)
+    recording = rr.RecordingStream(
+        f"ssmr-testbed {scene.program}", recording_id=scene.identity(), send_properties=False
+    )
     if not recording.is_enabled():
         raise RuntimeError(
             "rerun is switched off: unset the environment variable RERUN to write recordings"
@@ -215,8 +216,7 @@ def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> No
     turns = track.turns[rows]
     zero = np.zeros(len(rows))
     _send_poses(recording, entity, t, track.body[rows])
-    base = rr.Transform3D(translation=looks.places["base"])
-    recording.log(f"{entity}/base", base, static=True)
+    recording.log(f"{entity}/base", rr.Transform3D(translation=looks.places["base"]), static=True)
     for wheel in WHEELS:
         # about y, the axle: a positive turn rolls forward
         half = 0.5 * turns[:, 0 if wheel.endswith("left") else 1]
@@ -332,8 +332,7 @@ def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
         xy = piece.xy[kept]
         strips.append(np.column_stack([xy, np.full(len(xy), height)]))
     width = rr.Radius.ui_points(2.0 if rank else 3.0)
-    path = rr.LineStrips3D(strips, colors=[ink], radii=width)
-    recording.log(f"{entity}/path", path, static=True)
+    recording.log(f"{entity}/path", rr.LineStrips3D(strips, colors=[ink], radii=width), static=True)
     name_height = (1.5 + 0.3 * rank) * looks_of(track.robot).size[2]
     label = rr.Points3D(
         [np.append(track.body[-1, :2], name_height)],
@@ -424,12 +423,8 @@ def plots_of(track: Track, length: Unit) -> dict[str, Series]:
     # four that can be told apart
     inks = [colour(plant) for plant in ("mujoco", "improved", "coulomb", "linear")]
     wheels = [wheel.replace("_", " ") for wheel in WHEELS]
-    for quantity, channel in (
-        ("wheel_load", "wheel_load_N"),
-        ("force_x", "force_x_N"),
-        ("force_y", "force_y_N"),
-    ):
-        forces = track.channel(channel)
+    for quantity in ("wheel_load", "force_x", "force_y"):
+        forces = track.channel(f"{quantity}_N")
         if forces is not None:
             plots[f"{quantity}/{name}"] = Series(wheels, "N", inks, track.t, forces)
     loads = track.channel(QUASI_STATIC)
@@ -504,19 +499,18 @@ def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
         look_target=np.append(start[:2], 0.2 * scale),
         tracking_entity=f"/world/{first.name}/robot/base/{hull}",
     )
-    report = rrb.TextDocumentView(origin="/report", name="Report")
-    return rrb.Vertical(rrb.Tabs(whole, report), close, row_shares=[6, 5])
+    tabs = rrb.Tabs(whole, rrb.TextDocumentView(origin="/report", name="Report"))
+    return rrb.Vertical(tabs, close, row_shares=[6, 5])
 
 
 def _view(name: str, without: Sequence[str], **eye: Any) -> rrb.Spatial3DView:
     """Return a view of the world, seen by an eye that turns about its target."""
     grid = rrb.LineGrid3D(visible=True, spacing=1.0, stroke_width=1.0, color=_GRID)
     looks = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye)
-    seen = ["/world/**", *without]
     return rrb.Spatial3DView(
         name=name,
         origin="/world",
-        contents=seen,
+        contents=["/world/**", *without],
         background=_SKY,
         line_grid=grid,
         eye_controls=looks,

@@ -156,8 +156,7 @@ class Track:
 
         These are the first in every 20 ms or more, and the last.
         """
-        duration = sum(float(p.t[-1] - p.t[0]) for p in self.pieces)
-        period = max(POSE_PERIOD, duration / MOST_POSES)
+        period = max(POSE_PERIOD, sum(float(p.t[-1] - p.t[0]) for p in self.pieces) / MOST_POSES)
         shown = []
         for piece in self.pieces:
             # 1e-6: a stamp on the border of two slots belongs to the later one

@@ -12,7 +12,7 @@ from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, corrected
 from ssmr.metrics.windows import WindowErrors
 from ssmr.types import FloatArray
 from tests.test_windows import moving_sums
-from validation.report.motions import alike_plants
+from validation.report.motions import indistinguishable_pairs
 
 TIMES = np.arange(300.0)
 
@@ -58,7 +58,7 @@ def test_of_many_pairs_none_is_told_apart_by_their_number() -> None:
         )
         windows = [WindowErrors(6.0, np.abs(errors), np.abs(errors)) for errors in some]
         plants = {str(k): SimpleNamespace(windows={6.0: w}) for k, w in enumerate(windows)}
-        raised += bool(alike_plants(plants)["better"]["position"])  # type: ignore[arg-type, index]
+        raised += bool(indistinguishable_pairs(plants)["better"]["position"])  # type: ignore[arg-type, index]
     assert raised <= 2 < plain
 
 

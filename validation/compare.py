@@ -1,4 +1,7 @@
-"""Drive every plant with the same commands and compare each with one reference: `python -m validation.compare SOURCE`."""
+"""Drive every plant with the same commands and compare each with one reference.
+
+On the command line: `python -m validation.compare SOURCE`.
+"""
 
 from __future__ import annotations
 
@@ -53,11 +56,11 @@ from validation.report.motion_panels import comparison_figure
 from validation.report.motions import (
     Comparison,
     PlantResult,
-    ailing,
-    alike_plants,
     alike_sentences,
     comparison_tables,
     headline_horizon,
+    health_warnings,
+    indistinguishable_pairs,
     point_sentences,
     write_comparison,
 )
@@ -121,20 +124,25 @@ class Compare(cli.Filmed):
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
-        ground = "" if self.terrain == FLAT else "-" + self.terrain.spec.replace(":", "-")
-        return Path("runs") / "compare" / file_name(Path(str(self.source)).stem + ground)
+        name = Path(str(self.source)).stem
+        if self.terrain != FLAT:
+            name += "-" + self.terrain.spec.replace(":", "-")
+        return Path("runs") / "compare" / file_name(name)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options as compare.json has them; the seed stands beside them."""
-        span = {"from": self.start, "until": self.until}
-        options = {
-            name: getattr(self, name) for name in ("input", "horizons", "noise", "disturbance")
-        }
-        return {
-            **options,
-            "terrain": self.terrain.spec,
-            **{k: v for k, v in span.items() if v is not None},
-        }
+        names = ("input", "horizons", "noise", "disturbance")
+        options = {name: getattr(self, name) for name in names}
+        options["terrain"] = self.terrain.spec
+        if self.start is not None:
+            options["from"] = self.start
+        if self.until is not None:
+            options["until"] = self.until
+        return options
+
+
+_Driven = tuple[list[Trajectory], float, Health | None]
+"""A plant's motion over the pieces, the wall time that it took [s], and its health."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,54 +160,27 @@ class _Comparing:
         """Drive the plants and compare them; an SsmrError says that one diverged."""
         source = self.source
         profile = self.profile
+        robot = profile.robot
         o = self.options
         truth = tuple(piece.reference for piece in source.pieces if piece.reference is not None)
         remarks = list[str]()
         if truth:
-            remarks = profile.too_fast(
-                pace_of(truth, profile.robot.geometry.wheel_radius), source.title
-            )
+            pace = pace_of(truth, robot.geometry.wheel_radius)
+            remarks = profile.too_fast(pace, source.title)
         for remark in remarks:
             cli.warn(remark)
         driven = self._drive_all()
         recorded = self.reference == RECORDING
-        truth = truth if recorded else tuple(driven[self.reference][0])
         gyro = find_gyro_judge(source) if recorded else None
-        results = {
-            name: self._result(name, *outcome, truth, gyro) for name, outcome in driven.items()
-        }
-        # all pieces of a log
-        stamped = [(piece, piece.t) for piece in source.pieces if piece.t is not None]
-        scoring = {
-            h: tuple(piece.windows(horizon_windows, t, h) for piece, t in stamped)
-            for h in o.horizons
-            if recorded
-        }
+        # plants are judged by one of them where nothing was recorded
+        if not recorded:
+            truth = tuple(driven[self.reference][0])
+        results = {name: self._result(name, *d, truth, gyro) for name, d in driven.items()}
+        scoring = self._windows() if recorded else {}
         headline = headline_horizon(scoring)
-        unsure = _without_band(
-            [name for name, r in results.items() if o.bands and r.band is None],
-            profile.name,
-            o.input,
-        )
-        standing = standing_sentences(source, headline) if headline else []
+        notes = standing_sentences(source, headline) if headline else []
         if o.profile is None and o.robot is None:
-            standing = [*stranger_sentences(source, profile.robot), *standing]
-        gyro_first = gyro is not None and gyro.first
-        alike = alike_plants(results, gyro_first)
-        unwell = ailing(results)
-        robot = profile.robot
-        label = one_line(with_robot(profile.name, robot.name))
-        title = f"{one_line(source.name)} · profile {label}"
-        if o.terrain != FLAT:
-            title += f" · mujoco on {o.terrain.words}"
-        points = [] if recorded else point_sentences(results)
-        caption = "\n".join(
-            [
-                f"compared with {self.reference} · seed {o.seed} · best value in bold",
-                *points,
-                *unwell,
-            ]
-        )
+            notes = [*stranger_sentences(source, robot), *notes]
         facts: dict[str, Any] = {
             "profile": profile.name,
             "robot": robot.name,
@@ -207,29 +188,34 @@ class _Comparing:
             "seed": o.seed,
         }
         if gyro is not None:
-            standing.append(gyro.sentence)
-            facts |= {
-                "heading_judge": "gyro" if gyro.first else "localiser",
-                "judges_apart_rad": gyro.apart,
-            }
+            notes.append(gyro.sentence)
+            facts["heading_judge"] = "gyro" if gyro.first else "localiser"
+            facts["judges_apart_rad"] = gyro.apart
+        gyro_first = gyro is not None and gyro.first
+        pairs = indistinguishable_pairs(results, gyro_first)
+        ill = health_warnings(results)
+        label = one_line(with_robot(profile.name, robot.name))
+        title = f"{one_line(source.name)} · profile {label}"
+        if o.terrain != FLAT:
+            title += f" · mujoco on {o.terrain.words}"
+        caption = [f"compared with {self.reference} · seed {o.seed} · best value in bold"]
+        if not recorded:
+            caption += point_sentences(results)
+        caption += ill
+        tables = comparison_tables(results, self.reference, title, "\n".join(caption), gyro_first)
+        notes += [*source.warnings, *alike_sentences(results, pairs), *self._unjudged(results)]
         return Comparison(
             program="compare",
             title=f"{one_line(source.name)}, {label}",
-            tables=comparison_tables(results, self.reference, title, caption, gyro_first),
-            sentences=(
-                *remarks,
-                *standing,
-                *source.warnings,
-                *alike_sentences(results, alike),
-                *unsure,
-            ),
-            alarms=unwell,
+            tables=tables,
+            sentences=(*remarks, *notes),
+            alarms=ill,
             options=o.as_dict(),
             document={
                 "schema": "ssmr.compare/1",
                 "source": source.name,
                 **facts,
-                "alike": alike,
+                "alike": pairs,
                 "plants": {name: result.as_dict() for name, result in results.items()},
                 "parameters": {name: dict(result.parameters) for name, result in results.items()},
             },
@@ -247,43 +233,73 @@ class _Comparing:
             robot=robot,
         )
 
+    def _windows(self) -> dict[float, Any]:
+        """Windows of each horizon on all pieces of a log."""
+        scoring = {}
+        stamped = [(piece, piece.t) for piece in self.source.pieces if piece.t is not None]
+        for horizon in self.options.horizons:
+            scoring[horizon] = tuple(p.windows(horizon_windows, t, horizon) for p, t in stamped)
+        return scoring
+
+    def _unjudged(self, results: Mapping[str, PlantResult]) -> list[str]:
+        """Return a sentence on the plants whose predictions nobody has judged yet."""
+        if not self.options.bands:
+            return []
+        plants = ", ".join(name for name, result in results.items() if result.band is None)
+        if not plants:
+            return []
+        profile = one_line(self.profile.name)
+        return [
+            f"The profile {profile} holds no band of {plants} driven by {self.options.input}: "
+            "calibrate and fit write one from a log."
+        ]
+
     def _result(
-        self, name: str, pieces: list[Trajectory], wall: float, health: Health | None,
-        truth: tuple[Trajectory, ...], gyro: GyroJudge | None,
-    ) -> PlantResult:  # fmt: skip
-        """Return how a plant's motion compares with the true one, and its headings with the gyro's."""
+        self,
+        name: str,
+        pieces: list[Trajectory],
+        wall: float,
+        health: Health | None,
+        truth: tuple[Trajectory, ...],
+        gyro: GyroJudge | None,
+    ) -> PlantResult:
+        """Compare a plant's motion with the true one, and its headings with the gyro's."""
         plant = self.plants[name]
         section = self.profile.section(name)
         source = self.source
         horizons = self.options.horizons if self.reference == RECORDING else ()
         driven = [(source, pieces)]
-        by_gyro = (
-            [] if gyro is None else [(gyro.judging(source, section.localiser.yaw_late), pieces)]
-        )
+        by_gyro = []
+        if gyro is not None:
+            by_gyro.append((gyro.judging(source, section.localiser.yaw_late), pieces))
         band = section.bands.get(self.options.input) if self.options.bands else None
-        coverage = dict[float, dict[str, float]]()
+        coverage = {}
         if band is not None:
             coverage = coverage_of(driven, horizons, band)
             for horizon, shares in coverage_of(by_gyro, horizons, band).items():
                 coverage[horizon]["yaw_gyro"] = shares["yaw"]
         metrics = Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)})
+        if self.metric is not None:
+            metrics = self.metric.added(metrics, pieces, truth)
+        loads = None
+        if isinstance(plant, MujocoPlant):
+            loads = summarise(tuple(pieces), resting_loads(plant))
+        simulated = sum(piece.commands.duration for piece in source.pieces)
         return PlantResult(
-            name,
-            tuple(pieces),
-            metrics if self.metric is None else self.metric.added(metrics, pieces, truth),
-            horizons_of(driven, horizons),
-            wall,
-            sum(piece.commands.duration for piece in source.pieces) / wall,
-            health,
-            section.localiser,
-            summarise(tuple(pieces), resting_loads(plant))
-            if isinstance(plant, MujocoPlant)
-            else None,
-            self.profile.as_dict([name])[name],
-            window_errors_of(driven, horizons),
-            band,
-            coverage,
-            window_errors_of(by_gyro, horizons),
+            name=name,
+            pieces=tuple(pieces),
+            metrics=metrics,
+            horizons=horizons_of(driven, horizons),
+            wall_s=wall,
+            real_time_factor=simulated / wall,
+            health=health,
+            localiser=section.localiser,
+            loads=loads,
+            parameters=self.profile.as_dict([name])[name],
+            windows=window_errors_of(driven, horizons),
+            band=band,
+            coverage=coverage,
+            by_gyro=window_errors_of(by_gyro, horizons),
         )
 
     def _driven(self, plant: Plant, piece: Piece, localiser: Localiser) -> Trajectory:
@@ -315,27 +331,28 @@ class _Comparing:
             f"end of its path is uncertain by some {1e3 * moved:.1f} mm"
         )
 
-    def _drive_all(self) -> dict[str, tuple[list[Trajectory], float, Health | None]]:
-        """Return each plant's motions, wall time and health; plants run side by side, the pieces of one after another."""
+    def _drive_all(self) -> dict[str, _Driven]:
+        """Drive plants side by side, each over the pieces one after another."""
         stop = threading.Event()
         lock = threading.Lock()
         o = self.options
         done = 0
         total = len(self.plants) * len(self.source.pieces)
 
-        def one_plant(rank: int, name: str) -> tuple[list[Trajectory], float, Health | None]:
+        def one_plant(rank: int, name: str) -> _Driven:
             nonlocal done
             plant = self.plants[name]
             localiser = self.profile.section(name).localiser
             health = None
             began = time.perf_counter()
-            motions = list[Trajectory]()
+            motions = []
             for piece in self.source.pieces:
-                if not stop.is_set():
-                    motions.append(self._driven(plant, piece, localiser))
-                    with lock:
-                        done += 1
-                        o.progress(Progress(done, total, f"{name} has driven"))
+                if stop.is_set():
+                    break
+                motions.append(self._driven(plant, piece, localiser))
+                with lock:
+                    done += 1
+                    o.progress(Progress(done, total, f"{name} has driven"))
             wall = time.perf_counter() - began
             if isinstance(plant, MujocoPlant):
                 motions = [with_quasi_static(motion, plant, localiser) for motion in motions]
@@ -345,34 +362,21 @@ class _Comparing:
                     if not given:
                         health = replace(health, at_limit=self._at_limit(plant, motions, localiser))
             if o.noise and name != self.reference:
+                # each plant has its own noise, whichever thread comes first
                 rng = np.random.default_rng([o.seed, rank])
                 motions = [measure(m, SensorNoise(), rng) for m in motions]
             return motions, wall, health
 
+        # the time of a run shall not contain that of compiling
         for plant in self.plants.values():
             warm_up(plant)
         with ThreadPoolExecutor(o.workers) as pool:
             try:
-                return dict(
-                    zip(
-                        self.plants,
-                        pool.map(one_plant, itertools.count(), self.plants),
-                        strict=True,
-                    )
-                )
+                outcomes = pool.map(one_plant, itertools.count(), self.plants)
+                return dict(zip(self.plants, outcomes, strict=True))
             except BaseException:
                 stop.set()  # an interrupt or a failed plant ends the others at their next piece
                 raise
-
-
-def _without_band(plants: list[str], profile: str, kind: str) -> list[str]:
-    """Return a sentence on the plants whose predictions nobody has judged yet."""
-    if not plants:
-        return []
-    how = "calibrate and fit write one from a log"
-    return [
-        f"The profile {one_line(profile)} holds no band of {', '.join(plants)} driven by {kind}: {how}."
-    ]
 
 
 @cli.program(Compare)
@@ -381,41 +385,40 @@ def compare(o: Compare) -> Comparison:
 
     Prints tables and writes compare.json, compare.png and compare.rrd.
 
-    Raises: SsmrError: a plant diverged. ValueError: a name that there is not, a recording that
-        cannot be read, or values that do not go together.
+    Raises:
+        SsmrError: a plant diverged.
+        ValueError: an unknown name, a recording that cannot be read, or values that do not go
+            together.
     """
     source = o.source
-    own = add_user_model(o.own_model)
+    user_plants = add_user_model(o.own_model)
     name = source.name if isinstance(source, Source) else str(source)
-    recorded = name.partition("@")[0] not in TRAJECTORIES
-    usual = profile_of_log(name) if recorded else "thesis-lab"
-    profile = choose_profile(o.profile, o.robot, usual)
-    radius = (
-        profile.robot.geometry.wheel_radius
-        if o.profile is not None or o.robot is not None
-        else None
-    )
+    default = "thesis-lab" if name.partition("@")[0] in TRAJECTORIES else profile_of_log(name)
+    profile = choose_profile(o.profile, o.robot, default)
     if not isinstance(source, Source):
+        radius = None
+        if o.profile is not None or o.robot is not None:
+            radius = profile.robot.geometry.wheel_radius
         kind: Literal["twist", "wheels"] = "wheels" if o.input == "wheels" else "twist"
-        source = open_source(
-            name, kind, o.start, o.until, ReadOptions({}, o.limits, o.columns, radius)
-        )
+        reading = ReadOptions({}, o.limits, o.columns, radius)
+        source = open_source(name, kind, o.start, o.until, reading)
     elif o.start is not None or o.until is not None:
         raise ValueError(
             "start and until cut a recording that is given by its path; cut yours before"
         )
     reference = o.reference or source.reference
     plants = PLANTS if o.plants == ("all",) else o.plants
-    if not plants and not own:
-        raise ValueError(f"plants is empty; there are: {', '.join(known_plants())}")
-    wanted = {*plants, *own, reference} - ({RECORDING} if source.reference == RECORDING else set())
-    if unknown := sorted(wanted - set(known_plants())):
-        raise ValueError(
-            f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(known_plants())}"
-        )
-    made = {name: make_plant(profile, name, o.terrain) for name in known_plants() if name in wanted}
+    names = known_plants()
+    if not plants and not user_plants:
+        raise ValueError(f"plants is empty; there are: {', '.join(names)}")
+    driven = {*plants, *user_plants, reference}
+    if source.reference == RECORDING:
+        driven.discard(RECORDING)
+    if unknown := sorted(driven - set(names)):
+        raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(names)}")
+    robots = {name: make_plant(profile, name, o.terrain) for name in names if name in driven}
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
-    return _Comparing(source, profile, reference, made, o, metric).run()
+    return _Comparing(source, profile, reference, robots, o, metric).run()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""Progress of long work: a callback tells the caller how far it is, so that no library knows of terminals."""
+"""Progress of long work.
+
+A callback tells the caller how far the work is, so that no library knows of terminals.
+"""
 
 from __future__ import annotations
 

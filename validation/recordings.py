@@ -1,4 +1,7 @@
-"""Look into a log of a robot, clean it, convert it: `python -m validation.recordings info|convert SOURCE`."""
+"""Look into a log of a robot, clean it, convert it.
+
+On the command line: `python -m validation.recordings info|convert SOURCE`.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,12 +39,14 @@ from validation.store import write_json
 from validation.words import file_name
 
 _OURS = b'"ssmr.info/1"'
+"""Text in files that are replaced unasked, for this program wrote them."""
 _MOST_OURS = 1 << 26
-"""Text in files that are replaced unasked, for this program wrote them; and the greatest size of
-one [bytes]."""
+"""Greatest size of such a file [bytes]."""
 
 
-# ------------------------------------------------------------------------------------------ options
+# --- options ---
+
+
 @dataclass(frozen=True)
 class LogOptions(cli.Common):
     """Options by which a log is opened, whatever is done with it."""
@@ -63,14 +69,17 @@ class LogOptions(cli.Common):
     @property
     def radius(self) -> float | None:
         """Radius of the robot's wheels [m]; None where no robot is named."""
-        robot = self.robot if isinstance(self.robot, Robot | None) else load_robot(self.robot)
-        return None if robot is None else robot.geometry.wheel_radius
+        robot = self.robot
+        if robot is None:
+            return None
+        if not isinstance(robot, Robot):
+            robot = load_robot(robot)
+        return robot.geometry.wheel_radius
 
     def opened(self) -> Log:
         """Return the log."""
-        return read_log(
-            self.source, ReadOptions(self.topics, self.limits, self.columns, self.radius)
-        )
+        reading = ReadOptions(self.topics, self.limits, self.columns, self.radius)
+        return read_log(self.source, reading)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +121,7 @@ class Convert(LogOptions):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LogReport(Report):
-    """Report on a log: what is in it, or was made of it."""
+    """Report on a log: its contents, or its conversion."""
 
     program: str = "recordings"
     log: Log
@@ -124,7 +133,9 @@ class LogReport(Report):
     """Function that writes the file that it is for; None for its JSON."""
 
     def write(self, path: str | Path) -> None:
-        """Write the file that it is for, whole or not at all; the folder of `path` is made if it is missing.
+        """Write the file that it is for, whole or not at all.
+
+        The folder of `path` is made if it is missing.
 
         Raises:
             ValueError: `path` is a folder, the log itself or a part of it, or cannot hold it.
@@ -139,8 +150,9 @@ class LogReport(Report):
             self.save_as(path)
 
 
-# ------------------------------------------------------------------------------------------
-# programs
+# --- programs ---
+
+
 @cli.program(Info)
 def info(o: Info) -> LogReport:
     """Report what a log contains.
@@ -154,22 +166,50 @@ def info(o: Info) -> LogReport:
     offsets = estimate_offsets(log)
     rest = find_rest(log)
     faults = find_faults(log, o.radius)
-    seconds = {offset.behind: 0.0 for offset in offsets} | {
-        offset.late: offset.seconds for offset in offsets
-    }
-    jumps = faults.jumps
-    named = [
+    rows = [
         {"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in faults.named
     ]
-    document = {
+    tables = [
+        Table("Faults", rows, "These are not what their names say."),
+        _contents(log),
+        _offset_table(offsets),
+    ]
+    sentences = [*log.remarks, *_sentences(log, rest), *faults.sentences(named=False)]
+    sentences.append(_next_step(o, log, faults))
+    return LogReport(
+        title=log.path.name,
+        document=_document(log, offsets, faults, rest),
+        log=log,
+        offsets=offsets,
+        tables=tables,
+        sentences=sentences,
+    )
+
+
+def _document(
+    log: Log, offsets: Sequence[Offset], faults: Faults, rest: Rest | None
+) -> dict[str, Any]:
+    """Findings as the JSON file has them."""
+    groups = {}
+    for name, group in log.groups.items():
+        groups[name] = {
+            "source": group.source,
+            "samples": len(group.t),
+            "rate_hz": 1.0 / group.period,
+            "from_s": float(group.t[0]),
+            "to_s": float(group.t[-1]),
+            "columns": list(group.columns),
+            "gaps_s": [list(gap) for gap in group.gaps()],
+        }
+    # a signal that others are behind has no delay, unless it is late itself
+    seconds = {offset.behind: 0.0 for offset in offsets}
+    for offset in offsets:
+        seconds[offset.late] = offset.seconds
+    jumps = faults.jumps
+    return {
         "schema": "ssmr.info/1",
         "source": str(log.path),
-        "groups": {
-            name: {"source": group.source, "samples": len(group.t), "rate_hz": 1.0 / group.period,
-                   "from_s": float(group.t[0]), "to_s": float(group.t[-1]), "columns": list(group.columns),
-                   "gaps_s": [list(gap) for gap in group.gaps()]}
-            for name, group in log.groups.items()
-        },
+        "groups": groups,
         "offsets_s": {name: seconds.get(name) for name in ("wheels", "pose_yaw", "position")},
         "offsets": [asdict(offset) for offset in offsets],
         "pose_jumps": None if jumps is None else len(jumps.t),
@@ -181,12 +221,7 @@ def info(o: Info) -> LogReport:
         "dead_columns": list(faults.dead_columns),
         "faults": [asdict(fault) for fault in faults.named],
         "gyro_at_rest": None if rest is None else asdict(rest),
-    }  # fmt: skip
-    return LogReport(
-        title=log.path.name, document=document, log=log, offsets=offsets,
-        tables=[Table("Faults", named, "These are not what their names say."), _contents(log), _offset_table(offsets)],
-        sentences=[*log.remarks, *_sentences(log, rest), *faults.sentences(named=False), _next_step(o, log, faults)],
-    )  # fmt: skip
+    }
 
 
 @cli.program(Convert)
@@ -195,82 +230,102 @@ def convert(o: Convert) -> LogReport:
 
     Offsets of time, bias, cutting, one clock: that is the order of changes.
 
-    Raises: ValueError: the log cannot be opened, does not hold what a change needs, or does not fit
-        into the file.
+    Raises:
+        ValueError: the log cannot be opened, does not hold what a change needs, or does not fit
+            into the file.
     """
     if o.out is not None:
         format_of_target(o.out)
     log = o.opened()
     offsets = estimate_offsets(log)
-    changed = synchronised(log, offsets) if o.sync else log
-    changed = unbiased(changed) if o.unbias else changed
+    changed = log
+    if o.sync:
+        changed = synchronised(changed, offsets)
+    if o.unbias:
+        changed = unbiased(changed)
     changed = changed.cut(o.start, o.until)
     merged = changed.on_one_clock(o.rate)
     t = merged.t
-    period = next(iter(merged.groups.values())).period
+    rate = 1.0 / next(iter(merged.groups.values())).period
     sentences = [
-        f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {1.0 / period:.2f} Hz: {', '.join(merged.columns)}"
+        f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {rate:.2f} Hz: {', '.join(merged.columns)}"
     ]
     if o.sync and offsets:
         sentences.append(
             "the offsets of time were taken out of the measurements; commands stay as they were"
         )
-    changed = changed if o.rate is None else merged
     return LogReport(
-        title=log.path.name, document={}, log=changed, offsets=offsets,
-        tables=[_offset_table(offsets)], sentences=sentences,
-        save_as=lambda path: write_log(merged, path),
-    )  # fmt: skip
+        title=log.path.name,
+        document={},
+        log=changed if o.rate is None else merged,
+        offsets=offsets,
+        tables=[_offset_table(offsets)],
+        sentences=sentences,
+        save_as=partial(write_log, merged),
+    )
 
 
-# ------------------------------------------------------------------------------------------ tables
-# and sentences
+# --- tables and sentences ---
+
+
 def _next_step(o: Info, log: Log, faults: Faults) -> str:
     path = shlex.quote(str(o.source))
     name = getattr(o.robot, "name", o.robot) or "ROBOT"
-    columns = ",".join(
-        f"{ours}={theirs}{':' * bool(unit)}{unit}" for ours, (theirs, unit) in o.columns.items()
-    )
-    path += f" --columns {shlex.quote(columns)}" * bool(columns)
+    columns = []
+    for ours, (theirs, unit) in o.columns.items():
+        columns.append(f"{ours}={theirs}:{unit}" if unit else f"{ours}={theirs}")
+    if columns:
+        path += f" --columns {shlex.quote(','.join(columns))}"
     if faults.named:
         return (
             "next: correct the faults in the log, for every comparison and fit believes its columns"
         )
     if missing := [name for name in POSE_COLUMNS if not log.has((name,))]:
         others = ", ".join(name for name in log.columns if name not in COLUMNS)
-        known = f"; if one of {others} is it, --columns {missing[0]}=NAME says so" * bool(others)
-        return f"there is no {', '.join(missing)}, so no prediction of a pose can be judged{known}; {_without_pose(log)}"
+        remedy = ""
+        if others:
+            remedy = f"; if one of {others} is it, --columns {missing[0]}=NAME says so"
+        return (
+            f"there is no {', '.join(missing)}, so no prediction of a pose can be judged"
+            f"{remedy}; {_without_pose(log)}"
+        )
     if log.has(COMMAND_COLUMNS["wheels"]):
         return f"next: python -m validation.calibrate {path} --robot {name}"
     if not log.has(COMMAND_COLUMNS["twist"]) and not log.has(("odom_v", "odom_w")):
-        return "there are neither wheel rates nor commands, so nothing says how to drive a simulation; record one of them"
+        return (
+            "there are neither wheel rates nor commands, "
+            "so nothing says how to drive a simulation; record one of them"
+        )
     return f"next: python -m validation.compare {path} --robot {name} --input commands"
 
 
 def _without_pose(log: Log) -> str:
-    """Return what wheels and gyro say of a robot without a pose."""
+    """Return the effective track by wheels and gyro, as a sentence on a log without a pose."""
     signals = channels(log) or {}
     if not {"gyro_z", *COMMAND_COLUMNS["wheels"]} <= set(signals):
         return "with a gyro and wheel rates, how the robot turns could be said"
     left, right = (signals[name] for name in COMMAND_COLUMNS["wheels"])
-    ratio = float((right - left) @ signals["gyro_z"] / (signals["gyro_z"] @ signals["gyro_z"]))
-    track = (
-        f"an effective track of {ratio:.2f} wheel radii, such as for wheel_separation of a driver"
+    gyro = signals["gyro_z"]
+    # least squares of right - left over the yaw rate
+    ratio = float((right - left) @ gyro / (gyro @ gyro))
+    return (
+        f"gyro and wheels say that right less left is {ratio:.2f} times the yaw rate: "
+        f"an effective track of {ratio:.2f} wheel radii, "
+        "such as for wheel_separation of a driver"
     )
-    return f"gyro and wheels say that right less left is {ratio:.2f} times the yaw rate: {track}"
 
 
 def _contents(log: Log) -> Table:
-    topics = [
-        {"topic": topic.name, "type": topic.type.rpartition("/")[2], **_sampling(topic.t), "taken for": topic.role or "–",
-         "columns": "not read" if topic.columns is None else ", ".join(topic.columns)}
-        for topic in log.topics
-    ]  # fmt: skip
-    groups = [
-        {"group": n, **_sampling(g.t), "columns": ", ".join(g.columns)}
-        for n, g in log.groups.items()
-    ]
-    return Table(log.path.name, topics or groups)
+    rows = []
+    for topic in log.topics:
+        columns = "not read" if topic.columns is None else ", ".join(topic.columns)
+        row = {"topic": topic.name, "type": topic.type.rpartition("/")[2], **_sampling(topic.t)}
+        rows.append({**row, "taken for": topic.role or "–", "columns": columns})
+    if not rows:
+        for name, group in log.groups.items():
+            columns = ", ".join(group.columns)
+            rows.append({"group": name, **_sampling(group.t), "columns": columns})
+    return Table(log.path.name, rows)
 
 
 def _sampling(t: FloatArray) -> Mapping[str, Any]:
@@ -305,43 +360,46 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
 
 
 def _sentences(log: Log, rest: Rest | None) -> list[str]:
-    gaps = {group.source: group.gaps() for group in log.groups.values()}
-    notes = [
-        f"{source}: {len(some)} gap{'s' * (len(some) > 1)}, the first from {some[0][0]:.3f} to {some[0][1]:.3f} s"
-        for source, some in gaps.items()
-        if some
-    ]
+    notes = []
+    # several groups may come from one source
+    gaps_by_source = {group.source: group.gaps() for group in log.groups.values()}
+    for source, gaps in gaps_by_source.items():
+        if gaps:
+            start, end = gaps[0]
+            number = f"{len(gaps)} gap{'s' * (len(gaps) > 1)}"
+            notes.append(f"{source}: {number}, the first from {start:.3f} to {end:.3f} s")
     if rest is not None:
-        bias = f"{rest.bias:+.5f} rad/s ({DEGREES.text(rest.bias)}°/s)"
-        return [
-            *notes,
-            f"gyro at rest, {rest.seconds:.1f} s in all: mean {bias}, standard deviation {rest.std:.5f} rad/s",
-        ]
-    unknown = (
-        f"gyro: its bias is unknown, because the wheels never stand for {REST_LEAST:g} s in all"
-    )
-    return [*notes, unknown] if "imu" in log.groups else notes
+        notes.append(
+            f"gyro at rest, {rest.seconds:.1f} s in all: mean {rest.bias:+.5f} rad/s "
+            f"({DEGREES.text(rest.bias)}°/s), standard deviation {rest.std:.5f} rad/s"
+        )
+    elif "imu" in log.groups:
+        notes.append(
+            f"gyro: its bias is unknown, because the wheels never stand for {REST_LEAST:g} s in all"
+        )
+    return notes
 
 
-# ------------------------------------------------------------------------------------------ the
-# command line
+# --- the command line ---
+
+
 def _command(
     program: cli.Program[Any, Any], option: str, ending: str = ""
 ) -> Callable[[Any], None]:
-    """Return the function behind a subcommand, which writes the file that `option` names, or the usual one."""
+    """Return the function behind a subcommand.
+
+    It writes the file that `option` names, or with an `ending` one in runs/recordings.
+    """
 
     def main(o: Any) -> None:
         named = o.json if option == "--json" else o.out
-        usual = Path("runs") / "recordings" / f"{file_name(Path(o.source).stem)}{ending}"
-        target = named or (usual if ending else None)
+        target = named
+        if target is None and ending:
+            target = Path("runs") / "recordings" / (file_name(Path(o.source).stem) + ending)
         with cli.mistakes_are_users():
             if named is not None:
                 check_apart(named, o.source)
-                if exists(named) and not o.overwrite and _OURS not in read_file(named, _MOST_OURS):
-                    raise FileError(
-                        named,
-                        "there is such a file already; name another, or replace it by --overwrite",
-                    )
+                _require_free(named, o.overwrite)
             info: LogReport = program.function(o)
             if target is not None:
                 with cli.writes(option, target):
@@ -351,6 +409,13 @@ def _command(
     main.__doc__ = (inspect.getdoc(program.function) or "").partition("\n\nRaises:")[0]
     main.__annotations__ = {"o": program.options}
     return main
+
+
+def _require_free(path: Path, overwrite: bool) -> None:
+    if exists(path) and not overwrite and _OURS not in read_file(path, _MOST_OURS):
+        raise FileError(
+            path, "there is such a file already; name another, or replace it by --overwrite"
+        )
 
 
 PROGRAM = {

@@ -1,4 +1,7 @@
-"""Robots as data: list those that come with the package, check one, begin the file of a new one, import and export."""
+"""Robots as data: list, check, begin the file of a new one, import and export.
+
+On the command line: `python -m validation.robots COMMAND`.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, store
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
-from validation.report.table import Row, Table
+from validation.report.table import Table
 from validation.simulator.checking import (
     Measured,
     SkidTurn,
@@ -49,8 +52,9 @@ _ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_ha
 """Numbers of the drive that are shown even where the file does not say them."""
 
 
-# ------------------------------------------------------------------------------------------- list
-# and check
+# --- list and check ---
+
+
 @dataclass(frozen=True)
 class ListOptions:
     """The options of `list`; there are none."""
@@ -59,29 +63,27 @@ class ListOptions:
 def list_robots(options: ListOptions) -> None:
     """List the robots that come with the package, and the profiles of each."""
     profiles = [load_profile(name) for name in shipped()]
-    rows: list[Row] = []
+    rows = []
     for robot in map(load_robot, shipped_robots()):
         spot = spot_turn(robot)
         g = robot.geometry
-        row = {
-            "name": robot.name,
-            "robot": robot.title,
-            "mass_kg": robot.masses.total,
-            "wheelbase_m": g.wheelbase,
-        }
-        row |= {
-            "track_m": g.track,
-            "wheel_radius_m": g.wheel_radius,
-            "multiplier": spot and spot.multiplier,
-        }
+        of_robot = ", ".join(p.name for p in profiles if p.robot.name == robot.name)
         rows.append(
-            row
-            | {
-                "profiles": ", ".join(p.name for p in profiles if p.robot.name == robot.name)
-                or None
+            {
+                "name": robot.name,
+                "robot": robot.title,
+                "mass_kg": robot.masses.total,
+                "wheelbase_m": g.wheelbase,
+                "track_m": g.track,
+                "wheel_radius_m": g.wheel_radius,
+                "multiplier": spot and spot.multiplier,
+                "profiles": of_robot or None,
             }
         )
-    caption = "multiplier: yaw rate that the wheels ask for over that of the body, turning on the spot, by mechanics"
+    caption = (
+        "multiplier: yaw rate that the wheels ask for over that of the body, "
+        "turning on the spot, by mechanics"
+    )
     _print([Table("Robots that come with the package", rows, caption)])
 
 
@@ -111,7 +113,7 @@ class RobotCheck(Report):
     """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is
     none."""
     faults: Sequence[str]
-    """Sentences on what is wrong and what would be right."""
+    """Sentences on faults, each with its remedy."""
 
     @property
     def ok(self) -> bool:
@@ -128,8 +130,9 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     Prints every number with its source, and writes robot.json and robot.png. The exit status is 1
     where something is wrong.
 
-    Raises: RobotError: there is no such robot, or its file cannot be read. What can be read and
-        cannot be is advice.
+    Raises:
+        RobotError: there is no such robot, or its file cannot be read. Numbers that can be read
+            and are impossible are advice.
     """
     robot = _loaded(o.robot)
     spot = spot_turn(robot)
@@ -139,27 +142,32 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     except ValueError as error:
         failed = f"no model can be built of it: {one_line(error)}"
     except DivergedError as error:
-        failed = f"its simulation fails: {one_line(error)}; are masses, inertia and gain what they should be?"
+        failed = (
+            f"its simulation fails: {one_line(error)}; "
+            "are masses, inertia and gain what they should be?"
+        )
     faults, questions = advise(robot, spot, measured or failed)
     verdict = _verdict(robot, len(faults), len(questions))
-    still = [float(share) * robot.masses.total * GRAVITY for share in load_shares(robot)]
-    loads = still if measured is None else list(measured.loads)
+    if measured is not None:
+        loads = list(measured.loads)
+    else:
+        loads = [float(share) * robot.masses.total * GRAVITY for share in load_shares(robot)]
+    sentences = [verdict]
+    sentences += [f"FAULT: {text}" for text in faults]
+    sentences += [f"question: {text}" for text in questions]
+    document = {
+        **_document(robot, spot, measured, loads),
+        "ok": not faults,
+        "advice": [*faults, *questions],
+        "faults": len(faults),
+        "guessed": guessed(robot),
+    }
     return RobotCheck(
         program="robot",
         title=one_line(robot.title or robot.name),
         tables=[_numbers(robot)],
-        sentences=[
-            verdict,
-            *(f"FAULT: {text}" for text in faults),
-            *(f"question: {text}" for text in questions),
-        ],
-        document=_document(robot, spot, measured, loads)
-        | {
-            "ok": not faults,
-            "advice": [*faults, *questions],
-            "faults": len(faults),
-            "guessed": guessed(robot),
-        },
+        sentences=sentences,
+        document=document,
         draw=_draw,
         failure=SsmrError(verdict) if faults else None,
         robot=robot,
@@ -169,15 +177,14 @@ def check_robot(o: CheckRobot) -> RobotCheck:
 
 
 def _verdict(robot: Robot, faults: int, questions: int) -> str:
-    """Return in a sentence what a check found; a robot of which something is guessed may still be wrong."""
-    guesses = guessed(robot)
+    """Finding of a check in a sentence; a robot with guessed numbers may still be wrong."""
     if faults:
         return f"{robot.name}: {faults} fault{'s' if faults > 1 else ''} found"
-    if guesses:
-        return f"{robot.name}: no fault found, but nobody has measured or published {', '.join(guesses)}"
-    return (
-        f"{robot.name}: no fault found" if questions else f"{robot.name}: nothing is wrong with it"
-    )
+    if guesses := ", ".join(guessed(robot)):
+        return f"{robot.name}: no fault found, but nobody has measured or published {guesses}"
+    if questions:
+        return f"{robot.name}: no fault found"
+    return f"{robot.name}: nothing is wrong with it"
 
 
 def _loaded(robot: str | Path | Robot) -> Robot:
@@ -187,10 +194,16 @@ def _loaded(robot: str | Path | Robot) -> Robot:
 def _document(
     robot: Robot, spot: SkidTurn | None, measured: Measured | None, loads: Sequence[float]
 ) -> dict[str, Any]:
-    """Return what robot.json holds; None stands for what no model could show."""
+    """Contents of robot.json; None stands for a number that no model could show."""
     g = robot.geometry
     mu = robot.simulation.friction
     drive = robot.drive
+    torque = None
+    if spot is not None:
+        torque = mu * turning_torque(robot, spot) + drive.gear_loss
+    numbers = {}
+    for key, value in _every_number(robot).items():
+        numbers[key] = {"value": value, "unit": unit_of_key(key)}
     return {
         "schema": SCHEMA,
         "name": robot.name,
@@ -205,65 +218,77 @@ def _document(
         "static_loads_N": loads,
         "apparent_mass_kg": None if measured is None else measured.apparent_mass,
         "friction": mu,
-        "side_torque_needed_N_m": None
-        if spot is None
-        else mu * turning_torque(robot, spot) + drive.gear_loss,
+        "side_torque_needed_N_m": torque,
         "side_torque_N_m": 2.0 * drive.torque_limit,
-        "numbers": {
-            key: {"value": value, "unit": unit_of_key(key)}
-            for key, value in _every_number(robot).items()
-        },
+        "numbers": numbers,
     }
 
 
 def _every_number(robot: Robot) -> dict[str, Any]:
-    """Return what there is to say of a robot, by `section.key`: all but what concerns planar models only."""
-    parts: dict[str, Any] = {"geometry": robot.geometry, "mass": robot.masses, "drive": robot.drive}
-    parts |= {"simulation": robot.simulation, "vehicle": robot.vehicle}
-    values = {
-        f"{section}.{f.name}": getattr(part, f.name)
-        for section, part in parts.items()
-        for f in fields(part)
+    """Numbers of a robot by `section.key`, without those of planar models only."""
+    parts: dict[str, Any] = {
+        "geometry": robot.geometry,
+        "mass": robot.masses,
+        "drive": robot.drive,
+        "simulation": robot.simulation,
+        "vehicle": robot.vehicle,
     }
-    seldom = ("drive.", "vehicle.")
-    return {
-        key: value
-        for key, value in values.items()
-        if not key.startswith(seldom) or key in {*robot.given, *_ALWAYS}
-    }
+    shown = {*robot.given, *_ALWAYS}
+    values = {}
+    for section, part in parts.items():
+        for f in fields(part):
+            key = f"{section}.{f.name}"
+            # drive and vehicle have many defaults that concern planar models only
+            if section not in ("drive", "vehicle") or key in shown:
+                values[key] = getattr(part, f.name)
+    return values
 
 
 def _numbers(robot: Robot) -> Table:
-    """Return the table of all numbers of a robot; many share a source, whose text stands in the caption."""
-    rows: list[Row] = []
+    """Table of all numbers of a robot; its caption has the sources, which many share."""
+    rows = []
     sources: dict[str, int] = {}
     for key, value in _every_number(robot).items():
         grade, source = robot.source(key)
+        # a source is numbered where it is named first
         number = sources.setdefault(source, len(sources) + 1)
-        names = ("across", "spin") if key == "mass.wheel_inertia" else "xyz"
-        for name, each in (
-            zip(names, value, strict=True) if isinstance(value, tuple) else [("", value)]
-        ):
-            row = {
-                "section": key.partition(".")[0],
-                "number": f"{key} {name}".strip(),
-                "unit": unit_of_key(key) or None,
-            }
-            rows.append({**row, "value": each, "grade": f"{grade} [{number}]"})
+        names: Sequence[str] = "xyz"
+        if key == "mass.wheel_inertia":
+            names = ("across", "spin")
+        if not isinstance(value, tuple):
+            names = ("",)
+            value = (value,)
+        for name, part in zip(names, value, strict=True):
+            rows.append(
+                {
+                    "section": key.partition(".")[0],
+                    "number": f"{key} {name}".strip(),
+                    "unit": unit_of_key(key) or None,
+                    "value": part,
+                    "grade": f"{grade} [{number}]",
+                }
+            )
     caption = "\n".join(f"[{n}] {one_line(source)}" for source, n in sources.items())
     title = f"{one_line(robot.title or robot.name)}: its numbers"
     return Table(title, rows, caption, group="section", hidden=frozenset({"section"}))
 
 
-# ------------------------------------------------------------------------------------------- the
-# picture
+# --- the picture ---
+
+
 def _draw(check: RobotCheck) -> Figure:
-    """Draw a robot from above: hull, tyres with their loads at rest, and the centre of mass; 1600 px wide."""
+    """Draw a robot from above, 1600 px wide.
+
+    The picture has its hull, tyres with their loads at rest, and the centre of mass.
+    """
     from validation.report.drawing import draw_section, put_together, side_by_side, text_row
 
-    length, width, _ = robot_outline(check.robot)[1] - robot_outline(check.robot)[0]
-    title = f"{abridged(check.title, 60)}: {'no fault found' if check.ok else 'something is wrong'}"
-    panel = side_by_side(min(10.0 * width / length + 1.4, 7.0), [partial(_draw_from_above, check)])
+    low, high = robot_outline(check.robot)
+    length, width, _ = high - low
+    verdict = "no fault found" if check.ok else "something is wrong"
+    title = f"{abridged(check.title, 60)}: {verdict}"
+    height = min(10.0 * width / length + 1.4, 7.0)
+    panel = side_by_side(height, [partial(_draw_from_above, check)])
     return put_together([text_row(0.3, partial(draw_section, title)), panel])
 
 
@@ -272,25 +297,19 @@ def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
 
     from validation.report.drawing import equal_scales
 
-    g, com, (long, wide, _) = (
-        check.robot.geometry,
-        whole_com(check.robot),
-        check.robot.geometry.body_size,
-    )
-    corner = g.body_centre[0] - 0.5 * long, g.body_centre[1] - 0.5 * wide
+    g = check.robot.geometry
+    com = whole_com(check.robot)
+    long, wide, _ = g.body_size
+    x, y, _ = g.body_centre
+    corner = (x - 0.5 * long, y - 0.5 * wide)
     ax.add_patch(Rectangle(corner, long, wide, facecolor="#f6e3a1", edgecolor="0.1", zorder=1.6))
     for front, left, load in zip(FRONT, LEFT, check.loads, strict=True):
         x = 0.5 * front * g.wheelbase
         y = 0.5 * left * g.track
-        size = (2.0 * g.wheel_radius, g.wheel_width)
-        tyre = Rectangle(
-            (x - 0.5 * size[0], y - 0.5 * size[1]),
-            *size,
-            facecolor="0.8",
-            edgecolor="0.1",
-            zorder=1.8,
-        )
-        ax.add_patch(tyre)
+        length = 2.0 * g.wheel_radius
+        width = g.wheel_width
+        corner = (x - 0.5 * length, y - 0.5 * width)
+        ax.add_patch(Rectangle(corner, length, width, facecolor="0.8", edgecolor="0.1", zorder=1.8))
         ax.text(x, y, f"{load:.0f} N", ha="center", va="center", zorder=6.0)
     ax.plot(com[0], com[1], "P", markersize=9.0, color="black", zorder=5.0)
     equal_scales(ax, 0.0)
@@ -301,8 +320,9 @@ def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
     )
 
 
-# ------------------------------------------------------------------------------------------- new,
-# import, export
+# --- new, import, export ---
+
+
 @dataclass(frozen=True)
 class NewOptions:
     """The options of `new`; any other number of a robot can be written into the file afterwards."""
@@ -330,11 +350,10 @@ def _new(options: NewOptions) -> None:
     what to measure next.
     """
     lengths = ("wheelbase", "track", "wheel_radius", "wheel_width")
-    known = {f"geometry.{name}": getattr(options, name) for name in lengths} | {
-        "mass.total": options.mass
-    }
+    numbers = {f"geometry.{name}": getattr(options, name) for name in lengths}
+    numbers["mass.total"] = options.mass
     with cli.mistakes_are_users():
-        draft = draft_robot(options.name, known)
+        draft = draft_robot(options.name, numbers)
     _write(draft, options.out)
 
 
@@ -385,9 +404,8 @@ def _save(text: str, target: Path) -> None:
 
 
 def _print(tables: Sequence[Table], sentences: Sequence[str] = ()) -> None:
-    shown: Any = SimpleNamespace(
-        grids=lambda: [table.grid() for table in tables], notes=lambda: sentences
-    )
+    grids = [table.grid() for table in tables]
+    shown: Any = SimpleNamespace(grids=lambda: grids, notes=lambda: sentences)
     cli.report_result(shown)
 
 
@@ -416,14 +434,21 @@ def export_robot(
     to: ExportFormat = "urdf",
     profile: str | Path | Profile | None = None,
 ) -> str:
-    """Return a robot as a URDF, an SDF model for Gazebo, an MJCF with motors and sensors, or ros2_control's numbers.
+    """Return a robot as text in the format of another program.
 
-    Args: robot: name of a shipped robot, path of a robot's file, or the robot itself. to: the
-        format. profile: profile of the robot, for an MJCF and for ros2_control; the numbers of its
-        file if not given.
+    That is a URDF, an SDF model for Gazebo, an MJCF with motors and sensors, or the numbers of
+    ros2_control's diff_drive_controller.
 
-    Raises: RobotError: there is no such robot, or its file cannot be read. ValueError: the profile
-        cannot be read, is another robot's or has no place in the format, or the robot cannot turn.
+    Args:
+        robot: name of a shipped robot, path of a robot's file, or the robot itself.
+        to: the format.
+        profile: profile of the robot, for an MJCF and for ros2_control; the numbers of its file if
+            not given.
+
+    Raises:
+        RobotError: there is no such robot, or its file cannot be read.
+        ValueError: the profile cannot be read, is another robot's or has no place in the format,
+            or the robot cannot turn.
     """
     chosen = _loaded(robot)
     if profile is not None and to in ("urdf", "sdf"):
@@ -438,10 +463,9 @@ def export_robot(
         kinematic = numbers.section("kinematic")
         g = chosen.geometry
         p = kinematic.parameters
+        multiplier = (p.y_l - p.y_r) / g.track
         share = kinematic.vehicle.wheel_radius / g.wheel_radius
-        return diff_drive_yaml(
-            chosen, (p.y_l - p.y_r) / g.track, share * p.alpha_l, share * p.alpha_r
-        )
+        return diff_drive_yaml(chosen, multiplier, share * p.alpha_l, share * p.alpha_r)
     if to == "diff-drive":
         spot = spot_turn(chosen)
         if spot is None:
@@ -449,11 +473,13 @@ def export_robot(
                 f"robot {chosen.name} does not stand on its four wheels; `check` says why"
             )
         return diff_drive_yaml(chosen, spot.multiplier)
-    return sdf_text(chosen) if to == "sdf" else urdf_text(chosen)
+    if to == "sdf":
+        return sdf_text(chosen)
+    return urdf_text(chosen)
 
 
 def _export(options: ExportOptions) -> None:
-    """Write a robot as a URDF, an SDF or an MJCF model, or its wheel separation and radii for ros2_control.
+    """Write a robot as a URDF, an SDF or an MJCF model, or its numbers for ros2_control.
 
     An SDF has friction and torque, too. An MJCF drives in plain MuJoCo like the robot here, on
     level ground. How a robot's driver delays and limits commands no format can say.

@@ -1,4 +1,7 @@
-"""Let robots follow a reference under a controller: `python -m validation.track CONTROLLER REFERENCE`."""
+"""Let robots follow a reference under a controller.
+
+On the command line: `python -m validation.track CONTROLLER REFERENCE`.
+"""
 
 from __future__ import annotations
 
@@ -122,9 +125,11 @@ class TrackOptions(cli.Filmed):
         """Raise a ValueError for a feedback, a look-ahead or a start that cannot be."""
         super().__post_init__()
         x, y, yaw = self.start
-        if not math.hypot(x, y) < LOST:
+        distance = math.hypot(x, y)
+        if not distance < LOST:
             raise ValueError(
-                f"start is {math.hypot(x, y):.3g} m from the reference's; beyond {LOST:g} m the robot is lost at once"
+                f"start is {distance:.3g} m from the reference's; "
+                f"beyond {LOST:g} m the robot is lost at once"
             )
         if not abs(yaw) <= math.pi:
             raise ValueError(
@@ -158,14 +163,13 @@ class TrackOptions(cli.Filmed):
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
         controller, reference = self.names()
-        name = (
-            controller.__name__ if isinstance(controller, type) else controller.rpartition(":")[2]
-        )
-        label = (
-            "waypoints"
-            if isinstance(reference, Waypoints)
-            else Path(str(reference)).stem.partition("@")[0]
-        )
+        if isinstance(controller, type):
+            name = controller.__name__
+        else:
+            name = controller.rpartition(":")[2]
+        label = "waypoints"
+        if not isinstance(reference, Waypoints):
+            label = Path(str(reference)).stem.partition("@")[0]
         return Path("runs") / "track" / file_name(f"{name}-{label}")
 
 
@@ -176,9 +180,10 @@ def track(o: TrackOptions) -> Tracked:
     Prints tables and writes track.json, track.png and track.rrd, also for a robot that was lost;
     then the exit status is 1.
 
-    Raises: LostError: a robot was lost before its first tick. ValueError: a name that there is not,
-        a file that cannot be read, a reference that no wheel can follow, or values
-            that do not go together.
+    Raises:
+        LostError: a robot was lost before its first tick.
+        ValueError: an unknown name, a file that cannot be read, a reference that no wheel can
+            follow, or values that do not go together.
     """
     plants = tuple(o.plant)
     if not 1 <= len(set(plants)) == len(plants) <= MOST_BESIDE:
@@ -188,32 +193,36 @@ def track(o: TrackOptions) -> Tracked:
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
     law, gains = chosen_controller(controller, profile, o.gains)
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
-    if isinstance(reference, Waypoints):
-        label = "waypoints"
-        waypoints = reference if o.speed is None else Waypoints.from_path(reference.xy, o.speed)
-    else:
+    if not isinstance(reference, Waypoints):
         label, waypoints = open_reference(str(reference), o.speed)
+    else:
+        label = "waypoints"
+        waypoints = reference
+        if o.speed is not None:
+            waypoints = Waypoints.from_path(reference.xy, o.speed)
     if o.terrain != FLAT and "mujoco" not in plants:
         raise ValueError(
-            f"terrain {o.terrain.spec} needs the plant mujoco: the planar models know only level ground"
+            f"terrain {o.terrain.spec} needs the plant mujoco: "
+            "the planar models know only level ground"
         )
     robots = [make_robot(profile, name, o.terrain) for name in plants]
     for robot in robots:
         require_practicable(waypoints, robot.drive, label)
-    sentences = [None if gains is None else origin_sentence(gains, profile.name)]
-    sentences += [demand_of(waypoints, robot, profile.name, label) for robot in robots]
+    sentences = [demand_of(waypoints, robot, profile.name, label) for robot in robots]
+    if gains is not None:
+        sentences.insert(0, origin_sentence(gains, profile.name))
     course = waypoints.course()
     sentences += profile.too_fast(Pace.of(course["v"], course["w"]), label)
     remarks = tuple(sentence for sentence in sentences if sentence is not None)
     driven = []
     for k, robot in enumerate(robots):
         o.progress(Progress(k, len(robots), f"{robot.name} drives"))
-        tracked = _driven(o, robot, law, gains, label, waypoints, profile)
+        tracked = _driven(o, robot, law, gains, label=label, waypoints=waypoints, profile=profile)
+        # metrics of users see the reference to its end, also where the robot was lost
         if metric is not None:
             whole = reference_of(tracked.run, waypoints, whole=True)
-            tracked = replace(
-                tracked, metrics=metric.added(tracked.metrics, [tracked.run.motion], [whole])
-            )
+            metrics = metric.added(tracked.metrics, [tracked.run.motion], [whole])
+            tracked = replace(tracked, metrics=metrics)
         driven.append(tracked)
     return tracking_report(driven, remarks, alarms=remarks)
 
@@ -223,22 +232,29 @@ def _driven(
     robot: ClosedLoopRobot,
     law: AnyController,
     gains: GainSet | None,
+    *,
     label: str,
     waypoints: Waypoints,
     profile: Profile,
 ) -> TrackedRobot:
-    """Drive a robot along the reference; one that is lost on the way is part of the result, as far as it came."""
-    used = odometry_of(robot.drive)
-    pushed = not (o.no_noise or o.no_disturbance)
+    """Drive a robot along the reference; one that is lost on the way gives the part it drove."""
+    odometry = odometry_of(robot.drive)
     around = LoopSettings(
-        o.seen, sensors=o.sensors, filter=used, disturbance=pushed, lookahead=o.lookahead
+        o.seen,
+        sensors=o.sensors,
+        filter=odometry,
+        disturbance=not (o.no_noise or o.no_disturbance),
+        lookahead=o.lookahead,
     )
-    at, (x, y, yaw) = waypoints.start, o.start
+    # the start is seen from that of the reference
+    at = waypoints.start
+    x, y, yaw = o.start
     dx, dy = map(float, rotate_body_to_world(np.array([x, y]), at.yaw))
     start = State(at.x + dx, at.y + dy, at.yaw + yaw)
     began = time.perf_counter()
-    (run,) = run_robots([robot], [law], [around], waypoints, [o.seed], o.workers, start)
+    (run,) = run_robots([robot], [law], [around], waypoints, [o.seed], o.workers, start=start)
     wall = time.perf_counter() - began
+    # without a tick there is nothing to report
     if not len(run.t):
         run.require_complete(f"{law.name} on {label} with the plant {robot.name}")
     return TrackedRobot(
@@ -268,7 +284,7 @@ def _driven(
         versions=store.versions(),
         terrain=robot.terrain,
         body=profile.robot,
-        filter=used if around.feedback == "ekf" else None,
+        filter=odometry if around.feedback == "ekf" else None,
     )
 
 

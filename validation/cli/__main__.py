@@ -1,4 +1,7 @@
-"""The command `ssmr`: `ssmr compare traj4` is `python -m validation.compare traj4`, and so for every program."""
+"""The command `ssmr`: one name for every program.
+
+`ssmr compare traj4` is `python -m validation.compare traj4`.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +26,10 @@ from validation.cli.process import options_type, say
 from validation.words import shortened
 
 PROGRAMS: Mapping[str, str] = {
-    "compare": "Drive every simulation with the same commands and compare them, with each other or with a log.",
-    "fit": "Search for the parameters with which a simulation moves like a log, or like another simulation.",
+    "compare": "Drive every simulation with the same commands and compare them, "
+    "with each other or with a log.",
+    "fit": "Search for the parameters with which a simulation moves like a log, "
+    "or like another simulation.",
     "calibrate": "Calibrate a robot from a log, and judge it on what the fits have not seen.",
     "track": "Let a controller follow a path.",
     "tune": "Search for the gains of a controller.",
@@ -46,7 +51,10 @@ class CompletionOptions:
 
 
 def completion(options: CompletionOptions) -> None:
-    """Print what a shell needs to complete programs and options, as in: eval "$(ssmr completion bash)"."""
+    """Print what a shell needs to complete programs and options.
+
+    Use it as in: eval "$(ssmr completion bash)".
+    """
     kinds = [
         Annotated[
             options_type(program_named(name)),
@@ -54,24 +62,25 @@ def completion(options: CompletionOptions) -> None:
         ]
         for name, says in PROGRAMS.items()
     ]
-    everything: Any = typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only
-    arguments = ["--tyro-print-completion", options.shell]
+    everything: Any = typing.Union[tuple(kinds)]  # noqa: UP007 - of a list
     tyro.cli(
-        everything, prog="ssmr", args=arguments, registry=NUMBERS, config=(tyro.conf.DisallowNone,)
+        everything,
+        prog="ssmr",
+        args=["--tyro-print-completion", options.shell],
+        registry=NUMBERS,
+        config=(tyro.conf.DisallowNone,),
     )
 
 
 def program_named(name: str) -> Any:
-    """Return what runs a program: its function, or those of its subcommands."""
+    """Return the function behind a program, or those of its subcommands."""
     module = import_module(f"validation.{name}")
-    own = getattr(module, name, None)
-    if isinstance(own, cli.Program):
-        return own.command()
-    return (
-        module.PROGRAM
-        if hasattr(module, "PROGRAM")
-        else import_module(f"validation.{name}.__main__").PROGRAM
-    )
+    program = getattr(module, name, None)
+    if isinstance(program, cli.Program):
+        return program.command()
+    if not hasattr(module, "PROGRAM"):
+        module = import_module(f"validation.{name}.__main__")
+    return module.PROGRAM
 
 
 def main() -> None:

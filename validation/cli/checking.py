@@ -1,4 +1,4 @@
-"""Every option of a program is checked against its annotation in one place, from Python and from the command line alike."""
+"""Every option is checked against its annotation here, from Python and the command line alike."""
 
 from __future__ import annotations
 
@@ -30,10 +30,13 @@ class Checked:
     """Base of every dataclass of options."""
 
     def __post_init__(self) -> None:
-        """Check all options; a text stands for what the command line makes of it, and a list for a tuple.
+        """Check all options.
 
-        Raises: ValueError: an option is of another type than its annotation says, or out of its
-            range; the message names it.
+        A text is read as the command line reads it, and a list stands for a tuple.
+
+        Raises:
+            ValueError: an option is of another type than its annotation says, or out of its
+                range; the message names it.
         """
         options: Any = self
         kind: Any = type(options)
@@ -80,7 +83,7 @@ def _forms(
 def _require_readable(
     name: str, value: Any, readers: Iterable[PrimitiveConstructorSpec[Any]]
 ) -> None:
-    """Refuse numbers, tuples and mappings that the command line would refuse, such as seeds below zero."""
+    """Refuse values that the command line would refuse, such as seeds below zero."""
     parts = value if isinstance(value, tuple) else (value,)
     if any(isinstance(part, float) and math.isnan(part) for part in parts):
         raise ValueError(f"{name} must be a finite number, got {value}")
@@ -107,7 +110,7 @@ def _is_of(kind: Any, value: Any) -> bool:
 
 
 def _markers(hint: Any) -> list[Any]:
-    """Return what annotates a type and the members of its union."""
+    """Return the markers of a type and of the members of its union."""
     if typing.get_origin(hint) is typing.Annotated:
         return [*_markers(hint.__origin__), *hint.__metadata__]
     members = typing.get_args(hint) if _is_union(hint) else ()
@@ -119,7 +122,8 @@ def without_markers(hint: Any) -> Any:
     if typing.get_origin(hint) is typing.Annotated:
         return without_markers(hint.__origin__)
     if _is_union(hint):
-        return typing.Union[tuple(map(without_markers, typing.get_args(hint)))]  # noqa: UP007 - of a list
+        members = map(without_markers, typing.get_args(hint))
+        return typing.Union[tuple(members)]  # noqa: UP007 - of a list
     return hint
 
 
@@ -137,10 +141,8 @@ def _words(kind: Any) -> str:
 
 def choices_of(kind: Any) -> list[str]:
     """Return the texts that a type of choices, or of choices or nothing, admits."""
-    members = typing.get_args(kind) if _is_union(kind) else (kind,)
-    return [
-        str(text)
-        for member in members
-        if typing.get_origin(member) is typing.Literal
-        for text in member.__args__
-    ]
+    choices: list[str] = []
+    for member in typing.get_args(kind) if _is_union(kind) else (kind,):
+        if typing.get_origin(member) is typing.Literal:
+            choices += map(str, member.__args__)
+    return choices

@@ -27,7 +27,10 @@ T = TypeVar("T")
 
 
 class UserError(ValueError):
-    """The user asked for something that cannot be; the message is one line that says what was wrong and what is right."""
+    """The user asked for something impossible.
+
+    The message is one line that says what was wrong and what would be right.
+    """
 
 
 def option(
@@ -37,11 +40,11 @@ def option(
     default: str | None = None,
     help: str | None = None,
 ) -> object:
-    """Return what to annotate an option with.
+    """Return the annotation of an option.
 
     Args:
         name: the option's name where the field cannot have it, such as `from`.
-        metavar: what stands for its value in the help text.
+        metavar: name of its value in the help text.
         default: the default in words, where the value itself does not say it.
         help: the help text; else the docstring below the field.
     """
@@ -52,7 +55,10 @@ def option(
 
 
 def parsed(parse: Callable[[str], T], metavar: str, write: Callable[[T], str] = str) -> object:
-    """Return what to annotate an option with whose text `parse` reads; a `ValueError` of it is the user's mistake."""
+    """Return the annotation of an option whose text `parse` reads.
+
+    A `ValueError` of `parse` is the user's mistake.
+    """
     return PrimitiveConstructorSpec(
         nargs=1,
         metavar=metavar,
@@ -63,12 +69,15 @@ def parsed(parse: Callable[[str], T], metavar: str, write: Callable[[T], str] = 
 
 
 def text_of(metavar: str) -> object:
-    """Return what to annotate an option with that is a text on the command line and may be an object in Python."""
+    """Return the annotation of a text on the command line that may be an object in Python."""
     return parsed(str, metavar)
 
 
 def profile_option(default: str) -> object:
-    """Return the annotation of `--profile`; `default` says in words which profile is taken without it and `--robot`."""
+    """Return the annotation of `--profile`.
+
+    `default` says in words which profile is taken without it and `--robot`.
+    """
     hint = f"{default}; for another --robot the numbers of its file"
     return option(
         metavar="PROFILE",
@@ -78,18 +87,25 @@ def profile_option(default: str) -> object:
 
 
 def controller_and_reference(
-    controller: str, reference: str | None, own: str | None
+    controller: str, reference: str | None, user_class: str | None
 ) -> tuple[str, str]:
-    """Return what `CONTROLLER REFERENCE` or `--controller FILE.py:NAME REFERENCE` names; a UserError says what is amiss."""
-    if own is None and reference is None:
-        raise UserError(
-            f"'{shortened(controller, 40)}' stands alone; wanted a controller and a reference"
-        )
-    if own is not None and reference is not None:
-        raise UserError(
-            f"there are two controllers, '{shortened(controller, 40)}' and --controller {shortened(own, 60)}"
-        )
-    return (controller, reference) if reference is not None else (own or "", controller)
+    """Return controller and reference of a command line.
+
+    It says `CONTROLLER REFERENCE` or `--controller FILE.py:NAME REFERENCE`.
+
+    Raises:
+        UserError: one of the two is missing, or there are two controllers.
+    """
+    first = shortened(controller, 40)
+    if user_class is None:
+        if reference is None:
+            raise UserError(f"'{first}' stands alone; wanted a controller and a reference")
+        return controller, reference
+    if reference is not None:
+        second = shortened(user_class, 60)
+        raise UserError(f"there are two controllers, '{first}' and --controller {second}")
+    # the only text without a name is the reference
+    return user_class, controller
 
 
 # --- how texts are read ---
@@ -117,7 +133,7 @@ def _increasing(text: str) -> tuple[float, ...]:
 
 
 def _pairs(read: Callable[[str], T], form: str) -> Callable[[str], dict[str, T]]:
-    """Return a function that reads NAME=SOMETHING,... as a dictionary, and refuses another form and a name twice."""
+    """Return a function that reads NAME=SOMETHING,... as a dictionary, each name once."""
 
     def parse(text: str) -> dict[str, T]:
         values: dict[str, T] = {}
@@ -277,7 +293,8 @@ Columns = Annotated[
     parsed(_COLUMNS, "NAME=COLUMN[:UNIT],...", _columns_text),
     option(
         default="our names and units",
-        help="Columns of a CSV file with other names or units: x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s.",
+        help="Columns of a CSV file with other names or units: "
+        "x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s.",
     ),
 ]
 """NAME=COLUMN:UNIT,... as a mapping to names in a file and units."""

@@ -1,4 +1,7 @@
-"""Run a program: parse its command line, call it, and leave with the exit status and the one line that say how it went."""
+"""Run a program: parse its command line, call it, and leave with an exit status.
+
+A failure is one line on standard error.
+"""
 
 from __future__ import annotations
 
@@ -40,13 +43,13 @@ EXIT_FAULT = 70
 EXIT_INTERRUPTED = 130
 _COLOUR = re.compile(r"\x1b\[[\d;]*m")
 _LONGEST_LINE = 700
-"""Length of a line on standard error: a list of names fits, and whoever gave a longer text knows
-it."""
+"""Length of a line on standard error, at most: a list of names fits, and whoever gave a longer text
+knows it."""
 _read_docstring = _docstrings.get_field_docstring
 
 
 def field_text(kind: type, name: str, markers: Any = ()) -> str | None:
-    """Return the docstring below a field in one line; tyro itself leaves the line breaks of the source in it."""
+    """Return the docstring below a field in one line; tyro leaves the line breaks in it."""
     text = _read_docstring(kind, name, markers)
     return None if text is None else " ".join(text.split())
 
@@ -58,9 +61,9 @@ def run(
 ) -> None:
     """Parse a command line, call the program, and leave with the exit status that says how it went.
 
-    Args: main: a function that takes one dataclass of options, or such functions by the name of
-        their subcommand. The
-            function's docstring is the description in the help text.
+    Args:
+        main: a function that takes one dataclass of options, or such functions by the name of
+            their subcommand. The function's docstring is the description in the help text.
         program: how usage texts call the program, such as `python -m validation.compare`.
         arguments: the command line; by default that of this process.
     """
@@ -90,7 +93,8 @@ def run(
         message = "run failed: there is not enough memory"
         status = EXIT_FAILED_RUN
     except KeyboardInterrupt:
-        exec("")  # nosec B102 # else Python ends by a signal where an interrupt passed through code that numba made
+        # else Python ends by a signal where an interrupt passed through code that numba made
+        exec("")  # nosec B102
         message = "interrupted"
         status = EXIT_INTERRUPTED
     except Exception:  # noqa: BLE001 - the last resort
@@ -111,18 +115,18 @@ def say(text: str) -> None:
 
 @contextlib.contextmanager
 def mistakes_are_users() -> Iterator[None]:
-    """Within, a `ValueError` that this project raises is the user's mistake; another library's is a fault of the program."""
+    """Within, a `ValueError` that this project raises is the user's mistake.
+
+    Another library's is a fault of the program.
+    """
     try:
         yield
     except UserError:
         raise
     except ValueError as error:
-        frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-        if frames[-1].f_globals.get("__name__", "").partition(".")[0] not in (
-            "ssmr",
-            "validation",
-            "__main__",
-        ):
+        *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+        module = frame.f_globals.get("__name__", "")
+        if module.partition(".")[0] not in ("ssmr", "validation", "__main__"):
             raise
         raise UserError(one_line(error)) from error
     except OSError as error:
@@ -132,7 +136,7 @@ def mistakes_are_users() -> Iterator[None]:
 
 
 class _Lines(logging.Handler):
-    """Messages of this project as lines on standard error, what is foreign in them made harmless."""
+    """Messages of this project as harmless lines on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a record."""
@@ -141,7 +145,11 @@ class _Lines(logging.Handler):
 
 
 def _prepare() -> None:
-    """Let standard streams take every text, messages be lines, and SIGTERM and SIGHUP end work as Ctrl-C does."""
+    """Prepare streams, messages and signals of this process.
+
+    Standard streams take every text, messages are lines, and SIGTERM and SIGHUP end work as Ctrl-C
+    does.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -151,14 +159,13 @@ def _prepare() -> None:
     gc.set_threshold(50_000, 20, 100)
     logging.captureWarnings(True)
     if threading.current_thread() is threading.main_thread():
-        for number in (
-            getattr(signal, name)
-            for name in ("SIGINT", "SIGTERM", "SIGHUP")
-            if hasattr(signal, name)
-        ):
-            if signal.getsignal(number) is signal.SIG_DFL:  # under nohup one stays ignored
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            # under nohup one stays ignored
+            if number is not None and signal.getsignal(number) is signal.SIG_DFL:
                 signal.signal(number, signal.default_int_handler)
-    _docstrings.get_field_docstring = field_text  # type: ignore[assignment] # it has the same arguments
+    # it has the same arguments
+    _docstrings.get_field_docstring = field_text  # type: ignore[assignment]
     warnings.filterwarnings("ignore", "Glyph .* missing from font")  # matplotlib draws a box
 
 
@@ -168,19 +175,16 @@ def _parse(
     """Return the function to call and the options to call it with.
 
     Raises:
-        UserError: the command line says something that cannot be.
+        UserError: the command line cannot be read.
         SystemExit: it asked for help.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if (
-        isinstance(main, Mapping)
-        and words
-        and not words[0].startswith("-")
-        and words[0] not in main
-    ):
-        raise UserError(
-            f"there is no '{program} {shortened(words[0], 40)}'; there are: {', '.join(main)}"
-        )
+    if isinstance(main, Mapping) and words:
+        first = words[0]
+        if not first.startswith("-") and first not in main:
+            raise UserError(
+                f"there is no '{program} {shortened(first, 40)}'; there are: {', '.join(main)}"
+            )
     errors = io.StringIO()
     shown = io.StringIO()
     read = functools.partial(
@@ -190,9 +194,8 @@ def _parse(
         with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(shown):
             if isinstance(main, Mapping):
                 options = read(options_type(main))
-                return next(
-                    function for function in main.values() if _options_of(function) is type(options)
-                ), options
+                functions = {_options_of(function): function for function in main.values()}
+                return functions[type(options)], options
             if (kind := options_type(main)) is not None:
                 return main, read(kind, description=inspect.getdoc(main))
             read_only = functools.wraps(main)(
@@ -207,7 +210,10 @@ def _parse(
 
 
 def _folded(line: str) -> str:
-    """Return a line of the help text in lines that fit the terminal, as tyro makes of options but not of descriptions."""
+    """Return a line of the help text in lines that fit the terminal.
+
+    Tyro folds the texts of options so, and not descriptions.
+    """
     indent = "    " if line.startswith("usage: ") else ""
     width = shutil.get_terminal_size().columns
     return textwrap.fill(
@@ -216,7 +222,7 @@ def _folded(line: str) -> str:
 
 
 def _mistake_in(box: str) -> str:
-    """Return the message in the box that tyro draws around it, in colours on a terminal, in one line."""
+    """Return in one line the message in the box that tyro draws, in colours on a terminal."""
     lines = [line.strip("│|+ ") for line in _COLOUR.sub("", box).strip().splitlines()[1:]]
     rule = [set(line) <= {"─", "-"} for line in lines]
     start = rule.index(False) if False in rule else 0
@@ -224,14 +230,12 @@ def _mistake_in(box: str) -> str:
         lambda line: not set(line) <= {"─", "-"} or not line, lines[start:]
     )
     text = one_line(" ".join(message))
-    return (
-        re.sub(r"^Error parsing ([^ :]+):", r"\1:", text)
-        or "the command line cannot be read; see --help"
-    )
+    text = re.sub(r"^Error parsing ([^ :]+):", r"\1:", text)
+    return text or "the command line cannot be read; see --help"
 
 
 def options_type(main: Callable[..., Any] | Mapping[str, Callable[..., Any]]) -> Any:
-    """Return the type that reads a program's command line: its options, or one of those of its subcommands.
+    """Return the type of a program's command line: its options, or a union of its subcommands'.
 
     None where the arguments of `main` are the options themselves.
     """
@@ -244,11 +248,11 @@ def options_type(main: Callable[..., Any] | Mapping[str, Callable[..., Any]]) ->
         ]
         for name, function in main.items()
     ]
-    return typing.Union[tuple(kinds)]  # noqa: UP007 - of a list that is known at run time only
+    return typing.Union[tuple(kinds)]  # noqa: UP007 - of a list
 
 
 def _options_of(main: Callable[..., Any]) -> Any:
-    """Return the dataclass that a program takes; None where its arguments are the options themselves."""
+    """Return the dataclass that a program takes; None where its arguments are the options."""
     names = list(inspect.signature(main).parameters) if inspect.isfunction(main) else []
     kind = typing.get_type_hints(main).get(names[0]) if len(names) == 1 else None
     return kind if is_dataclass(kind) else None

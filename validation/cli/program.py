@@ -1,4 +1,7 @@
-"""A program is a function with options that gives a report: declared once, called from Python and from the command line."""
+"""A program is a function with options that gives a report.
+
+It is declared once, and called from Python and from the command line.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +37,13 @@ R = TypeVar("R", bound=Report)
 _LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
 _ENDLESS = 10_000
-"""Width of what is no terminal."""
+"""Width of an output that is no terminal."""
 _MOST_JSON = 1 << 26
 """Greatest size of a JSON file that is asked for the names of our files [bytes]."""
 _CHECKPOINT = b"identity.npy"
+"""Name of the first array of a checkpoint."""
 _HEAD = 64
-"""First array of a checkpoint, which is named in so many bytes."""
+"""Length of the beginning of a checkpoint, in which that name stands [bytes]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +66,8 @@ class Common(Checked):
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
-        return tuple(
-            f"{self.folder().parts[1]}.{ending}" for ending in ("json", "png", "md", "rrd")
-        )
+        name = self.folder().parts[1]
+        return tuple(f"{name}.{ending}" for ending in ("json", "png", "md", "rrd"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,12 +80,13 @@ class Filmed(Common):
     """Do not write the rerun recording (.rrd)."""
 
     def check(self) -> None:
-        """Raise a UserError where a recording is to be shown that is not written, or to be written without rerun."""
+        """Raise a UserError for a recording that is shown but not written, or needs rerun."""
         if self.view and self.no_rerun:
             raise UserError("--view shows the rerun recording; leave out --no-rerun")
         if not self.no_rerun and find_spec("rerun") is None:
             raise UserError(
-                "the recording needs the package rerun-sdk, which is missing: install it, or add --no-rerun"
+                "the recording needs the package rerun-sdk, which is missing: "
+                "install it, or add --no-rerun"
             )
 
 
@@ -98,7 +102,10 @@ class _ProgramModule(ModuleType):
 
 
 class Program(Generic[P, R]):
-    """A program: called with its options it returns its report; `main` runs it from the command line."""
+    """A program: called with its options it returns its report.
+
+    `main` runs it from the command line.
+    """
 
     def __init__(self, options: Any, function: Callable[[Any], R]) -> None:
         """Keep the dataclass of the options and the function that takes it."""
@@ -121,7 +128,10 @@ class Program(Generic[P, R]):
         return self.function(self.options(*args, **kwargs))
 
     def command(self) -> Callable[[Any], None]:
-        """Return the function behind the command line: it shows progress, prints, saves and says what went wrong."""
+        """Return the function behind the command line.
+
+        It shows progress, prints, saves and says what went wrong.
+        """
 
         def main(options: Any) -> None:
             with mistakes_are_users():
@@ -139,7 +149,7 @@ class Program(Generic[P, R]):
         return main
 
     def main(self) -> None:
-        """Run the program with the command line of this process, and leave with the exit status that says how it went."""
+        """Run the program with the command line of this process, and leave with an exit status."""
         run(self.command(), f"python -m validation.{self.__name__}")
 
 
@@ -149,12 +159,12 @@ def _help_of(options: Any, name: str, kind: Any) -> str:
 
 
 def program(options: Callable[P, Options]) -> Callable[[Callable[[Options], R]], Program[P, R]]:
-    """Return the decorator that makes a function of a dataclass of options a program with these options as arguments."""
+    """Return the decorator that makes a function of these options a program."""
     return lambda function: Program(options, function)
 
 
 def finish(report: Report, options: Common, folder: Path) -> None:
-    """Save and print a report, show its recording, and raise what it says went wrong."""
+    """Save and print a report, show its recording, and raise its failure."""
     film = options if isinstance(options, Filmed) else None
     written = report.save(folder, recording=film is None or not film.no_rerun)
     for sentence in report.alarms:
@@ -189,21 +199,19 @@ def require_writable(folder: Path) -> None:
 
 
 def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
-    """Refuse to write over a file that is read, or in a folder that the user names over one that is not ours.
+    """Refuse to write over a file that is read, or that is not ours in a folder that is named.
 
     A file is ours if a JSON file of ours is there that names it, or if it is a checkpoint.
 
     Raises:
-        UserError: there is such a file among the `names` of what is written, and no `overwrite`.
+        UserError: there is such a file among the `names` of files to write, and no `overwrite`.
     """
     if options.overwrite:
         return
-    values = [getattr(options, f.name) for f in fields(options)]
-    texts = [
-        text
-        for value in values
-        for text in (value if isinstance(value, tuple | list) else (value,))
-    ]
+    texts: list[Any] = []
+    for f in fields(options):
+        value = getattr(options, f.name)
+        texts += value if isinstance(value, tuple | list) else (value,)
     # a ring of links is itself
     read = [Path(os.path.realpath(text)) for text in texts if isinstance(text, str | Path)]
     there = [path for path in (folder / name for name in names) if os.path.lexists(path)]
@@ -211,15 +219,16 @@ def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
     for path in there:
         if path.name not in ours or Path(os.path.realpath(path)) in read:
             raise UserError(
-                f"--out {folder} has a {path.name} already, which would be lost; name another, or add --overwrite"
+                f"--out {folder} has a {path.name} already, which would be lost; "
+                "name another, or add --overwrite"
             )
 
 
 def _ours_among(there: Sequence[Path]) -> set[str]:
-    """Return the names of the files, and of those that they name, that our programs wrote or were about to write."""
+    """Return the names of files of our programs, and of the files that these name."""
     ours = set[str]()
     for path in there:
-        # it is not ours
+        # a file that cannot be read so is not ours
         with contextlib.suppress(
             ValueError, TypeError, LookupError, AttributeError, RecursionError
         ):
@@ -245,7 +254,7 @@ def writes(option: str, path: Path) -> Iterator[None]:
         ) from error
 
 
-# --- what a program says ---
+# --- output of a program ---
 
 
 @contextlib.contextmanager
@@ -289,7 +298,7 @@ def shown(title: str) -> Iterator[progress.Progressing]:
 
 
 class _Output(Console):
-    """Standard output, which falls silent when its reader leaves: the files are written all the same."""
+    """Standard output, which falls silent when its reader leaves, so that files are written yet."""
 
     def on_broken_pipe(self) -> None:
         """Print nothing more."""
@@ -297,14 +306,18 @@ class _Output(Console):
 
 
 def report_console() -> Console:
-    """Return standard output for tables: as wide as a terminal or the variable COLUMNS says, else without end."""
+    """Return standard output for tables.
+
+    It is as wide as a terminal or the variable COLUMNS says, else without end.
+    """
     console = _Output()
-    known = console.is_terminal or os.environ.get("COLUMNS", "").isdigit()
-    return console if known else _Output(width=_ENDLESS)
+    if console.is_terminal or os.environ.get("COLUMNS", "").isdigit():
+        return console
+    return _Output(width=_ENDLESS)
 
 
 def report_result(result: Any, written: Iterable[Path] = ()) -> None:
-    """Print a report's tables and notes, and the paths of what was written, on standard output."""
+    """Print a report's tables and notes, and the paths of written files, on standard output."""
     console = report_console()
     for grid in result.grids():
         console.print(rich_table(grid, console.width))

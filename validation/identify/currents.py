@@ -62,18 +62,32 @@ class _ReadingRule(NamedTuple):
     """Start, least and greatest value of what is fitted, by name; those of `_SIDES` in units of the currents' scale."""
 
 
-_SIDES = {"friction": (1.0, 0.02, 10.0), "loss_left": (0.1, -1.0, 2.0), "loss_right": (0.1, -1.0, 2.0)}
+_SIDES = {
+    "friction": (1.0, 0.02, 10.0),
+    "loss_left": (0.1, -1.0, 2.0),
+    "loss_right": (0.1, -1.0, 2.0),
+}
 _GIVING = {**_SIDES, "slip_scale": (0.09, 0.01, 0.8)}
 _READING_RULES = (
     _ReadingRule("the motors', Coulomb contacts", "motor", _SIDES),
     _ReadingRule("the motors', contacts that give way", "motor", _GIVING),
-    _ReadingRule("the motors', shown while the bridge drives", "motor", {**_GIVING, "rho": (0.145, 0.03, 0.5)}),
-    _ReadingRule("the battery's", "battery", {**_GIVING, "heat": (0.003, 0.0, 0.1), "efficiency": (0.9, 0.4, 1.0)}),
+    _ReadingRule(
+        "the motors', shown while the bridge drives",
+        "motor",
+        {**_GIVING, "rho": (0.145, 0.03, 0.5)},
+    ),
+    _ReadingRule(
+        "the battery's",
+        "battery",
+        {**_GIVING, "heat": (0.003, 0.0, 0.1), "efficiency": (0.9, 0.4, 1.0)},
+    ),
 )
 """Every rule that a log is tried against. The third is for sensors without a sign."""
 
 
-def _side_currents(numbers: Mapping[str, float], rates: FloatArray, geometry: SkidGeometry) -> FloatArray:
+def _side_currents(
+    numbers: Mapping[str, float], rates: FloatArray, geometry: SkidGeometry
+) -> FloatArray:
     """Return (2, n) currents of both sides [A] that a rule's numbers need for (2, n) rates [rad/s]."""
     scale = numbers.get("slip_scale", COULOMB_SCALE)
     known, inverse = np.unique(rates.round(4), axis=1, return_inverse=True)
@@ -83,7 +97,9 @@ def _side_currents(numbers: Mapping[str, float], rates: FloatArray, geometry: Sk
     return np.asarray(numbers["friction"] * effort + loss * np.sign(rates))
 
 
-def _predicted(numbers: Mapping[str, float], s: CurrentSamples, sensor: Sensor, geometry: SkidGeometry) -> FloatArray:
+def _predicted(
+    numbers: Mapping[str, float], s: CurrentSamples, sensor: Sensor, geometry: SkidGeometry
+) -> FloatArray:
     """Return (n,) readings that the numbers of a rule predict [A]."""
     every = _side_currents(numbers, s.rates, geometry)
     current: FloatArray = np.take_along_axis(every, s.side[None], axis=0)[0]
@@ -128,7 +144,9 @@ class CurrentFit(NamedTuple):
     log: str  # name of the log
     sensor: Sensor  # what the log shows of its sensor
     kind: str  # whose currents they are: `motor` or `battery`
-    scores: list[dict[str, Any]]  # rows: share of the variance of the currents that each rule explains
+    scores: list[
+        dict[str, Any]
+    ]  # rows: share of the variance of the currents that each rule explains
     best: Mapping[str, Any]  # the row of the rule
     numbers: Mapping[str, float]  # the rule's numbers, from the whole log
     errors: Mapping[str, float]  # their standard errors, from resampled blocks
@@ -136,7 +154,9 @@ class CurrentFit(NamedTuple):
     """Measured and predicted currents [A], of what was fitted and of what was held out."""
 
 
-def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, seed: int, resamples: int) -> CurrentFit:
+def fit_currents(
+    log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, seed: int, resamples: int
+) -> CurrentFit:
     """Return friction, losses and slip scale from the currents of a log, and the rule that these follow.
 
     Logs that are held out judge the rules; if there are none, rules fitted to the log's first part are judged on its rest.
@@ -148,11 +168,22 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, 
     whole, sensor, geometry = current_samples(log), sensor_of(log), chassis.geometry
     first, *others = (log, *held_out) if held_out else log.divided()
     fitted, judged = current_samples(first), _joined([current_samples(x) for x in others])
-    rows = _joined([window_samples(x, means=False) for x in others]) if sampled_in_windows(log) else judged
+    rows = (
+        _joined([window_samples(x, means=False) for x in others])
+        if sampled_in_windows(log)
+        else judged
+    )
     for name, samples in ((f"what is fitted of {log.name}", fitted), ("what is held out", judged)):
         if (count := len(np.unique(samples.current))) < _LEAST_SAMPLES:
-            raise ValueError(f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more")
-    scores, best, rule, numbers = list[dict[str, Any]](), dict[str, Any](), _READING_RULES[0], dict[str, float]()
+            raise ValueError(
+                f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more"
+            )
+    scores, best, rule, numbers = (
+        list[dict[str, Any]](),
+        dict[str, Any](),
+        _READING_RULES[0],
+        dict[str, float](),
+    )
     for candidate in _READING_RULES:
         if sensor.signed and "rho" in candidate.numbers:
             continue
@@ -167,7 +198,9 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, 
     shown = [(s.current, _predicted(numbers, s, sensor, geometry)) for s in (fitted, judged)]
     final = numbers if held_out else _fit_rule(rule, whole, sensor, geometry, numbers)
     rng = np.random.default_rng([seed, 2])
-    drawn = [_fit_rule(rule, whole.resampled(rng), sensor, geometry, final) for _ in range(resamples)]
+    drawn = [
+        _fit_rule(rule, whole.resampled(rng), sensor, geometry, final) for _ in range(resamples)
+    ]
     errors = {name: float(np.std([d[name] for d in drawn])) for name in final if drawn}
     return CurrentFit(log.name, sensor, rule.kind, scores, best, final, errors, shown)
 
@@ -240,7 +273,9 @@ class Torques(NamedTuple):
         )
 
 
-def with_torques(targets: Sequence[FitTarget], chassis: Chassis, constant: float, own_loss: float) -> tuple[FitTarget, ...]:
+def with_torques(
+    targets: Sequence[FitTarget], chassis: Chassis, constant: float, own_loss: float
+) -> tuple[FitTarget, ...]:
     """Return targets with the torques that the currents of their logs tell.
 
     What was found, or why nothing was, stands among the warnings of their sources. Logs without

@@ -23,10 +23,14 @@ FIT_SHARE = 2.0 / 3.0
 """Share of a log that is fitted where no other log is held out."""
 _SETTLE, _LEAST, _MOST = 1.2, 1.0, 6.2
 """A steady window leaves out so much of its beginning, has at least so much left, and is at most so long [s]."""
-_STEADY_RATE = 0.13  # wheel rates that differ by less are steady [rad/s]: two steps of a Husky's set points
+_STEADY_RATE = (
+    0.13  # wheel rates that differ by less are steady [rad/s]: two steps of a Husky's set points
+)
 _LONG_STEP = 0.3  # a step of time longer than this ends a window [s]
 _STANDING = 0.15  # wheels whose rates add up to less stand [rad/s]
-_SLOW_SENSOR = 0.5  # a current that is refreshed less often is used value by value, and not in windows [s]
+_SLOW_SENSOR = (
+    0.5  # a current that is refreshed less often is used value by value, and not in windows [s]
+)
 _SLOW_RATE = 0.06  # a side that turns slower than this may have its bridge off [rad/s]
 _SEEN, _CALM, _FEWEST = 0.7, 1.0, 5
 """A slow sensor's value belongs to the wheel rates of so much time before it [s], if they vary by less [rad/s] in so many
@@ -40,7 +44,9 @@ class Chassis(NamedTuple):
     name: str  # name of the robot
     geometry: SkidGeometry  # rolling radius and half distances of its wheels
     mass: float  # total mass [kg]
-    command_radius: float  # wheel radius with which the robot's driver turns speeds into wheel rates [m]
+    command_radius: (
+        float  # wheel radius with which the robot's driver turns speeds into wheel rates [m]
+    )
     speed_limit: float  # greatest speed of a rim that the driver allows [m/s]
 
 
@@ -48,7 +54,9 @@ def chassis_of(profile: Profile, mass: float | None = None) -> Chassis:
     """Return the nominal numbers of a profile's robot, with another total mass [kg] where one is given."""
     body, robot = profile.plants["mujoco"].parameters, profile.robot
     geometry = SkidGeometry(body.wheel_radius, body.half_track, 0.5 * robot.geometry.wheelbase)
-    return Chassis(robot.name, geometry, mass or body.mass, robot.drive.command_radius, robot.drive.v_max)
+    return Chassis(
+        robot.name, geometry, mass or body.mass, robot.drive.command_radius, robot.drive.v_max
+    )
 
 
 def loss_of(plant: PlantProfile) -> float:
@@ -78,8 +86,12 @@ class DriveLog:
     def divided(self) -> tuple[DriveLog, DriveLog]:
         """Return its first two thirds, to be fitted, and its last third, which judges."""
         first = self.t < self.t[0] + FIT_SHARE * (self.t[-1] - self.t[0])
-        columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        parts: list[dict[str, Any]] = [{n: c[..., keep] for n, c in columns.items()} for keep in (first, ~first)]
+        columns = {
+            name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)
+        }
+        parts: list[dict[str, Any]] = [
+            {n: c[..., keep] for n, c in columns.items()} for keep in (first, ~first)
+        ]
         return replace(self, **parts[0]), replace(self, **parts[1])
 
 
@@ -89,13 +101,22 @@ def drive_log(source: str | Log) -> DriveLog:
     columns = log.columns
 
     def pair(first: str, second: str) -> FloatArray | None:
-        return np.stack([columns[first], columns[second]]) if first in columns and second in columns else None
+        return (
+            np.stack([columns[first], columns[second]])
+            if first in columns and second in columns
+            else None
+        )
 
     rates = pair("enc_left", "enc_right")
     if rates is None:
-        raise ValueError(f"recording {log.name} has no wheel rates (enc_left, enc_right); it has {', '.join(columns)}")
+        raise ValueError(
+            f"recording {log.name} has no wheel rates (enc_left, enc_right); it has {', '.join(columns)}"
+        )
     turned = "yaw" in columns or bool(np.ptp(columns.get("gyro_z", np.zeros(1))) > 0.0)
-    currents, voltages = pair("current_left", "current_right"), pair("voltage_left", "voltage_right")
+    currents, voltages = (
+        pair("current_left", "current_right"),
+        pair("voltage_left", "voltage_right"),
+    )
     return DriveLog(log.name, log.t, rates, pair("cmd_v", "cmd_w"), currents, voltages, turned)
 
 

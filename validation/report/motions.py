@@ -42,11 +42,29 @@ _WINDOWS = (
     "from the pose at the window's start. Windows follow one another and span no gap"
 )
 declare(
-    Metric("position_median_m", "position median", "m", "low", f"median error of the position {_WINDOWS}"),
+    Metric(
+        "position_median_m",
+        "position median",
+        "m",
+        "low",
+        f"median error of the position {_WINDOWS}",
+    ),
     Metric("position_p95_m", "position p95", "m", "low", "95th percentile of these errors"),
-    Metric("yaw_median_rad", "yaw median", "rad", "low", "median error of the heading over the same windows"),
+    Metric(
+        "yaw_median_rad",
+        "yaw median",
+        "rad",
+        "low",
+        "median error of the heading over the same windows",
+    ),
     Metric("yaw_p95_rad", "yaw p95", "rad", "low", "95th percentile of these errors"),
-    Metric("yaw_gyro_median_rad", "yaw by gyro", "rad", "low", "yaw median with the log's gyro as the judge of heading"),
+    Metric(
+        "yaw_gyro_median_rad",
+        "yaw by gyro",
+        "rad",
+        "low",
+        "yaw median with the log's gyro as the judge of heading",
+    ),
 )
 _INTERVALS = "Brackets: 90 % confidence interval of the median; for a log of less than four horizons, the range of errors."
 _HEALTH = (
@@ -58,7 +76,7 @@ _HEALTH = (
 
 @dataclass(frozen=True, eq=False)
 class PlantResult:
-    """One plant's answer to the commands."""
+    """One plant's motion and scores."""
 
     name: str
     """Name of the plant, such as `improved`."""
@@ -96,14 +114,24 @@ class PlantResult:
 
     def as_dict(self) -> dict[str, Any]:
         """Return what compare.json holds of the plant."""
-        entry: dict[str, Any] = {**self.metrics, "wall_s": self.wall_s, "real_time_factor": self.real_time_factor}
+        entry: dict[str, Any] = {
+            **self.metrics,
+            "wall_s": self.wall_s,
+            "real_time_factor": self.real_time_factor,
+        }
         if self.horizons:
             entry["horizons"] = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
             for horizon, overlapping in self.overlapping.items():
-                entry["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(overlapping)
+                entry["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(
+                    overlapping
+                )
                 if horizon in self.by_gyro:
                     by_gyro = asdict(self.by_gyro[horizon].summary())
-                    by_gyro = {k.replace("yaw", "yaw_gyro"): value for k, value in by_gyro.items() if k.startswith("yaw")}
+                    by_gyro = {
+                        k.replace("yaw", "yaw_gyro"): value
+                        for k, value in by_gyro.items()
+                        if k.startswith("yaw")
+                    }
                     entry["horizons"][f"{horizon:g}"]["overlapping"] |= by_gyro
             for horizon, shares in self.coverage.items():
                 entry["horizons"].setdefault(f"{horizon:g}", {})["coverage_90"] = dict(shares)
@@ -147,7 +175,11 @@ class Comparison(Report):
 
 
 def comparison_tables(
-    plants: Mapping[str, PlantResult], reference: str, title: str, caption: str, gyro_first: bool = False
+    plants: Mapping[str, PlantResult],
+    reference: str,
+    title: str,
+    caption: str,
+    gyro_first: bool = False,
 ) -> list[Table]:
     """Return the tables of motions, the most telling one first; those without rows are left out.
 
@@ -156,20 +188,40 @@ def comparison_tables(
     which judge of heading stands first.
     """
     horizons = sorted({h for result in plants.values() for h in result.horizons})
-    errors = [(h, n, asdict(r.horizons[h])) for h in horizons for n, r in plants.items() if h in r.horizons]
-    overlapping = [(h, n, r.overlapping[h]) for h in horizons for n, r in plants.items() if h in r.overlapping]
+    errors = [
+        (h, n, asdict(r.horizons[h]))
+        for h in horizons
+        for n, r in plants.items()
+        if h in r.horizons
+    ]
+    overlapping = [
+        (h, n, r.overlapping[h]) for h in horizons for n, r in plants.items() if h in r.overlapping
+    ]
     names = {n: f"{n} (ref)" if n == reference else n for n in plants}
     known = dict.fromkeys(chain.from_iterable(r.metrics for r in plants.values()))
-    columns = [*(key for key in _COLUMNS if key in known), *(key for key in known if key not in _COLUMNS)]
+    columns = [
+        *(key for key in _COLUMNS if key in known),
+        *(key for key in known if key not in _COLUMNS),
+    ]
     metrics = [
-        {"plant": names[n], **{key: r.metrics.get(key) for key in columns}, REAL_TIME.name: r.real_time_factor}
+        {
+            "plant": names[n],
+            **{key: r.metrics.get(key) for key in columns},
+            REAL_TIME.name: r.real_time_factor,
+        }
         for n, r in plants.items()
     ]
     tables = [
         Table(
             "Error of the relative pose after a horizon",
             [
-                {"horizon_s": h, "plant": n, "windows": e.pop("n"), "standing": e.pop("n_standing"), **e}
+                {
+                    "horizon_s": h,
+                    "plant": n,
+                    "windows": e.pop("n"),
+                    "standing": e.pop("n_standing"),
+                    **e,
+                }
                 for h, n, e in errors
             ],
             f"compared with {reference} · best value in bold",
@@ -177,9 +229,15 @@ def comparison_tables(
             best=True,
             units=_POSES,
         ),
-        interval_table(overlapping, gyro=[plants[n].by_gyro.get(h) for h, n, _ in overlapping], gyro_first=gyro_first),
+        interval_table(
+            overlapping,
+            gyro=[plants[n].by_gyro.get(h) for h, n, _ in overlapping],
+            gyro_first=gyro_first,
+        ),
         _band_table(plants),
-        Table(title, metrics, caption, best=True, reference=f"{reference} (ref)", hidden=_BOTH_WAYS),
+        Table(
+            title, metrics, caption, best=True, reference=f"{reference} (ref)", hidden=_BOTH_WAYS
+        ),
         _load_table(plants),
         _health_table(plants),
     ]
@@ -214,7 +272,13 @@ def interval_table(
         place["position_median_m"] = e.position_median_m, e.position_low_m, e.position_high_m
         judged = {} if other is None else {"yaw_gyro_median_rad": other.summary()}
         judged = judged | {"yaw_median_rad": e} if gyro_first else {"yaw_median_rad": e} | judged
-        rows.append(place | {key: (of.yaw_median_rad, of.yaw_low_rad, of.yaw_high_rad) for key, of in judged.items()})
+        rows.append(
+            place
+            | {
+                key: (of.yaw_median_rad, of.yaw_low_rad, of.yaw_high_rad)
+                for key, of in judged.items()
+            }
+        )
     title = "The same over windows that begin every second, and how sure that is"
     return Table(title, rows, _INTERVALS, "horizon_s", units=_POSES)
 
@@ -222,12 +286,21 @@ def interval_table(
 def _band_table(plants: Mapping[str, PlantResult]) -> Table:
     """Return how often the robot was where the plants said."""
     rows: list[Row] = [
-        {"horizon_s": h, "plant": name, **{f"{part}_inside_share": share for part, share in shares.items()}}
+        {
+            "horizon_s": h,
+            "plant": name,
+            **{f"{part}_inside_share": share for part, share in shares.items()},
+        }
         for h in sorted({h for r in plants.values() for h in r.coverage})
         for name, r in plants.items()
         if (shares := r.coverage.get(h))
     ]
-    return Table("Windows that end inside the band, which promises 90 %", rows, group="horizon_s", units=_POSES)
+    return Table(
+        "Windows that end inside the band, which promises 90 %",
+        rows,
+        group="horizon_s",
+        units=_POSES,
+    )
 
 
 def _load_table(plants: Mapping[str, PlantResult]) -> Table:
@@ -235,10 +308,28 @@ def _load_table(plants: Mapping[str, PlantResult]) -> Table:
     captions = []
     for name, result in plants.items():
         if (loads := result.loads) is not None:
-            values = loads.static_N, loads.mean_N, loads.lowest_N, loads.highest_N, loads.off_ground_share
+            values = (
+                loads.static_N,
+                loads.mean_N,
+                loads.lowest_N,
+                loads.highest_N,
+                loads.off_ground_share,
+            )
             for wheel, rest, mean, least, greatest, off in zip(WHEELS, *values, strict=True):
-                forces = {"at_rest_N": rest, "mean_N": mean, "least_N": least, "greatest_N": greatest}
-                rows.append({"plant": name, "wheel": wheel.replace("_", " "), **forces, "off_ground_share": off})
+                forces = {
+                    "at_rest_N": rest,
+                    "mean_N": mean,
+                    "least_N": least,
+                    "greatest_N": greatest,
+                }
+                rows.append(
+                    {
+                        "plant": name,
+                        "wheel": wheel.replace("_", " "),
+                        **forces,
+                        "off_ground_share": off,
+                    }
+                )
             captions.append(
                 f"{name}: rms {loads.static_rms_N:.1f} N from the loads at rest, "
                 f"{loads.quasi_static_rms_N:.1f} N from quasi-static load transfer"
@@ -266,7 +357,9 @@ def headline_horizon(horizons: Iterable[float]) -> float | None:
     return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
 
 
-def alike_plants(plants: Mapping[str, PlantResult], gyro_first: bool = False) -> dict[str, Any] | None:
+def indistinguishable_pairs(
+    plants: Mapping[str, PlantResult], gyro_first: bool = False
+) -> dict[str, Any] | None:
     """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
     Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`, by a paired test that is
@@ -281,18 +374,27 @@ def alike_plants(plants: Mapping[str, PlantResult], gyro_first: bool = False) ->
     alike: dict[str, Any] = {"position": [], "yaw": [], "better": {"position": [], "yaw": []}}
     pairs, block = list(combinations(able, 2)), max(horizon, SHORTEST_BLOCK_S)
     for what, better in alike["better"].items():
-        judged = {n: plants[n].by_gyro[horizon] if gyro_first and what == "yaw" else w for n, w in able.items()}
+        judged = {
+            n: plants[n].by_gyro[horizon] if gyro_first and what == "yaw" else w
+            for n, w in able.items()
+        }
         errors = {name: getattr(windows, what) for name, windows in judged.items()}
         times = {name: EVERY_S * np.arange(len(values)) for name, values in errors.items()}
-        chances = corrected([chance_of_difference(errors[a], errors[b], times[a], block) for a, b in pairs])
+        chances = corrected(
+            [chance_of_difference(errors[a], errors[b], times[a], block) for a, b in pairs]
+        )
         for pair, chance in zip(pairs, chances.tolist(), strict=True):
             ranked = sorted(pair, key=lambda name: float(np.median(errors[name])))
-            (better if chance < SIGNIFICANCE else alike[what]).append(ranked if chance < SIGNIFICANCE else list(pair))
+            (better if chance < SIGNIFICANCE else alike[what]).append(
+                ranked if chance < SIGNIFICANCE else list(pair)
+            )
     return {"horizon_s": horizon, **alike}
 
 
-def alike_sentences(plants: Mapping[str, PlantResult], alike: Mapping[str, Any] | None) -> list[str]:
-    """Return sentences on the plants that a recording tells apart and on those that it does not, see `alike_plants`."""
+def alike_sentences(
+    plants: Mapping[str, PlantResult], alike: Mapping[str, Any] | None
+) -> list[str]:
+    """Return sentences on the plants that a recording tells apart and on those that it does not, see `indistinguishable_pairs`."""
     if alike is None:
         return []
     sentences, horizon = [], alike["horizon_s"]
@@ -301,7 +403,9 @@ def alike_sentences(plants: Mapping[str, PlantResult], alike: Mapping[str, Any] 
         pairs = [" and ".join(pair) for pair in alike[what]]
         if better:
             listed = ", ".join(" than ".join(pair) for pair in better)
-            sentences.append(f"After {horizon:g} s these are better in {what}, by more than chance: {listed}.")
+            sentences.append(
+                f"After {horizon:g} s these are better in {what}, by more than chance: {listed}."
+            )
         if len(pairs) == n * (n - 1) // 2 > 1:
             sentences.append(
                 f"After {horizon:g} s the recording shows no clear difference between any two of these plants in {what}."
@@ -324,7 +428,7 @@ def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
     ]
 
 
-def ailing(plants: Mapping[str, PlantResult]) -> list[str]:
+def health_warnings(plants: Mapping[str, PlantResult]) -> list[str]:
     """Return a sentence for each plant with whose physics something is wrong."""
     return [
         f"{name}{'' if health.ok else ' is unhealthy'}: {one_line(health.advice)}."
@@ -341,8 +445,14 @@ def headline_error(result: PlantResult) -> str:
     if (horizon := headline_horizon(result.horizons)) is not None:
         errors = result.horizons[horizon]
         length = length_unit([errors.position_median_m])
-        coarse = replace(length, decimals=0) if length.symbol == "mm" else replace(length, decimals=2)
-        yaw = replace(DEGREES, decimals=1, significant=2).text(errors.yaw_median_rad).removesuffix(".0")
+        coarse = (
+            replace(length, decimals=0) if length.symbol == "mm" else replace(length, decimals=2)
+        )
+        yaw = (
+            replace(DEGREES, decimals=1, significant=2)
+            .text(errors.yaw_median_rad)
+            .removesuffix(".0")
+        )
         return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
     d_rms = result.metrics["d_rms_m"]
     length = length_unit([d_rms])
@@ -352,11 +462,18 @@ def headline_error(result: PlantResult) -> str:
 def compared_tracks(comparison: Comparison) -> list[Track]:
     """Return all robots, the reference first."""
     plants = comparison.plants
-    known = plants.get(comparison.reference_name) or next(iter(plants.values()))  # where a recording was tracked, they say
+    known = plants.get(comparison.reference_name) or next(
+        iter(plants.values())
+    )  # where a recording was tracked, they say
     ground, robot = comparison.terrain, comparison.robot
-    reference = Track(comparison.reference_name, comparison.reference, None, known.localiser, ground, robot)
+    reference = Track(
+        comparison.reference_name, comparison.reference, None, known.localiser, ground, robot
+    )
     others = [result for result in plants.values() if result.name != reference.name]
-    return [reference, *(Track(r.name, r.pieces, reference, r.localiser, ground, robot) for r in others)]
+    return [
+        reference,
+        *(Track(r.name, r.pieces, reference, r.localiser, ground, robot) for r in others),
+    ]
 
 
 def given_commands(comparison: Comparison) -> list[tuple[FloatArray, FloatArray]]:
@@ -386,7 +503,9 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
         t, values = (np.concatenate(parts) for parts in zip(*given_commands(c), strict=True))
         if c.commands[0].kind == "wheels":
             names = ["left commanded", "right commanded"]
-            plots["wheel_rate/commanded"] = Series(names, "rad/s", shades_of(_COMMANDED), t, values, held=True)
+            plots["wheel_rate/commanded"] = Series(
+                names, "rad/s", shades_of(_COMMANDED), t, values, held=True
+            )
         else:
             for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
                 series = Series(["commanded"], unit, [_COMMANDED], t, values[:, column], held=True)

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,21 +21,26 @@ if TYPE_CHECKING:
 
 
 _log = logging.getLogger(__name__)
-_LONGEST = 200  # greatest length of what a warning says of an error
+_LONGEST = 200
+"""Greatest length of an error's text in a warning."""
 FINISHED = "finished"
+"""How a program ended: it did all its work."""
 INTERRUPTED = "interrupted"
-"""Ends that a program can have."""
+"""How a program ended: by Ctrl-C, with a part of its work."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Report:
-    """Result of a program. A program that gives more than this to Python derives from it and adds fields."""
+    """Result of a program.
+
+    A program that gives more than this to Python derives from it and adds fields.
+    """
 
     program: str
     """Name of the program and of its files: `compare` for compare.json, compare.png and
     compare.rrd."""
     title: str
-    """One line that says what was done."""
+    """Work of the program, in one line."""
     tables: Sequence[Table]
     """Tables, the most important one first."""
     document: Mapping[str, Any]
@@ -50,7 +56,7 @@ class Report:
     record: Callable[[Any, Path], object] | None = None
     """Function of the report and a path that writes its rerun recording; None where it has none."""
     status: str = FINISHED
-    """`finished`, or `interrupted`: then it holds what was finished before, and no more."""
+    """`finished`, or `interrupted`: then it holds only the work before that."""
     failure: Exception | None = None
     """Failure although there is something to show, such as a lost robot: the program then fails
     after it saved."""
@@ -64,20 +70,18 @@ class Report:
         return [table.grid() for table in self.tables if table.rows]
 
     def notes(self) -> Sequence[str]:
-        """Return the sentences that stand below its tables; the first says where it was interrupted."""
-        early = (
-            ["It was interrupted; only what was finished before is here."]
-            if self.status == INTERRUPTED
-            else []
-        )
-        return [*early, *self.sentences]
+        """Return the sentences below its tables; the first says that it was interrupted."""
+        notes = list(self.sentences)
+        if self.status == INTERRUPTED:
+            notes.insert(0, "It was interrupted; only what was finished before is here.")
+        return notes
 
     def table(self, width: int = 110) -> str:
         """Return its tables and notes as text of at most `width` columns."""
         return text_tables(self.grids(), self.notes(), width)
 
     def frame(self, title: str | None = None) -> pandas.DataFrame:
-        """Return the table of that title, by default the first one, as a data frame of pandas, in SI units.
+        """Return a table, by default the first one, as a data frame of pandas, in SI units.
 
         Raises:
             ImportError: pandas is not installed.
@@ -88,9 +92,8 @@ class Report:
         for table in self.tables:
             if title in (None, table.title):
                 return pandas.DataFrame(list(table.rows))
-        raise ValueError(
-            f"there is no table '{title}'; there are: {', '.join(table.title for table in self.tables)}"
-        )
+        titles = ", ".join(table.title for table in self.tables)
+        raise ValueError(f"there is no table '{title}'; there are: {titles}")
 
     def figure(self) -> Figure:
         """Return its picture, drawn anew.
@@ -103,35 +106,32 @@ class Report:
         return self.draw(self)
 
     def markdown(self) -> str:
-        """Return all of it as GitHub-flavoured markdown: how it was made, tables, notes, and what the columns mean."""
+        """Return all of it as GitHub-flavoured markdown.
+
+        That is its options and versions, tables, notes, and the meanings of the columns.
+        """
         lines = [f"# {markdown(self.title)}", ""]
         for name, values in (("options", self.options), ("versions", self.versions)):
-            made = ", ".join(
-                f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None
-            )
-            lines.append(f"- {name}: {code_span(made or 'none')}")
+            given = [f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None]
+            lines.append(f"- {name}: {code_span(', '.join(given) or 'none')}")
         for grid in self.grids():
             lines += ["", f"## {markdown(grid.title)}", "", *markdown_table(grid)]
-            lines += ["", markdown(grid.caption)] if grid.caption else []
-        lines += (
-            ["", "## Notes", "", *(f"- {markdown(note)}" for note in self.notes())]
-            if self.notes()
-            else []
-        )
-        meanings = [
-            f"- {line}"
-            for line in legend(dict.fromkeys(key for table in self.tables for key in table.keys))
-        ]
-        return (
-            "\n".join(
-                [*lines, *(["", "## What the metrics mean", "", *meanings] if meanings else [])]
-            )
-            + "\n"
-        )
+            if grid.caption:
+                lines += ["", markdown(grid.caption)]
+        if notes := self.notes():
+            lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in notes)]
+        keys = chain.from_iterable(table.keys for table in self.tables)
+        if meanings := legend(dict.fromkeys(keys)):
+            lines += ["", "## What the metrics mean", ""]
+            lines += [f"- {meaning}" for meaning in meanings]
+        return "\n".join(lines) + "\n"
 
     def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
-        """Return functions that write the files beside its JSON file, by name: its picture, text and recording."""
-        writers = dict[str, Callable[[Path], object]]()
+        """Return writers of the files beside its JSON file, by name.
+
+        These are its picture, text and recording.
+        """
+        writers: dict[str, Callable[[Path], object]] = {}
         if self.draw is not None:
             writers[f"{self.program}.png"] = self._save_picture
         if self.has_text:
@@ -155,17 +155,17 @@ class Report:
             )
 
     def save(self, folder: str | Path, *, recording: bool = True) -> list[Path]:
-        """Write its JSON file, which names the files that follow, and then these; each is written whole or not at all.
+        """Write its JSON file, which names the files that follow, and then these.
 
-        The numbers are there before anything is drawn, and a program that was killed between two
-        files knows that all are its own.
+        Each is written whole or not at all. The numbers are there before anything is drawn, and a
+        program that was killed between two files knows that all are its own.
 
         Args:
             folder: where to; it is made if it is missing.
             recording: whether to write the rerun recording too.
 
         Returns:
-            The paths of what was written.
+            The paths of the written files.
 
         Raises:
             OSError: the folder cannot be made or written.
@@ -174,40 +174,40 @@ class Report:
         writers = self.files(recording)
         document = place / f"{self.program}.json"
         store.write_json(document, {**self.as_dict(), "files": list(writers)})
+        # drawing may take long or fail; the numbers are safe by now
         for name, write in writers.items():
             write(place / name)
         return [path for path in (document, *map(place.joinpath, writers)) if path.exists()]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what its JSON file holds besides the names of the other files: plain values, no NaN."""
-        tables = {table.title: list(table.rows) for table in self.tables if table.rows}
-        made = {
-            "notes": list(self.notes()),
-            "options": dict(self.options),
-            "versions": dict(self.versions),
+        """Return its JSON file without the names of the other files: plain values, no NaN."""
+        document = {
+            "tables": {table.title: list(table.rows) for table in self.tables if table.rows},
+            "status": self.status,
+            **self.document,
+            "notes": self.notes(),
+            "options": self.options,
+            "versions": self.versions,
         }
-        return dict(store.plain({"tables": tables, "status": self.status, **self.document, **made}))
+        return dict(store.plain(document))
 
     @property
     def made_by(self) -> str:
         """Options and versions that it was made with, in one line for the footer of a picture."""
-        used = [
-            f"{name} {self.versions[name]}"
-            for name in ("ssmr-testbed", "mujoco")
-            if name in self.versions
-        ]
-        chosen = [
-            f"{name} {option_text(value)}"
-            for name, value in self.options.items()
-            if value not in (None, False, ())
-        ]
-        return " · ".join([*chosen, *used])
+        words = []
+        for name, value in self.options.items():
+            if value not in (None, False, ()):
+                words.append(f"{name} {option_text(value)}")
+        for name in ("ssmr-testbed", "mujoco"):
+            if name in self.versions:
+                words.append(f"{name} {self.versions[name]}")
+        return " · ".join(words)
 
     def _repr_markdown_(self) -> str:
-        blocks = [
-            "\n".join([f"**{markdown(grid.title)}**", "", *markdown_table(grid)])
-            for grid in self.grids()
-        ]
+        blocks = []
+        for grid in self.grids():
+            lines = [f"**{markdown(grid.title)}**", "", *markdown_table(grid)]
+            blocks.append("\n".join(lines))
         return "\n\n".join([*blocks, *map(markdown, self.notes())])
 
 

@@ -1,5 +1,6 @@
-"""Robots in motion as a rerun recording that carries its own layout: one scene for every program that has motions.
+"""Robots in motion as a rerun recording: one scene for every program that has motions.
 
+The recording carries its own layout.
 The world is in metres, z up, on the timeline `sim_time`; lines over time are in the units of the
 picture:
 
@@ -7,7 +8,7 @@ picture:
   wheels, `contact_force`, the force of the ground on each wheel, and `rotation_centre`;
 - `world/NAME/path`, `.../end`: the whole path, and the robot's name where it ends;
 - `world/target`: the moving target of a controller, an arrow along its heading;
-- `plots/QUANTITY/NAME`: what is drawn over time;
+- `plots/QUANTITY/NAME`: lines over time;
 - `report`: the report as text.
 """
 
@@ -58,12 +59,16 @@ _TIMELINE = "sim_time"
 _GRID: Rgb = (186, 191, 198)
 _SKY: Rgb = (238, 240, 243)
 _TARGET: Rgb = (20, 20, 24)
-_BELOW = 0.004  # the ground is drawn so much too low, so that lines on it show [m]
-_LOAD_LENGTH = 0.45  # of the arrow of a mean wheel load, of a robot of a Husky's size [m]
+_BELOW = 0.004
+"""The ground is drawn so much too low, so that lines on it show [m]."""
+_LOAD_LENGTH = 0.45
+"""Length of the arrow of a mean wheel load, of a robot of a Husky's size [m]."""
 _LEAST_TURNING = 0.05
 """Yaw rate below which the centre of rotation is far off, and noise moves it by metres [rad/s]."""
-_NEAR = 1.5  # distance up to which that centre is drawn, of a robot of a Husky's size [m]
-_MOST_SAMPLES = 45_000  # of a line over time: twenty for each point of a screen's width
+_NEAR = 1.5
+"""Distance up to which that centre is drawn, of a robot of a Husky's size [m]."""
+_MOST_SAMPLES = 45_000
+"""Samples of a line over time, at most: twenty for each point of a screen's width."""
 _VIEWS = (
     {
         "position_error": "Position error",
@@ -165,12 +170,15 @@ def write_scene(scene: Scene, path: Path) -> None:
 
 
 def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
-    unit = length_unit(
-        [float(np.hypot(*t.seen[:, :2].T).max()) for t in scene.tracks if t.reference is not None]
-    )
-    plots = {
-        name: line for track in scene.tracks for name, line in plots_of(track, unit).items()
-    } | dict(scene.plots)
+    errors = []
+    for track in scene.tracks:
+        if track.reference is not None:
+            errors.append(float(np.hypot(*track.seen[:, :2].T).max()))
+    unit = length_unit(errors)
+    plots: dict[str, Series] = {}
+    for track in scene.tracks:
+        plots |= plots_of(track, unit)
+    plots |= scene.plots
     extent = extent_of(scene.tracks)
     recording.send_blueprint(_layout(scene, plots, extent))
     recording.send_recording_name(one_line(scene.title))
@@ -192,15 +200,17 @@ def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
 
 
 def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> None:
-    """Log a robot's bodies and its motion; one beside another is drawn transparent, in shades of its plant's colour."""
+    """Log a robot's bodies and its motion.
+
+    One beside another is drawn transparent, in shades of its plant's colour.
+    """
     looks = looks_of(track.robot)
     entity = f"world/{track.name}/robot"
     for body, solids in looks.solids.items():
         for kind in dict.fromkeys(s.kind for s in solids):
-            alike = [s for s in solids if s.kind == kind]
-            recording.log(
-                f"{entity}/{body}/{kind}", _shapes(kind, alike, track, solid), static=True
-            )
+            of_kind = [s for s in solids if s.kind == kind]
+            shapes = _shapes(kind, of_kind, track, solid)
+            recording.log(f"{entity}/{body}/{kind}", shapes, static=True)
     rows = track.rows
     t = track.t[rows]
     turns = track.turns[rows]
@@ -219,32 +229,34 @@ def _write_robot(recording: rr.RecordingStream, track: Track, solid: bool) -> No
 
 
 def _write_forces(recording: rr.RecordingStream, track: Track) -> None:
-    """Log the forces of the ground as arrows in the robot's axes, where its plant tells them.
+    """Log the forces of the ground as arrows in the robot's axes, where its plant has them.
 
     They stand beside the wheels, because these would hide them.
     """
-    channels = [track.channel(name) for name in ("force_x_N", "force_y_N", "wheel_load_N")]
-    told = [channel for channel in channels if channel is not None]
-    if len(told) < len(channels):
-        return
+    channels = []
+    for name in ("force_x_N", "force_y_N", "wheel_load_N"):
+        channel = track.channel(name)
+        if channel is None:
+            return
+        channels.append(channel)
     looks = looks_of(track.robot)
     rows = track.rows
-    forces = np.stack(told, axis=-1)  # (M, 4, 3)
+    forces = np.stack(channels, axis=-1)  # (M, 4, 3)
+    # arrows are seen beside a robot of any weight
     mean_load = max(float(forces[:, :, 2].mean()), 1e-9)
     vectors = _LOAD_LENGTH * looks.scale / mean_load * forces[rows]
     outwards = 0.6 * track.robot.geometry.wheel_width * LEFT
-    below = [
-        [looks.places[wheel][0], looks.places[wheel][1] + beside, 0.0]
-        for wheel, beside in zip(WHEELS, outwards.tolist(), strict=True)
-    ]
+    below = []
+    for wheel, beside in zip(WHEELS, outwards.tolist(), strict=True):
+        x, y, _ = looks.places[wheel]
+        below.append([x, y + beside, 0.0])
     entity = f"world/{track.name}/robot/contact_force"
     look = rr.Arrows3D.from_fields(colors=[bright(track.name)], radii=[0.012 * looks.scale])
     recording.log(entity, look, static=True)
     origins = np.tile(below, (len(rows), 1))
     columns = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), origins=origins)
     arrows = columns.partition([len(WHEELS)] * len(rows))
-    time = rr.TimeColumn(_TIMELINE, duration=track.t[rows])
-    recording.send_columns(entity, [time], arrows)
+    _send(recording, entity, track.t[rows], arrows)
 
 
 def _write_rotation_centre(recording: rr.RecordingStream, track: Track) -> None:
@@ -258,8 +270,7 @@ def _write_rotation_centre(recording: rr.RecordingStream, track: Track) -> None:
     recording.log(entity, look, static=True)
     places = np.column_stack([centre[near], np.zeros(np.count_nonzero(near))])
     points = rr.Points3D.columns(positions=places).partition(near.astype(int))
-    time = rr.TimeColumn(_TIMELINE, duration=track.t[rows])
-    recording.send_columns(entity, [time], points)
+    _send(recording, entity, track.t[rows], points)
 
 
 def _send_poses(
@@ -267,9 +278,8 @@ def _send_poses(
 ) -> None:
     """Send (M, 3) poses [m, m, rad] on the ground."""
     translation = np.column_stack([pose[:, :2], np.zeros(len(pose))])
-    _send_transforms(
-        recording, entity, t, translation, quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
-    )
+    quat_xyzw = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(pose[:, 2]))
+    _send_transforms(recording, entity, t, translation, quat_xyzw)
 
 
 def _send_transforms(
@@ -280,20 +290,26 @@ def _send_transforms(
     quat_xyzw: FloatArray,
 ) -> None:
     columns = rr.Transform3D.columns(translation=translation, quaternion=quat_xyzw)
+    _send(recording, entity, t, columns)
+
+
+def _send(recording: rr.RecordingStream, entity: str, t: FloatArray, columns: Any) -> None:
+    """Send values at their stamps [s]."""
     recording.send_columns(entity, [rr.TimeColumn(_TIMELINE, duration=t)], columns)
 
 
 def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> Any:
-    own = track.name == "mujoco"
-    colours = [
-        s.rgba if own else tinted(s.rgba, bright(track.name), 0.25 if opaque else 0.6)
-        for s in solids
-    ]
+    fill_mode = rr.components.FillMode.TransparentFillMajorWireframe
+    darkest = 0.6
+    if opaque:
+        fill_mode = rr.components.FillMode.Solid
+        darkest = 0.25
+    colours = [s.rgba for s in solids]
+    if track.name != "mujoco":
+        colours = [tinted(rgba, bright(track.name), darkest) for rgba in colours]
     look: dict[str, Any] = {
         "colors": np.round(255.0 * np.array(colours)).astype(np.uint8),
-        "fill_mode": rr.components.FillMode.Solid
-        if opaque
-        else rr.components.FillMode.TransparentFillMajorWireframe,
+        "fill_mode": fill_mode,
         "quaternions": [quat_wxyz_to_xyzw(s.quat_wxyz) for s in solids],
     }
     middles = np.array([s.position for s in solids])
@@ -304,39 +320,52 @@ def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> A
 
 
 def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
-    """Log the path, one strip a piece, and the robot's name at its end, the higher the later its rank."""
+    """Log the path, one strip a piece, and the robot's name at its end.
+
+    The name stands the higher, the later the robot's rank.
+    """
     entity = f"world/{track.name}"
     ink = colour(track.name)
-    paths = [p.xy[kept] for p, kept in zip(track.pieces, track.shown, strict=True)]
-    strips = [np.column_stack([xy, np.full(len(xy), 0.008 if rank else 0.012)]) for xy in paths]
+    height = 0.008 if rank else 0.012
+    strips = []
+    for piece, kept in zip(track.pieces, track.shown, strict=True):
+        xy = piece.xy[kept]
+        strips.append(np.column_stack([xy, np.full(len(xy), height)]))
     width = rr.Radius.ui_points(2.0 if rank else 3.0)
     recording.log(f"{entity}/path", rr.LineStrips3D(strips, colors=[ink], radii=width), static=True)
-    above = np.append(track.body[-1, :2], (1.5 + 0.3 * rank) * looks_of(track.robot).size[2])
+    name_height = (1.5 + 0.3 * rank) * looks_of(track.robot).size[2]
     label = rr.Points3D(
-        [above], labels=[track.name], colors=[mix(ink, BLACK, 0.5)], radii=rr.Radius.ui_points(1.0)
+        [np.append(track.body[-1, :2], name_height)],
+        labels=[track.name],
+        colors=[mix(ink, BLACK, 0.5)],
+        radii=rr.Radius.ui_points(1.0),
     )
     recording.log(f"{entity}/end", label, static=True)
 
 
 def _write_target(recording: rr.RecordingStream, target: Track, scale: float) -> None:
-    top = [0.0, 0.0, 0.5 * scale]
     arrow = rr.Arrows3D(
-        origins=[top], vectors=[[0.45 * scale, 0.0, 0.0]], colors=[_TARGET], radii=[0.025 * scale]
+        origins=[[0.0, 0.0, 0.5 * scale]],
+        vectors=[[0.45 * scale, 0.0, 0.0]],
+        colors=[_TARGET],
+        radii=[0.025 * scale],
     )
     recording.log("world/target", arrow, static=True)
-    _send_poses(recording, "world/target", target.t[target.rows], target.pose[target.rows])
+    rows = target.rows
+    _send_poses(recording, "world/target", target.t[rows], target.pose[rows])
 
 
 def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -> None:
     """Log the ground below all paths and around them, just below the lines that are drawn on it."""
     margin = 0.5 * extent.reach + 5.0 * max(extent.scale, 1.0)
-    corners = extent.middle + margin * np.array(
-        [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
-    )
+    square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    corners = extent.middle + margin * square
     ground = rr.Mesh3D(
-        vertex_positions=np.column_stack([corners, np.full(4, -_BELOW)]), triangle_indices=[[0, 1, 2], [0, 2, 3]],
-        vertex_normals=[[0.0, 0.0, 1.0]] * 4, albedo_factor=(*GROUND, 255),
-    )  # fmt: skip
+        vertex_positions=np.column_stack([corners, np.full(4, -_BELOW)]),
+        triangle_indices=[[0, 1, 2], [0, 2, 3]],
+        vertex_normals=[[0.0, 0.0, 1.0]] * 4,
+        albedo_factor=(*GROUND, 255),
+    )
     recording.log("world/ground", ground, static=True)
 
 
@@ -346,21 +375,21 @@ def _write_ground(recording: rr.RecordingStream, track: Track, extent: Extent) -
 def _write_series(
     recording: rr.RecordingStream, entity: str, series: Series, gaps: FloatArray
 ) -> None:
-    """Send the samples, thinned where there are very many; at each instant of `gaps` [s] the lines are interrupted."""
-    mode = (
-        rr.components.InterpolationMode.StepAfter
-        if series.held
-        else rr.components.InterpolationMode.Linear
-    )
+    """Send the samples, thinned where there are very many.
+
+    At each instant of `gaps` [s] the lines are interrupted.
+    """
+    mode = rr.components.InterpolationMode.Linear
+    if series.held:
+        mode = rr.components.InterpolationMode.StepAfter
     names = [f"{name} [{series.unit}]" for name in series.names]
     style = rr.SeriesLines(names=names, colors=list(series.colours), interpolation_mode=mode)
     recording.log(entity, style, static=True)
     step = math.ceil(len(series.t) / _MOST_SAMPLES)
-    time = rr.TimeColumn(_TIMELINE, duration=series.t[::step])
-    recording.send_columns(entity, [time], rr.Scalars.columns(scalars=series.values[::step]))
+    samples = rr.Scalars.columns(scalars=series.values[::step])
+    _send(recording, entity, series.t[::step], samples)
     if len(gaps):
-        time = rr.TimeColumn(_TIMELINE, duration=gaps)
-        recording.send_columns(entity, [time], rr.Clear.columns(is_recursive=[False] * len(gaps)))
+        _send(recording, entity, gaps, rr.Clear.columns(is_recursive=[False] * len(gaps)))
 
 
 def plots_of(track: Track, length: Unit) -> dict[str, Series]:
@@ -369,9 +398,9 @@ def plots_of(track: Track, length: Unit) -> dict[str, Series]:
     They are velocities, errors (in `length`), torques and the forces of the ground.
     """
     twist = np.concatenate([p.twist for p in track.pieces])
-    plots = dict[str, Series]()
     body_twist = track.localiser.body_twist(twist)
-    ink = bright(track.name)
+    name = track.name
+    ink = bright(name)
     single: dict[str, tuple[str, FloatArray | None]] = {
         "speed": ("m/s", twist[:, 0]),
         "side_speed": ("m/s", body_twist[:, 1]),
@@ -380,31 +409,29 @@ def plots_of(track: Track, length: Unit) -> dict[str, Series]:
         "yaw_acceleration": ("rad/s²", track.channel("yaw_acceleration_rad_s2")),
     }
     if track.reference is not None:
-        single["position_error"] = (
-            length.symbol,
-            length.scale * np.hypot(track.seen[:, 0], track.seen[:, 1]),
-        )
-        single["yaw_error"] = "deg", np.degrees(wrap_angle(track.seen[:, 2]))
+        distance = np.hypot(track.seen[:, 0], track.seen[:, 1])
+        single["position_error"] = (length.symbol, length.scale * distance)
+        single["yaw_error"] = ("deg", np.degrees(wrap_angle(track.seen[:, 2])))
+    plots = {}
     for quantity, (unit, values) in single.items():
         if values is not None:
-            plots[f"{quantity}/{track.name}"] = Series([track.name], unit, [ink], track.t, values)
-    if (torque := track.channel("torque_N_m")) is not None:
-        names = [f"{track.name} {side}" for side in ("left", "right")]
-        plots[f"torque/{track.name}"] = Series(names, "N m", shades_of(ink), track.t, torque)
+            plots[f"{quantity}/{name}"] = Series([name], unit, [ink], track.t, values)
+    torque = track.channel("torque_N_m")
+    if torque is not None:
+        sides = [f"{name} left", f"{name} right"]
+        plots[f"torque/{name}"] = Series(sides, "N m", shades_of(ink), track.t, torque)
     # four that can be told apart
-    inks = [colour(name) for name in ("mujoco", "improved", "coulomb", "linear")]
-    of_wheels = (
-        ("wheel_load", "wheel_load_N", ""),
-        ("wheel_load", QUASI_STATIC, " quasi-static"),
-        ("force_x", "force_x_N", ""),
-        ("force_y", "force_y_N", ""),
-    )
-    for quantity, channel, words in of_wheels:
-        if (forces := track.channel(channel)) is not None:
-            names = [f"{wheel.replace('_', ' ')}{words}" for wheel in WHEELS]
-            shades = [mix(ink, WHITE, 0.5 if words else 0.0) for ink in inks]
-            entity = f"{quantity}/{track.name}{words.replace(' ', '_').replace('-', '_')}"
-            plots[entity] = Series(names, "N", shades, track.t, forces)
+    inks = [colour(plant) for plant in ("mujoco", "improved", "coulomb", "linear")]
+    wheels = [wheel.replace("_", " ") for wheel in WHEELS]
+    for quantity in ("wheel_load", "force_x", "force_y"):
+        forces = track.channel(f"{quantity}_N")
+        if forces is not None:
+            plots[f"{quantity}/{name}"] = Series(wheels, "N", inks, track.t, forces)
+    loads = track.channel(QUASI_STATIC)
+    if loads is not None:
+        labels = [f"{wheel} quasi-static" for wheel in wheels]
+        pale = [mix(ink, WHITE, 0.5) for ink in inks]
+        plots[f"wheel_load/{name}_quasi_static"] = Series(labels, "N", pale, track.t, loads)
     return plots
 
 
@@ -427,61 +454,63 @@ def shades_of(ink: Rgb) -> list[Rgb]:
 
 
 def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Blueprint:
-    """Return looks at the robots and the report on the left, plots on the right; it plays at once."""
-    first = scene.tracks[0]
-    scale = extent.scale
-    distance = max(3.0 * extent.scale, 0.9 * extent.reach)
-    across = np.array([-extent.along[1], extent.along[0]])
-    overview = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
-    behind = np.append(
-        shift_reference(first.pose[0], (-1.5 * scale, -1.2 * scale))[:2], 1.15 * scale
-    )
-    hull = looks_of(first.robot).solids["base"][0].kind
-    names = [f"- /world/{track.name}/end/**" for track in scene.tracks]
-    start = np.append(first.pose[0][:2], 0.2 * scale)
-    whole = _view(
-        "Scene (grid 1 m)", [], position=overview, look_target=np.append(extent.middle, 0.0)
-    )
-    tracked = f"/world/{first.name}/robot/base/{hull}"
-    close = _view(
-        f"Following {first.name}",
-        names,
-        position=behind,
-        look_target=start,
-        tracking_entity=tracked,
-    )
-    report = rrb.TextDocumentView(origin="/report", name="Report")
+    """Return the layout: robots and report on the left, plots on the right; it plays at once."""
     units = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}
-    corner = rrb.Corner2D.RightTop
-    tabs = [
-        [
-            rrb.TimeSeriesView(
-                origin=f"/plots/{q}", name=f"{title} [{units[q]}]", plot_legend=corner
-            )
-            for q, title in group.items()
-            if q in units
-        ]
-        for group in _VIEWS
-    ]
-    left = rrb.Vertical(rrb.Tabs(whole, report), close, row_shares=[6, 5])
-    right = rrb.Vertical(*(rrb.Tabs(*views) for views in tabs if views))
+    groups = []
+    for group in _VIEWS:
+        views = []
+        for quantity, title in group.items():
+            if quantity in units:
+                view = rrb.TimeSeriesView(
+                    origin=f"/plots/{quantity}",
+                    name=f"{title} [{units[quantity]}]",
+                    plot_legend=rrb.Corner2D.RightTop,
+                )
+                views.append(view)
+        if views:
+            groups.append(rrb.Tabs(*views))
     return rrb.Blueprint(
-        rrb.Horizontal(left, right, column_shares=[8, 5]),
+        rrb.Horizontal(
+            _views_of_robots(scene, extent), rrb.Vertical(*groups), column_shares=[8, 5]
+        ),
         rrb.TimePanel(timeline=_TIMELINE, state="collapsed", play_state="playing", loop_mode="off"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
     )
 
 
+def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
+    """Return the whole scene with the report behind it, above a view of the first robot."""
+    first = scene.tracks[0]
+    scale = extent.scale
+    distance = max(3.0 * scale, 0.9 * extent.reach)
+    across = np.array([-extent.along[1], extent.along[0]])
+    overview = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
+    whole = _view(
+        "Scene (grid 1 m)", [], position=overview, look_target=np.append(extent.middle, 0.0)
+    )
+    start = first.pose[0]
+    behind = shift_reference(start, (-1.5 * scale, -1.2 * scale))[:2]
+    hull = looks_of(first.robot).solids["base"][0].kind
+    close = _view(
+        f"Following {first.name}",
+        [f"- /world/{track.name}/end/**" for track in scene.tracks],
+        position=np.append(behind, 1.15 * scale),
+        look_target=np.append(start[:2], 0.2 * scale),
+        tracking_entity=f"/world/{first.name}/robot/base/{hull}",
+    )
+    tabs = rrb.Tabs(whole, rrb.TextDocumentView(origin="/report", name="Report"))
+    return rrb.Vertical(tabs, close, row_shares=[6, 5])
+
+
 def _view(name: str, without: Sequence[str], **eye: Any) -> rrb.Spatial3DView:
-    """Return a view of the world, seen by an eye that turns about what it looks at."""
+    """Return a view of the world, seen by an eye that turns about its target."""
     grid = rrb.LineGrid3D(visible=True, spacing=1.0, stroke_width=1.0, color=_GRID)
     looks = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, **eye)
-    seen = ["/world/**", *without]
     return rrb.Spatial3DView(
         name=name,
         origin="/world",
-        contents=seen,
+        contents=["/world/**", *without],
         background=_SKY,
         line_grid=grid,
         eye_controls=looks,

@@ -1,4 +1,4 @@
-"""Robots in motion, as scenes show them: what they look like, where each is, and from where all can be seen."""
+"""Robots in motion, as scenes show them: their looks, their places, and the extent of all."""
 # pyright: reportAttributeAccessIssue=false
 # (mujoco's compiled modules have no type stubs)
 
@@ -21,16 +21,17 @@ from validation.simulator.description import WHEELS, Robot, load_robot
 from validation.simulator.terrain import FLAT, Terrain
 
 GROUND: Rgb = (222, 225, 229)
+"""Colour of the ground."""
 POSE_PERIOD = 0.02
 """Time between two poses of a robot [s]: 50 Hz is smooth to the eye."""
 MOST_POSES = 45_000
 """Most poses of a robot: 50 Hz for a quarter of an hour, 6 Hz for two hours."""
-_USUAL_SIZE = (0.984, 0.689)
+_HUSKY_SIZE = (0.984, 0.689)
 """Length and width of a Husky, for which distances in scenes are given [m]."""
 
 
 class Solid(NamedTuple):
-    """One solid in the frame of its body; what is round stands along its own z."""
+    """One solid in the frame of its body; a cylinder stands along its own z."""
 
     kind: str
     """`cylinder`, or `box`, which stands for all other shapes."""
@@ -45,7 +46,10 @@ class Solid(NamedTuple):
 
 
 class Looks(NamedTuple):
-    """The bodies of a robot, and where each lies when the robot stands at the origin and no wheel has turned."""
+    """The bodies of a robot, and their places.
+
+    Those are for a robot that stands at the origin, with wheels that have not turned.
+    """
 
     solids: dict[str, list[Solid]]
     """Solids of `base` and of the four wheels."""
@@ -57,8 +61,11 @@ class Looks(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Length or width of the robot over a Husky's, the greater ratio, by which distances around it grow."""
-        return float((self.size[:2] / _USUAL_SIZE).max())
+        """Length or width of the robot over a Husky's, the greater ratio.
+
+        Distances around the robot grow by it.
+        """
+        return float((self.size[:2] / _HUSKY_SIZE).max())
 
 
 @lru_cache(maxsize=8)
@@ -72,34 +79,40 @@ def looks_of(robot: Robot) -> Looks:
     high = np.full(3, -np.inf)
     for g in np.flatnonzero(model.geom_group == VISUAL_GROUP):
         body = model.body(model.geom_bodyid[g]).name
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, model.geom_quat[g])
+        flat = np.empty(9)
+        mujoco.mju_quat2Mat(flat, model.geom_quat[g])
+        rotation = flat.reshape(3, 3)
         middle, half = np.split(model.geom_aabb[g], 2)
-        reach = np.abs(rotation.reshape(3, 3)) @ half
-        middle = model.geom_pos[g] + rotation.reshape(3, 3) @ middle
-        is_cylinder = model.geom_type[g] == mujoco.mjtGeom.mjGEOM_CYLINDER
-        numbers = (
-            model.geom_size[g] if is_cylinder else half,
-            middle,
-            model.geom_quat[g],
-            model.geom_rgba[g],
-        )
-        kind = "cylinder" if is_cylinder else "box"
+        middle = model.geom_pos[g] + rotation @ middle
+        kind = "box"
+        size = half
+        if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_CYLINDER:
+            kind = "cylinder"
+            size = model.geom_size[g]
+        numbers = (size, middle, model.geom_quat[g], model.geom_rgba[g])
         solids[body].append(Solid(kind, *(np.array(v, dtype=np.float64) for v in numbers)))
+        reach = np.abs(rotation) @ half
         low = np.minimum(low, places[body] + middle - reach)
         high = np.maximum(high, places[body] + middle + reach)
     return Looks(solids, places, high - low)
 
 
 def tinted(rgba: FloatArray, rgb: Rgb, darkest: float) -> FloatArray:
-    """Return a (4,) colour as a shade of another: black becomes `darkest` times `rgb`, bright becomes `rgb`."""
+    """Return a (4,) colour as a shade of another.
+
+    Black becomes `darkest` times `rgb`, a bright colour `rgb`.
+    """
     luma = float(rgba[:3] @ [0.299, 0.587, 0.114])  # ITU-R BT.601
-    return np.append(min(darkest + luma, 1.0) * np.array(rgb) / 255.0, rgba[3])
+    shade = min(darkest + luma, 1.0) * np.array(rgb) / 255.0
+    return np.append(shade, rgba[3])
 
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """One robot of the scene, a plant or the recorded one, with its M samples of all pieces in a row."""
+    """One robot of the scene, a plant or the recorded one.
+
+    Its M samples are those of all pieces in a row.
+    """
 
     name: str
     pieces: tuple[Trajectory, ...]
@@ -124,12 +137,12 @@ class Track:
 
     @property
     def body(self) -> FloatArray:
-        """(M, 3) poses of the body's own reference point, the middle between the axles [m, m, rad]."""
+        """(M, 3) poses of the body's reference point, the middle between the axles [m, m, rad]."""
         return self.localiser.body_pose(self.pose)
 
     @property
     def turns(self) -> FloatArray:
-        """(M, 2) angles through which the left and right wheels have turned since their piece began [rad]."""
+        """(M, 2) turns of the left and right wheels since their piece began [rad]."""
         return np.concatenate([integral(p.t, p.wheels) for p in self.pieces])
 
     @cached_property
@@ -139,21 +152,29 @@ class Track:
 
     @cached_property
     def shown(self) -> list[IndexArray]:
-        """Indices of the samples of each piece that are shown: the first in every 20 ms or more, and the last."""
+        """Indices of the samples of each piece that are shown.
+
+        These are the first in every 20 ms or more, and the last.
+        """
         period = max(POSE_PERIOD, sum(float(p.t[-1] - p.t[0]) for p in self.pieces) / MOST_POSES)
-        slots = [np.floor((p.t - p.t[0]) / period + 1e-6) for p in self.pieces]
-        return [
-            np.flatnonzero(np.r_[True, np.diff(s) > 0.0] | (np.arange(len(s)) == len(s) - 1))
-            for s in slots
-        ]
+        shown = []
+        for piece in self.pieces:
+            # 1e-6: a stamp on the border of two slots belongs to the later one
+            slots = np.floor((piece.t - piece.t[0]) / period + 1e-6)
+            first = np.r_[True, np.diff(slots) > 0.0]
+            first[-1] = True
+            shown.append(np.flatnonzero(first))
+        return shown
 
     @property
     def rows(self) -> IndexArray:
         """The indices of `shown` among all samples."""
-        starts = np.cumsum([0, *(len(p.t) for p in self.pieces[:-1])])
-        return np.concatenate(
-            [start + kept for start, kept in zip(starts, self.shown, strict=True)]
-        )
+        rows = []
+        start = 0
+        for piece, shown in zip(self.pieces, self.shown, strict=True):
+            rows.append(start + shown)
+            start += len(piece.t)
+        return np.concatenate(rows)
 
     def channel(self, name: str) -> FloatArray | None:
         """Return a channel over all samples; None where a piece lacks it."""
@@ -163,9 +184,11 @@ class Track:
 
 
 def bright(name: str) -> Rgb:
-    """Return the colour of a plant where near-black would not show: that of the figures, or grey."""
+    """Return the colour of a plant in the figures, or grey where near-black would not show."""
     rgb = colour(name)
-    return mix(rgb, WHITE, 0.5) if max(rgb) < 80 else rgb
+    if max(rgb) < 80:
+        return mix(rgb, WHITE, 0.5)
+    return rgb
 
 
 class Extent(NamedTuple):
@@ -186,8 +209,10 @@ def extent_of(tracks: Sequence[Track]) -> Extent:
     xy = np.concatenate([track.pose[:, :2] for track in tracks])
     low = xy.min(axis=0)
     high = xy.max(axis=0)
-    way = np.mean([track.pose[-1, :2] for track in tracks], axis=0) - tracks[0].pose[0, :2]
-    along = way / np.hypot(*way) if np.hypot(*way) > 1e-6 else np.array([1.0, 0.0])
-    return Extent(
-        0.5 * (low + high), along, float((high - low).max()), looks_of(tracks[0].robot).scale
-    )
+    first = tracks[0]
+    way = np.mean([track.pose[-1, :2] for track in tracks], axis=0) - first.pose[0, :2]
+    # robots that turn on the spot have no direction
+    length = np.hypot(*way)
+    along = way / length if length > 1e-6 else np.array([1.0, 0.0])
+    reach = float((high - low).max())
+    return Extent(0.5 * (low + high), along, reach, looks_of(first.robot).scale)

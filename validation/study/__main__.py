@@ -22,9 +22,8 @@ STUDIES = ("contact", "transfer", "drivetrain", "runs")
 
 def study_named(name: str) -> cli.Program[..., Any]:
     """Return the program of a study; its module is imported then."""
-    program: cli.Program[..., Any] = getattr(
-        import_module(f"validation.study.{name}"), f"study_{name}"
-    )
+    module = import_module(f"validation.study.{name}")
+    program: cli.Program[..., Any] = getattr(module, f"study_{name}")
     return program
 
 

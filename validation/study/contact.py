@@ -1,5 +1,6 @@
-"""Contact study: what physics settings and engines do to the simulated robot (docs/why_drift.md).
+"""Contact study: effects of physics settings and engines on the simulated robot.
 
+See docs/why_drift.md.
 The thesis tried friction models, iterations, steps and contact layers of ODE in Gazebo (Sec. 3.7)
 without success. These are the settings of MuJoCo that correspond to them, and ODE and Drake
 themselves. How deep tyres are pressed into the ground depends on the contact; so does the radius
@@ -13,6 +14,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -20,8 +22,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ssmr.metrics.declared import compare_paths
+from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import Commands, FloatArray, State, Trajectory
+from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import cli
 from validation.bench.sources import Piece, drive, open_source
 from validation.engines.drake import DrakeBody
@@ -33,7 +36,6 @@ from validation.report import drawing
 from validation.report.columns import MILLIMETRES, Unit, heading_of
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
@@ -53,23 +55,29 @@ BASELINE = "as shipped"
 """Setting that all others are compared with."""
 MODELS = ("improved", "coulomb", "linear")
 """Published models of the lab's robot, which the robot is compared with on trajectories 1-4."""
-_RAMP = Terrain(math.radians(8.0))  # on which other engines stand; MuJoCo's gravity is tilted
+_RAMP = Terrain(math.radians(8.0))
+"""Slope on which other engines stand; for MuJoCo the gravity is tilted instead."""
 CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
     "Turning on the spot": {
         "multiplier": "yaw rate that the wheels ask for over that of the body, turning on the spot",
         "off_closed_form_share": "deviation of the multiplier from its closed form",
         "ripple_share": "range of the yaw rate on the spot over its mean",
-        "lifted_share": "share of the time on the spot in which a wheel is off the ground; if any, trust two digits",
-        "glide_share": "greatest speed of the robot's middle on the spot over that of the wheels' rims",
-        "wander_m": "greatest distance of the robot's middle from its first place in 36 s on the spot",
+        "lifted_share": "share of the time on the spot in which a wheel is off the ground; "
+        "if any, trust two digits",
+        "glide_share": "greatest speed of the robot's middle on the spot "
+        "over that of the wheels' rims",
+        "wander_m": "greatest distance of the robot's middle from its first place "
+        "in 36 s on the spot",
         "drift_m": "distance of the robot's middle from its place after a whole turn, mean",
     },
     "Straight ahead, at rest, and on trajectories": {
         "veer_share": "deviation to the left of a straight drive, over its length",
         "creep_m_s": "sideways speed at rest on a slope of 8°",
         "surge_share": "greatest speed on trajectory 3 above the speed that the wheels ask for",
-        "ground_turned_m": "distance that the end of trajectory 3 moves if the ground is turned by 45°",
-        "step_halved_m": "distance that the end of trajectory 4 moves if the physics step is halved",
+        "ground_turned_m": "distance that the end of trajectory 3 moves "
+        "if the ground is turned by 45°",
+        "step_halved_m": "distance that the end of trajectory 4 moves "
+        "if the physics step is halved",
         "to_improved_m": "d_rms from the improved model, mean over trajectories 1–4",
         "to_coulomb_m": "d_rms from the Coulomb model, mean over trajectories 1–4",
         "to_linear_m": "d_rms from the linear model, mean over trajectories 1–4",
@@ -81,9 +89,10 @@ CONTACT_MEASURES: Mapping[str, Mapping[str, str]] = {
 class Setting(NamedTuple):
     """A setting to be tried."""
 
-    # settings of MuJoCo or ODE; None for Drake, which has none
     physics: PhysicsSettings | OdeSettings | None
-    robot: Mapping[str, Any]  # fields of `Calibration` that change too
+    """Settings of MuJoCo or ODE; None for Drake, which has none."""
+    robot: Mapping[str, Any] = MappingProxyType({})
+    """Fields of `Calibration` that change too."""
 
     def plant(
         self,
@@ -92,86 +101,110 @@ class Setting(NamedTuple):
         steps: float = 1.0,
         terrain: Terrain = FLAT,
     ) -> MujocoPlant | EnginePlant:
-        """Return a profile's robot with wheels larger by `wheels` [m] and `steps` times as many steps.
+        """A profile's robot with wheels larger by `wheels` [m] and `steps` times as many steps.
 
         Raises:
             ValueError: the parameters do not fit together, or the engine is not installed.
         """
-        c = replace(section.parameters, **self.robot)
-        s = self.physics
-        c = replace(c, wheel_radius=c.wheel_radius + wheels, timestep=c.timestep / steps)
-        if isinstance(s, OdeSettings):
-            return EnginePlant(
-                "ode", lambda numbers: OdeBody(numbers, s), c, section.drive, terrain
-            )
-        if s is None:
-            return EnginePlant("drake", DrakeBody, c, section.drive, terrain)
-        return MujocoPlant(c, section.drive, terrain=terrain, settings=s)
+        numbers = replace(section.parameters, **self.robot)
+        numbers = replace(
+            numbers,
+            wheel_radius=numbers.wheel_radius + wheels,
+            timestep=numbers.timestep / steps,
+        )
+        physics = self.physics
+        if isinstance(physics, PhysicsSettings):
+            return MujocoPlant(numbers, section.drive, terrain=terrain, settings=physics)
+        if physics is None:
+            return EnginePlant("drake", DrakeBody, numbers, section.drive, terrain)
+        body = partial(OdeBody, settings=physics)
+        return EnginePlant("ode", body, numbers, section.drive, terrain)
 
 
 def all_settings(robot: Robot | None = None) -> dict[str, Setting]:
-    """Return what is tried, by name, of which the words before a colon are the group.
+    """Settings to try, by name; the words before a colon are the group.
 
     The maker's centre of mass is that of a Husky's description, at the same place between the
     wheels of any robot. Near ODE, the contact is as hard as a step of 1 ms lets it be.
     """
-    own = (robot or load_robot()).geometry
-    usual = load_robot().geometry
-    s = PhysicsSettings
+    husky = load_robot().geometry
+    geometry = husky if robot is None else robot.geometry
     makers = {
-        "com_x": -0.00065 * own.wheelbase / usual.wheelbase,
-        "com_y": -0.085 * own.track / usual.track,
+        "com_x": -0.00065 * geometry.wheelbase / husky.wheelbase,
+        "com_y": -0.085 * geometry.track / husky.track,
     }
-    plain = s("pyramidal", 1.0, solimp=MUJOCO_IMPEDANCE, iterations=100, integrator="Euler")
-    ode = s(
-        "pyramidal", 1.0, solimp=(0.99, 0.999, 0.001, 0.5, 2.0), solref=(0.004, 1.0), solver="PGS", iterations=50,
-        integrator="Euler",
-    )  # fmt: skip
-    soft = replace(ode, cone="elliptic", solimp=None, solref=None)
     cylinders = {"wheel_shape": "cylinder"}
     fine = {**cylinders, "timestep": 0.001}
-    return {
-        BASELINE: Setting(SHIPPED, {}),
-        "cone: pyramidal": Setting(s(cone="pyramidal"), {}),
-        "cone: pyramidal, impratio 1": Setting(s(cone="pyramidal", impratio=1.0), {}),
-        "impedance: impratio 1": Setting(s(impratio=1.0), {}),
-        "impedance: MuJoCo's default": Setting(s(solimp=MUJOCO_IMPEDANCE), {}),
-        "solver: PGS, 1 sweep": Setting(s(solver="PGS", iterations=1), {}),
-        "solver: PGS, 50 sweeps": Setting(s(solver="PGS", iterations=50), {}),
+    fine_makers = {**fine, **makers}
+    s = PhysicsSettings
+    pyramidal = s(cone="pyramidal")
+    plain = s("pyramidal", 1.0, solimp=MUJOCO_IMPEDANCE, iterations=100, integrator="Euler")
+    # contacts as hard as in ODE, as far as the time step of 1 ms allows
+    near_ode = s(
+        "pyramidal",
+        1.0,
+        solimp=(0.99, 0.999, 0.001, 0.5, 2.0),
+        solref=(0.004, 1.0),
+        solver="PGS",
+        iterations=50,
+        integrator="Euler",
+    )
+    elliptic = replace(near_ode, cone="elliptic")
+    soft = replace(elliptic, solimp=None, solref=None)
+    settings = {
+        BASELINE: Setting(SHIPPED),
+        "cone: pyramidal": Setting(pyramidal),
+        "cone: pyramidal, impratio 1": Setting(s(cone="pyramidal", impratio=1.0)),
+        "impedance: impratio 1": Setting(s(impratio=1.0)),
+        "impedance: MuJoCo's default": Setting(s(solimp=MUJOCO_IMPEDANCE)),
+        "solver: PGS, 1 sweep": Setting(s(solver="PGS", iterations=1)),
+        "solver: PGS, 50 sweeps": Setting(s(solver="PGS", iterations=50)),
         "time step: 5 ms": Setting(SHIPPED, {"timestep": 0.005}),
         "centre of mass: maker's": Setting(SHIPPED, makers),
-        "centre of mass: maker's, pyramidal": Setting(s(cone="pyramidal"), makers),
+        "centre of mass: maker's, pyramidal": Setting(pyramidal, makers),
         "defaults: MuJoCo's": Setting(plain, cylinders),
-        "near ODE: maker's centre": Setting(ode, {**fine, **makers}),
-        "near ODE: also elliptic cone": Setting(replace(ode, cone="elliptic"), {**fine, **makers}),
-        "near ODE: also soft contact": Setting(soft, {**fine, **makers}),
+        "near ODE: maker's centre": Setting(near_ode, fine_makers),
+        "near ODE: also elliptic cone": Setting(elliptic, fine_makers),
+        "near ODE: also soft contact": Setting(soft, fine_makers),
         "near ODE: also centre in the middle": Setting(soft, fine),
-        "ode: its own defaults": Setting(
-            OdeSettings("pyramid", "world", "quick", 20, soft=False, cfm=1e-10), {}
-        ),
+    }
+    return settings | _engine_settings()
+
+
+def _engine_settings() -> dict[str, Setting]:
+    """Settings of the other engines, by name."""
+    defaults = OdeSettings("pyramid", "world", "quick", 20, soft=False, cfm=1e-10)
+    cone = replace(GAZEBO, friction_law="cone")
+    return {
+        "ode: its own defaults": Setting(defaults),
         "ode: Gazebo's Husky": Setting(GAZEBO, MAKERS_HUSKY),
         "ode: Gazebo's Husky, centre in the middle": Setting(GAZEBO, HUSKY),
-        "ode: Gazebo's Husky, emulated cone": Setting(
-            replace(GAZEBO, friction_law="cone"), MAKERS_HUSKY
-        ),
-        "ode: Gazebo's Husky, emulated cone, centred": Setting(
-            replace(GAZEBO, friction_law="cone"), HUSKY
-        ),
-        "ode: best, emulated cone, exact solver": Setting(OdeSettings(), {}),
-        "drake: best, stiction 0.1 mm/s": Setting(None, {}),
+        "ode: Gazebo's Husky, emulated cone": Setting(cone, MAKERS_HUSKY),
+        "ode: Gazebo's Husky, emulated cone, centred": Setting(cone, HUSKY),
+        "ode: best, emulated cone, exact solver": Setting(OdeSettings()),
+        "drake: best, stiction 0.1 mm/s": Setting(None),
     }
 
 
 def chosen_settings(only: Sequence[str], robot: Robot | None = None) -> dict[str, Setting]:
-    """Return the baseline and the settings of some groups, all of MuJoCo if none is named; a ValueError lists the groups."""
-    every = all_settings(robot)
-    groups = dict.fromkeys(name.partition(":")[0] for name in every if name != BASELINE)
-    if unknown := [name for name in only if name not in groups]:
-        raise ValueError(
-            f"unknown group '{', '.join(unknown)}' in only; there are: {', '.join(groups)}"
-        )
-    wanted = only or [group for group in groups if group not in SECOND_OPINIONS]
-    return {n: s for n, s in every.items() if n == BASELINE or n.partition(":")[0] in wanted}
+    """The baseline and the settings of some groups, all of MuJoCo if none is named.
+
+    Raises:
+        ValueError: an unknown group; the message lists them.
+    """
+    settings = all_settings(robot)
+    groups = dict.fromkeys(map(_group_of, settings))
+    del groups[BASELINE]
+    if unknown := ", ".join(name for name in only if name not in groups):
+        raise ValueError(f"unknown group '{unknown}' in only; there are: {', '.join(groups)}")
+    if not only:
+        only = [group for group in groups if group not in SECOND_OPINIONS]
+    kept = {BASELINE, *only}
+    return {name: setting for name, setting in settings.items() if _group_of(name) in kept}
+
+
+def _group_of(name: str) -> str:
+    return name.partition(":")[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,23 +224,28 @@ class ContactStudy(StudyOptions):
 class Bench(NamedTuple):
     """Inputs that all settings have in common."""
 
-    lab: PlantProfile  # muJoCo robot that stands for the lab's robot
-    pieces: Mapping[str, Piece]  # trajectories 1-4
-    # motions of the published models, by model and trajectory
+    lab: PlantProfile
+    """MuJoCo's robot that stands for the lab's robot."""
+    pieces: Mapping[str, Piece]
+    """Trajectories 1-4."""
     models: Mapping[str, Mapping[str, Trajectory]]
+    """Motions of the published models, by model and trajectory."""
 
 
 def make_bench(lab: Profile) -> Bench:
     """Drive the published models, and return the bench."""
     pieces = {name: open_source(name).pieces[0] for name in TRAJECTORIES}
-    models = {
-        m: {
-            name: drive(make_plant(lab, m), piece, lab.plants[m].localiser, SAMPLE)
-            for name, piece in pieces.items()
-        }
-        for m in MODELS
-    }
+    models = {}
+    for model in MODELS:
+        models[model] = _drive_all(make_plant(lab, model), pieces, lab.plants[model].localiser)
     return Bench(lab.section("mujoco"), pieces, models)
+
+
+def _drive_all(
+    plant: Plant, pieces: Mapping[str, Piece], localiser: Localiser
+) -> dict[str, Trajectory]:
+    """Motions of a plant on all trajectories, by name."""
+    return {name: drive(plant, piece, localiser, SAMPLE) for name, piece in pieces.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,70 +256,74 @@ class Trial:
     setting: Setting
 
     @cached_property
-    def uncorrected(self) -> tuple[Calibration, float]:
-        """The robot's numbers, with the radius that the corrected robot rolls with, and what its tyres roll too far [m]."""
-        plant = self.setting.plant(self.bench.lab)
-        return plant.calibration, rolling_radius(plant)[0] - plant.calibration.wheel_radius
+    def uncorrected(self) -> MujocoPlant | EnginePlant:
+        """The robot with tyres of the profile's size, which roll with another radius.
+
+        Its numbers have the radius that the corrected robot rolls with.
+        """
+        return self.setting.plant(self.bench.lab)
+
+    @cached_property
+    def excess(self) -> float:
+        """Rolling radius of the uncorrected tyres less the profile's [m]."""
+        plant = self.uncorrected
+        return rolling_radius(plant)[0] - plant.calibration.wheel_radius
 
     def plant(self, steps: float = 1.0, terrain: Terrain = FLAT) -> MujocoPlant | EnginePlant:
-        """Return the corrected robot."""
-        return self.setting.plant(self.bench.lab, -self.uncorrected[1], steps, terrain)
+        """The corrected robot."""
+        return self.setting.plant(self.bench.lab, -self.excess, steps, terrain)
 
     def straight(self) -> Row:
-        """Return what a straight drive shows."""
+        """Deviation of a straight drive."""
         return {"veer_share": rolling_radius(self.plant())[1]}
 
     def spot(self) -> Row:
-        """Return what whole turns on the spot show."""
-        measured = measure_spin(spin(self.plant()), self.uncorrected[0])
-        known = {"ripple_share": measured.get("ripple"), "glide_share": measured["glide"]}
-        if "multiplier" in measured:
-            known["off_closed_form_share"] = (
-                measured["multiplier"] / measured["multiplier_expected"] - 1.0
-            )
-        return {
-            **known,
-            **{k: measured.get(k) for k in ("multiplier", "lifted_share", "wander_m", "drift_m")},
+        """Measures of whole turns on the spot."""
+        measured = measure_spin(spin(self.plant()), self.uncorrected.calibration)
+        row: dict[str, Any] = {
+            "ripple_share": measured.get("ripple"),
+            "glide_share": measured["glide"],
         }
+        for key in ("multiplier", "lifted_share", "wander_m", "drift_m"):
+            row[key] = measured.get(key)
+        if "multiplier" in measured:
+            ratio = measured["multiplier"] / measured["multiplier_expected"]
+            row["off_closed_form_share"] = ratio - 1.0
+        return row
 
     def slope(self) -> Row:
-        """Return what standing on a slope shows."""
+        """Sideways speed while the robot stands across a slope."""
         plant = self.plant()
         if isinstance(plant, MujocoPlant):
             return {"creep_m_s": creep(plant)}
         still = Commands(0.05, np.zeros((80, 2)), "wheels")
         xy = self.plant(terrain=_RAMP).run(still, State(yaw=0.5 * math.pi), SAMPLE).xy
-        return {"creep_m_s": _apart(xy, xy[: len(xy) // 2 + 1]) / (0.5 * still.duration)}
+        # the first half lets the robot settle
+        first_half = xy[: len(xy) // 2 + 1]
+        return {"creep_m_s": _apart(xy, first_half) / (0.5 * still.duration)}
 
     def trajectories(self) -> Row:
-        """Return the distances from the published models, and what trajectories 3 and 4 show."""
+        """Distances from the published models, and measures of trajectories 3 and 4."""
         pieces = self.bench.pieces
-        localiser = self.bench.lab.localiser
-        numbers = self.uncorrected[0]
+        lab = self.bench.lab
         plant = self.plant()
-        motions = {name: drive(plant, piece, localiser, SAMPLE) for name, piece in pieces.items()}
-        turned = drive(plant, replace(pieces["traj3"], start=State(yaw=TURNED)), localiser, SAMPLE)
-        fine = drive(self.plant(steps=2.0), pieces["traj4"], localiser, SAMPLE)
+        motions = _drive_all(plant, pieces, lab.localiser)
+        third = motions["traj3"]
+        # the same motion in turned axes: any difference comes from the contact model
+        from_turned = replace(pieces["traj3"], start=State(yaw=TURNED))
+        turned = drive(plant, from_turned, lab.localiser, SAMPLE)
+        fine = drive(self.plant(steps=2.0), pieces["traj4"], lab.localiser, SAMPLE)
+        radius = self.uncorrected.calibration.wheel_radius
+        row = {"surge_share": max(surge(m, radius, lab.drive) for m in (third, turned))}
         c = math.cos(TURNED)
         s = math.sin(TURNED)
-        apart = {
-            f"to_{model}_m": float(
-                np.mean(
-                    [compare_paths(motions[name], path)["d_rms_m"] for name, path in paths.items()]
-                )
-            )
-            for model, paths in self.bench.models.items()
-        }
-        return {
-            "surge_share": max(
-                surge(m, numbers.wheel_radius, self.bench.lab.drive)
-                for m in (motions["traj3"], turned)
-            ),
-            # in the ground's frame
-            "ground_turned_m": _apart(turned.xy @ np.array([[c, -s], [s, c]]), motions["traj3"].xy),
-            "step_halved_m": _apart(fine.xy, motions["traj4"].xy),
-            **apart,
-        }
+        in_ground_frame = turned.xy @ np.array([[c, -s], [s, c]])
+        row["ground_turned_m"] = _apart(in_ground_frame, third.xy)
+        row["step_halved_m"] = _apart(fine.xy, motions["traj4"].xy)
+        for model, paths in self.bench.models.items():
+            scores = [compare_paths(motions[name], path) for name, path in paths.items()]
+            row[f"to_{model}_m"] = float(np.mean([score["d_rms_m"] for score in scores]))
+        return row
 
 
 def _apart(one: FloatArray, other: FloatArray) -> float:
@@ -296,10 +338,9 @@ CONTACT_DRIVES = {
     "trajectories": Trial.trajectories,
 }
 """Measures that every setting goes through."""
-_UNITS = {
-    "creep_m_s": Unit("mm/s", 1e3, 2),
-    **{c: MILLIMETRES for some in CONTACT_MEASURES.values() for c in some if c.endswith("_m")},
-}
+_UNITS = {"creep_m_s": Unit("mm/s", 1e3, 2)}
+for _measures in CONTACT_MEASURES.values():
+    _UNITS |= {key: MILLIMETRES for key in _measures if key.endswith("_m")}
 
 
 @cli.program(ContactStudy)
@@ -315,52 +356,60 @@ def study_contact(o: ContactStudy) -> Report:
     chosen = chosen_settings(o.only, lab.robot)
     trials = {name: Trial(bench, setting) for name, setting in chosen.items()}
     swept = sweep(trials, CONTACT_DRIVES, workers=o.workers, progress=o.progress)
-    numbers = {name: asdict(s.physics) if s.physics else {} for name, s in chosen.items()}
-    changed = {
-        name: {k: v for k, v in given.items() if v is not None} for name, given in numbers.items()
-    }
     tables = []
     for title, columns in CONTACT_MEASURES.items():
-        rows = [
-            {key: row[key] for key in ("variant", *columns) if key in row} for row in swept.rows
-        ]
+        keys = ("variant", *columns)
+        rows = [{key: row[key] for key in keys if key in row} for row in swept.rows]
         caption = "\n".join(f"{heading_of(key)}: {meaning}" for key, meaning in columns.items())
         tables.append(Table(title, rows, caption, units=_UNITS))
     return Report(
-        program="study", title=f"Physics settings, profile {with_robot(lab.name, lab.robot.name)}", draw=_draw,
-        tables=tables, sentences=swept.notes, status=swept.status,
+        program="study",
+        title=f"Physics settings, profile {with_robot(lab.name, lab.robot.name)}",
+        draw=_draw,
+        tables=tables,
+        sentences=swept.notes,
+        status=swept.status,
         document={
-            "schema": "ssmr.study.contact/2", "study": "contact", "robot": lab.robot.name, "profile": lab.name,
-            "changes": {name: {**changed[name], **setting.robot} for name, setting in chosen.items()},
+            "schema": "ssmr.study.contact/2",
+            "study": "contact",
+            "robot": lab.robot.name,
+            "profile": lab.name,
+            "changes": {name: _changes_of(setting) for name, setting in chosen.items()},
         },
         has_text=True,
-    )  # fmt: skip
+    )
+
+
+def _changes_of(setting: Setting) -> dict[str, Any]:
+    """Physics settings that are given, and the numbers of the robot that change."""
+    physics = {} if setting.physics is None else asdict(setting.physics)
+    return {k: v for k, v in physics.items() if v is not None} | dict(setting.robot)
 
 
 def _draw(study: Report) -> Figure:
-    """Return the picture: what tells settings apart, a bar for each."""
-    rows = {
-        row["variant"]: {**row, **more}
-        for row, more in zip(*(table.rows for table in study.tables), strict=True)
-    }
+    """Picture of the measures that tell settings apart, a bar for each setting."""
+    rows = {}
+    for row, more in zip(*(table.rows for table in study.tables), strict=True):
+        rows[row["variant"]] = {**row, **more}
 
-    def draw(column: str, title: str, first: bool, ax: Axes) -> None:
+    def draw(column: str, title: str, ax: Axes) -> None:
         values = [row.get(column) or 0.0 for row in rows.values()]
-        ax.barh(range(len(rows)), [max(abs(value), 1e-4) for value in values], gid=column)
+        # zero has no place on a logarithmic axis
+        lengths = [max(abs(value), 1e-4) for value in values]
+        ax.barh(range(len(rows)), lengths, gid=column)
         ax.set(xscale="log", title=title, ylim=(len(rows) - 0.4, -0.6))
         drawing.plain_ticks(ax.xaxis)
-        ax.set_yticks(range(len(rows)), list(rows) if first else [""] * len(rows), fontsize=8.0)
+        # the first panel has the names, and room for them
+        first = column == "ripple_share"
+        names = list(rows) if first else [""] * len(rows)
+        ax.set_yticks(range(len(rows)), names, fontsize=8.0)
         if first:
             drawing.inset(ax, left=1.6)
 
     panels = (
-        (0.4, "ripple_share", "ripple of the yaw rate [1]"),
-        (0.2, "wander_m", "wander [m]"),
-        (0.2, "ground_turned_m", "ground turned [m]"),
-        (0.2, "to_improved_m", "to improved [m]"),
+        (0.4, partial(draw, "ripple_share", "ripple of the yaw rate [1]")),
+        (0.2, partial(draw, "wander_m", "wander [m]")),
+        (0.2, partial(draw, "ground_turned_m", "ground turned [m]")),
+        (0.2, partial(draw, "to_improved_m", "to improved [m]")),
     )
-    bars = tuple(
-        (share, partial(draw, column, title, k == 0))
-        for k, (share, column, title) in enumerate(panels)
-    )
-    return picture(study, [drawing.PanelRow(1.2 + 0.22 * len(rows), bars)])
+    return picture(study, [drawing.PanelRow(1.2 + 0.22 * len(rows), panels)])

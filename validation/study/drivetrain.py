@@ -42,7 +42,9 @@ from validation.study.drivetrain_logs import held_commands, rate_evidence
 from validation.study.sweep import StudyOptions, picture
 
 _USUAL_RHO = 0.145  # resistance over voltage constant of a Husky's motors, where no log on the ground tells it [rad/s per A]
-_INERTIA_DRAWS = 10  # draws of the transients for each one of the other bootstraps: they cost next to nothing
+_INERTIA_DRAWS = (
+    10  # draws of the transients for each one of the other bootstraps: they cost next to nothing
+)
 _DRIVER = {
     "dead_time": ("s", "from a command to the driver's set point"),
     "gain": ("1", "rim speed over commanded speed"),
@@ -75,7 +77,11 @@ class DriveTrainStudy(StudyOptions):
     tells the inertia too."""
     ground: Annotated[str | Log | None, cli.text_of("PATH"), cli.option(default="none")] = None
     """Path of a recording on the ground with wheel rates and currents (current_left, current_right)."""
-    held_out: Annotated[tuple[str | Log, ...], get_args(cli.Names)[1], cli.option(metavar="PATH,...", default="none")] = ()
+    held_out: Annotated[
+        tuple[str | Log, ...],
+        get_args(cli.Names)[1],
+        cli.option(metavar="PATH,...", default="none"),
+    ] = ()
     """Paths of recordings that only judge: those with a heading or a gyro the currents, others the wheel rates. Without
     any, the last third of each log judges what is fitted to the rest."""
     torque_constant: Annotated[cli.Number, cli.option(metavar="K", default="unknown")] = None
@@ -94,7 +100,11 @@ class DriveTrainStudy(StudyOptions):
 
 
 def _parameters(
-    driver: DriverFit | None, currents: CurrentFit | None, inertia: InertiaFit | None, chassis: Chassis, k: float | None
+    driver: DriverFit | None,
+    currents: CurrentFit | None,
+    inertia: InertiaFit | None,
+    chassis: Chassis,
+    k: float | None,
 ) -> dict[str, Row]:
     """Return value, standard error, unit and meaning of every number that was found, by name.
 
@@ -104,11 +114,17 @@ def _parameters(
     rows = {} if currents is None else _of_currents(currents, chassis, k)
     if inertia is not None:
         value, error = inertia.value, inertia.standard_error
-        rows["inertia_current"] = _row(value, error, "A s²/rad", "inertia on one side over torque constant")
+        rows["inertia_current"] = _row(
+            value, error, "A s²/rad", "inertia on one side over torque constant"
+        )
         if k is not None:
-            rows["rotor_inertia"] = _row(k * value, k * error, "kg m²", "inertia on one side, at its wheels")
+            rows["rotor_inertia"] = _row(
+                k * value, k * error, "kg m²", "inertia on one side, at its wheels"
+            )
     if driver is not None:
-        for (key, words), value, error in zip(_DRIVER.items(), driver.law, driver.errors, strict=True):
+        for (key, words), value, error in zip(
+            _DRIVER.items(), driver.law, driver.errors, strict=True
+        ):
             if key != "yaw_rate_limit" or driver.limit_reached:
                 rows[f"driver_{key}"] = _row(value, error, *words)
     return rows
@@ -120,7 +136,9 @@ def _of_currents(fit: CurrentFit, chassis: Chassis, k: float | None) -> dict[str
     ampere, torque = (1.0, k) if motor else (None if k is None else 1.0 / k, 1.0)
     for key, (as_current, as_torque, meaning) in _FRICTION.items():
         if ampere is not None:
-            rows[as_current] = _row(ampere * x[key], ampere * e[key], "A", f"{meaning}, over torque constant")
+            rows[as_current] = _row(
+                ampere * x[key], ampere * e[key], "A", f"{meaning}, over torque constant"
+            )
         if torque is not None:
             rows[as_torque] = _row(torque * x[key], torque * e[key], "N m", meaning)
     if torque is not None:
@@ -141,21 +159,35 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
     Raises:
         ValueError: there is no log or no such robot, a log cannot be read, or one lacks what is needed.
     """
-    up, ground = (None if source is None else drive_log(source) for source in (o.recording, o.ground))
+    up, ground = (
+        None if source is None else drive_log(source) for source in (o.recording, o.ground)
+    )
     held_out = [drive_log(source) for source in o.held_out]
     named = [log for log in (up, ground) if log is not None]
     if not named:
-        raise ValueError("the drive train needs a log: recording (wheels in the air), ground, or both")
+        raise ValueError(
+            "the drive train needs a log: recording (wheels in the air), ground, or both"
+        )
     if ground is not None:
         require_currents(ground)
     chassis = chassis_of(choose_profile(o.profile, o.robot, "husky-tile"), o.mass)
     commanded = up or (ground if len(held_commands(named[0])) >= 2 * LEAST_COMMANDS else None)
-    alike = [log for log in held_out if commanded is not None and log.on_ground == commanded.on_ground]
-    driven = [log for log in held_out if ground is not None and log.on_ground and log.currents is not None]
+    alike = [
+        log for log in held_out if commanded is not None and log.on_ground == commanded.on_ground
+    ]
+    driven = [
+        log for log in held_out if ground is not None and log.on_ground and log.currents is not None
+    ]
     for log in held_out:
         if log not in (*alike, *driven):
-            where = "on the ground" if log.on_ground else "with its wheels in the air (it has no heading)"
-            raise ValueError(f"held_out {log.name} was taken {where}, and no log of that kind is studied")
+            where = (
+                "on the ground"
+                if log.on_ground
+                else "with its wheels in the air (it has no heading)"
+            )
+            raise ValueError(
+                f"held_out {log.name} was taken {where}, and no log of that kind is studied"
+            )
     driver, currents, inertia, status = None, None, None, FINISHED
     try:
         if commanded is not None:
@@ -165,9 +197,16 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
         if ground is not None:
             currents = fit_currents(ground, driven, chassis, o.seed, o.resamples)
             o.progress(Progress(2, 3, "currents on the ground"))
-        if driver is not None and up is not None and up.currents is not None and not (up.on_ground or up.signed):
+        if (
+            driver is not None
+            and up is not None
+            and up.currents is not None
+            and not (up.on_ground or up.signed)
+        ):
             rho = _USUAL_RHO if currents is None else currents.numbers.get("rho", _USUAL_RHO)
-            inertia = fit_inertia(up, driver.law, chassis, rho, o.seed, _INERTIA_DRAWS * o.resamples)
+            inertia = fit_inertia(
+                up, driver.law, chassis, rho, o.seed, _INERTIA_DRAWS * o.resamples
+            )
             o.progress(Progress(3, 3, "inertia"))
     except KeyboardInterrupt:
         if driver is None and currents is None:
@@ -220,9 +259,13 @@ def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
     if o.robot is None and o.profile is None:
         says.append(f"No robot was named: the logs are taken for those of a {chassis.name}.")
     if currents is not None and currents.kind == "motor" and o.torque_constant is None:
-        says.append("Unknown without torque_constant: friction torque, friction coefficient and inertia of the rotors.")
+        says.append(
+            "Unknown without torque_constant: friction torque, friction coefficient and inertia of the rotors."
+        )
     if currents is not None and currents.kind == "battery":
-        says.append(f"Power fixes the torques' scale; the friction coefficient is as good as the mass, {chassis.mass:g} kg.")
+        says.append(
+            f"Power fixes the torques' scale; the friction coefficient is as good as the mass, {chassis.mass:g} kg."
+        )
     return says
 
 
@@ -232,8 +275,19 @@ def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Report) 
         t, logged, predicted = driver.shown
         for side, name in enumerate(("left", "right")):
             ax.plot(t, logged[side], color="0.55", linewidth=3.5, alpha=0.6, gid="logged")
-            ax.plot(t, predicted[side], color=f"C{side}", linewidth=1.3, gid="predicted", label=f"predicted, {name}")
-        ax.set(title=f"Wheel rates from commands, held out: {driver.rms:.3f} rad/s rms", xlabel="time [s]", ylabel="rad/s")
+            ax.plot(
+                t,
+                predicted[side],
+                color=f"C{side}",
+                linewidth=1.3,
+                gid="predicted",
+                label=f"predicted, {name}",
+            )
+        ax.set(
+            title=f"Wheel rates from commands, held out: {driver.rms:.3f} rad/s rms",
+            xlabel="time [s]",
+            ylabel="rad/s",
+        )
         ax.legend(fontsize=8.0)
 
     def draw_currents(ax: Axes) -> None:
@@ -245,4 +299,7 @@ def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Report) 
         ax.legend(fontsize=8.0)
 
     known = ((driver, 2.6, draw_rates), (currents, 3.4, draw_currents))
-    return picture(study, [drawing.side_by_side(height, [draw]) for fit, height, draw in known if fit is not None])
+    return picture(
+        study,
+        [drawing.side_by_side(height, [draw]) for fit, height, draw in known if fit is not None],
+    )

@@ -25,15 +25,30 @@ from validation.study.drivetrain_logs import HELD, held_commands, message_ages, 
 LEAST_COMMANDS = 8
 """Fewest held commands that seven numbers are fitted to."""
 _GRID = 0.01  # period on which the driver is computed [s]
-_EVALUATIONS, _AGAIN = 800, 250  # of the first search for a driver, and of each search on resampled commands
+_EVALUATIONS, _AGAIN = (
+    800,
+    250,
+)  # of the first search for a driver, and of each search on resampled commands
 # First steps of a search: shares of the driver's numbers, and least steps in their units.
 _SIMPLEX_SHARE = np.array([0.15, 0.02, 0.02, 0.05, 0.2, 0.2, 0.15])
 _SIMPLEX_LEAST = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.0, 0.03])
 _SHOWN = 45.0  # length of the stretch in the picture [s]
-_BEFORE, _AFTER = 0.1, 1.8  # the charge of a transient is taken from so long before its command to so long after it [s]
-_STEADY_BEFORE, _STEADY = 0.8, 0.2  # rates have to be steady for so long before a command [s], within so much [rad/s]
-_LEAST_CHANGE, _LEAST_TRANSIENTS = 0.3, 5  # rates that change by less tell nothing [rad/s]; fewest transients
-_FINE, _OUTLIER = 0.005, 0.6  # period of predicted currents [s]; charges further off count less than their square [A s]
+_BEFORE, _AFTER = (
+    0.1,
+    1.8,
+)  # the charge of a transient is taken from so long before its command to so long after it [s]
+_STEADY_BEFORE, _STEADY = (
+    0.8,
+    0.2,
+)  # rates have to be steady for so long before a command [s], within so much [rad/s]
+_LEAST_CHANGE, _LEAST_TRANSIENTS = (
+    0.3,
+    5,
+)  # rates that change by less tell nothing [rad/s]; fewest transients
+_FINE, _OUTLIER = (
+    0.005,
+    0.6,
+)  # period of predicted currents [s]; charges further off count less than their square [A s]
 _INERTIAS = np.linspace(0.0, 1.2, 49)  # values of J / K that are tried [A s^2/rad]
 
 
@@ -51,7 +66,10 @@ class _CommandLog(NamedTuple):
 
     def predicted(self, law: SetPointLaw, chassis: Chassis) -> FloatArray:
         """Return (2, M) wheel rates that a driver makes of the commands [rad/s]."""
-        rates = rim_speeds(self.commands, _GRID, law, chassis.speed_limit)[self.seen].T / chassis.command_radius
+        rates = (
+            rim_speeds(self.commands, _GRID, law, chassis.speed_limit)[self.seen].T
+            / chassis.command_radius
+        )
         if self.step is not None:
             rates = np.trunc(rates / self.step + 1e-9 * np.sign(rates)) * self.step
         return rates
@@ -74,36 +92,52 @@ def _command_log(log: DriveLog, least: int = 0) -> _CommandLog:
     commands = log.commands[:, np.searchsorted(log.t, grid, side="right") - 1].T
     seen = np.searchsorted(grid + _GRID, log.t - message_ages(log), side="right") - 1
     commands = np.ascontiguousarray(commands)
-    return _CommandLog(log, held, rate_evidence(log).step_rad_s, commands, np.clip(seen, 0, len(grid) - 1))
+    return _CommandLog(
+        log, held, rate_evidence(log).step_rad_s, commands, np.clip(seen, 0, len(grid) - 1)
+    )
 
 
 def _fit_law(
-    case: _CommandLog, chassis: Chassis, weights: FloatArray | None = None, start: SetPointLaw | None = None
+    case: _CommandLog,
+    chassis: Chassis,
+    weights: FloatArray | None = None,
+    start: SetPointLaw | None = None,
 ) -> SetPointLaw:
     """Return the driver that predicts best, in the mean square over held commands; each counts once without weights."""
     begin = np.array(_settled(case, chassis) if start is None else start)
-    simplex = np.vstack([begin, begin + np.diag(np.maximum(_SIMPLEX_SHARE * begin, _SIMPLEX_LEAST))])
+    simplex = np.vstack(
+        [begin, begin + np.diag(np.maximum(_SIMPLEX_SHARE * begin, _SIMPLEX_LEAST))]
+    )
     many = np.ones(len(case.held)) if weights is None else weights
 
     def cost(x: FloatArray) -> float:
-        return math.sqrt(float(np.average(case.errors(SetPointLaw(*np.abs(x)), chassis), weights=many)))
+        return math.sqrt(
+            float(np.average(case.errors(SetPointLaw(*np.abs(x)), chassis), weights=many))
+        )
 
     most = _EVALUATIONS if start is None else _AGAIN
     options = {"maxfev": most, "initial_simplex": simplex, "xatol": 1e-4, "fatol": 1e-6}
-    return SetPointLaw(*np.abs(minimize(cost, begin, method="Nelder-Mead", options=options).x).tolist())
+    return SetPointLaw(
+        *np.abs(minimize(cost, begin, method="Nelder-Mead", options=options).x).tolist()
+    )
 
 
 def _settled(case: _CommandLog, chassis: Chassis) -> SetPointLaw:
     """Return a driver with gain, half-track and saturation from the ends of the held commands, and usual times."""
     assert case.log.commands is not None
     ends = [stop - 1 for _, stop in case.held]
-    (v, w), (left, right) = case.log.commands[:, ends], chassis.command_radius * case.log.rates[:, ends]
+    (v, w), (left, right) = (
+        case.log.commands[:, ends],
+        chassis.command_radius * case.log.rates[:, ends],
+    )
     free = np.maximum(np.abs(left), np.abs(right)) < 0.98 * chassis.speed_limit
     middle, turning = 0.5 * (left + right), 0.5 * (right - left)
     gain = float((v * middle)[free].sum() / max((v[free] ** 2).sum(), 1e-9))
     slow = free & (np.abs(w) <= np.median(np.abs(w)))
     half_track = max(float((w * turning)[slow].sum() / max((w[slow] ** 2).sum(), 1e-9)), 0.05)
-    return SetPointLaw(0.15, gain, half_track, float(np.abs(turning).max()) / half_track, 2.0, 2.0, 0.04)
+    return SetPointLaw(
+        0.15, gain, half_track, float(np.abs(turning).max()) / half_track, 2.0, 2.0, 0.04
+    )
 
 
 class DriverFit(NamedTuple):
@@ -121,7 +155,12 @@ class DriverFit(NamedTuple):
 
 
 def fit_driver(
-    log: DriveLog, held_out: Sequence[DriveLog], others: Sequence[DriveLog], chassis: Chassis, seed: int, resamples: int
+    log: DriveLog,
+    held_out: Sequence[DriveLog],
+    others: Sequence[DriveLog],
+    chassis: Chassis,
+    seed: int,
+    resamples: int,
 ) -> DriverFit:
     """Return what a driver makes of commands, fitted to one log and judged on others.
 
@@ -134,11 +173,20 @@ def fit_driver(
     whole = _command_log(log, LEAST_COMMANDS if held_out else 2 * LEAST_COMMANDS)
     law = _fit_law(whole, chassis)
     if held_out:
-        judged, cases = law, [(log.name, False, whole), *((x.name, True, _command_log(x, 1)) for x in held_out)]
+        judged, cases = (
+            law,
+            [(log.name, False, whole), *((x.name, True, _command_log(x, 1)) for x in held_out)],
+        )
     else:
-        first, last = (_command_log(part, LEAST_COMMANDS // 2)._replace(step=whole.step) for part in log.divided())
+        first, last = (
+            _command_log(part, LEAST_COMMANDS // 2)._replace(step=whole.step)
+            for part in log.divided()
+        )
         judged = _fit_law(first, chassis)
-        cases = [(f"{log.name}, first two thirds", False, first), (f"{log.name}, last third", True, last)]
+        cases = [
+            (f"{log.name}, first two thirds", False, first),
+            (f"{log.name}, last third", True, last),
+        ]
     case = cases[1][2]
     cases += [(x.name, False, _command_log(x)) for x in others if held_commands(x)]
     scores, square, count = list[dict[str, Any]](), 0.0, 0
@@ -174,7 +222,9 @@ class InertiaFit(NamedTuple):
     """J / K, and what it was found from."""
 
     value: float  # mean of the two estimates [A s^2/rad]
-    standard_error: float  # half the difference of the two, and their resampled errors, together [A s^2/rad]
+    standard_error: (
+        float  # half the difference of the two, and their resampled errors, together [A s^2/rad]
+    )
     estimates: Mapping[str, tuple[float, float]]
     """Estimate and its standard error from `speed_ups` of one sign and from `reversals`, where these are enough."""
     n: int  # number of transients
@@ -196,7 +246,10 @@ def fit_inertia(
             off = np.stack([x.off for x in some], axis=1) / _OUTLIER
             commands, costs = np.array([x.command for x in some]), np.sqrt(1.0 + off**2) - 1.0
             members = [np.flatnonzero(commands == c) for c in np.unique(commands)]
-            draws = [[members[k] for k in rng.integers(0, len(members), len(members))] for _ in range(resamples)]
+            draws = [
+                [members[k] for k in rng.integers(0, len(members), len(members))]
+                for _ in range(resamples)
+            ]
             error = float(np.std([_least(costs[:, np.concatenate(draw)]) for draw in draws]))
             estimates[name] = _least(costs), error
     if not estimates:
@@ -215,17 +268,33 @@ def _transients(log: DriveLog, law: SetPointLaw, chassis: Chassis, rho: float) -
     transients = []
     for number, (start, stop) in enumerate(held_commands(log)):
         t = log.t - log.t[start]
-        before, after = (t > -_STEADY_BEFORE) & (t <= 0.0), (t > _AFTER) & (np.arange(len(t)) < stop)
+        before, after = (
+            (t > -_STEADY_BEFORE) & (t <= 0.0),
+            (t > _AFTER) & (np.arange(len(t)) < stop),
+        )
         inside = (t >= -_BEFORE) & (t <= _AFTER)
-        if before.sum() < 8 or after.sum() < 8 or np.ptp(log.rates[:, before], axis=1).max() > _STEADY:
+        if (
+            before.sum() < 8
+            or after.sum() < 8
+            or np.ptp(log.rates[:, before], axis=1).max() > _STEADY
+        ):
             continue
-        fine = np.linspace(t[inside][0], t[inside][-1], round((t[inside][-1] - t[inside][0]) / _FINE) + 1)
-        grid = np.arange(-10.0, float(fine[-1]) + 2.0 * _FINE, _FINE)  # the last command was held for long before
-        commands = np.where(grid[:, None] < 0.0, log.commands[:, max(start - 1, 0)], log.commands[:, start])
+        fine = np.linspace(
+            t[inside][0], t[inside][-1], round((t[inside][-1] - t[inside][0]) / _FINE) + 1
+        )
+        grid = np.arange(
+            -10.0, float(fine[-1]) + 2.0 * _FINE, _FINE
+        )  # the last command was held for long before
+        commands = np.where(
+            grid[:, None] < 0.0, log.commands[:, max(start - 1, 0)], log.commands[:, start]
+        )
         rims = rim_speeds(commands, _FINE, law, chassis.speed_limit) / chassis.command_radius
         rates = np.stack([np.interp(fine, grid + _FINE, column) for column in rims.T])
         for side, current in enumerate(currents):
-            first, final = float(log.rates[side, before].mean()), float(np.median(log.rates[side, after]))
+            first, final = (
+                float(log.rates[side, before].mean()),
+                float(np.median(log.rates[side, after])),
+            )
             reversal, change = first * final < 0.0, abs(final - first)
             other = abs(rates[side, 0] - first) > _STEADY or abs(rates[side, -1] - final) > _STEADY
             if other or change < _LEAST_CHANGE or not (reversal or abs(final) > abs(first)):
@@ -238,7 +307,9 @@ def _transients(log: DriveLog, law: SetPointLaw, chassis: Chassis, rho: float) -
             read = [bridge_reading(loss + x * slope, rates[side], rho, 0.0) for x in _INERTIAS]
             predicted: FloatArray = np.trapezoid(np.array(read) + offset, fine, axis=1)
             passed = float(np.trapezoid(current[inside], t[inside]))
-            transients.append(_Transient(number, "reversals" if reversal else "speed_ups", predicted - passed))
+            transients.append(
+                _Transient(number, "reversals" if reversal else "speed_ups", predicted - passed)
+            )
     return transients
 
 

@@ -55,7 +55,9 @@ def message_ages(log: DriveLog) -> FloatArray:
         return np.zeros(len(log.t))
     sent = np.concatenate([[True], new])
     last = log.t[np.maximum.accumulate(np.where(sent, np.arange(len(log.t)), 0))]
-    row = float(np.median(np.diff(log.t)))  # a message came, on average, half a row before the first row that shows it
+    row = float(
+        np.median(np.diff(log.t))
+    )  # a message came, on average, half a row before the first row that shows it
     return np.minimum(log.t - last, _OLDEST * float(np.median(np.diff(log.t[sent])))) + 0.5 * row
 
 
@@ -67,14 +69,22 @@ class RateEvidence(NamedTuple):
     scatter_rad_s: float
     """Median standard deviation of a wheel rate in the settled part of such a command [rad/s]; NaN without any."""
     step_rad_s: float | None  # step of which all rates are multiples [rad/s]; None if there is none
-    wheel_rates_are: str  # `measured`, or `set points`, which never change under a command or only come in steps
+    wheel_rates_are: (
+        str  # `measured`, or `set points`, which never change under a command or only come in steps
+    )
 
 
 def rate_evidence(log: DriveLog) -> RateEvidence:
     """Return what a log says of its wheel rates."""
     held = held_commands(log)
-    late = [log.rates[:, start:stop][:, log.t[start:stop] - log.t[start] > _LATE] for start, stop in held]
-    scatter, step = float(np.median([rates.std(axis=1) for rates in late])) if late else math.nan, _step_of(log.rates)
+    late = [
+        log.rates[:, start:stop][:, log.t[start:stop] - log.t[start] > _LATE]
+        for start, stop in held
+    ]
+    scatter, step = (
+        float(np.median([rates.std(axis=1) for rates in late])) if late else math.nan,
+        _step_of(log.rates),
+    )
     kind = "set points" if scatter < _NO_SCATTER or step is not None else "measured"
     return RateEvidence(log.name, len(held), scatter, step, kind)
 

@@ -1,10 +1,14 @@
-"""Every log, every plant: each is fitted to the first half of a log and judged on the second (docs/runs.md)."""
+"""Study of runs: every plant is fitted to the first half of each log and judged on the second.
+
+See docs/runs.md.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,20 +31,24 @@ from validation.plants.table import PLANTS
 from validation.progress import Progress
 from validation.report import drawing
 from validation.report.columns import DEGREES, METRES, Unit
-from validation.report.motions import alike_sentences
+from validation.report.motions import Comparison, alike_sentences
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.study.sweep import AnyStudy, picture, sweep
 from validation.words import file_name, one_line, shortened
 
 SCHEMA = "ssmr.study.runs/1"
+"""Schema of study.json and of the file of each run."""
 _HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
+"""Times after which predictions are judged [s]."""
 _ACROSS = 3
 """Number of panels in a row of the picture."""
 _COSTS = {"mujoco": 1.0, "four_wheel": 0.2}
+"""Processor time of fit and judgement over the length of a log, by plant [1]."""
 _COST = 0.05
-"""Processor time of fit and judgement over the length of a log, by plant, and that of the others
-[1]."""
+"""The same for every other plant."""
+_MEDIANS = ("position_median_m", "yaw_median_rad", "position_low_m", "position_high_m")
+"""Columns of a row that come from the errors over the windows of one horizon."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +63,7 @@ class RunsStudy(AnyStudy):
     robot: cli.AnyRobot = None
 
     def __post_init__(self) -> None:
-        """Raise a ValueError where there is no log, or a plant that there is not."""
+        """Raise a ValueError where there is no log, or an unknown plant."""
         super().__post_init__()
         if not self.logs:
             raise ValueError("no log is named; name files such as grass.csv@warthog")
@@ -64,10 +72,10 @@ class RunsStudy(AnyStudy):
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
-        return (
-            *super().writes(),
-            *(f"{name}{ending}" for name in _runs(self) for ending in (".json", ".toml")),
-        )
+        names = [*super().writes()]
+        for name in _runs(self):
+            names += [f"{name}.json", f"{name}.toml"]
+        return tuple(names)
 
 
 @dataclass(frozen=True)
@@ -84,19 +92,24 @@ class Run:
 
 
 def _runs(o: RunsStudy) -> dict[str, Run]:
-    """Return the runs by name, each log with its robot and none of its fits: a shipped profile may know the second half.
+    """Return the runs by name, each log with its robot.
+
+    A run begins without any fit of the robot: a shipped profile may know the second half of the
+    log.
 
     Raises:
-        ValueError: a robot that there is not, or two logs of one name.
+        ValueError: an unknown robot, or two logs of one name.
     """
     runs: dict[str, Run] = {}
     for given in o.logs:
-        log, _, robot = (
-            given.rpartition("@") if "@" in given and not Path(given).exists() else (given, "", "")
-        )
-        run = Run(
-            log, bare_profile(choose_profile(None, robot or o.robot, profile_of_log(log)).robot)
-        )
+        log = given
+        robot = o.robot
+        # a file may have an @ in its name
+        if "@" in given and not Path(given).exists():
+            log, _, robot_of_log = given.rpartition("@")
+            robot = robot_of_log or robot
+        profile = choose_profile(None, robot, profile_of_log(log))
+        run = Run(log, bare_profile(profile.robot))
         if run.name in runs:
             raise ValueError(f"two logs have the name {run.name}; give one of them another")
         runs[run.name] = run
@@ -104,71 +117,111 @@ def _runs(o: RunsStudy) -> dict[str, Run]:
 
 
 def _measure(o: RunsStudy, run: Run) -> Row:
-    """Fit every plant to the first half of a log's motion and judge all on the second; what was finished is read back.
+    """Fit every plant to the first half of a log's motion and judge all on the second.
 
     Files of a finished run lie in the study's folder: `NAME.json`, and then `NAME.toml`, the
-    profile with all fits.
+    profile with all fits. A run that was finished before is read back.
     """
     folder = store.make_folder(o.out or o.folder())
-    kept = folder / f"{run.name}.json"
-    request = {
-        "schema": SCHEMA, "plants": list(o.plants), "seed": o.seed, "versions": dict(store.versions()),
-        "log": hashlib.sha256(log_path(run.log).read_bytes()).hexdigest(), "robot": run.profile.robot.name,
-    }  # fmt: skip
+    file = folder / f"{run.name}.json"
     fitted_profile = folder / f"{run.name}.toml"
-    if kept.is_file() and fitted_profile.is_file():
-        before = json.loads(kept.read_text(encoding="utf-8"))
+    request = {
+        "schema": SCHEMA,
+        "plants": list(o.plants),
+        "seed": o.seed,
+        "versions": dict(store.versions()),
+        "log": hashlib.sha256(log_path(run.log).read_bytes()).hexdigest(),
+        "robot": run.profile.robot.name,
+    }
+    # the profile is written last: a run that has both files is finished
+    if file.is_file() and fitted_profile.is_file():
+        before = json.loads(file.read_text(encoding="utf-8"))
         if before.get("asked") == request:
             return {"found": before}
+    middle = _middle_of_motion(run)
+    profile, numbers = _fit_all(o, run, middle, folder / run.name)
+    judged = compare(
+        run.log,
+        profile,
+        plants=o.plants,
+        input="wheels",
+        start=middle,
+        horizons=_HORIZONS,
+        bands=True,
+        seed=o.seed,
+        workers=1,
+    )
+    pairs = judged.document["alike"]
+    found = {
+        "schema": SCHEMA,
+        "files": [fitted_profile.name],
+        "asked": request,
+        "rows": _rows_of(run, judged),
+        "numbers": numbers,
+        "alike": pairs,
+        "told": alike_sentences(judged.plants, pairs),
+        "heading_judge": judged.document.get("heading_judge", "localiser"),
+    }
+    store.write_json(file, found)
+    profile.save(fitted_profile)
+    return {"found": found}
+
+
+def _middle_of_motion(run: Run) -> float:
+    """Return the stamp that halves the time in which a log's robot moves [s]."""
     pieces = open_source(run.log, "wheels").pieces
-    in_motion = [
-        piece.t[piece.moves] for piece in pieces if piece.t is not None and piece.moves is not None
-    ]
-    middle = float(np.median(np.concatenate(in_motion)))
+    stamps = [p.t[p.moves] for p in pieces if p.t is not None and p.moves is not None]
+    return float(np.median(np.concatenate(stamps)))
+
+
+def _fit_all(o: RunsStudy, run: Run, until: float, folder: Path) -> tuple[Profile, dict[str, Row]]:
+    """Return the profile with fits of all plants up to a time [s], and their numbers by plant."""
     profile = run.profile
-    numbers = dict[str, Row]()
+    numbers: dict[str, Row] = {}
+    # first the kinematic model: others than planar ones begin with the body that it finds
     for plant in sorted(o.plants, key=lambda plant: plant != FIRST_FITTED):
         heavy = plant not in PLANAR_MODELS and FIRST_FITTED in o.plants
         fitted = fit(
-            plant, run.log, profile=profile, input="wheels", until=middle, seed=o.seed, workers=1,
-            search="lsq" if heavy else "hybrid", start=begin_at(plant, BODY, profile) if heavy else None,
-            out=folder / run.name / plant,
-        )  # fmt: skip
+            plant,
+            run.log,
+            profile=profile,
+            input="wheels",
+            until=until,
+            seed=o.seed,
+            workers=1,
+            search="lsq" if heavy else "hybrid",
+            start=begin_at(plant, BODY, profile) if heavy else None,
+            out=folder / plant,
+        )
         profile = fitted.profile
-        numbers[plant] = {
-            p.name if p.unit == "1" else f"{p.name}_{p.unit}": p.value for p in fitted.parameters
-        }
-    judged = compare(
-        run.log, profile, plants=o.plants, input="wheels", start=middle, horizons=_HORIZONS, bands=True,
-        seed=o.seed, workers=1,
-    )  # fmt: skip
-    rows = [
-        {
-            "log": run.name, "plant": name, "horizon_s": horizon,
-            **{k: getattr(e, k) for k in ("position_median_m", "yaw_median_rad", "position_low_m", "position_high_m")},
-            **{f"coverage_90_{part}": share for part, share in result.coverage.get(horizon, {}).items()}, "n": e.n,
-            **({"yaw_gyro_median_rad": g.summary().yaw_median_rad} if (g := result.by_gyro.get(horizon)) else {}),
-        }
-        for name, result in judged.plants.items()
-        for horizon, e in result.overlapping.items()
-    ]  # fmt: skip
-    alike = judged.document["alike"]
-    judge = judged.document.get("heading_judge", "localiser")
-    summary = {
-        "alike": alike,
-        "told": alike_sentences(judged.plants, alike),
-        "heading_judge": judge,
-    }
-    own = {"schema": SCHEMA, "files": [fitted_profile.name]}
-    answer = {**own, "asked": request, "rows": rows, "numbers": numbers, **summary}
-    store.write_json(kept, answer)
-    profile.save(fitted_profile)
-    return {"found": answer}
+        values = {}
+        for p in fitted.parameters:
+            values[p.name if p.unit == "1" else f"{p.name}_{p.unit}"] = p.value
+        numbers[plant] = values
+    return profile, numbers
+
+
+def _rows_of(run: Run, judged: Comparison) -> Sequence[Row]:
+    """Return a row for each plant and horizon."""
+    rows = []
+    for plant, result in judged.plants.items():
+        for horizon, errors in result.overlapping.items():
+            row = {"log": run.name, "plant": plant, "horizon_s": horizon}
+            row |= {key: getattr(errors, key) for key in _MEDIANS}
+            for part, share in result.coverage.get(horizon, {}).items():
+                row[f"coverage_90_{part}"] = share
+            row["n"] = errors.n
+            if by_gyro := result.by_gyro.get(horizon):
+                row["yaw_gyro_median_rad"] = by_gyro.summary().yaw_median_rad
+            rows.append(row)
+    return rows
 
 
 @cli.program(RunsStudy)
 def study_runs(o: RunsStudy) -> Report:
-    """Fit every plant to the first half of each log's time in motion by its wheel rates, and judge it on the second half.
+    """Fit every plant to the first half of each log by its wheel rates; judge it on the second.
+
+    Halves are those of the time in motion.
 
     Planar models are fitted by the hybrid search from the robot's profile, and others by least
     squares that begin where the kinematic one ends.
@@ -181,42 +234,39 @@ def study_runs(o: RunsStudy) -> Report:
         SsmrError: no log could be fitted.
     """
     runs = _runs(o)
+    # a fault of a plant shows before hours of fits
     for plant in o.plants:
         warm_up(make_plant(next(iter(runs.values())).profile, plant))
     seconds = sum(float(np.ptp(read_log(log_path(run.log)).t)) for run in runs.values())
     minutes = sum(_COSTS.get(plant, _COST) for plant in o.plants) * seconds / 60.0
     o.progress(Progress(0, len(runs), f"at most {math.ceil(minutes)} minutes of one processor"))
-    swept = sweep(
-        runs, {"fit and judgement": partial(_measure, o)}, workers=o.workers, progress=o.progress
-    )
+    measures = {"fit and judgement": partial(_measure, o)}
+    swept = sweep(runs, measures, workers=o.workers, progress=o.progress)
     logs = {row["variant"]: row["found"] for row in swept.rows if "found" in row}
-    notes = {
-        note: ", ".join(n for n in logs if note in logs[n]["told"])
-        for one in logs.values()
-        for note in one["told"]
-    }
+    tables = [_table(name, run["rows"], run["heading_judge"]) for name, run in logs.items()]
+    for plant in o.plants:
+        numbers = [{"log": name, **run["numbers"][plant]} for name, run in logs.items()]
+        tables.append(Table(f"{plant} on each ground", numbers))
+    rows: list[Row] = []
+    # a note that several logs share is said once
+    logs_by_note: dict[str, list[str]] = {}
+    for name, run in logs.items():
+        rows += run["rows"]
+        for note in run["told"]:
+            logs_by_note.setdefault(note, []).append(name)
+    notes = [f"{', '.join(names)}: {note}" for note, names in logs_by_note.items()]
     return Report(
         program="study",
         title=f"{len(logs)} logs, each fitted on its first half and judged on its second",
-        tables=[
-            *(_table(name, one["rows"], one["heading_judge"]) for name, one in logs.items()),
-            *(
-                Table(
-                    f"{p} on each ground", [{"log": n, **f["numbers"][p]} for n, f in logs.items()]
-                )
-                for p in o.plants
-            ),
-        ],
-        sentences=[*swept.notes, *(f"{names}: {note}" for note, names in notes.items())],
+        tables=tables,
+        sentences=[*swept.notes, *notes],
         status=swept.status,
         document={
             "schema": SCHEMA,
             "study": "runs",
-            "rows": [row for one in logs.values() for row in one["rows"]],
-            **{
-                key: {n: one[of] for n, one in logs.items()}
-                for key, of in (("winners", "alike"), ("numbers", "numbers"))
-            },
+            "rows": rows,
+            "winners": {name: run["alike"] for name, run in logs.items()},
+            "numbers": {name: run["numbers"] for name, run in logs.items()},
         },
         draw=partial(_draw, logs),
         has_text=True,
@@ -224,48 +274,45 @@ def study_runs(o: RunsStudy) -> Report:
 
 
 def _table(name: str, rows: list[Row], judge: str) -> Table:
-    shown = [
-        {
-            "horizon_s": row["horizon_s"],
-            "plant": row["plant"],
-            "position_median_m": (
-                row["position_median_m"],
-                row["position_low_m"],
-                row["position_high_m"],
-            ),
-            "yaw_median_rad": row["yaw_median_rad"],
-            "yaw_gyro_median_rad": row.get("yaw_gyro_median_rad"),
-            "position_inside_share": row.get("coverage_90_position"),
-            "yaw_inside_share": row.get(
-                "coverage_90_yaw_gyro" if judge == "gyro" else "coverage_90_yaw"
-            ),
-            "windows": row["n"],
-        }
-        for row in sorted(rows, key=lambda row: (row["horizon_s"], PLANTS.index(row["plant"])))
-    ]
+    inside = "coverage_90_yaw_gyro" if judge == "gyro" else "coverage_90_yaw"
+    shown = []
+    for row in sorted(rows, key=lambda row: (row["horizon_s"], PLANTS.index(row["plant"]))):
+        interval = (row["position_median_m"], row["position_low_m"], row["position_high_m"])
+        shown.append(
+            {
+                "horizon_s": row["horizon_s"],
+                "plant": row["plant"],
+                "position_median_m": interval,
+                "yaw_median_rad": row["yaw_median_rad"],
+                "yaw_gyro_median_rad": row.get("yaw_gyro_median_rad"),
+                "position_inside_share": row.get("coverage_90_position"),
+                "yaw_inside_share": row.get(inside),
+                "windows": row["n"],
+            }
+        )
     units = {
         "horizon_s": Unit("s", 1.0, 0, significant=3),
         "position_median_m": METRES,
         "yaw_median_rad": DEGREES,
+        "yaw_gyro_median_rad": DEGREES,
     }
-    units["yaw_gyro_median_rad"] = DEGREES
     caption = (
         "in brackets: an interval that holds the median with 90 %\n"
-        f"inside: share of windows within the band, which promises 90 %; the {judge} is the judge of heading"
+        "inside: share of windows within the band, which promises 90 %; "
+        f"the {judge} is the judge of heading"
     )
     return Table(one_line(name), shown, caption, group="horizon_s", units=units)
 
 
 def _draw(logs: dict[str, Any], report: Report) -> Figure:
-    """Return the picture: the median error of position over the horizon, a panel for each log."""
+    """Picture of the median error of position over the horizon, a panel for each log."""
+    keys = ("horizon_s", "position_median_m", "position_low_m", "position_high_m")
 
     def panel(name: str, ax: Axes) -> None:
         rows = logs[name]["rows"]
         for plant in dict.fromkeys(row["plant"] for row in rows):
-            keys = ("horizon_s", "position_median_m", "position_low_m", "position_high_m")
-            t, median, low, high = (
-                [row[key] for row in rows if row["plant"] == plant] for key in keys
-            )
+            of_plant = [row for row in rows if row["plant"] == plant]
+            t, median, low, high = ([row[key] for row in of_plant] for key in keys)
             ink = drawing.ink_of(plant)
             ax.plot(t, median, marker="o", markersize=3.0, color=ink, label=plant, gid=plant)
             ax.fill_between(t, low, high, color=ink, alpha=0.1)
@@ -281,9 +328,8 @@ def _draw(logs: dict[str, Any], report: Report) -> Figure:
         if name == next(iter(logs)):
             ax.legend(frameon=False, fontsize=8.0)
 
-    names = list(logs)
-    groups = [names[k : k + _ACROSS] for k in range(0, len(names), _ACROSS)]
-    return picture(
-        report,
-        [drawing.side_by_side(3.0, [partial(panel, name) for name in group]) for group in groups],
-    )
+    panels = [partial(panel, name) for name in logs]
+    rows = []
+    for k in range(0, len(panels), _ACROSS):
+        rows.append(drawing.side_by_side(3.0, panels[k : k + _ACROSS]))
+    return picture(report, rows)

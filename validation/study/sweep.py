@@ -1,4 +1,4 @@
-"""Parts that studies share: options, one loop that measures every variant and keeps what was finished, and a picture."""
+"""Parts that studies share: options, a loop that measures every variant, and a picture."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class StudyOptions(AnyStudy):
     robot: cli.AnyRobot = None
 
     def robot_profile(self) -> Profile:
-        """Return the profile; a ValueError says that there is none of that name, or that it is of another robot."""
+        """Return the profile; a ValueError refuses an unknown name, or that of another robot."""
         return choose_profile(self.profile, self.robot, "thesis-lab")
 
 
@@ -68,10 +68,12 @@ def sweep(
 ) -> Swept:
     """Take every measure of every variant.
 
-    Args: variants: what is varied, by the name that its row gets. measures: drives by name, each of
-        which gives some columns. A drive that fails leaves its columns empty and a note. workers:
-        threads, None for all processors; the result does not depend on it. progress: called after
-        each variant.
+    Args:
+        variants: objects to measure, by the name that their row gets.
+        measures: drives by name, each of which gives some columns. A drive that fails leaves its
+            columns empty and a note.
+        workers: threads, None for all processors; the result does not depend on it.
+        progress: called after each variant.
 
     Returns:
         The rows; after Ctrl-C those of the variants that were finished.
@@ -106,9 +108,10 @@ def sweep(
         status = INTERRUPTED
     finally:
         pool.shutdown(cancel_futures=True)
+    # a row with nothing but its name has no measure
     if failures and all(len(row) == 1 for row in rows.values()):
         raise next(iter(failures.values()))
-    notes = [f"{what}: {one_line(why)}." for what, why in sorted(failures.items())]
+    notes = [f"{drive}: {one_line(error)}." for drive, error in sorted(failures.items())]
     return Swept([rows[name] for name in variants if name in rows], notes, status)
 
 

@@ -1,5 +1,6 @@
-"""Transfer study: does an analytic model choose the right controller for the MuJoCo robot (docs/controllers.md)?
+"""Transfer study: does a model choose the right controller for the MuJoCo robot?
 
+See docs/controllers.md.
 Every controller follows every reference on every plant, under the same noise. MuJoCo is the judge:
 it stands for the robot.
 """
@@ -45,7 +46,7 @@ from validation.study.sweep import StudyOptions, picture, sweep
 
 JUDGE = "mujoco"
 """Plant that stands for the robot: the others are to choose the right controller for it."""
-_USUAL_REFERENCES = (
+_REFERENCES = (
     "eight",
     "u-turn",
     "stop-and-go",
@@ -57,7 +58,9 @@ _USUAL_REFERENCES = (
     "circle",
     "line",
 )
-_USUAL_SPEEDS = (0.25, 0.5)  # the thesis' two; a quick study has the last, and three references
+"""References of a study that names none; a quick study has the first three."""
+_SPEEDS = (0.25, 0.5)
+"""Speeds of the thesis [m/s]; a quick study has the last."""
 PRACTICABLE = 0.9
 """Share of the robot's greatest speed and yaw rate that a reference may ask for; what is left is
 for corrections."""
@@ -65,6 +68,9 @@ SAME_COST = TuneCost(guard=0.0)
 """Cost of Sec. 4.3.3 without the LQR's additional term: the same for all laws, so that they can be
 compared."""
 _MEASURES = ("cost", "d_rms_m", "sync_rms_m", "e_rho_rms_m")
+"""Cost and errors of a controller on a reference."""
+_MEANS = ("cost", "d_rms_m", "sync_rms_m")
+"""Measures of which study.json has the means over the references."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,8 +80,11 @@ class TransferStudy(StudyOptions):
     plants: Annotated[cli.Names, cli.option(metavar="PLANT,...")] = PLANTS
     """Plants that are to choose for MuJoCo's robot, which is driven too."""
     controllers: Annotated[cli.Names, cli.option(metavar="NAME,...", default="all")] = (
-        *PLAIN_CONTROLLERS, "lqr+predictor", "lqr-scheduled+predictor", "mpc",
-    )  # fmt: skip
+        *PLAIN_CONTROLLERS,
+        "lqr+predictor",
+        "lqr-scheduled+predictor",
+        "mpc",
+    )
     """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one
     with gains of your own."""
     references: Annotated[
@@ -101,42 +110,51 @@ Contenders = Mapping[str, tuple[AnyController, GainSet]]
 
 
 def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
-    """Return the controllers on a profile, whose own gains take the place of the shipped tuned ones.
+    """Controllers on a profile, whose own gains take the place of the shipped tuned ones.
 
-    Raises: ValueError: an unknown controller, gains or file, one name for two, or fewer than two
-        contenders.
+    Raises:
+        ValueError: an unknown controller, gains or file, one name for two, or fewer than two
+            contenders.
     """
     contenders: dict[str, tuple[AnyController, GainSet]] = {}
     for named in o.controllers:
-        controller, colon, wanted = named.partition(":")
-        kinds = [name.removeprefix(f"{controller}-") for name in names(controller)] or [DEFAULT]
-        for kind in [wanted] if colon else kinds:
-            own = kind == "tuned" and profile.name in profile_sets(controller)
-            gains = load_gains(controller, profile.name if own else kind)
+        controller, colon, kind_named = named.partition(":")
+        kinds = [kind_named]
+        if not colon:
+            kinds = [name.removeprefix(f"{controller}-") for name in names(controller)]
+        for kind in kinds or [DEFAULT]:
+            tuned_here = kind == "tuned" and profile.name in profile_sets(controller)
+            gains = load_gains(controller, profile.name if tuned_here else kind)
             name = controller if kind == DEFAULT else f"{controller} {Path(kind).stem}"
             if name in contenders:
                 raise ValueError(
                     f"two controllers are called '{name}'; leave out '{named}', or rename it"
                 )
-            contenders[name] = make_controller(profile, gains), gains
+            contenders[name] = (make_controller(profile, gains), gains)
     if len(contenders) < 2:
-        raise ValueError(
-            f"there is no choice among {', '.join(contenders) or 'no controllers'}; name two or more"
-        )
+        names_found = ", ".join(contenders) or "no controllers"
+        raise ValueError(f"there is no choice among {names_found}; name two or more")
     return contenders
 
 
 def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Waypoints]]:
-    """Return the references by name, each at every speed, or as fast as the robot can drive it; a ValueError lists them."""
-    missions: dict[tuple[str, float], Waypoints] = {}
-    for named in o.references or _USUAL_REFERENCES[: 3 if o.quick else None]:
-        name, own = split_speed(named)
+    """References by name, each at every speed, or as fast as the robot can drive it.
+
+    Raises:
+        ValueError: an unknown reference; the message lists them.
+    """
+    missions: dict[str, tuple[str, Waypoints]] = {}
+    references = _REFERENCES[:3] if o.quick else _REFERENCES
+    speeds = _SPEEDS[-1:] if o.quick else _SPEEDS
+    for named in o.references or references:
+        name, speed_named = split_speed(named)
         if name not in REFERENCES:
             raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}")
-        for speed in _USUAL_SPEEDS[-1 if o.quick else 0 :] if own is None else (own,):
+        for speed in speeds if speed_named is None else (speed_named,):
             slowed = slowed_to_feasible(REFERENCES[name](speed), robot, PRACTICABLE)
-            missions.setdefault((name, round(slowed.speed, 3)), slowed)
-    return [(name, waypoints) for (name, _), waypoints in missions.items()]
+            # two speeds that the robot cannot drive are one
+            missions.setdefault(f"{name} {slowed.speed:.3f}", (name, slowed))
+    return list(missions.values())
 
 
 Scores = Mapping[str, float | int | None]
@@ -146,35 +164,28 @@ Scores = Mapping[str, float | int | None]
 def _scores(
     o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints
 ) -> list[Scores]:
-    """Drive every controller along a reference, with the same noise and disturbance, and return their scores.
+    """Drive every controller along a reference, with the same noise and disturbance.
 
     Compiled laws are driven as one population and Python objects, such as mpc, as another.
     """
     target = waypoints.trajectory(LoopSettings().position_period)
-    scores = dict[int, Scores]()
+    scores = {}
     for compiled in (True, False):
-        some = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
-        if some:
-            settings = [LoopSettings()] * len(some)
-            runs = run_robots(
-                [robot] * len(some),
-                [laws[k] for k in some],
-                settings,
-                waypoints,
-                [o.seed],
-                o.workers,
-            )
-            costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
-            for k, run, cost in zip(some, runs, costs, strict=True):
-                errors = (
-                    None
-                    if run.lost
-                    else {**track_metrics(run, waypoints, robot.limits), "cost": cost}
-                )
-                scores[k] = {
-                    **{m: None if errors is None else float(errors[m]) for m in _MEASURES},
-                    "lost": int(run.lost),
-                }
+        ranks = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
+        if not ranks:
+            continue
+        n = len(ranks)
+        chosen = [laws[k] for k in ranks]
+        settings = [LoopSettings()] * n
+        runs = run_robots([robot] * n, chosen, settings, waypoints, [o.seed], o.workers)
+        costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
+        for k, run, cost in zip(ranks, runs, costs, strict=True):
+            score: dict[str, float | None] = dict.fromkeys(_MEASURES)
+            # errors of a robot that was lost end early, and would look small
+            if not run.lost:
+                errors = {**track_metrics(run, waypoints, robot.limits), "cost": cost}
+                score = {measure: float(errors[measure]) for measure in _MEASURES}
+            scores[k] = {**score, "lost": int(run.lost)}
     return [scores[k] for k in range(len(laws))]
 
 
@@ -183,12 +194,11 @@ def _scores(
 
 
 def mean_costs(costs: FloatArray) -> FloatArray:
-    """Return the (C,) mean costs over the references that were kept; NaN for a controller that lost all."""
+    """The (C,) mean costs over the references that were kept; NaN if a controller lost all."""
     kept = np.isfinite(costs)
     count = kept.sum(axis=0)
-    return np.where(
-        count > 0, np.where(kept, costs, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan
-    )
+    totals = np.where(kept, costs, 0.0).sum(axis=0)
+    return np.where(count > 0, totals / np.maximum(count, 1), np.nan)
 
 
 def places(costs: FloatArray) -> NDArray[np.intp]:
@@ -202,28 +212,35 @@ def places(costs: FloatArray) -> NDArray[np.intp]:
 
 
 def rank_correlation(costs: FloatArray, others: FloatArray) -> float:
-    """Return Kendall's tau-b between the places on two plants [-1 to 1]; NaN where one of them has all in one place."""
+    """Kendall's tau-b between the places on two plants [-1 to 1].
+
+    NaN where one of them has all controllers in one place.
+    """
     return float(kendalltau(places(costs), places(others)).statistic)
 
 
 def choice(costs: FloatArray, truth: FloatArray) -> int:
-    """Return the column of the controller in the first place; of several there, the one that is worst in truth."""
+    """Column of the controller in the first place; of several there, the worst in truth."""
     first = np.flatnonzero(places(costs) == 0)
     return int(first[np.argmax(places(truth)[first])])
 
 
 def regret(costs: FloatArray, truth: FloatArray) -> float:
-    """Return how much more the choice by `costs` costs in `truth` than the best choice, as a share of that one's cost.
+    """Excess in `truth` of the choice by `costs` over the best choice, as a share of its cost.
 
     It is infinite where the choice loses more references than the best; of choices that lose as
     many, kept references count.
     """
     chosen = choice(costs, truth)
     best = choice(truth, truth)
-    if np.isinf(truth[:, chosen]).sum() > np.isinf(truth[:, best]).sum():
+    # a lost robot costs more than any error
+    lost = np.isinf(truth).sum(axis=0)
+    if lost[chosen] > lost[best]:
         return math.inf
     means = mean_costs(truth)
-    return float(means[chosen] / means[best] - 1.0) if means[best] > 0.0 else 0.0
+    if not means[best] > 0.0:
+        return 0.0
+    return float(means[chosen] / means[best] - 1.0)
 
 
 def agreement(costs: FloatArray, truth: FloatArray) -> dict[str, Any]:
@@ -232,56 +249,62 @@ def agreement(costs: FloatArray, truth: FloatArray) -> dict[str, Any]:
     That is `tau`, the rank correlation; `chosen`, the column of the choice; its `regret`; and
     `same_winner`, the number of references on which both have the same best controller.
     """
-    same = sum(
-        choice(costs[[k]], truth[[k]]) == choice(truth[[k]], truth[[k]]) for k in range(len(truth))
-    )
-    tau = rank_correlation(costs, truth)
-    chosen = choice(costs, truth)
-    return {"tau": tau, "chosen": chosen, "regret": regret(costs, truth), "same_winner": same}
+    same = 0
+    for row, true in zip(costs[:, None], truth[:, None], strict=True):
+        same += choice(row, true) == choice(true, true)
+    return {
+        "tau": rank_correlation(costs, truth),
+        "chosen": choice(costs, truth),
+        "regret": regret(costs, truth),
+        "same_winner": same,
+    }
 
 
 def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -> dict[str, Any]:
-    """Return what was found, as study.json has it, from rows of `reference`, `speed_m_s` and `scores`."""
+    """Findings as study.json has them, from rows of `reference`, `speed_m_s` and `scores`."""
     names = list(contenders)
 
     def table_of(plant: str, measure: str = "cost") -> FloatArray:
-        values = [[row["scores"][plant][name][measure] for name in names] for row in drives]
-        return np.array(
-            [[math.inf if value is None else value for value in row] for row in values], dtype=float
-        )
+        table = np.full((len(drives), len(names)), math.inf)
+        for drive, costs in zip(drives, table, strict=True):
+            for k, name in enumerate(names):
+                value = drive["scores"][plant][name][measure]
+                if value is not None:
+                    costs[k] = value
+        return table
 
-    costs = {plant: table_of(plant) for plant in drives[0]["scores"]}
-    truth = costs[JUDGE]
-    plants = dict[str, Any]()
-    for plant, own in costs.items():
-        ranks = agreement(own, truth)
-        kept = np.isfinite(own).all(axis=0) & np.isfinite(truth).all(axis=0)
-        means = {
-            m: mean_costs(table_of(plant, m)).tolist() for m in ("cost", "d_rms_m", "sync_rms_m")
-        }
-        each = {
-            **means,
-            "gap": np.where(kept, mean_costs(own) / mean_costs(truth) - 1.0, np.nan).tolist(),
-            "place": (1 + places(own)).tolist(),
-            "lost": [sum(row["scores"][plant][name]["lost"] for row in drives) for name in names],
-            "by_reference": [[row["scores"][plant][name] for row in drives] for name in names],
-        }
+    tables = {plant: table_of(plant) for plant in drives[0]["scores"]}
+    truth = tables[JUDGE]
+    plants = {}
+    for plant, costs in tables.items():
+        ranks = agreement(costs, truth)
+        means = {measure: mean_costs(table_of(plant, measure)) for measure in _MEANS}
+        # sums over different references cannot be compared
+        kept = np.isfinite(costs).all(axis=0) & np.isfinite(truth).all(axis=0)
+        gaps = np.where(kept, mean_costs(costs) / mean_costs(truth) - 1.0, np.nan)
+        ranked = 1 + places(costs)
+        each = {}
+        for k, name in enumerate(names):
+            scores = [drive["scores"][plant][name] for drive in drives]
+            each[name] = {
+                **{measure: float(values[k]) for measure, values in means.items()},
+                "gap": float(gaps[k]),
+                "place": int(ranked[k]),
+                "lost": sum(score["lost"] for score in scores),
+                "by_reference": scores,
+            }
         plants[plant] = {
             "all": {**ranks, "chosen": names[ranks["chosen"]]},
-            "tau_with": {other: rank_correlation(own, costs[other]) for other in costs},
-            "contenders": {
-                name: {key: values[k] for key, values in each.items()}
-                for k, name in enumerate(names)
-            },
+            "tau_with": {p: rank_correlation(costs, other) for p, other in tables.items()},
+            "contenders": each,
         }
-    sets = {
-        name: {"controller": g.controller, "name": g.name, **g.values}
-        for name, (_, g) in contenders.items()
-    }
+    gains = {}
+    for name, (_, g) in contenders.items():
+        gains[name] = {"gains": {"controller": g.controller, "name": g.name, **g.values}}
     return {
         "robot": profile.robot.name,
-        "contenders": {name: {"gains": gains} for name, gains in sets.items()},
-        "references": [{"name": row["reference"], "speed_m_s": row["speed_m_s"]} for row in drives],
+        "contenders": gains,
+        "references": [{"name": r["reference"], "speed_m_s": r["speed_m_s"]} for r in drives],
         "plants": plants,
     }
 
@@ -293,24 +316,38 @@ def _ranked(result: Mapping[str, Any]) -> list[str]:
 
 def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     plants = result["plants"]
-    choices = list[Row]()
-    costs = list[Row]()
-    for plant, own in plants.items():
-        agreed = own["all"]
-        row = {"plant": plant, "tau": agreed["tau"], "same_winner": agreed["same_winner"]}
-        choices.append({**row, "regret_share": agreed["regret"], "chooses": agreed["chosen"]})
+    choices = []
+    for plant, found in plants.items():
+        agreed = found["all"]
+        choices.append(
+            {
+                "plant": plant,
+                "tau": agreed["tau"],
+                "same_winner": agreed["same_winner"],
+                "regret_share": agreed["regret"],
+                "chooses": agreed["chosen"],
+            }
+        )
+    costs = []
     for name in _ranked(result):
-        means = {plant: own["contenders"][name]["cost"] for plant, own in plants.items()}
-        beside = {m: plants[JUDGE]["contenders"][name][m] for m in ("d_rms_m", "sync_rms_m")}
-        lost = sum(own["contenders"][name]["lost"] for own in plants.values())
-        costs.append({"controller": name, **means, **beside, "lost_runs": lost})
+        row = {"controller": name}
+        lost = 0
+        for plant, found in plants.items():
+            row[plant] = found["contenders"][name]["cost"]
+            lost += found["contenders"][name]["lost"]
+        for measure in ("d_rms_m", "sync_rms_m"):
+            row[measure] = plants[JUDGE]["contenders"][name][measure]
+        costs.append({**row, "lost_runs": lost})
     caption = (
-        f"{len(costs)} controllers, {len(result['references'])} references. tau: Kendall's rank correlation with {JUDGE}.\n"
+        f"{len(costs)} controllers, {len(result['references'])} references. "
+        f"tau: Kendall's rank correlation with {JUDGE}.\n"
         f"same winner: number of references on which the plant chooses as {JUDGE} does.\n"
-        f"regret: what the choice over all references costs more on {JUDGE}; none where it loses runs there."
+        f"regret: what the choice over all references costs more on {JUDGE}; "
+        "none where it loses runs there."
     )
     below = (
-        "Cost: that of Sec. 4.3.3, which tune minimises, without the LQR's additional term; mean over the references.\n"
+        "Cost: that of Sec. 4.3.3, which tune minimises, without the LQR's additional term; "
+        "mean over the references.\n"
         f"d_rms and sync: on {JUDGE}. Controllers are ranked by lost runs first, then by cost."
     )
     return [
@@ -321,39 +358,52 @@ def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
 
 @cli.program(TransferStudy)
 def study_transfer(o: TransferStudy) -> Report:
-    """Let every controller follow every reference on every plant: does a model choose the right one for MuJoCo's robot?
+    """Let every controller follow every reference on every plant, and compare the choices.
 
-    Raises: ValueError: a profile, plant, controller, gains or reference do not exist or do not go
-        together.
+    Does a model choose the right controller for MuJoCo's robot?
+
+    Raises:
+        ValueError: a profile, plant, controller, gains or reference do not exist or do not go
+            together.
     """
     profile = o.robot_profile()
     robots = {plant: make_robot(profile, plant) for plant in dict.fromkeys((JUDGE, *o.plants))}
     contenders = contenders_of(o, profile)
     laws = [law for law, _ in contenders.values()]
-    missions = {
-        f"{name} {waypoints.speed:.3f}": (name, waypoints)
-        for name, waypoints in missions_of(o, robots[JUDGE])
-    }
+    missions = {}
+    for name, waypoints in missions_of(o, robots[JUDGE]):
+        missions[f"{name} {waypoints.speed:.3f}"] = (name, waypoints)
 
     def follow(mission: tuple[str, Waypoints]) -> Row:
         name, waypoints = mission
-        scores = {plant: _scores(o, robot, laws, waypoints) for plant, robot in robots.items()}
-        named = {plant: dict(zip(contenders, own, strict=True)) for plant, own in scores.items()}
-        return {"reference": name, "speed_m_s": waypoints.speed, "scores": named}
+        scores = {}
+        for plant, robot in robots.items():
+            of_laws = _scores(o, robot, laws, waypoints)
+            scores[plant] = dict(zip(contenders, of_laws, strict=True))
+        return {"reference": name, "speed_m_s": waypoints.speed, "scores": scores}
 
     # a drive is a population on all threads
     swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)
     result = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
     label = with_robot(profile.name, profile.robot.name)
     return Report(
-        program="study", title=f"Transfer, {label}: {len(swept.rows)} references", has_text=True,
-        tables=_tables(label, result), sentences=swept.notes, status=swept.status, draw=partial(_draw, label, result),
+        program="study",
+        title=f"Transfer, {label}: {len(swept.rows)} references",
+        has_text=True,
+        tables=_tables(label, result),
+        sentences=swept.notes,
+        status=swept.status,
+        draw=partial(_draw, label, result),
         options={"judge": JUDGE, "seed": o.seed},
         document={
-            "schema": "ssmr.study/1", "study": "transfer", "judge": JUDGE, "robot": profile.robot.name,
-            "seeds": [o.seed], "profiles": {profile.name: result},
+            "schema": "ssmr.study/1",
+            "study": "transfer",
+            "judge": JUDGE,
+            "robot": profile.robot.name,
+            "seeds": [o.seed],
+            "profiles": {profile.name: result},
         },
-    )  # fmt: skip
+    )
 
 
 def _draw(label: str, result: Mapping[str, Any], study: Report) -> Figure:
@@ -361,25 +411,17 @@ def _draw(label: str, result: Mapping[str, Any], study: Report) -> Figure:
 
     def draw(ax: Axes) -> None:
         drawing.inset(ax, left=1.15)
-        for plant, own in result["plants"].items():
+        for plant, found in result["plants"].items():
             ink = drawing.ink_of(plant)
             marker = "D" if plant == JUDGE else "o"
             for row, name in enumerate(order):
-                each = own["contenders"][name]
-                ax.plot(
-                    each["cost"],
-                    row,
-                    "x" if each["lost"] else marker,
-                    color=ink,
-                    gid=f"{plant} {name}",
-                )
+                each = found["contenders"][name]
+                shape = "x" if each["lost"] else marker
+                ax.plot(each["cost"], row, shape, color=ink, gid=f"{plant} {name}")
             ax.plot([], [], marker, color=ink, label=plant)
-        ax.set(
-            xscale="log",
-            xlabel="mean cost (Sec. 4.3.3; a cross lost a run)",
-            ylim=(len(order) - 0.4, -0.6),
-        )
+        ax.set(xscale="log", xlabel="mean cost (Sec. 4.3.3; a cross lost a run)")
         ax.set_title(f"{label}: the best on {JUDGE} at the top")
+        ax.set_ylim(len(order) - 0.4, -0.6)
         ax.set_yticks(range(len(order)), order, fontsize=9.0)
         for tick in ax.get_yticklabels():
             drawing.narrow(tick, 1.65)

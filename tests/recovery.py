@@ -94,7 +94,7 @@ def noisy_target(truth: Mapping[str, float], seed: int) -> FitTarget:
 
 
 def recover(
-    seed: int, way: Way, torque_weight: float = FitCost.torque_weight, workers: int = 1
+    seed: int, way: Way, torque_weight: float | None = None, workers: int = 1
 ) -> Recovered:
     """Fit the default list from default bounds to a robot that was drawn."""
     truth = drawn(seed)

@@ -151,7 +151,9 @@ class Fit(Searching):
     ] = None
     """Position error that counts as much as a radian of yaw error, in the sync and horizon
     objectives."""
-    torque_weight: Annotated[float, cli.option(metavar="M/(N m)")] = FitCost.torque_weight
+    torque_weight: Annotated[
+        cli.Number, cli.option(metavar="M/(N m)", default="1.2 m over weight times wheel radius")
+    ] = None
     """Position error that counts as much as a newton metre of torque error, where both the source
     and the plant have torques of a body on wheels (mujoco, four_wheel); 0 leaves them out."""
     position_weight: Annotated[float, cli.option(metavar="X")] = 1.0
@@ -273,7 +275,7 @@ def fit(o: Fit) -> Fitted:
         position_weight=o.position_weight,
         torque_weight=o.torque_weight,
     )
-    if kind.torques and o.torque_weight > 0.0:
+    if kind.torques and o.torque_weight != 0.0:
         constant = o.torque_constant or begun.drive.torque_constant
         loss = 0.0 if occasion == "wheels" else loss_of(begun)  # given wheels lose nothing
         chassis = chassis_of(base)

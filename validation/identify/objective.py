@@ -19,6 +19,7 @@ from ssmr.types import FloatArray, Trajectory
 from validation.bench.gyro import GyroJudge
 from validation.bench.sources import Piece, Source
 from validation.plants.kind import side_torques
+from validation.simulator.description import GRAVITY, Robot
 
 Objective = Literal["path", "sync", "horizon"]
 """Objective of a fit, see `FitCost`."""
@@ -29,6 +30,16 @@ _BLOCK_S = 6.0
 _SCENARIO_BLOCK_S = 1.0  # length of a block on the twenty seconds of a scenario [s]
 _FAINT = 0.02  # weight of errors at equal times beside distances between paths
 _SYNC_STRIDE_S = 0.1  # time between the signed errors of a comparison at equal times [s]
+
+
+_WEIGHT_ON_A_RADIUS = 1.2
+"""Position error that counts as much as a torque of a robot's weight on its wheels' radius [m]: for
+a Husky 1 cm and 1 N m weigh alike, and models of it are off by some of both."""
+
+
+def usual_torque_weight(robot: Robot) -> float:
+    """Return the position error that counts as much as a newton metre of torque [m/(N m)]."""
+    return _WEIGHT_ON_A_RADIUS / (robot.masses.total * GRAVITY * robot.geometry.wheel_radius)
 
 
 @dataclass(frozen=True)
@@ -46,10 +57,10 @@ class FitCost:
     position_weight: float = 1.0
     """Weight of position errors in the sync and horizon objectives [1]; 0 fits the heading alone,
     where positions are not to be trusted."""
-    torque_weight: float = 0.01
+    torque_weight: float | None = None
     """Position error that counts as much as a newton metre of torque error [m/(N m)]; 0 leaves
-    torques out. By default 1 cm and 1 N m weigh alike: models of real robots are off by some of
-    both."""
+    torques out. None is `usual_torque_weight` where friction is free, and else 0: a wrong friction
+    that is held would push the body's numbers away from what the motion tells."""
     k_rms: float = 20.0
     """K_rms of Eq. 3.1 [1/m]; Tab. 3.7."""
     k_haus: float = 8.0
@@ -342,7 +353,7 @@ class TorqueRater:
         # those without a sample are dropped after the division
         self._count = np.maximum(count, 1)
         self._share = share
-        self._size = cost.torque_weight
+        self._size = cost.torque_weight or 0.0
         self._robust = cost.objective == "horizon"
         length = _BLOCK_S if self._robust else _SCENARIO_BLOCK_S
         number = block + np.floor((t[self._first] - t[0]) / length)
@@ -401,7 +412,7 @@ def make_torque_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Torq
     truths = chain(*(target.truth for target in targets))
     out: list[TorqueRater | None] = []
     for truth, torques, s, block in zip(truths, measured, seconds, blocks, strict=True):
-        if torques is None or cost.torque_weight == 0.0:
+        if torques is None or not cost.torque_weight:
             out.append(None)
         else:
             out.append(TorqueRater(truth.t, torques, cost, s / total, block))

@@ -30,6 +30,7 @@ from validation.identify.objective import (
     TorqueRater,
     make_raters,
     make_torque_raters,
+    usual_torque_weight,
 )
 from validation.plants.kind import PlantProfile, Population
 from validation.plants.searchable import find, with_values
@@ -107,6 +108,10 @@ class FitProblem:
         # torques of planar models are numbers of a fit, and say nothing of a body
         if not kind.torques:
             self.cost = replace(self.cost, torque_weight=0.0)
+        elif cost.torque_weight is None:
+            told = "friction" in space.names
+            weight = usual_torque_weight(base.robot) if told else 0.0
+            self.cost = replace(self.cost, torque_weight=weight)
         self._together = kind.together  # one compiled loop drives all candidates
         pieces: list[Piece] = []
         periods: list[float] = []

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from ssmr.robot.drivetrain import (
     battery_current,
     battery_torque,
-    quasi_static_twist,
     side_forces,
 )
 from ssmr.types import Commands, State
@@ -168,8 +167,7 @@ def test_currents_of_a_synthetic_log_are_its_torques() -> None:
     torques = told.along(log, 0.0)
     known = np.isfinite(torques)
     assert 0.1 < known.mean() < 0.9
-    twist = quasi_static_twist(log.rates, HUSKY_CHASSIS.geometry, SLIP)
-    true = constant * FRICTION * side_forces(log.rates, twist, HUSKY_CHASSIS.geometry, SLIP).T
+    true = constant * FRICTION * side_forces(log.rates, HUSKY_CHASSIS.geometry, SLIP).T
     scale = (torques[known] @ true[known]) / (true[known] @ true[known])
     assert scale == pytest.approx(1.0, abs=0.04)  # as well as friction and losses are known
     assert np.std(torques[known] - true[known]) < 1.3 * constant * RIPPLE
@@ -181,7 +179,6 @@ def test_a_battery_needs_no_constant() -> None:
     told = Torques.of(log, WARTHOG_CHASSIS, 0.0)
     assert told is not None
     torques = told.along(log, 0.0)
-    twist = quasi_static_twist(log.rates, WARTHOG_CHASSIS.geometry, SLIP)
-    true = TORQUE_LIMIT * side_forces(log.rates, twist, WARTHOG_CHASSIS.geometry, SLIP).T
+    true = TORQUE_LIMIT * side_forces(log.rates, WARTHOG_CHASSIS.geometry, SLIP).T
     known = np.isfinite(torques)
     assert np.median(np.abs(torques[known] - true[known])) < 0.08 * TORQUE_LIMIT

@@ -16,34 +16,26 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from ssmr.robot.drivetrain import (
-    SkidGeometry,
-    battery_current,
-    battery_torque,
-    bridge_reading,
-    quasi_static_twist,
-    side_forces,
-)
+from ssmr.robot.drivetrain import SkidGeometry, battery_current, battery_torque, bridge_reading, side_forces
 from ssmr.types import FloatArray
 from validation.bench.sources import RECORDING
+from validation.identify.blocks import Estimate, Numbers, fit_in_blocks
 from validation.identify.motor_logs import (
     Chassis,
-    CurrentSamples,
     DriveLog,
+    Samples,
     Sensor,
-    current_samples,
     log_of_motions,
     sampled_in_windows,
     sensor_of,
-    steady_currents,
-    window_samples,
+    steady_samples,
 )
 from validation.identify.objective import FitTarget
 
 COULOMB_SCALE = 1e-4
 """Slip scale of a contact that is a Coulomb one as far as any current shows [1]."""
+_BLOCK = 6.0  # currents within so much time hang together [s]: as long as a command usually is
 _LEAST_SAMPLES = 10  # currents that a rule is fitted to, or judged by
 _CLEARLY = 3.0  # a current so many ripples above an idle bridge's is one of a bridge that drives
 _NO_CONSTANT = (
@@ -73,53 +65,42 @@ _READING_RULES = (
 """Every rule that a log is tried against. The third is for sensors without a sign."""
 
 
-def _side_currents(numbers: Mapping[str, float], rates: FloatArray, geometry: SkidGeometry) -> FloatArray:
+def _side_currents(numbers: Numbers, rates: FloatArray, geometry: SkidGeometry) -> FloatArray:
     """Return (2, n) currents of both sides [A] that a rule's numbers need for (2, n) rates [rad/s]."""
-    scale = numbers.get("slip_scale", COULOMB_SCALE)
     known, inverse = np.unique(rates.round(4), axis=1, return_inverse=True)
-    twist = quasi_static_twist(known, geometry, scale)
-    effort = side_forces(known, twist, geometry, scale)[:, inverse.ravel()]
+    effort = side_forces(known, geometry, numbers.get("slip_scale", COULOMB_SCALE))
     loss = np.array([[numbers["loss_left"]], [numbers["loss_right"]]])
-    return np.asarray(numbers["friction"] * effort + loss * np.sign(rates))
+    return np.asarray(numbers["friction"] * effort[:, inverse.ravel()] + loss * np.sign(rates))
 
 
-def _predicted(numbers: Mapping[str, float], s: CurrentSamples, sensor: Sensor, geometry: SkidGeometry) -> FloatArray:
-    """Return (n,) readings that the numbers of a rule predict [A]."""
-    every = _side_currents(numbers, s.rates, geometry)
-    current: FloatArray = np.take_along_axis(every, s.side[None], axis=0)[0]
+def _predicted(numbers: Numbers, some: Samples, sensor: Sensor, geometry: SkidGeometry) -> FloatArray:
+    """Return (2, n) readings that the numbers of a rule predict [A]."""
+    current = _side_currents(numbers, some.rates, geometry)
     if "rho" in numbers:
-        return bridge_reading(current, s.rate, numbers["rho"], sensor.ripple, sensor.idle)
+        return bridge_reading(current, some.rates, numbers["rho"], sensor.ripple, sensor.idle)
     if "heat" in numbers:
-        drawn = battery_current(current, s.rate, s.voltage, numbers["heat"], numbers["efficiency"])
+        loss = (numbers["heat"], numbers["efficiency"])
+        drawn = battery_current(current, some.rates, some.voltages, *loss)
         return drawn if sensor.signed else np.maximum(drawn, 0.0)
-    forward: FloatArray = current * np.sign(s.rate)
+    forward: FloatArray = current * np.sign(some.rates)
     return forward if sensor.signed else np.abs(forward)
 
 
-def _fit_rule(
-    rule: _ReadingRule,
-    samples: CurrentSamples,
-    sensor: Sensor,
-    geometry: SkidGeometry,
-    start: Mapping[str, float] | None = None,
-) -> dict[str, float]:
+def _fit_rule(rule: _ReadingRule, some: Samples, sensor: Sensor, geometry: SkidGeometry) -> Estimate:
     """Return the numbers of a rule that predict the samples best: least squares, in which outliers count less."""
-    unit = float(np.percentile(np.abs(samples.current), 90))
+    known = np.isfinite(some.currents)
+    currents = some.currents[known]
+    unit = float(np.percentile(np.abs(currents), 90))
     if rule.kind == "battery":
-        unit *= float(np.median(samples.voltage) / np.percentile(np.abs(samples.rate), 75))
-    scale = np.array([[unit if name in _SIDES else 1.0] for name in rule.numbers])
-    typical, low, high = (np.array(list(rule.numbers.values())) * scale).T
-    begin = typical if start is None else np.clip([start[name] for name in rule.numbers], low, high)
+        unit *= float(np.median(some.voltages) / np.percentile(np.abs(some.rates[known]), 75))
+    sides = {name: tuple(unit * number for number in rule.numbers[name]) for name in _SIDES}
 
-    def residuals(x: FloatArray) -> FloatArray:
-        named = dict(zip(rule.numbers, x.tolist(), strict=True))
-        return _predicted(named, samples, sensor, geometry) - samples.current
+    def residuals(x: Numbers) -> FloatArray:
+        return _predicted(x, some, sensor, geometry)[known] - currents
 
-    solution = least_squares(
-        residuals, begin, bounds=(low, high), x_scale=typical, loss="soft_l1", diff_step=1e-3, max_nfev=40,
-        f_scale=_ROBUST * max(float(np.std(samples.current)), 1e-6),
-    )  # fmt: skip
-    return dict(zip(rule.numbers, solution.x.tolist(), strict=True))
+    blocks = np.broadcast_to(some.t // _BLOCK, known.shape)[known]
+    size = _ROBUST * max(float(np.std(currents)), 1e-6)
+    return fit_in_blocks(residuals, {**rule.numbers, **sides}, blocks, size)
 
 
 class CurrentFit(NamedTuple):
@@ -127,49 +108,66 @@ class CurrentFit(NamedTuple):
 
     log: str  # name of the log
     sensor: Sensor  # what the log shows of its sensor
+    samples: str  # `windows` if means of steady windows were fitted, `values` of a slow sensor if not
     kind: str  # whose currents they are: `motor` or `battery`
     scores: list[dict[str, Any]]  # rows: share of the variance of the currents that each rule explains
     best: Mapping[str, Any]  # the row of the rule
-    numbers: Mapping[str, float]  # the rule's numbers, from the whole log
-    errors: Mapping[str, float]  # their standard errors, from resampled blocks
+    numbers: Numbers  # the rule's numbers, from the whole log
+    errors: Numbers  # their standard errors
     shown: Sequence[tuple[FloatArray, FloatArray]]
     """Measured and predicted currents [A], of what was fitted and of what was held out."""
 
 
-def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, seed: int, resamples: int) -> CurrentFit:
+def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) -> CurrentFit:
     """Return friction, losses and slip scale from the currents of a log, and the rule that these follow.
 
-    Logs that are held out judge the rules; if there are none, rules fitted to the log's first part are judged on its rest.
-    The bootstrap draws blocks `resamples` times.
+    Logs that are held out judge the rules; if there are none, rules fitted to the log's first part are
+    judged on its rest.
 
     Raises:
         ValueError: a log has no currents, or too little steady driving.
     """
-    whole, sensor, geometry = current_samples(log), sensor_of(log), chassis.geometry
+    sensor = sensor_of(log)
+    geometry = chassis.geometry
     first, *others = (log, *held_out) if held_out else log.divided()
-    fitted, judged = current_samples(first), _joined([current_samples(x) for x in others])
-    rows = _joined([window_samples(x, means=False) for x in others]) if sampled_in_windows(log) else judged
-    for name, samples in ((f"what is fitted of {log.name}", fitted), ("what is held out", judged)):
-        if (count := len(np.unique(samples.current))) < _LEAST_SAMPLES:
+    fitted = steady_samples(first)[1]
+    rows, judged = (_joined(parts) for parts in zip(*map(steady_samples, others), strict=True))
+    for name, some in ((f"what is fitted of {log.name}", fitted), ("what is held out", judged)):
+        count = len(np.unique(some.currents[np.isfinite(some.currents)]))
+        if count < _LEAST_SAMPLES:
             raise ValueError(f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more")
-    scores, best, rule, numbers = list[dict[str, Any]](), dict[str, Any](), _READING_RULES[0], dict[str, float]()
-    for candidate in _READING_RULES:
-        if sensor.signed and "rho" in candidate.numbers:
+    in_windows = sampled_in_windows(log)
+    parts = {"fitted": fitted, "held_out": judged, "samples": rows if in_windows else judged}
+    tried = []
+    for rule in _READING_RULES:
+        if sensor.signed and "rho" in rule.numbers:
             continue
-        own = _fit_rule(candidate, fitted, sensor, geometry)
-        row: dict[str, Any] = {"rule": candidate.name, "kind": candidate.kind}
-        for part, some in (("fitted", fitted), ("held_out", judged), ("samples", rows)):
-            off = _predicted(own, some, sensor, geometry) - some.current
-            row[part] = float(1.0 - np.mean(off**2) / np.var(some.current))  # R^2
-        scores.append(row)
-        if not best or row["held_out"] > best["held_out"]:
-            best, rule, numbers = row, candidate, own
-    shown = [(s.current, _predicted(numbers, s, sensor, geometry)) for s in (fitted, judged)]
-    final = numbers if held_out else _fit_rule(rule, whole, sensor, geometry, numbers)
-    rng = np.random.default_rng([seed, 2])
-    drawn = [_fit_rule(rule, whole.resampled(rng), sensor, geometry, final) for _ in range(resamples)]
-    errors = {name: float(np.std([d[name] for d in drawn])) for name in final if drawn}
-    return CurrentFit(log.name, sensor, rule.kind, scores, best, final, errors, shown)
+        own = _fit_rule(rule, fitted, sensor, geometry).values
+        explained = {part: _explained(own, some, sensor, geometry) for part, some in parts.items()}
+        tried.append((rule, own, {"rule": rule.name, "kind": rule.kind, **explained}))
+    rule, own, best = max(tried, key=lambda one: one[2]["held_out"])
+    final = _fit_rule(rule, steady_samples(log)[1], sensor, geometry)
+    return CurrentFit(
+        log.name,
+        sensor,
+        "windows" if in_windows else "values",
+        rule.kind,
+        scores=[row for _, _, row in tried],
+        best=best,
+        numbers=final.values,
+        errors=final.errors,
+        shown=[(some.currents, _predicted(own, some, sensor, geometry)) for some in (fitted, judged)],
+    )
+
+
+def _explained(numbers: Numbers, some: Samples, sensor: Sensor, geometry: SkidGeometry) -> float:
+    """Return the share of the currents' variance that the numbers of a rule explain, R^2."""
+    off = _predicted(numbers, some, sensor, geometry) - some.currents
+    return float(1.0 - np.nanmean(off**2) / np.nanvar(some.currents))
+
+
+def _joined(parts: Sequence[Samples]) -> Samples:
+    return Samples(*(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)))
 
 
 class Torques(NamedTuple):
@@ -189,7 +187,7 @@ class Torques(NamedTuple):
         Raises:
             ValueError: it has no currents, or too little steady driving.
         """
-        found = fit_currents(log, [], chassis, 0, 0)
+        found = fit_currents(log, [], chassis)
         if found.kind == "battery":
             if log.voltages is None:
                 raise ValueError("they are the battery's, and without its voltage power is unknown")
@@ -205,15 +203,15 @@ class Torques(NamedTuple):
         show are replaced by `own_loss` [N m], that of a side of the plant which the torques are
         compared with.
         """
-        current = steady_currents(log)
+        some = steady_samples(log)[0]
+        current = some.currents
         forward = np.where(log.rates < 0.0, -1.0, 1.0)
         n = self.found.numbers
         sensor = self.found.sensor
         if not sensor.signed:
             current[~(current > sensor.idle + _CLEARLY * sensor.ripple)] = np.nan
         if self.found.kind == "battery":
-            assert log.voltages is not None
-            power = current * np.where(log.voltages > 1.0, log.voltages, np.nan)
+            power = current * some.voltages
             ahead = battery_torque(power, np.abs(log.rates), n["heat"], n["efficiency"])
         elif sensor.signed:
             ahead = self.constant * current
@@ -275,8 +273,3 @@ def with_torques(targets: Sequence[FitTarget], chassis: Chassis, constant: float
         source = replace(target.source, warnings=(*target.source.warnings, said))
         out.append(replace(target, source=source, torques=known))
     return tuple(out)
-
-
-def _joined(parts: Sequence[CurrentSamples]) -> CurrentSamples:
-    columns: list[Any] = [np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)]
-    return CurrentSamples(*columns)

@@ -56,8 +56,9 @@ def bridge_log(
     rng = np.random.default_rng(seed)
     chassis = HUSKY
     step = 0.01 / chassis.command_radius
-    sent = np.arange(0.0, motion.t[-1], _MESSAGES) + rng.uniform(0.0, 0.02)
-    at = np.searchsorted(motion.t, sent) - 1
+    sent = np.arange(0.0, motion.t[-1] - _ROWS, _MESSAGES)
+    sent += rng.uniform(0.0, _ROWS, len(sent))  # at no fixed time from the rows
+    at = np.rint(sent / _FINE).astype(int)
     rates = np.trunc(motion.rates[:, at] / step) * step
     true = current[:, at] + ripple * rng.standard_normal((2, len(at)))
     drives = true * (motion.rates[:, at] + RHO * true) > 0.0

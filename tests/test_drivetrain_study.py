@@ -157,15 +157,15 @@ def test_each_log_alone_tells_its_share() -> None:
 
 def test_rates_with_noise_are_measured_and_steps_are_set_points() -> None:
     log = drive_log(GRASS)
-    assert rate_evidence(log).wheel_rates_are == "set points"
-    assert rate_evidence(log).step_rad_s == pytest.approx(0.01 / 0.1651, rel=1e-3)
+    assert rate_evidence(log)["wheel_rates_are"] == "set points"
+    assert rate_evidence(log)["step_rad_s"] == pytest.approx(0.01 / 0.1651, rel=1e-3)
     noise = np.random.default_rng(0).normal(0.0, 0.05, log.rates.shape)
     noisy = rate_evidence(replace(log, rates=log.rates + noise))
-    assert (noisy.wheel_rates_are, noisy.step_rad_s) == ("measured", None)
-    assert noisy.scatter_rad_s == pytest.approx(0.05, rel=0.1)
+    assert (noisy["wheel_rates_are"], noisy["step_rad_s"]) == ("measured", None)
+    assert noisy["scatter_rad_s"] == pytest.approx(0.05, rel=0.1)
     silent = rate_evidence(replace(log, commands=None))
-    assert math.isnan(silent.scatter_rad_s)
-    assert silent.wheel_rates_are == "set points"  # by its steps
+    assert math.isnan(silent["scatter_rad_s"])
+    assert silent["wheel_rates_are"] == "set points"  # by its steps
 
 
 def test_steady_windows_are_steady_and_without_their_beginning() -> None:

@@ -31,7 +31,7 @@ CREEP = 0.02
 """v_c: rolling speed that is added, so that slip has a meaning at standstill [m/s]."""
 _STEPS = 100  # steps towards a steady motion; with slip scales up to 0.8 fifty reach rounding
 _STILL = 1e-9  # wheels that slide by less, over their scale, do not slide
-_SHARP = 1e-6  # a current that ripples by less does not ripple [A]
+_SHARP, _NOTHING = 1e-12, 1e-9  # least ripple, and what lies beyond an edge by less lies on it [A]
 
 
 class SkidGeometry(NamedTuple):
@@ -128,10 +128,7 @@ def bridge_reading(current: FloatArray, rate: FloatArray, rho: float, ripple: fl
 
 def _beyond(mean: FloatArray, edge: FloatArray, ripple: float) -> tuple[FloatArray, FloatArray]:
     """Return, of a normal law, the mean with nothing in place of what lies below an edge, and the share above."""
-    if ripple < _SHARP:
-        share = np.where(mean > edge, 1.0, 0.0)
-        return mean * share, share
-    u = np.clip((mean - edge) / ripple, -30.0, 30.0)
+    u = np.clip((mean - edge - _NOTHING) / max(ripple, _SHARP), -30.0, 30.0)
     share = ndtr(u)
     density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)
     return mean * share + ripple * density, share

@@ -21,6 +21,10 @@ class Estimate(NamedTuple):
     values: Numbers  # the numbers
     errors: Numbers  # their standard errors; 0 where a bound holds the number or nothing depends on it
 
+    def pairs(self) -> dict[str, FloatArray]:
+        """Return (2,) value and standard error of each number by its name."""
+        return {name: np.array([value, self.errors[name]]) for name, value in self.values.items()}
+
 
 def fit_in_blocks(
     residuals: Callable[[Numbers], FloatArray],

@@ -27,7 +27,6 @@ from validation.identify.motor_logs import (
     Samples,
     Sensor,
     log_of_motions,
-    sampled_in_windows,
     sensor_of,
     steady_samples,
 )
@@ -93,27 +92,26 @@ def _fit_rule(rule: _ReadingRule, some: Samples, sensor: Sensor, geometry: SkidG
     unit = float(np.percentile(np.abs(currents), 90))
     if rule.kind == "battery":
         unit *= float(np.median(some.voltages) / np.percentile(np.abs(some.rates[known]), 75))
-    sides = {name: tuple(unit * number for number in rule.numbers[name]) for name in _SIDES}
+    numbers = dict(rule.numbers)
+    for name in _SIDES:
+        start, low, high = numbers[name]
+        numbers[name] = (unit * start, unit * low, unit * high)
 
     def residuals(x: Numbers) -> FloatArray:
         return _predicted(x, some, sensor, geometry)[known] - currents
 
     blocks = np.broadcast_to(some.t // _BLOCK, known.shape)[known]
     size = _ROBUST * max(float(np.std(currents)), 1e-6)
-    return fit_in_blocks(residuals, {**rule.numbers, **sides}, blocks, size)
+    return fit_in_blocks(residuals, numbers, blocks, size)
 
 
 class CurrentFit(NamedTuple):
     """Numbers from currents on the ground, under the rule that explains most of what was held out."""
 
-    log: str  # name of the log
     sensor: Sensor  # what the log shows of its sensor
-    samples: str  # `windows` if means of steady windows were fitted, `values` of a slow sensor if not
-    kind: str  # whose currents they are: `motor` or `battery`
-    scores: list[dict[str, Any]]  # rows: share of the variance of the currents that each rule explains
+    found: Estimate  # the rule's numbers, from the whole log
     best: Mapping[str, Any]  # the row of the rule
-    numbers: Numbers  # the rule's numbers, from the whole log
-    errors: Numbers  # their standard errors
+    scores: list[Mapping[str, Any]]  # rows: share of the variance of the currents that each rule explains
     shown: Sequence[tuple[FloatArray, FloatArray]]
     """Measured and predicted currents [A], of what was fitted and of what was held out."""
 
@@ -136,28 +134,17 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
         count = len(np.unique(some.currents[np.isfinite(some.currents)]))
         if count < _LEAST_SAMPLES:
             raise ValueError(f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more")
-    in_windows = sampled_in_windows(log)
-    parts = {"fitted": fitted, "held_out": judged, "samples": rows if in_windows else judged}
-    tried = []
+    parts = {"fitted": fitted, "held_out": judged, "samples": rows if sensor.kind == "windows" else judged}
+    tried = list[tuple[_ReadingRule, Numbers, dict[str, Any]]]()
     for rule in _READING_RULES:
-        if sensor.signed and "rho" in rule.numbers:
-            continue
-        own = _fit_rule(rule, fitted, sensor, geometry).values
-        explained = {part: _explained(own, some, sensor, geometry) for part, some in parts.items()}
-        tried.append((rule, own, {"rule": rule.name, "kind": rule.kind, **explained}))
+        if not (sensor.signed and "rho" in rule.numbers):
+            own = _fit_rule(rule, fitted, sensor, geometry).values
+            explained = {part: _explained(own, some, sensor, geometry) for part, some in parts.items()}
+            tried.append((rule, own, {"rule": rule.name, "kind": rule.kind, **explained}))
     rule, own, best = max(tried, key=lambda one: one[2]["held_out"])
-    final = _fit_rule(rule, steady_samples(log)[1], sensor, geometry)
-    return CurrentFit(
-        log.name,
-        sensor,
-        "windows" if in_windows else "values",
-        rule.kind,
-        scores=[row for _, _, row in tried],
-        best=best,
-        numbers=final.values,
-        errors=final.errors,
-        shown=[(some.currents, _predicted(own, some, sensor, geometry)) for some in (fitted, judged)],
-    )
+    found = _fit_rule(rule, steady_samples(log)[1], sensor, geometry)
+    shown = [(some.currents, _predicted(own, some, sensor, geometry)) for some in (fitted, judged)]
+    return CurrentFit(sensor, found, best, [row for _, _, row in tried], shown)
 
 
 def _explained(numbers: Numbers, some: Samples, sensor: Sensor, geometry: SkidGeometry) -> float:
@@ -170,72 +157,52 @@ def _joined(parts: Sequence[Samples]) -> Samples:
     return Samples(*(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)))
 
 
-class Torques(NamedTuple):
-    """What turns a log's currents into torques at its wheels."""
+def torques_of(log: DriveLog, chassis: Chassis, constant: float, own_loss: float) -> tuple[FloatArray | None, str]:
+    """Return (M, 2) torques of the left and right motors [N m], and a sentence on where they come from.
 
-    found: CurrentFit
-    """Losses, and what the currents are."""
-    constant: float
-    """Torque of a side's wheels per ampere of its motor [N m/A]; 1 for the battery's currents."""
-    geometry: SkidGeometry
-    """Rolling radius and half distances of the wheels."""
+    They are NaN where the log hides them: they are known in steady driving, where nothing accelerates, of
+    sides that turn, and not where a sensor without a sign shows nothing. What such a sensor shows of an
+    inner wheel may drive or brake it: the rule that explains the currents decides. There are none of
+    motors' currents without a constant.
 
-    @classmethod
-    def of(cls, log: DriveLog, chassis: Chassis, constant: float) -> Torques | None:
-        """Return what a log tells; None where its currents are the motors' and no constant is known.
+    Args:
+        log: a log with currents.
+        chassis: nominal numbers of the robot.
+        constant: torque of a side's wheels per ampere of its motor [N m/A]; 0 where it is unknown.
+        own_loss: what the losses that the currents show are replaced by [N m]: that of a side of the
+            plant which the torques are compared with.
 
-        Raises:
-            ValueError: it has no currents, or too little steady driving.
-        """
-        found = fit_currents(log, [], chassis)
-        if found.kind == "battery":
-            if log.voltages is None:
-                raise ValueError("they are the battery's, and without its voltage power is unknown")
-            return cls(found, 1.0, chassis.geometry)
-        return cls(found, constant, chassis.geometry) if constant > 0.0 else None
-
-    def along(self, log: DriveLog, own_loss: float) -> FloatArray:
-        """Return (M, 2) torques of the left and right motors [N m]; NaN where the log hides them.
-
-        They are known in steady driving, where nothing accelerates, of sides that turn, and not
-        where a sensor without a sign shows nothing. What such a sensor shows of an inner wheel may
-        drive or brake it: the rule that explains the currents decides. The losses that the currents
-        show are replaced by `own_loss` [N m], that of a side of the plant which the torques are
-        compared with.
-        """
-        some = steady_samples(log)[0]
-        current = some.currents
-        forward = np.where(log.rates < 0.0, -1.0, 1.0)
-        n = self.found.numbers
-        sensor = self.found.sensor
-        if not sensor.signed:
-            current[~(current > sensor.idle + _CLEARLY * sensor.ripple)] = np.nan
-        if self.found.kind == "battery":
-            power = current * some.voltages
-            ahead = battery_torque(power, np.abs(log.rates), n["heat"], n["efficiency"])
-        elif sensor.signed:
-            ahead = self.constant * current
-        else:
-            known = np.isfinite(current).any(axis=0)
-            needed = _side_currents(n, log.rates[:, known], self.geometry)
-            current[:, known] *= np.sign(needed)
-            ahead = self.constant * forward * current
-        loss = self.constant * np.array([[n["loss_left"]], [n["loss_right"]]])
-        return np.ascontiguousarray((forward * (ahead - loss + own_loss)).T)
-
-    def sentence(self, name: str) -> str:
-        """Return a sentence on where the torques of a log come from."""
-        n = self.found.numbers
-        left = self.constant * n["loss_left"]
-        right = self.constant * n["loss_right"]
-        how = "the battery's power"
-        if self.found.kind == "motor":
-            how = f"the motors' currents and {self.constant:g} N m/A"
-        return (
-            f"{name}: torques come from {how}, less losses of {left:.3g} N m (left) and "
-            f"{right:.3g} N m (right) in steady driving; a scale that is off by a share makes "
-            "friction wrong by that share, which its standard error does not cover"
-        )
+    Raises:
+        ValueError: the log has no currents, or too little steady driving.
+    """
+    fit = fit_currents(log, [], chassis)
+    x = fit.found.values
+    battery = fit.best["kind"] == "battery"
+    if battery and log.voltages is None:
+        raise ValueError("they are the battery's, and without its voltage power is unknown")
+    if not battery and constant <= 0.0:
+        return None, _NO_CONSTANT
+    some = steady_samples(log)[0]
+    current = some.currents
+    if not fit.sensor.signed:
+        shows = current > fit.sensor.idle + _CLEARLY * fit.sensor.ripple
+        current = np.where(shows, current, np.nan)
+    scale = 1.0 if battery else constant
+    forward = np.where(log.rates < 0.0, -1.0, 1.0)
+    ahead = scale * current
+    if battery:
+        ahead = battery_torque(current * some.voltages, np.abs(log.rates), x["heat"], x["efficiency"])
+    elif not fit.sensor.signed:
+        ahead *= forward * np.sign(_side_currents(x, log.rates, chassis.geometry))
+    loss = scale * np.array([x["loss_left"], x["loss_right"]])
+    torques = forward * (ahead - loss[:, None] + own_loss)
+    how = "the battery's power" if battery else f"the motors' currents and {constant:g} N m/A"
+    said = (
+        f"torques come from {how}, less losses of {loss[0]:.3g} N m (left) and {loss[1]:.3g} N m (right) "
+        "in steady driving; a scale that is off by a share makes friction wrong by that share, which its "
+        "standard error does not cover"
+    )
+    return np.ascontiguousarray(torques.T), said
 
 
 def with_torques(targets: Sequence[FitTarget], chassis: Chassis, constant: float, own_loss: float) -> tuple[FitTarget, ...]:
@@ -248,28 +215,23 @@ def with_torques(targets: Sequence[FitTarget], chassis: Chassis, constant: float
         targets: targets of a fit.
         chassis: nominal numbers of the robot.
         constant: torque of a side's wheels per ampere of its motor [N m/A]; 0 where it is unknown.
-        own_loss: loss of a side of the plant that is fitted, see `Torques.along`.
+        own_loss: loss of a side of the plant that is fitted, see `torques_of`.
     """
-    out = list[FitTarget]()
-    for target in targets:
-        name = target.source.title
-        log = None
-        if target.source.reference == RECORDING:
-            log = log_of_motions(name, target.truth)
-        if log is None:
-            out.append(target)
-            continue
-        ends = np.cumsum([len(motion.t) for motion in target.truth])[:-1]
-        known = None
-        try:
-            told = Torques.of(log, chassis, constant)
-            if told is None:
-                said = f"{name}: {_NO_CONSTANT}"
-            else:
-                said = told.sentence(name)
-                known = tuple(np.split(told.along(log, own_loss), ends))
-        except ValueError as error:
-            said = f"{name}: its currents tell no torques, because {error}"
-        source = replace(target.source, warnings=(*target.source.warnings, said))
-        out.append(replace(target, source=source, torques=known))
-    return tuple(out)
+    return tuple(_with_torques(target, chassis, constant, own_loss) for target in targets)
+
+
+def _with_torques(target: FitTarget, chassis: Chassis, constant: float, own_loss: float) -> FitTarget:
+    name = target.source.title
+    log = log_of_motions(name, target.truth)
+    if target.source.reference != RECORDING or log is None:
+        return target
+    told = None
+    try:
+        torques, said = torques_of(log, chassis, constant, own_loss)
+        if torques is not None:
+            ends = np.cumsum([len(motion.t) for motion in target.truth])[:-1]
+            told = tuple(np.split(torques, ends))
+    except ValueError as error:
+        said = f"its currents tell no torques, because {error}"
+    source = replace(target.source, warnings=(*target.source.warnings, f"{name}: {said}"))
+    return replace(target, source=source, torques=told)

@@ -78,10 +78,13 @@ class DriveLog:
     def divided(self) -> tuple[DriveLog, DriveLog]:
         """Return its first two thirds, to be fitted, and its last third, which judges."""
         end = int(np.searchsorted(self.t, self.t[0] + FIT_SHARE * (self.t[-1] - self.t[0])))
-        columns = {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
-        first: dict[str, Any] = {name: value[..., :end] for name, value in columns.items()}
-        last: dict[str, Any] = {name: value[..., end:] for name, value in columns.items()}
-        return replace(self, **first), replace(self, **last)
+        return self._part(slice(end)), self._part(slice(end, None))
+
+    def _part(self, rows: slice) -> DriveLog:
+        columns: dict[str, Any] = {
+            name: value[..., rows] for name, value in vars(self).items() if isinstance(value, np.ndarray)
+        }
+        return replace(self, **columns)
 
 
 def drive_log(source: str | Log) -> DriveLog:
@@ -132,21 +135,25 @@ def require_currents(log: DriveLog) -> FloatArray:
 class Sensor(NamedTuple):
     """Properties of a log's current sensor that show without a fit."""
 
+    kind: str  # `windows` if it is sampled in steady windows, `values` if each new value is one
     ripple: float  # standard deviation of a steady current about its mean [A]
     idle: float  # mean reading of a bridge that does not drive [A]
     signed: bool  # true if readings can be negative
 
 
 def sensor_of(log: DriveLog) -> Sensor:
-    """Return what a log shows of its currents' sensor: the ripple of steady currents, and what it reads when idle."""
+    """Return what a log shows of its currents' sensor; a ValueError says that it has none."""
     currents = require_currents(log)
+    steps = [np.diff(log.t[1:][np.diff(current) != 0.0]) for current in currents]
+    known = np.concatenate(steps)
+    kind = "windows" if len(known) and np.median(known) < _SLOW_SENSOR else "values"
     if log.signed:
-        return Sensor(0.0, 0.0, signed=True)
-    least = float(np.abs(currents)[currents != 0.0].min())
-    idle = 0.5 * least if least < 0.1 * np.abs(currents).max() else 0.0
+        return Sensor(kind, 0.0, 0.0, signed=True)
+    sizes = np.abs(currents[currents != 0.0])
+    idle = 0.5 * float(sizes.min()) if sizes.min() < 0.1 * sizes.max() else 0.0
     inside = [current[window] for window in steady_windows(log) for current in currents]
     ripples = [current.std() for current in inside if current.mean() > 5.0 * max(idle, 0.1)]
-    return Sensor(float(np.median(ripples)) if ripples else 1.0, idle, signed=False)
+    return Sensor(kind, float(np.median(ripples or [1.0])), idle, signed=False)
 
 
 class Samples(NamedTuple):
@@ -194,13 +201,6 @@ def _refreshed(log: DriveLog) -> Iterator[tuple[int, slice, int]]:
                 yield side, span, int(k)
 
 
-def sampled_in_windows(log: DriveLog) -> bool:
-    """Return whether a log's currents are taken in steady windows, and not value by value of a slow sensor."""
-    steps = [np.diff(log.t[1:][np.diff(c) != 0.0]) for c in require_currents(log)]
-    known = np.concatenate(steps)
-    return len(known) > 0 and float(np.median(known)) < _SLOW_SENSOR
-
-
 def steady_samples(log: DriveLog) -> tuple[Samples, Samples]:
     """Return a log's currents in steady driving: M samples, and the means of what belongs together.
 
@@ -216,7 +216,7 @@ def steady_samples(log: DriveLog) -> tuple[Samples, Samples]:
         voltages = np.where(on, log.voltages, np.median(log.voltages[on]))
     known = np.full_like(currents, np.nan)
     rows = list[FloatArray]()
-    for sides, span, read in windows if sampled_in_windows(log) else _refreshed(log):
+    for sides, span, read in windows if sensor_of(log).kind == "windows" else _refreshed(log):
         known[sides, span] = currents[sides, read]
         own = np.full((2, 1), np.nan)
         own[sides] = known[sides, span].mean(axis=-1, keepdims=True)

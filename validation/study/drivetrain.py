@@ -113,37 +113,27 @@ def _numbers(
     What currents tell are currents where they are the motors', and torques where they are the battery's;
     the torque constant [N m/A] makes one of the other.
     """
-    found = dict[str, tuple[float, float]]()
+    found = {} if currents is None else currents.found.pairs()
     if currents is not None:
-        own = {name: (value, currents.errors[name]) for name, value in currents.numbers.items()}
-        own["friction_current"] = own.pop("friction")
-        if currents.kind == "battery":
-            own = {_SCALED.get(name, name): pair for name, pair in own.items()}
-        found.update(own)
+        found["friction_current"] = found.pop("friction")
+        if currents.best["kind"] == "battery":
+            found = {_SCALED.get(name, name): pair for name, pair in found.items()}
     if inertia is not None:
-        found["inertia_current"] = (inertia.value, inertia.standard_error)
-    for current, torque in _SCALED.items() if constant is not None else ():
-        if current in found:
-            found[torque] = tuple(constant * number for number in found[current])
-        elif torque in found:
-            found[current] = tuple(number / constant for number in found[torque])
+        found["inertia_current"] = inertia.value
+    if constant is not None:
+        torques = {_SCALED[name]: constant * found[name] for name in _SCALED if name in found}
+        amperes = {name: found[_SCALED[name]] / constant for name in _SCALED if _SCALED[name] in found}
+        found |= torques | amperes
     if "friction_torque" in found:
         most = 0.5 * chassis.mass * GRAVITY * chassis.geometry.radius
-        found["friction"] = tuple(number / most for number in found["friction_torque"])
-    if driver is not None:
-        for name, value in driver.found.values.items():
-            error = driver.found.errors[name]
-            if error > 0.0:  # no command asks for more than a limit that nothing depends on
-                found[f"driver_{name}"] = (value, error)
+        found["friction"] = found["friction_torque"] / most
+    pairs = {} if driver is None else driver.found.pairs()
+    # no command asks for more than a limit that nothing depends on
+    found |= {f"driver_{name}": pair for name, pair in pairs.items() if pair[1] > 1e-9}
     return {
-        name: {
-            "value": found[name][0],
-            "standard_error": found[name][1],
-            "unit": unit,
-            "meaning": meaning,
-        }
+        name: {"value": pair[0], "standard_error": pair[1], "unit": unit, "meaning": meaning}
         for name, (unit, meaning) in _MEANINGS.items()
-        if name in found
+        if (pair := found.get(name)) is not None
     }
 
 
@@ -190,7 +180,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
             currents = fit_currents(ground, driven, chassis)
             o.progress(Progress(2, 3, "currents on the ground"))
         if driver is not None and up is not None and up.currents is not None and not (up.on_ground or up.signed):
-            rho = _USUAL_RHO if currents is None else currents.numbers.get("rho", _USUAL_RHO)
+            rho = _USUAL_RHO if currents is None else currents.found.values.get("rho", _USUAL_RHO)
             inertia = fit_inertia(driver, rho)
             o.progress(Progress(3, 3, "inertia"))
     except KeyboardInterrupt:
@@ -198,7 +188,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
             raise
         status = INTERRUPTED
     numbers = _numbers(driver, currents, inertia, chassis, o.torque_constant)
-    evidence = [rate_evidence(log)._asdict() for log in (*named, *held_out)]
+    evidence = [rate_evidence(log) for log in (*named, *held_out)]
     document = {
         "schema": "ssmr.study/1",
         "study": "drivetrain",
@@ -206,11 +196,11 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
         "wheel_rate_rms_rad_s": driver and driver.rms,
         "current_r2": currents and currents.best["held_out"],
         "current_r2_samples": currents and currents.best["samples"],
-        "current_is": currents and currents.kind,
+        "current_is": currents and currents.best["kind"],
         "wheel_rates_are": evidence[0]["wheel_rates_are"],
         "parameters": numbers,
         "inertia": inertia and inertia.estimates,
-        "samples": currents and {"kind": currents.samples, **currents.sensor._asdict()},
+        "samples": currents and currents.sensor._asdict(),
         "held_out_share": 0.0 if o.held_out else 1.0 - FIT_SHARE,
         "torque_constant_N_m_A": o.torque_constant,
     }
@@ -246,9 +236,9 @@ def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
     says = []
     if o.robot is None and o.profile is None:
         says.append(f"No robot was named: the logs are taken for those of a {chassis.name}.")
-    if currents is not None and currents.kind == "motor" and o.torque_constant is None:
+    if currents is not None and currents.best["kind"] == "motor" and o.torque_constant is None:
         says.append("Unknown without torque_constant: friction torque, friction coefficient and inertia of the rotors.")
-    if currents is not None and currents.kind == "battery":
+    if currents is not None and currents.best["kind"] == "battery":
         says.append(f"Power fixes the torques' scale; the friction coefficient is as good as the mass, {chassis.mass:g} kg.")
     return says
 

@@ -26,7 +26,7 @@ from ssmr.types import Commands, FloatArray, State
 from validation.files.signals import refreshed
 from validation.identify.blocks import Estimate, Numbers, fit_in_blocks
 from validation.identify.motor_logs import Chassis, DriveLog, require_currents
-from validation.study.drivetrain_logs import HELD, held_commands, rate_evidence
+from validation.study.drivetrain_logs import HELD, held_commands, rate_step
 
 LEAST_COMMANDS = 8
 """Fewest held commands that seven numbers are fitted to."""
@@ -98,7 +98,7 @@ class CommandLog:
         self.starts = log.t[[span.start for span in held]]
         self.rows = np.concatenate([np.arange(span.start, span.stop) for span in held])
         self.commands = log.commands.T
-        self.step = rate_evidence(log).step_rad_s or 1e-9  # measured rates come in steps of rounding
+        self.step = rate_step(log.rates) or 1e-9  # measured rates come in steps of rounding
         self.measured = log.t - _message_ages(log)
 
     def rates(self, law: DriverLaw, t: FloatArray) -> FloatArray:
@@ -210,9 +210,9 @@ def fit_driver(log: DriveLog, held_out: Sequence[DriveLog], others: Sequence[Dri
 class InertiaFit(NamedTuple):
     """J / K, and what it was found from."""
 
-    value: float  # mean of the two estimates [A s^2/rad]
-    standard_error: float  # half the difference of the two, and their own errors, together [A s^2/rad]
-    estimates: Mapping[str, tuple[float, float] | int]
+    value: FloatArray
+    """(2,) mean of the two estimates and its standard error: half their difference, and theirs [A s^2/rad]."""
+    estimates: Mapping[str, Any]
     """Estimate and its standard error from transients `one_way` and from `reversals`, and the number `n` of both."""
 
 
@@ -244,7 +244,8 @@ def fit_inertia(driver: DriverFit, rho: float) -> InertiaFit | None:
     inertia, loss = (0.2, 0.0, 1.2), (0.3, 0.0, 5.0)
     numbers = {"one_way": inertia, "reversals": inertia, "left": loss, "right": loss}
     found = fit_in_blocks(residuals, numbers, np.tile(np.arange(len(times)), 2), _OUTLIER)
-    estimates = {name: (found.values[name], found.errors[name]) for name in ("one_way", "reversals")}
-    (one, one_error), (other, other_error) = estimates.values()
-    error = 0.5 * math.hypot(one - other, one_error, other_error)
-    return InertiaFit(0.5 * (one + other), error, {**estimates, "n": reverses.size})
+    pairs = found.pairs()
+    one, other = (pairs[name] for name in ("one_way", "reversals"))
+    error = 0.5 * math.hypot(one[0] - other[0], one[1], other[1])
+    estimates = {"one_way": tuple(one), "reversals": tuple(other), "n": reverses.size}
+    return InertiaFit(np.array([0.5 * (one[0] + other[0]), error]), estimates)

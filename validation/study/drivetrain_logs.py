@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from ssmr.types import FloatArray
 from validation.identify.motor_logs import DriveLog
+from validation.report.table import Row
 
 HELD, _RESPONSE_S, _USED = 5.0, 0.5, 5.9
 """A command counts if it is held so long and the wheels' rates change so soon after it; so much of it is used [s]."""
@@ -35,29 +35,27 @@ def held_commands(log: DriveLog) -> list[slice]:
     return held
 
 
-class RateEvidence(NamedTuple):
-    """Evidence on whether the wheel rates of a log were measured."""
+def rate_evidence(log: DriveLog) -> Row:
+    """Return what a log says on whether its wheel rates were measured.
 
-    log: str  # name of the log
-    commands: int  # number of commands that were held
-    scatter_rad_s: float
-    """Median standard deviation of a wheel rate in the settled part of such a command [rad/s]; NaN without any."""
-    step_rad_s: float | None  # step of which all rates are multiples [rad/s]; None if there is none
-    wheel_rates_are: str  # `measured`, or `set points`, which never change under a command or only come in steps
-
-
-def rate_evidence(log: DriveLog) -> RateEvidence:
-    """Return what a log says of its wheel rates."""
+    Set points never change under a command that is held (`scatter_rad_s`, the median standard deviation
+    of a settled rate [rad/s]; NaN without such a command) or only come in steps (`step_rad_s`).
+    """
     held = held_commands(log)
     late = [log.rates[:, span][:, log.t[span] > log.t[span.start] + _LATE] for span in held]
     scatter = float(np.median([rates.std(axis=1) for rates in late])) if late else math.nan
-    step = _step_of(log.rates)
-    kind = "set points" if scatter < _NO_SCATTER or step is not None else "measured"
-    return RateEvidence(log.name, len(held), scatter, step, kind)
+    step = rate_step(log.rates)
+    return {
+        "log": log.name,
+        "commands": len(held),
+        "scatter_rad_s": scatter,
+        "step_rad_s": step,
+        "wheel_rates_are": "measured" if step is None and not scatter < _NO_SCATTER else "set points",
+    }
 
 
-def _step_of(rates: FloatArray) -> float | None:
-    """Return the step of which all rates are multiples; None if there is none of a size worth mention."""
+def rate_step(rates: FloatArray) -> float | None:
+    """Return the step of which all (2, M) rates are multiples; None if there is none of a size worth mention."""
     sizes = np.unique(np.abs(rates).round(4))
     apart = np.diff(sizes)
     apart = apart[apart > 0.5 * _FINEST_STEP]

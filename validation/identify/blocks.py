@@ -11,15 +11,15 @@ from scipy.optimize import least_squares
 from ssmr.types import FloatArray
 
 _MOST = 100  # most evaluations of a search, besides those for its derivatives
-Numbers = Mapping[str, float]
-"""Numbers of a fit by their names."""
+FitNumbers = Mapping[str, float]
+"""FitNumbers of a fit by their names."""
 
 
 class Estimate(NamedTuple):
-    """Numbers that a fit has found."""
+    """FitNumbers that a fit has found."""
 
-    values: Numbers  # the numbers
-    errors: Numbers  # their standard errors; 0 where a bound holds the number or nothing depends on it
+    values: FitNumbers  # the numbers
+    errors: FitNumbers  # their standard errors; 0 where a bound holds the number or nothing depends on it
 
     def pairs(self) -> dict[str, FloatArray]:
         """Return (2,) value and standard error of each number by its name."""
@@ -27,7 +27,7 @@ class Estimate(NamedTuple):
 
 
 def fit_in_blocks(
-    residuals: Callable[[Numbers], FloatArray],
+    residuals: Callable[[FitNumbers], FloatArray],
     numbers: Mapping[str, tuple[float, float, float]],
     blocks: FloatArray,
     size: float,
@@ -35,8 +35,9 @@ def fit_in_blocks(
     """Return the numbers within bounds whose residuals are least.
 
     Residuals beyond `size` count less than their square (`soft_l1`). Those of one block hang together,
-    so a block is one observation: standard errors are those of the sandwich H^-1 G H^-1, with the
-    curvature H of the sum of errors and the scatter G of the blocks' gradients (P. Huber 1967).
+    so a block is one observation. Standard errors are those of the jackknife: what the numbers do when
+    one block after the other is left out, each by one step of Newton's method (M. Quenouille 1956;
+    J. Tukey 1958).
 
     Args:
         residuals: function of the numbers that returns (K,) residuals.
@@ -46,7 +47,7 @@ def fit_in_blocks(
     """
     start, low, high = np.array(list(numbers.values())).T
 
-    def named(values: FloatArray) -> Numbers:
+    def named(values: FloatArray) -> FitNumbers:
         return dict(zip(numbers, values.tolist(), strict=True))
 
     end = least_squares(
@@ -60,10 +61,13 @@ def fit_in_blocks(
         max_nfev=_MOST,
     )
     # scipy's Jacobian is scaled such that its square is the curvature of the loss
+    slopes = np.where(end.active_mask == 0, end.jac * start, 0.0)
     pulls = end.fun * (1.0 + (end.fun / size) ** 2) ** 0.25
-    slopes = np.where(end.active_mask == 0, end.jac, 0.0)
-    own = blocks[:, None] == np.unique(blocks)
-    scatter = own.T @ (slopes * pulls[:, None])
-    steps = scatter @ np.linalg.pinv(slopes.T @ slopes)
-    errors = np.sqrt((steps**2).sum(axis=0) * len(steps) / (len(steps) - 1.0))
+    curvature = slopes.T @ slopes
+    steps = list[FloatArray]()
+    for block in np.unique(blocks):
+        own = slopes[blocks == block]
+        without = np.linalg.pinv(curvature - own.T @ own, hermitian=True)
+        steps.append(without @ (pulls[blocks == block] @ own))
+    errors = start * np.sqrt((1.0 - 1.0 / len(steps)) * np.sum(np.square(steps), axis=0))
     return Estimate(named(end.x), named(errors))

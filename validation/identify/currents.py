@@ -20,11 +20,11 @@ import numpy as np
 from ssmr.robot.drivetrain import SkidGeometry, battery_current, battery_torque, bridge_reading, side_forces
 from ssmr.types import FloatArray
 from validation.bench.sources import RECORDING
-from validation.identify.blocks import Estimate, Numbers, fit_in_blocks
+from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks
 from validation.identify.motor_logs import (
     Chassis,
     DriveLog,
-    Samples,
+    MotorSamples,
     Sensor,
     log_of_motions,
     sensor_of,
@@ -64,7 +64,7 @@ _READING_RULES = (
 """Every rule that a log is tried against. The third is for sensors without a sign."""
 
 
-def _side_currents(numbers: Numbers, rates: FloatArray, geometry: SkidGeometry) -> FloatArray:
+def _side_currents(numbers: FitNumbers, rates: FloatArray, geometry: SkidGeometry) -> FloatArray:
     """Return (2, n) currents of both sides [A] that a rule's numbers need for (2, n) rates [rad/s]."""
     known, inverse = np.unique(rates.round(4), axis=1, return_inverse=True)
     effort = side_forces(known, geometry, numbers.get("slip_scale", COULOMB_SCALE))
@@ -72,7 +72,7 @@ def _side_currents(numbers: Numbers, rates: FloatArray, geometry: SkidGeometry) 
     return np.asarray(numbers["friction"] * effort[:, inverse.ravel()] + loss * np.sign(rates))
 
 
-def _predicted(numbers: Numbers, some: Samples, sensor: Sensor, geometry: SkidGeometry) -> FloatArray:
+def _predicted(numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry) -> FloatArray:
     """Return (2, n) readings that the numbers of a rule predict [A]."""
     current = _side_currents(numbers, some.rates, geometry)
     if "rho" in numbers:
@@ -85,7 +85,7 @@ def _predicted(numbers: Numbers, some: Samples, sensor: Sensor, geometry: SkidGe
     return forward if sensor.signed else np.abs(forward)
 
 
-def _fit_rule(rule: _ReadingRule, some: Samples, sensor: Sensor, geometry: SkidGeometry) -> Estimate:
+def _fit_rule(rule: _ReadingRule, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry) -> Estimate:
     """Return the numbers of a rule that predict the samples best: least squares, in which outliers count less."""
     known = np.isfinite(some.currents)
     currents = some.currents[known]
@@ -97,7 +97,7 @@ def _fit_rule(rule: _ReadingRule, some: Samples, sensor: Sensor, geometry: SkidG
         start, low, high = numbers[name]
         numbers[name] = (unit * start, unit * low, unit * high)
 
-    def residuals(x: Numbers) -> FloatArray:
+    def residuals(x: FitNumbers) -> FloatArray:
         return _predicted(x, some, sensor, geometry)[known] - currents
 
     blocks = np.broadcast_to(some.t // _BLOCK, known.shape)[known]
@@ -106,7 +106,7 @@ def _fit_rule(rule: _ReadingRule, some: Samples, sensor: Sensor, geometry: SkidG
 
 
 class CurrentFit(NamedTuple):
-    """Numbers from currents on the ground, under the rule that explains most of what was held out."""
+    """FitNumbers from currents on the ground, under the rule that explains most of what was held out."""
 
     sensor: Sensor  # what the log shows of its sensor
     found: Estimate  # the rule's numbers, from the whole log
@@ -135,7 +135,7 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
         if count < _LEAST_SAMPLES:
             raise ValueError(f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more")
     parts = {"fitted": fitted, "held_out": judged, "samples": rows if sensor.kind == "windows" else judged}
-    tried = list[tuple[_ReadingRule, Numbers, dict[str, Any]]]()
+    tried = list[tuple[_ReadingRule, FitNumbers, dict[str, Any]]]()
     for rule in _READING_RULES:
         if not (sensor.signed and "rho" in rule.numbers):
             own = _fit_rule(rule, fitted, sensor, geometry).values
@@ -147,14 +147,14 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
     return CurrentFit(sensor, found, best, [row for _, _, row in tried], shown)
 
 
-def _explained(numbers: Numbers, some: Samples, sensor: Sensor, geometry: SkidGeometry) -> float:
+def _explained(numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry) -> float:
     """Return the share of the currents' variance that the numbers of a rule explain, R^2."""
     off = _predicted(numbers, some, sensor, geometry) - some.currents
     return float(1.0 - np.nanmean(off**2) / np.nanvar(some.currents))
 
 
-def _joined(parts: Sequence[Samples]) -> Samples:
-    return Samples(*(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)))
+def _joined(parts: Sequence[MotorSamples]) -> MotorSamples:
+    return MotorSamples(*(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)))
 
 
 def torques_of(log: DriveLog, chassis: Chassis, constant: float, own_loss: float) -> tuple[FloatArray | None, str]:

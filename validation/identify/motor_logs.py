@@ -78,13 +78,13 @@ class DriveLog:
     def divided(self) -> tuple[DriveLog, DriveLog]:
         """Return its first two thirds, to be fitted, and its last third, which judges."""
         end = int(np.searchsorted(self.t, self.t[0] + FIT_SHARE * (self.t[-1] - self.t[0])))
-        return self._part(slice(end)), self._part(slice(end, None))
+        return self._part("first two thirds", slice(end)), self._part("last third", slice(end, None))
 
-    def _part(self, rows: slice) -> DriveLog:
+    def _part(self, which: str, rows: slice) -> DriveLog:
         columns: dict[str, Any] = {
             name: value[..., rows] for name, value in vars(self).items() if isinstance(value, np.ndarray)
         }
-        return replace(self, **columns)
+        return replace(self, name=f"{self.name}, {which}", **columns)
 
 
 def drive_log(source: str | Log) -> DriveLog:
@@ -156,7 +156,7 @@ def sensor_of(log: DriveLog) -> Sensor:
     return Sensor(kind, float(np.median(ripples or [1.0])), idle, signed=False)
 
 
-class Samples(NamedTuple):
+class MotorSamples(NamedTuple):
     """Currents in steady driving, n samples or means; pairs are left and right."""
 
     t: FloatArray  # (n,) time [s]
@@ -201,7 +201,7 @@ def _refreshed(log: DriveLog) -> Iterator[tuple[int, slice, int]]:
                 yield side, span, int(k)
 
 
-def steady_samples(log: DriveLog) -> tuple[Samples, Samples]:
+def steady_samples(log: DriveLog) -> tuple[MotorSamples, MotorSamples]:
     """Return a log's currents in steady driving: M samples, and the means of what belongs together.
 
     That is a steady window, or a value of a slow sensor, of which the other side is unknown.
@@ -225,8 +225,8 @@ def steady_samples(log: DriveLog) -> tuple[Samples, Samples]:
     t, *pairs = np.array(rows).reshape(-1, 7).T
     rates, own, volts = np.array(pairs).reshape(3, 2, -1)
     return (
-        Samples(log.t, log.rates, _of_turning(known, log.rates), voltages),
-        Samples(t, rates, _of_turning(own, rates), volts),
+        MotorSamples(log.t, log.rates, _of_turning(known, log.rates), voltages),
+        MotorSamples(t, rates, _of_turning(own, rates), volts),
     )
 
 

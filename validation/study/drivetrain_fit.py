@@ -24,7 +24,7 @@ from ssmr.robot.drivetrain import bridge_reading
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from validation.files.signals import refreshed
-from validation.identify.blocks import Estimate, Numbers, fit_in_blocks
+from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks
 from validation.identify.motor_logs import Chassis, DriveLog, require_currents
 from validation.study.drivetrain_logs import HELD, held_commands, rate_step
 
@@ -122,7 +122,7 @@ class CommandLog:
         """Return the driver that predicts the rates under held commands best."""
         t = self.measured[self.rows]
 
-        def residuals(x: Numbers) -> FloatArray:
+        def residuals(x: FitNumbers) -> FloatArray:
             rates = self.rates(DriverLaw(**x), t)
             # what is cut off is half a step on average; steps themselves have no slopes
             cut = 0.5 * self.step * np.clip(rates / self.step, -1.0, 1.0)
@@ -235,7 +235,7 @@ def fit_inertia(driver: DriverFit, rho: float) -> InertiaFit | None:
     if min(reverses.sum(), (~reverses).sum()) < _LEAST_TRANSIENTS:
         return None
 
-    def residuals(x: Numbers) -> FloatArray:
+    def residuals(x: FitNumbers) -> FloatArray:
         losses = np.reshape([x["left"], x["right"]], (2, 1, 1)) * np.sign(rates)
         inertia = np.where(reverses, x["reversals"], x["one_way"])[..., None]
         shown = bridge_reading(losses + inertia * slopes, rates, rho, 0.0)

@@ -1,4 +1,4 @@
-"""Print the table of docs/drivetrain.md: MuJoCo's contacts against a Husky's slip law.
+"""Print the table of docs/drivetrain.md on what MuJoCo's contacts can do of the slip law.
 
 Run from the project's root: `python docs/make_drivetrain_tables.py husky_wet_grass_train.csv`. The
 page's figure is that of `python -m validation.study drivetrain`.
@@ -85,7 +85,9 @@ def main(path: str) -> None:
             return shown[known] - currents
 
         bounds = ([1.0, -2.0, -2.0, 0.03], [60.0, 9.0, 9.0, 0.5])
-        solution = least_squares(off, [12.0, 2.4, 3.0, 0.15], bounds=bounds, loss="soft_l1", f_scale=1.3)
+        solution = least_squares(
+            off, [12.0, 2.4, 3.0, 0.15], bounds=bounds, loss="soft_l1", f_scale=1.3
+        )
         return float(1.0 - np.mean(off(solution.x) ** 2) / np.var(currents))
 
     print("| contacts | R² | nearest slip scale | creep on a slope [mm/s] |\n|---|---:|---:|---:|")

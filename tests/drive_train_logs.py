@@ -19,11 +19,14 @@ HUSKY, WARTHOG = (
 )
 LAW = DriverLaw(0.08, 1.04, 0.29, 1.0, 2.2, 1.9, 0.04)
 FRICTION, LOSSES, SLIP, RHO, INERTIA = 11.0, (2.0, 2.8), 0.09, 0.15, 0.2
-"""Friction, losses [A], slip scale [1], resistance over voltage constant [rad/s per A], inertia [A s^2/rad]."""
+"""Friction, losses [A], slip scale [1], resistance over voltage constant [rad/s per A], inertia [A
+s^2/rad]."""
 TORQUE, LOSS_TORQUES, HEAT, EFFICIENCY = 450.0, (40.0, 60.0), 0.003, 0.93
-"""Friction and losses [N m], resistance over torque constant squared [W/(N m)^2], efficiency [1] of a Warthog."""
+"""Friction and losses [N m], resistance over torque constant squared [W/(N m)^2], efficiency [1] of
+a Warthog."""
 AIR_LOSSES, RIPPLE, IDLE = (0.3, 1.1), 0.8, 0.59
-"""Losses with wheels in the air, ripple on the ground, and readings of a bridge that does not drive [A]."""
+"""Losses with wheels in the air, ripple on the ground, and readings of a bridge that does not drive
+[A]."""
 _FINE, _ROWS, _MESSAGES = 0.01, 0.05, 0.15
 """Periods of the computation, of the log's rows and of the robot's messages [s]."""
 
@@ -38,7 +41,9 @@ class Motion(NamedTuple):
     """(2, n) wheel rates [rad/s]."""
 
 
-def random_drive(seed: int, commands: int, chassis: Chassis, law: DriverLaw = LAW, most: float = 0.7) -> Motion:
+def random_drive(
+    seed: int, commands: int, chassis: Chassis, law: DriverLaw = LAW, most: float = 0.7
+) -> Motion:
     """Return random commands, held for 6 s each after 3 s of rest, and the wheel rates that a driver makes of them."""
     rng = np.random.default_rng(seed)
     chosen = np.vstack([np.zeros((1, 2)), rng.uniform([-most, -1.8], [most, 1.8], (commands, 2))])

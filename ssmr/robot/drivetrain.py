@@ -1,7 +1,7 @@
 """What wheels push with that turn steadily, and what sensors show of the currents that this takes.
 
-A Coulomb contact pushes with all of its friction as soon as it slides at all. A tyre on grass deforms
-and shears the ground: its force grows with slip, which is sliding speed over rolling speed,
+A Coulomb contact pushes with all of its friction as soon as it slides at all. A tyre on grass
+deforms and shears the ground: its force grows with slip, which is sliding speed over rolling speed,
 
     f = mu N (1 - exp(-s / s_0)),    s = |v| / (|r w| + v_c),
 
@@ -9,12 +9,14 @@ and reaches the friction limit only where s is several times s_0. As s_0 goes to
 Coulomb's law.
 
 A motor's current I is its torque over the torque constant. With a wheel rate w, its voltage is
-proportional to w + rho I, where rho is the resistance over the voltage constant. Two kinds of sensors
-are met:
+proportional to w + rho I, where rho is the resistance over the voltage constant. Two kinds of
+sensors are met:
 
-- a sensor in the motor's bridge that only sees the current while the bridge drives, I (w + rho I) > 0,
+- a sensor in the motor's bridge that only sees the current while the bridge drives, I (w + rho I) >
+  0,
   and has no sign;
-- a sensor at the battery, which shows the electrical power over the battery's voltage, negative while
+- a sensor at the battery, which shows the electrical power over the battery's voltage, negative
+  while
   braking feeds it.
 """
 
@@ -43,7 +45,7 @@ class SkidGeometry(NamedTuple):
 
 
 def grip(slip: FloatArray | float, scale: float) -> FloatArray:
-    """Return the share of the friction limit at which a contact pushes, from 0 without slip to almost 1.
+    """Return the share of the friction limit at which a contact pushes, from 0 to almost 1.
 
     Args:
         slip: sliding speed over rolling speed [1], not negative.
@@ -53,9 +55,9 @@ def grip(slip: FloatArray | float, scale: float) -> FloatArray:
 
 
 def side_forces(rates: FloatArray, geometry: SkidGeometry, scale: float) -> FloatArray:
-    """Return (2, n) forward forces of the left and right wheels of a robot that does not accelerate.
+    """Return (2, n) forward forces of the left and right wheels in steady motion [1].
 
-    They are shares of mu N of a side [1]. The arguments are those of `quasi_static_twist`.
+    They are shares of mu N of a side. The arguments are those of `quasi_static_twist`.
     """
     twist = quasi_static_twist(rates, geometry, scale)
     ahead, pull = _slides(rates, twist, geometry, scale)
@@ -68,8 +70,8 @@ def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) 
     A force of slip has a potential over the sliding velocity that is convex. A robot that does not
     accelerate moves such that the sum of the four is least, so there is one such motion. Front and
     rear wheels of a side slide alike but for the sign across, so it has no speed to the left. It is
-    found by springs in place of the contacts, each as stiff as its force over its sliding speed: the
-    motion that balances them comes nearer in every step, because the forces soften with speed.
+    found by springs in place of the contacts, each as stiff as its force over its sliding speed:
+    the motion that balances them comes nearer in every step, because the forces soften with speed.
 
     Args:
         rates: (2, n) steady rates of the left and right wheels [rad/s].
@@ -101,8 +103,10 @@ def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) 
     return twist
 
 
-def _slides(rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, scale: float) -> tuple[FloatArray, FloatArray]:
-    """Return (2, n) speeds at which the sides' rims slide ahead, and their force over sliding speed."""
+def _slides(
+    rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, scale: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return (2, n) speeds at which both rims slide ahead, and their force over sliding speed."""
     lever = geometry.half_track * np.stack([twist[2], -twist[2]])
     rim = geometry.radius * rates
     ahead = rim - twist[0] + lever
@@ -112,14 +116,17 @@ def _slides(rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, scale:
     return ahead, grip(slip, 1.0) / (slip * gives)
 
 
-def bridge_reading(current: FloatArray, rate: FloatArray, rho: float, ripple: float, idle: float = 0.0) -> FloatArray:
-    """Return the mean reading of a sensor that sees |I| only while the bridge drives, and `idle` [A] else.
+def bridge_reading(
+    current: FloatArray, rate: FloatArray, rho: float, ripple: float, idle: float = 0.0
+) -> FloatArray:
+    """Return the mean reading of a sensor that sees |I| only while the bridge drives [A].
 
-    The current ripples about its mean with the standard deviation `ripple` [A], so that near the rule's
-    edges it is read now and then. Currents [A] and wheel rates [rad/s] have any sign and shape (...);
-    `rho` is the resistance over the voltage constant: the rate that an ampere costs [rad/s per A].
+    It is `idle` [A] else. The current ripples about its mean with the standard deviation `ripple`
+    [A], so that near the rule's edges it is read now and then. Currents [A] and wheel rates
+    [rad/s] have any sign and shape (...); `rho` is the resistance over the voltage constant: the
+    rate that an ampere costs [rad/s per A].
     """
-    forward = np.where(rate < 0.0, -1.0, 1.0) * current  # positive if it drives the wheel on
+    forward = np.where(rate < 0.0, -1.0, 1.0) * current  # positive if it drives the wheel
     braking = np.abs(rate) / rho  # up to this the wheel drives the motor
     ahead, share_ahead = _beyond(forward, np.zeros_like(braking), ripple)
     back, share_back = _beyond(-forward, braking, ripple)
@@ -127,26 +134,31 @@ def bridge_reading(current: FloatArray, rate: FloatArray, rho: float, ripple: fl
 
 
 def _beyond(mean: FloatArray, edge: FloatArray, ripple: float) -> tuple[FloatArray, FloatArray]:
-    """Return, of a normal law, the mean with nothing in place of what lies below an edge, and the share above."""
+    """Return the mean of a normal law above an edge, times its share, and that share."""
     u = np.clip((mean - edge - _NOTHING) / max(ripple, _SHARP), -30.0, 30.0)
     share = ndtr(u)
     density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)
     return mean * share + ripple * density, share
 
 
-def battery_current(torque: FloatArray, rate: FloatArray, voltage: FloatArray, heat: float, efficiency: float) -> FloatArray:
-    """Return the current that a side draws from the battery, negative where it feeds the battery [A].
+def battery_current(
+    torque: FloatArray, rate: FloatArray, voltage: FloatArray, heat: float, efficiency: float
+) -> FloatArray:
+    """Return the current that a side draws from the battery, negative where it feeds it [A].
 
-    Torques at the wheels [N m], wheel rates [rad/s] and the battery's voltages [V] are arrays (...).
-    `heat` is the resistance over the square of the torque constant: power lost as heat over the torque's
-    square [W/(N m)^2]; `efficiency` is the share of the power that passes the gear, either way [1].
+    Torques at the wheels [N m], wheel rates [rad/s] and the battery's voltages [V] are arrays
+    (...). `heat` is the resistance over the square of the torque constant: power lost as heat over
+    the torque's square [W/(N m)^2]; `efficiency` is the share of the power that passes the gear,
+    either way [1].
     """
     power = torque * rate
     passed = np.where(power > 0.0, power / efficiency, power * efficiency)
     return np.asarray((passed + heat * torque**2) / voltage)
 
 
-def battery_torque(power: FloatArray, rate: FloatArray, heat: float, efficiency: float) -> FloatArray:
+def battery_torque(
+    power: FloatArray, rate: FloatArray, heat: float, efficiency: float
+) -> FloatArray:
     """Return the torque in the direction of the rate [N m]: the inverse of `battery_current`.
 
     `power` is what a side draws [W], `rate` the size of its wheels' rate [rad/s], both (...); see

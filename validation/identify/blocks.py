@@ -19,7 +19,8 @@ class Estimate(NamedTuple):
     """FitNumbers that a fit has found."""
 
     values: FitNumbers  # the numbers
-    errors: FitNumbers  # their standard errors; 0 where a bound holds the number or nothing depends on it
+    # their standard errors; 0 where a bound holds the number or nothing depends on it
+    errors: FitNumbers
 
     def pairs(self) -> dict[str, FloatArray]:
         """Return (2,) value and standard error of each number by its name."""
@@ -34,10 +35,10 @@ def fit_in_blocks(
 ) -> Estimate:
     """Return the numbers within bounds whose residuals are least.
 
-    Residuals beyond `size` count less than their square (`soft_l1`). Those of one block hang together,
-    so a block is one observation. Standard errors are those of the jackknife: what the numbers do when
-    one block after the other is left out, each by one step of Newton's method (M. Quenouille 1956;
-    J. Tukey 1958).
+    Residuals beyond `size` count less than their square (`soft_l1`). Those of one block hang
+    together, so a block is one observation. Standard errors are those of the jackknife: what the
+    numbers do when one block after the other is left out, each by one step of Newton's method (M.
+    Quenouille 1956; J. Tukey 1958).
 
     Args:
         residuals: function of the numbers that returns (K,) residuals.

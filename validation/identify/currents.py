@@ -1,12 +1,14 @@
 """Friction, losses and torques from motor currents.
 
-Where the wheels turn steadily the robot does not accelerate, and so its motion and the share of the friction that
-each side overcomes follow from the wheel rates alone. The torque of a side over the torque constant is
+Where the wheels turn steadily the robot does not accelerate, and so its motion and the share of the
+friction that each side overcomes follow from the wheel rates alone. The torque of a side over the
+torque constant is
 
     I = A F + loss sgn(w),    A = mu N r / K,
 
-with F the side's force over its friction limit. What a log shows of I depends on where the current is measured; power, which
-a battery's current measures, knows no torque constant, and then the same numbers are torques.
+with F the side's force over its friction limit. What a log shows of I depends on where the current
+is measured; power, which a battery's current measures, knows no torque constant, and then the same
+numbers are torques.
 """
 
 from __future__ import annotations
@@ -17,7 +19,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr.robot.drivetrain import SkidGeometry, battery_current, battery_torque, bridge_reading, side_forces
+from ssmr.robot.drivetrain import (
+    SkidGeometry,
+    battery_current,
+    battery_torque,
+    bridge_reading,
+    side_forces,
+)
 from ssmr.types import FloatArray
 from validation.bench.sources import RECORDING
 from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks
@@ -41,7 +49,8 @@ _NO_CONSTANT = (
     "its currents are the motors', and no torque constant is known, so they tell no torques; "
     "give --torque-constant, or torque_constant in [drive] of the robot's file"
 )
-_ROBUST = 0.3  # residuals beyond this share of the currents' standard deviation count less than their square
+# residuals beyond this share of the currents' standard deviation count less than their square
+_ROBUST = 0.3
 
 
 class _ReadingRule(NamedTuple):
@@ -50,29 +59,44 @@ class _ReadingRule(NamedTuple):
     name: str  # name in tables
     kind: str  # whose current it is: `motor` or `battery`
     numbers: Mapping[str, tuple[float, float, float]]
-    """Start, least and greatest value of what is fitted, by name; those of `_SIDES` in units of the currents' scale."""
+    """Start, least and greatest value of what is fitted, by name; those of `_SIDES` in units of the
+    currents' scale."""
 
 
-_SIDES = {"friction": (1.0, 0.02, 10.0), "loss_left": (0.1, -1.0, 2.0), "loss_right": (0.1, -1.0, 2.0)}
+_SIDES = {
+    "friction": (1.0, 0.02, 10.0),
+    "loss_left": (0.1, -1.0, 2.0),
+    "loss_right": (0.1, -1.0, 2.0),
+}
 _GIVING = {**_SIDES, "slip_scale": (0.09, 0.01, 0.8)}
 _READING_RULES = (
     _ReadingRule("the motors', Coulomb contacts", "motor", _SIDES),
     _ReadingRule("the motors', contacts that give way", "motor", _GIVING),
-    _ReadingRule("the motors', shown while the bridge drives", "motor", {**_GIVING, "rho": (0.145, 0.03, 0.5)}),
-    _ReadingRule("the battery's", "battery", {**_GIVING, "heat": (0.003, 0.0, 0.1), "efficiency": (0.9, 0.4, 1.0)}),
+    _ReadingRule(
+        "the motors', shown while the bridge drives",
+        "motor",
+        {**_GIVING, "rho": (0.145, 0.03, 0.5)},
+    ),
+    _ReadingRule(
+        "the battery's",
+        "battery",
+        {**_GIVING, "heat": (0.003, 0.0, 0.1), "efficiency": (0.9, 0.4, 1.0)},
+    ),
 )
 """Every rule that a log is tried against. The third is for sensors without a sign."""
 
 
 def _side_currents(numbers: FitNumbers, rates: FloatArray, geometry: SkidGeometry) -> FloatArray:
-    """Return (2, n) currents of both sides [A] that a rule's numbers need for (2, n) rates [rad/s]."""
+    """Return (2, n) currents [A] that a rule's numbers need for (2, n) wheel rates [rad/s]."""
     known, inverse = np.unique(rates.round(4), axis=1, return_inverse=True)
     effort = side_forces(known, geometry, numbers.get("slip_scale", COULOMB_SCALE))
     loss = np.array([[numbers["loss_left"]], [numbers["loss_right"]]])
     return np.asarray(numbers["friction"] * effort[:, inverse.ravel()] + loss * np.sign(rates))
 
 
-def _predicted(numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry) -> FloatArray:
+def _predicted(
+    numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry
+) -> FloatArray:
     """Return (2, n) readings that the numbers of a rule predict [A]."""
     current = _side_currents(numbers, some.rates, geometry)
     if "rho" in numbers:
@@ -85,8 +109,10 @@ def _predicted(numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry
     return forward if sensor.signed else np.abs(forward)
 
 
-def _fit_rule(rule: _ReadingRule, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry) -> Estimate:
-    """Return the numbers of a rule that predict the samples best: least squares, in which outliers count less."""
+def _fit_rule(
+    rule: _ReadingRule, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry
+) -> Estimate:
+    """Return the numbers of a rule that predict the samples best; outliers count less."""
     known = np.isfinite(some.currents)
     currents = some.currents[known]
     unit = float(np.percentile(np.abs(currents), 90))
@@ -106,21 +132,22 @@ def _fit_rule(rule: _ReadingRule, some: MotorSamples, sensor: Sensor, geometry: 
 
 
 class CurrentFit(NamedTuple):
-    """FitNumbers from currents on the ground, under the rule that explains most of what was held out."""
+    """Numbers from currents on the ground, by the rule that explains held-out ones best."""
 
     sensor: Sensor  # what the log shows of its sensor
     found: Estimate  # the rule's numbers, from the whole log
     best: Mapping[str, Any]  # the row of the rule
-    scores: list[Mapping[str, Any]]  # rows: share of the variance of the currents that each rule explains
+    # rows: share of the variance of the currents that each rule explains
+    scores: list[Mapping[str, Any]]
     shown: Sequence[tuple[FloatArray, FloatArray]]
     """Measured and predicted currents [A], of what was fitted and of what was held out."""
 
 
 def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) -> CurrentFit:
-    """Return friction, losses and slip scale from the currents of a log, and the rule that these follow.
+    """Return friction, losses and slip scale from currents, and the rule that these follow.
 
-    Logs that are held out judge the rules; if there are none, rules fitted to the log's first part are
-    judged on its rest.
+    Logs that are held out judge the rules; if there are none, rules fitted to the log's first part
+    are judged on its rest.
 
     Raises:
         ValueError: a log has no currents, or too little steady driving.
@@ -133,13 +160,22 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
     for name, some in ((f"what is fitted of {log.name}", fitted), ("what is held out", judged)):
         count = len(np.unique(some.currents[np.isfinite(some.currents)]))
         if count < _LEAST_SAMPLES:
-            raise ValueError(f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more")
-    parts = {"fitted": fitted, "held_out": judged, "samples": rows if sensor.kind == "windows" else judged}
+            raise ValueError(
+                f"{name} has {count} different currents in steady driving, "
+                f"wanted {_LEAST_SAMPLES} or more"
+            )
+    parts = {
+        "fitted": fitted,
+        "held_out": judged,
+        "samples": rows if sensor.kind == "windows" else judged,
+    }
     tried = list[tuple[_ReadingRule, FitNumbers, dict[str, Any]]]()
     for rule in _READING_RULES:
         if not (sensor.signed and "rho" in rule.numbers):
             own = _fit_rule(rule, fitted, sensor, geometry).values
-            explained = {part: _explained(own, some, sensor, geometry) for part, some in parts.items()}
+            explained = {
+                part: _explained(own, some, sensor, geometry) for part, some in parts.items()
+            }
             tried.append((rule, own, {"rule": rule.name, "kind": rule.kind, **explained}))
     rule, own, best = max(tried, key=lambda one: one[2]["held_out"])
     found = _fit_rule(rule, steady_samples(log)[1], sensor, geometry)
@@ -147,7 +183,9 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
     return CurrentFit(sensor, found, best, [row for _, _, row in tried], shown)
 
 
-def _explained(numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry) -> float:
+def _explained(
+    numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry
+) -> float:
     """Return the share of the currents' variance that the numbers of a rule explain, R^2."""
     off = _predicted(numbers, some, sensor, geometry) - some.currents
     return float(1.0 - np.nanmean(off**2) / np.nanvar(some.currents))
@@ -157,19 +195,22 @@ def _joined(parts: Sequence[MotorSamples]) -> MotorSamples:
     return MotorSamples(*(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)))
 
 
-def torques_of(log: DriveLog, chassis: Chassis, constant: float, own_loss: float) -> tuple[FloatArray | None, str]:
-    """Return (M, 2) torques of the left and right motors [N m], and a sentence on where they come from.
+def torques_of(
+    log: DriveLog, chassis: Chassis, constant: float, own_loss: float
+) -> tuple[FloatArray | None, str]:
+    """Return (M, 2) torques of both motors [N m], and a sentence on where they come from.
 
-    They are NaN where the log hides them: they are known in steady driving, where nothing accelerates, of
-    sides that turn, and not where a sensor without a sign shows nothing. What such a sensor shows of an
-    inner wheel may drive or brake it: the rule that explains the currents decides. There are none of
-    motors' currents without a constant.
+    They are NaN where the log hides them: they are known in steady driving, where nothing
+    accelerates, of sides that turn, and not where a sensor without a sign shows nothing. What such
+    a sensor shows of an inner wheel may drive or brake it: the rule that explains the currents
+    decides. There are none of motors' currents without a constant.
 
     Args:
         log: a log with currents.
         chassis: nominal numbers of the robot.
         constant: torque of a side's wheels per ampere of its motor [N m/A]; 0 where it is unknown.
-        own_loss: what the losses that the currents show are replaced by [N m]: that of a side of the
+        own_loss: what the losses that the currents show are replaced by [N m]: that of a side of
+            the
             plant which the torques are compared with.
 
     Raises:
@@ -191,21 +232,25 @@ def torques_of(log: DriveLog, chassis: Chassis, constant: float, own_loss: float
     forward = np.where(log.rates < 0.0, -1.0, 1.0)
     ahead = scale * current
     if battery:
-        ahead = battery_torque(current * some.voltages, np.abs(log.rates), x["heat"], x["efficiency"])
+        ahead = battery_torque(
+            current * some.voltages, np.abs(log.rates), x["heat"], x["efficiency"]
+        )
     elif not fit.sensor.signed:
         ahead *= forward * np.sign(_side_currents(x, log.rates, chassis.geometry))
     loss = scale * np.array([x["loss_left"], x["loss_right"]])
     torques = forward * (ahead - loss[:, None] + own_loss)
     how = "the battery's power" if battery else f"the motors' currents and {constant:g} N m/A"
     said = (
-        f"torques come from {how}, less losses of {loss[0]:.3g} N m (left) and {loss[1]:.3g} N m (right) "
-        "in steady driving; a scale that is off by a share makes friction wrong by that share, which its "
-        "standard error does not cover"
+        f"torques come from {how}, less losses of {loss[0]:.3g} N m (left) and "
+        f"{loss[1]:.3g} N m (right) in steady driving; a scale that is off by a share makes "
+        "friction wrong by that share, which its standard error does not cover"
     )
     return np.ascontiguousarray(torques.T), said
 
 
-def with_torques(targets: Sequence[FitTarget], chassis: Chassis, constant: float, own_loss: float) -> tuple[FitTarget, ...]:
+def with_torques(
+    targets: Sequence[FitTarget], chassis: Chassis, constant: float, own_loss: float
+) -> tuple[FitTarget, ...]:
     """Return targets with the torques that the currents of their logs tell.
 
     What was found, or why nothing was, stands among the warnings of their sources. Logs without
@@ -220,7 +265,9 @@ def with_torques(targets: Sequence[FitTarget], chassis: Chassis, constant: float
     return tuple(_with_torques(target, chassis, constant, own_loss) for target in targets)
 
 
-def _with_torques(target: FitTarget, chassis: Chassis, constant: float, own_loss: float) -> FitTarget:
+def _with_torques(
+    target: FitTarget, chassis: Chassis, constant: float, own_loss: float
+) -> FitTarget:
     name = target.source.title
     log = log_of_motions(name, target.truth)
     if target.source.reference != RECORDING or log is None:

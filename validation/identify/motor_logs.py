@@ -1,4 +1,4 @@
-"""A log's motor currents in steady driving: what its sensor is, and the samples that can be believed."""
+"""A log's motor currents in steady driving: their sensor, and the samples to be believed."""
 
 from __future__ import annotations
 
@@ -20,15 +20,18 @@ from validation.simulator.description import GRAVITY
 FIT_SHARE = 2.0 / 3.0
 """Share of a log that is fitted where no other log is held out."""
 _SETTLE, _LEAST, _MOST = 1.2, 1.0, 6.2
-"""A steady window leaves out so much of its beginning, has at least so much left, and is at most so long [s]."""
-_STEADY_RATE = 0.13  # wheel rates that differ by less are steady [rad/s]: two steps of a Husky's set points
+"""A steady window leaves out so much of its beginning, has at least so much left, and is at most so
+long [s]."""
+# wheel rates that differ by less are steady [rad/s]: two steps of a Husky's set points
+_STEADY_RATE = 0.13
 _LONG_STEP = 0.3  # a step of time longer than this ends a window [s]
 _STANDING = 0.15  # wheels whose rates add up to less stand [rad/s]
-_SLOW_SENSOR = 0.5  # a current that is refreshed less often is used value by value, and not in windows [s]
+# a current that is refreshed less often is used value by value, and not in windows [s]
+_SLOW_SENSOR = 0.5
 _SLOW_RATE = 0.06  # a side that turns slower than this may have its bridge off [rad/s]
 _SEEN, _CALM, _FEWEST = 0.7, 1.0, 5
-"""A slow sensor's value belongs to the wheel rates of so much time before it [s], if they vary by less
-[rad/s] in so many rows or more."""
+"""A slow sensor's value belongs to the wheel rates of so much time before it [s], if they vary by
+less [rad/s] in so many rows or more."""
 _TOGETHER = 0.05  # so much later a row may still hold what was measured with a value [s]
 _BATTERY_ON, _USUAL_VOLTAGE = 1.0, 24.0  # lower voltages are not yet measured [V]; where none is
 
@@ -39,16 +42,19 @@ class Chassis(NamedTuple):
     name: str  # name of the robot
     geometry: SkidGeometry  # rolling radius and half distances of its wheels
     mass: float  # total mass [kg]
-    command_radius: float  # wheel radius with which the robot's driver turns speeds into wheel rates [m]
+    # wheel radius with which the robot's driver turns speeds into wheel rates [m]
+    command_radius: float
     speed_limit: float  # greatest speed of a rim that the driver allows [m/s]
 
 
 def chassis_of(profile: Profile, mass: float | None = None) -> Chassis:
-    """Return the nominal numbers of a profile's robot, with another total mass [kg] where one is given."""
+    """Return the nominal numbers of a profile's robot, with another total mass [kg] if given."""
     body = profile.plants["mujoco"].parameters
     robot = profile.robot
     geometry = SkidGeometry(body.wheel_radius, body.half_track, 0.5 * robot.geometry.wheelbase)
-    return Chassis(robot.name, geometry, mass or body.mass, robot.drive.command_radius, robot.drive.v_max)
+    return Chassis(
+        robot.name, geometry, mass or body.mass, robot.drive.command_radius, robot.drive.v_max
+    )
 
 
 def loss_of(plant: PlantProfile) -> float:
@@ -60,7 +66,7 @@ def loss_of(plant: PlantProfile) -> float:
 
 @dataclass(frozen=True, eq=False)
 class DriveLog:
-    """The columns of a recording that tell of the drive train, M samples; pairs are left and right."""
+    """What tells of the drive train in a recording, M samples; pairs are left and right."""
 
     name: str  # name of the log
     t: FloatArray  # (M,) time [s]
@@ -68,7 +74,9 @@ class DriveLog:
     commands: FloatArray | None  # (2, M) commanded speed [m/s] and yaw rate [rad/s]
     currents: FloatArray | None  # (2, M) currents [A]
     voltages: FloatArray | None  # (2, M) voltages [V]
-    on_ground: bool  # whether the robot drove, as far as the log tells: it has a heading, or a gyro that shows something
+    # whether the robot drove, as far as the log tells: it has a heading, or a gyro that shows
+    # something
+    on_ground: bool
 
     @property
     def signed(self) -> bool:
@@ -78,11 +86,15 @@ class DriveLog:
     def divided(self) -> tuple[DriveLog, DriveLog]:
         """Return its first two thirds, to be fitted, and its last third, which judges."""
         end = int(np.searchsorted(self.t, self.t[0] + FIT_SHARE * (self.t[-1] - self.t[0])))
-        return self._part("first two thirds", slice(end)), self._part("last third", slice(end, None))
+        return self._part("first two thirds", slice(end)), self._part(
+            "last third", slice(end, None)
+        )
 
     def _part(self, which: str, rows: slice) -> DriveLog:
         columns: dict[str, Any] = {
-            name: value[..., rows] for name, value in vars(self).items() if isinstance(value, np.ndarray)
+            name: value[..., rows]
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray)
         }
         return replace(self, name=f"{self.name}, {which}", **columns)
 
@@ -101,7 +113,10 @@ def drive_log(source: str | Log) -> DriveLog:
 
     rates = pair("enc_left", "enc_right")
     if rates is None:
-        raise ValueError(f"recording {log.name} has no wheel rates (enc_left, enc_right); it has {', '.join(columns)}")
+        raise ValueError(
+            f"recording {log.name} has no wheel rates (enc_left, enc_right); "
+            f"it has {', '.join(columns)}"
+        )
     turned = "yaw" in columns or bool(np.ptp(columns.get("gyro_z", np.zeros(1))) > 0.0)
     currents = pair("current_left", "current_right")
     voltages = pair("voltage_left", "voltage_right")
@@ -124,7 +139,7 @@ def log_of_motions(name: str, motions: Sequence[Trajectory]) -> DriveLog | None:
 
 
 def require_currents(log: DriveLog) -> FloatArray:
-    """Return the (2, M) currents of a log [A]; a ValueError says that it has none, or that they never change."""
+    """Return the (2, M) currents of a log [A]; a ValueError refuses none, or constant ones."""
     if log.currents is None:
         raise ValueError(f"{log.name} has no currents (current_left, current_right)")
     if not np.ptp(log.currents) > 0.0:
@@ -161,7 +176,8 @@ class MotorSamples(NamedTuple):
 
     t: FloatArray  # (n,) time [s]
     rates: FloatArray  # (2, n) wheel rates [rad/s]
-    currents: FloatArray  # (2, n) currents [A]; NaN where unknown, and of sides that stand: bridges may be off
+    # (2, n) currents [A]; NaN where unknown, and of sides that stand: bridges may be off
+    currents: FloatArray
     voltages: FloatArray  # (2, n) voltages of the battery [V]
 
 
@@ -185,7 +201,7 @@ def steady_windows(log: DriveLog) -> list[slice]:
 
 
 def _refreshed(log: DriveLog) -> Iterator[tuple[int, slice, int]]:
-    """Yield the side of each new value of a slow sensor, the samples of which it tells, and its own sample.
+    """Yield the side of each new value of a slow sensor, what samples it tells of, and its own.
 
     It tells of those just before it, where the rates hardly change.
     """

@@ -1,7 +1,7 @@
-"""Drive-train study: a real robot's driver, friction, losses and inertia, from commands, rates and currents in its logs.
+"""Drive-train study: driver, friction, losses and inertia of a real robot, from its logs.
 
-docs/drivetrain.md explains it. A log of wheels in the air tells the driver and, with currents, the inertia; one of the
-ground tells friction, losses and slip.
+docs/drivetrain.md explains it. A log of wheels in the air tells the driver and, with currents, the
+inertia; one of the ground tells friction, losses and slip.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ from validation.study.drivetrain_fit import (
 from validation.study.drivetrain_logs import held_commands, rate_evidence
 from validation.study.sweep import StudyOptions, picture
 
-_USUAL_RHO = 0.145  # resistance over voltage constant of a Husky's motors, where no log on the ground tells it [rad/s per A]
+# resistance over voltage constant of a Husky's motors, where no log on the ground tells it [rad/s
+# per A]
+_USUAL_RHO = 0.145
 _SHOWN = 45.0  # length of the stretch in the picture [s]
 _MEANINGS = {
     "driver_dead_time": ("s", "from a command to the driver's set point"),
@@ -82,13 +84,18 @@ class DriveTrainStudy(StudyOptions):
     """Options of the study of a drive train."""
 
     recording: Annotated[str | Log | None, cli.text_of("PATH"), cli.option(default="none")] = None
-    """Path of a recording with commands and wheel rates, the robot standing with its wheels in the air; with currents, it
-    tells the inertia too."""
+    """Path of a recording with commands and wheel rates, the robot standing with its wheels in the
+    air; with currents, it tells the inertia too."""
     ground: Annotated[str | Log | None, cli.text_of("PATH"), cli.option(default="none")] = None
-    """Path of a recording on the ground with wheel rates and currents (current_left, current_right)."""
-    held_out: Annotated[tuple[str | Log, ...], get_args(cli.Names)[1], cli.option(metavar="PATH,...", default="none")] = ()
-    """Paths of recordings that only judge: those with a heading or a gyro the currents, others the wheel rates. Without
-    any, the last third of each log judges what is fitted to the rest."""
+    """Path of a recording on the ground with wheel rates and currents (current_left,
+    current_right)."""
+    held_out: Annotated[
+        tuple[str | Log, ...],
+        get_args(cli.Names)[1],
+        cli.option(metavar="PATH,...", default="none"),
+    ] = ()
+    """Paths of recordings that only judge: those with a heading or a gyro the currents, others the
+    wheel rates. Without any, the last third of each log judges what is fitted to the rest."""
     torque_constant: Annotated[cli.Number, cli.option(metavar="K", default="unknown")] = None
     """Torque of one side's wheels per ampere of its motor [N m/A], where it is known."""
     profile: Annotated[cli.AnyProfile, cli.profile_option("husky-tile")] = None
@@ -110,8 +117,8 @@ def _numbers(
 ) -> dict[str, Row]:
     """Return value, standard error, unit and meaning of every number that was found, by name.
 
-    What currents tell are currents where they are the motors', and torques where they are the battery's;
-    the torque constant [N m/A] makes one of the other.
+    What currents tell are currents where they are the motors', and torques where they are the
+    battery's; the torque constant [N m/A] makes one of the other.
     """
     found = {} if currents is None else currents.found.pairs()
     if currents is not None:
@@ -122,7 +129,9 @@ def _numbers(
         found["inertia_current"] = inertia.value
     if constant is not None:
         torques = {_SCALED[name]: constant * found[name] for name in _SCALED if name in found}
-        amperes = {name: found[_SCALED[name]] / constant for name in _SCALED if _SCALED[name] in found}
+        amperes = {
+            name: found[_SCALED[name]] / constant for name in _SCALED if _SCALED[name] in found
+        }
         found |= torques | amperes
     if "friction_torque" in found:
         most = 0.5 * chassis.mass * GRAVITY * chassis.geometry.radius
@@ -140,27 +149,42 @@ def _numbers(
 def _judges(
     held_out: Sequence[DriveLog], commanded: DriveLog | None, ground: DriveLog | None
 ) -> tuple[list[DriveLog], list[DriveLog]]:
-    """Return the logs that are held out for the driver and for the currents; a ValueError names one of no use."""
-    alike = [log for log in held_out if commanded is not None and log.on_ground == commanded.on_ground]
-    driven = [log for log in held_out if ground is not None and log.on_ground and log.currents is not None]
+    """Return what judges the driver, and the currents; a ValueError names a log of no use."""
+    alike = [
+        log for log in held_out if commanded is not None and log.on_ground == commanded.on_ground
+    ]
+    driven = [
+        log for log in held_out if ground is not None and log.on_ground and log.currents is not None
+    ]
     for log in held_out:
         if log not in (*alike, *driven):
-            where = "on the ground" if log.on_ground else "with its wheels in the air (it has no heading)"
-            raise ValueError(f"held_out {log.name} was taken {where}, and no log of that kind is studied")
+            where = (
+                "on the ground"
+                if log.on_ground
+                else "with its wheels in the air (it has no heading)"
+            )
+            raise ValueError(
+                f"held_out {log.name} was taken {where}, and no log of that kind is studied"
+            )
     return alike, driven
 
 
 @cli.program(DriveTrainStudy)
 def study_drivetrain(o: DriveTrainStudy) -> Report:
-    """Estimate what a robot's driver makes of commands, and its friction, losses and inertia, from its logs.
+    """Estimate a robot's driver, friction, losses and inertia from its logs.
 
     Raises:
-        ValueError: there is no log or no such robot, a log cannot be read, or one lacks what is needed.
+        ValueError: there is no log or no such robot, a log cannot be read, or one lacks what is
+        needed.
     """
-    up, ground = (None if source is None else drive_log(source) for source in (o.recording, o.ground))
+    up, ground = (
+        None if source is None else drive_log(source) for source in (o.recording, o.ground)
+    )
     named = [log for log in (up, ground) if log is not None]
     if not named:
-        raise ValueError("the drive train needs a log: recording (wheels in the air), ground, or both")
+        raise ValueError(
+            "the drive train needs a log: recording (wheels in the air), ground, or both"
+        )
     if ground is not None:
         require_currents(ground)
     chassis = chassis_of(choose_profile(o.profile, o.robot, "husky-tile"), o.mass)
@@ -179,7 +203,12 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
         if ground is not None:
             currents = fit_currents(ground, driven, chassis)
             o.progress(Progress(2, 3, "currents on the ground"))
-        if driver is not None and up is not None and up.currents is not None and not (up.on_ground or up.signed):
+        if (
+            driver is not None
+            and up is not None
+            and up.currents is not None
+            and not (up.on_ground or up.signed)
+        ):
             rho = _USUAL_RHO if currents is None else currents.found.values.get("rho", _USUAL_RHO)
             inertia = fit_inertia(driver, rho)
             o.progress(Progress(3, 3, "inertia"))
@@ -209,8 +238,16 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
         title=f"Drive train of {chassis.name}: {', '.join(log.name for log in named)}",
         document=document,
         tables=[
-            Table("Numbers", [{"number": name, **row} for name, row in numbers.items()], "From the whole of each log."),
-            Table("Wheel rates from commands", driver.scores if driver else [], "rms: after held commands."),
+            Table(
+                "Numbers",
+                [{"number": name, **row} for name, row in numbers.items()],
+                "From the whole of each log.",
+            ),
+            Table(
+                "Wheel rates from commands",
+                driver.scores if driver else [],
+                "rms: after held commands.",
+            ),
             Table("What the currents show", currents.scores if currents else [], _CURRENTS),
             Table("Whether wheel rates are measured", evidence, _RATES),
         ],
@@ -223,12 +260,14 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
 
 
 _CURRENTS = (
-    "Share of the variance of the currents in steady driving that is explained, R², if they are those of the rule.\n"
+    "Share of the variance of the currents in steady driving that is explained, R², "
+    "if they are those of the rule.\n"
     "samples: of what was held out, sample by sample."
 )
 _RATES = (
     "scatter: median standard deviation of a wheel rate long after a held command.\n"
-    "step: of which all rates are multiples. Rates that do not scatter, or that come in steps, are the driver's set points."
+    "step: of which all rates are multiples. "
+    "Rates that do not scatter, or that come in steps, are the driver's set points."
 )
 
 
@@ -237,9 +276,15 @@ def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
     if o.robot is None and o.profile is None:
         says.append(f"No robot was named: the logs are taken for those of a {chassis.name}.")
     if currents is not None and currents.best["kind"] == "motor" and o.torque_constant is None:
-        says.append("Unknown without torque_constant: friction torque, friction coefficient and inertia of the rotors.")
+        says.append(
+            "Unknown without torque_constant: friction torque, friction coefficient and "
+            "inertia of the rotors."
+        )
     if currents is not None and currents.best["kind"] == "battery":
-        says.append(f"Power fixes the torques' scale; the friction coefficient is as good as the mass, {chassis.mass:g} kg.")
+        says.append(
+            "Power fixes the torques' scale; the friction coefficient is as good as the mass, "
+            f"{chassis.mass:g} kg."
+        )
     return says
 
 

@@ -1,13 +1,13 @@
 """Fits of a drive train to logs: the driver, and the inertia of what turns.
 
-The driver is that of the plants (`ssmr.robot.drive`), which a gain and a limit that both sides share are
-added to. It makes set points, or the measured rates, of held commands.
+The driver is that of the plants (`ssmr.robot.drive`), which a gain and a limit that both sides
+share are added to. It makes set points, or the measured rates, of held commands.
 
-Inertia: in the air the current of a side is I = c sgn(w) + (J / K) dw/dt, so that speeding up from w_0
-to w_1 takes the charge (J / K) (w_1 - w_0) above that of the losses c, whatever the current does
-meanwhile: a sensor that is read a few times a second has the integral right on average. Braking needs
-besides the rule of what is read. Transients that reverse a side have an estimate of their own, and how
-far it lies from that of the others counts as uncertainty.
+Inertia: in the air the current of a side is I = c sgn(w) + (J / K) dw/dt, so that speeding up from
+w_0 to w_1 takes the charge (J / K) (w_1 - w_0) above that of the losses c, whatever the current
+does meanwhile: a sensor that is read a few times a second has the integral right on average.
+Braking needs besides the rule of what is read. Transients that reverse a side have an estimate of
+their own, and how far it lies from that of the others counts as uncertainty.
 """
 
 from __future__ import annotations
@@ -32,12 +32,14 @@ LEAST_COMMANDS = 8
 """Fewest held commands that seven numbers are fitted to."""
 _GRID = 0.01  # period on which the driver is computed [s]
 _LARGE = 10.0  # size of an error that counts less than its square [rad/s]: none
-_BEFORE, _AFTER = 0.1, 1.8  # the charge of a transient is taken from so long before its command to so long after it [s]
-_FINE, _OUTLIER = 0.005, 0.6  # period of predicted currents [s]; charges further off count less than their square [A s]
+# the charge of a transient is taken from so long before its command to so long after it [s]
+_BEFORE, _AFTER = 0.1, 1.8
+# period of predicted currents [s]; charges further off count less than their square [A s]
+_FINE, _OUTLIER = 0.005, 0.6
 _LEAST_TRANSIENTS = 5  # fewest that tell an inertia
 
 
-# -------------------------------------------------------------------------------------------------------- driver
+# ---------------------------------------------------------------------- driver
 
 
 class DriverLaw(NamedTuple):
@@ -45,7 +47,8 @@ class DriverLaw(NamedTuple):
 
     dead_time: float  # time from a command to its effect [s]
     gain: float  # rim speed over commanded speed when driving straight [1]
-    half_track: float  # difference of a side's rim speed from the middle's, over the commanded yaw rate [m]
+    # difference of a side's rim speed from the middle's, over the commanded yaw rate [m]
+    half_track: float
     yaw_rate_limit: float  # greatest yaw rate that is obeyed [rad/s]
     acceleration: float  # greatest rate of change of the commanded speed [m/s^2]
     yaw_acceleration: float  # greatest rate of change of the commanded yaw rate [rad/s^2]
@@ -53,13 +56,14 @@ class DriverLaw(NamedTuple):
 
 
 def driven_rates(commands: FloatArray, dt: float, law: DriverLaw, chassis: Chassis) -> FloatArray:
-    """Return (2, n) rates of the left and right wheels [rad/s] that a driver asks for, at each period's end.
+    """Return (2, n) wheel rates [rad/s] that a driver asks for at the end of each period.
 
-    The dead time is left out. No rim is faster than the chassis allows: where one would be, both sides
-    are slowed by the same share.
+    The dead time is left out. No rim is faster than the chassis allows: where one would be, both
+    sides are slowed by the same share.
 
     Args:
-        commands: (n, 2) speeds [m/s] and yaw rates [rad/s], each held for `dt` [s]; before them all stands.
+        commands: (n, 2) speeds [m/s] and yaw rates [rad/s], each held for `dt` [s]; before them
+            all stands.
         dt: see above.
         law: numbers of the driver.
         chassis: nominal numbers of the robot.
@@ -102,11 +106,13 @@ class CommandLog:
         self.measured = log.t - _message_ages(log)
 
     def rates(self, law: DriverLaw, t: FloatArray) -> FloatArray:
-        """Return (2, ...) wheel rates [rad/s] that a driver makes of the commands at times (...) [s]."""
+        """Return (2, ...) wheel rates [rad/s] that a driver makes of the commands at times [s]."""
         grid = np.arange(self.log.t[0], self.log.t[-1], _GRID)
         rows = np.searchsorted(self.log.t, grid + 0.5 * _GRID, side="right") - 1
         rates = driven_rates(self.commands[rows], _GRID, law, self.chassis)
-        return np.stack([np.interp(t - law.dead_time, grid + _GRID, side, left=0.0) for side in rates])
+        return np.stack(
+            [np.interp(t - law.dead_time, grid + _GRID, side, left=0.0) for side in rates]
+        )
 
     def logged(self, law: DriverLaw) -> FloatArray:
         """Return (2, M) wheel rates as they would be logged, cut to whole steps [rad/s]."""
@@ -145,9 +151,9 @@ class CommandLog:
 def _message_ages(log: DriveLog) -> FloatArray:
     """Return (M,) how old the rates of each sample are [s]; zeros where every row is new.
 
-    A robot that sends rates, currents and voltages in one message repeats all of them in its log until
-    the next message. A change of a current or voltage then tells that the rates are new too, which the
-    rates themselves need not tell.
+    A robot that sends rates, currents and voltages in one message repeats all of them in its log
+    until the next message. A change of a current or voltage then tells that the rates are new too,
+    which the rates themselves need not tell.
     """
     values = [pair for pair in (log.rates, log.currents, log.voltages) if pair is not None]
     new = refreshed(log.t, np.concatenate(values).T)
@@ -165,17 +171,20 @@ class DriverFit(NamedTuple):
     whole: CommandLog  # the log that it was fitted to
     found: Estimate  # numbers of `DriverLaw`, from all of the log
     scores: list[dict[str, Any]]
-    """Rows: errors on each part; on the log's own last third, where it is held out, of a driver fitted to the rest."""
+    """Rows: errors on each part; on the log's own last third, where it is held out, of a driver
+    fitted to the rest."""
     rms: float  # root mean square error on all that was held out [rad/s]
     shown: tuple[FloatArray, FloatArray, FloatArray]
     """What was held out: (M,) time [s], (2, M) wheel rates as logged and as predicted [rad/s]."""
 
 
-def fit_driver(log: DriveLog, held_out: Sequence[DriveLog], others: Sequence[DriveLog], chassis: Chassis) -> DriverFit:
+def fit_driver(
+    log: DriveLog, held_out: Sequence[DriveLog], others: Sequence[DriveLog], chassis: Chassis
+) -> DriverFit:
     """Return what a driver makes of commands, fitted to one log and judged on others.
 
-    Logs of the same kind that are held out judge it; if there are none, a driver fitted to the log's
-    first part is judged on its rest. It is tried too on `others`, of another kind.
+    Logs of the same kind that are held out judge it; if there are none, a driver fitted to the
+    log's first part is judged on its rest. It is tried too on `others`, of another kind.
 
     Raises:
         ValueError: too few commands were held and obeyed.
@@ -204,23 +213,25 @@ def fit_driver(log: DriveLog, held_out: Sequence[DriveLog], others: Sequence[Dri
     return DriverFit(whole, found, scores, rms, (first.log.t, first.log.rates, first.logged(law)))
 
 
-# ------------------------------------------------------------------------------------------------------- inertia
+# ---------------------------------------------------------------------- inertia
 
 
 class InertiaFit(NamedTuple):
     """J / K, and what it was found from."""
 
     value: FloatArray
-    """(2,) mean of the two estimates and its standard error: half their difference, and theirs [A s^2/rad]."""
+    """(2,) mean of the two estimates and its standard error: half their difference, and theirs [A
+    s^2/rad]."""
     estimates: Mapping[str, Any]
-    """Estimate and its standard error from transients `one_way` and from `reversals`, and the number `n` of both."""
+    """Estimate and its standard error from transients `one_way` and from `reversals`, and the
+    number `n` of both."""
 
 
 def fit_inertia(driver: DriverFit, rho: float) -> InertiaFit | None:
     """Return J / K from the driver's log, wheels in the air; None where too few transients tell it.
 
-    The currents are taken for the motors'. How fast the wheels change speed is what the driver says;
-    `rho` is the motors' resistance over voltage constant [rad/s per A].
+    The currents are taken for the motors'. How fast the wheels change speed is what the driver
+    says; `rho` is the motors' resistance over voltage constant [rad/s per A].
     """
     log = driver.whole.log
     currents = require_currents(log)

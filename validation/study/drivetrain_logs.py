@@ -12,15 +12,17 @@ from validation.identify.motor_logs import DriveLog
 from validation.report.table import Row
 
 HELD, _RESPONSE_S, _USED = 5.0, 0.5, 5.9
-"""A command counts if it is held so long and the wheels' rates change so soon after it; so much of it is used [s]."""
+"""A command counts if it is held so long and the wheels' rates change so soon after it; so much of
+it is used [s]."""
 _LATE = 2.0  # wheel rates have settled so long after a command [s]
 _NO_SCATTER = 1e-6  # standard deviation of a rate that is logged again and again [rad/s]: rounding
 _FINEST_STEP, _OFF_STEP = 0.01, 0.02
-"""Least step of wheel rates that is no rounding of the log [rad/s], and how far rates may lie off its multiples [steps]."""
+"""Least step of wheel rates that is no rounding of the log [rad/s], and how far rates may lie off
+its multiples [steps]."""
 
 
 def held_commands(log: DriveLog) -> list[slice]:
-    """Return the samples of each command, other than zero, that was held for `HELD` seconds and at once obeyed."""
+    """Return the samples of each command but zero that was held for `HELD` and at once obeyed."""
     if log.commands is None:
         return []
     new = np.any(np.diff(log.commands, axis=1) != 0.0, axis=0)
@@ -38,8 +40,9 @@ def held_commands(log: DriveLog) -> list[slice]:
 def rate_evidence(log: DriveLog) -> Row:
     """Return what a log says on whether its wheel rates were measured.
 
-    Set points never change under a command that is held (`scatter_rad_s`, the median standard deviation
-    of a settled rate [rad/s]; NaN without such a command) or only come in steps (`step_rad_s`).
+    Set points never change under a command that is held (`scatter_rad_s`, the median standard
+    deviation of a settled rate [rad/s]; NaN without such a command) or only come in steps
+    (`step_rad_s`).
     """
     held = held_commands(log)
     late = [log.rates[:, span][:, log.t[span] > log.t[span.start] + _LATE] for span in held]
@@ -50,12 +53,14 @@ def rate_evidence(log: DriveLog) -> Row:
         "commands": len(held),
         "scatter_rad_s": scatter,
         "step_rad_s": step,
-        "wheel_rates_are": "measured" if step is None and not scatter < _NO_SCATTER else "set points",
+        "wheel_rates_are": "measured"
+        if step is None and not scatter < _NO_SCATTER
+        else "set points",
     }
 
 
 def rate_step(rates: FloatArray) -> float | None:
-    """Return the step of which all (2, M) rates are multiples; None if there is none of a size worth mention."""
+    """Return the step of which all (2, M) rates are multiples; None if it is not worth mention."""
     sizes = np.unique(np.abs(rates).round(4))
     apart = np.diff(sizes)
     apart = apart[apart > 0.5 * _FINEST_STEP]

@@ -44,7 +44,7 @@ class Motion(NamedTuple):
 def random_drive(
     seed: int, commands: int, chassis: Chassis, law: DriverLaw = LAW, most: float = 0.7
 ) -> Motion:
-    """Return random commands, held for 6 s each after 3 s of rest, and the wheel rates that a driver makes of them."""
+    """Return random commands of 6 s each after 3 s of rest, and the wheel rates of a driver."""
     rng = np.random.default_rng(seed)
     chosen = np.vstack([np.zeros((1, 2)), rng.uniform([-most, -1.8], [most, 1.8], (commands, 2))])
     held = np.repeat(chosen, [300, *[600] * commands], axis=0)

@@ -1,4 +1,4 @@
-"""Least squares with errors from blocks: a line through data whose errors hang together within a block."""
+"""Least squares with errors from blocks: a line through data whose errors hang together."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LINE = {"offset": (1.0, -9.0, 9.0), "slope": (1.0, -9.0, 9.0)}
 
 
 def test_a_standard_error_is_the_scatter_of_many_fits() -> None:
-    """The errors of a block are one draw and a small noise, so it is one observation and not twelve."""
+    """A block has one draw and a small noise: it is one observation and not twelve."""
     rng = np.random.default_rng(0)
     block = np.repeat(np.arange(BLOCKS, dtype=np.float64), ROWS)
     found, claimed = list[float](), list[float]()

@@ -1,4 +1,4 @@
-"""Print the table of docs/drivetrain.md: MuJoCo's contacts against a Husky's slip law.
+"""Print the table of docs/drivetrain.md on what MuJoCo's contacts can do of the slip law.
 
 Run from the project's root: `python docs/make_drivetrain_tables.py husky_wet_grass_train.csv`. The
 page's figure is that of `python -m validation.study drivetrain`.
@@ -12,12 +12,13 @@ from functools import partial
 import numpy as np
 from scipy.optimize import least_squares
 
-from ssmr.robot.drivetrain import bridge_reading, quasi_static_twist, side_forces
+from ssmr.robot.drivetrain import bridge_reading, side_forces
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from validation import load_profile, load_robot
 from validation.identify.currents import COULOMB_SCALE
-from validation.identify.motor_logs import chassis_of, drive_log, sensor_of, window_samples
+from validation.identify.motor_logs import chassis_of, drive_log, sensor_of, steady_samples
+from validation.plants.kind import GROUND_TORQUES
 from validation.simulator.calibration import Calibration
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
@@ -56,40 +57,38 @@ def mujoco_shares(
         motion = plant.run(Commands(0.05, ramp * rate, "wheels"), State(), 0.01)
         late = motion.t > 3.0
         weight = motion.channels["wheel_load_N"][late].sum(axis=1).mean()
-        torque = motion.channels["torque_N_m"][late].mean(axis=0)
+        torque = motion.channels[GROUND_TORQUES][late].mean(axis=0)
         shares[:, k] = torque / (0.5 * FRICTION * weight * HUSKY.geometry.radius)
     return shares, creep(plant)
 
 
 def law_shares(rates: FloatArray, scale: float) -> FloatArray:
     """Return (2, n) forces of the sides over their friction limits under the slip law."""
-    return side_forces(
-        rates, quasi_static_twist(rates, HUSKY.geometry, scale), HUSKY.geometry, scale
-    )
+    return side_forces(rates, HUSKY.geometry, scale)
 
 
 def main(path: str) -> None:
     """Fit friction, losses and rho to currents with each contact; print how much that explains."""
     log = drive_log(path)
-    samples = window_samples(log)
+    _, means = steady_samples(log)
     sensor = sensor_of(log)
-    rates, inverse = np.unique(samples.rates.round(3), axis=1, return_inverse=True)
+    known = np.isfinite(means.currents)
+    currents = means.currents[known]
+    rates, inverse = np.unique(means.rates.round(3), axis=1, return_inverse=True)
 
     def explains(shares: FloatArray) -> float:
-        effort = shares[samples.side, inverse.ravel()]
+        effort = shares[:, inverse.ravel()]
 
         def off(x: FloatArray) -> FloatArray:
-            loss = np.where(samples.side == 0, x[1], x[2]) * np.sign(samples.rate)
-            return (
-                bridge_reading(x[0] * effort + loss, samples.rate, x[3], sensor.ripple, sensor.idle)
-                - samples.current
-            )
+            needed = x[0] * effort + x[1:3, None] * np.sign(means.rates)
+            shown = bridge_reading(needed, means.rates, x[3], sensor.ripple, sensor.idle)
+            return shown[known] - currents
 
         bounds = ([1.0, -2.0, -2.0, 0.03], [60.0, 9.0, 9.0, 0.5])
         solution = least_squares(
             off, [12.0, 2.4, 3.0, 0.15], bounds=bounds, loss="soft_l1", f_scale=1.3
         )
-        return float(1.0 - np.mean(off(solution.x) ** 2) / np.var(samples.current))
+        return float(1.0 - np.mean(off(solution.x) ** 2) / np.var(currents))
 
     print("| contacts | R² | nearest slip scale | creep on a slope [mm/s] |\n|---|---:|---:|---:|")
     print(f"| Coulomb | {explains(law_shares(rates, COULOMB_SCALE)):.2f} | 0 | |")

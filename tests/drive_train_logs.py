@@ -6,42 +6,28 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr.robot.drivetrain import (
-    SetPointLaw,
-    battery_current,
-    quasi_static_twist,
-    rim_speeds,
-    side_forces,
-)
+from ssmr.robot.drivetrain import battery_current, quasi_static_twist, side_forces
 from ssmr.types import FloatArray
 from validation.files.log import Log
 from validation.identify.motor_logs import Chassis, chassis_of
 from validation.plants.profile import choose_profile, load_profile
+from validation.study.drivetrain_fit import DriverLaw, driven_rates
 
-HUSKY = chassis_of(load_profile("husky-tile"))
-WARTHOG = chassis_of(choose_profile(None, "warthog", "husky-tile"), mass=470.0)
-LAW = SetPointLaw(0.08, 1.04, 0.29, 1.0, 2.2, 1.9, 0.04)
-FRICTION = 11.0
-LOSSES = (2.0, 2.8)
-SLIP = 0.09
-RHO = 0.15
-INERTIA = 0.2
+HUSKY, WARTHOG = (
+    chassis_of(load_profile("husky-tile")),
+    chassis_of(choose_profile(None, "warthog", "husky-tile"), mass=470.0),
+)
+LAW = DriverLaw(0.08, 1.04, 0.29, 1.0, 2.2, 1.9, 0.04)
+FRICTION, LOSSES, SLIP, RHO, INERTIA = 11.0, (2.0, 2.8), 0.09, 0.15, 0.2
 """Friction, losses [A], slip scale [1], resistance over voltage constant [rad/s per A], inertia [A
 s^2/rad]."""
-TORQUE = 450.0
-LOSS_TORQUES = (40.0, 60.0)
-HEAT = 0.003
-EFFICIENCY = 0.93
+TORQUE, LOSS_TORQUES, HEAT, EFFICIENCY = 450.0, (40.0, 60.0), 0.003, 0.93
 """Friction and losses [N m], resistance over torque constant squared [W/(N m)^2], efficiency [1] of
 a Warthog."""
-AIR_LOSSES = (0.3, 1.1)
-RIPPLE = 0.8
-IDLE = 0.59
+AIR_LOSSES, RIPPLE, IDLE = (0.3, 1.1), 0.8, 0.59
 """Losses with wheels in the air, ripple on the ground, and readings of a bridge that does not drive
 [A]."""
-_FINE = 0.01
-_ROWS = 0.05
-_MESSAGES = 0.15
+_FINE, _ROWS, _MESSAGES = 0.01, 0.05, 0.15
 """Periods of the computation, of the log's rows and of the robot's messages [s]."""
 
 
@@ -56,18 +42,16 @@ class Motion(NamedTuple):
 
 
 def random_drive(
-    seed: int, commands: int, chassis: Chassis, law: SetPointLaw = LAW, most: float = 0.7
+    seed: int, commands: int, chassis: Chassis, law: DriverLaw = LAW, most: float = 0.7
 ) -> Motion:
-    """Return random commands, held for 6 s each after 3 s of rest, and their wheel rates."""
+    """Return random commands of 6 s each after 3 s of rest, and the wheel rates of a driver."""
     rng = np.random.default_rng(seed)
     chosen = np.vstack([np.zeros((1, 2)), rng.uniform([-most, -1.8], [most, 1.8], (commands, 2))])
     held = np.repeat(chosen, [300, *[600] * commands], axis=0)
-    speeds = np.vstack([np.zeros((1, 2)), rim_speeds(held, _FINE, law, chassis.speed_limit)])
-    return Motion(
-        np.arange(len(speeds), dtype=np.float64) * _FINE,
-        np.vstack([held, held[-1:]]),
-        speeds.T / chassis.command_radius,
-    )
+    late = round(law.dead_time / _FINE)
+    rates = driven_rates(held, _FINE, law, chassis)[:, : len(held) - late]
+    rates = np.hstack([np.zeros((2, 1 + late)), rates])
+    return Motion(np.arange(len(held) + 1) * _FINE, np.vstack([held, held[-1:]]), rates)
 
 
 def bridge_log(
@@ -77,8 +61,9 @@ def bridge_log(
     rng = np.random.default_rng(seed)
     chassis = HUSKY
     step = 0.01 / chassis.command_radius
-    sent = np.arange(0.0, motion.t[-1], _MESSAGES) + rng.uniform(0.0, 0.02)
-    at = np.searchsorted(motion.t, sent) - 1
+    sent = np.arange(0.0, motion.t[-1] - _ROWS, _MESSAGES)
+    sent += rng.uniform(0.0, _ROWS, len(sent))  # at no fixed time from the rows
+    at = np.rint(sent / _FINE).astype(int)
     rates = np.trunc(motion.rates[:, at] / step) * step
     true = current[:, at] + ripple * rng.standard_normal((2, len(at)))
     drives = true * (motion.rates[:, at] + RHO * true) > 0.0
@@ -152,4 +137,4 @@ def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -
 def _effort(rates: FloatArray, chassis: Chassis, slip: float) -> tuple[FloatArray, FloatArray]:
     """Return (2, n) forces over friction limits, (n,) headings of a robot without acceleration."""
     twist = quasi_static_twist(rates, chassis.geometry, slip)
-    return side_forces(rates, twist, chassis.geometry, slip), np.cumsum(twist[2]) * _FINE
+    return side_forces(rates, chassis.geometry, slip), np.cumsum(twist[2]) * _FINE

@@ -93,9 +93,7 @@ def noisy_target(truth: Mapping[str, float], seed: int) -> FitTarget:
     return FitTarget("drawn", replace(source, pieces=(piece,)), (seen,), torques=(torques,))
 
 
-def recover(
-    seed: int, way: Way, torque_weight: float | None = None, workers: int = 1
-) -> Recovered:
+def recover(seed: int, way: Way, torque_weight: float | None = None, workers: int = 1) -> Recovered:
     """Fit the default list from default bounds to a robot that was drawn."""
     truth = drawn(seed)
     base = load_profile("thesis-lab").section("mujoco")

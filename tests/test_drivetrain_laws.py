@@ -14,26 +14,27 @@ from hypothesis import strategies as st
 from ssmr.robot.drive import wheel_references
 from ssmr.robot.drivetrain import (
     CREEP,
-    SetPointLaw,
     SkidGeometry,
     battery_current,
     bridge_reading,
     grip,
     quasi_static_twist,
-    rim_speeds,
     side_forces,
 )
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State
 from tests.conftest import ROUNDOFF
 from tests.robots import TRACK, WHEELBASE
+from validation.identify.motor_logs import Chassis
+from validation.study.drivetrain_fit import DriverLaw, driven_rates
 
 HUSKY = SkidGeometry(0.1651, 0.5 * TRACK, 0.5 * WHEELBASE)
 SOLVED = 1e-9
 """Forces over friction limits that a Newton step of 1e-12 m/s leaves, with slip scales from 0.01
 on."""
 DT = 0.01
-LAW = SetPointLaw(0.1, 1.05, 0.29, 1.0, 2.0, 1.9, 0.0)
+LAW = DriverLaw(0.1, 1.05, 0.29, 1.0, 2.0, 1.9, 1e-6)
+UP = Chassis("up", HUSKY, 73.3, 0.1651, 1.0)
 
 rates = st.tuples(st.floats(-6.0, 6.0), st.floats(-6.0, 6.0)).map(
     lambda pair: np.array(pair)[:, None]
@@ -76,12 +77,9 @@ def test_mirror_and_reversal(w: FloatArray, scale: float) -> None:
     twist, mirrored, back = (quasi_static_twist(x, HUSKY, scale) for x in (w, w[::-1], -w))
     assert np.allclose(mirrored, twist * [[1.0], [-1.0], [-1.0]], atol=1e-7)
     assert np.allclose(back, -twist, atol=1e-7)
-    assert np.allclose(
-        side_forces(w[::-1], mirrored, HUSKY, scale),
-        side_forces(w, twist, HUSKY, scale)[::-1],
-        atol=1e-6,
-    )
-    assert np.abs(side_forces(w, twist, HUSKY, scale)).max() <= 1.0
+    forces = side_forces(w, HUSKY, scale)
+    assert np.allclose(side_forces(w[::-1], HUSKY, scale), forces[::-1], atol=1e-6)
+    assert np.abs(forces).max() <= 1.0
 
 
 @pytest.mark.parametrize("half_base", [0.1, 0.256, 0.5])
@@ -171,18 +169,20 @@ def test_a_driver_is_the_drive_of_the_plants() -> None:
         wheel_lag=0.05,
     )
     commanded = wheel_references(Commands(DT, commands), drive, DT, State()) * drive.command_radius
-    assert np.allclose(rim_speeds(commands, DT, law, 10.0), commanded, atol=1e-12)
+    free = UP._replace(speed_limit=10.0, command_radius=drive.command_radius)
+    late = round(law.dead_time / DT)
+    made = driven_rates(commands, DT, law, free).T * drive.command_radius
+    assert np.allclose(made[:-late], commanded[late:], atol=1e-12)
 
 
 def test_a_driver_keeps_its_limits() -> None:
     commands = np.tile([0.9, 3.0], (400, 1))
-    made = rim_speeds(commands, DT, LAW, 1.0)
-    assert np.all(made[:10] == 0.0)  # dead time
+    made = driven_rates(commands, DT, LAW, UP).T * UP.command_radius
     assert np.abs(made).max() == pytest.approx(1.0, rel=ROUNDOFF)
     left, right = made[-1]
     wanted = 1.05 * 0.9 - 0.29, 1.05 * 0.9 + 0.29  # the yaw rate is limited to 1
     assert left / right == pytest.approx(wanted[0] / wanted[1], rel=ROUNDOFF)
-    slow = rim_speeds(np.tile([0.4, 0.0], (400, 1)), DT, LAW, 1.0)
+    slow = driven_rates(np.tile([0.4, 0.0], (400, 1)), DT, LAW, UP).T * UP.command_radius
     assert np.diff(slow[:, 0]).max() <= 1.05 * LAW.acceleration * DT + 1e-12
     assert slow[-1] == pytest.approx([0.42, 0.42], rel=ROUNDOFF)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,16 +26,14 @@ from tests.drive_train_logs import (
     on_grass,
     warthog_on_grass,
 )
-from validation.identify.motor_logs import drive_log, steady_windows, window_samples
+from validation.identify.motor_logs import drive_log, steady_samples, steady_windows
 from validation.report.report import Report
 from validation.study.drivetrain import study_drivetrain
 from validation.study.drivetrain_logs import rate_evidence
 
-UP = in_the_air()
-GRASS = on_grass()
-WARTHOG = warthog_on_grass()
-SHORT: dict[str, Any] = {"recording": UP, "ground": GRASS, "resamples": 3}
-HEAVY: dict[str, Any] = {"ground": WARTHOG, "robot": "warthog", "mass": 470.0, "resamples": 2}
+UP, GRASS, WARTHOG = in_the_air(), on_grass(), warthog_on_grass()
+SHORT: dict[str, Any] = {"recording": UP, "ground": GRASS}
+HEAVY: dict[str, Any] = {"ground": WARTHOG, "robot": "warthog", "mass": 470.0}
 DATA = data_folder()
 
 
@@ -148,25 +147,25 @@ def test_logs_that_are_held_out_judge_and_are_not_fitted(husky: Report) -> None:
 
 
 def test_each_log_alone_tells_its_share() -> None:
-    up = study_drivetrain(recording=UP, resamples=2)
+    up = study_drivetrain(recording=UP)
     assert up.as_dict()["current_is"] is None
     assert numbers(up)["inertia_current"] == pytest.approx(INERTIA, rel=0.12)
-    grass = study_drivetrain(ground=GRASS, resamples=2)
+    grass = study_drivetrain(ground=GRASS)
     assert grass.as_dict()["inertia"] is None
     assert {"driver_gain", "friction_current"} <= set(numbers(grass))
 
 
 def test_rates_with_noise_are_measured_and_steps_are_set_points() -> None:
     log = drive_log(GRASS)
-    assert rate_evidence(log).wheel_rates_are == "set points"
-    assert rate_evidence(log).step_rad_s == pytest.approx(0.01 / 0.1651, rel=1e-3)
+    assert rate_evidence(log)["wheel_rates_are"] == "set points"
+    assert rate_evidence(log)["step_rad_s"] == pytest.approx(0.01 / 0.1651, rel=1e-3)
     noise = np.random.default_rng(0).normal(0.0, 0.05, log.rates.shape)
     noisy = rate_evidence(replace(log, rates=log.rates + noise))
-    assert (noisy.wheel_rates_are, noisy.step_rad_s) == ("measured", None)
-    assert noisy.scatter_rad_s == pytest.approx(0.05, rel=0.1)
+    assert (noisy["wheel_rates_are"], noisy["step_rad_s"]) == ("measured", None)
+    assert noisy["scatter_rad_s"] == pytest.approx(0.05, rel=0.1)
     silent = rate_evidence(replace(log, commands=None))
-    assert math.isnan(silent.scatter_rad_s)
-    assert silent.wheel_rates_are == "set points"  # by its steps
+    assert math.isnan(silent["scatter_rad_s"])
+    assert silent["wheel_rates_are"] == "set points"  # by its steps
 
 
 def test_steady_windows_are_steady_and_without_their_beginning() -> None:
@@ -176,8 +175,10 @@ def test_steady_windows_are_steady_and_without_their_beginning() -> None:
     for window in windows:
         assert np.ptp(log.rates[:, window], axis=1).max() < 0.13
         assert 1.0 <= np.ptp(log.t[window]) <= 5.1
-    assert np.sum(windows, axis=0).max() == 1  # they do not overlap
-    assert len(window_samples(log).side) <= 2 * len(windows)
+    assert all(one.stop <= other.start for one, other in pairwise(windows))
+    samples, means = steady_samples(log)
+    assert len(means.t) == len(windows)
+    assert np.isfinite(samples.currents).sum() <= 2 * sum(w.stop - w.start for w in windows)
 
 
 def real(name: str) -> str:
@@ -188,17 +189,12 @@ def real(name: str) -> str:
 
 
 def test_a_real_warthog_and_tile_are_what_the_page_says() -> None:
-    """docs/drivetrain.md.
-
-    The numbers do not depend on the resamples, their errors do. A golden case has the Husky.
-    """
-    document = study_drivetrain(
-        ground=real("warthog_grass"), robot="warthog", resamples=2
-    ).as_dict()
+    """docs/drivetrain.md; a golden case has the Husky."""
+    document = study_drivetrain(ground=real("warthog_grass"), robot="warthog").as_dict()
     assert (document["current_is"], document["wheel_rates_are"]) == ("battery", "measured")
     assert document["current_r2"] == pytest.approx(0.97, abs=0.01)
     assert document["parameters"]["friction_torque"]["value"] == pytest.approx(473.0, abs=4.0)
     assert document["wheel_rate_rms_rad_s"] is None  # most of the time somebody drove by joystick
-    tile = study_drivetrain(recording=real("husky_tile"), resamples=2).as_dict()
+    tile = study_drivetrain(recording=real("husky_tile")).as_dict()
     assert (tile["wheel_rates_are"], tile["inertia"]) == ("measured", None)
     assert tile["wheel_rate_rms_rad_s"] == pytest.approx(0.114, abs=0.004)

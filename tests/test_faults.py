@@ -50,10 +50,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "recordings info": ("recordings info FILE", "log.csv"),
     "recordings convert": ("recordings convert FILE", "log.csv"),
     "robots check": ("robots check FILE", "robot.toml"),
-    "study drivetrain": (
-        "study drivetrain --recording FILE --ground grass.csv --resamples 2",
-        "up.csv",
-    ),
+    "study drivetrain": ("study drivetrain --recording FILE --ground grass.csv", "up.csv"),
 }
 """Commands of a second, and the file that each reads."""
 

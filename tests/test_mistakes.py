@@ -115,7 +115,7 @@ MISTAKES = {
     "study contact --out file/deep": "name another",
     "study drivetrain": "recording",
     "study drivetrain --ground missing.csv": "missing.csv: there is no such file",
-    "study drivetrain --recording up.csv --resamples 0": "resamples",
+    "study drivetrain --recording up.csv --torque-constant 0": "torque_constant",
     "study transfer --quick --controllers pdi": "unknown controller 'pdi'",
     "study transfer --quick --controllers pid:gone": "pid has no gains 'gone'",
     "study transfer --quick --controllers mpc": "there is no choice among mpc",

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from ssmr.robot.drivetrain import (
     battery_current,
     battery_torque,
-    quasi_static_twist,
     side_forces,
 )
 from ssmr.types import Commands, State
@@ -20,7 +19,7 @@ from tests.drive_train_logs import HUSKY as HUSKY_CHASSIS
 from tests.drive_train_logs import TORQUE as TORQUE_LIMIT
 from tests.drive_train_logs import WARTHOG as WARTHOG_CHASSIS
 from tests.recovery import HYBRID, JDE, LEAST_SQUARES, TORQUE, drawn, noisy_target, recover
-from validation.identify.currents import Torques
+from validation.identify.currents import torques_of
 from validation.identify.motor_logs import drive_log, loss_of
 from validation.identify.objective import FitCost, FitTarget, make_raters, make_torque_raters
 from validation.plants.kind import CAUSES, GROUND_TORQUES, TORQUES
@@ -163,25 +162,25 @@ def test_currents_of_a_synthetic_log_are_its_torques() -> None:
     """A Husky's log, sensor without a sign: where it shows something, it is the ground's torque."""
     log = drive_log(on_grass())
     constant = 2.5
-    told = Torques.of(log, HUSKY_CHASSIS, constant)
-    assert told is not None
-    torques = told.along(log, 0.0)
+    torques, said = torques_of(log, HUSKY_CHASSIS, constant, 0.0)
+    assert torques is not None
+    assert "motors' currents" in said
     known = np.isfinite(torques)
     assert 0.1 < known.mean() < 0.9
-    twist = quasi_static_twist(log.rates, HUSKY_CHASSIS.geometry, SLIP)
-    true = constant * FRICTION * side_forces(log.rates, twist, HUSKY_CHASSIS.geometry, SLIP).T
+    true = constant * FRICTION * side_forces(log.rates, HUSKY_CHASSIS.geometry, SLIP).T
     scale = (torques[known] @ true[known]) / (true[known] @ true[known])
     assert scale == pytest.approx(1.0, abs=0.04)  # as well as friction and losses are known
     assert np.std(torques[known] - true[known]) < 1.3 * constant * RIPPLE
-    assert Torques.of(log, HUSKY_CHASSIS, 0.0) is None
+    none, said = torques_of(log, HUSKY_CHASSIS, 0.0, 0.0)
+    assert none is None
+    assert "--torque-constant" in said
 
 
 def test_a_battery_needs_no_constant() -> None:
     log = drive_log(warthog_on_grass())
-    told = Torques.of(log, WARTHOG_CHASSIS, 0.0)
-    assert told is not None
-    torques = told.along(log, 0.0)
-    twist = quasi_static_twist(log.rates, WARTHOG_CHASSIS.geometry, SLIP)
-    true = TORQUE_LIMIT * side_forces(log.rates, twist, WARTHOG_CHASSIS.geometry, SLIP).T
+    torques, said = torques_of(log, WARTHOG_CHASSIS, 0.0, 0.0)
+    assert torques is not None
+    assert "the battery's power" in said
+    true = TORQUE_LIMIT * side_forces(log.rates, WARTHOG_CHASSIS.geometry, SLIP).T
     known = np.isfinite(torques)
     assert np.median(np.abs(torques[known] - true[known])) < 0.08 * TORQUE_LIMIT

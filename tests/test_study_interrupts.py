@@ -33,7 +33,7 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
         lambda s: len(s.document["profiles"]["thesis-lab"]["references"]), 1,
     ),
     "drivetrain": (
-        DriveTrainStudy(recording=in_the_air(), ground=on_grass(), resamples=2),
+        DriveTrainStudy(recording=in_the_air(), ground=on_grass()),
         lambda s: 1 + (s.document["current_is"] is not None), 1,
     ),
 }  # fmt: skip

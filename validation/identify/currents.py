@@ -1,12 +1,14 @@
 """Friction, losses and torques from motor currents.
 
-Where the wheels turn steadily the robot does not accelerate, and so its motion and the share of the friction that
-each side overcomes follow from the wheel rates alone. The torque of a side over the torque constant is
+Where the wheels turn steadily the robot does not accelerate, and so its motion and the share of the
+friction that each side overcomes follow from the wheel rates alone. The torque of a side over the
+torque constant is
 
     I = A F + loss sgn(w),    A = mu N r / K,
 
-with F the side's force over its friction limit. What a log shows of I depends on where the current is measured; power, which
-a battery's current measures, knows no torque constant, and then the same numbers are torques.
+with F the side's force over its friction limit. What a log shows of I depends on where the current
+is measured; power, which a battery's current measures, knows no torque constant, and then the same
+numbers are torques.
 """
 
 from __future__ import annotations
@@ -16,41 +18,39 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ssmr.robot.drivetrain import (
     SkidGeometry,
     battery_current,
     battery_torque,
     bridge_reading,
-    quasi_static_twist,
     side_forces,
 )
 from ssmr.types import FloatArray
 from validation.bench.sources import RECORDING
+from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks
 from validation.identify.motor_logs import (
     Chassis,
-    CurrentSamples,
     DriveLog,
+    MotorSamples,
     Sensor,
-    current_samples,
     log_of_motions,
-    sampled_in_windows,
     sensor_of,
-    steady_currents,
-    window_samples,
+    steady_samples,
 )
 from validation.identify.objective import FitTarget
 
 COULOMB_SCALE = 1e-4
 """Slip scale of a contact that is a Coulomb one as far as any current shows [1]."""
+_BLOCK = 6.0  # currents within so much time hang together [s]: as long as a command usually is
 _LEAST_SAMPLES = 10  # currents that a rule is fitted to, or judged by
 _CLEARLY = 3.0  # a current so many ripples above an idle bridge's is one of a bridge that drives
 _NO_CONSTANT = (
     "its currents are the motors', and no torque constant is known, so they tell no torques; "
     "give --torque-constant, or torque_constant in [drive] of the robot's file"
 )
-_ROBUST = 0.3  # residuals beyond this share of the currents' standard deviation count less than their square
+# residuals beyond this share of the currents' standard deviation count less than their square
+_ROBUST = 0.3
 
 
 class _ReadingRule(NamedTuple):
@@ -59,7 +59,8 @@ class _ReadingRule(NamedTuple):
     name: str  # name in tables
     kind: str  # whose current it is: `motor` or `battery`
     numbers: Mapping[str, tuple[float, float, float]]
-    """Start, least and greatest value of what is fitted, by name; those of `_SIDES` in units of the currents' scale."""
+    """Start, least and greatest value of what is fitted, by name; those of `_SIDES` in units of the
+    currents' scale."""
 
 
 _SIDES = {
@@ -85,192 +86,166 @@ _READING_RULES = (
 """Every rule that a log is tried against. The third is for sensors without a sign."""
 
 
-def _side_currents(
-    numbers: Mapping[str, float], rates: FloatArray, geometry: SkidGeometry
-) -> FloatArray:
-    """Return (2, n) currents of both sides [A] that a rule's numbers need for (2, n) rates [rad/s]."""
-    scale = numbers.get("slip_scale", COULOMB_SCALE)
+def _side_currents(numbers: FitNumbers, rates: FloatArray, geometry: SkidGeometry) -> FloatArray:
+    """Return (2, n) currents [A] that a rule's numbers need for (2, n) wheel rates [rad/s]."""
     known, inverse = np.unique(rates.round(4), axis=1, return_inverse=True)
-    twist = quasi_static_twist(known, geometry, scale)
-    effort = side_forces(known, twist, geometry, scale)[:, inverse.ravel()]
+    effort = side_forces(known, geometry, numbers.get("slip_scale", COULOMB_SCALE))
     loss = np.array([[numbers["loss_left"]], [numbers["loss_right"]]])
-    return np.asarray(numbers["friction"] * effort + loss * np.sign(rates))
+    return np.asarray(numbers["friction"] * effort[:, inverse.ravel()] + loss * np.sign(rates))
 
 
 def _predicted(
-    numbers: Mapping[str, float], s: CurrentSamples, sensor: Sensor, geometry: SkidGeometry
+    numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry
 ) -> FloatArray:
-    """Return (n,) readings that the numbers of a rule predict [A]."""
-    every = _side_currents(numbers, s.rates, geometry)
-    current: FloatArray = np.take_along_axis(every, s.side[None], axis=0)[0]
+    """Return (2, n) readings that the numbers of a rule predict [A]."""
+    current = _side_currents(numbers, some.rates, geometry)
     if "rho" in numbers:
-        return bridge_reading(current, s.rate, numbers["rho"], sensor.ripple, sensor.idle)
+        return bridge_reading(current, some.rates, numbers["rho"], sensor.ripple, sensor.idle)
     if "heat" in numbers:
-        drawn = battery_current(current, s.rate, s.voltage, numbers["heat"], numbers["efficiency"])
+        loss = (numbers["heat"], numbers["efficiency"])
+        drawn = battery_current(current, some.rates, some.voltages, *loss)
         return drawn if sensor.signed else np.maximum(drawn, 0.0)
-    forward: FloatArray = current * np.sign(s.rate)
+    forward: FloatArray = current * np.sign(some.rates)
     return forward if sensor.signed else np.abs(forward)
 
 
 def _fit_rule(
-    rule: _ReadingRule,
-    samples: CurrentSamples,
-    sensor: Sensor,
-    geometry: SkidGeometry,
-    start: Mapping[str, float] | None = None,
-) -> dict[str, float]:
-    """Return the numbers of a rule that predict the samples best: least squares, in which outliers count less."""
-    unit = float(np.percentile(np.abs(samples.current), 90))
+    rule: _ReadingRule, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry
+) -> Estimate:
+    """Return the numbers of a rule that predict the samples best; outliers count less."""
+    known = np.isfinite(some.currents)
+    currents = some.currents[known]
+    unit = float(np.percentile(np.abs(currents), 90))
     if rule.kind == "battery":
-        unit *= float(np.median(samples.voltage) / np.percentile(np.abs(samples.rate), 75))
-    scale = np.array([[unit if name in _SIDES else 1.0] for name in rule.numbers])
-    typical, low, high = (np.array(list(rule.numbers.values())) * scale).T
-    begin = typical if start is None else np.clip([start[name] for name in rule.numbers], low, high)
+        unit *= float(np.median(some.voltages) / np.percentile(np.abs(some.rates[known]), 75))
+    numbers = dict(rule.numbers)
+    for name in _SIDES:
+        start, low, high = numbers[name]
+        numbers[name] = (unit * start, unit * low, unit * high)
 
-    def residuals(x: FloatArray) -> FloatArray:
-        named = dict(zip(rule.numbers, x.tolist(), strict=True))
-        return _predicted(named, samples, sensor, geometry) - samples.current
+    def residuals(x: FitNumbers) -> FloatArray:
+        return _predicted(x, some, sensor, geometry)[known] - currents
 
-    solution = least_squares(
-        residuals, begin, bounds=(low, high), x_scale=typical, loss="soft_l1", diff_step=1e-3, max_nfev=40,
-        f_scale=_ROBUST * max(float(np.std(samples.current)), 1e-6),
-    )  # fmt: skip
-    return dict(zip(rule.numbers, solution.x.tolist(), strict=True))
+    blocks = np.broadcast_to(some.t // _BLOCK, known.shape)[known]
+    size = _ROBUST * max(float(np.std(currents)), 1e-6)
+    return fit_in_blocks(residuals, numbers, blocks, size)
 
 
 class CurrentFit(NamedTuple):
-    """Numbers from currents on the ground, under the rule that explains most of what was held out."""
+    """Numbers from currents on the ground, by the rule that explains held-out ones best."""
 
-    log: str  # name of the log
     sensor: Sensor  # what the log shows of its sensor
-    kind: str  # whose currents they are: `motor` or `battery`
-    scores: list[
-        dict[str, Any]
-    ]  # rows: share of the variance of the currents that each rule explains
+    found: Estimate  # the rule's numbers, from the whole log
     best: Mapping[str, Any]  # the row of the rule
-    numbers: Mapping[str, float]  # the rule's numbers, from the whole log
-    errors: Mapping[str, float]  # their standard errors, from resampled blocks
+    # rows: share of the variance of the currents that each rule explains
+    scores: list[Mapping[str, Any]]
     shown: Sequence[tuple[FloatArray, FloatArray]]
     """Measured and predicted currents [A], of what was fitted and of what was held out."""
 
 
-def fit_currents(
-    log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis, seed: int, resamples: int
-) -> CurrentFit:
-    """Return friction, losses and slip scale from the currents of a log, and the rule that these follow.
+def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) -> CurrentFit:
+    """Return friction, losses and slip scale from currents, and the rule that these follow.
 
-    Logs that are held out judge the rules; if there are none, rules fitted to the log's first part are judged on its rest.
-    The bootstrap draws blocks `resamples` times.
+    Logs that are held out judge the rules; if there are none, rules fitted to the log's first part
+    are judged on its rest.
 
     Raises:
         ValueError: a log has no currents, or too little steady driving.
     """
-    whole, sensor, geometry = current_samples(log), sensor_of(log), chassis.geometry
+    sensor = sensor_of(log)
+    geometry = chassis.geometry
     first, *others = (log, *held_out) if held_out else log.divided()
-    fitted, judged = current_samples(first), _joined([current_samples(x) for x in others])
-    rows = (
-        _joined([window_samples(x, means=False) for x in others])
-        if sampled_in_windows(log)
-        else judged
-    )
-    for name, samples in ((f"what is fitted of {log.name}", fitted), ("what is held out", judged)):
-        if (count := len(np.unique(samples.current))) < _LEAST_SAMPLES:
+    fitted = steady_samples(first)[1]
+    rows, judged = (_joined(parts) for parts in zip(*map(steady_samples, others), strict=True))
+    for name, some in ((f"what is fitted of {log.name}", fitted), ("what is held out", judged)):
+        count = len(np.unique(some.currents[np.isfinite(some.currents)]))
+        if count < _LEAST_SAMPLES:
             raise ValueError(
-                f"{name} has {count} different currents in steady driving, wanted {_LEAST_SAMPLES} or more"
+                f"{name} has {count} different currents in steady driving, "
+                f"wanted {_LEAST_SAMPLES} or more"
             )
-    scores, best, rule, numbers = (
-        list[dict[str, Any]](),
-        dict[str, Any](),
-        _READING_RULES[0],
-        dict[str, float](),
-    )
-    for candidate in _READING_RULES:
-        if sensor.signed and "rho" in candidate.numbers:
-            continue
-        own = _fit_rule(candidate, fitted, sensor, geometry)
-        row: dict[str, Any] = {"rule": candidate.name, "kind": candidate.kind}
-        for part, some in (("fitted", fitted), ("held_out", judged), ("samples", rows)):
-            off = _predicted(own, some, sensor, geometry) - some.current
-            row[part] = float(1.0 - np.mean(off**2) / np.var(some.current))  # R^2
-        scores.append(row)
-        if not best or row["held_out"] > best["held_out"]:
-            best, rule, numbers = row, candidate, own
-    shown = [(s.current, _predicted(numbers, s, sensor, geometry)) for s in (fitted, judged)]
-    final = numbers if held_out else _fit_rule(rule, whole, sensor, geometry, numbers)
-    rng = np.random.default_rng([seed, 2])
-    drawn = [
-        _fit_rule(rule, whole.resampled(rng), sensor, geometry, final) for _ in range(resamples)
-    ]
-    errors = {name: float(np.std([d[name] for d in drawn])) for name in final if drawn}
-    return CurrentFit(log.name, sensor, rule.kind, scores, best, final, errors, shown)
+    parts = {
+        "fitted": fitted,
+        "held_out": judged,
+        "samples": rows if sensor.kind == "windows" else judged,
+    }
+    tried = list[tuple[_ReadingRule, FitNumbers, dict[str, Any]]]()
+    for rule in _READING_RULES:
+        if not (sensor.signed and "rho" in rule.numbers):
+            own = _fit_rule(rule, fitted, sensor, geometry).values
+            explained = {
+                part: _explained(own, some, sensor, geometry) for part, some in parts.items()
+            }
+            tried.append((rule, own, {"rule": rule.name, "kind": rule.kind, **explained}))
+    rule, own, best = max(tried, key=lambda one: one[2]["held_out"])
+    found = _fit_rule(rule, steady_samples(log)[1], sensor, geometry)
+    shown = [(some.currents, _predicted(own, some, sensor, geometry)) for some in (fitted, judged)]
+    return CurrentFit(sensor, found, best, [row for _, _, row in tried], shown)
 
 
-class Torques(NamedTuple):
-    """What turns a log's currents into torques at its wheels."""
+def _explained(
+    numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry
+) -> float:
+    """Return the share of the currents' variance that the numbers of a rule explain, R^2."""
+    off = _predicted(numbers, some, sensor, geometry) - some.currents
+    return float(1.0 - np.nanmean(off**2) / np.nanvar(some.currents))
 
-    found: CurrentFit
-    """Losses, and what the currents are."""
-    constant: float
-    """Torque of a side's wheels per ampere of its motor [N m/A]; 1 for the battery's currents."""
-    geometry: SkidGeometry
-    """Rolling radius and half distances of the wheels."""
 
-    @classmethod
-    def of(cls, log: DriveLog, chassis: Chassis, constant: float) -> Torques | None:
-        """Return what a log tells; None where its currents are the motors' and no constant is known.
+def _joined(parts: Sequence[MotorSamples]) -> MotorSamples:
+    return MotorSamples(*(np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)))
 
-        Raises:
-            ValueError: it has no currents, or too little steady driving.
-        """
-        found = fit_currents(log, [], chassis, 0, 0)
-        if found.kind == "battery":
-            if log.voltages is None:
-                raise ValueError("they are the battery's, and without its voltage power is unknown")
-            return cls(found, 1.0, chassis.geometry)
-        return cls(found, constant, chassis.geometry) if constant > 0.0 else None
 
-    def along(self, log: DriveLog, own_loss: float) -> FloatArray:
-        """Return (M, 2) torques of the left and right motors [N m]; NaN where the log hides them.
+def torques_of(
+    log: DriveLog, chassis: Chassis, constant: float, own_loss: float
+) -> tuple[FloatArray | None, str]:
+    """Return (M, 2) torques of both motors [N m], and a sentence on where they come from.
 
-        They are known in steady driving, where nothing accelerates, of sides that turn, and not
-        where a sensor without a sign shows nothing. What such a sensor shows of an inner wheel may
-        drive or brake it: the rule that explains the currents decides. The losses that the currents
-        show are replaced by `own_loss` [N m], that of a side of the plant which the torques are
-        compared with.
-        """
-        current = steady_currents(log)
-        forward = np.where(log.rates < 0.0, -1.0, 1.0)
-        n = self.found.numbers
-        sensor = self.found.sensor
-        if not sensor.signed:
-            current[~(current > sensor.idle + _CLEARLY * sensor.ripple)] = np.nan
-        if self.found.kind == "battery":
-            assert log.voltages is not None
-            power = current * np.where(log.voltages > 1.0, log.voltages, np.nan)
-            ahead = battery_torque(power, np.abs(log.rates), n["heat"], n["efficiency"])
-        elif sensor.signed:
-            ahead = self.constant * current
-        else:
-            known = np.isfinite(current).any(axis=0)
-            needed = _side_currents(n, log.rates[:, known], self.geometry)
-            current[:, known] *= np.sign(needed)
-            ahead = self.constant * forward * current
-        loss = self.constant * np.array([[n["loss_left"]], [n["loss_right"]]])
-        return np.ascontiguousarray((forward * (ahead - loss + own_loss)).T)
+    They are NaN where the log hides them: they are known in steady driving, where nothing
+    accelerates, of sides that turn, and not where a sensor without a sign shows nothing. What such
+    a sensor shows of an inner wheel may drive or brake it: the rule that explains the currents
+    decides. There are none of motors' currents without a constant.
 
-    def sentence(self, name: str) -> str:
-        """Return a sentence on where the torques of a log come from."""
-        n = self.found.numbers
-        left = self.constant * n["loss_left"]
-        right = self.constant * n["loss_right"]
-        how = "the battery's power"
-        if self.found.kind == "motor":
-            how = f"the motors' currents and {self.constant:g} N m/A"
-        return (
-            f"{name}: torques come from {how}, less losses of {left:.3g} N m (left) and "
-            f"{right:.3g} N m (right) in steady driving; a scale that is off by a share makes "
-            "friction wrong by that share, which its standard error does not cover"
+    Args:
+        log: a log with currents.
+        chassis: nominal numbers of the robot.
+        constant: torque of a side's wheels per ampere of its motor [N m/A]; 0 where it is unknown.
+        own_loss: what the losses that the currents show are replaced by [N m]: that of a side of
+            the
+            plant which the torques are compared with.
+
+    Raises:
+        ValueError: the log has no currents, or too little steady driving.
+    """
+    fit = fit_currents(log, [], chassis)
+    x = fit.found.values
+    battery = fit.best["kind"] == "battery"
+    if battery and log.voltages is None:
+        raise ValueError("they are the battery's, and without its voltage power is unknown")
+    if not battery and constant <= 0.0:
+        return None, _NO_CONSTANT
+    some = steady_samples(log)[0]
+    current = some.currents
+    if not fit.sensor.signed:
+        shows = current > fit.sensor.idle + _CLEARLY * fit.sensor.ripple
+        current = np.where(shows, current, np.nan)
+    scale = 1.0 if battery else constant
+    forward = np.where(log.rates < 0.0, -1.0, 1.0)
+    ahead = scale * current
+    if battery:
+        ahead = battery_torque(
+            current * some.voltages, np.abs(log.rates), x["heat"], x["efficiency"]
         )
+    elif not fit.sensor.signed:
+        ahead *= forward * np.sign(_side_currents(x, log.rates, chassis.geometry))
+    loss = scale * np.array([x["loss_left"], x["loss_right"]])
+    torques = forward * (ahead - loss[:, None] + own_loss)
+    how = "the battery's power" if battery else f"the motors' currents and {constant:g} N m/A"
+    said = (
+        f"torques come from {how}, less losses of {loss[0]:.3g} N m (left) and "
+        f"{loss[1]:.3g} N m (right) in steady driving; a scale that is off by a share makes "
+        "friction wrong by that share, which its standard error does not cover"
+    )
+    return np.ascontiguousarray(torques.T), said
 
 
 def with_torques(
@@ -285,33 +260,25 @@ def with_torques(
         targets: targets of a fit.
         chassis: nominal numbers of the robot.
         constant: torque of a side's wheels per ampere of its motor [N m/A]; 0 where it is unknown.
-        own_loss: loss of a side of the plant that is fitted, see `Torques.along`.
+        own_loss: loss of a side of the plant that is fitted, see `torques_of`.
     """
-    out = list[FitTarget]()
-    for target in targets:
-        name = target.source.title
-        log = None
-        if target.source.reference == RECORDING:
-            log = log_of_motions(name, target.truth)
-        if log is None:
-            out.append(target)
-            continue
-        ends = np.cumsum([len(motion.t) for motion in target.truth])[:-1]
-        known = None
-        try:
-            told = Torques.of(log, chassis, constant)
-            if told is None:
-                said = f"{name}: {_NO_CONSTANT}"
-            else:
-                said = told.sentence(name)
-                known = tuple(np.split(told.along(log, own_loss), ends))
-        except ValueError as error:
-            said = f"{name}: its currents tell no torques, because {error}"
-        source = replace(target.source, warnings=(*target.source.warnings, said))
-        out.append(replace(target, source=source, torques=known))
-    return tuple(out)
+    return tuple(_with_torques(target, chassis, constant, own_loss) for target in targets)
 
 
-def _joined(parts: Sequence[CurrentSamples]) -> CurrentSamples:
-    columns: list[Any] = [np.concatenate(column, axis=-1) for column in zip(*parts, strict=True)]
-    return CurrentSamples(*columns)
+def _with_torques(
+    target: FitTarget, chassis: Chassis, constant: float, own_loss: float
+) -> FitTarget:
+    name = target.source.title
+    log = log_of_motions(name, target.truth)
+    if target.source.reference != RECORDING or log is None:
+        return target
+    told = None
+    try:
+        torques, said = torques_of(log, chassis, constant, own_loss)
+        if torques is not None:
+            ends = np.cumsum([len(motion.t) for motion in target.truth])[:-1]
+            told = tuple(np.split(torques, ends))
+    except ValueError as error:
+        said = f"its currents tell no torques, because {error}"
+    source = replace(target.source, warnings=(*target.source.warnings, f"{name}: {said}"))
+    return replace(target, source=source, torques=told)

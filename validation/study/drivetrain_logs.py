@@ -1,100 +1,73 @@
-"""What a log says of its wheel rates: held commands, ages of messages, measured rates or set points."""
+"""What a log says of its wheel rates: held commands, measured rates or set points."""
 
 from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from ssmr.types import FloatArray
 from validation.identify.motor_logs import DriveLog
+from validation.report.table import Row
 
-HELD, _RESPONSE_S, _USED = 5.0, 0.5, 5.9
-"""A command counts if it is held so long and the wheels' rates change so soon after it; so much of it is used [s]."""
+HELD = 5.0
+_RESPONSE_S = 0.5
+_USED = 5.9
+"""A command counts if it is held so long and the wheels' rates change so soon after it; so much of
+it is used [s]."""
 _LATE = 2.0  # wheel rates have settled so long after a command [s]
 _NO_SCATTER = 1e-6  # standard deviation of a rate that is logged again and again [rad/s]: rounding
-_FINEST_STEP, _OFF_STEP = 0.01, 0.02
-"""Least step of wheel rates that is no rounding of the log [rad/s], and how far rates may lie off its multiples [steps]."""
-_TOGETHER = 0.8  # share of the rates' changes with which a current or voltage changes, if one message holds all of them
-_OLDEST = 1.4  # a message is taken to come at the latest after so many usual periods, also where nothing changes
+_FINEST_STEP = 0.01
+_OFF_STEP = 0.02
+"""Least step of wheel rates that is no rounding of the log [rad/s], and how far rates may lie off
+its multiples [steps]."""
 
 
-def held_commands(log: DriveLog) -> list[tuple[int, int]]:
-    """Return the commands of a log, other than zero, that were held for `HELD` seconds and at once obeyed.
-
-    Each is the number of its first sample, and of the one behind its last.
-    """
+def held_commands(log: DriveLog) -> list[slice]:
+    """Return the samples of each command but zero that was held for `HELD` and at once obeyed."""
     if log.commands is None:
         return []
     new = np.any(np.diff(log.commands, axis=1) != 0.0, axis=0)
-    held = []
-    for i, j in pairwise([0, *(np.flatnonzero(new) + 1).tolist(), len(log.t)]):
-        t = log.t[i:j] - log.t[i]
-        if not log.commands[:, i].any() or t[-1] < HELD or np.diff(t).max() > _RESPONSE_S:
+    held = list[slice]()
+    for first, stop in pairwise([0, *(np.flatnonzero(new) + 1).tolist(), len(log.t)]):
+        t = log.t[first:stop] - log.t[first]
+        if not log.commands[:, first].any() or t[-1] < HELD or np.diff(t).max() > _RESPONSE_S:
             continue
-        moved = np.flatnonzero(np.any(np.diff(log.rates[:, i:j], axis=1) != 0.0, axis=0))
-        if len(moved) and t[moved[0] + 1] < _RESPONSE_S:
-            held.append((i, i + int(np.searchsorted(t, _USED))))
+        moved = np.any(np.diff(log.rates[:, first:stop], axis=1) != 0.0, axis=0)
+        if moved[t[1:] < _RESPONSE_S].any():
+            held.append(slice(first, first + int(np.searchsorted(t, _USED))))
     return held
 
 
-def message_ages(log: DriveLog) -> FloatArray:
-    """Return (M,) how old the rates of each sample are [s]; zeros where the log does not tell.
+def rate_evidence(log: DriveLog) -> Row:
+    """Return what a log says on whether its wheel rates were measured.
 
-    A robot that sends rates, currents and voltages in one message repeats all of them in its log until the next message. A
-    change of a current or voltage then tells that the rates are new too, which the rates themselves need not tell.
+    Set points never change under a command that is held (`scatter_rad_s`, the median standard
+    deviation of a settled rate [rad/s]; NaN without such a command) or only come in steps
+    (`step_rad_s`).
     """
-    others = [a for a in (log.currents, log.voltages) if a is not None]
-    moved = np.any(np.diff(log.rates, axis=1) != 0.0, axis=0)
-    if not others or not moved.any():
-        return np.zeros(len(log.t))
-    new = np.any(np.diff(np.concatenate(others), axis=1) != 0.0, axis=0)
-    if new[moved].mean() < _TOGETHER:
-        return np.zeros(len(log.t))
-    sent = np.concatenate([[True], new])
-    last = log.t[np.maximum.accumulate(np.where(sent, np.arange(len(log.t)), 0))]
-    row = float(
-        np.median(np.diff(log.t))
-    )  # a message came, on average, half a row before the first row that shows it
-    return np.minimum(log.t - last, _OLDEST * float(np.median(np.diff(log.t[sent])))) + 0.5 * row
-
-
-class RateEvidence(NamedTuple):
-    """Evidence on whether the wheel rates of a log were measured."""
-
-    log: str  # name of the log
-    commands: int  # number of commands that were held
-    scatter_rad_s: float
-    """Median standard deviation of a wheel rate in the settled part of such a command [rad/s]; NaN without any."""
-    step_rad_s: float | None  # step of which all rates are multiples [rad/s]; None if there is none
-    wheel_rates_are: (
-        str  # `measured`, or `set points`, which never change under a command or only come in steps
-    )
-
-
-def rate_evidence(log: DriveLog) -> RateEvidence:
-    """Return what a log says of its wheel rates."""
     held = held_commands(log)
-    late = [
-        log.rates[:, start:stop][:, log.t[start:stop] - log.t[start] > _LATE]
-        for start, stop in held
-    ]
-    scatter, step = (
-        float(np.median([rates.std(axis=1) for rates in late])) if late else math.nan,
-        _step_of(log.rates),
-    )
-    kind = "set points" if scatter < _NO_SCATTER or step is not None else "measured"
-    return RateEvidence(log.name, len(held), scatter, step, kind)
+    late = [log.rates[:, span][:, log.t[span] > log.t[span.start] + _LATE] for span in held]
+    scatter = float(np.median([rates.std(axis=1) for rates in late])) if late else math.nan
+    step = rate_step(log.rates)
+    return {
+        "log": log.name,
+        "commands": len(held),
+        "scatter_rad_s": scatter,
+        "step_rad_s": step,
+        "wheel_rates_are": "measured"
+        if step is None and not scatter < _NO_SCATTER
+        else "set points",
+    }
 
 
-def _step_of(rates: FloatArray) -> float | None:
-    """Return the step of which all rates are multiples; None if there is none of a size worth mention."""
+def rate_step(rates: FloatArray) -> float | None:
+    """Return the step of which all (2, M) rates are multiples; None if it is not worth mention."""
     sizes = np.unique(np.abs(rates).round(4))
     apart = np.diff(sizes)
     apart = apart[apart > 0.5 * _FINEST_STEP]
-    if len(sizes) < 3 or not len(apart):
+    if len(apart) < 2:
         return None
     step = float(np.median(apart[apart < 1.5 * apart.min()]))
     for _ in range(3):  # sharper with every whole number of steps

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ssmr.geometry import relative, rotate_body_to_world, rotate_world_to_body, wrap_angle
 from ssmr.metrics.bands import Band, estimated_band
@@ -29,7 +28,14 @@ from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN, f
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
 from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Group, Log, ReadOptions
 from validation.files.reading import exists
-from validation.files.signals import TIME_ROUNDOFF, fresh_poses, held, moving_mean, refreshed
+from validation.files.signals import (
+    TIME_ROUNDOFF,
+    BoolArray,
+    fresh_poses,
+    held,
+    moving_mean,
+    refreshed,
+)
 from validation.plants.profile import Pace
 from validation.plants.table import ALL_PLANTS, STANDARD
 from validation.simulator.description import Robot
@@ -57,7 +63,7 @@ _BEGIN = 0.5
 """Length of the beginning whose poses say how a robot moves at first, and of the spans of which
 slopes are taken [s]."""
 
-WindowCut = Callable[[FloatArray, float, NDArray[np.bool_] | None], tuple[IndexArray, IndexArray]]
+WindowCut = Callable[[FloatArray, float, BoolArray | None], tuple[IndexArray, IndexArray]]
 """Function of stamps [s], a horizon [s] and the usable samples that returns starts and ends of
 windows."""
 
@@ -75,12 +81,12 @@ class Piece:
     simulation's."""
     reference: Trajectory | None
     """The recorded motion at those stamps; None for a scenario, whose reference is a plant."""
-    fresh: NDArray[np.bool_] | None = None
+    fresh: BoolArray | None = None
     """(M,) where the recorded pose was new: scoring windows begin and end there."""
     jumps: tuple[int, ...] = ()
     """Indices of the first samples after jumps of the localiser: plants drive on, but no scoring
     window spans one."""
-    moves: NDArray[np.bool_] | None = None
+    moves: BoolArray | None = None
     """(M,) where the robot moves; None where nobody knows, and every window counts."""
 
     def windows(
@@ -299,7 +305,7 @@ def commands_on_grid(
 
 
 def initial_state(
-    t: FloatArray, pose: FloatArray, fresh: NDArray[np.bool_], wheels: FloatArray
+    t: FloatArray, pose: FloatArray, fresh: BoolArray, wheels: FloatArray
 ) -> State:
     """Return the first of (M, 3) poses at stamps [s], and the constant twist that fits the first poses best.
 
@@ -333,7 +339,7 @@ def initial_state(
 def _recorded_motion(
     t: FloatArray,
     pose: FloatArray,
-    fresh: NDArray[np.bool_],
+    fresh: BoolArray,
     wheels: FloatArray,
     gyro: FloatArray | None,
 ) -> Trajectory:

@@ -38,7 +38,7 @@ from validation.bench.sources import (
     open_source,
     pace_of,
     standing_sentences,
-    stranger_sentences,
+    unknown_robot_notes,
     warm_up,
     window_errors_of,
 )
@@ -183,7 +183,7 @@ class _Comparing:
         )
         standing = standing_sentences(source, headline) if headline else []
         if o.profile is None and o.robot is None:
-            standing = [*stranger_sentences(source, profile.robot), *standing]
+            standing = [*unknown_robot_notes(source, profile.robot), *standing]
         gyro_first = gyro is not None and gyro.first
         alike = alike_plants(results, gyro_first)
         unwell = ailing(results)

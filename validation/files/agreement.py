@@ -233,7 +233,7 @@ def channels(log: Log) -> Channels | None:
 
 def _sums(group: Group) -> dict[str, _Way]:
     """Return the ways of a group's columns, of new samples: integrals of rates; x, y and yaw."""
-    sums = dict[str, _Way]()
+    sums = {}
     pose = group.table(POSE_COLUMNS)
     for name, values in group.columns.items():
         column = values[:, None]
@@ -251,7 +251,7 @@ def _means(sums: Mapping[str, _Way], middles: FloatArray, window: float) -> dict
     """Return the channels over a `window` [s] around the (N,) middles [s]."""
     low = middles - 0.5 * window
     high = middles + 0.5 * window
-    means = dict[str, FloatArray]()
+    means = {}
     for name, (t, way) in sums.items():
         means[name] = (np.interp(high, t, way) - np.interp(low, t, way)) / window
     if "yaw" in sums:
@@ -305,7 +305,7 @@ def apart(log: Log) -> Iterator[LogFault]:
     b = np.diff(np.interp(grid, *yaw))
     n = len(a)
     most = min(_MOST_LAG, n // 3)
-    correlations = list[float]()
+    correlations = []
     for k in range(-most, most + 1):
         x = a[max(0, -k) : n - max(0, k)]
         y = b[max(0, k) : n + min(0, k)]
@@ -317,8 +317,10 @@ def apart(log: Log) -> Iterator[LogFault]:
         return
     late = _STEP_S * (int(np.argmax(correlations)) - most)
     order = "after" if late > 0.0 else "before"
-    what = f"yaw tells of turns about {abs(late):.1f} s {order} {clock}"
-    sentence = f"{what}: their clocks differ, and no delay so long is taken out"
+    sentence = (
+        f"yaw tells of turns about {abs(late):.1f} s {order} {clock}: "
+        "their clocks differ, and no delay so long is taken out"
+    )
     yield LogFault("clock", ("t",), sentence)
 
 
@@ -347,8 +349,8 @@ def _measures(signals: Channels, radius: float | None) -> tuple[list[_Measure], 
     nor is the odometry of wheels that skid.
     """
     left, right = _WHEELS
-    turning = list[_Measure]()
-    forward = list[_Measure]()
+    turning = []
+    forward = []
     for name in ("gyro_z", "yaw"):
         if name in signals:
             turning.append(_Measure((name,), signals[name], 0.93, 1.0, 1.07))
@@ -466,11 +468,11 @@ def contradictions(signals: Channels, radius: float | None = None) -> list[LogFa
     """
     turns = np.abs(signals.get("yaw", signals.get("gyro_z", 0.0))) > _MOVES
     left, right = (signals.get(name) for name in _WHEELS)
-    known = left is not None and right is not None
-    if known and np.array_equal(left, right) and np.mean(turns) > 0.1:
-        what = "enc_left and enc_right are the same numbers, although the robot turns"
-        return [LogFault("swapped", _WHEELS, what)]
-    faults = list[LogFault]()
+    if left is not None and right is not None:
+        if np.array_equal(left, right) and np.mean(turns) > 0.1:
+            what = "enc_left and enc_right are the same numbers, although the robot turns"
+            return [LogFault("swapped", _WHEELS, what)]
+    faults = []
     for _ in range(_MOST_FAULTS):
         corrections = _best_corrections(signals, radius)
         if not corrections:
@@ -492,7 +494,7 @@ def _best_corrections(signals: Channels, radius: float | None) -> list[_Correcti
     There is one for each set of columns, and none where no correction gains enough.
     """
     now = _agreement(signals, radius)
-    corrected = list[tuple[float, _Correction]]()
+    corrected = []
     for correction in _corrections(radius or _RADIUS):
         if not all(name in signals for name in correction.sources):
             continue
@@ -520,8 +522,10 @@ def _unrelated(signals: Channels, radius: float | None) -> Iterator[LogFault]:
                 continue
             loss = _SLIP_LOSS if m.columns == _WHEELS else _UNRELATED_LOSS
             if all(abs(_correlation(m.values, o)) < sure - loss for o in others):
-                what = "the other columns resemble one another, and not this"
-                sentence = f"{_seem(m.columns)} to be another axis or quantity: {what}"
+                sentence = (
+                    f"{_seem(m.columns)} to be another axis or quantity: "
+                    "the other columns resemble one another, and not this"
+                )
                 yield LogFault("swapped", m.columns, sentence)
         for a, b in combinations(measured, 2):
             correlation, ratio, beyond = _compared(a, b, percent)
@@ -531,8 +535,10 @@ def _unrelated(signals: Channels, radius: float | None) -> Iterator[LogFault]:
                 continue
             factor = math.exp(ratio) * b.typical / a.typical
             one, other = (" and ".join(m.columns) for m in (a, b))
-            words = f"the motion by {one} is {factor:.2g} times that by {other}"
-            sentence = f"{words}: one of them, or t, is in another unit"
+            sentence = (
+                f"the motion by {one} is {factor:.2g} times that by {other}: "
+                "one of them, or t, is in another unit"
+            )
             yield LogFault("scale", (*a.columns, *b.columns), sentence)
 
 
@@ -548,8 +554,10 @@ def _unlike_sides(signals: Channels) -> Iterator[LogFault]:
         return
     ratio = -left / right
     if not 1.0 / _SIDES_DIFFER < ratio < _SIDES_DIFFER:
-        what = f"a rate of enc_left turns the robot {ratio:.2g} times as much as one of enc_right"
-        sentence = f"{what}: one of them is in another unit, or loses samples"
+        sentence = (
+            f"a rate of enc_left turns the robot {ratio:.2g} times as much as one of enc_right: "
+            "one of them is in another unit, or loses samples"
+        )
         yield LogFault("scale", _WHEELS, sentence)
 
 
@@ -560,7 +568,7 @@ def _seem(columns: Sequence[str]) -> str:
 def frozen(signals: Channels) -> Iterator[LogFault]:
     """Yield a fault if columns keep their value for long while others say that the robot moves."""
     turning, forward = _measures(signals, None)
-    shares = dict[str, float]()
+    shares = {}
     for name, rate in signals.items():
         if name not in (*POSE_COLUMNS, "gyro_z", *_WHEELS):
             continue

@@ -92,9 +92,7 @@ class Role(NamedTuple):
 _TWISTS = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
 ROLES: Mapping[str, Role] = MappingProxyType(
     {
-        "cmd": Role(
-            ("v", "w"), ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"), ("cmd_vel",)
-        ),
+        "cmd": Role(("v", "w"), _TWISTS, ("cmd_vel",)),
         "odom": Role(("v", "w"), ("nav_msgs/msg/Odometry",), ("controller", "wheel")),
         "wheels": Role(COMMAND_COLUMNS["wheels"], ("sensor_msgs/msg/JointState",)),
         "imu": Role(("gyro_x", "gyro_y", "gyro_z"), ("sensor_msgs/msg/Imu",), ("imu/data",)),
@@ -120,8 +118,9 @@ def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
     try:
         answer, parts = guarded.ask(collect, [str(path), most + 1], allowed)
     except ValueError as error:
-        what = f"this is no bag that can be read, or a damaged one: {error}"
-        raise FileError(path, what) from error
+        raise FileError(
+            path, f"this is no bag that can be read, or a damaged one: {error}"
+        ) from error
     count, kinds, others = answer
     for name, many in (("samples", count), ("columns", len(kinds))):
         if many > getattr(limits, name):
@@ -201,7 +200,7 @@ def choose_topics(
     unknown = [role for role in named if role not in ROLES]
     if unknown:
         raise FileError(path, f"unknown role {quoted(unknown)}; there are: {', '.join(ROLES)}")
-    chosen = dict[str, Topic]()
+    chosen = {}
     for role, needs in ROLES.items():
         if role not in named:
             guess = _guess(topics, needs)
@@ -220,13 +219,16 @@ def _named_topic(path: Path, topics: Sequence[Topic], name: str, role: str) -> T
         names = names or "none that can be read"
         raise FileError(path, f"there is no topic {name}; there are: {names}")
     if topic.columns is None:
-        messages = f"{len(topic.t)} messages of {topic.type}"
-        raise FileError(path, f"nothing can be read from topic {name}: {messages}")
+        raise FileError(
+            path, f"nothing can be read from topic {name}: {len(topic.t)} messages of {topic.type}"
+        )
     needs = ROLES[role]
     if not needs.fits(topic):
-        what = f"topic {name} of {topic.type} cannot be {role}"
-        need = f"wanted {' or '.join(needs.columns)}, as of {needs.types[0]}"
-        raise FileError(path, f"{what}: {need}")
+        raise FileError(
+            path,
+            f"topic {name} of {topic.type} cannot be {role}: "
+            f"wanted {' or '.join(needs.columns)}, as of {needs.types[0]}",
+        )
     return topic
 
 
@@ -328,9 +330,11 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
     if not chosen:
         there = ", ".join(f"{s.name} ({s.type})" for s in topics if s.columns is not None)
         found = there or "no topic of a type that can be read"
-        need = "wanted odometry, wheels, an IMU or a pose"
-        raise FileError(path, f"there is nothing of use: {need}; found {found}")
-    groups = dict[str, Group]()
+        raise FileError(
+            path,
+            f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {found}",
+        )
+    groups = {}
     for role, topic in chosen.items():
         # a pose takes the names x, y and yaw from the odometry
         prefix = "odom_" if role == "odom" and "pose" in chosen else ""

@@ -89,27 +89,36 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
     header_line, header = next(rows, (0, []))
     width = len(header)
     if not width:
-        need = "a header line with the names of columns, and lines of numbers"
-        raise FileError(path, f"the file is empty; wanted {need}")
+        raise FileError(
+            path,
+            "the file is empty; wanted "
+            "a header line with the names of columns, and lines of numbers",
+        )
     if "\0" in "".join(header):
-        what = "there is a NUL byte; wanted a CSV file, which is plain UTF-8 text"
-        raise FileError(path, what, header_line)
+        raise FileError(
+            path, "there is a NUL byte; wanted a CSV file, which is plain UTF-8 text", header_line
+        )
     if width == 1:
         signs = (words for sign, words in _SEPARATORS.items() if sign in header[0])
         what = next(signs, "nothing separates")
-        need = "wanted commas between them, and points in numbers"
-        raise FileError(path, f"{what} the columns; {need}", header_line)
+        raise FileError(
+            path,
+            f"{what} the columns; wanted commas between them, and points in numbers",
+            header_line,
+        )
     if width > limits.columns:
-        what = f"there are {width} columns, but {limits.says('columns')}"
-        raise FileError(path, what, header_line)
+        raise FileError(
+            path, f"there are {width} columns, but {limits.says('columns')}", header_line
+        )
     most = min(limits.samples, limits.cells // width)
     columns = [array("d") for _ in header]
     lines = array("q")
     bad: list[tuple[int, str] | None] = [None] * width
     for line, row in rows:
         if len(row) != width:
-            what = f"there are {len(row)} fields, wanted {width} as in the header"
-            raise FileError(path, what, line)
+            raise FileError(
+                path, f"there are {len(row)} fields, wanted {width} as in the header", line
+            )
         if len(lines) >= most:
             what = limits.says("samples" if most == limits.samples else "cells")
             raise FileError(path, f"there are too many rows: {what}", line)
@@ -167,8 +176,9 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     path = Path(path)
     options = options or ReadOptions()
     if options.topics:
-        what = "topics names the topics of a bag; this is a CSV file, whose columns have names"
-        raise FileError(path, what)
+        raise FileError(
+            path, "topics names the topics of a bag; this is a CSV file, whose columns have names"
+        )
     table = _renamed(read_csv_table(path, options.limits), options)
     _check_names(table)
     columns: dict[str, FloatArray] = {}
@@ -193,9 +203,9 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
         raise FileError(path, f"there {some} after the header; a log needs at least two")
     if any(np.any(np.isnan(values)) for values in columns.values()):
         return _with_own_clocks(path, columns, options.limits)
-    fault = find_time_fault(columns["t"], options.limits)
-    if fault is not None:
-        raise FileError(path, fault.what, table.lines[fault.row], "t")
+    late = find_time_fault(columns["t"], options.limits)
+    if late is not None:
+        raise FileError(path, late.what, table.lines[late.row], "t")
     return Log.of_columns(path, columns, options.limits)
 
 
@@ -207,8 +217,9 @@ def _renamed(table: CsvTable, options: ReadOptions) -> CsvTable:
         raise FileError(table.path, "--columns takes one column for two")
     for name, (theirs, unit) in options.columns.items():
         if theirs not in table.header:
-            what = f"there is no column {quoted([theirs])} among {quoted(table.header)}"
-            raise FileError(table.path, what)
+            raise FileError(
+                table.path, f"there is no column {quoted([theirs])} among {quoted(table.header)}"
+            )
         place = table.header.index(theirs)
         try:
             header[place] = name
@@ -237,14 +248,14 @@ def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogL
         if column.unit == "rad":
             samples = unwrapped(samples)
         members.setdefault(column.group, {})[name] = Group(path.name, t, {name: samples})
-    groups = dict[str, Group]()
+    groups = {}
     for key, parts in members.items():
         t = np.unique(np.concatenate([part.t for part in parts.values()]))
         for part in parts.values():
             t = t[(t >= part.t[0]) & (t <= part.t[-1]) & ~part.in_gaps(t)]
         if len(t) < 2:
             raise FileError(path, f"{', '.join(parts)} are never known at the same time")
-        common = dict[str, FloatArray]()
+        common = {}
         for name, part in parts.items():
             samples = part.columns[name]
             if key == "cmd":
@@ -264,8 +275,11 @@ def _check_names(table: CsvTable) -> None:
         if not any(n in some for n in names):
             what = f"there is no {wanted} among {quoted(names)}"
             need = f"a log's header names t and any of {', '.join(RECORDED)}"
-            help_text = "--columns t=NAME,x=NAME says which columns have other names"
-            raise FileError(path, f"{what}; {need}; {help_text}", line)
+            raise FileError(
+                path,
+                f"{what}; {need}; --columns t=NAME,x=NAME says which columns have other names",
+                line,
+            )
     for k, name in enumerate(names):
         if not name:
             continue
@@ -273,8 +287,9 @@ def _check_names(table: CsvTable) -> None:
             what = f"{quoted([name])} names no column; wanted printable text"
             raise FileError(path, what, line, f"number {k + 1}")
         if name in names[:k]:
-            what = "the header names this column twice; each needs a name of its own"
-            raise FileError(path, what, line, name)
+            raise FileError(
+                path, "the header names this column twice; each needs a name of its own", line, name
+            )
 
 
 def write_csv(log: Log | Mapping[str, ArrayLike], path: str | Path) -> None:

@@ -150,8 +150,9 @@ def unbiased(log: Log) -> Log:
     """Return a log with the gyro's mean at rest taken out; a FileError says that it is unknown."""
     rest = find_rest(log)
     if rest is None:
-        what = f"unbias needs a gyro, and wheels that stand for {REST_LEAST:g} s in all"
-        raise FileError(log.path, what)
+        raise FileError(
+            log.path, f"unbias needs a gyro, and wheels that stand for {REST_LEAST:g} s in all"
+        )
     return log.changed("imu", {"gyro_z": log.columns["gyro_z"] - rest.bias})
 
 
@@ -176,15 +177,20 @@ class Jumps:
 
     def sentences(self) -> list[str]:
         """Return a sentence on stalls and one on jumps, where there are any."""
-        notes = list[str]()
+        notes = []
         if self.caught_up:
-            what = f"the localiser stalls and catches up {self.caught_up} times"
-            notes.append(f"{what}: its poses are late there, and no jumps")
+            notes.append(
+                f"the localiser stalls and catches up {self.caught_up} times: "
+                "its poses are late there, and no jumps"
+            )
         n = len(self.t)
         if n:
             times = "once" if n == 1 else f"{n} times"
-            worst = f"up to {self.metres.max():.2f} m and {self.radians.max():.2f} rad"
-            what = f"the localiser jumps {times}, {worst}, first at {self.t[0]:.2f} s"
+            what = (
+                f"the localiser jumps {times}, "
+                f"up to {self.metres.max():.2f} m and {self.radians.max():.2f} rad, "
+                f"first at {self.t[0]:.2f} s"
+            )
             notes.append(f"{what}: no window spans a jump")
         return notes
 
@@ -210,8 +216,10 @@ class Faults:
             notes += self.jumps.sentences()
         share = self.uncommanded_share
         if share is not None and share >= 0.01:
-            what = f"the wheels turn with no command for {100.0 * share:.0f} % of the log"
-            notes.append(f"{what} (joystick?); use --input wheels")
+            notes.append(
+                f"the wheels turn with no command for {100.0 * share:.0f} % of the log "
+                "(joystick?); use --input wheels"
+            )
         dead = _unnamed(self.dead_columns, self.named)
         if dead:
             notes.append(f"{_DEAD}: {', '.join(dead)}")
@@ -368,18 +376,23 @@ def _dead_columns(log: Log) -> tuple[str, ...]:
     commands = [columns[name] for name in COMMAND_COLUMNS["twist"] if name in columns]
     commanded = any(np.abs(values).max() > LEAST_COMMAND for values in commands)
     # groups of columns that are dead together, and whether the robot did what they measure
-    suspects: list[tuple[tuple[str, ...], object]] = [(COMMAND_COLUMNS["twist"], drives or moved)]
-    for name in COMMAND_COLUMNS["wheels"]:
-        suspects.append(((name,), moved or commanded))
-    suspects += [(("gyro_z",), turned), (("x", "y"), drives), (("yaw",), wheels_turn)]
+    left, right = COMMAND_COLUMNS["wheels"]
+    suspects = {
+        COMMAND_COLUMNS["twist"]: drives or moved,
+        (left,): moved or commanded,
+        (right,): moved or commanded,
+        ("gyro_z",): turned,
+        ("x", "y"): drives,
+        ("yaw",): wheels_turn,
+    }
+    # noise varies these columns of any robot that moves
     for name, column in COLUMNS.items():
-        is_noisy = column.usual < math.inf and column.group in ("odom", "channels")
-        if is_noisy:
-            suspects.append(((name,), drives or moved))
+        if column.usual < math.inf and column.group in ("odom", "channels"):
+            suspects[(name,)] = drives or moved
     # commands and wheels may keep a number for long, but not zero while the robot moves
     steady = {*COMMAND_COLUMNS["twist"], *COMMAND_COLUMNS["wheels"]}
     dead = list[str]()
-    for names, moves in suspects:
+    for names, moves in suspects.items():
         if not moves or not log.has(names):
             continue
         same = [n for n in names if np.ptp(columns[n]) == 0.0]
@@ -393,8 +406,10 @@ def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
     for name in _MEASURED:
         group = log.groups.get(name)
         if group is not None and group.period * _FAST_RATE < 1.0:
-            often = f"{1.0 / group.period:.4g} samples a second"
-            what = f"{name} has {often}, as no robot has: t may not be in seconds"
+            what = (
+                f"{name} has {1.0 / group.period:.4g} samples a second, "
+                "as no robot has: t may not be in seconds"
+            )
             yield LogFault("clock", ("t",), what)
             return
     signals = channels(log)
@@ -411,6 +426,9 @@ def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
         column = COLUMNS.get(name, ANY_COLUMN)
         greatest = float(np.abs(log.columns[name]).max())
         if greatest > column.usual:
-            reached = f"{name} reaches {greatest:.4g} {column.unit}"
-            more = f"more than {column.usual:g}: it may be in {column.others}"
-            yield LogFault("scale", (name,), f"{reached}, {more}")
+            yield LogFault(
+                "scale",
+                (name,),
+                f"{name} reaches {greatest:.4g} {column.unit}, "
+                f"more than {column.usual:g}: it may be in {column.others}",
+            )

@@ -67,11 +67,15 @@ def ask(function: Callable[..., Answer], arguments: Sequence[Any], allowance: Al
                 env=os.environ | lean,
             )
         except subprocess.TimeoutExpired as error:
-            what = f"reading it does not come to an end in {error.timeout:.3g} s"
-            raise ValueError(what) from error
+            raise ValueError(
+                f"reading it does not come to an end in {error.timeout:.3g} s"
+            ) from error
     if ran.returncode:
-        most = f"{allowance.seconds:.3g} s and {allowance.memory / 2**30:.3g} GiB"
-        what = f"reading it takes more than {most}, or ends the reader"
+        what = (
+            "reading it takes more than "
+            f"{allowance.seconds:.3g} s and {allowance.memory / 2**30:.3g} GiB, "
+            "or ends the reader"
+        )
         raise ValueError(f"{what}: does something in it grow without end?")
     output = io.BytesIO(ran.stdout)
     fault, answer, sizes = json.loads(output.readline())

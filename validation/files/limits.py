@@ -111,14 +111,20 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
     short = int(np.argmin(steps))
     long = int(np.argmax(steps))
     if steps[short] * limits.rate < _BUNCHED:
-        step = f"the step from the sample before is {steps[short]:.3g} s"
-        return TimeFault(short + 1, f"{step}, but {limits.says('rate')}")
+        return TimeFault(
+            short + 1,
+            f"the step from the sample before is {steps[short]:.3g} s, but {limits.says('rate')}",
+        )
     if steps[long] > limits.gap:
-        jump = f"time jumps from {t[long]:.9g} to {t[long + 1]:.9g} s"
-        return TimeFault(long + 1, f"{jump}, but {limits.says('gap')}: cut the log there")
+        return TimeFault(
+            long + 1,
+            f"time jumps from {t[long]:.9g} to {t[long + 1]:.9g} s, "
+            f"but {limits.says('gap')}: cut the log there",
+        )
     if span > limits.span:
-        length = f"the log spans {span:.6g} s"
-        return TimeFault(len(t) - 1, f"{length}, but {limits.says('span')}{_other_unit(usual)}")
+        return TimeFault(
+            len(t) - 1, f"the log spans {span:.6g} s, but {limits.says('span')}{_other_unit(usual)}"
+        )
     return None
 
 

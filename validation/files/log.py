@@ -78,16 +78,12 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(
 asked for."""
 ANY_COLUMN = Column("", "channels", 1e100)
 """Any other column."""
-
-
-def _columns_by_group() -> Mapping[str, tuple[str, ...]]:
-    groups = dict[str, tuple[str, ...]]()
-    for name, column in COLUMNS.items():
-        groups[column.group] = (*groups.get(column.group, ()), name)
-    return MappingProxyType(groups)
-
-
-GROUPS = _columns_by_group()
+GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        group: tuple(name for name, column in COLUMNS.items() if column.group == group)
+        for group in dict.fromkeys(column.group for column in COLUMNS.values())
+    }
+)
 """Names of the groups, and the known columns of each."""
 RECORDED = ("cmd_v", "cmd_w", "enc_left", "enc_right", "gyro_z", "x", "y", "yaw")
 """Columns of a robot's motion: a log on one clock has at least one of them."""
@@ -218,8 +214,9 @@ class ReadOptions:
             return factor
         if name in COMMAND_COLUMNS["wheels"] and base == "m/s":
             if self.radius is None:
-                need = f"{name} in {unit} needs the radius of the wheels"
-                raise ValueError(f"{need}; name the robot by --robot")
+                raise ValueError(
+                    f"{name} in {unit} needs the radius of the wheels; name the robot by --robot"
+                )
             return factor / self.radius
         units = [column_unit, *(u for u, (of, _) in UNITS.items() if of == column_unit)]
         raise ValueError(f"{name} cannot be in '{unit}'; its units are {', '.join(units)}")
@@ -344,8 +341,9 @@ class Log:
     def t(self) -> FloatArray:
         """(M,) stamps that all groups share [s]; ValueError for a log that is not on one clock."""
         if not self.is_on_one_clock:
-            what = f"the groups of {self.name} have stamps of their own"
-            raise ValueError(f"{what}; bring it onto one clock")
+            raise ValueError(
+                f"the groups of {self.name} have stamps of their own; bring it onto one clock"
+            )
         return next(iter(self.groups.values())).t
 
     @property
@@ -363,8 +361,9 @@ class Log:
         columns = self.columns
         missing = [n for n in names if n not in columns]
         if missing:
-            what = f"log {self.name} has no column {', '.join(missing)}"
-            raise ValueError(f"{what}; it has {', '.join(columns)}")
+            raise ValueError(
+                f"log {self.name} has no column {', '.join(missing)}; it has {', '.join(columns)}"
+            )
         table = np.stack([columns[n] for n in names], axis=1)
         return frozen_array(table, self.name, (len(self.t), len(names)))
 
@@ -380,8 +379,9 @@ class Log:
         edges = [0, *after_gaps.tolist(), len(t)]
         pieces = [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]
         if not pieces:
-            span = f"between {t[0]:g} and {t[-1]:g} s"
-            raise ValueError(f"log {self.name} is nothing but gaps {span}")
+            raise ValueError(
+                f"log {self.name} is nothing but gaps between {t[0]:g} and {t[-1]:g} s"
+            )
         return pieces
 
     def on_one_clock(self, rate: float | None = None) -> Log:
@@ -402,9 +402,9 @@ class Log:
         t = self._clock(rate)
         period = float(np.median(np.diff(t)))
         keep = np.ones(len(t), dtype=bool)
-        moved = dict[str, Group]()
+        moved = {}
         for name, group in self.groups.items():
-            columns = dict[str, FloatArray]()
+            columns = {}
             if name == "cmd":
                 for n, values in group.columns.items():
                     columns[n] = held(t, group.t, values)
@@ -416,11 +416,12 @@ class Log:
                     columns[n] = np.interp(t, group.t[new], values[new])
             moved[name] = replace(group, t=t, columns=columns)
         if np.count_nonzero(keep) < 2:
-            what = f"nothing is left between the gaps: {_spans(self.groups.values())}"
-            raise FileError(self.path, what)
+            raise FileError(
+                self.path, f"nothing is left between the gaps: {_spans(self.groups.values())}"
+            )
         t = t[keep]
         period = float(np.median(np.diff(t)))
-        groups = dict[str, Group]()
+        groups = {}
         for name, group in moved.items():
             columns = {n: values[keep] for n, values in group.columns.items()}
             groups[name] = Group(group.source, t, columns, period)
@@ -441,15 +442,21 @@ class Log:
         stop = min(float(g.t[-1]) for g in measured)
         span = stop - start
         if span < dt:
-            what = f"the topics do not overlap: {_spans(measured)}"
-            raise FileError(self.path, f"{what}; leave one out with topics ROLE=none")
+            raise FileError(
+                self.path,
+                f"the topics do not overlap: {_spans(measured)}; "
+                "leave one out with topics ROLE=none",
+            )
         n = span / dt + TIME_ROUNDOFF
         width = len(self.columns)
         for limit, many in (("samples", n), ("cells", n * width)):
             if many > getattr(self.limits, limit):
                 samples = f"{span:.6g} s at {1.0 / dt:.6g} Hz are too many samples"
-                limited = f"of {width} columns, for {self.limits.says(limit)}"
-                raise FileError(self.path, f"{samples} {limited}; ask for a lower rate")
+                raise FileError(
+                    self.path,
+                    f"{samples} of {width} columns, for {self.limits.says(limit)}; "
+                    "ask for a lower rate",
+                )
         return np.asarray(start + dt * np.arange(int(n) + 1), dtype=np.float64)
 
     # -----------------------------------------------------------------------------------------
@@ -462,14 +469,17 @@ class Log:
         """
         low = -math.inf if start is None else start
         high = math.inf if stop is None else stop
-        groups = dict[str, Group]()
+        groups = {}
         for name, group in self.groups.items():
             keep = (group.t >= low) & (group.t <= high)
             if np.count_nonzero(keep) > 1:
                 groups[name] = group.where(keep)
         if not groups:
-            what = f"nothing was logged in {low:g} to {high:g} s"
-            raise FileError(self.path, f"{what}; there is {_spans(self.groups.values())}")
+            raise FileError(
+                self.path,
+                f"nothing was logged in {low:g} to {high:g} s; "
+                f"there is {_spans(self.groups.values())}",
+            )
         return replace(self, groups=groups)
 
 

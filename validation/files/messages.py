@@ -1,7 +1,7 @@
-"""Messages of bags, read by rosbags: numbers by topic, type and columns. A child process does this, see `bags`.
+"""Messages of bags, read by rosbags: numbers by topic, type and columns.
 
-From joint states only wheels are read: joints with `wheel` and `left` or `right` in their names,
-averaged over each side.
+A child process does this, see `bags`. From joint states only wheels are read: joints with `wheel`
+and `left` or `right` in their names, averaged over each side.
 """
 
 from __future__ import annotations
@@ -65,9 +65,9 @@ def _imu(m: Any) -> _Row:
 def _joints(m: Any) -> _Row:
     if len(m.velocity) != len(m.name):
         return None
-    means = dict[str, float]()
+    means = {}
     for column, side in zip(COMMAND_COLUMNS["wheels"], ("left", "right"), strict=True):
-        rates = list[float]()
+        rates = []
         for name, rate in zip(m.name, m.velocity, strict=True):
             joint = name.lower()
             if "wheel" in joint and side in joint:

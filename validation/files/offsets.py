@@ -144,8 +144,8 @@ def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[s
     of a side to its next: where the sides are refreshed in turn, a row has a rate that is new and
     one that is old.
     """
-    turning = dict[str, _Signal]()
-    speeds = dict[str, _Signal]()
+    turning = {}
+    speeds = {}
     for name in (*_CLOCK_ORDER, "cmd"):
         group = log.groups.get(name)
         if group is None:
@@ -188,7 +188,7 @@ def estimate_offsets(log: Log) -> list[Offset]:
     poses = _Poses.of(log)
     turning, speeds = _signals(log, poses)
     reference, *others = list(turning) or [""]
-    offsets: list[Offset] = []
+    offsets = []
     for name in others:
         lag = _lag(turning[reference], turning[name])
         if lag is not None:

@@ -129,8 +129,9 @@ def read_text(path: str | Path, most_bytes: int = _MOST_TEXT) -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        what = f"line {line} has a byte that is not UTF-8"
-        raise ValueError(f"{path}: the file cannot be read as text; {what}") from error
+        raise ValueError(
+            f"{path}: the file cannot be read as text; line {line} has a byte that is not UTF-8"
+        ) from error
 
 
 # ------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ the log [s]."""
 
 
 def held(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the (N,) last commands at or before `t` [s]; zero where there is none or it is too old.
+    """Return the (N,) last commands at or before `t` [s]; zero before the first, or if too old.
 
     Args:
         t: (N,) instants [s].

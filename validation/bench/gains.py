@@ -97,8 +97,8 @@ def profile_sets(controller: str) -> list[str]:
 
 def sets_of(controller: str) -> list[str]:
     """Return the names of all shipped sets of a controller's gains, without the controller's."""
-    own = [name.removeprefix(f"{controller}-") for name in names(controller)]
-    return [*own, *profile_sets(controller), DEFAULT]
+    shipped = [name.removeprefix(f"{controller}-") for name in names(controller)]
+    return [*shipped, *profile_sets(controller), DEFAULT]
 
 
 def shipped_gains(controller: str, profile: str) -> GainSet | None:

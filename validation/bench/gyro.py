@@ -51,7 +51,7 @@ class GyroJudge:
 
     @property
     def sentence(self) -> str:
-        """Sentence that says what the rule chose and why."""
+        """Sentence on the choice of the rule and its reason."""
         difference = f"{self.apart:.3f} rad after {_WINDOW_S:g} s in the median"
         rule = f"no more than {_WORST_RAD:g}: the localiser"
         if self.first:

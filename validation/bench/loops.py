@@ -94,11 +94,11 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
     Raises:
         ProfileError: an unknown name, or numbers that do not go together.
     """
-    made = make_plant(profile, plant, terrain)
-    if isinstance(made, MujocoPlant):
-        return ClosedLoopRobot(plant, made)
-    if isinstance(made, FourWheelPlant):
-        return ClosedLoopRobot(plant, made.model)
+    body = make_plant(profile, plant, terrain)
+    if isinstance(body, MujocoPlant):
+        return ClosedLoopRobot(plant, body)
+    if isinstance(body, FourWheelPlant):
+        return ClosedLoopRobot(plant, body.model)
     if plant not in (*PLANAR_MODELS, *OWN_MODELS):
         raise ProfileError(
             f"plant '{plant}' has no closed loops in populations; "

@@ -127,7 +127,7 @@ class Source:
     sample_dt: float
     """Period at which plants are sampled [s]."""
     warnings: tuple[str, ...] = ()
-    """Sentences about what is wrong with a log."""
+    """Sentences on the faults of a log."""
     title: str = ""
     """Name of a log in sentences, with its span of time where it was cut."""
     log: Log | None = None
@@ -230,7 +230,7 @@ def source_of(
         wheels = log.table(sides)
         means = [moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]
         moves = np.abs(means).max(axis=0) > WHEELS_TURN
-    motors = {key: log.table(own) for key, own in _MOTORS.items() if log.has(own)}
+    motors = {key: log.table(pair) for key, pair in _MOTORS.items() if log.has(pair)}
     jumps = np.empty(0, dtype=np.intp)
     on_time = fresh
     if faults.jumps is not None:
@@ -242,7 +242,7 @@ def source_of(
         t = log.t[s]
         stamps, samples = _samples_within(group, names, t)
         commands = commands_on_grid(stamps, samples, kind, RECORDING_GRID, t)
-        # nothing is known of the time before: the first command may have lasted for long
+        # the delay lines are filled with the first command: nobody knows the ones before
         first, second = map(float, commands.values[0])
         turning = None if gyro is None else gyro[s]
         motion = _recorded_motion(t, pose[s], fresh[s], wheels[s], turning)

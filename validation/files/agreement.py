@@ -101,7 +101,7 @@ class LogFault:
     columns: tuple[str, ...]
     """Columns that it is in, or may be in."""
     sentence: str
-    """Sentence that says what is wrong."""
+    """Sentence on the fault."""
 
 
 # ------------------------------------------------------------------------------------------
@@ -112,7 +112,7 @@ class _Correction(NamedTuple):
     kind: str
     columns: tuple[str, ...]
     appearance: str
-    """Words that say what the columns seem to do or be."""
+    """Words for the mistake, after `the columns seem to`."""
     sources: _Sources
     rotation: float = 0.0
     """Angle that is added to the heading after that [rad]."""

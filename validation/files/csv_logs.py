@@ -35,7 +35,7 @@ _SEPARATORS = {
     "#": "a comment stands before",
     " ": "spaces separate",
 }
-"""Signs in a first line without a comma, and what they do there."""
+"""Signs in a first line without a comma, and their effect there."""
 
 _logger = logging.getLogger(__name__)
 
@@ -271,9 +271,9 @@ def _check_names(table: CsvTable) -> None:
     names = table.header
     path = table.path
     line = table.header_line
-    for wanted, some in (("column t", ("t",)), ("known column", RECORDED)):
+    for kind, some in (("column t", ("t",)), ("known column", RECORDED)):
         if not any(n in some for n in names):
-            what = f"there is no {wanted} among {quoted(names)}"
+            what = f"there is no {kind} among {quoted(names)}"
             need = f"a log's header names t and any of {', '.join(RECORDED)}"
             raise FileError(
                 path,

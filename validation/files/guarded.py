@@ -88,7 +88,7 @@ def serve(module: str, name: str, arguments: Sequence[Any], allowance: Sequence[
     """Call a function within limits of the operating system, and write its answer to stdout."""
     function = getattr(import_module(module), name)
     output = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # prints of a library are no answer
     if os.name == "posix":
         import resource
 

@@ -89,7 +89,7 @@ class TimeFault(NamedTuple):
     row: int
     """Index of the sample."""
     what: str
-    """Sentence that says what is wrong with it."""
+    """Sentence on the fault."""
 
 
 def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:

@@ -306,7 +306,7 @@ class Log:
         back = np.flatnonzero(t[1:] <= t[:-1])
         if len(back):
             raise FileError(path, f"t must increase; it does not after sample {back[0]}")
-        groups = {name: Group(path.name, t, own) for name, own in members.items() if own}
+        groups = {name: Group(path.name, t, part) for name, part in members.items() if part}
         return cls(path, groups, limits=limits)
 
     @property

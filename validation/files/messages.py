@@ -124,8 +124,8 @@ def collect(path: str, most: int) -> Answer:
     count = 0
     # the type store serves bags that do not contain their message types: ROS 2 before Iron
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        known = [c for c in reader.connections if c.msgtype in READERS]
-        messages = reader.messages(known) if known else ()
+        connections = [c for c in reader.connections if c.msgtype in READERS]
+        messages = reader.messages(connections) if connections else ()
         for connection, ns, raw in itertools.islice(messages, most):
             count += 1
             if not 0 <= ns < _LATEST_NS:

@@ -86,8 +86,8 @@ _RATES = (*_WHEELS, "odom_v", "odom_w", "gyro_z", *COMMAND_COLUMNS["twist"])
 Channels = Mapping[str, FloatArray]
 """(N,) means over windows by column: rates; of x, y and yaw their rates of change, and `heading`,
 the yaw itself [rad]."""
-_Way = tuple[FloatArray, FloatArray]
-"""(K,) stamps [s], and the way since the first of them."""
+_Ways = dict[str, tuple[FloatArray, FloatArray]]
+"""By column, (K,) stamps [s] and the way since the first of them."""
 _Sources = dict[str, tuple[str, float]]
 """Channels that change: the channel that each is made of, and the factor [1]."""
 
@@ -231,7 +231,7 @@ def channels(log: Log) -> Channels | None:
     return {name: values[usable] for name, values in means.items()}
 
 
-def _sums(group: Group) -> dict[str, _Way]:
+def _sums(group: Group) -> _Ways:
     """Return the ways of a group's columns, of new samples: integrals of rates; x, y and yaw."""
     sums = {}
     pose = group.table(POSE_COLUMNS)
@@ -247,7 +247,7 @@ def _sums(group: Group) -> dict[str, _Way]:
     return sums
 
 
-def _means(sums: Mapping[str, _Way], middles: FloatArray, window: float) -> dict[str, FloatArray]:
+def _means(sums: _Ways, middles: FloatArray, window: float) -> dict[str, FloatArray]:
     """Return the channels over a `window` [s] around the (N,) middles [s]."""
     low = middles - 0.5 * window
     high = middles + 0.5 * window
@@ -259,9 +259,7 @@ def _means(sums: Mapping[str, _Way], middles: FloatArray, window: float) -> dict
     return means
 
 
-def _lag(
-    sums: Mapping[str, _Way], middles: FloatArray, bases: Sequence[FloatArray], unit: float
-) -> float:
+def _lag(sums: _Ways, middles: FloatArray, bases: Sequence[FloatArray], unit: float) -> float:
     """Return the delay of a group's columns [`unit`] at which the others explain most of them.
 
     Signs and units do not matter. Rates are explained by the rates of another group, the square of
@@ -287,7 +285,7 @@ def _lag(
 
 def apart(log: Log) -> Iterator[LogFault]:
     """Yield a fault if headings are so far from gyro or wheels that no delay can be taken out."""
-    sums = dict[str, _Way]()
+    sums = _Ways()
     for group in log.groups.values():
         sums |= _sums(group)
     left, right = (sums.get(name) for name in _WHEELS)

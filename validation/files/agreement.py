@@ -50,21 +50,17 @@ _SUM = 0.97
 _CLEARLY = 0.2
 """Logarithm of a factor beyond the possible ones that is no noise."""
 _SIDES_DIFFER = 1.5
-"""Factor by which one side of wheels may count for more than the other in how the robot turns; it
-is 1.1 on ice."""
+"""Factor by which one side of wheels may turn the robot more than the other; 1.1 on ice."""
 _TOGETHER = 8.0
-"""Ratio of the singular values of the sides' rates from which they turn together too much to
-tell."""
+"""Ratio of the singular values of the sides' rates from which they turn too much together."""
 _MOST_LAG = 120
 """Longest difference of two clocks that is looked for, in steps."""
 _CLOCKS_GAIN = 0.1
 """Correlation that a difference of clocks must gain [1]."""
 _FAR = math.log(3.0)
-"""Logarithm of the factor beyond the possible ones from which signals contradict each other that
-are only similar, as on ice."""
+"""Logarithm of the factor beyond the possible ones from which similar signals contradict."""
 _SHARES = 60.0, 85.0
-"""Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip make smaller,
-as on ice."""
+"""Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip lessen."""
 _GAIN = 0.5
 """Gain of agreement from which a correction names a fault."""
 _GAIN_OF_UNITS = 0.8
@@ -507,10 +503,7 @@ def _best_corrections(signals: Channels, radius: float | None) -> list[_Correcti
 
 
 def _unrelated(signals: Channels, radius: float | None) -> Iterator[LogFault]:
-    """Yield a fault for each signal that resembles none of the others, which resemble another.
-
-    Signals that resemble one another may still differ in size.
-    """
+    """Yield a fault for each signal that resembles no other, or differs from it in size."""
     for measures, percent in zip(_measures(signals, radius), _SHARES, strict=True):
         measured = [m for m in measures if not set(m.columns) <= set(COMMAND_COLUMNS["twist"])]
         for m in measured:

@@ -21,10 +21,19 @@ from tests.drive_train_logs import WARTHOG as WARTHOG_CHASSIS
 from tests.recovery import HYBRID, JDE, LEAST_SQUARES, TORQUE, drawn, noisy_target, recover
 from validation.identify.currents import torques_of
 from validation.identify.motor_logs import drive_log, loss_of
-from validation.identify.objective import FitCost, FitTarget, make_raters, make_torque_raters
+from validation.identify.objective import (
+    FitCost,
+    FitTarget,
+    make_raters,
+    make_torque_raters,
+    usual_torque_weight,
+)
+from validation.identify.problem import FitProblem
 from validation.plants.kind import CAUSES, GROUND_TORQUES, TORQUES
-from validation.plants.profile import Profile, make_plant
+from validation.plants.profile import Profile, load_profile, make_plant
+from validation.plants.searchable import make_space
 from validation.plants.table import plant_kind
+from validation.simulator.description import load_robot
 
 CLOSE = 0.03
 """Greatest error of a friction that counts as found [1]."""
@@ -74,7 +83,7 @@ def test_the_error_of_torques_is_what_it_says(target: FitTarget) -> None:
     (truth,) = target.truth
     assert target.torques is not None
     (known,) = target.torques
-    (rater,) = make_torque_raters(FitCost("sync"), [target])
+    (rater,) = make_torque_raters(FitCost("sync", torque_weight=0.01), [target])
     assert rater is not None
     off = known + np.array([3.0, -3.0])
     assert rater.cost(off[None])[0] == pytest.approx(0.03, rel=ROUNDOFF)
@@ -91,7 +100,7 @@ def test_torques_that_nobody_knows_do_not_count(target: FitTarget) -> None:
     partly[half:, 0] = np.nan
     partly[:, 1] = np.nan
     some = FitTarget("some", target.source, target.truth, torques=(partly,))
-    (rater,) = make_torque_raters(FitCost("horizon"), [some])
+    (rater,) = make_torque_raters(FitCost("horizon", torque_weight=0.01), [some])
     assert rater is not None
     off = known + 2.0
     wild = off.copy()
@@ -100,7 +109,7 @@ def test_torques_that_nobody_knows_do_not_count(target: FitTarget) -> None:
     assert rater.cost(off[None])[0] == rater.cost(wild[None])[0] == pytest.approx(0.02)
     assert rater.residuals(wild[None]).shape == (1, len(rater.blocks))
     nobody = FitTarget("none", target.source, target.truth, torques=(np.full_like(known, np.nan),))
-    assert make_torque_raters(FitCost("sync"), [nobody, target])[0] is None
+    assert make_torque_raters(FitCost("sync", torque_weight=0.01), [nobody, target])[0] is None
     assert make_torque_raters(FitCost("sync", torque_weight=0.0), [target]) == [None]
 
 
@@ -109,9 +118,23 @@ def test_planar_torques_are_not_believed(target: FitTarget) -> None:
     assert not plant_kind("improved").torques
     assert TORQUES in target.truth[0].channels
     (rater,) = make_raters(FitCost("sync"), [target])
-    (torques,) = make_torque_raters(FitCost("sync"), [target])
+    (torques,) = make_torque_raters(FitCost("sync", torque_weight=0.01), [target])
     assert torques is not None
     assert set(torques.blocks) <= set(rater.blocks)
+
+
+def test_torques_weigh_by_the_robot_and_only_where_friction_is_free(target: FitTarget) -> None:
+    """A friction that is held is nothing that torques could tell, and would distort the body."""
+    lab = load_profile("thesis-lab").section("mujoco")
+    for free, told in ((("friction", "com_x"), True), (("com_x",), False)):
+        space = make_space("mujoco", free, {}, lab.robot)
+        problem = FitProblem("mujoco", lab, space, [target], FitCost("sync"))
+        assert problem.torques == told
+    warthog = load_robot("warthog")
+    forces = [robot.masses.total * robot.geometry.wheel_radius for robot in (lab.robot, warthog)]
+    weights = [usual_torque_weight(robot) for robot in (lab.robot, warthog)]
+    assert weights[0] * forces[0] == pytest.approx(weights[1] * forces[1])
+    assert weights[0] == pytest.approx(0.01, rel=0.05)
 
 
 # ------------------------------------------------------------------------- torques of a real log

@@ -41,7 +41,7 @@ from validation.bench.sources import (
     open_source,
     pace_of,
     standing_sentences,
-    stranger_sentences,
+    unknown_robot_notes,
     warm_up,
     window_errors_of,
 )
@@ -180,7 +180,7 @@ class _Comparing:
         headline = headline_horizon(scoring)
         notes = standing_sentences(source, headline) if headline else []
         if o.profile is None and o.robot is None:
-            notes = [*stranger_sentences(source, robot), *notes]
+            notes = [*unknown_robot_notes(source, robot), *notes]
         facts: dict[str, Any] = {
             "profile": profile.name,
             "robot": robot.name,

@@ -33,7 +33,7 @@ from validation.bench.sources import (
     drive,
     pace_of,
     standing_sentences,
-    stranger_sentences,
+    unknown_robot_notes,
 )
 from validation.bench.user_law import add_user_model
 from validation.files.formats import profile_of_log
@@ -348,7 +348,7 @@ def _report(
     method = ""
     if o.profile is None and o.robot is None:
         for target in problem.targets:
-            notes += stranger_sentences(target.source, base.robot)
+            notes += unknown_robot_notes(target.source, base.robot)
     for target in (*problem.targets, *held_out):
         source = target.source
         if target.gyro:

@@ -30,6 +30,13 @@ FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 """Names of the gains of each controller."""
 DEFAULT = "default"
 """Name of the set that every controller has: the defaults of its class."""
+_TOP_LEVEL = {
+    "name": (str, "text"),
+    "source": (str, "text"),
+    "gains": (dict, "a table"),
+    "provenance": (dict, "a table"),
+}
+"""Type of each value at the top level of a file, and its name in messages."""
 _FOLDER = resources.files("validation.bench").joinpath("gain_sets")
 
 
@@ -49,73 +56,70 @@ class GainSet:
     """Origin of the numbers, in one sentence."""
 
     def __post_init__(self) -> None:
-        """Check and freeze; a ValueError refuses an unknown controller, unknown or missing gains, and numbers not finite."""
-        known = _gains_of(self.controller)
-        if unknown := [name for name in self.values if name not in known]:
-            some = ", ".join(unknown[:5])
+        """Check and freeze.
+
+        Raises:
+            ValueError: an unknown controller, unknown or missing gains, or numbers not finite.
+        """
+        gains = _gains_of(self.controller)
+        unknown = [name for name in self.values if name not in gains]
+        if unknown:
             raise ValueError(
-                f"[gains] has unknown names {some}; {self.controller} has {', '.join(known)}"
+                f"[gains] has unknown names {', '.join(unknown[:5])}; "
+                f"{self.controller} has {', '.join(gains)}"
             )
-        if missing := [name for name in known if name not in self.values]:
+        missing = [name for name in gains if name not in self.values]
+        if missing:
             raise ValueError(
-                f"[gains] lacks {', '.join(missing)}; {self.controller} needs {', '.join(known)}"
+                f"[gains] lacks {', '.join(missing)}; {self.controller} needs {', '.join(gains)}"
             )
         for name, value in self.values.items():
             if not reading.is_number(value) or not math.isfinite(value):
                 raise ValueError(f"[gains] {name} is {reprlib.repr(value)}, wanted a finite number")
-        object.__setattr__(self, "values", {name: float(self.values[name]) for name in known})
+        object.__setattr__(self, "values", {name: float(self.values[name]) for name in gains})
         object.__setattr__(self, "provenance", dict(self.provenance))
 
 
 def names(controller: str | None = None) -> list[str]:
-    """Return the names of the shipped sets, CONTROLLER-NAME each; only those of `controller`, if given."""
-    known = sorted(
-        p.name.removesuffix(".toml") for p in _FOLDER.iterdir() if p.name.endswith(".toml")
-    )
-    return (
-        known
-        if controller is None
-        else [name for name in known if name.rpartition("-")[0] == controller]
-    )
+    """Return the names of the shipped sets, or of a controller's; CONTROLLER-NAME each."""
+    files = [p.name for p in _FOLDER.iterdir() if p.name.endswith(".toml")]
+    shipped = sorted(name.removesuffix(".toml") for name in files)
+    if controller is None:
+        return shipped
+    return [name for name in shipped if name.rpartition("-")[0] == controller]
 
 
 def profile_sets(controller: str) -> list[str]:
-    """Return the names of the profiles that a set of gains is shipped for: `gain_sets/PROFILE/CONTROLLER.toml`."""
-    return sorted(
-        p.name
-        for p in _FOLDER.iterdir()
-        if p.is_dir() and p.joinpath(f"{controller}.toml").is_file()
-    )
+    """Return the names of the profiles with a set of gains, `gain_sets/PROFILE/CONTROLLER.toml`."""
+    folders = [p for p in _FOLDER.iterdir() if p.is_dir()]
+    return sorted(p.name for p in folders if p.joinpath(f"{controller}.toml").is_file())
 
 
 def sets_of(controller: str) -> list[str]:
-    """Return every name that a shipped set of a controller's gains can be asked for by, without the controller's."""
-    return [
-        *(name.removeprefix(f"{controller}-") for name in names(controller)),
-        *profile_sets(controller),
-        DEFAULT,
-    ]
+    """Return the names of all shipped sets of a controller's gains, without the controller's."""
+    shipped = [name.removeprefix(f"{controller}-") for name in names(controller)]
+    return [*shipped, *profile_sets(controller), DEFAULT]
 
 
 def shipped_gains(controller: str, profile: str) -> GainSet | None:
-    """Return the tuned gains that are shipped for a profile, else the usual tuned ones; None where there are none."""
+    """Return the tuned gains that are shipped for a profile, or else for any; None without any."""
     if profile in profile_sets(controller):
         return load_gains(controller, profile)
-    return load_gains(controller, "tuned") if "tuned" in sets_of(controller) else None
+    if "tuned" in sets_of(controller):
+        return load_gains(controller, "tuned")
+    return None
 
 
 def origin_sentence(gains: GainSet, profile: str) -> str | None:
-    """Return a sentence on gains that were found on another profile than this; None where they were not, or do not say."""
+    """Return a sentence on gains that were found on another profile; None if not, or unknown."""
     origin = gains.provenance.get("profile")
-    known = origin if isinstance(origin, list) else [origin]
-    if profile in known or not known or not isinstance(known[0], str):
+    profiles = origin if isinstance(origin, list) else [origin]
+    if profile in profiles or not profiles or not isinstance(profiles[0], str):
         return None
-    own = (
-        f"; there are {profile} gains of its own"
-        if profile in profile_sets(gains.controller)
-        else ""
-    )
-    return f"The gains {gains.name} were found on the profile {known[0]}, not on {profile}{own}."
+    note = f"The gains {gains.name} were found on the profile {profiles[0]}, not on {profile}"
+    if profile in profile_sets(gains.controller):
+        note += f"; there are {profile} gains of its own"
+    return f"{note}."
 
 
 def load_gains(
@@ -123,42 +127,43 @@ def load_gains(
 ) -> GainSet:
     """Return the gains of a controller: a shipped set by name, or a TOML file by path.
 
-    Args: controller: one of `FIELDS`. name_or_path: a name with the controller's in front
-        (`lqr-manual`) or without (`manual`), `default`, the name of a
-            profile that gains are shipped for, or a path. None: those of `profile` if there are
-            any, else `published` where the thesis has gains for that controller, else `tuned`, else
-            `default`, the law's own.
+    Args:
+        controller: one of `FIELDS`.
+        name_or_path: a name with the controller's in front (`lqr-manual`) or without (`manual`),
+            `default`, the name of a profile that gains are shipped for, or a path. None: those of
+            `profile` if there are any, else `published` where the thesis has gains for that
+            controller, else `tuned`, else `default`, the law's own.
         profile: name of the profile that the gains are for.
 
-    Raises: ValueError: there is none, it belongs to another controller, or it says something that
-        cannot be; one line that
-            names file and gain.
+    Raises:
+        ValueError: there is none, it belongs to another controller, or it has impossible values;
+            one line that names file and gain.
     """
     _gains_of(controller)
-    own = profile_sets(controller)
-    known = sets_of(controller)
+    profiles = profile_sets(controller)
+    sets = sets_of(controller)
     if name_or_path is None:
-        usual = next(name for name in ("published", "tuned", DEFAULT) if name in known)
-        name_or_path = profile if profile in own else usual
+        tuned = next(name for name in ("published", "tuned", DEFAULT) if name in sets)
+        name_or_path = profile if profile in profiles else tuned
     if name_or_path == DEFAULT:
         values = asdict(LAWS[controller].gains())
-        return GainSet(
-            controller, f"{controller}-{DEFAULT}", values, source="defaults of the controller"
-        )
+        source = "defaults of the controller"
+        return GainSet(controller, f"{controller}-{DEFAULT}", values, source=source)
     shipped = {f"{controller}-{name_or_path}", name_or_path} & set(names())
-    file = f"{name_or_path}/{controller}" if name_or_path in own else next(iter(shipped), None)
+    file = next(iter(shipped), None)
+    if name_or_path in profiles:
+        file = f"{name_or_path}/{controller}"
     if file is None and not os.path.exists(name_or_path):
-        every = ", ".join(known)
         raise ValueError(
-            f"{controller} has no gains '{name_or_path}'; there are: {every}; or give the path of a TOML file"
+            f"{controller} has no gains '{name_or_path}'; "
+            f"there are: {', '.join(sets)}; or give the path of a TOML file"
         )
-    shown = f"gains {name_or_path}"
     if file is None:
-        document = reading.parse_toml(reading.read_text(name_or_path), shown)
+        text = reading.read_text(name_or_path)
     else:
-        document = reading.parse_toml(
-            _FOLDER.joinpath(f"{file}.toml").read_text(encoding="utf-8"), shown
-        )
+        text = _FOLDER.joinpath(f"{file}.toml").read_text(encoding="utf-8")
+    shown = f"gains {name_or_path}"
+    document = reading.parse_toml(text, shown)
     try:
         return _parse(document, controller)
     except ValueError as error:
@@ -188,18 +193,14 @@ def _gains_of(controller: str) -> tuple[str, ...]:
 def _parse(document: Mapping[str, Any], controller: str) -> GainSet:
     if document.get("schema") != SCHEMA:
         raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
-    reading.require_known(
-        document, ("schema", "controller", "name", "source", "gains", "provenance"), "the top level"
-    )
-    if document.get("controller") != controller:
-        raise ValueError(
-            f"these are gains of {document.get('controller', 'no controller')}, wanted {controller}"
-        )
+    reading.require_known(document, ("schema", "controller", *_TOP_LEVEL), "the top level")
+    owner = document.get("controller", "no controller")
+    if owner != controller:
+        raise ValueError(f"these are gains of {owner}, wanted {controller}")
     document = {"provenance": {}, **document}
-    for key, kind, what in (("name", str, "text"), ("source", str, "text"), ("gains", dict, "a table"),
-                            ("provenance", dict, "a table")):  # fmt: skip
-        if not isinstance(document.get(key), kind):
-            raise ValueError(f"{key} is {reprlib.repr(document.get(key))}, wanted {what}")
-    return GainSet(
-        controller, *(document[key] for key in ("name", "gains", "provenance", "source"))
-    )
+    for key, (kind, words) in _TOP_LEVEL.items():
+        value = document.get(key)
+        if not isinstance(value, kind):
+            raise ValueError(f"{key} is {reprlib.repr(value)}, wanted {words}")
+    values = [document[key] for key in ("name", "gains", "provenance", "source")]
+    return GainSet(controller, *values)

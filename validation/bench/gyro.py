@@ -1,8 +1,9 @@
 """The gyro of a log as a second judge of heading: where the localiser stalls, it is the better one.
 
-A gyro on another robot may have the wrong sign, each has a bias, and it measures at once what
-wheels and poses tell later. All three are found from the log. Its error after some seconds is then
-a few thousandths of a radian, so where the two judges differ by much more, the localiser is wrong.
+A gyro on another robot may have the wrong sign, each has a bias, and it measures a turn at once
+that wheels and poses show later. All three are found from the log. Its error after some seconds is
+then a few thousandths of a radian, so where the two judges differ by much more, the localiser is
+wrong.
 """
 
 from __future__ import annotations
@@ -19,14 +20,16 @@ from validation.bench.sources import Source
 from validation.files.faults import find_rest
 from validation.files.offsets import estimate_offsets
 
-_WINDOW_S = 6.0  # length of the windows in which gyro and localiser are compared [s]
+_WINDOW_S = 6.0
+"""Length of the windows in which gyro and localiser are compared [s]."""
 _WORST_RAD = 0.02
 """Median difference of the two over such a window up to which the localiser is the first judge
 [rad]: a sound gyro strays by 0.004, and lidar odometry of slow robots differs from it by 0.004 to
 0.016."""
-_ALIKE = 0.5  # least correlation of their turns, below which the gyro measures something else
-# least correlation of gyro and wheels from which the delay between them is known
+_LEAST_CORRELATION = 0.5
+"""Correlation of their turns below which the gyro measures something else."""
 _SAME_MOTION = 0.9
+"""Least correlation of gyro and wheels from which the delay between them is known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,36 +51,30 @@ class GyroJudge:
 
     @property
     def sentence(self) -> str:
-        """Sentence that says what the rule chose and why."""
-        who, why = ("gyro", "more than") if self.first else ("localiser", "no more than")
-        return (
-            f"Gyro and localiser differ by {self.apart:.3f} rad after {_WINDOW_S:g} s in the median, {why} "
-            f"{_WORST_RAD:g}: the {who} is the first judge of heading"
-        )
+        """Sentence on the choice of the rule and its reason."""
+        difference = f"{self.apart:.3f} rad after {_WINDOW_S:g} s in the median"
+        rule = f"no more than {_WORST_RAD:g}: the localiser"
+        if self.first:
+            rule = f"more than {_WORST_RAD:g}: the gyro"
+        return f"Gyro and localiser differ by {difference}, {rule} is the first judge of heading"
 
     def judging(self, source: Source, late: float) -> Source:
-        """Return the source with headings by the gyro in place of the localiser's, told as `late` as those [s]."""
+        """Return the source with the gyro's headings in place of the localiser's, `late` by [s]."""
         pieces = []
         for piece, heading in zip(source.pieces, self.headings, strict=True):
-            reference = piece.reference
-            assert reference is not None
-            yaw = np.interp(reference.t - late, reference.t, heading)
-            pieces.append(
-                replace(
-                    piece,
-                    reference=replace(
-                        reference, pose=np.column_stack([reference.pose[:, :2], yaw])
-                    ),
-                )
-            )
+            motion = piece.reference
+            assert motion is not None
+            yaw = np.interp(motion.t - late, motion.t, heading)
+            pose = np.column_stack([motion.pose[:, :2], yaw])
+            pieces.append(replace(piece, reference=replace(motion, pose=pose)))
         return replace(source, pieces=tuple(pieces))
 
 
 def find_gyro_judge(source: Source) -> GyroJudge | None:
-    """Return the headings by the gyro of a log, its sign, bias and clock put right; None where it has none of use.
+    """Return the headings by the gyro of a log; None where it has none of use.
 
-    The localiser tells the sign. The bias is the mean at rest or, where the robot never stands, the
-    median of how gyro and localiser drift apart.
+    Sign, bias and clock are put right. The localiser shows the sign. The bias is the mean at rest
+    or, where the robot never stands, the median drift between gyro and localiser.
     """
     log = source.log
     pairs = [(piece, piece.reference) for piece in source.pieces if piece.reference is not None]
@@ -89,28 +86,34 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
         """Return by how much values of the pieces grow over all windows."""
         return np.concatenate([v[j] - v[i] for v, (i, j) in zip(values, windows, strict=True)])
 
-    raw = [integral(m.t, m.twist[:, 2]) for _, m in pairs]
-    pose = turned([m.pose[:, 2] for _, m in pairs])
+    motions = [motion for _, motion in pairs]
+    raw = [integral(m.t, m.twist[:, 2]) for m in motions]
+    pose = turned([m.pose[:, 2] for m in motions])
     gyro = turned(raw)
-    alike = float(gyro @ pose) / max(float(np.sqrt((gyro @ gyro) * (pose @ pose))), 1e-9)
-    if abs(alike) < _ALIKE:
+    size = float(np.sqrt((gyro @ gyro) * (pose @ pose)))
+    correlation = float(gyro @ pose) / max(size, 1e-9)
+    if abs(correlation) < _LEAST_CORRELATION:
         return None
-    sign = float(np.sign(alike))
-    rest = find_rest(log)
-    offsets = estimate_offsets(log.changed("imu", {"gyro_z": sign * log.columns["gyro_z"]}))
-    late = {
-        o.late: o.seconds for o in offsets if o.late == "pose_yaw" or o.correlation > _SAME_MOTION
-    }
+    sign = float(np.sign(correlation))
+    late = {}
+    for offset in estimate_offsets(log.changed("imu", {"gyro_z": sign * log.columns["gyro_z"]})):
+        if offset.late == "pose_yaw" or offset.correlation > _SAME_MOTION:
+            late[offset.late] = offset.seconds
 
     def put(by: str, bias: float) -> tuple[FloatArray, ...]:
         """Return the headings on the clock of wheels or poses."""
-        right = (
-            (m.t, sign * (heading - bias * (m.t - m.t[0])))
-            for (_, m), heading in zip(pairs, raw, strict=True)
-        )
-        return tuple(np.interp(t - late.get(by, 0.0), t, heading) for t, heading in right)
+        headings = []
+        for m, heading in zip(motions, raw, strict=True):
+            right = sign * (heading - bias * (m.t - m.t[0]))
+            headings.append(np.interp(m.t - late.get(by, 0.0), m.t, right))
+        return tuple(headings)
 
-    drift = (turned(put("pose_yaw", 0.0)) - pose) / turned([m.t for _, m in pairs])
-    bias = sign * float(np.median(drift)) if rest is None else rest.bias
-    apart = turned(put("pose_yaw", bias)) - pose
-    return GyroJudge(put("wheels", bias), put("pose_yaw", bias), float(np.median(np.abs(apart))))
+    rest = find_rest(log)
+    if rest is None:
+        drift = (turned(put("pose_yaw", 0.0)) - pose) / turned([m.t for m in motions])
+        bias = sign * float(np.median(drift))
+    else:
+        bias = rest.bias
+    delayed = put("pose_yaw", bias)
+    apart = float(np.median(np.abs(turned(delayed) - pose)))
+    return GyroJudge(put("wheels", bias), delayed, apart)

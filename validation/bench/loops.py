@@ -1,11 +1,12 @@
-"""Closed loops around any plant of a profile, alone and by the hundred: robots, controllers, state filters, demands."""
+"""Closed loops around any plant of a profile, alone and by the hundred."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from ssmr.control.laws import AnyController, design
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
-from ssmr.control.population import run_bodies, run_loops
+from ssmr.control.population import Bodies, run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.models.four_wheel_plant import (
     FOUR_WHEEL_DT,
@@ -35,14 +36,16 @@ from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
 _SECONDS = 6.0
+"""Time for which a command is driven [s]."""
 _LAST = 1.0
+"""Last part of that time, over which the motion is averaged [s]."""
 _SAMPLE_DT = 0.05
-"""Time for which a command is driven, the last part of it over which the motion is averaged, and
-between samples [s]."""
+"""Time between two samples of the motion [s]."""
 _EASY_TURN = 0.25
-_EASY_SPEED = 0.8
-"""Shares of the limits of commands up to which a reference asks for so little that nothing is
+"""Share of the greatest yaw rate up to which a reference asks for so little that nothing is
 measured."""
+_EASY_SPEED = 0.8
+"""The same share of the greatest speed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +69,9 @@ class ClosedLoopRobot:
         """A plant of this model, or the simulated robot itself."""
         if isinstance(self.body, MujocoPlant):
             return self.body
-        return (
-            PlanarPlant(self.body)
-            if isinstance(self.body, PlanarModel)
-            else FourWheelPlant(self.body)
-        )
+        if isinstance(self.body, PlanarModel):
+            return PlanarPlant(self.body)
+        return FourWheelPlant(self.body)
 
     @property
     def terrain(self) -> Terrain:
@@ -88,26 +89,31 @@ class ClosedLoopRobot:
 
 
 def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedLoopRobot:
-    """Return the plant of that name with the profile's numbers; a terrain is for the MuJoCo robot only.
+    """Return the plant of that name with the profile's numbers; only MuJoCo has a terrain.
 
     Raises:
         ProfileError: an unknown name, or numbers that do not go together.
     """
-    made = make_plant(profile, plant, terrain)
-    if isinstance(made, MujocoPlant):
-        return ClosedLoopRobot(plant, made)
-    if isinstance(made, FourWheelPlant):
-        return ClosedLoopRobot(plant, made.model)
+    body = make_plant(profile, plant, terrain)
+    if isinstance(body, MujocoPlant):
+        return ClosedLoopRobot(plant, body)
+    if isinstance(body, FourWheelPlant):
+        return ClosedLoopRobot(plant, body.model)
     if plant not in (*PLANAR_MODELS, *OWN_MODELS):
         raise ProfileError(
-            f"plant '{plant}' has no closed loops in populations; ssmr.control.loop.run_loop drives it"
+            f"plant '{plant}' has no closed loops in populations; "
+            "ssmr.control.loop.run_loop drives it"
         )
     section = profile.section(plant)
     return ClosedLoopRobot(plant, PlanarModel(section.parameters, section.vehicle, section.drive))
 
 
 def make_controller(profile: Profile, gains: GainSet) -> AnyController:
-    """Return the controller with these gains, designed on the profile's linear model; a ValueError refuses gains."""
+    """Return the controller with these gains, designed on the profile's linear model.
+
+    Raises:
+        ValueError: the gains are refused.
+    """
     linear = profile.plants["linear"]
     a, b = matrices(linear.vehicle, linear.parameters, linear.drive)
     return design(gains.controller, gains.values, a, b, linear.drive)
@@ -116,29 +122,27 @@ def make_controller(profile: Profile, gains: GainSet) -> AnyController:
 def chosen_controller(
     controller: str | type, profile: Profile, gains: GainSet | str | Path | None = None
 ) -> tuple[AnyController, GainSet | None]:
-    """Return a controller by its name, or a user's class, itself or by `FILE.py:NAME`, and its gains, which no class has.
+    """Return a controller and its gains, by its name, a user's class, or `FILE.py:NAME`.
 
-    Raises: ValueError: there is no such controller, file, class or set of gains, or they do not go
-        together.
+    A user's class has no gains.
+
+    Raises:
+        ValueError: there is no such controller, file, class or set of gains, or they do not go
+            together.
     """
     if isinstance(controller, type) or is_user_law(controller):
         if gains is not None:
             raise ValueError(f"gains are for the shipped controllers; {controller} brings its own")
         law = load_user_law(controller)
         linear = profile.plants["linear"]
-        a, b = (
-            tuple(map(tuple, m.tolist()))
-            for m in matrices(linear.vehicle, linear.parameters, linear.drive)
-        )
+        system = matrices(linear.vehicle, linear.parameters, linear.drive)
+        a, b = (tuple(map(tuple, m.tolist())) for m in system)
         return PythonController(law.name, law, a, b, linear.drive), None
-    wanted = (
-        gains
-        if isinstance(gains, GainSet)
-        else load_gains(controller, str(gains) if gains else None, profile.name)
-    )
-    if wanted.controller != controller:
-        raise ValueError(f"gains belong to {wanted.controller}, wanted {controller}")
-    return make_controller(profile, wanted), wanted
+    if not isinstance(gains, GainSet):
+        gains = load_gains(controller, str(gains) if gains else None, profile.name)
+    if gains.controller != controller:
+        raise ValueError(f"gains belong to {gains.controller}, wanted {controller}")
+    return make_controller(profile, gains), gains
 
 
 @mujoco_failures()
@@ -155,7 +159,7 @@ def run_robots(
 
     Args:
         robots: S robots; several may be the same.
-        controllers: S controllers; each is told the drive of its robot, as it is known.
+        controllers: S controllers; each gets the drive of its robot, as far as it is known.
         settings: S settings.
         waypoints: the reference.
         seeds: seeds of noise and disturbance; loop i gets `seeds[i % len(seeds)]`.
@@ -166,62 +170,72 @@ def run_robots(
         ValueError: several kinds of plant in one population, or settings that do not go together.
     """
     designed = [c.on(r.known or r.drive) for r, c in zip(robots, controllers, strict=True)]
-    planar = [r.body for r in robots if isinstance(r.body, PlanarModel)]
     threads = workers or os.cpu_count() or 1
-    huskies = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
+    planar = [r.body for r in robots if isinstance(r.body, PlanarModel)]
+    simulated = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
     tyred = [r.body for r in robots if isinstance(r.body, FourWheelModel)]
-    if len(robots) not in (len(planar), len(huskies), len(tyred)):
+    if len(robots) not in (len(planar), len(simulated), len(tyred)):
         raise ValueError("a population is one kind of plant")
-    if huskies:
-        return run_bodies(
-            lambda state: MujocoBodies(huskies, threads, state),
-            [plant.drive for plant in huskies], huskies[0].dt, designed, settings, waypoints, seeds, start,
-        )  # fmt: skip
-    if tyred:
-        return run_bodies(
-            lambda state: FourWheelBodies(tyred, state),
-            [model.drive for model in tyred], FOUR_WHEEL_DT, designed, settings, waypoints, seeds, start,
-        )  # fmt: skip
-    return run_loops(planar, designed, settings, waypoints, seeds, start, threads)
+    make: Callable[[State], Bodies]
+    if simulated:
+        make = partial(MujocoBodies, simulated, threads)
+        drives = [plant.drive for plant in simulated]
+        dt = simulated[0].dt
+    elif tyred:
+        make = partial(FourWheelBodies, tyred)
+        drives = [model.drive for model in tyred]
+        dt = FOUR_WHEEL_DT
+    else:
+        return run_loops(planar, designed, settings, waypoints, seeds, start=start, workers=threads)
+    return run_bodies(
+        make, drives, dt, designed, settings, waypoints=waypoints, seeds=seeds, start=start
+    )
 
 
-# ------------------------------------------------------------------------------------------ what a
-# reference asks for
+# ------------------------------------------------------------------------------------------
+# demands of a reference
 def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:
-    """Raise a ValueError for a reference with a segment that is faster than the driver's limit; it says where."""
+    """Raise a ValueError for a reference with a segment that is faster than the driver's limit."""
     speeds = waypoints.segment_speeds
     worst = int(np.argmax(speeds))
     if speeds[worst] > drive.v_max:
+        demand = f"{what} asks for {speeds[worst]:.3g} m/s"
         raise ValueError(
-            f"{what} asks for {speeds[worst]:.3g} m/s between waypoints {worst + 1} and {worst + 2}; "
+            f"{demand} between waypoints {worst + 1} and {worst + 2}; "
             f"the robot's limit is {drive.v_max:g} m/s"
         )
 
 
 def settled_motion(plant: Plant, v: float, w: float) -> tuple[float, float]:
-    """Return the speed [m/s] and yaw rate [rad/s] of a plant after some seconds of these commands; it is reset first."""
-    commands = Commands(_SAMPLE_DT, np.tile([v, w], (round(_SECONDS / _SAMPLE_DT), 1)))
-    twist = plant.run(commands, State(), _SAMPLE_DT).twist[-round(_LAST / _SAMPLE_DT) :]
-    return float(np.mean(twist[:, 0])), float(np.mean(twist[:, 2]))
+    """Return the speed [m/s] and yaw rate [rad/s] of a plant after some seconds of commands.
+
+    The plant is reset first.
+    """
+    n = round(_SECONDS / _SAMPLE_DT)
+    commands = Commands(_SAMPLE_DT, np.tile([v, w], (n, 1)))
+    motion = plant.run(commands, State(), _SAMPLE_DT)
+    last = motion.twist[-round(_LAST / _SAMPLE_DT) :]
+    return float(np.mean(last[:, 0])), float(np.mean(last[:, 2]))
 
 
 def _possible(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> tuple[float, list[str]]:
-    """Return the speed [m/s] at which a robot can follow a reference with `part` of its motion, and what is beyond that."""
+    """Return the speed [m/s] at which a robot can follow a reference, and the demands beyond it.
+
+    The robot may use `part` of its greatest speed and yaw rate.
+    """
     plant = robot.plant
     v_max = robot.drive.v_max
     w_max = robot.drive.w_max
     course = waypoints.course()
     k = int(np.argmax(np.abs(course["w"])))
-    turn = float(abs(course["w"][k]))
+    w = float(course["w"][k])
+    turn = abs(w)
     fastest = float(np.max(waypoints.segment_speeds))
     share = 1.0
     demands = []
     if turn > _EASY_TURN * w_max and math.isfinite(w_max):
-        possible = abs(
-            settled_motion(
-                plant, float(course["v"][k]), math.copysign(w_max, float(course["w"][k]))
-            )[1]
-        )
+        v = float(course["v"][k])
+        possible = abs(settled_motion(plant, v, math.copysign(w_max, w))[1])
         if turn > part * possible:
             share = min(share, part * possible / turn)
             demands.append(
@@ -236,18 +250,23 @@ def _possible(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> tupl
 
 
 def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: str) -> str | None:
-    """Return a sentence on a reference that asks for more than the robot can do; None where it does not.
+    """Return a sentence on a reference that asks for more than the robot can do; else None.
 
     `profile` and `what` name the robot's profile and the reference in the sentence.
     """
     speed, demands = _possible(waypoints, robot, 1.0)
     if not demands:
         return None
-    demand = f"{what} at {waypoints.speed:.3g} m/s asks {robot.name} of {profile} for {' and '.join(demands)}"
+    demand = (
+        f"{what} at {waypoints.speed:.3g} m/s asks {robot.name} of {profile} "
+        f"for {' and '.join(demands)}"
+    )
     return f"{demand}; at {speed:.2f} m/s it could be followed."
 
 
 def slowed_to_feasible(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> Waypoints:
-    """Return the reference, slower where it asks for more than `part` of the robot's greatest speed or yaw rate."""
+    """Return the reference, slowed to `part` of the robot's greatest speed and yaw rate."""
     speed, demands = _possible(waypoints, robot, part)
-    return waypoints.at_speed(speed) if demands else waypoints
+    if not demands:
+        return waypoints
+    return waypoints.at_speed(speed)

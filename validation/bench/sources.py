@@ -1,15 +1,14 @@
-"""Sources: a scenario or a log as commands that drive plants, and as the motion to compare the plants with."""
+"""Sources: a scenario or a log as commands for plants, and as the motion to compare them with."""
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ssmr.geometry import relative, rotate_body_to_world, rotate_world_to_body, wrap_angle
 from ssmr.metrics.bands import Band, estimated_band
@@ -29,7 +28,14 @@ from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN, f
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
 from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Group, Log, ReadOptions
 from validation.files.reading import exists
-from validation.files.signals import TIME_ROUNDOFF, fresh_poses, held, moving_mean, refreshed
+from validation.files.signals import (
+    TIME_ROUNDOFF,
+    BoolArray,
+    fresh_poses,
+    held,
+    moving_mean,
+    refreshed,
+)
 from validation.plants.profile import Pace
 from validation.plants.table import ALL_PLANTS, STANDARD
 from validation.simulator.description import Robot
@@ -43,21 +49,24 @@ steps, finer than any log of ours."""
 RECORDING = "recording"
 """The name of the reference where plants are compared with a log."""
 CURRENTS = "current_A"
+"""Channel of a recorded motion, where the log has it: (M, 2) of the left and right motors."""
 VOLTAGES = "voltage_V"
-"""Channels of a recorded motion, where the log has them: (M, 2) of the left and right motors."""
+"""Likewise."""
 _MOTORS = {
     CURRENTS: ("current_left", "current_right"),
     VOLTAGES: ("voltage_left", "voltage_right"),
 }
 BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
 """Lengths of the windows whose errors say how uncertainty grows [s]."""
-_ODD = 1.3  # ratio of wheel radii beyond which it is another robot's, or the units are others
-_STANDING_SHARE = 0.1  # share of windows without any motion from which they are worth a sentence
+_ODD = 1.3
+"""Ratio of wheel radii beyond which it is another robot's, or the units are others."""
+_STANDING_SHARE = 0.1
+"""Share of windows without any motion from which they are worth a sentence."""
 _BEGIN = 0.5
 """Length of the beginning whose poses say how a robot moves at first, and of the spans of which
 slopes are taken [s]."""
 
-WindowCut = Callable[[FloatArray, float, NDArray[np.bool_] | None], tuple[IndexArray, IndexArray]]
+WindowCut = Callable[[FloatArray, float, BoolArray | None], tuple[IndexArray, IndexArray]]
 """Function of stamps [s], a horizon [s] and the usable samples that returns starts and ends of
 windows."""
 
@@ -75,32 +84,32 @@ class Piece:
     simulation's."""
     reference: Trajectory | None
     """The recorded motion at those stamps; None for a scenario, whose reference is a plant."""
-    fresh: NDArray[np.bool_] | None = None
+    fresh: BoolArray | None = None
     """(M,) where the recorded pose was new: scoring windows begin and end there."""
     jumps: tuple[int, ...] = ()
     """Indices of the first samples after jumps of the localiser: plants drive on, but no scoring
     window spans one."""
-    moves: NDArray[np.bool_] | None = None
+    moves: BoolArray | None = None
     """(M,) where the robot moves; None where nobody knows, and every window counts."""
 
     def windows(
         self, cut: WindowCut, t: FloatArray, horizon: float, standing: bool = False
     ) -> tuple[IndexArray, IndexArray]:
-        """Return (W,) starts and (W,) ends of windows of a `horizon` [s] that `cut` finds in stamps `t` between jumps.
+        """Return (W,) starts and (W,) ends of windows of a `horizon` [s] between jumps.
 
-        Windows in which the robot stands throughout are left out; with `standing` they alone are
-        returned.
+        `cut` finds them in stamps `t`. Windows in which the robot stands throughout are left out;
+        with `standing` they alone are returned.
         """
         bounds = []
         for a, b in pairwise((0, *self.jumps, len(t))):
-            starts, ends = cut(t[a:b], horizon, None if self.fresh is None else self.fresh[a:b])
+            fresh = None if self.fresh is None else self.fresh[a:b]
+            starts, ends = cut(t[a:b], horizon, fresh)
             bounds.append((a + starts, a + ends))
-        starts, ends = (np.concatenate([each[end] for each in bounds]) for end in (0, 1))
-        moved = (
-            np.arange(len(t) + 1)
-            if self.moves is None
-            else np.cumulative_sum(self.moves, include_initial=True)
-        )
+        starts, ends = map(np.concatenate, zip(*bounds, strict=True))
+        # number of samples with motion before each sample: equal at both ends of a standing window
+        moved = np.arange(len(t) + 1)
+        if self.moves is not None:
+            moved = np.cumulative_sum(self.moves, include_initial=True)
         kept = (moved[ends + 1] == moved[starts]) == standing
         return starts[kept], ends[kept]
 
@@ -118,7 +127,7 @@ class Source:
     sample_dt: float
     """Period at which plants are sampled [s]."""
     warnings: tuple[str, ...] = ()
-    """Sentences about what is wrong with a log."""
+    """Sentences on the faults of a log."""
     title: str = ""
     """Name of a log in sentences, with its span of time where it was cut."""
     log: Log | None = None
@@ -133,13 +142,13 @@ def open_source(
     stop: float | None = None,
     options: ReadOptions = PLAIN,
 ) -> Source:
-    """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log (its path, or a shipped one) by its name.
+    """Open a scenario (`traj1` ... `traj4`, also with `@PLANT`) or a log by its name.
 
-    `kind` says which of a log's inputs drives the plants; what was logged before `start` or after
-    `stop` [s] is left out; `options` say how a log is read.
+    A log's name is its path, or that of a shipped one. `kind` says which of its inputs drives the
+    plants; samples before `start` or after `stop` [s] are left out; `options` say how it is read.
 
     Raises:
-        ValueError: an unknown name, a log that cannot be read or lacks what is asked for.
+        ValueError: an unknown name, a log that cannot be read or lacks the inputs or the pose.
     """
     scenario, _, plant = name.partition("@")
     if scenario in TRAJECTORIES:
@@ -149,7 +158,8 @@ def open_source(
             )
         if kind == "wheels":
             raise ValueError(
-                f"{name} is a scenario and has no measured wheel rates; input by wheels needs a recording"
+                f"{name} is a scenario and has no measured wheel rates; "
+                "input by wheels needs a recording"
             )
         if start is not None or stop is not None:
             raise ValueError(f"a time span cuts recordings; {name} is a scenario")
@@ -157,19 +167,23 @@ def open_source(
         return Source(name, (piece,), plant or STANDARD, SAMPLE_DT)
     path = log_path(name)
     if not exists(path) and not is_log(path):
-        others = f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
+        scenarios = f"{', '.join(TRAJECTORIES)}, each also as NAME@PLANT"
         raise ValueError(
-            f"no source '{name}'; there are: {', '.join(TRAJECTORIES)}, each also as NAME@PLANT, {others}"
+            f"no source '{name}'; there are: {scenarios}, "
+            f"the logs {', '.join(SHIPPED_LOGS)}, and paths of recordings ({readable()})"
         )
     log = read_log(path, options).on_one_clock().cut(start, stop)
     limits = options.limits
     periods = (float(log.t[-1]) - float(log.t[0])) / RECORDING_GRID
     if periods > limits.samples:
         raise ValueError(
-            f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, but {limits.says('samples')}; cut it"
+            f"{name} has {periods:.4g} periods of {RECORDING_GRID} s, "
+            f"but {limits.says('samples')}; cut it"
         )
-    span = "" if start is None and stop is None else f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
-    return source_of(log, name, kind, log.name + span, options.radius)
+    title = log.name
+    if start is not None or stop is not None:
+        title += f", {log.t[0]:.0f} to {log.t[-1]:.0f} s"
+    return source_of(log, name, kind, title, options.radius)
 
 
 def source_of(
@@ -179,12 +193,12 @@ def source_of(
     title: str | None = None,
     radius: float | None = None,
 ) -> Source:
-    """Return a log on one clock as a motion to compare plants on; what is wrong with it is logged as a warning too.
+    """Return a log on one clock as a motion to compare plants on; its faults are logged too.
 
     Where the log has no commands, the speeds of its odometry stand for them, and a warning says so.
-    `name` is what the user gave it, `title` its name in sentences, the log's own if not given;
-    `kind` says which of its inputs drives the plants. `radius` is that of the wheels [m], where it
-    is known.
+    `name` is the one that the user gave it, `title` its name in sentences, the log's own if not
+    given; `kind` says which of its inputs drives the plants. `radius` is that of the wheels [m],
+    where it is known.
 
     Raises:
         ValueError: it lacks the inputs or the pose.
@@ -195,60 +209,67 @@ def source_of(
     if kind == "twist" and not log.has(names) and log.has(("odom_v", "odom_w")):
         names = ("odom_v", "odom_w")
         sentences.append(
-            "no commands were recorded, so the odometry's speeds, odom_v and odom_w, drive the plants instead"
+            "no commands were recorded, "
+            "so the odometry's speeds, odom_v and odom_w, drive the plants instead"
         )
     if not log.has(POSE_COLUMNS):
         lack = [column for column in POSE_COLUMNS if not log.has([column])]
-        use = "`recordings info` says what its gyro and wheels tell without"
+        what = f"log {log.name} has no column {', '.join(lack)}"
         raise ValueError(
-            f"log {log.name} has no column {', '.join(lack)}, the pose by which predictions are judged; {use}"
+            f"{what}, the pose by which predictions are judged; "
+            "`recordings info` says what its gyro and wheels tell without"
         )
     inputs = log.table(names)
     pose = log.table(POSE_COLUMNS)
     gyro = log.columns.get("gyro_z")
     sides = COMMAND_COLUMNS["wheels"]
-    wheels = log.table(sides) if log.has(sides) else np.zeros((len(pose), 2))
-    every = fresh_poses(log.t, pose)
+    wheels = np.zeros((len(pose), 2))
+    fresh = fresh_poses(log.t, pose)
     moves = np.abs(inputs).max(axis=1) > LEAST_COMMAND
     if log.has(sides):
-        moves = (
-            np.abs([moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]).max(axis=0)
-            > WHEELS_TURN
-        )
-    motors = {key: log.table(own) for key, own in _MOTORS.items() if log.has(own)}
-    jumps = np.empty(0, dtype=np.intp) if faults.jumps is None else faults.jumps.index
-    on_time = every if faults.jumps is None else every & ~faults.jumps.late
+        wheels = log.table(sides)
+        means = [moving_mean(log.t, side, WHEELS_MEAN_S) for side in wheels.T]
+        moves = np.abs(means).max(axis=0) > WHEELS_TURN
+    motors = {key: log.table(pair) for key, pair in _MOTORS.items() if log.has(pair)}
+    jumps = np.empty(0, dtype=np.intp)
+    on_time = fresh
+    if faults.jumps is not None:
+        jumps = faults.jumps.index
+        on_time = fresh & ~faults.jumps.late
     group = log.own_group(names[0])
     pieces = []
     for s in log.stretches():
         t = log.t[s]
-        fresh = every[s]
-        commands = commands_on_grid(*_samples_within(group, names, t), kind, RECORDING_GRID, t)
-        commands = replace(
-            commands, before=(float(commands.values[0, 0]), float(commands.values[0, 1]))
-        )
-        motion = _recorded_motion(t, pose[s], fresh, wheels[s], None if gyro is None else gyro[s])
-        motion = replace(motion, channels={key: table[s] for key, table in motors.items()})
+        stamps, samples = _samples_within(group, names, t)
+        commands = commands_on_grid(stamps, samples, kind, RECORDING_GRID, t)
+        # the delay lines are filled with the first command: nobody knows the ones before
+        first, second = map(float, commands.values[0])
+        turning = None if gyro is None else gyro[s]
+        motion = _recorded_motion(t, pose[s], fresh[s], wheels[s], turning)
+        channels = {key: table[s] for key, table in motors.items()}
         inside = jumps[(jumps > s.start) & (jumps < s.stop)] - s.start
-        start = initial_state(t, pose[s], fresh, wheels[s][0])
-        pieces.append(
-            Piece(commands, start, t, motion, on_time[s], tuple(inside.tolist()), moves[s])
+        piece = Piece(
+            commands=replace(commands, before=(first, second)),
+            start=initial_state(t, pose[s], fresh[s], wheels[s][0]),
+            t=t,
+            reference=replace(motion, channels=channels),
+            fresh=on_time[s],
+            jumps=tuple(inside.tolist()),
+            moves=moves[s],
         )
+        pieces.append(piece)
     title = title or log.name
-    warnings = tuple(
-        one_line(f"{title}: {sentence}") for sentence in [*faults.sentences(), *sentences]
-    )
+    sentences = [*faults.sentences(), *sentences]
+    warnings = tuple(one_line(f"{title}: {sentence}") for sentence in sentences)
     for warning in warnings:
         _logger.warning("%s", warning)
-    return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title, log)
+    return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title, log=log)
 
 
 def _samples_within(
-    group: Group,
-    names: Sequence[str],
-    t: FloatArray,
+    group: Group, names: Sequence[str], t: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (K,) stamps [s] and (K, 2) columns of a group's samples that tell a stretch of time.
+    """Return (K,) stamps [s] and (K, 2) columns of a group's samples over a stretch of time.
 
     The first one is the last before the (M,) instants `t` [s], the last one the first after them.
     """
@@ -282,26 +303,26 @@ def commands_on_grid(
             their own count as zero before the first one, and when they are half a second old.
     """
     covered = stamps if t is None else t
-    own = stamps - covered[0]
-    n = max(1, math.ceil((float(covered[-1] - covered[0]) - TIME_ROUNDOFF) / dt))
+    since = stamps - covered[0]
+    length = float(covered[-1] - covered[0])
+    n = max(1, math.ceil((length - TIME_ROUNDOFF) / dt))
     if kind == "wheels":
         middle = (np.arange(n) + 0.5) * dt
         sides = []
         for side in inputs.T:
-            new = refreshed(own, side[:, None])
-            sides.append(np.interp(middle, own[new], side[new]))
+            new = refreshed(since, side[:, None])
+            sides.append(np.interp(middle, since[new], side[new]))
         return Commands(dt, np.column_stack(sides), kind)
     grid = np.asarray(np.arange(n) * dt, dtype=np.float64)
     if np.array_equal(stamps, covered):
-        last = np.searchsorted(own, grid + TIME_ROUNDOFF, side="right") - 1
+        last = np.searchsorted(since, grid + TIME_ROUNDOFF, side="right") - 1
         return Commands(dt, inputs[last], kind)
-    return Commands(dt, np.column_stack([held(grid, own, column) for column in inputs.T]), kind)
+    columns = [held(grid, since, column) for column in inputs.T]
+    return Commands(dt, np.column_stack(columns), kind)
 
 
-def initial_state(
-    t: FloatArray, pose: FloatArray, fresh: NDArray[np.bool_], wheels: FloatArray
-) -> State:
-    """Return the first of (M, 3) poses at stamps [s], and the constant twist that fits the first poses best.
+def initial_state(t: FloatArray, pose: FloatArray, fresh: BoolArray, wheels: FloatArray) -> State:
+    """Return the first of (M, 3) poses at stamps [s], and the constant twist that fits best there.
 
     A straight line is fitted to yaw; then, along that yaw, the arc p(t) = p_0 + t sinc(w t / 2)
     R(yaw_0 + w t / 2) v to the positions. Both are linear least squares, and exact for a constant
@@ -309,7 +330,8 @@ def initial_state(
     where no pose is new. `wheels` are the (2,) rates of that moment [rad/s].
     """
     first = np.flatnonzero(fresh)
-    first = first[: max(3, np.count_nonzero(t[first] - t[0] <= _BEGIN + TIME_ROUNDOFF))]
+    early = np.count_nonzero(t[first] - t[0] <= _BEGIN + TIME_ROUNDOFF)
+    first = first[: max(3, early)]
     v = np.zeros(2)
     yaw_rate = 0.0
     if len(first) >= 2:
@@ -323,39 +345,38 @@ def initial_state(
         yaw = pose[0, 2] + moved[:, 2].mean() - yaw_rate * at.mean() + half_turn
         arcs = rotate_body_to_world(chord, yaw[:, None])  # (n, which of v, which of xy)
         design = np.swapaxes(arcs - arcs.mean(axis=0), 1, 2).reshape(-1, 2)
-        v = np.linalg.lstsq(design, (moved[:, :2] - moved[:, :2].mean(axis=0)).ravel())[0]
-    x, y, yaw_0 = map(float, pose[0])
-    return State(
-        x, y, yaw_0, float(v[0]), float(v[1]), yaw_rate, float(wheels[0]), float(wheels[1])
-    )
+        offsets = moved[:, :2] - moved[:, :2].mean(axis=0)
+        v = np.linalg.lstsq(design, offsets.ravel())[0]
+    return State(*map(float, (*pose[0], *v, yaw_rate, *wheels)))
 
 
 def _recorded_motion(
     t: FloatArray,
     pose: FloatArray,
-    fresh: NDArray[np.bool_],
+    fresh: BoolArray,
     wheels: FloatArray,
     gyro: FloatArray | None,
 ) -> Trajectory:
-    """Return recorded poses; speeds are slopes over `_BEGIN`, from fresh samples; yaw rate is the gyro's if there is one."""
+    """Return the recorded poses with speeds, which are slopes of fresh samples over `_BEGIN`.
+
+    The yaw rate is the gyro's if there is one.
+    """
     velocity = np.zeros_like(pose)
-    known = t[fresh]
-    if len(known) > 1:
-        low, high = (
-            np.clip(t + half, known[0], known[-1]) for half in (-0.5 * _BEGIN, 0.5 * _BEGIN)
-        )
-        rise = [
-            np.interp(high, known, column) - np.interp(low, known, column)
-            for column in pose[fresh].T
-        ]
-        velocity = np.column_stack(rise) / np.maximum(high - low, 1e-9)[:, None]
+    stamps = t[fresh]
+    if len(stamps) > 1:
+        low = np.clip(t - 0.5 * _BEGIN, stamps[0], stamps[-1])
+        high = np.clip(t + 0.5 * _BEGIN, stamps[0], stamps[-1])
+        rises = []
+        for column in pose[fresh].T:
+            rises.append(np.interp(high, stamps, column) - np.interp(low, stamps, column))
+        velocity = np.column_stack(rises) / np.maximum(high - low, 1e-9)[:, None]
+    speeds = rotate_world_to_body(velocity[:, :2], pose[:, 2])
     turning = velocity[:, 2] if gyro is None else gyro
-    twist = np.column_stack([rotate_world_to_body(velocity[:, :2], pose[:, 2]), turning])
-    return Trajectory(t, pose, twist, wheels)
+    return Trajectory(t, pose, np.column_stack([speeds, turning]), wheels)
 
 
-# ------------------------------------------------------------------------------------------ driving
-# and scoring
+# ------------------------------------------------------------------------------------------
+# driving and scoring
 def drive(
     plant: Plant,
     piece: Piece,
@@ -363,18 +384,18 @@ def drive(
     sample_dt: float,
     push: FloatArray | None = None,
 ) -> Trajectory:
-    """Drive a plant over one piece, from its start, and return the motion that the localiser sees, at the piece's stamps.
+    """Drive a plant over one piece, and return the motion that the localiser sees at its stamps.
 
-    The plant is sampled every `sample_dt` [s]; `push` is the (n,) disturbing yaw acceleration of
-    each physics step [rad/s²].
+    The plant begins at the piece's start and is sampled every `sample_dt` [s]; `push` is the (n,)
+    disturbing yaw acceleration of each physics step [rad/s²].
     """
-    return localiser.seen(
-        plant.run(piece.commands, localiser.body_state(piece.start), sample_dt, push), piece.t
-    )
+    start = localiser.body_state(piece.start)
+    motion = plant.run(piece.commands, start, sample_dt, push)
+    return localiser.seen(motion, piece.t)
 
 
 def warm_up(plant: Plant) -> None:
-    """Drive a plant for a moment, so that threads that drive it find its code compiled, and a fault of it shows itself."""
+    """Drive a plant for a moment, so that threads find its code compiled, and a fault shows."""
     plant.run(Commands(0.05, np.array([[0.1, 0.0]])), State(), 0.05)
 
 
@@ -383,125 +404,134 @@ DrivenSources = Sequence[tuple[Source, Sequence[Trajectory]]]
 
 
 def horizons_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float, HorizonErrors]:
-    """Return errors of the relative pose by horizon [s] over several sources together; only logs have windows.
+    """Return errors of the relative pose by horizon [s] over several sources together.
 
-    Windows follow one another and never span a gap or a jump of the localiser. Those in which the
-    robot stands are only counted. A horizon without any other is left out.
+    Only logs have windows. They follow one another and never span a gap or a jump of the localiser.
+    Those in which the robot stands are only counted. A horizon without any other is left out.
     """
-    standing = {
-        h: sum(
-            len(p.windows(horizon_windows, p.t, h, True)[0])
-            for s, _ in driven
-            for p in s.pieces
-            if p.t is not None
-        )
-        for h in horizons
-    }
-    return {
-        h: horizon_errors(*e, standing[h])
-        for h in horizons
-        if (e := _errors_of(driven, h, horizon_windows))
-    }
+    found = {}
+    for horizon in horizons:
+        errors = _errors_of(driven, horizon, horizon_windows)
+        if errors is not None:
+            counts = [_count_windows(s, horizon_windows, horizon, True) for s, _ in driven]
+            found[horizon] = horizon_errors(*errors, sum(counts))
+    return found
+
+
+def _count_windows(source: Source, cut: WindowCut, horizon: float, standing: bool) -> int:
+    """Return the number of windows of a source in which the robot stands, or moves."""
+    count = 0
+    for piece in source.pieces:
+        if piece.t is not None:
+            count += len(piece.windows(cut, piece.t, horizon, standing)[0])
+    return count
 
 
 def window_errors_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float, WindowErrors]:
-    """Return errors of the relative pose over windows that begin every second, by horizon [s], as `horizons_of` does."""
-    return {
-        h: WindowErrors(h, *errors)
-        for h in horizons
-        if (errors := _errors_of(driven, h, overlapping_windows))
-    }
+    """Return the errors of `horizons_of` over windows that begin every second, by horizon [s]."""
+    errors = {h: _errors_of(driven, h, overlapping_windows) for h in horizons}
+    return {h: WindowErrors(h, *found) for h, found in errors.items() if found is not None}
 
 
 def _errors_of(
     driven: DrivenSources, horizon: float, windows: WindowCut
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return (W,) position errors [m] and yaw errors [rad] over all windows; None where there is none."""
-    errors = [
-        relative_pose_error(
-            motion.pose, piece.reference.pose, *piece.windows(windows, piece.t, horizon)
-        )
-        for source, motions in driven
-        for motion, piece in zip(motions, source.pieces, strict=True)
-        if piece.reference is not None and piece.t is not None
-    ]
-    if not sum(len(position) for position, _ in errors):
+    """Return (W,) position errors [m] and yaw errors [rad] over all windows; None without any."""
+    positions = []
+    yaws = []
+    for motion, piece in _driven_pieces(driven):
+        if piece.reference is None or piece.t is None:
+            continue
+        starts, ends = piece.windows(windows, piece.t, horizon)
+        position, yaw = relative_pose_error(motion.pose, piece.reference.pose, starts, ends)
+        positions.append(position)
+        yaws.append(yaw)
+    if not sum(map(len, positions)):
         return None
-    return np.concatenate([position for position, _ in errors]), np.concatenate(
-        [yaw for _, yaw in errors]
-    )
+    return np.concatenate(positions), np.concatenate(yaws)
+
+
+def _driven_pieces(driven: DrivenSources) -> Iterator[tuple[Trajectory, Piece]]:
+    """Yield each piece of the sources, with the plant's motion over it in front."""
+    for source, motions in driven:
+        yield from zip(motions, source.pieces, strict=True)
 
 
 def signed_windows(
     driven: DrivenSources, horizon: float
 ) -> list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]:
-    """Return predictions over windows that begin every second and their errors, as bands take them, piece by piece.
+    """Return predictions over windows that begin every second and their errors, piece by piece.
 
     Each has the (M, 3) path of the plant, (W,) starts and ends, and (W, 3) errors: the plant's
     motion less the recorded one, x, y [m] in the frame of the start, and yaw [rad].
     """
     signed = []
-    for source, motions in driven:
-        for motion, piece in zip(motions, source.pieces, strict=True):
-            if piece.reference is None or piece.t is None:
-                continue
-            i, j = piece.windows(overlapping_windows, piece.t, horizon)
-            p = motion.pose
-            q = piece.reference.pose
-            error = relative(p[i], p[j]) - relative(q[i], q[j])
-            error[:, 2] = wrap_angle(error[:, 2])
-            signed.append((p, i, j, error))
+    for motion, piece in _driven_pieces(driven):
+        if piece.reference is None or piece.t is None:
+            continue
+        i, j = piece.windows(overlapping_windows, piece.t, horizon)
+        p = motion.pose
+        q = piece.reference.pose
+        error = relative(p[i], p[j]) - relative(q[i], q[j])
+        error[:, 2] = wrap_angle(error[:, 2])
+        signed.append((p, i, j, error))
     return signed
 
 
 def coverage_of(
     driven: DrivenSources, horizons: Sequence[float], band: Band
 ) -> dict[float, dict[str, float]]:
-    """Return the shares of windows that end inside a band, `position` and `yaw`, by horizon [s]; none without windows."""
+    """Return the shares of windows that end inside a band, `position` and `yaw`, by horizon [s].
+
+    A horizon without windows is left out.
+    """
     shares = {}
     for horizon in horizons:
-        sizes = [
-            band.sizes(*window) for window in signed_windows(driven, horizon) if len(window[1])
-        ]
+        windows = [window for window in signed_windows(driven, horizon) if len(window[1])]
+        sizes = [band.sizes(*window) for window in windows]
         if sizes:
-            inside = [
-                float(np.mean(np.concatenate(part) <= 1.0)) for part in zip(*sizes, strict=True)
-            ]
-            shares[horizon] = dict(zip(("position", "yaw"), inside, strict=True))
+            position, yaw = map(np.concatenate, zip(*sizes, strict=True))
+            shares[horizon] = {
+                "position": float(np.mean(position <= 1.0)),
+                "yaw": float(np.mean(yaw <= 1.0)),
+            }
     return shares
 
 
 def band_of(parts: Sequence[DrivenSources]) -> Band | None:
-    """Return the band of a plant from how it predicts logs, see `estimated_band`; None where there are too few windows.
+    """Return the band of a plant's predictions of logs, see `estimated_band`.
 
-    `parts` has the logs as a plant drives them whose numbers were found without their first,
-    second, ... part of time.
+    None where there are too few windows. `parts` has the logs as a plant drives them whose numbers
+    were found without their first, second, ... part of time.
     """
     windows = {}
     for horizon in BAND_HORIZONS:
         drives = [signed_windows(driven, horizon) for driven in parts]
         counts = [len(starts) for _, starts, _, _ in drives[0]]
-        part = np.split(
-            np.arange(sum(counts)) * len(parts) // max(sum(counts), 1), np.cumsum(counts)[:-1]
-        )
-        own = [
-            (w, which == k)
-            for k, drive in enumerate(drives)
-            for w, which in zip(drive, part, strict=False)
-        ]
-        windows[horizon] = [(p, i[its], j[its], error[its]) for (p, i, j, error), its in own]
+        total = sum(counts)
+        # the part of time that each window lies in, piece by piece
+        places = np.arange(total) * len(parts) // max(total, 1)
+        pieces = np.split(places, np.cumsum(counts)[:-1])
+        unseen = []
+        for k, drive in enumerate(drives):
+            for (path, starts, ends, error), place in zip(drive, pieces, strict=False):
+                inside = place == k
+                unseen.append((path, starts[inside], ends[inside], error[inside]))
+        windows[horizon] = unseen
     return estimated_band(windows)
 
 
 def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:
-    """Return the pace of motions; rates of wheels of a radius [m] tell the speed where there are any, as poses may jump."""
-    v, w = (np.concatenate([m.twist[:, k] for m in motions]) for k in (0, 2))
+    """Return the pace of motions; the speed is that of wheels of a radius [m], if there are any."""
+    v = np.concatenate([m.twist[:, 0] for m in motions])
+    w = np.concatenate([m.twist[:, 2] for m in motions])
     wheels = radius * np.concatenate([m.wheels.mean(axis=1) for m in motions])
+    # poses may jump, which wheels do not
     return Pace.of(wheels if np.any(wheels) else v, w)
 
 
-def stranger_sentences(source: Source, robot: Robot) -> list[str]:
-    """Return the sentences on a log of a robot that nobody named; it is taken for `robot`.
+def unknown_robot_notes(source: Source, robot: Robot) -> list[str]:
+    """Return the notes on a log of a robot that nobody named; it is taken for `robot`.
 
     Wheel rates against speed and yaw rate say how large wheels and effective track are, which is
     usually 1.2 to 2.2 times the track. Where these are odd for `robot`, the sentence is logged as a
@@ -509,30 +539,29 @@ def stranger_sentences(source: Source, robot: Robot) -> list[str]:
     """
     if source.reference != RECORDING or source.name in SHIPPED_LOGS:
         return []
-    note = f"{source.title}: taken for a {robot.title or robot.name}, because neither --robot nor --profile names another"
-    motions = [
-        p.reference for p in source.pieces if p.reference is not None and np.any(p.reference.wheels)
-    ]
+    note = (
+        f"{source.title}: taken for a {robot.title or robot.name}, "
+        "because neither --robot nor --profile names another"
+    )
+    references = [p.reference for p in source.pieces]
+    motions = [m for m in references if m is not None and np.any(m.wheels)]
     if not motions:
         return [note]
-    wheels, twist = (
-        np.concatenate([getattr(m, name) for m in motions]) for name in ("wheels", "twist")
-    )
+    wheels = np.concatenate([m.wheels for m in motions])
+    twist = np.concatenate([m.twist for m in motions])
     mean = wheels.mean(axis=1)
     difference = np.diff(wheels)[:, 0]
-    g = robot.geometry
     radius = float(twist[:, 0] @ mean / max(mean @ mean, 1e-9))
     # the sign is the gyro's
-    width = radius * float(difference @ difference / max(abs(twist[:, 2] @ difference), 1e-9))
-    sizes = (
-        ("wheel radius", radius, g.wheel_radius, 1.0 / _ODD, _ODD, mean),
-        ("track", width, g.track, 0.9, 3.0, difference),
-    )
-    odd = [
-        f"a {what} of {size:.2f} m for its {own:.2f} m"
-        for what, size, own, low, high, rates in sizes
-        if np.abs(rates).max() > WHEELS_TURN and not low < size / own < high
-    ]
+    turned = max(abs(twist[:, 2] @ difference), 1e-9)
+    width = radius * float(difference @ difference / turned)
+    odd = []
+    size = robot.geometry.wheel_radius
+    if np.abs(mean).max() > WHEELS_TURN and not 1.0 / _ODD < radius / size < _ODD:
+        odd.append(f"a wheel radius of {radius:.2f} m for its {size:.2f} m")
+    track = robot.geometry.track
+    if np.abs(difference).max() > WHEELS_TURN and not 0.9 < width / track < 3.0:
+        odd.append(f"a track of {width:.2f} m for its {track:.2f} m")
     if odd:
         note += f"; but the log shows {' and '.join(odd)}. Name the robot"
         _logger.warning("%s", note)
@@ -540,19 +569,13 @@ def stranger_sentences(source: Source, robot: Robot) -> list[str]:
 
 
 def standing_sentences(source: Source, horizon: float) -> list[str]:
-    """Return a sentence on a log in many windows of which the robot stands; none for one in which it drives."""
-    many = [
-        sum(
-            len(p.windows(overlapping_windows, p.t, horizon, standing)[0])
-            for p in source.pieces
-            if p.t is not None
-        )
-        for standing in (True, False)
-    ]
-    share = many[0] / max(sum(many), 1)
+    """Return a sentence on a log in which the robot stands in many windows; none for others."""
+    standing = _count_windows(source, overlapping_windows, horizon, True)
+    moving = _count_windows(source, overlapping_windows, horizon, False)
+    share = standing / max(standing + moving, 1)
     if share < _STANDING_SHARE:
         return []
-    windows = f"{100.0 * share:.0f} % of the windows of {horizon:g} s"
-    return [
-        f"{source.title}: the robot stands still throughout {windows}, which count in no median"
-    ]
+    what = (
+        f"the robot stands still throughout {100.0 * share:.0f} % of the windows of {horizon:g} s"
+    )
+    return [f"{source.title}: {what}, which count in no median"]

@@ -30,7 +30,8 @@ from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line
 
-_AT_LIMIT = 0.999  # from this share of a limit on, a torque or a command counts as saturated
+_AT_LIMIT = 0.999
+"""Share of a limit from which a torque or a command counts as saturated."""
 _LIMITED = {
     "side_torque_limit_N_m": ("torque_left", "torque_right"),
     "v_max_m_s": ("v_cmd",),
@@ -39,41 +40,69 @@ _LIMITED = {
 """Names of the limits among the options of a result, and the columns of the log that each holds
 for."""
 
+_LOOP_METRICS = (
+    Metric(
+        "e_rho_rms_m",
+        "e_rho rms",
+        "m",
+        "low",
+        "root mean square of the distance to the moving target, as the controller sees it; "
+        "it is negative behind",
+    ),
+    Metric(
+        "e_y_rms_m", "e_y rms", "m", "low", "root mean square of the target's offset to the left"
+    ),
+    Metric(
+        "e_alpha_rms_rad",
+        "e_alpha rms",
+        "rad",
+        "low",
+        "root mean square of the reference's heading less the robot's; "
+        f"it counts as zero where the target is farther than {ALPHA_SWITCH:g} m",
+    ),
+    Metric(
+        "u_rms_ratio",
+        "u rms ratio",
+        "1",
+        "one",
+        "root mean square of the robot's speed over that of the reference, "
+        "its mean where it is steady (Sec. 4.4.3)",
+    ),
+    Metric(
+        "saturated_fraction",
+        "saturated",
+        "share",
+        "low",
+        "share of time in which a torque or a command was at its limit",
+    ),
+    Metric(
+        "cross_track_max_m",
+        "cross track",
+        "m",
+        "low",
+        "greatest distance of the robot from the path of its reference, "
+        f"within {LOST:g} m of way from its target",
+    ),
+    Metric(
+        "command_effort",
+        "effort",
+        "1",
+        "low",
+        "root mean square of the commands, speed and yaw rate each as a share of its limit",
+    ),
+    Metric(
+        "command_jerk",
+        "jerk",
+        "1/s²",
+        "low",
+        "root mean square of the second derivative in time of the commands as such shares: "
+        "how restless they are",
+    ),
+)
 TRACK_METRICS: Mapping[str, Metric] = {
     **METRICS,
-    **{metric.name: metric for metric in (
-        Metric(
-            "e_rho_rms_m", "e_rho rms", "m", "low",
-            "root mean square of the distance to the moving target, as the controller sees it; it is negative behind",
-        ),
-        Metric("e_y_rms_m", "e_y rms", "m", "low", "root mean square of the target's offset to the left"),
-        Metric(
-            "e_alpha_rms_rad", "e_alpha rms", "rad", "low",
-            "root mean square of the reference's heading less the robot's; "
-            f"it counts as zero where the target is farther than {ALPHA_SWITCH:g} m",
-        ),
-        Metric(
-            "u_rms_ratio", "u rms ratio", "1", "one",
-            "root mean square of the robot's speed over that of the reference, its mean where it is steady (Sec. 4.4.3)",
-        ),
-        Metric(
-            "saturated_fraction", "saturated", "share", "low",
-            "share of time in which a torque or a command was at its limit",
-        ),
-        Metric(
-            "cross_track_max_m", "cross track", "m", "low",
-            f"greatest distance of the robot from the path of its reference, within {LOST:g} m of way from its target",
-        ),
-        Metric(
-            "command_effort", "effort", "1", "low",
-            "root mean square of the commands, speed and yaw rate each as a share of its limit",
-        ),
-        Metric(
-            "command_jerk", "jerk", "1/s²", "low",
-            "root mean square of the second derivative in time of the commands as such shares: how restless they are",
-        ),
-    )},
-}  # fmt: skip
+    **{metric.name: metric for metric in _LOOP_METRICS},
+}
 """Metrics of a robot that follows a reference, by name: those of its path, then those of the
 loop."""
 MOST_SHOWN = 60_000
@@ -150,25 +179,20 @@ class TrackedRobot:
     def thinned(self) -> TrackedRobot:
         """Return it as it is shown, with `MOST_SHOWN` ticks and the last one of a long run."""
         n = len(self.run.t)
-        w = self.target
         if n <= MOST_SHOWN:
             return self
         rows = np.append(np.arange(0, n - 1, math.ceil(n / MOST_SHOWN)), n - 1)
-        target = Trajectory(
-            *(values[rows[rows < len(w)]] for values in (w.t, w.pose, w.twist, w.wheels))
-        )
-        return replace(
-            self,
-            run=replace(self.run, t=self.run.t[rows], table=self.run.table[rows]),
-            target=target,
-        )
+        run = replace(self.run, t=self.run.t[rows], table=self.run.table[rows])
+        w = self.target
+        kept = rows[rows < len(w)]
+        target = Trajectory(w.t[kept], w.pose[kept], w.twist[kept], w.wheels[kept])
+        return replace(self, run=run, target=target)
 
     def failure(self) -> SsmrError | None:
-        """Return the error that says when and where the robot was lost; None for one that came to the end."""
+        """Return the error that says when and where the robot was lost; None if it was not."""
+        name = f"{self.controller} on {self.reference} with the plant {self.plant}"
         try:
-            self.run.require_complete(
-                f"{self.controller} on {self.reference} with the plant {self.plant}"
-            )
+            self.run.require_complete(name)
         except SsmrError as error:
             return error
         return None
@@ -184,7 +208,7 @@ class TrackedRobot:
 
 
 def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]:
-    """Return (M,) whether a torque or a command was at its limit; `limits` are the options of a result."""
+    """Return (M,) whether a torque or a command was at its limit, by the options of a result."""
     at_limit = np.zeros(len(run.t), dtype=np.bool_)
     for name, columns in _LIMITED.items():
         limit = limits.get(name)
@@ -194,28 +218,34 @@ def saturated(run: ClosedRun, limits: Mapping[str, object]) -> NDArray[np.bool_]
 
 
 def reference_of(run: ClosedRun, waypoints: Waypoints, *, whole: bool = False) -> Trajectory:
-    """Return the reference at the ticks of a run, as far as the run came, or with `whole` to its end."""
-    period = float(run.t[1] - run.t[0]) if len(run.t) > 1 else waypoints.duration
-    full = waypoints.trajectory(period)
+    """Return the reference at the ticks of a run, to the run's end, or with `whole` to its own."""
     n = len(run.t)
-    return full if whole else Trajectory(full.t[:n], full.pose[:n], full.twist[:n], full.wheels[:n])
+    period = float(run.t[1] - run.t[0]) if n > 1 else waypoints.duration
+    full = waypoints.trajectory(period)
+    if whole:
+        return full
+    return Trajectory(full.t[:n], full.pose[:n], full.twist[:n], full.wheels[:n])
 
 
 def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, object]) -> Metrics:
-    """Return how well a run followed its reference; a run that was lost is compared with the whole reference.
+    """Return the metrics of a run; one that was lost is compared with the whole reference.
 
-    Args: run: at least one tick. waypoints: the reference. limits: the greatest torque of a side,
-        speed and yaw rate, by their names among the options of a result, and the
-            period of commands, `velocity_period_s`, if it is not the usual one. A limit that is off
-            counts as the thesis' (1 m/s, 2 rad/s).
+    Args:
+        run: at least one tick.
+        waypoints: the reference.
+        limits: the greatest torque of a side, speed and yaw rate, by their names among the options
+            of a result, and the period of commands, `velocity_period_s`, if it is not the default.
+            A limit that is off counts as the thesis' (1 m/s, 2 rad/s).
     """
 
     def rms(name: str) -> float:
         return float(np.sqrt(np.mean(np.square(run.column(name)))))
 
-    def number(name: str, usual: float) -> float:
+    def number(name: str, default: float) -> float:
         value = limits.get(name)
-        return float(value) if isinstance(value, int | float) and math.isfinite(value) else usual
+        if isinstance(value, int | float) and math.isfinite(value):
+            return float(value)
+        return default
 
     along = np.cumulative_sum(waypoints.lengths, include_initial=True)
     aims = np.interp(run.t, waypoints.t - waypoints.t[0], along)
@@ -224,7 +254,9 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
     given = np.arange(0.0, run.t[-1] + 1e-9, period)
     rows = np.minimum(np.searchsorted(run.t, given - 1e-9), len(run.t) - 1)
     largest = np.array([number("v_max_m_s", V_LIMIT), number("w_max_rad_s", W_LIMIT)])
-    effort, jerk = command_measures(run.columns("v_cmd", "w_cmd")[rows] / largest, period)
+    shares = run.columns("v_cmd", "w_cmd")[rows] / largest
+    effort, jerk = command_measures(shares, period)
+    cross_track = cross_track_max(run.columns("x", "y"), waypoints.xy, along, aims, LOST)
     return Metrics(
         {
             **compare_paths(run.motion, reference_of(run, waypoints, whole=True)),
@@ -233,9 +265,7 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
             "e_alpha_rms_rad": rms("e_alpha"),
             "u_rms_ratio": rms("v_x") / max(waypoints.rms_speed, 1e-9),
             "saturated_fraction": float(np.mean(saturated(run, limits))),
-            "cross_track_max_m": cross_track_max(
-                run.columns("x", "y"), waypoints.xy, along, aims, LOST
-            ),
+            "cross_track_max_m": cross_track,
             "command_effort": effort,
             "command_jerk": jerk,
         }
@@ -244,12 +274,15 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
 
 def headline(robot: TrackedRobot) -> str:
     """Return a title: the controller, the reference and its speed."""
-    return f"{robot.controller} follows {Path(one_line(robot.reference)).name} at {robot.speed:.3g} m/s"
+    reference = Path(one_line(robot.reference)).name
+    return f"{robot.controller} follows {reference} at {robot.speed:.3g} m/s"
 
 
 def lost_text(run: ClosedRun) -> str:
-    """Return when and where a robot was lost; empty for one that was not."""
-    if not run.lost or not len(run.t):
-        return "lost at once" if run.lost else ""
+    """Return the time and place where a robot was lost; empty for one that was not."""
+    if not run.lost:
+        return ""
+    if not len(run.t):
+        return "lost at once"
     away = math.hypot(*(run.columns("target_x", "target_y")[-1] - run.columns("x", "y")[-1]))
     return f"lost at t = {run.t[-1]:.2f} s, {away:.2f} m from its target"

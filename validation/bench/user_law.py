@@ -1,7 +1,7 @@
-"""Controllers, planar models and metrics of the user's own: Python objects, or `FILE.py:NAME`, loaded and run as they are.
+"""Controllers, planar models and metrics of the user's own: Python objects, or `FILE.py:NAME`.
 
-The file is a program that the user chose to run: nothing keeps it from doing what any program of
-theirs can do. What goes wrong in it is said in one line with its file and line.
+The file is a program that the user chose to run: it is loaded and run as it is, and nothing
+restricts it. An error in it is said in one line with its file and line.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def is_user_law(name: str) -> bool:
 
 @dataclass(frozen=True)
 class UserLaw:
-    """A user's class, which makes a controller for a mission; it is called like the class itself."""
+    """A user's class, which makes a controller for a mission; it is called like the class."""
 
     name: str
     """The class's name."""
@@ -49,14 +49,18 @@ class UserLaw:
     """The class, or a function that makes the object."""
 
     def __call__(self, mission: Mission) -> Any:
-        """Return the object for a mission; a ControllerError says in a line that it cannot be made, or has no `command`."""
+        """Return the object for a mission.
+
+        Raises:
+            ControllerError: it cannot be made, or has no `command`; one line.
+        """
         with _errors_as(self.path, f"in {self.name}.__init__"):
-            made = self.kind(mission)
-        if not callable(getattr(made, "command", None)):
+            controller = self.kind(mission)
+        if not callable(getattr(controller, "command", None)):
             raise ControllerError(
                 f"{self.place(self.kind)}: {self.name} has no method command(self, now)"
             )
-        return _Guarded(self, made)
+        return _Guarded(self, controller)
 
     def place(self, what: Any) -> str:
         """Return file and line of a class or a function of the user's."""
@@ -67,13 +71,14 @@ class UserLaw:
 
 
 class _Guarded:
-    """A user's object: it is called, and what it returns is checked."""
+    """A user's object: it is called, and its commands are checked."""
 
-    def __init__(self, law: UserLaw, made: Any) -> None:
+    def __init__(self, law: UserLaw, controller: Any) -> None:
         self._law = law
-        self._made = made
-        if callable(see := getattr(made, "observe", None)):
-            self.observe = lambda now: self._call("observe", see, now, now.seen_at)
+        self._controller = controller
+        observe = getattr(controller, "observe", None)
+        if callable(observe):
+            self.observe = lambda now: self._call("observe", observe, now, now.seen_at)
 
     def _call(
         self, name: str, method: Callable[[ControllerInput], Any], now: ControllerInput, t: float
@@ -82,22 +87,23 @@ class _Guarded:
             return method(now)
 
     def command(self, now: ControllerInput) -> tuple[float, float]:
-        given = self._call("command", self._made.command, now, now.t)
+        method = self._controller.command
+        answer = self._call("command", method, now, now.t)
         try:
-            v, w = map(float, given)
+            v, w = map(float, answer)
         except (TypeError, ValueError):
             v = w = math.nan
         if not (math.isfinite(v) and math.isfinite(w)):
-            raise ControllerError(
-                f"{self._law.place(self._made.command)}: command returned {shortened(one_line(repr(given)), 60)} at "
-                f"t = {now.t:.2f} s; wanted speed [m/s] and yaw rate [rad/s], two finite numbers"
-            )
+            returned = f"command returned {shortened(one_line(repr(answer)), 60)}"
+            need = "wanted speed [m/s] and yaw rate [rad/s], two finite numbers"
+            place = self._law.place(method)
+            raise ControllerError(f"{place}: {returned} at t = {now.t:.2f} s; {need}")
         return v, w
 
 
 @contextlib.contextmanager
 def _errors_as(path: Path, where: str, kind: type[Exception] = ControllerError) -> Iterator[None]:
-    """Within, whatever the user's code raises is an error of a kind, in one line with the file's line and `where` it was."""
+    """Turn whatever the user's code raises into one line, with the file's line and `where`."""
     try:
         yield
     except (Exception, SystemExit) as error:  # a user's code may raise anything
@@ -105,32 +111,37 @@ def _errors_as(path: Path, where: str, kind: type[Exception] = ControllerError) 
 
 
 def _fault(path: Path, error: BaseException) -> str:
-    """Return file, line and words of an error: the last line of the user's own file that led to it."""
-    lines = [
-        line
-        for frame, line in traceback.walk_tb(error.__traceback__)
-        if frame.f_code.co_filename == str(path)
-    ]
-    what: object = error
-    if isinstance(error, SyntaxError) and error.filename == str(path):
-        lines = [error.lineno or 1]
-        what = error.msg
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    """Return file, line and words of an error, at the last line of the user's file before it."""
+    line = 1
+    for frame, number in traceback.walk_tb(error.__traceback__):
+        if frame.f_code.co_filename == str(path):
+            line = number
+    what = str(error)
     # numba's words
-    if match := re.search(rf'([^\n]+)\n\s*File "[^"]*{re.escape(path.name)}", line (\d+)', plain):
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", what)
+    match = re.search(rf'([^\n]+)\n\s*File "[^"]*{re.escape(path.name)}", line (\d+)', plain)
+    if match:
         return f"{path}:{match[2]}: {shortened(match[1].strip(), 160)}"
-    words = f"{type(error).__name__}: {what}" if str(what) else type(error).__name__
-    return f"{path}:{lines[-1] if lines else 1}: {shortened(words, 160)}"
+    if isinstance(error, SyntaxError) and error.filename == str(path):
+        line = error.lineno or 1
+        what = error.msg
+    words = type(error).__name__
+    if what:
+        words += f": {what}"
+    return f"{path}:{line}: {shortened(words, 160)}"
 
 
 def load_user_object(name: str) -> tuple[Any, Path]:
-    """Return what `FILE.py:NAME` names, and its file, which is run as a module with its own folder on the path of imports.
+    """Return the object that `FILE.py:NAME` names, and its file.
 
-    Raises: ValueError: there is no such file or name, or the file cannot be run; one line that
-        names file and line.
+    The file is run as a module, with its own folder on the path of imports.
+
+    Raises:
+        ValueError: there is no such file or name, or the file cannot be run; one line that names
+            file and line.
     """
-    text, colon, wanted = name.rpartition(":")
-    if not colon or not wanted.isidentifier():
+    text, colon, attribute = name.rpartition(":")
+    if not colon or not attribute.isidentifier():
         raise ValueError(
             f"'{name}' names nothing in a file; wanted FILE.py:NAME, such as mine.py:Mine"
         )
@@ -151,22 +162,28 @@ def load_user_object(name: str) -> tuple[Any, Path]:
         raise ValueError(_fault(path, error)) from error
     finally:
         sys.dont_write_bytecode = kept
-    if not hasattr(module, wanted):
-        own = [
-            n
-            for n, v in vars(module).items()
-            if not n.startswith("_") and getattr(v, "__module__", "") == spec.name
-        ]
-        raise ValueError(f"{path} has no '{wanted}'; it has: {', '.join(own) or 'nothing'}")
-    return getattr(module, wanted), path
+    if not hasattr(module, attribute):
+        names = []
+        for n, value in vars(module).items():
+            if not n.startswith("_") and getattr(value, "__module__", "") == spec.name:
+                names.append(n)
+        raise ValueError(f"{path} has no '{attribute}'; it has: {', '.join(names) or 'nothing'}")
+    return getattr(module, attribute), path
 
 
-def _file_of(what: Any) -> Path:
+def _file_of(item: Any) -> Path:
     """Return the file of a class or a function that Python code gave, or the name of its module."""
     try:
-        return Path(inspect.getsourcefile(what) or what.__module__)
+        return Path(inspect.getsourcefile(item) or item.__module__)
     except TypeError:
-        return Path(what.__module__)
+        return Path(item.__module__)
+
+
+def _loaded(given: Any) -> tuple[Any, Path]:
+    """Return a user's class or function, itself or by `FILE.py:NAME`, and its file."""
+    if isinstance(given, str):
+        return load_user_object(given)
+    return given, _file_of(given)
 
 
 def _shown(value: object) -> str:
@@ -174,8 +191,12 @@ def _shown(value: object) -> str:
 
 
 def load_user_law(given: str | type) -> UserLaw:
-    """Return the user's class that makes a controller, itself or what `FILE.py:NAME` names; a ValueError says it is none."""
-    kind, path = (given, _file_of(given)) if isinstance(given, type) else load_user_object(given)
+    """Return the user's class that makes a controller, itself or by `FILE.py:NAME`.
+
+    Raises:
+        ValueError: it is no such class.
+    """
+    kind, path = _loaded(given)
     if not callable(kind):
         raise ValueError(f"{path}: {given} is {_shown(kind)}, wanted a class")
     law = UserLaw(kind.__name__, path, kind)
@@ -185,23 +206,25 @@ def load_user_law(given: str | type) -> UserLaw:
 
 
 def add_user_model(given: PlanarLaw | str | None) -> list[str]:
-    """Make the user's planar model, itself or what `FILE.py:NAME` names, a plant of this process; return the names added.
+    """Make the user's planar model, itself or by `FILE.py:NAME`, a plant; return the names added.
 
-    Raises: ValueError: what `load_user_object` raises, it is no `PlanarLaw`, or it cannot be
-        compiled and driven.
+    Raises:
+        ValueError: an error of `load_user_object`, it is no `PlanarLaw`, or it cannot be compiled
+            and driven.
     """
     if given is None:
         return []
-    law, path = (
-        (given, Path(given.name)) if isinstance(given, PlanarLaw) else load_user_object(given)
-    )
+    law: Any = given
+    if isinstance(given, PlanarLaw):
+        path = Path(given.name)
+    else:
+        law, path = load_user_object(given)
     if not isinstance(law, PlanarLaw):
         raise ValueError(f"{path}: {given} is {_shown(law)}, wanted a PlanarLaw")
     add_model(law)
-    with _errors_as(path, f"model {law.name}", ValueError):  # also what numba cannot compile
-        PlanarPlant(PlanarModel(law.parameters(), Vehicle(), Drive())).run(
-            Commands(0.05, np.full((2, 2), 0.1)), State(), 0.05
-        )
+    with _errors_as(path, f"model {law.name}", ValueError):  # also code that numba cannot compile
+        plant = PlanarPlant(PlanarModel(law.parameters(), Vehicle(), Drive()))
+        plant.run(Commands(0.05, np.full((2, 2), 0.1)), State(), 0.05)
     return [law.name]
 
 
@@ -219,25 +242,28 @@ class UserMetric:
     def added(
         self, metrics: Metrics, motions: Sequence[Trajectory], references: Sequence[Trajectory]
     ) -> Metrics:
-        """Return metrics with this one, its mean over all pieces by their samples; an SsmrError says that it failed."""
+        """Return metrics with this one, its mean over all pieces by their samples.
+
+        Raises:
+            SsmrError: the function failed.
+        """
         with _errors_as(self.path, f"in {self.name}", SsmrError):
-            values = [
-                float(self.rate(motion, wanted))
-                for motion, wanted in zip(motions, references, strict=True)
-            ]
-            value = float(np.average(values, weights=[len(wanted) for wanted in references]))
+            pairs = zip(motions, references, strict=True)
+            values = [float(self.rate(motion, reference)) for motion, reference in pairs]
+            value = float(np.average(values, weights=[len(r) for r in references]))
         if not math.isfinite(value):
             raise SsmrError(f"{self.path}: {self.name} returned {value}, wanted a finite number")
         return Metrics({**metrics, self.name: value})
 
 
 def load_user_metric(given: Callable[[Trajectory, Trajectory], float] | str) -> UserMetric:
-    """Return the user's metric: the function itself, or what `FILE.py:NAME` names.
+    """Return the user's metric: the function itself, or by `FILE.py:NAME`.
 
-    Raises: ValueError: what `load_user_object` raises, it is no function, or its name is that of a
-        metric that there is.
+    Raises:
+        ValueError: an error of `load_user_object`, it is no function, or its name is that of
+            another metric.
     """
-    rate, path = load_user_object(given) if isinstance(given, str) else (given, _file_of(given))
+    rate, path = _loaded(given)
     if not inspect.isfunction(rate):
         raise ValueError(
             f"{path}: {given} is {_shown(rate)}, wanted a function of a motion and its reference"

@@ -22,10 +22,13 @@ from validation.files.csv_logs import CsvTable, read_csv_table
 from validation.files.log import Column
 from validation.files.reading import FileError, quoted
 
-_HEADER = "a file of waypoints begins with a header that names x and y [m] and, if it brings its times, t [s]"
+_HEADER = (
+    "a file of waypoints begins with a header that names x and y [m] and, "
+    "if it brings its times, t [s]"
+)
 _UNITS = {"x": "m", "y": "m", "t": "s"}
-# of references that have a name, where none is given [m/s]; the slower of the thesis' two
-_USUAL_SPEED = 0.25
+_DEFAULT_SPEED = 0.25
+"""Speed of references that have a name, where none is given [m/s]; the slower of the thesis'."""
 
 
 def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
@@ -34,12 +37,15 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
     A UTF-8 byte order mark, any line ending and blank lines are fine. Upper and lower case of a
     column's name mean the same.
 
-    Args: path: a CSV file. speed: reference speed [m/s]: it gives the times, and replaces those of
-        the file, except the lengths of its waits.
-            None: the file's own.
+    Args:
+        path: a CSV file.
+        speed: reference speed [m/s]: it gives the times, and replaces those of the file, except the
+            lengths of its waits. None: the file's own.
 
-    Raises: FileError: the file cannot be read, has no waypoints, no times while there is no speed,
-        or is beyond the limits. ValueError: the speed is not positive and finite.
+    Raises:
+        FileError: the file cannot be read, has no waypoints, no times while there is no speed, or
+            is beyond the limits.
+        ValueError: the speed is not positive and finite.
     """
     path = Path(path)
     if path.suffix.lower() != ".csv" and not path.is_dir():
@@ -65,10 +71,11 @@ def read_waypoints(path: str | Path, speed: float | None = None) -> Waypoints:
         fault = find_fault(t, xy)
     if fault is not None:
         raise FileError(path, fault.what, table.lines[fault.row], fault.column)
-    if speed is None:
-        assert t is not None  # the file has times, or an error
-        return Waypoints(t, xy)
-    return Waypoints.from_path(xy, speed) if t is None else Waypoints(t, xy).at_speed(speed)
+    if t is None:
+        assert speed is not None  # or the file has times
+        return Waypoints.from_path(xy, speed)
+    waypoints = Waypoints(t, xy)
+    return waypoints if speed is None else waypoints.at_speed(speed)
 
 
 def _require_columns(table: CsvTable, names: Sequence[str], wanted: Sequence[str]) -> None:
@@ -88,42 +95,51 @@ def _require_columns(table: CsvTable, names: Sequence[str], wanted: Sequence[str
 
 
 def generic(speed: float) -> Waypoints:
-    """Return the generic trajectory: a lab's tight corners, practicable at 0.25 m/s and hardly at 0.5 (docs/references.md).
+    """Return the generic trajectory: a lab's tight corners (docs/references.md).
 
-    The thesis' own (Fig. 4.5) is lost. The reference speed is in m/s.
+    It is practicable at 0.25 m/s and hardly at 0.5. The thesis' own (Fig. 4.5) is lost. The
+    reference speed is in m/s.
 
     Raises:
         ValueError: the speed is not positive and finite.
     """
-    with resources.as_file(
-        resources.files("validation.bench").joinpath("references", "generic.csv")
-    ) as path:
+    folder = resources.files("validation.bench")
+    with resources.as_file(folder.joinpath("references", "generic.csv")) as path:
         return read_waypoints(path, speed)
 
 
-REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType({
-    **{"line": line, "circle": circle, "sine": sine, "generic": generic},  # of Sec. 4.1.3
-    "eight": eight,
-    "slalom": partial(sine, amplitude=0.35, wavelength=2.4, periods=4.0),  # at most 2.40 1/m
-    "square": square,
-    "spiral": spiral,
-    "u-turn": u_turn,
-    "stop-and-go": stop_and_go,
-    "long-line": partial(line, length=200.0),  # errors that grow slowly show
-})  # fmt: skip
+REFERENCES: Mapping[str, Callable[[float], Waypoints]] = MappingProxyType(
+    {
+        # of Sec. 4.1.3
+        "line": line,
+        "circle": circle,
+        "sine": sine,
+        "generic": generic,
+        # of this project
+        "eight": eight,
+        "slalom": partial(sine, amplitude=0.35, wavelength=2.4, periods=4.0),  # at most 2.40 1/m
+        "square": square,
+        "spiral": spiral,
+        "u-turn": u_turn,
+        "stop-and-go": stop_and_go,
+        "long-line": partial(line, length=200.0),  # errors that grow slowly show
+    }
+)
 """All references that have a name, the thesis' and this project's own, each a function of the
 reference speed [m/s]."""
 
 
 def split_speed(reference: str) -> tuple[str, float | None]:
-    """Return the name or path and the speed [m/s] of a reference such as `circle@0.5`; None where it names no speed.
+    """Return the name or path and the speed [m/s], or None, of a reference such as `circle@0.5`.
 
     Raises:
-        ValueError: what follows the name of a reference is no number.
+        ValueError: the speed of a reference that has a name is no number.
     """
-    name, at, given = reference.rpartition("@")
+    name, at, speed = reference.rpartition("@")
+    if not at:
+        return reference, None
     try:
-        return (name, float(given)) if at else (reference, None)
+        return name, float(speed)
     except ValueError as error:
         if name in REFERENCES:
             raise ValueError(f"'{reference}' is no REFERENCE@SPEED such as circle@0.5") from error
@@ -131,23 +147,26 @@ def split_speed(reference: str) -> tuple[str, float | None]:
 
 
 def open_reference(name_or_path: str, speed: float | None = None) -> tuple[str, Waypoints]:
-    """Return the name in tables and the waypoints of what to follow: a reference by name, or a CSV file.
+    """Return the name in tables and the waypoints of a reference by its name, or of a CSV file.
 
     The name or path may have a speed behind it, as `circle@0.5`, or `speed` [m/s] is given. Without
     either, a file has its own times, and a reference that has a name is driven at 0.25 m/s.
 
-    Raises: ValueError: an unknown name, two different speeds, a file without times where there is
-        no speed, or one that cannot
-            be read.
+    Raises:
+        ValueError: an unknown name, two different speeds, a file without times where there is no
+            speed, or one that cannot be read.
     """
-    name, own = split_speed(name_or_path)
-    if own is not None and speed is not None and own != speed:
+    name, named_speed = split_speed(name_or_path)
+    if speed is None:
+        speed = named_speed
+    elif named_speed is not None and named_speed != speed:
         raise ValueError(
-            f"two speeds are given, {own:g} m/s in '{name_or_path}' and {speed:g} m/s; leave out one of them"
+            "two speeds are given, "
+            f"{named_speed:g} m/s in '{name_or_path}' and {speed:g} m/s; "
+            "leave out one of them"
         )
-    speed = own if speed is None else speed
     if name in REFERENCES:
-        return name, REFERENCES[name](_USUAL_SPEED if speed is None else speed)
+        return name, REFERENCES[name](_DEFAULT_SPEED if speed is None else speed)
     path = Path(name)
     if not path.suffix and not path.exists():
         raise ValueError(

@@ -1,1 +1,1 @@
-"""Files from outside and for outside: logs of robots as one `Log`, read safely and written whole."""
+"""Logs of robots as one `Log`: foreign files are read safely, and files are written whole."""

@@ -1,4 +1,4 @@
-"""Signals of a log that contradict one another: wrong signs, swapped columns, left-handed frames and wrong units.
+"""Signals of a log that contradict one another: signs, swapped columns, frames and units.
 
 A log tells the yaw rate up to five times, by the difference of the wheels, gyro, heading, odometry
 and commands, and the forward speed up to four times, by the mean of the wheels, the way along the
@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ssmr.geometry import integral
 from ssmr.types import FloatArray
@@ -24,71 +24,80 @@ from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, UNITS, Group, Lo
 from validation.files.signals import fresh_poses, refreshed
 
 _WINDOW_S = 1.0
+"""Length of the windows over which signals are averaged [s]."""
 _STEP_S = 0.5
-"""Length of the windows over which signals are averaged, and time between the middles of two
-[s]."""
+"""Time between the middles of two windows [s]."""
 _LAGS = np.arange(-1.5, 1.51, 0.1)
 """Delays of a sensor or a command that are tried [s]."""
-# length of a log from which the times above hold [s]; of a shorter one they are parts
 _SHORT_S = 60.0
+"""Length of a log from which the times above hold [s]; of a shorter one they are parts."""
 _FEWEST = 20
+"""Number of windows from which they say anything of signals."""
 _MOST = 4000
-"""Number of windows that say anything of signals, and number of them that suffices."""
-_ALIKE = 0.65
+"""Number of windows that suffices."""
+_SIMILAR = 0.65
 """Size of a correlation from which two signals tell of the same motion."""
 _SURE = 0.8
-_LESS_ALIKE = 0.3
-_SLIPS = 0.7
-"""Correlation of signals that surely tell of one motion, and how much less a signal has that tells
-of none, or wheels that slip."""
+"""Correlation of signals that surely tell of one motion."""
+_UNRELATED_LOSS = 0.3
+"""Correlation that a signal lacks, compared with the others, if it tells of no motion."""
+_SLIP_LOSS = 0.7
+"""Correlation that wheels may lack, compared with the other signals, because they slip."""
 _SAME = 0.9
+"""Correlation of signals that differ by noise alone."""
 _SUM = 0.97
+"""Correlation of a signal with a sum of others that explains it."""
 _CLEARLY = 0.2
-"""Correlations of signals that differ by noise alone, and of one with a sum of others; and the
-logarithm of a factor beyond what can be that is no noise."""
+"""Logarithm of a factor beyond the possible ones that is no noise."""
 _SIDES_DIFFER = 1.5
+"""Factor by which one side of wheels may turn the robot more than the other; 1.1 on ice."""
 _TOGETHER = 8.0
-"""Factor by which one side of wheels may count for more than the other in how the robot turns, 1.1
-on ice; and ratio of the singular values of their rates from which they turn together too much to
-tell."""
+"""Ratio of the singular values of the sides' rates from which they turn too much together."""
 _MOST_LAG = 120
+"""Longest difference of two clocks that is looked for, in steps."""
 _CLOCKS_GAIN = 0.1
-"""Longest difference of two clocks that is looked for, in steps, and what correlation must gain by
-it [1]."""
+"""Correlation that a difference of clocks must gain [1]."""
 _FAR = math.log(3.0)
-"""Logarithm of the factor beyond what can be from which signals contradict each other that are only
-alike, as on ice."""
+"""Logarithm of the factor beyond the possible ones from which similar signals contradict."""
 _SHARES = 60.0, 85.0
-"""Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip make smaller,
-as on ice."""
+"""Percentiles of ratios of rates: of yaw rates, and of speeds, which wheels that slip lessen."""
 _GAIN = 0.5
+"""Gain of agreement from which a correction names a fault."""
 _GAIN_OF_UNITS = 0.8
-"""Gains of agreement from which a correction names a fault: of signals that were unlike, and of one
-in another unit."""
-_TIE = 0.1  # difference of two gains below which both corrections are as good
+"""The same gain of a correction of units, after which signals correlate as before."""
+_TIE = 0.1
+"""Difference of two gains below which both corrections are as good."""
 _MOST_FAULTS = 4
-_MOVES = 0.1  # rate from which a robot moves [m/s, rad/s]
+"""Greatest number of mistakes that are corrected one after the other."""
+_MOVES = 0.1
+"""Rate from which a robot moves [m/s, rad/s]."""
 _FROZEN = 0.2
 """Share of the windows with motion from which a column that keeps its value is frozen [1];
 localisers stall for less."""
-_RADIUS = 0.165  # radius of a wheel where nobody says it [m], a Husky's
-_RATES = (*COMMAND_COLUMNS["wheels"], "odom_v", "odom_w", "gyro_z", *COMMAND_COLUMNS["twist"])
+_RADIUS = 0.165
+"""Radius of a wheel where nobody says it [m], a Husky's."""
+_WHEELS = COMMAND_COLUMNS["wheels"]
+_RATES = (*_WHEELS, "odom_v", "odom_w", "gyro_z", *COMMAND_COLUMNS["twist"])
 
 Channels = Mapping[str, FloatArray]
 """(N,) means over windows by column: rates; of x, y and yaw their rates of change, and `heading`,
 the yaw itself [rad]."""
+_Ways = dict[str, tuple[FloatArray, FloatArray]]
+"""By column, (K,) stamps [s] and the way since the first of them."""
+_Sources = dict[str, tuple[str, float]]
+"""Channels that change: the channel that each is made of, and the factor [1]."""
 
 
 @dataclass(frozen=True)
 class LogFault:
-    """Something in a log that is not what the names of its columns say."""
+    """A contradiction between the columns of a log and their names."""
 
     kind: str
     """`sign`, `swapped`, `scale`, `handedness`, `frozen` or `clock`."""
     columns: tuple[str, ...]
     """Columns that it is in, or may be in."""
     sentence: str
-    """Sentence that says what is wrong."""
+    """Sentence on the fault."""
 
 
 # ------------------------------------------------------------------------------------------
@@ -98,161 +107,159 @@ class _Correction(NamedTuple):
 
     kind: str
     columns: tuple[str, ...]
-    what: str
-    """Words that say what the columns seem to do or be."""
-    sources: Mapping[str, tuple[str, float]]
-    """Channels that change: the channel that each is made of, and the factor [1]."""
-    turned: float = 0.0
+    appearance: str
+    """Words for the mistake, after `the columns seem to`."""
+    sources: _Sources
+    rotation: float = 0.0
     """Angle that is added to the heading after that [rad]."""
 
     def applied(self, signals: Channels) -> dict[str, FloatArray]:
         """Return the channels without the mistake."""
-        changed = {
-            name: factor * signals[source] for name, (source, factor) in self.sources.items()
-        }
-        if self.turned:
-            changed["heading"] = changed["heading"] + self.turned
-        return {**signals, **changed}
+        changed = dict(signals)
+        for name, (source, factor) in self.sources.items():
+            changed[name] = factor * signals[source]
+        if self.rotation:
+            changed["heading"] = changed["heading"] + self.rotation
+        return changed
 
 
-def _times(factor: float, *names: str) -> dict[str, tuple[str, float]]:
+def _scaled(factor: float, *names: str) -> _Sources:
     """Return the columns times a factor, and with yaw the heading."""
-    return {name: (name, factor) for name in (*names, *(("heading",) if "yaw" in names else ()))}
+    sources = {name: (name, factor) for name in names}
+    if "yaw" in names:
+        sources["heading"] = ("heading", factor)
+    return sources
 
 
 def _corrections(radius: float) -> Iterator[_Correction]:
-    left, right = wheels = COMMAND_COLUMNS["wheels"]
-    for signed in (wheels, *((name,) for name in (*_RATES, "yaw"))):
-        yield _Correction("sign", signed, "have the wrong sign", _times(-1.0, *signed))
-    yield _Correction(
-        "sign",
-        POSE_COLUMNS,
-        "be half a turn apart: the robot drives backwards",
-        _times(-1.0, "x", "y"),
-    )
-    for a, b in (wheels, ("x", "y"), COMMAND_COLUMNS["twist"], ("odom_v", "odom_w")):
+    """Yield every correction that is tried; `radius` is that of the wheels [m]."""
+    left, right = _WHEELS
+    yield _Correction("sign", _WHEELS, "have the wrong sign", _scaled(-1.0, *_WHEELS))
+    for name in (*_RATES, "yaw"):
+        yield _Correction("sign", (name,), "have the wrong sign", _scaled(-1.0, name))
+    backwards = "be half a turn apart: the robot drives backwards"
+    yield _Correction("sign", POSE_COLUMNS, backwards, _scaled(-1.0, "x", "y"))
+    for a, b in (_WHEELS, ("x", "y"), COMMAND_COLUMNS["twist"], ("odom_v", "odom_w")):
         yield _Correction("swapped", (a, b), "be swapped", {a: (b, 1.0), b: (a, 1.0)})
-    yield _Correction(
-        "swapped", wheels, "be swapped and negative", {left: (right, -1.0), right: (left, -1.0)}
-    )
+    crossed = {left: (right, -1.0), right: (left, -1.0)}
+    yield _Correction("swapped", _WHEELS, "be swapped and negative", crossed)
     for mirrored in (("y",), ("x",), ("y", "yaw")):
         what = "have the wrong sign: the frame is left-handed"
-        yield _Correction("handedness", mirrored, what, _times(-1.0, *mirrored))
+        yield _Correction("handedness", mirrored, what, _scaled(-1.0, *mirrored))
     quarter = 0.5 * math.pi
-    yield _Correction(
-        "handedness",
-        ("yaw",),
-        "turn clockwise from north, as a compass",
-        _times(-1.0, "yaw"),
-        quarter,
-    )
-    for turned in (-quarter, quarter):
-        yield _Correction(
-            "handedness", ("yaw",), "be a quarter turn off", _times(1.0, "yaw"), turned
-        )
-    rates, speeds, ways, angles = (
-        {unit: factor for unit, (base, factor) in UNITS.items() if base == wanted}
-        for wanted in ("rad/s", "m/s", "m", "rad")
-    )
-    rims = {**{unit: factor / radius for unit, factor in {"m/s": 1.0, **speeds}.items()}, **rates}
-    del rims["m/min"]  # nobody logs it, and of a Husky it is rpm within 4 %
-    units: dict[tuple[str, ...], dict[str, float]] = {
-        **dict.fromkeys((wheels, (left,), (right,)), rims),
-        **dict.fromkeys((("gyro_z",), ("cmd_w",), ("odom_w",)), rates),
-        **dict.fromkeys((("cmd_v",), ("odom_v",)), speeds),
-        ("x", "y"): ways,
-        ("yaw",): angles,
-    }
-    for names, there in units.items():
-        for unit, factor in there.items():
-            yield _Correction("scale", names, f"be in {unit}", _times(factor, *names))
+    compass = "turn clockwise from north, as a compass"
+    yield _Correction("handedness", ("yaw",), compass, _scaled(-1.0, "yaw"), quarter)
+    for turn in (-quarter, quarter):
+        what = "be a quarter turn off"
+        yield _Correction("handedness", ("yaw",), what, _scaled(1.0, "yaw"), turn)
+    yield from _unit_corrections(radius)
     for unit in ("min", "ms"):
-        moved = {name: (name, 1.0 / UNITS[unit][1]) for name in POSE_COLUMNS}
-        yield _Correction("clock", ("t",), f"be in {unit}", moved)
+        slower = {name: (name, 1.0 / UNITS[unit][1]) for name in POSE_COLUMNS}
+        yield _Correction("clock", ("t",), f"be in {unit}", slower)
 
 
-# ------------------------------------------------------------------------------------------ what
-# the columns tell
+def _unit_corrections(radius: float) -> Iterator[_Correction]:
+    """Yield the corrections of columns in another unit; wheels may be in speeds of their rims."""
+    rates = _factors("rad/s")
+    speeds = _factors("m/s")
+    rims = {unit: factor / radius for unit, factor in {"m/s": 1.0, **speeds}.items()} | rates
+    del rims["m/min"]  # nobody logs it, and of a Husky it is rpm within 4 %
+    for names in (_WHEELS, *((name,) for name in _WHEELS)):
+        yield from _in_units(names, rims)
+    for name in ("gyro_z", "cmd_w", "odom_w"):
+        yield from _in_units((name,), rates)
+    for name in ("cmd_v", "odom_v"):
+        yield from _in_units((name,), speeds)
+    yield from _in_units(("x", "y"), _factors("m"))
+    yield from _in_units(("yaw",), _factors("rad"))
+
+
+def _factors(unit: str) -> dict[str, float]:
+    """Return the other units of a quantity, and the factor of each to `unit`."""
+    return {name: factor for name, (base, factor) in UNITS.items() if base == unit}
+
+
+def _in_units(names: tuple[str, ...], factors: Mapping[str, float]) -> Iterator[_Correction]:
+    for unit, factor in factors.items():
+        yield _Correction("scale", names, f"be in {unit}", _scaled(factor, *names))
+
+
+# ------------------------------------------------------------------------------------------
+# signals of the columns
 def channels(log: Log) -> Channels | None:
-    """Return the channels of a log, each brought to the time of the first; None where there is too little to compare."""
-    groups = [
-        g
-        for name in ("wheels", "odom", "imu", "cmd", "pose")
-        if (g := log.groups.get(name)) is not None
-    ]
-    start = max((g.t[0] for g in groups), default=0.0)
-    stop = min((g.t[-1] for g in groups), default=0.0)
-    period = min((g.period for g in groups), default=0.0)
+    """Return the channels of a log on the clock of the first; None where there are too few.
+
+    Each group is brought to the time of the first. At least two groups must overlap for `_FEWEST`
+    windows outside their gaps.
+    """
+    names = ("wheels", "odom", "imu", "cmd", "pose")
+    groups = [log.groups[name] for name in names if name in log.groups]
+    if len(groups) < 2:
+        return None
+    start = max(g.t[0] for g in groups)
+    stop = min(g.t[-1] for g in groups)
+    period = min(g.period for g in groups)
     unit = max(min(1.0, max(0.0, stop - start) / _SHORT_S), 2.0 * period / _STEP_S)
+    # windows that are moved by the longest lag stay within all groups
     margin = unit * (_WINDOW_S + float(_LAGS[-1]))
     step = unit * _STEP_S
-    if len(groups) < 2 or (stop - start - 2.0 * margin) < _FEWEST * step:
+    length = stop - start - 2.0 * margin
+    if length < _FEWEST * step:
         return None
-    middles = (
-        start
-        + margin
-        + step * np.arange(min(_MOST, math.floor((stop - start - 2.0 * margin) / step)))
-    )
+    n = min(_MOST, math.floor(length / step))
+    middles = start + margin + step * np.arange(n)
     means = dict[str, FloatArray]()
-    known = np.ones(len(middles), dtype=bool)
-    explaining = list[FloatArray]()
+    usable = np.ones(n, dtype=bool)
+    bases = list[FloatArray]()
     for group in groups:
         sums = _sums(group)
-        lag = unit * _lag(sums, middles, explaining, unit) if means else 0.0
-        means |= _means(sums, middles + lag, unit)
+        lag = unit * _lag(sums, middles, bases, unit) if means else 0.0
+        at = middles + lag
+        means |= _means(sums, at, unit)
         for edge in (-0.5, 0.0, 0.5):
-            known &= ~group.in_gaps(middles + lag + edge * unit)
-        if means and not explaining:
+            usable &= ~group.in_gaps(at + edge * unit)
+        if means and not bases:
             rates = np.column_stack(list(means.values()))
-            products = np.einsum("ni,nj->nij", rates, rates).reshape(len(rates), -1)
-            explaining = [np.linalg.qr(basis)[0] for basis in (rates, products)]
-    return (
-        {name: values[known] for name, values in means.items()}
-        if np.count_nonzero(known) >= _FEWEST
-        else None
-    )
+            products = np.einsum("ni,nj->nij", rates, rates).reshape(n, -1)
+            bases = [np.linalg.qr(basis)[0] for basis in (rates, products)]
+    if np.count_nonzero(usable) < _FEWEST:
+        return None
+    return {name: values[usable] for name, values in means.items()}
 
 
-def _sums(group: Group) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return stamps [s] of a group's new samples by column, and the way since the first: integrals of rates; x, y, yaw."""
-    sums = dict[str, tuple[FloatArray, FloatArray]]()
+def _sums(group: Group) -> _Ways:
+    """Return the ways of a group's columns, of new samples: integrals of rates; x, y and yaw."""
+    sums = {}
     pose = group.table(POSE_COLUMNS)
-    for name in (n for n in group.columns if n in (*POSE_COLUMNS, *_RATES)):
-        values = group.columns[name][:, None]
-        new = (
-            fresh_poses(group.t, values if pose is None else pose)
-            if name in POSE_COLUMNS
-            else refreshed(group.t, values)
-        )
-        t = group.t[new]
-        way = values[new, 0]
-        sums[name] = t, way if name in POSE_COLUMNS else integral(t, way)
+    for name, values in group.columns.items():
+        column = values[:, None]
+        if name in POSE_COLUMNS:
+            new = fresh_poses(group.t, column if pose is None else pose)
+            sums[name] = group.t[new], values[new]
+        elif name in _RATES:
+            new = refreshed(group.t, column)
+            t = group.t[new]
+            sums[name] = t, integral(t, values[new])
     return sums
 
 
-def _means(
-    sums: Mapping[str, tuple[FloatArray, FloatArray]], middles: FloatArray, window: float
-) -> dict[str, FloatArray]:
+def _means(sums: _Ways, middles: FloatArray, window: float) -> dict[str, FloatArray]:
     """Return the channels over a `window` [s] around the (N,) middles [s]."""
     low = middles - 0.5 * window
     high = middles + 0.5 * window
-    means = {
-        name: (np.interp(high, t, way) - np.interp(low, t, way)) / window
-        for name, (t, way) in sums.items()
-    }
-    return means | ({"heading": np.interp(middles, *sums["yaw"])} if "yaw" in sums else {})
+    means = {}
+    for name, (t, way) in sums.items():
+        means[name] = (np.interp(high, t, way) - np.interp(low, t, way)) / window
+    if "yaw" in sums:
+        means["heading"] = np.interp(middles, *sums["yaw"])
+    return means
 
 
-def _lag(
-    sums: Mapping[str, tuple[FloatArray, FloatArray]],
-    middles: FloatArray,
-    explaining: Sequence[FloatArray],
-    unit: float,
-) -> float:
-    """Return the delay of a group's columns [`unit`], whatever signs and units: where others explain most of what they tell.
+def _lag(sums: _Ways, middles: FloatArray, bases: Sequence[FloatArray], unit: float) -> float:
+    """Return the delay of a group's columns [`unit`] at which the others explain most of them.
 
-    Rates are explained by the rates of another group, the square of a speed of positions by their
-    products; `explaining` has an orthonormal basis of each.
+    Signs and units do not matter. Rates are explained by the rates of another group, the square of
+    a speed of positions by their products; `bases` has an orthonormal basis of each.
     """
 
     def share(values: FloatArray, basis: FloatArray) -> float:
@@ -262,13 +269,10 @@ def _lag(
     most = 0.0
     for lag in _LAGS:
         means = _means(sums, middles + unit * lag, unit)
-        explained = sum(
-            share(a, explaining[0])
-            for name, a in means.items()
-            if name not in ("x", "y", "heading")
-        )
+        rates = [means[name] for name in means if name not in ("x", "y", "heading")]
+        explained = sum(share(values, bases[0]) for values in rates)
         if "x" in means and "y" in means:
-            explained += share(means["x"] ** 2 + means["y"] ** 2, explaining[1])
+            explained += share(means["x"] ** 2 + means["y"] ** 2, bases[1])
         if explained > most:
             best = float(lag)
             most = explained
@@ -276,64 +280,77 @@ def _lag(
 
 
 def apart(log: Log) -> Iterator[LogFault]:
-    """Yield a fault if headings come so much earlier or later than gyro or wheels that no delay can be taken out."""
-    sums = {name: way for group in log.groups.values() for name, way in _sums(group).items()}
-    left, right = (sums.get(name) for name in COMMAND_COLUMNS["wheels"])
+    """Yield a fault if headings are so far from gyro or wheels that no delay can be taken out."""
+    sums = _Ways()
+    for group in log.groups.values():
+        sums |= _sums(group)
+    left, right = (sums.get(name) for name in _WHEELS)
     if left and right:
         sums["wheels"] = left[0], np.interp(left[0], *right) - left[1]
-    first = next((name for name in ("gyro_z", "wheels") if name in sums), "")
+    clock = next((name for name in ("gyro_z", "wheels") if name in sums), "")
     yaw = sums.get("yaw")
-    if not first or not yaw:
+    if not clock or not yaw:
         return
-    (t, way), start = sums[first], max(sums[first][0][0], yaw[0][0])
-    grid = np.arange(start, min(t[-1], yaw[0][-1], start + _MOST), _STEP_S)
-    a, b = (np.diff(np.interp(grid, *each)) for each in ((t, way), yaw))
-    most = min(_MOST_LAG, len(a) // 3)
-    alike = [
-        abs(_likeness(a[max(0, -k) : len(a) - max(0, k)], b[max(0, k) : len(b) + min(0, k)]))
-        for k in range(-most, most + 1)
-    ]
+    t, way = sums[clock]
+    start = max(t[0], yaw[0][0])
+    stop = min(t[-1], yaw[0][-1], start + _MOST)
+    grid = np.arange(start, stop, _STEP_S)
+    a = np.diff(np.interp(grid, t, way))
+    b = np.diff(np.interp(grid, *yaw))
+    n = len(a)
+    most = min(_MOST_LAG, n // 3)
+    correlations = []
+    for k in range(-most, most + 1):
+        x = a[max(0, -k) : n - max(0, k)]
+        y = b[max(0, k) : n + min(0, k)]
+        correlations.append(abs(_correlation(x, y)))
+    # lags that `channels` takes out are no fault
     near = round(_LAGS[-1] / _STEP_S)
-    late = _STEP_S * (int(np.argmax(alike)) - most)
-    if max(alike) > max(_SAME, max(alike[max(0, most - near) : most + near + 1]) + _CLOCKS_GAIN):
-        what = f"yaw tells of turns about {abs(late):.1f} s {'after' if late > 0.0 else 'before'} {first}"
-        yield LogFault(
-            "clock", ("t",), f"{what}: their clocks differ, and no delay so long is taken out"
-        )
+    nearest = max(correlations[max(0, most - near) : most + near + 1])
+    if max(correlations) <= max(_SAME, nearest + _CLOCKS_GAIN):
+        return
+    late = _STEP_S * (int(np.argmax(correlations)) - most)
+    order = "after" if late > 0.0 else "before"
+    sentence = (
+        f"yaw tells of turns about {abs(late):.1f} s {order} {clock}: "
+        "their clocks differ, and no delay so long is taken out"
+    )
+    yield LogFault("clock", ("t",), sentence)
 
 
-# ------------------------------------------------------------------------------------------ do they
-# agree
+# ------------------------------------------------------------------------------------------
+# agreement
 class _Measure(NamedTuple):
-    """One signal of a rate, with how many times the true rate it is: at least, usually and at most."""
+    """One signal of a rate, and the range of its ratio to the true rate [1]."""
 
     columns: tuple[str, ...]
     values: FloatArray
     """(N,) numbers of the log; NaN where it tells nothing."""
     least: float
-    usual: float
+    """Smallest possible ratio."""
+    typical: float
+    """Ratio of most logs."""
     most: float
+    """Greatest possible ratio."""
 
 
 def _measures(signals: Channels, radius: float | None) -> tuple[list[_Measure], list[_Measure]]:
-    """Return what tells the yaw rate and the forward speed, the surest first.
+    """Return the measures of the yaw rate and of the forward speed, the surest first.
 
     The difference of the wheels' rates is 2 alpha b / r times the yaw rate, with alpha from 1.3 on
     where wheels skid: 6 to 9 where it was measured, whatever the size of the robot. Where nobody
     knows the radius, that shows the wheels' unit. Commands of turning are not what the body does,
     nor is the odometry of wheels that skid.
     """
-    left, right = wheels = COMMAND_COLUMNS["wheels"]
-    turning = [
-        _Measure((name,), signals[name], 0.93, 1.0, 1.07)
-        for name in ("gyro_z", "yaw")
-        if name in signals
-    ]
-    forward = list[_Measure]()
+    left, right = _WHEELS
+    turning = []
+    forward = []
+    for name in ("gyro_z", "yaw"):
+        if name in signals:
+            turning.append(_Measure((name,), signals[name], 0.93, 1.0, 1.07))
     if all(name in signals for name in POSE_COLUMNS):
-        along = signals["x"] * np.cos(signals["heading"]) + signals["y"] * np.sin(
-            signals["heading"]
-        )
+        heading = signals["heading"]
+        along = signals["x"] * np.cos(heading) + signals["y"] * np.sin(heading)
         forward.append(_Measure(("x", "y"), along, 0.85, 1.0, 1.18))
     if "odom_w" in signals:
         turning.append(_Measure(("odom_w",), signals["odom_w"], 0.6, 1.0, 4.0))
@@ -341,183 +358,198 @@ def _measures(signals: Channels, radius: float | None) -> tuple[list[_Measure], 
         forward.append(_Measure(("odom_v",), signals["odom_v"], 0.6, 1.0, 1.7))
     if left in signals and right in signals:
         least = 3.2 if radius is None else 2.0
-        turning.append(_Measure(wheels, signals[right] - signals[left], least, 6.3, 25.0))
-        around = (
-            (1.7, 1.0 / _RADIUS, 33.0)
-            if radius is None
-            else (0.75 / radius, 1.0 / radius, 1.25 / radius)
-        )
-        forward.append(_Measure(wheels, 0.5 * (signals[left] + signals[right]), *around))
-    # else by joystick
-    commanded = np.any(
-        [signals[n] != 0.0 for n in COMMAND_COLUMNS["twist"] if n in signals], axis=0
-    )
+        turning.append(_Measure(_WHEELS, signals[right] - signals[left], least, 6.3, 25.0))
+        around = (1.7, 1.0 / _RADIUS, 33.0)
+        if radius is not None:
+            around = (0.75 / radius, 1.0 / radius, 1.25 / radius)
+        forward.append(_Measure(_WHEELS, 0.5 * (signals[left] + signals[right]), *around))
+    # where both commands are zero, a joystick may drive
+    commands = [signals[n] != 0.0 for n in COMMAND_COLUMNS["twist"] if n in signals]
+    commanded = np.any(commands, axis=0)
     if "cmd_w" in signals:
-        turning.append(
-            _Measure(("cmd_w",), np.where(commanded, signals["cmd_w"], math.nan), 0.6, 2.3, 15.0)
-        )
+        yaw_rate = np.where(commanded, signals["cmd_w"], math.nan)
+        turning.append(_Measure(("cmd_w",), yaw_rate, 0.6, 2.3, 15.0))
     if "cmd_v" in signals:
-        forward.append(
-            _Measure(("cmd_v",), np.where(commanded, signals["cmd_v"], math.nan), 0.6, 1.05, 2.7)
-        )
+        speed = np.where(commanded, signals["cmd_v"], math.nan)
+        forward.append(_Measure(("cmd_v",), speed, 0.6, 1.05, 2.7))
     return turning, forward
 
 
 def _agreement(signals: Channels, radius: float | None) -> float:
-    """Return how well the signals agree: a sum over pairs, 1 where they agree and -1 where they contradict each other."""
-    total = sum(
-        _agree(a, b, share)
-        for measures, share in zip(_measures(signals, radius), _SHARES, strict=True)
-        for a, b in combinations(measures, 2)
-    )
+    """Return how well the signals agree: over all pairs, the sum of 1 if they do and -1 if not."""
+    total = 0.0
+    for measures, percent in zip(_measures(signals, radius), _SHARES, strict=True):
+        for a, b in combinations(measures, 2):
+            total += _agree(a, b, percent)
     if all(name in signals for name in POSE_COLUMNS):
         total += _alignment(signals["x"] + 1j * signals["y"], signals["heading"])
     return total
 
 
 def _alignment(way: NDArray[np.complex128], heading: FloatArray) -> float:
-    """Return how well displacements, x + iy, keep their angle to headings: 1 if they do, 0 if they turn against them."""
+    """Return how well displacements, x + iy, keep their angle to headings.
+
+    It is 1 if they do, and 0 if they turn against them.
+    """
     size = max(float(np.sum(np.abs(way))), 1e-12)
-    doubled = way**2 / np.maximum(np.abs(way), 1e-12)  # alike for both ways of driving
-    along, mirrored = (
-        complex(np.sum(doubled * np.exp(sign * 2j * heading))) / size for sign in (-1.0, 1.0)
-    )
-    return abs(along) if max(abs(along), abs(mirrored)) > _ALIKE else 0.0
+    # squared, a displacement is the same for both ways of driving
+    doubled = way**2 / np.maximum(np.abs(way), 1e-12)
+    along = abs(complex(np.sum(doubled * np.exp(-2j * heading))) / size)
+    mirrored = abs(complex(np.sum(doubled * np.exp(2j * heading))) / size)
+    return along if max(along, mirrored) > _SIMILAR else 0.0
 
 
-def _likeness(x: FloatArray, y: FloatArray) -> float:
-    """Return the correlation of two rates about zero [1]; 0 where one of them is zero throughout."""
+def _correlation(x: FloatArray, y: FloatArray) -> float:
+    """Return the correlation of two rates about zero [1]; 0 where one of them is zero."""
     size = float(np.sqrt((x @ x) * (y @ y)))
-    return float(x @ y) / size if size > 1e-9 else 0.0
+    if size <= 1e-9:
+        return 0.0
+    return float(x @ y) / size
 
 
 def _percentile(values: FloatArray, percent: float) -> float:
-    """Return a percentile of (N,) finite numbers, linear between ranks: numpy's own takes ten times as long for so few."""
-    return float(
-        np.interp(0.01 * percent * (len(values) - 1), np.arange(len(values)), np.sort(values))
-    )
+    """Return a percentile of (N,) finite numbers, linear between ranks."""
+    # numpy's own takes ten times as long for so few
+    n = len(values)
+    return float(np.interp(0.01 * percent * (n - 1), np.arange(n), np.sort(values)))
 
 
-def _compared(a: _Measure, b: _Measure, share: float) -> tuple[float, float, float]:
+def _compared(a: _Measure, b: _Measure, percent: float) -> tuple[float, float, float]:
     """Return how two measures of one rate compare, zeros where there is too little of them.
 
-    These are their likeness, the logarithm of the percentile `share` of their ratio, and by how
-    much it cannot be.
+    These are their correlation, the logarithm of a percentile of their ratio, and by how much that
+    lies outside the possible range.
     """
     both = np.isfinite(a.values) & np.isfinite(b.values)
     x = a.values[both]
     y = b.values[both]
-    alike = _likeness(x, y)
-    if abs(alike) < _ALIKE or len(x) < _FEWEST:
+    correlation = _correlation(x, y)
+    if abs(correlation) < _SIMILAR or len(x) < _FEWEST:
         return 0.0, 0.0, 0.0
     size = np.abs(y)
     moving = (size >= _percentile(size, 60.0)) & (size > 0.0)
-    ratio = math.log(max(_percentile(np.abs(x[moving] / y[moving]), share), 1e-9))
-    return (
-        alike,
-        ratio,
-        max(0.0, math.log(a.least / b.most) - ratio, ratio - math.log(a.most / b.least)),
-    )
+    ratios = np.abs(x[moving] / y[moving])
+    ratio = math.log(max(_percentile(ratios, percent), 1e-9))
+    below = math.log(a.least / b.most) - ratio
+    above = ratio - math.log(a.most / b.least)
+    return correlation, ratio, max(0.0, below, above)
 
 
-def _agree(a: _Measure, b: _Measure, share: float) -> float:
-    """Return how well two measures of one rate agree: their likeness, less 1 if this percentile of their ratio cannot be."""
-    alike, ratio, beyond = _compared(a, b, share)
-    if not alike:
+def _agree(a: _Measure, b: _Measure, percent: float) -> float:
+    """Return how well two measures of one rate agree.
+
+    That is their correlation, less 1 if this percentile of their ratio is impossible.
+    """
+    correlation, ratio, beyond = _compared(a, b, percent)
+    if not correlation:
         return 0.0
     # so that of several units the most usual one is taken
-    unusual = abs(ratio - math.log(a.usual / b.usual))
-    # units change no likeness
-    impossible = min(1.0, 20.0 * beyond) if abs(alike) > _SURE or beyond > _FAR else 0.0
-    return alike - impossible - 0.02 * min(5.0, unusual)
+    unusual = abs(ratio - math.log(a.typical / b.typical))
+    impossible = 0.0
+    # units change no correlation
+    if abs(correlation) > _SURE or beyond > _FAR:
+        impossible = min(1.0, 20.0 * beyond)
+    return correlation - impossible - 0.02 * min(5.0, unusual)
 
 
+# ------------------------------------------------------------------------------------------
+# faults
 def contradictions(signals: Channels, radius: float | None = None) -> list[LogFault]:
     """Return the faults of signs, places, frames and units that the channels of a log show.
 
     `radius` is that of the wheels [m]; None where nobody knows it, as then their unit shows in how
     they turn alone.
     """
-    wheels = COMMAND_COLUMNS["wheels"]
     turns = np.abs(signals.get("yaw", signals.get("gyro_z", 0.0))) > _MOVES
-    if (
-        set(wheels) <= set(signals)
-        and np.array_equal(signals[wheels[0]], signals[wheels[1]])
-        and np.mean(turns) > 0.1
-    ):
-        return [
-            LogFault(
-                "swapped",
-                wheels,
-                "enc_left and enc_right are the same numbers, although the robot turns",
-            )
-        ]
-    faults = list[LogFault]()
-    now = _agreement(signals, radius)
+    left, right = (signals.get(name) for name in _WHEELS)
+    if left is not None and right is not None:
+        if np.array_equal(left, right) and np.mean(turns) > 0.1:
+            what = "enc_left and enc_right are the same numbers, although the robot turns"
+            return [LogFault("swapped", _WHEELS, what)]
+    faults = []
     for _ in range(_MOST_FAULTS):
-        corrected = [
-            (_agreement(correction.applied(signals), radius) - now, correction)
-            for correction in _corrections(radius or _RADIUS)
-            if all(name in signals for name in correction.sources)
-        ]
-        least = {"scale": _GAIN_OF_UNITS, "clock": _GAIN_OF_UNITS}
-        corrected = [pair for pair in corrected if pair[0] > least.get(pair[1].kind, _GAIN)]
-        corrected.sort(key=lambda pair: -pair[0])
-        if not corrected:
+        corrections = _best_corrections(signals, radius)
+        if not corrections:
             break
-        # the best of each columns
-        good = {c.columns: c for gain, c in reversed(corrected) if gain > corrected[0][0] - _TIE}
-        best, *others = reversed(good.values())
+        best = corrections[0]
         signals = best.applied(signals)
-        now = _agreement(signals, radius)
-        columns = tuple(dict.fromkeys(name for names in (best, *others) for name in names.columns))
-        words = ", or ".join(f"{_seem(c.columns)} to {c.what}" for c in (best, *others))
-        if radius is not None and best.kind == "scale" and {*wheels, "x"} & set(columns):
+        columns = tuple(dict.fromkeys(chain.from_iterable(c.columns for c in corrections)))
+        words = ", or ".join(f"{_seem(c.columns)} to {c.appearance}" for c in corrections)
+        if radius is not None and best.kind == "scale" and {*_WHEELS, "x"} & set(columns):
             words += f", or its wheels to be others than those of {radius:.3g} m"
-        faults.append(
-            LogFault(best.kind, columns, f"{words}; as it stands, the log contradicts itself")
-        )
-    return [*faults, *_strangers(signals, radius), *_unlike_sides(signals)]
+        sentence = f"{words}; as it stands, the log contradicts itself"
+        faults.append(LogFault(best.kind, columns, sentence))
+    return [*faults, *_unrelated(signals, radius), *_unlike_sides(signals)]
 
 
-def _strangers(signals: Channels, radius: float | None) -> Iterator[LogFault]:
-    """Yield a fault for each signal that resembles none of the others, although they resemble one another."""
-    for measures, share in zip(_measures(signals, radius), _SHARES, strict=True):
+def _best_corrections(signals: Channels, radius: float | None) -> list[_Correction]:
+    """Return the corrections that name a fault: the best, and others that are as good.
+
+    There is one for each set of columns, and none where no correction gains enough.
+    """
+    now = _agreement(signals, radius)
+    corrected = []
+    for correction in _corrections(radius or _RADIUS):
+        if not all(name in signals for name in correction.sources):
+            continue
+        gain = _agreement(correction.applied(signals), radius) - now
+        least = _GAIN_OF_UNITS if correction.kind in ("scale", "clock") else _GAIN
+        if gain > least:
+            corrected.append((gain, correction))
+    corrected.sort(key=lambda pair: -pair[0])
+    # reversed, so that the best of each columns stays
+    good = {c.columns: c for gain, c in reversed(corrected) if gain > corrected[0][0] - _TIE}
+    return list(reversed(good.values()))
+
+
+def _unrelated(signals: Channels, radius: float | None) -> Iterator[LogFault]:
+    """Yield a fault for each signal that resembles no other, or differs from it in size."""
+    for measures, percent in zip(_measures(signals, radius), _SHARES, strict=True):
         measured = [m for m in measures if not set(m.columns) <= set(COMMAND_COLUMNS["twist"])]
         for m in measured:
             others = [o.values for o in measured if o is not m]
-            sure = min((_likeness(a, b) for a, b in combinations(others, 2)), default=0.0)
-            less = _SLIPS if m.columns == COMMAND_COLUMNS["wheels"] else _LESS_ALIKE
-            unlike = all(abs(_likeness(m.values, o)) < sure - less for o in others)
-            if sure > _SURE and unlike and np.any(m.values):
-                what = "be another axis or quantity: the other columns resemble one another, and not this"
-                yield LogFault("swapped", m.columns, f"{_seem(m.columns)} to {what}")
-        for a, b in combinations(measured, 2):
-            alike, ratio, beyond = _compared(a, b, share)
-            moves = max(_percentile(np.abs(m.values) / m.usual, 60.0) for m in (a, b)) > _MOVES
-            if abs(alike) > _SURE and beyond > _CLEARLY and moves:
-                factor = math.exp(ratio) * b.usual / a.usual
-                one, other = (" and ".join(m.columns) for m in (a, b))
-                words = f"the motion by {one} is {factor:.2g} times that by {other}"
-                yield LogFault(
-                    "scale",
-                    (*a.columns, *b.columns),
-                    f"{words}: one of them, or t, is in another unit",
+            sure = min((_correlation(a, b) for a, b in combinations(others, 2)), default=0.0)
+            if sure <= _SURE or not np.any(m.values):
+                continue
+            loss = _SLIP_LOSS if m.columns == _WHEELS else _UNRELATED_LOSS
+            if all(abs(_correlation(m.values, o)) < sure - loss for o in others):
+                sentence = (
+                    f"{_seem(m.columns)} to be another axis or quantity: "
+                    "the other columns resemble one another, and not this"
                 )
+                yield LogFault("swapped", m.columns, sentence)
+        for a, b in combinations(measured, 2):
+            correlation, ratio, beyond = _compared(a, b, percent)
+            if abs(correlation) <= _SURE or beyond <= _CLEARLY:
+                continue
+            if max(_percentile(np.abs(m.values) / m.typical, 60.0) for m in (a, b)) <= _MOVES:
+                continue
+            factor = math.exp(ratio) * b.typical / a.typical
+            one, other = (" and ".join(m.columns) for m in (a, b))
+            sentence = (
+                f"the motion by {one} is {factor:.2g} times that by {other}: "
+                "one of them, or t, is in another unit"
+            )
+            yield LogFault("scale", (*a.columns, *b.columns), sentence)
 
 
 def _unlike_sides(signals: Channels) -> Iterator[LogFault]:
-    """Yield a fault if a rate of one side's wheels counts for much more than one of the other's in how the robot turns."""
-    wheels = COMMAND_COLUMNS["wheels"]
+    """Yield a fault if the wheels of one side count for much more in how the robot turns."""
     turning = next((signals[name] for name in ("yaw", "gyro_z") if name in signals), None)
-    if turning is None or not set(wheels) <= set(signals):
+    if turning is None or not set(_WHEELS) <= set(signals):
         return
-    rates = np.column_stack([signals[name] for name in wheels])
+    rates = np.column_stack([signals[name] for name in _WHEELS])
     (left, right), _, _, (most, least) = np.linalg.lstsq(rates, turning)
-    tells = _likeness(rates @ (left, right), turning) > _SUM and least * _TOGETHER > most
-    if tells and left < 0.0 < right and not 1.0 / _SIDES_DIFFER < -left / right < _SIDES_DIFFER:
-        what = f"a rate of enc_left turns the robot {-left / right:.2g} times as much as one of enc_right"
-        yield LogFault("scale", wheels, f"{what}: one of them is in another unit, or loses samples")
+    explained = _correlation(rates @ (left, right), turning) > _SUM
+    if not explained or least * _TOGETHER <= most or not left < 0.0 < right:
+        return
+    ratio = -left / right
+    if not 1.0 / _SIDES_DIFFER < ratio < _SIDES_DIFFER:
+        sentence = (
+            f"a rate of enc_left turns the robot {ratio:.2g} times as much as one of enc_right: "
+            "one of them is in another unit, or loses samples"
+        )
+        yield LogFault("scale", _WHEELS, sentence)
 
 
 def _seem(columns: Sequence[str]) -> str:
@@ -527,42 +559,40 @@ def _seem(columns: Sequence[str]) -> str:
 def frozen(signals: Channels) -> Iterator[LogFault]:
     """Yield a fault if columns keep their value for long while others say that the robot moves."""
     turning, forward = _measures(signals, None)
-    shares = dict[str, float]()
-    wheels = COMMAND_COLUMNS["wheels"]
-    for name in (n for n in signals if n in (*POSE_COLUMNS, "gyro_z", *wheels)):
-        kinds = (
-            [turning]
-            if name in ("yaw", "gyro_z")
-            else [forward]
-            if name in ("x", "y")
-            else [turning, forward]
-        )
-        others = [
-            np.nan_to_num(m.values) / m.usual
-            for measures in kinds
-            for m in measures
-            if name not in m.columns
-        ]
+    shares = {}
+    for name, rate in signals.items():
+        if name not in (*POSE_COLUMNS, "gyro_z", *_WHEELS):
+            continue
+        measures = [*turning, *forward]
+        if name in ("yaw", "gyro_z"):
+            measures = turning
+        elif name in ("x", "y"):
+            measures = forward
+        others = [np.nan_to_num(m.values) / m.typical for m in measures if name not in m.columns]
         if not others:
             continue
-        rate = signals[name]
-        change = np.abs(np.diff(rate, prepend=math.nan))
         moves = np.median(np.abs(others), axis=0) > _MOVES
-        if name not in POSE_COLUMNS:  # a rate may stay the same where the others do
-            varies = np.median(np.abs(np.diff(others, prepend=math.nan)), axis=0) > 0.3 * _MOVES
+        if name in POSE_COLUMNS:
+            kept = moves & (rate == 0.0)
+        else:  # a rate may stay the same where the others do
+            varies = np.median(_changes(others), axis=0) > 0.3 * _MOVES
             moves &= varies | (rate == 0.0)
-        kept = moves & (rate == 0.0 if name in POSE_COLUMNS else change < 1e-12)
-        # where both are kept, they may be set points, or the robot stands and its localiser does
-        # not
-        if name in wheels:
-            other = signals.get(wheels[name == wheels[0]], rate)
-            kept &= np.abs(np.diff(other, prepend=math.nan)) > 1e-12
-        if np.count_nonzero(kept) > max(_FEWEST // 4, _FROZEN * np.count_nonzero(moves)):
-            shares[name] = 100.0 * np.count_nonzero(kept) / np.count_nonzero(moves)
+            kept = moves & (_changes(rate) < 1e-12)
+        if name in _WHEELS:
+            # where both sides are kept, they may be set points, or the robot stands and its
+            # localiser does not
+            other = signals.get(_WHEELS[name == _WHEELS[0]], rate)
+            kept &= _changes(other) > 1e-12
+        n = np.count_nonzero(kept)
+        moving = np.count_nonzero(moves)
+        if n > max(_FEWEST // 4, _FROZEN * moving):
+            shares[name] = 100.0 * n / moving
     if shares:
         words = ", ".join(f"{name} for {share:.0f} %" for name, share in shares.items())
-        yield LogFault(
-            "frozen",
-            tuple(shares),
-            f"the same value in much of the time in which the robot moves: {words}",
-        )
+        what = f"the same value in much of the time in which the robot moves: {words}"
+        yield LogFault("frozen", tuple(shares), what)
+
+
+def _changes(values: ArrayLike) -> FloatArray:
+    """Return the sizes of the steps of (..., N) numbers; NaN for the first."""
+    return np.abs(np.diff(values, prepend=math.nan))

@@ -1,4 +1,4 @@
-"""CSV files: tables of numbers below a header, and logs that have a column `t` [s] and any of `RECORDED` and others."""
+"""CSV files: tables of numbers below a header, and logs with `t` [s] and any of `RECORDED`."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _SEPARATORS = {
     "#": "a comment stands before",
     " ": "spaces separate",
 }
-"""Signs in a first line without a comma, and what they do there."""
+"""Signs in a first line without a comma, and their effect there."""
 
 _logger = logging.getLogger(__name__)
 
@@ -57,26 +57,33 @@ class CsvTable:
     """Row and text of each column's first cell that is no finite number, and not empty; None for a
     column without one."""
 
-    def numbers(self, place: int, known: Column) -> FloatArray:
-        """Return the column at `place` as (M,) numbers; a FileError names a cell that is not finite, or too large."""
+    def numbers(self, place: int, column: Column) -> FloatArray:
+        """Return the column at `place` as (M,) numbers.
+
+        Raises:
+            FileError: a cell is not finite, or too large.
+        """
+        values = self.columns[place]
         bad = self.bad[place]
-        fault = known.fault(self.columns[place])
+        fault = column.fault(values)
+        if bad is None and fault is None:
+            return values
         if bad is not None:
-            fault = bad[0], f"{quoted([bad[1].strip()])}, wanted a finite number [{known.unit}]"
-        elif fault is not None and math.isnan(self.columns[place][fault[0]]):
-            fault = fault[0], f"nothing, wanted a finite number [{known.unit}]"
-        if fault is not None:
-            raise FileError(
-                self.path, f"there is {fault[1]}", self.lines[fault[0]], self.header[place]
-            )
-        return self.columns[place]
+            row, text = bad
+            what = f"{quoted([text.strip()])}, wanted a finite number [{column.unit}]"
+        elif fault is not None:
+            row, what = fault
+            if math.isnan(values[row]):
+                what = f"nothing, wanted a finite number [{column.unit}]"
+        raise FileError(self.path, f"there is {what}", self.lines[row], self.header[place])
 
 
 def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
     """Read a CSV file. A UTF-8 byte order mark, any line ending and blank lines are accepted.
 
-    Raises: FileError: the file is no CSV file, is empty, has rows that differ in length or is
-        beyond the limits.
+    Raises:
+        FileError: the file is no CSV file, is empty, has rows that differ in length or is beyond
+            the limits.
     """
     rows = _rows(path, limits)
     header_line, header = next(rows, (0, []))
@@ -84,17 +91,16 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
     if not width:
         raise FileError(
             path,
-            "the file is empty; wanted a header line with the names of columns, and lines of numbers",
+            "the file is empty; wanted "
+            "a header line with the names of columns, and lines of numbers",
         )
     if "\0" in "".join(header):
         raise FileError(
             path, "there is a NUL byte; wanted a CSV file, which is plain UTF-8 text", header_line
         )
     if width == 1:
-        what = next(
-            (meaning for sign, meaning in _SEPARATORS.items() if sign in header[0]),
-            "nothing separates",
-        )
+        signs = (words for sign, words in _SEPARATORS.items() if sign in header[0])
+        what = next(signs, "nothing separates")
         raise FileError(
             path,
             f"{what} the columns; wanted commas between them, and points in numbers",
@@ -119,15 +125,18 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
         for place, cell in enumerate(row):
             value = _number(cell)
             columns[place].append(value)
-            if (
-                bad[place] is None
-                and not math.isfinite(value)
-                and not (cell == "" or cell.isspace())
-            ):
+            # a cell of blanks is no number, but no fault either
+            if not math.isfinite(value) and bad[place] is None and cell.strip():
                 bad[place] = (len(lines), cell)
         lines.append(line)
-    numbers = [np.array(column, dtype=np.float64) for column in columns]
-    return CsvTable(path, [name.strip() for name in header], header_line, lines, numbers, bad)
+    return CsvTable(
+        path=path,
+        header=[name.strip() for name in header],
+        header_line=header_line,
+        lines=lines,
+        columns=[np.array(column, dtype=np.float64) for column in columns],
+        bad=bad,
+    )
 
 
 def _number(cell: str) -> float:
@@ -139,7 +148,7 @@ def _number(cell: str) -> float:
 
 
 def _rows(path: Path, limits: LogLimits) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line and the cells of each row that is not blank; what is not UTF-8 will be no number."""
+    """Yield the line and the cells of each row that is not blank; bad UTF-8 will be no number."""
     line = 1
     with opened(path, limits.bytes_of("table_size"), "table_size") as file:
         try:
@@ -156,7 +165,10 @@ def _rows(path: Path, limits: LogLimits) -> Iterator[tuple[int, list[str]]]:
 
 
 def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
-    """Read a log. Columns without a name are left out; with a warning those of other names that are not numbers throughout.
+    """Read a log.
+
+    Columns without a name are left out, and so are those whose name is not in `RECORDED` and that
+    are not numbers throughout, with a warning.
 
     Raises:
         FileError: the file cannot be read, is no valid log or is beyond the limits.
@@ -173,19 +185,15 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
     for place, name in enumerate(table.header):
         if not name:  # an index, as pandas writes it, or a comma at the end of each line
             continue
-        empty = np.isnan(table.columns[place])
-        if (
-            name != "t"
-            and table.bad[place] is None
-            and np.any(empty)
-            and np.count_nonzero(~empty) > 1
-        ):
-            columns[name] = table.columns[place]
+        values = table.columns[place]
+        # empty cells are the samples of a column on a slower clock
+        samples = np.count_nonzero(~np.isnan(values))
+        if name != "t" and table.bad[place] is None and 1 < samples < len(values):
+            columns[name] = values
             continue
+        column = Column("s", "", math.inf) if name == "t" else column_of(name)
         try:
-            columns[name] = table.numbers(
-                place, Column("s", "", math.inf) if name == "t" else column_of(name)
-            )
+            columns[name] = table.numbers(place, column)
         except FileError as fault:
             if name == "t" or name in RECORDED:
                 raise
@@ -195,13 +203,14 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
         raise FileError(path, f"there {some} after the header; a log needs at least two")
     if any(np.any(np.isnan(values)) for values in columns.values()):
         return _with_own_clocks(path, columns, options.limits)
-    if time := find_time_fault(columns["t"], options.limits):
-        raise FileError(path, time.what, table.lines[time.row], "t")
+    late = find_time_fault(columns["t"], options.limits)
+    if late is not None:
+        raise FileError(path, late.what, table.lines[late.row], "t")
     return Log.of_columns(path, columns, options.limits)
 
 
 def _renamed(table: CsvTable, options: ReadOptions) -> CsvTable:
-    """Return a table whose columns have our names and units, where the options say which they have."""
+    """Return a table whose columns have our names and units, as far as the options map them."""
     header = list(table.header)
     columns = list(table.columns)
     if len({theirs for theirs, _ in options.columns.values()}) < len(options.columns):
@@ -221,67 +230,82 @@ def _renamed(table: CsvTable, options: ReadOptions) -> CsvTable:
 
 
 def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogLimits) -> Log:
-    """Return a log whose columns have no sample in empty cells; those of a group meet at the stamps of all of them."""
-    own: dict[str, dict[str, Group]] = {}
+    """Return a log whose columns have no sample in empty cells.
+
+    Columns of a group are interpolated, or held, at the stamps of all of them.
+    """
+    members: dict[str, dict[str, Group]] = {}
     for name, values in columns.items():
-        there = ~np.isnan(values)
-        known = column_of(name)
-        if name != "t":
-            if time := find_time_fault(columns["t"][there], limits):
-                raise FileError(path, time.what, column=name)
-            samples = unwrapped(values[there]) if known.unit == "rad" else values[there]
-            own.setdefault(known.group, {})[name] = Group(
-                path.name, columns["t"][there], {name: samples}
-            )
+        if name == "t":
+            continue
+        filled = ~np.isnan(values)
+        t = columns["t"][filled]
+        fault = find_time_fault(t, limits)
+        if fault is not None:
+            raise FileError(path, fault.what, column=name)
+        column = column_of(name)
+        samples = values[filled]
+        if column.unit == "rad":
+            samples = unwrapped(samples)
+        members.setdefault(column.group, {})[name] = Group(path.name, t, {name: samples})
     groups = {}
-    for key, members in own.items():
-        t = np.unique(np.concatenate([g.t for g in members.values()]))
-        for g in members.values():
-            t = t[(t >= g.t[0]) & (t <= g.t[-1]) & ~g.in_gaps(t)]
+    for key, parts in members.items():
+        t = np.unique(np.concatenate([part.t for part in parts.values()]))
+        for part in parts.values():
+            t = t[(t >= part.t[0]) & (t <= part.t[-1]) & ~part.in_gaps(t)]
         if len(t) < 2:
-            raise FileError(path, f"{', '.join(members)} are never known at the same time")
-        at = {n: np.searchsorted(g.t, t, side="right") - 1 for n, g in members.items()}
-        groups[key] = Group(path.name, t, {
-            n: g.columns[n][at[n]] if key == "cmd" else np.interp(t, g.t, g.columns[n]) for n, g in members.items()
-        })  # fmt: skip
+            raise FileError(path, f"{', '.join(parts)} are never known at the same time")
+        common = {}
+        for name, part in parts.items():
+            samples = part.columns[name]
+            if key == "cmd":
+                common[name] = samples[np.searchsorted(part.t, t, side="right") - 1]
+            else:
+                common[name] = np.interp(t, part.t, samples)
+        groups[key] = Group(path.name, t, common)
     return Log(path, groups, limits=limits)
 
 
 def _check_names(table: CsvTable) -> None:
-    """Refuse a header without `t`, without any of `RECORDED`, or with names that are none or stand there twice."""
+    """Refuse a header without `t` or any of `RECORDED`, or with names that are bad or repeated."""
     names = table.header
     path = table.path
     line = table.header_line
-    for wanted, some in (("column t", ("t",)), ("known column", RECORDED)):
+    for kind, some in (("column t", ("t",)), ("known column", RECORDED)):
         if not any(n in some for n in names):
-            what = f"there is no {wanted} among {quoted(names)}; a log's header names t and any of {', '.join(RECORDED)}"
-            what += "; --columns t=NAME,x=NAME says which columns have other names"
-            raise FileError(path, what, line)
-    for k, name in enumerate(names):
-        if name and not is_column_name(name):
+            what = f"there is no {kind} among {quoted(names)}"
+            need = f"a log's header names t and any of {', '.join(RECORDED)}"
             raise FileError(
                 path,
-                f"{quoted([name])} names no column; wanted printable text",
+                f"{what}; {need}; --columns t=NAME,x=NAME says which columns have other names",
                 line,
-                f"number {k + 1}",
             )
-        if name and name in names[:k]:
+    for k, name in enumerate(names):
+        if not name:
+            continue
+        if not is_column_name(name):
+            what = f"{quoted([name])} names no column; wanted printable text"
+            raise FileError(path, what, line, f"number {k + 1}")
+        if name in names[:k]:
             raise FileError(
                 path, "the header names this column twice; each needs a name of its own", line, name
             )
 
 
 def write_csv(log: Log | Mapping[str, ArrayLike], path: str | Path) -> None:
-    """Write a log on one clock, or (M,) columns by name, whole or not at all; `read_csv` gets equal bits back.
+    """Write a log on one clock, or (M,) columns by name, whole or not at all.
+
+    `read_csv` gets equal bits back.
 
     Raises:
         FileError: the log cannot be brought onto one clock, or the columns make none.
         OSError: the file cannot be written.
     """
     path = Path(path)
-    made = log.on_one_clock() if isinstance(log, Log) else Log.of_columns(path, log)
-    names = sorted(made.columns, key=lambda name: name not in RECORDED)
-    table = [made.t.tolist(), *(made.columns[name].tolist() for name in names)]
+    common = log.on_one_clock() if isinstance(log, Log) else Log.of_columns(path, log)
+    columns = common.columns
+    names = sorted(columns, key=lambda name: name not in RECORDED)
+    table = [common.t.tolist(), *(columns[name].tolist() for name in names)]
 
     def write(beside: Path) -> None:
         with beside.open("w", encoding="utf-8", newline="") as file:

@@ -1,18 +1,17 @@
-"""Faults that a log shows by itself: a localiser that jumps, driving without commands, dead columns, numbers of no robot.
+"""Faults that a log shows by itself: jumps of a localiser, missing commands, dead columns.
 
-`read_log` refuses what cannot be. Nothing here is certain enough to refuse a log; it says what is
-not to be trusted. The wheels say when the robot moves, and what the gyro shows while it stands is
-the gyro's bias.
+`read_log` refuses impossible numbers. Nothing here is certain enough to refuse a log; it warns of
+columns that are not to be trusted. The wheels say when the robot moves, and the gyro's mean while
+it stands is the gyro's bias.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ssmr._jit import source
 from ssmr.estimation.settings import EkfSettings
@@ -22,7 +21,7 @@ from ssmr.types import FloatArray, IndexArray
 from validation.files.agreement import LogFault, apart, channels, contradictions, frozen
 from validation.files.log import ANY_COLUMN, COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
 from validation.files.reading import FileError
-from validation.files.signals import TIME_ROUNDOFF, fresh_poses, moving_mean, nearest
+from validation.files.signals import TIME_ROUNDOFF, BoolArray, fresh_poses, moving_mean, nearest
 
 STOCK = EkfSettings()
 """The state filter of a stock Husky, whose wheel radius and half-track convert encoders of a robot
@@ -30,9 +29,10 @@ that nobody named."""
 _REST_V = 0.01
 """A robot stands if its wheels' speed, averaged over `2 _REST_MARGIN`, is below this [m/s]; noisy
 encoders show a third."""
-_REST_W = 0.02  # a robot stands if its wheels' yaw rate, averaged likewise, is below this [rad/s]
-# samples that lie nearer to a motion than this do not count as rest [s]: odometry may be late
+_REST_W = 0.02
+"""A robot stands if its wheels' yaw rate, averaged likewise, is below this [rad/s]."""
 _REST_MARGIN = 0.5
+"""Samples that lie nearer to a motion than this do not count as rest [s]: odometry may be late."""
 REST_LEAST = 2.0
 """Shortest total rest from which a bias is taken [s]."""
 WHEELS_MEAN_S = 0.25
@@ -51,36 +51,40 @@ JUMP_RAD = 0.2
 """Step of heading beyond what the wheels explain from which it is a jump [rad]: ten times the noise
 of lidar odometry."""
 _CLOCKS_S = 1.0
-_BIN_S = 0.1
 """Time around a step in which the wheels' fastest motion counts [s], for clocks of a log may be
-that far apart; and the width of the bins in which it is looked for [s]."""
+that far apart."""
+_BIN_S = 0.1
+"""Width of the bins in which the fastest motion is looked for [s]."""
 _SLIDES_S = 2.0
+"""Time for which a robot may slide on ice after its wheels slow down [s]."""
 _SLIDES_V = 2.0
-"""Time for which a robot may slide on ice after its wheels slow down [s], and speed from which it
-does so for long [m/s]."""
-_STALL_S = 4.0  # time in which a localiser may stall and then catch up [s]
+"""Speed from which a robot slides for so long [m/s]."""
+_STALL_S = 4.0
+"""Time in which a localiser may stall and then catch up [s]."""
 _STAMPS_S = 0.4
+"""Error of a localiser's stamps [s]."""
 _SLOW = 0.9
-"""Error of a localiser's stamps [s], and rate above which a robot is fast: late poses look like
-jumps [m/s, rad/s]."""
-# speeds may be this many times those of the wheels: their radius is known roughly, and a robot
-# slides on
+"""Rate above which a robot is so fast that late poses look like jumps [m/s, rad/s]."""
 _FASTER = 1.25
+"""Ratio that speeds may have to those of the wheels [1]: their radius is known roughly, and a robot
+slides on."""
 AFTER_COMMAND_S = 2.0
-_BEFORE_COMMAND_S = 0.5
 """Time after a command in which wheels may still turn because of it [s]: a dead time of 0.4 s, and
-a ramp of 1 m/s² from the speed of a fast robot. And before it, where clocks of a log differ."""
-# change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it
+a ramp of 1 m/s² from the speed of a fast robot."""
+_BEFORE_COMMAND_S = 0.5
+"""The same time before a command [s], as clocks of a log differ."""
 _TURNED = 0.3
+"""Change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it."""
 _DEAD = "the same number all the time, although the robot moves"
 _MEASURED = ("pose", "wheels", "odom", "imu")
-_FAST_RATE = 2000.0  # sampling rate of a measured group that no robot has [Hz]
+_FAST_RATE = 2000.0
+"""Sampling rate of a measured group that no robot has [Hz]."""
 WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
 """(M,) stamps [s], speed [m/s] and yaw rate [rad/s]."""
 
 
-# ------------------------------------------------------------------------------------------ what
-# the wheels say
+# ------------------------------------------------------------------------------------------
+# motion by the wheels
 def twist_of(group: Group | None) -> WheelTwist | None:
     """Return the motion by a group's encoders, odometry or commands; None without any.
 
@@ -88,11 +92,15 @@ def twist_of(group: Group | None) -> WheelTwist | None:
     """
     if group is None:
         return None
-    if (rates := group.table(COMMAND_COLUMNS["wheels"])) is not None:
+    rates = group.table(COMMAND_COLUMNS["wheels"])
+    if rates is not None:
         left, right = rates.T
         return group.t, *source(body_rates)(left, right, STOCK.half_track, STOCK.radius)
-    tables = [group.table(names) for names in (("odom_v", "odom_w"), COMMAND_COLUMNS["twist"])]
-    return next(((group.t, *table.T) for table in tables if table is not None), None)
+    for names in (("odom_v", "odom_w"), COMMAND_COLUMNS["twist"]):
+        table = group.table(names)
+        if table is not None:
+            return group.t, *table.T
+    return None
 
 
 def wheel_twist(log: Log) -> WheelTwist | None:
@@ -100,15 +108,17 @@ def wheel_twist(log: Log) -> WheelTwist | None:
     return twist_of(log.groups.get("wheels")) or twist_of(log.groups.get("odom"))
 
 
-def standing(log: Log, t: FloatArray) -> NDArray[np.bool_]:
-    """Return (N,) whether the robot stood at instants `t` [s], by its wheels; False throughout where there are none."""
+def standing(log: Log, t: FloatArray) -> BoolArray:
+    """Return (N,) whether the robot stood at instants `t` [s], by its wheels; False without any."""
     wheels = wheel_twist(log)
     if wheels is None:
         return np.zeros(len(t), dtype=bool)
     stamps, v, w = wheels
-    mean = [moving_mean(stamps, a, _REST_MARGIN) for a in (v, w)]
-    before, after = nearest(stamps[(np.abs(mean[0]) > _REST_V) | (np.abs(mean[1]) > _REST_W)], t)
-    return (np.minimum(before, after) > _REST_MARGIN) & (t >= stamps[0]) & (t <= stamps[-1])
+    drives = np.abs(moving_mean(stamps, v, _REST_MARGIN)) > _REST_V
+    turns = np.abs(moving_mean(stamps, w, _REST_MARGIN)) > _REST_W
+    before, after = nearest(stamps[drives | turns], t)
+    covered = (t >= stamps[0]) & (t <= stamps[-1])
+    return (np.minimum(before, after) > _REST_MARGIN) & covered
 
 
 @dataclass(frozen=True)
@@ -124,18 +134,16 @@ class Rest:
 
 
 def find_rest(log: Log) -> Rest | None:
-    """Return the gyro's readings at rest; None without a gyro, or where the wheels stand for less than `REST_LEAST`."""
+    """Return the gyro's readings at rest; None without a gyro or `REST_LEAST` of standing."""
     imu = log.groups.get("imu")
     if imu is None:
         return None
     still = standing(log, imu.t)
     seconds = float(np.count_nonzero(still)) * imu.period
-    shown = imu.columns["gyro_z"][still]
-    return (
-        Rest(float(np.mean(shown)), float(np.std(shown)), seconds)
-        if seconds >= REST_LEAST
-        else None
-    )
+    if seconds < REST_LEAST:
+        return None
+    readings = imu.columns["gyro_z"][still]
+    return Rest(float(np.mean(readings)), float(np.std(readings)), seconds)
 
 
 def unbiased(log: Log) -> Log:
@@ -164,8 +172,27 @@ class Jumps:
     caught_up: int
     """Number of steps with which the localiser caught up after it had stalled; they are no
     jumps."""
-    late: NDArray[np.bool_]
+    late: BoolArray
     """(M,) which samples of that group are late, for the localiser stalled before it caught up."""
+
+    def sentences(self) -> list[str]:
+        """Return a sentence on stalls and one on jumps, where there are any."""
+        notes = []
+        if self.caught_up:
+            notes.append(
+                f"the localiser stalls and catches up {self.caught_up} times: "
+                "its poses are late there, and no jumps"
+            )
+        n = len(self.t)
+        if n:
+            times = "once" if n == 1 else f"{n} times"
+            what = (
+                f"the localiser jumps {times}, "
+                f"up to {self.metres.max():.2f} m and {self.radians.max():.2f} rad, "
+                f"first at {self.t[0]:.2f} s"
+            )
+            notes.append(f"{what}: no window spans a jump")
+        return notes
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,37 +210,32 @@ class Faults:
     """Columns that stay the same although the robot moves."""
 
     def sentences(self, *, named: bool = True) -> list[str]:
-        """Return what is wrong with the log, a sentence each, with or without the `named` faults; none for a sound one."""
+        """Return a sentence for each fault of the log, with or without the `named` ones."""
         notes = [fault.sentence for fault in self.named if named]
-        if self.jumps is not None and (n := self.jumps.caught_up):
+        if self.jumps is not None:
+            notes += self.jumps.sentences()
+        share = self.uncommanded_share
+        if share is not None and share >= 0.01:
             notes.append(
-                f"the localiser stalls and catches up {n} times: its poses are late there, and no jumps"
+                f"the wheels turn with no command for {100.0 * share:.0f} % of the log "
+                "(joystick?); use --input wheels"
             )
-        if self.jumps is not None and (n := len(self.jumps.t)):
-            worst = f"up to {self.jumps.metres.max():.2f} m and {self.jumps.radians.max():.2f} rad"
-            what = "once" if n == 1 else f"{n} times"
-            notes.append(
-                f"the localiser jumps {what}, {worst}, first at {self.jumps.t[0]:.2f} s: no window spans a jump"
-            )
-        if (share := self.uncommanded_share) is not None and share >= 0.01:
-            percent = f"{100.0 * share:.0f} %"
-            notes.append(
-                f"the wheels turn with no command for {percent} of the log (joystick?); use --input wheels"
-            )
-        if unsaid := [
-            name
-            for name in self.dead_columns
-            if not any(name in fault.columns for fault in self.named)
-        ]:
-            notes.append(f"{_DEAD}: {', '.join(unsaid)}")
+        dead = _unnamed(self.dead_columns, self.named)
+        if dead:
+            notes.append(f"{_DEAD}: {', '.join(dead)}")
         return notes
 
 
+def _unnamed(columns: Iterable[str], faults: Iterable[LogFault]) -> tuple[str, ...]:
+    """Return those of the columns that no fault names."""
+    named = {name for fault in faults for name in fault.columns}
+    return tuple(name for name in columns if name not in named)
+
+
 def find_faults(log: Log, radius: float | None = None) -> Faults:
-    """Return what is wrong with a log; `radius` is that of the robot's wheels [m], None where nobody knows it."""
+    """Return the faults of a log; `radius` is that of the wheels [m], None where it is unknown."""
     named = tuple(_named(log, radius))
-    dead = _dead_columns(log)
-    return Faults(named, find_jumps(log), _uncommanded_share(log), dead)
+    return Faults(named, find_jumps(log), _uncommanded_share(log), _dead_columns(log))
 
 
 def find_jumps(log: Log) -> Jumps | None:
@@ -221,10 +243,10 @@ def find_jumps(log: Log) -> Jumps | None:
 
     A step from one new pose to the next is a jump if it is longer than the fastest wheel's path in
     that time by `JUMP_M`, or turns further than the wheels by `JUMP_RAD`; slipping wheels only make
-    a robot slower. Of a fast robot, the localiser may catch up what it missed in `_STALL_S` before,
-    while it stalled, and its stamps may be wrong. Gaps are no steps. Without wheels the commands
-    say how fast the robot was. Wheels of another robot than a stock Husky are larger: the median
-    ratio of the driven steps to the wheels' paths says by how much, jumps or not.
+    a robot slower. Of a fast robot, the localiser may catch up the way that it missed in `_STALL_S`
+    before, while it stalled, and its stamps may be wrong. Gaps are no steps. Without wheels the
+    commands say how fast the robot was. Wheels of another robot than a stock Husky are larger: the
+    median ratio of the driven steps to the wheels' paths says by how much, jumps or not.
     """
     group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
     pose = None if group is None else group.table(POSE_COLUMNS)
@@ -241,24 +263,25 @@ def find_jumps(log: Log) -> Jumps | None:
     metres = np.hypot(steps[:, 0], steps[:, 1])
     radians = np.abs(steps[:, 2])
     dt = np.diff(t)
-    middle = np.interp(0.5 * (t[1:] + t[:-1]), stamps, rim)
-    about = np.interp(0.5 * (t[1:] + t[:-1]), stamps, turning)
-    driven = (middle > 0.5 * np.percentile(rim, 90.0)) & (middle > 0.0)
-    larger = (
-        max(1.0, float(np.median(metres[driven] / dt[driven] / middle[driven])))
-        if np.any(driven)
-        else 1.0
-    )
-    near, slid = (
-        larger * _greatest_around(t, stamps, rim, back) for back in (_CLOCKS_S, _SLIDES_S)
-    )
-    # it turns by less than the wheels say
-    skids = min(1.0, float(radians.sum() / max((about * dt).sum(), 1e-9)))
+    middles = 0.5 * (t[1:] + t[:-1])
+    speed = np.interp(middles, stamps, rim)
+    yaw_rate = np.interp(middles, stamps, turning)
+    driven = (speed > 0.5 * np.percentile(rim, 90.0)) & (speed > 0.0)
+    larger = 1.0
+    if np.any(driven):
+        larger = max(1.0, float(np.median(metres[driven] / dt[driven] / speed[driven])))
+    near = larger * _greatest_around(t, stamps, rim, _CLOCKS_S)
+    sliding = larger * _greatest_around(t, stamps, rim, _SLIDES_S)
+    fastest = np.where(sliding > _SLIDES_V, sliding, near)
+    fastest_turn = _greatest_around(t, stamps, turning, _CLOCKS_S)
+    # wheels that skid turn a robot by less than they say
+    skids = min(1.0, float(radians.sum() / max((yaw_rate * dt).sum(), 1e-9)))
     sizes = (
-        (metres, np.where(slid > _SLIDES_V, slid, near), larger * middle, JUMP_M),
-        (radians, _greatest_around(t, stamps, turning, _CLOCKS_S), skids * about, JUMP_RAD),
+        (metres, fastest, larger * speed, JUMP_M),
+        (radians, fastest_turn, skids * yaw_rate, JUMP_RAD),
     )
-    piece = np.cumulative_sum(np.diff(group.t) > group.longest_step(), include_initial=True)[new]
+    gaps = np.diff(group.t) > group.longest_step()
+    piece = np.cumulative_sum(gaps, include_initial=True)[new]
     beyond, jumped, stalled = np.zeros((3, len(dt)), dtype=bool)
     for change, most, expected, least in sizes:
         stalled |= change < 0.5 * expected * dt
@@ -273,31 +296,44 @@ def find_jumps(log: Log) -> Jumps | None:
     late = np.zeros(len(group.t), dtype=bool)
     late[new[1:]] = (until <= TIME_ROUNDOFF) | (stalled & (until < _STALL_S))
     return Jumps(
-        new[at + 1], t[at + 1], metres[at], radians[at], int(np.count_nonzero(caught)), late
+        index=new[at + 1],
+        t=t[at + 1],
+        metres=metres[at],
+        radians=radians[at],
+        caught_up=int(np.count_nonzero(caught)),
+        late=late,
     )
 
 
-def _missed(t: FloatArray, wanted: FloatArray, change: FloatArray) -> FloatArray:
-    """Return (K - 1,) how much of the wanted a stall left out in `_STALL_S` before each step between (K,) instants [s]."""
-    so_far = np.cumulative_sum(
-        np.where(change < 0.5 * wanted, wanted - change, 0.0), include_initial=True
-    )
-    return so_far[:-1] - so_far[np.searchsorted(t[:-1], t[:-1] - _STALL_S)]
+def _missed(t: FloatArray, expected: FloatArray, change: FloatArray) -> FloatArray:
+    """Return (K - 1,) the change that a stall left out in `_STALL_S` before each step.
+
+    `t` are the (K,) instants between which the steps lie [s], `expected` and `change` the (K - 1,)
+    changes by the wheels and by the localiser.
+    """
+    missing = np.where(change < 0.5 * expected, expected - change, 0.0)
+    so_far = np.cumulative_sum(missing, include_initial=True)
+    start = t[:-1]
+    return so_far[:-1] - so_far[np.searchsorted(start, start - _STALL_S)]
 
 
 def _greatest_around(
     t: FloatArray, stamps: FloatArray, values: FloatArray, back: float
 ) -> FloatArray:
-    """Return (K - 1,) largest values at `stamps` from `back` before steps between (K,) instants to `_CLOCKS_S` after [s]."""
+    """Return the (K - 1,) largest values around steps between (K,) instants `t` [s].
+
+    Around means from `back` [s] before a step to `_CLOCKS_S` after it; `stamps` [s] are those of
+    the values.
+    """
     from scipy import ndimage  # here: it takes a tenth of a second to import
 
     bins = ((stamps - stamps[0]) / _BIN_S).astype(np.intp)
     greatest = np.zeros(bins[-1] + 1)
     np.maximum.at(greatest, bins, values)
-    after, earlier = (round(seconds / _BIN_S) for seconds in (_CLOCKS_S, back - _CLOCKS_S))
-    around = ndimage.maximum_filter1d(
-        greatest, 2 * after + 3 + earlier, mode="nearest", origin=earlier // 2
-    )
+    after = round(_CLOCKS_S / _BIN_S)
+    earlier = round((back - _CLOCKS_S) / _BIN_S)
+    width = 2 * after + 3 + earlier
+    around = ndimage.maximum_filter1d(greatest, width, mode="nearest", origin=earlier // 2)
     at = np.clip((t - stamps[0]) / _BIN_S, 0, bins[-1]).astype(np.intp)
     ends = np.maximum(around[at], np.interp(t, stamps, values))
     return np.maximum(ends[:-1], ends[1:])
@@ -309,90 +345,90 @@ def _fastest_wheel(log: Log) -> tuple[FloatArray, FloatArray] | None:
     rates = None if group is None else group.table(COMMAND_COLUMNS["wheels"])
     if group is None or rates is None:
         return None
-    return group.t, np.abs([moving_mean(group.t, side, WHEELS_MEAN_S) for side in rates.T]).max(
-        axis=0
-    )
+    means = [moving_mean(group.t, side, WHEELS_MEAN_S) for side in rates.T]
+    return group.t, np.abs(means).max(axis=0)
 
 
 def _uncommanded_share(log: Log) -> float | None:
-    """Return the share of time in which wheels turn although nothing was commanded for `AFTER_COMMAND_S`."""
+    """Return the share of time in which wheels turn `AFTER_COMMAND_S` or more after a command."""
     wheels = _fastest_wheel(log)
     command = twist_of(log.groups.get("cmd"))
     if wheels is None or command is None:
         return None
     t, rate = wheels
     stamps, v, w = command
-    since, until = nearest(stamps[np.maximum(np.abs(v), np.abs(w)) > LEAST_COMMAND], t)
+    commanded = np.maximum(np.abs(v), np.abs(w)) > LEAST_COMMAND
+    since, until = nearest(stamps[commanded], t)
     quiet = (since > AFTER_COMMAND_S + WHEELS_MEAN_S) & (until > _BEFORE_COMMAND_S)
     return float(np.mean(quiet & (rate > WHEELS_TURN)))
 
 
 def _dead_columns(log: Log) -> tuple[str, ...]:
-    """Return the names of columns that stay the same although others say that the robot moves or turns."""
-    there = log.columns
+    """Return the columns that stay the same although others say that the robot moves or turns."""
+    columns = log.columns
     wheels = _fastest_wheel(log)
     twist = wheel_twist(log)
     drives = wheels is not None and np.mean(wheels[1] > WHEELS_TURN) > 0.05
     posed = log.has(POSE_COLUMNS)
-    moved = posed and max(np.ptp(there["x"]), np.ptp(there["y"])) > 0.5
+    moved = posed and max(np.ptp(columns["x"]), np.ptp(columns["y"])) > 0.5
     wheels_turn = twist is not None and np.ptp(integral(twist[0], twist[2])) > _TURNED
-    turned = wheels_turn or (posed and np.ptp(there["yaw"]) > _TURNED)
-    commanded = any(
-        np.abs(there[name]).max() > LEAST_COMMAND
-        for name in COMMAND_COLUMNS["twist"]
-        if name in there
-    )
-    noisy = [
-        name
-        for name, known in COLUMNS.items()
-        if known.usual < math.inf and known.group in ("odom", "channels")
-    ]
-    suspects = [
-        (COMMAND_COLUMNS["twist"], drives or moved),
-        *(((name,), moved or commanded) for name in COMMAND_COLUMNS["wheels"]),
-        (("gyro_z",), turned),
-        (("x", "y"), drives),
-        (("yaw",), wheels_turn),
-        *(((name,), drives or moved) for name in noisy),
-    ]
-    # a robot may be driven, but not by nothing
-    zero = {name for names in COMMAND_COLUMNS.values() for name in names}
+    turned = wheels_turn or (posed and np.ptp(columns["yaw"]) > _TURNED)
+    commands = [columns[name] for name in COMMAND_COLUMNS["twist"] if name in columns]
+    commanded = any(np.abs(values).max() > LEAST_COMMAND for values in commands)
+    # groups of columns that are dead together, and whether the robot did what they measure
+    left, right = COMMAND_COLUMNS["wheels"]
+    suspects = {
+        COMMAND_COLUMNS["twist"]: drives or moved,
+        (left,): moved or commanded,
+        (right,): moved or commanded,
+        ("gyro_z",): turned,
+        ("x", "y"): drives,
+        ("yaw",): wheels_turn,
+    }
+    # noise varies these columns of any robot that moves
+    for name, column in COLUMNS.items():
+        if column.usual < math.inf and column.group in ("odom", "channels"):
+            suspects[(name,)] = drives or moved
+    # commands and wheels may keep a number for long, but not zero while the robot moves
+    steady = {*COMMAND_COLUMNS["twist"], *COMMAND_COLUMNS["wheels"]}
     dead = list[str]()
-    for names, moves in suspects:
-        if (
-            moves
-            and log.has(names)
-            and all(np.ptp(there[n]) == 0.0 and not (n in zero and there[n][0]) for n in names)
-        ):
+    for names, moves in suspects.items():
+        if not moves or not log.has(names):
+            continue
+        same = [n for n in names if np.ptp(columns[n]) == 0.0]
+        if len(same) == len(names) and not any(n in steady and columns[n][0] for n in names):
             dead += names
     return tuple(dead)
 
 
 def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
-    """Yield faults of columns: what the sampling rates say, what contradicts itself, what is dead and what is too large."""
-    fast = [
-        name
-        for name in _MEASURED
-        if name in log.groups and log.groups[name].period * _FAST_RATE < 1.0
-    ]
-    if fast:
-        often = f"{1.0 / log.groups[fast[0]].period:.4g} samples a second"
-        yield LogFault(
-            "clock", ("t",), f"{fast[0]} has {often}, as no robot has: t may not be in seconds"
-        )
-        return
+    """Yield faults of columns: wrong clocks, contradictions, dead columns, and large numbers."""
+    for name in _MEASURED:
+        group = log.groups.get(name)
+        if group is not None and group.period * _FAST_RATE < 1.0:
+            what = (
+                f"{name} has {1.0 / group.period:.4g} samples a second, "
+                "as no robot has: t may not be in seconds"
+            )
+            yield LogFault("clock", ("t",), what)
+            return
     signals = channels(log)
     faults = list[LogFault]()
     if signals is not None:
         faults = [*apart(log), *contradictions(signals, radius), *frozen(signals)]
     # joysticks command nothing
-    dead = tuple(name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"])
-    if unsaid := tuple(name for name in dead if not any(name in fault.columns for fault in faults)):
-        faults.append(LogFault("frozen", unsaid, f"{_DEAD}: {', '.join(unsaid)}"))
+    dead = [name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"]]
+    unnamed = _unnamed(dead, faults)
+    if unnamed:
+        faults.append(LogFault("frozen", unnamed, f"{_DEAD}: {', '.join(unnamed)}"))
     yield from faults
-    for name, values in log.columns.items():
-        known = COLUMNS.get(name, ANY_COLUMN)
-        greatest = float(np.abs(values).max())
-        if greatest > known.usual and not any(name in fault.columns for fault in faults):
-            more = f"more than {known.usual:g}: it may be in {known.others}"
-            yield LogFault("scale", (name,), f"{name} reaches {greatest:.4g} {known.unit}, {more}")
+    for name in _unnamed(log.columns, faults):
+        column = COLUMNS.get(name, ANY_COLUMN)
+        greatest = float(np.abs(log.columns[name]).max())
+        if greatest > column.usual:
+            yield LogFault(
+                "scale",
+                (name,),
+                f"{name} reaches {greatest:.4g} {column.unit}, "
+                f"more than {column.usual:g}: it may be in {column.others}",
+            )

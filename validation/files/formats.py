@@ -1,4 +1,4 @@
-"""The table of log formats, and reading and writing a log in whichever of them its path asks for."""
+"""The table of log formats, and reading and writing a log in the format of its path."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from validation.store import write_atomic
 
 
 def write_tum(log: Log, path: Path) -> None:
-    """Write the poses of a log as evo reads them, `t x y z qx qy qz qw` on each line, whole or not at all.
+    """Write the poses of a log as evo reads them, whole or not at all.
+
+    Each line is `t x y z qx qy qz qw`.
 
     Raises:
         FileError: there is no pose.
         OSError: the file cannot be written.
     """
-    made = log.on_one_clock()
-    if not made.has(POSE_COLUMNS):
+    common = log.on_one_clock()
+    if not common.has(POSE_COLUMNS):
         raise FileError(log.path, f"there is no pose for {path.name}")
-    x, y, yaw = made.table(POSE_COLUMNS).T
-    table = np.column_stack(
-        [made.t, x, y, np.zeros(len(x)), quat_wxyz_to_xyzw(yaw_to_quat_wxyz(yaw))]
-    )
+    x, y, yaw = common.table(POSE_COLUMNS).T
+    quaternions = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(yaw))
+    table = np.column_stack([common.t, x, y, np.zeros(len(x)), quaternions])
     write_atomic(path, lambda beside: np.savetxt(beside, table, fmt="%.9f"))
 
 
@@ -51,7 +52,9 @@ class LogFormat:
 
     def recognises(self, path: Path) -> bool:
         """Return whether a path looks like this format: by its ending, or as a folder."""
-        return bool(self.folder) if path.is_dir() else path.suffix.lower() in self.endings
+        if path.is_dir():
+            return bool(self.folder)
+        return path.suffix.lower() in self.endings
 
 
 FORMATS = (
@@ -74,24 +77,23 @@ where they come from."""
 
 
 def log_path(name: str | Path) -> Path:
-    """Return the path of a log: a name in `SHIPPED_LOGS` means a log of the package, unless there is a file of that name."""
+    """Return the path of a log; a file is preferred to a shipped log of the same name."""
     path = Path(name)
-    return (
-        Path(__file__).parent / "shipped" / f"{name}.csv"
-        if str(name) in SHIPPED_LOGS and not exists(path)
-        else path
-    )
+    if str(name) in SHIPPED_LOGS and not exists(path):
+        return Path(__file__).parent / "shipped" / f"{name}.csv"
+    return path
 
 
 def profile_of_log(name: str | Path) -> str:
-    """Return the name of the profile that is meant where a user names none: that of a shipped log, else `husky-tile`."""
+    """Return the default profile for a log: that of a shipped one, else `husky-tile`."""
     return SHIPPED_LOGS.get(str(name), "husky-tile")
 
 
 def readable() -> str:
     """Return the endings that can be read, as a sentence names them: `.csv, .mcap or a folder`."""
-    known = [f for f in FORMATS if f.read is not None]
-    names = [ending for f in known for ending in f.endings] + [f.folder for f in known if f.folder]
+    formats = [f for f in FORMATS if f.read is not None]
+    names = [ending for f in formats for ending in f.endings]
+    names += [f.folder for f in formats if f.folder]
     return f"{', '.join(names[:-1])} or {names[-1]}"
 
 
@@ -126,25 +128,25 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
 
 
 def format_of_target(path: str | Path) -> LogFormat:
-    """Return the format that the ending of a file says, which is to be written; a ValueError lists those that there are."""
-    known = {ending: f for f in FORMATS if f.write is not None for ending in f.endings}
+    """Return the format for writing a file of that ending; a ValueError lists the formats."""
+    formats = {ending: f for f in FORMATS if f.write is not None for ending in f.endings}
     suffix = Path(path).suffix
-    if suffix.lower() not in known:
-        raise ValueError(
-            f"{path}: no format has the ending '{suffix}'; there are: {', '.join(known)}"
-        )
-    return known[suffix.lower()]
+    if suffix.lower() not in formats:
+        endings = ", ".join(formats)
+        raise ValueError(f"{path}: no format has the ending '{suffix}'; there are: {endings}")
+    return formats[suffix.lower()]
 
 
 def write_log(log: Log, path: str | Path) -> None:
     """Write a log in the format that the ending of `path` names, whole or not at all.
 
-    Raises: ValueError: no format that can be written has that ending, the log lacks what the format
-        needs, or `path` is the log
-            itself or lies in it.
+    Raises:
+        ValueError: no format that can be written has that ending, the log lacks columns that the
+            format needs, or `path` is the log itself or lies in it.
         OSError: the file cannot be written.
     """
-    path, write = Path(path), format_of_target(path).write
+    path = Path(path)
+    write = format_of_target(path).write
     assert write is not None
     check_apart(path, log.path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -154,8 +156,9 @@ def write_log(log: Log, path: str | Path) -> None:
 def check_apart(target: str | Path, source: str | Path) -> None:
     """Refuse to write a file of any kind over a log or a part of it, before any work is done.
 
-    Raises: ValueError: the target is a folder, or there is the source itself, or a part of the ROS
-        2 bag that is the source.
+    Raises:
+        ValueError: the target is a folder, or there is the source itself, or a part of the ROS 2
+            bag that is the source.
     """
     target = Path(target)
     source = Path(source)

@@ -1,4 +1,4 @@
-"""Foreign files, which can be damaged or bombs: they are read in a child process that neither lasts nor grows for long.
+"""Foreign files, which can be damaged or bombs, are read in a child process with limits.
 
 The child is a new Python that calls one function and sends back what it returns: a value of JSON,
 and bytes. What it unpacks on the disk is gone afterwards. Where an operating system has no limits
@@ -26,11 +26,12 @@ sys.path[:], *task = json.load(sys.stdin)
 from validation.files.guarded import serve
 serve(*task)
 """
-_LONGEST = 200  # greatest length of what a message says of an error
+_LONGEST = 200
+"""Greatest length of an error's text in a message."""
 
 
 class Allowance(NamedTuple):
-    """What a child may use; beyond it ends."""
+    """Limits of a child process, which ends beyond them."""
 
     seconds: float
     """Time by the clock and of the processor [s]."""
@@ -41,23 +42,21 @@ class Allowance(NamedTuple):
 
 
 Answer = tuple[Any, Sequence[Any]]
-"""What a function gives in a child process: a value of JSON, and buffers of bytes."""
+"""Answer of a function in a child process: a value of JSON, and buffers of bytes."""
 
 
 def ask(function: Callable[..., Answer], arguments: Sequence[Any], allowance: Allowance) -> Answer:
-    """Return what a function of a module gives that a child process calls with these values of JSON.
+    """Return the answer of a function of a module, called in a child process.
+
+    Its arguments are values of JSON.
 
     Raises:
         ValueError: the function raised something, or used more than it may.
     """
     task = [sys.path, function.__module__, function.__name__, arguments, allowance]
     with tempfile.TemporaryDirectory() as folder:
-        lean = {
-            **os.environ,
-            "OPENBLAS_NUM_THREADS": "1",
-            "MALLOC_ARENA_MAX": "1",
-            "TMPDIR": folder,
-        }
+        # threads and arenas of memory would count against the limit
+        lean = {"OPENBLAS_NUM_THREADS": "1", "MALLOC_ARENA_MAX": "1", "TMPDIR": folder}
         try:
             ran = subprocess.run(  # nosec B603 # the arguments are our own
                 [sys.executable, "-P", "-c", _CALL],
@@ -65,17 +64,19 @@ def ask(function: Callable[..., Answer], arguments: Sequence[Any], allowance: Al
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
                 timeout=allowance.seconds,
-                env=lean,
+                env=os.environ | lean,
             )
         except subprocess.TimeoutExpired as error:
             raise ValueError(
                 f"reading it does not come to an end in {error.timeout:.3g} s"
             ) from error
     if ran.returncode:
-        most = f"{allowance.seconds:.3g} s and {allowance.memory / 2**30:.3g} GiB"
-        raise ValueError(
-            f"reading it takes more than {most}, or ends the reader: does something in it grow without end?"
+        what = (
+            "reading it takes more than "
+            f"{allowance.seconds:.3g} s and {allowance.memory / 2**30:.3g} GiB, "
+            "or ends the reader"
         )
+        raise ValueError(f"{what}: does something in it grow without end?")
     output = io.BytesIO(ran.stdout)
     fault, answer, sizes = json.loads(output.readline())
     if fault:
@@ -84,17 +85,17 @@ def ask(function: Callable[..., Answer], arguments: Sequence[Any], allowance: Al
 
 
 def serve(module: str, name: str, arguments: Sequence[Any], allowance: Sequence[Any]) -> None:
-    """Call a function within limits that the operating system keeps, and write what it gives to standard output."""
+    """Call a function within limits of the operating system, and write its answer to stdout."""
     function = getattr(import_module(module), name)
     output = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # prints of a library are no answer
     if os.name == "posix":
         import resource
 
         seconds, memory, disk = allowance
         limits = {"CORE": 0, "CPU": math.ceil(seconds), "AS": memory, "FSIZE": disk}
-        for what, most in limits.items():
-            resource.setrlimit(getattr(resource, f"RLIMIT_{what}"), (most, most))
+        for name, most in limits.items():
+            resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (most, most))
     fault = ""
     try:
         answer, parts = function(*arguments)

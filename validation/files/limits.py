@@ -1,4 +1,4 @@
-"""Limits of logs: what lies beyond them is damaged, hostile or in other units than it should be."""
+"""Limits of logs: a log beyond them is damaged, hostile or in other units than it should be."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ step must not underflow."""
 _USUAL_PERIOD = 0.02
 """Period of a usual log [s]: time in another unit is recognised by the factor that brings its steps
 near to this."""
-# logarithm of the greatest ratio of a step to `_USUAL_PERIOD` that a unit is recognised by
 _PLAUSIBLE = math.log(1000.0)
+"""Logarithm of the greatest ratio of a step to `_USUAL_PERIOD` that a unit is recognised by."""
 _UNITS = {"seconds": 1.0, "milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
@@ -62,17 +62,17 @@ class LogLimits:
         Raises:
             ValueError: there is no limit of that name, or a value is not positive.
         """
-        unknown = [name for name in values if name not in described(LogLimits)]
-        if unknown:
-            raise ValueError(
-                f"unknown limit '{unknown[0]}'; there are: {', '.join(described(LogLimits))}"
-            )
+        limits = described(LogLimits)
+        for name in values:
+            if name not in limits:
+                raise ValueError(f"unknown limit '{name}'; there are: {', '.join(limits)}")
         return replace(self, **values)
 
     def says(self, name: str) -> str:
-        """Return what a limit is, as messages say it: `the limit span is 864000 s`."""
+        """Return the words for a limit in messages: `the limit span is 864000 s`."""
         unit = described(LogLimits)[name].unit
-        return f"the limit {name} is {getattr(self, name):g}{'' if unit == '1' else f' {unit}'}"
+        words = f"the limit {name} is {getattr(self, name):g}"
+        return words if unit == "1" else f"{words} {unit}"
 
     def bytes_of(self, name: str) -> int:
         """Return a limit that is given in MB, in bytes."""
@@ -89,12 +89,12 @@ class TimeFault(NamedTuple):
     row: int
     """Index of the sample."""
     what: str
-    """Sentence that says what is wrong with it."""
+    """Sentence on the fault."""
 
 
 def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
-    """Return what is wrong with (M,) finite stamps [s], M at least 2; None if they can be the time of a log."""
-    # what is infinite then is beyond every limit
+    """Return the fault of (M,) finite stamps [s], M at least 2; None if a log can have them."""
+    # steps that are infinite are beyond every limit
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.diff(t)
         span = float(t[-1] - t[0])
@@ -103,14 +103,11 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
     if len(back):
         k = int(back[0])
         return TimeFault(k + 1, f"time must increase, but {t[k + 1]:.9g} s follows {t[k]:.9g} s")
+    median = f"the median step is {usual:.6g} s"
     if usual > limits.period:
-        return TimeFault(
-            0, f"the median step is {usual:.6g} s, but {limits.says('period')}{_other_unit(usual)}"
-        )
+        return TimeFault(0, f"{median}, but {limits.says('period')}{_other_unit(usual)}")
     if usual * limits.rate < 1.0:
-        return TimeFault(
-            0, f"the median step is {usual:.6g} s, but {limits.says('rate')}; wanted t in seconds"
-        )
+        return TimeFault(0, f"{median}, but {limits.says('rate')}; wanted t in seconds")
     short = int(np.argmin(steps))
     long = int(np.argmax(steps))
     if steps[short] * limits.rate < _BUNCHED:
@@ -119,8 +116,11 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
             f"the step from the sample before is {steps[short]:.3g} s, but {limits.says('rate')}",
         )
     if steps[long] > limits.gap:
-        jump = f"time jumps from {t[long]:.9g} to {t[long + 1]:.9g} s"
-        return TimeFault(long + 1, f"{jump}, but {limits.says('gap')}: cut the log there")
+        return TimeFault(
+            long + 1,
+            f"time jumps from {t[long]:.9g} to {t[long + 1]:.9g} s, "
+            f"but {limits.says('gap')}: cut the log there",
+        )
     if span > limits.span:
         return TimeFault(
             len(t) - 1, f"the log spans {span:.6g} s, but {limits.says('span')}{_other_unit(usual)}"
@@ -129,8 +129,9 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
 
 
 def _other_unit(step: float) -> str:
-    """Return which unit a step looks as if it were in, as the end of a sentence; nothing if it looks like seconds."""
+    """Return the end of a sentence on the unit of a step; nothing if it looks like seconds."""
     away = {name: abs(math.log(step / factor / _USUAL_PERIOD)) for name, factor in _UNITS.items()}
     name = min(away, key=lambda unit: away[unit])
-    plausible = name != "seconds" and away[name] < _PLAUSIBLE
-    return f"; t looks like {name}: divide it by {_UNITS[name]:g}" if plausible else ""
+    if name == "seconds" or away[name] >= _PLAUSIBLE:
+        return ""
+    return f"; t looks like {name}: divide it by {_UNITS[name]:g}"

@@ -1,6 +1,7 @@
-"""A log: what a robot's sensors said, as columns of numbers with units, in groups that have stamps of their own.
+"""A log: the signals of a robot's sensors, in groups that have stamps of their own.
 
-Every reader returns a `Log`. `Log.on_one_clock` brings its groups onto one clock. There
+Signals are columns of numbers with units. Every reader returns a `Log`. `Log.on_one_clock` brings
+its groups onto one clock. There
 measurements are interpolated linearly between samples that were not only logged again, and commands
 are held until the next one; they count as zero once they are older than half a second, as in a
 robot's driver. A gap in a group becomes a gap of the log, which nothing bridges. Groups that share
@@ -18,12 +19,12 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ssmr.types import CommandKind, FloatArray, frozen_array
 from validation.files.limits import USUAL, LogLimits, find_time_fault
 from validation.files.reading import FileError
-from validation.files.signals import TIME_ROUNDOFF, fresh_poses, held, refreshed
+from validation.files.signals import TIME_ROUNDOFF, BoolArray, fresh_poses, held, refreshed
 
 
 class Column(NamedTuple):
@@ -40,21 +41,21 @@ class Column(NamedTuple):
     """Units that it may be in where it is larger."""
 
     def fault(self, values: FloatArray) -> tuple[int, str] | None:
-        """Return the index of the first of (M,) values that cannot be, and what is wrong with it; None if all can be."""
+        """Return the index of the first impossible one of (M,) values, and its fault, if any."""
         beyond = np.flatnonzero(~(np.abs(values) <= self.most))
         if not len(beyond):
             return None
         k = int(beyond[0])
-        wanted = (
-            f"more than {self.most:g}"
-            if math.isfinite(values[k])
-            else f"wanted a finite number [{self.unit}]"
-        )
-        return k, f"{f'{values[k]:g} {self.unit}'.strip()}, {wanted}"
+        number = f"{values[k]:g} {self.unit}".strip()
+        if math.isfinite(values[k]):
+            return k, f"{number}, more than {self.most:g}"
+        return k, f"{number}, wanted a finite number [{self.unit}]"
 
 
 _RPM = "rpm, ticks or degrees per second"
 _DEGREES = "degrees per second"
+_CURRENT = Column("A", "channels", 1e100, 1000.0, "mA")
+_VOLTAGE = Column("V", "channels", 1e100, 200.0, "mV")
 COLUMNS: Mapping[str, Column] = MappingProxyType(
     {
         **dict.fromkeys(("x", "y"), Column("m", "pose", 1e8)),
@@ -69,12 +70,8 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(
         "cmd_v": Column("m/s", "cmd", 100.0, 10.0, "mm/s or km/h"),
         "cmd_w": Column("rad/s", "cmd", 1000.0, 15.0, _DEGREES),
         **dict.fromkeys(("acc_x", "acc_y", "acc_z"), Column("m/s²", "channels", 1e5, 160.0, "mg")),
-        **dict.fromkeys(
-            ("current_left", "current_right"), Column("A", "channels", 1e100, 1000.0, "mA")
-        ),
-        **dict.fromkeys(
-            ("voltage_left", "voltage_right"), Column("V", "channels", 1e100, 200.0, "mV")
-        ),
+        **dict.fromkeys(("current_left", "current_right"), _CURRENT),
+        **dict.fromkeys(("voltage_left", "voltage_right"), _VOLTAGE),
     }
 )
 """Columns whose meaning is known. Their first group that a log has sets its rate, unless a rate is
@@ -83,8 +80,8 @@ ANY_COLUMN = Column("", "channels", 1e100)
 """Any other column."""
 GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        g: tuple(n for n, c in COLUMNS.items() if c.group == g)
-        for g in dict.fromkeys(c.group for c in COLUMNS.values())
+        group: tuple(name for name, column in COLUMNS.items() if column.group == group)
+        for group in dict.fromkeys(column.group for column in COLUMNS.values())
     }
 )
 """Names of the groups, and the known columns of each."""
@@ -99,37 +96,36 @@ COMMAND_COLUMNS: Mapping[CommandKind, tuple[str, str]] = MappingProxyType(
 
 UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(
     {
-        **{"ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9), "min": ("s", 60.0)},
-        **{"deg": ("rad", math.pi / 180.0), "turns": ("rad", 2.0 * math.pi)},
-        **{
-            "deg/s": ("rad/s", math.pi / 180.0),
-            "rpm": ("rad/s", math.pi / 30.0),
-            "rad/min": ("rad/s", 1.0 / 60.0),
-        },
-        **{
-            "mm": ("m", 1e-3),
-            "cm": ("m", 1e-2),
-            "km": ("m", 1e3),
-            "ft": ("m", 0.3048),
-            "in": ("m", 0.0254),
-        },
-        **{
-            "km/h": ("m/s", 1.0 / 3.6),
-            "mm/s": ("m/s", 1e-3),
-            "cm/s": ("m/s", 1e-2),
-            "m/min": ("m/s", 1.0 / 60.0),
-        },
-        **{"ft/s": ("m/s", 0.3048), "mph": ("m/s", 0.44704)},
+        "ms": ("s", 1e-3),
+        "us": ("s", 1e-6),
+        "ns": ("s", 1e-9),
+        "min": ("s", 60.0),
+        "deg": ("rad", math.pi / 180.0),
+        "turns": ("rad", 2.0 * math.pi),
+        "deg/s": ("rad/s", math.pi / 180.0),
+        "rpm": ("rad/s", math.pi / 30.0),
+        "rad/min": ("rad/s", 1.0 / 60.0),
+        "mm": ("m", 1e-3),
+        "cm": ("m", 1e-2),
+        "km": ("m", 1e3),
+        "ft": ("m", 0.3048),
+        "in": ("m", 0.0254),
+        "km/h": ("m/s", 1.0 / 3.6),
+        "mm/s": ("m/s", 1e-3),
+        "cm/s": ("m/s", 1e-2),
+        "m/min": ("m/s", 1.0 / 60.0),
+        "ft/s": ("m/s", 0.3048),
+        "mph": ("m/s", 0.44704),
     }
 )
-"""Units that loggers write: the one that is meant by `COLUMNS`, and the factor to it."""
+"""Units that loggers write: the unit in `COLUMNS` of the same quantity, and the factor to it."""
 
-# A step longer than this many periods is a gap: one dropped sample is tolerated, two are not
 _GAP_FACTOR = 2.5
+"""A step longer than this many periods is a gap: one dropped sample is tolerated, two are not."""
 
 
 def column_of(name: str) -> Column:
-    """Return what is known of a column."""
+    """Return the properties of a column."""
     return COLUMNS.get(name, ANY_COLUMN)
 
 
@@ -159,20 +155,17 @@ class Group:
 
     def table(self, names: Sequence[str]) -> FloatArray | None:
         """Return (M, len(names)) columns side by side; None where one is missing."""
-        return (
-            np.column_stack([self.columns[n] for n in names])
-            if all(n in self.columns for n in names)
-            else None
-        )
+        if not all(n in self.columns for n in names):
+            return None
+        return np.column_stack([self.columns[n] for n in names])
 
-    def where(self, keep: NDArray[np.bool_]) -> Group:
+    def where(self, keep: BoolArray) -> Group:
         """Return the samples for which the (M,) `keep` is true."""
-        return replace(
-            self, t=self.t[keep], columns={name: a[keep] for name, a in self.columns.items()}
-        )
+        columns = {name: values[keep] for name, values in self.columns.items()}
+        return replace(self, t=self.t[keep], columns=columns)
 
     def longest_step(self, period: float = 0.0) -> float:
-        """Return the longest step of time [s] that is no gap, at the group's own period or at a longer `period` [s]."""
+        """Return the longest step of time [s] that is no gap, at the group's period or a longer."""
         return _GAP_FACTOR * max(self.period, period) + TIME_ROUNDOFF
 
     def gaps(self) -> list[tuple[float, float]]:
@@ -180,11 +173,14 @@ class Group:
         at = np.flatnonzero(np.diff(self.t) > self.longest_step())
         return [(float(self.t[k]), float(self.t[k + 1])) for k in at]
 
-    def in_gaps(self, t: FloatArray, margin: float = 0.0, least: float = 0.0) -> NDArray[np.bool_]:
+    def in_gaps(self, t: FloatArray, margin: float = 0.0, least: float = 0.0) -> BoolArray:
         """Return (N,) whether instants `t` [s] lie in gaps.
 
-        Args: t: (N,) instants [s]. margin: time after the beginning and before the end of a gap
-            that does not count as in it [s]. least: shorter gaps, or equal ones, do not count [s].
+        Args:
+            t: (N,) instants [s].
+            margin: time after the beginning and before the end of a gap that does not count as in
+                it [s].
+            least: shorter gaps, or equal ones, do not count [s].
         """
         at = np.flatnonzero(np.diff(self.t) > max(self.longest_step(), least))
         if not len(at):
@@ -197,7 +193,7 @@ class Group:
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Choices for formats with topics, and limits for all; a format without topics refuses their names."""
+    """Choices for reading a log; a format without topics refuses their names."""
 
     topics: Mapping[str, str] = field(default_factory=dict)
     """Topic of each role (cmd, odom, wheels, imu, pose, gps), or `none`; roles that are not named
@@ -211,10 +207,10 @@ class ReadOptions:
     """Radius of the wheels [m], which some units and faults need; None where nobody knows it."""
 
     def factor(self, name: str, unit: str) -> float:
-        """Return the factor from a unit to that of a column; a ValueError says which units there are."""
-        wanted = "s" if name == "t" else column_of(name).unit
+        """Return the factor from a unit to that of a column; a ValueError lists the units."""
+        column_unit = "s" if name == "t" else column_of(name).unit
         base, factor = UNITS.get(unit, (unit, 1.0))
-        if base == wanted or not unit:
+        if base == column_unit or not unit:
             return factor
         if name in COMMAND_COLUMNS["wheels"] and base == "m/s":
             if self.radius is None:
@@ -222,8 +218,8 @@ class ReadOptions:
                     f"{name} in {unit} needs the radius of the wheels; name the robot by --robot"
                 )
             return factor / self.radius
-        known = ", ".join((wanted, *(u for u, (of, _) in UNITS.items() if of == wanted)))
-        raise ValueError(f"{name} cannot be in '{unit}'; its units are {known}")
+        units = [column_unit, *(u for u, (of, _) in UNITS.items() if of == column_unit)]
+        raise ValueError(f"{name} cannot be in '{unit}'; its units are {', '.join(units)}")
 
 
 PLAIN = ReadOptions()
@@ -250,11 +246,12 @@ class Topic:
 
 
 def unwrapped(angles: FloatArray) -> FloatArray:
-    """Return (M,) angles without jumps by a turn: of 2 pi, or of 360 where they are in degrees, which is a fault to name."""
+    """Return (M,) angles without jumps by a turn, of 2 pi, or of 360 if they are in degrees."""
+    # degrees are a fault that is named later
     steps = np.abs(np.diff(angles))
-    return np.unwrap(
-        angles, period=360.0 if np.any((steps > 300.0) & (steps < 361.0)) else 2.0 * math.pi
-    )
+    if np.any((steps > 300.0) & (steps < 361.0)):
+        return np.unwrap(angles, period=360.0)
+    return np.unwrap(angles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,39 +275,39 @@ class Log:
     def of_columns(
         cls, path: str | Path, columns: Mapping[str, ArrayLike], limits: LogLimits = USUAL
     ) -> Log:
-        """Return a log of (M,) columns by name on one clock, `t` [s] among them; they are copied and read-only.
+        """Return a log of (M,) columns by name on one clock, `t` [s] among them.
 
-        Raises: FileError: there is no `t`, it does not increase, there are fewer than two samples,
-            lengths differ, numbers are
-                not finite, a name cannot stand in a file, or no column is one of `RECORDED`.
+        The columns are copied and read-only.
+
+        Raises:
+            FileError: there is no `t`, it does not increase, there are fewer than two samples,
+                lengths differ, numbers are not finite, a name cannot stand in a file, or no column
+                is one of `RECORDED`.
         """
         path = Path(path)
         arrays = {n: np.asarray(a, dtype=np.float64) for n, a in columns.items()}
         if "t" not in arrays or len(arrays["t"]) < 2:
             raise FileError(path, "a log needs a column t, and at least two samples")
-        if unknown := [name for name in arrays if not is_column_name(name)]:
-            raise FileError(path, f"{unknown[0]!r} is no name of a column")
+        for name in arrays:
+            if not is_column_name(name):
+                raise FileError(path, f"{name!r} is no name of a column")
         if not any(name in RECORDED for name in arrays):
             raise FileError(path, _NOTHING)
-        groups: dict[str, dict[str, FloatArray]] = {name: {} for name in GROUPS}
+        members: dict[str, dict[str, FloatArray]] = {name: {} for name in GROUPS}
         try:
             t = frozen_array(arrays.pop("t"), "t", (None,))
-            for name, a in arrays.items():
-                known = column_of(name)
-                groups[known.group][name] = frozen_array(
-                    unwrapped(a) if known.unit == "rad" else a, name, (len(t),)
-                )
+            for name, values in arrays.items():
+                column = column_of(name)
+                if column.unit == "rad":
+                    values = unwrapped(values)
+                members[column.group][name] = frozen_array(values, name, (len(t),))
         except ValueError as cause:
             raise FileError(path, str(cause)) from cause
-        if np.any(t[1:] <= t[:-1]):
-            raise FileError(
-                path, f"t must increase; it does not after sample {int(np.argmax(t[1:] <= t[:-1]))}"
-            )
-        return cls(
-            path,
-            {name: Group(path.name, t, own) for name, own in groups.items() if own},
-            limits=limits,
-        )
+        back = np.flatnonzero(t[1:] <= t[:-1])
+        if len(back):
+            raise FileError(path, f"t must increase; it does not after sample {back[0]}")
+        groups = {name: Group(path.name, t, part) for name, part in members.items() if part}
+        return cls(path, groups, limits=limits)
 
     @property
     def name(self) -> str:
@@ -338,7 +335,7 @@ class Log:
         name = column_of(column).group
         return self.recorded.get(name) or self.groups[name]
 
-    # ----------------------------------------------------------------------------------------- on
+    # -----------------------------------------------------------------------------------------
     # one clock
     @property
     def t(self) -> FloatArray:
@@ -356,21 +353,30 @@ class Log:
         return all(g.t is first.t or np.array_equal(g.t, first.t) for g in others)
 
     def table(self, names: Sequence[str]) -> FloatArray:
-        """Return (M, len(names)) columns of a log on one clock side by side; a ValueError names those that are missing."""
-        there = self.columns
-        if missing := [n for n in names if n not in there]:
+        """Return (M, len(names)) columns of a log on one clock side by side.
+
+        Raises:
+            ValueError: a column is missing.
+        """
+        columns = self.columns
+        missing = [n for n in names if n not in columns]
+        if missing:
             raise ValueError(
-                f"log {self.name} has no column {', '.join(missing)}; it has {', '.join(there)}"
+                f"log {self.name} has no column {', '.join(missing)}; it has {', '.join(columns)}"
             )
-        return frozen_array(
-            np.stack([there[n] for n in names], axis=1), self.name, (len(self.t), len(names))
-        )
+        table = np.stack([columns[n] for n in names], axis=1)
+        return frozen_array(table, self.name, (len(self.t), len(names)))
 
     def stretches(self) -> list[slice]:
-        """Return the samples between gaps of a log on one clock, but for lone ones; a ValueError says if there is none."""
+        """Return the samples between gaps of a log on one clock, at least two in a stretch.
+
+        Raises:
+            ValueError: there is no stretch.
+        """
         t = self.t
         longest = next(iter(self.groups.values())).longest_step()
-        edges = [0, *(np.flatnonzero(np.diff(t) > longest) + 1).tolist(), len(t)]
+        after_gaps = np.flatnonzero(np.diff(t) > longest) + 1
+        edges = [0, *after_gaps.tolist(), len(t)]
         pieces = [slice(a, b) for a, b in pairwise(edges) if b - a >= 2]
         if not pieces:
             raise ValueError(
@@ -381,12 +387,13 @@ class Log:
     def on_one_clock(self, rate: float | None = None) -> Log:
         """Return the log with all groups on one clock.
 
-        Args: rate: samples a second [Hz]. None: the stamps that the groups share, or the rate of
-            the first group of `GROUPS`.
+        Args:
+            rate: samples a second [Hz]. None: the stamps that the groups share, or the rate of the
+                first group of `GROUPS`.
 
-        Raises: FileError: the groups do not overlap, leave nothing between their gaps, hold no
-            column of `RECORDED`, or make
-                more samples than the limits allow.
+        Raises:
+            FileError: the groups do not overlap, leave nothing between their gaps, hold no column
+                of `RECORDED`, or make more samples than the limits allow.
         """
         if not any(name in RECORDED for name in self.columns):
             raise FileError(self.path, _NOTHING)
@@ -395,79 +402,98 @@ class Log:
         t = self._clock(rate)
         period = float(np.median(np.diff(t)))
         keep = np.ones(len(t), dtype=bool)
-        columns: dict[str, dict[str, FloatArray]] = {}
+        moved = {}
         for name, group in self.groups.items():
+            columns = {}
             if name == "cmd":
-                columns[name] = {n: held(t, group.t, values) for n, values in group.columns.items()}
-                continue
-            # gaps at the common period as well
-            keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))
-            new = slice(None) if np.array_equal(t, group.t) else _measured(name, group)
-            columns[name] = {
-                n: np.interp(t, group.t[new], values[new]) for n, values in group.columns.items()
-            }
+                for n, values in group.columns.items():
+                    columns[n] = held(t, group.t, values)
+            else:
+                # gaps at the common period as well
+                keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))
+                new = slice(None) if np.array_equal(t, group.t) else _measured(name, group)
+                for n, values in group.columns.items():
+                    columns[n] = np.interp(t, group.t[new], values[new])
+            moved[name] = replace(group, t=t, columns=columns)
         if np.count_nonzero(keep) < 2:
             raise FileError(
                 self.path, f"nothing is left between the gaps: {_spans(self.groups.values())}"
             )
-        t, period = t[keep], float(np.median(np.diff(t[keep])))
-        groups = {
-            name: Group(
-                self.groups[name].source, t, {n: a[keep] for n, a in arrays.items()}, period
-            )
-            for name, arrays in columns.items()
-        }
+        t = t[keep]
+        period = float(np.median(np.diff(t)))
+        groups = {}
+        for name, group in moved.items():
+            columns = {n: values[keep] for n, values in group.columns.items()}
+            groups[name] = Group(group.source, t, columns, period)
         return replace(self, groups=groups, recorded=self.groups)
 
     def _clock(self, rate: float | None) -> FloatArray:
-        """Return the (N,) instants of a common clock: shared stamps, or a grid over the time of all measured groups."""
-        measured = [g for name, g in self.groups.items() if name != "cmd"] or list(
-            self.groups.values()
-        )
+        """Return the (N,) instants of a common clock: shared stamps, or a grid over their time.
+
+        The grid covers the time of all measured groups.
+        """
+        measured = [g for name, g in self.groups.items() if name != "cmd"]
+        measured = measured or list(self.groups.values())
         first = self.groups[min(self.groups, key=[*GROUPS, *self.groups].index)]
         if rate is None and all(np.array_equal(g.t, first.t) for g in measured):
             return first.t
         dt = float(np.median(np.diff(first.t))) if rate is None else 1.0 / rate
         start = max(float(g.t[0]) for g in measured)
         stop = min(float(g.t[-1]) for g in measured)
-        if stop - start < dt:
-            what = f"the topics do not overlap: {_spans(measured)}; leave one out with topics ROLE=none"
-            raise FileError(self.path, what)
-        n = (stop - start) / dt + TIME_ROUNDOFF
+        span = stop - start
+        if span < dt:
+            raise FileError(
+                self.path,
+                f"the topics do not overlap: {_spans(measured)}; "
+                "leave one out with topics ROLE=none",
+            )
+        n = span / dt + TIME_ROUNDOFF
         width = len(self.columns)
         for limit, many in (("samples", n), ("cells", n * width)):
             if many > getattr(self.limits, limit):
-                many_samples = f"{stop - start:.6g} s at {1.0 / dt:.6g} Hz are too many samples of {width} columns"
+                samples = f"{span:.6g} s at {1.0 / dt:.6g} Hz are too many samples"
                 raise FileError(
                     self.path,
-                    f"{many_samples}, for {self.limits.says(limit)}; ask for a lower rate",
+                    f"{samples} of {width} columns, for {self.limits.says(limit)}; "
+                    "ask for a lower rate",
                 )
         return np.asarray(start + dt * np.arange(int(n) + 1), dtype=np.float64)
 
     # -----------------------------------------------------------------------------------------
     # changes
     def cut(self, start: float | None = None, stop: float | None = None) -> Log:
-        """Return the samples from `start` to `stop` [s], None for an end; empty groups drop out. A FileError if all do."""
+        """Return the samples from `start` to `stop` [s], None for an end; empty groups drop out.
+
+        Raises:
+            FileError: all groups are empty.
+        """
         low = -math.inf if start is None else start
         high = math.inf if stop is None else stop
-        within = {name: (g.t >= low) & (g.t <= high) for name, g in self.groups.items()}
-        groups = {
-            name: self.groups[name].where(keep)
-            for name, keep in within.items()
-            if np.count_nonzero(keep) > 1
-        }
+        groups = {}
+        for name, group in self.groups.items():
+            keep = (group.t >= low) & (group.t <= high)
+            if np.count_nonzero(keep) > 1:
+                groups[name] = group.where(keep)
         if not groups:
-            what = f"nothing was logged in {low:g} to {high:g} s; there is {_spans(self.groups.values())}"
-            raise FileError(self.path, what)
+            raise FileError(
+                self.path,
+                f"nothing was logged in {low:g} to {high:g} s; "
+                f"there is {_spans(self.groups.values())}",
+            )
         return replace(self, groups=groups)
 
 
 def check_group(path: Path, group: Group, limits: LogLimits) -> None:
-    """Raise a FileError for times and numbers that cannot be; it names the group's source, the time and the column."""
-    if late := find_time_fault(group.t, limits):
+    """Raise a FileError for impossible times and numbers.
+
+    It names the group's source, the time and the column.
+    """
+    late = find_time_fault(group.t, limits)
+    if late is not None:
         raise FileError(path, f"{group.source}, sample {late.row + 1}: {late.what}")
     for name, values in group.columns.items():
-        if fault := column_of(name).fault(values):
+        fault = column_of(name).fault(values)
+        if fault is not None:
             k, what = fault
             raise FileError(path, f"{group.source}, {group.t[k]:.3f} s: {name} is {what}")
 
@@ -476,7 +502,7 @@ def _spans(groups: Iterable[Group]) -> str:
     return ", ".join(f"{g.source} {g.t[0]:.6g} to {g.t[-1]:.6g} s" for g in groups)
 
 
-def _measured(name: str, group: Group) -> NDArray[np.bool_]:
+def _measured(name: str, group: Group) -> BoolArray:
     """Return (M,) where a group's samples were measured anew, or stand beside a gap.
 
     A localiser or encoder that is slower than its log repeats its last value. To interpolate
@@ -484,8 +510,7 @@ def _measured(name: str, group: Group) -> NDArray[np.bool_]:
     """
     if name not in ("pose", "wheels", "odom"):
         return np.ones(len(group.t), dtype=bool)
-    new = (fresh_poses if name == "pose" else refreshed)(
-        group.t, np.column_stack(list(group.columns.values()))
-    )
+    table = np.column_stack(list(group.columns.values()))
+    new = fresh_poses(group.t, table) if name == "pose" else refreshed(group.t, table)
     gap = np.diff(group.t) > group.longest_step()
     return new | np.append(gap, True) | np.append(True, gap)

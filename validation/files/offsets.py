@@ -1,4 +1,4 @@
-"""Offsets of time between the sensors of a log: how late each tells of a motion that two of them see.
+"""Offsets of time between the sensors of a log: the delay of one signal behind another.
 
 Yaw rates tell the delays of wheels, odometry, commands and of the pose's heading. The delay of its
 position shows in the speed along the heading: a localiser may filter the two differently, so they
@@ -13,34 +13,35 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
 from validation.files.faults import find_jumps, twist_of
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
-from validation.files.signals import fresh_poses, held, refreshed
+from validation.files.signals import BoolArray, fresh_poses, held, refreshed
 
-# period on which signals are correlated [s]; a parabola through the best three lags is finer than
-# that
 _OFFSET_STEP = 0.01
+"""Period on which signals are correlated [s]; a parabola through the best three lags is finer."""
 _OFFSET_SMOOTHING = 0.1
 """Standard deviation of the Gaussian that smooths both signals first [s]: the slope of a noisy pose
 is noisier."""
-_OFFSET_LIMIT = 1.0  # longest offset that is looked for [s]
-_OFFSET_SPAN = 5.0  # shortest overlap of two signals that are correlated [s]
+_OFFSET_LIMIT = 1.0
+"""Longest offset that is looked for [s]."""
+_OFFSET_SPAN = 5.0
+"""Shortest overlap of two signals that are correlated [s]."""
 _OFFSET_SAMPLES = 1_000_000
 """Greatest number of periods that are correlated: of a log that is longer than three hours, the
 beginning suffices."""
-# least correlation from which an offset is taken; below it the two signals are not alike enough
 _OFFSET_CORRELATION = 0.5
+"""Least correlation from which an offset is taken; below it the two signals differ too much."""
 _CLOCK_ORDER = ("imu", "wheels", "odom", "pose")
 """The first of these groups that a log has is the clock for the others: a gyro measures its yaw
 rate at once."""
 _BLOCK_S = 30.0
+"""Length of the blocks of time whose errors are taken as independent [s]."""
 _BLOCKS = 8
-"""Length of the blocks of time whose errors are taken as independent [s], and the number of them in
-a log that is too short for so many."""
-_SHORTEST_BLOCK_S = 3.0  # shortest block [s]: within less, errors of two blocks are alike
+"""Number of blocks of a log that is too short for so many of that length."""
+_SHORTEST_BLOCK_S = 3.0
+"""Length of the shortest block [s]: within less, errors of two blocks are correlated."""
 
 
 @dataclass(frozen=True)
@@ -76,12 +77,12 @@ class _Signal:
     is_held: bool = False
     """True for commands, which hold until the next one."""
 
-    def known(self, grid: FloatArray) -> NDArray[np.bool_]:
+    def valid(self, grid: FloatArray) -> BoolArray:
         """Return (N,) whether it tells anything at instants `grid` [s]."""
-        known = ~self.group.in_gaps(grid)
+        valid = ~self.group.in_gaps(grid)
         for start, stop in self.jumps:
-            known[np.searchsorted(grid, start) : np.searchsorted(grid, stop)] = False
-        return known
+            valid[np.searchsorted(grid, start) : np.searchsorted(grid, stop)] = False
+        return valid
 
     def at(self, grid: FloatArray) -> FloatArray:
         """Return the (N,) rates at instants `grid` [s]."""
@@ -89,9 +90,9 @@ class _Signal:
             return np.interp(grid, self.t, self.values)
         # on stamps that the grid meets, one side alone would be half a step early
         half = 0.5 * _OFFSET_STEP
-        return 0.5 * (
-            held(grid - half, self.t, self.values) + held(grid + half, self.t, self.values)
-        )
+        before = held(grid - half, self.t, self.values)
+        after = held(grid + half, self.t, self.values)
+        return 0.5 * (before + after)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,7 @@ class _Poses:
     """(K,) stamps [s]."""
     pose: FloatArray
     """(K, 3) x [m], y [m], yaw [rad, unwrapped]."""
-    jumped: NDArray[np.bool_]
+    jumped: BoolArray
     """(K - 1,) whether the localiser jumped in that step."""
 
     @classmethod
@@ -114,9 +115,11 @@ class _Poses:
         if group is None or pose is None:
             return None
         new = np.flatnonzero(fresh_poses(group.t, pose))
+        if len(new) < 3:
+            return None
         jumps = find_jumps(log)
         jumped = np.isin(new[1:], () if jumps is None else jumps.index)
-        return cls(group, group.t[new], pose[new], jumped) if len(new) > 2 else None
+        return cls(group, group.t[new], pose[new], jumped)
 
     @property
     def middle(self) -> FloatArray:
@@ -130,34 +133,46 @@ class _Poses:
     def signal(self, rates: FloatArray) -> _Signal:
         """Return (K - 1,) rates of the steps as a signal; jumps tell nothing."""
         spans = [(float(self.t[k]), float(self.t[k + 1])) for k in np.flatnonzero(self.jumped)]
-        return _Signal(self.middle[~self.jumped], rates[~self.jumped], self.group, spans)
+        sound = ~self.jumped
+        return _Signal(self.middle[sound], rates[sound], self.group, spans)
 
 
 def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[str, _Signal]]:
-    """Return the yaw rates that a log tells, by group, in `_CLOCK_ORDER` and then commands; and the speeds of its wheels.
+    """Return the yaw rates of a log by group, and the speeds of its wheels.
 
-    Wheel rates are interpolated from one fresh sample of a side to its next: where the sides are
-    refreshed in turn, a row has a rate that is new and one that is old.
+    They stand in `_CLOCK_ORDER`, then commands. Wheel rates are interpolated from one fresh sample
+    of a side to its next: where the sides are refreshed in turn, a row has a rate that is new and
+    one that is old.
     """
-    turning = dict[str, _Signal]()
-    speeds = dict[str, _Signal]()
-    for name in (n for n in (*_CLOCK_ORDER, "cmd") if n in log.groups):
-        group = log.groups[name]
-        for side in (n for n in COMMAND_COLUMNS["wheels"] if n in group.columns):
-            new = refreshed(group.t, group.columns[side][:, None])
-            steady = np.interp(group.t, group.t[new], group.columns[side][new])
+    turning = {}
+    speeds = {}
+    for name in (*_CLOCK_ORDER, "cmd"):
+        group = log.groups.get(name)
+        if group is None:
+            continue
+        if name == "pose":
+            if poses is not None:
+                turning[name] = poses.signal(poses.slopes()[:, 2])
+            continue
+        if name in ("imu", "cmd"):
+            rate = group.columns.get("gyro_z" if name == "imu" else "cmd_w")
+            if rate is not None:
+                turning[name] = _Signal(group.t, rate, group, is_held=name == "cmd")
+            continue
+        for side in COMMAND_COLUMNS["wheels"]:
+            rates = group.columns.get(side)
+            if rates is None:
+                continue
+            new = refreshed(group.t, rates[:, None])
+            steady = np.interp(group.t, group.t[new], rates[new])
             group = replace(group, columns={**group.columns, side: steady})
-        twist = twist_of(group) if name in ("wheels", "odom") else None
-        rate = group.columns.get({"imu": "gyro_z", "cmd": "cmd_w"}.get(name, ""))
-        if name == "pose" and poses is not None:
-            turning[name] = poses.signal(poses.slopes()[:, 2])
-        elif twist is not None:
-            new = refreshed(group.t, np.column_stack(twist[1:]))
-            speeds[name], turning[name] = (
-                _Signal(group.t[new], values[new], group) for values in twist[1:]
-            )
-        elif rate is not None:
-            turning[name] = _Signal(group.t, rate, group, is_held=name == "cmd")
+        twist = twist_of(group)
+        if twist is None:
+            continue
+        t, speed, yaw_rate = twist
+        new = refreshed(t, np.column_stack([speed, yaw_rate]))
+        speeds[name] = _Signal(t[new], speed[new], group)
+        turning[name] = _Signal(t[new], yaw_rate[new], group)
     return turning, speeds
 
 
@@ -167,56 +182,56 @@ def estimate_offsets(log: Log) -> list[Offset]:
     The delay is the lag at which the correlation of two rates is greatest, refined by a parabola.
     Yaw rates are compared with the first group's; the speed of the pose's position along its
     heading with that of the wheels, whose own delay is added. The delay of commands is negative,
-    because a robot follows them. What does not resemble the other, or is zero, is left out. Samples
-    that were only logged again do not count, nor do jumps of the localiser.
+    because a robot follows them. Signals that do not resemble the first, or are zero, are left out.
+    Samples that were only logged again do not count, nor do jumps of the localiser.
     """
     poses = _Poses.of(log)
     turning, speeds = _signals(log, poses)
     reference, *others = list(turning) or [""]
-    offsets: list[Offset] = []
+    offsets = []
     for name in others:
         lag = _lag(turning[reference], turning[name])
         if lag is not None:
             offsets.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
-    position = (
-        None
-        if poses is None or not speeds
-        else _position_offset(*next(iter(speeds.items())), poses, offsets)
-    )
+    if poses is None or not speeds:
+        return offsets
+    wheels, speed = next(iter(speeds.items()))
+    position = _position_offset(wheels, speed, poses, offsets)
     return offsets if position is None else [*offsets, position]
 
 
 def _position_offset(
     wheels: str, speed: _Signal, poses: _Poses, offsets: Sequence[Offset]
 ) -> Offset | None:
-    """Return the delay of positions behind the first clock, or behind the wheels where those have no delay."""
+    """Return the delay of positions behind the first clock, or the wheels if those have none."""
     delays = {offset.late: offset for offset in offsets}
-    own = delays.get(wheels)
-    yaw_delay = (
-        delays["pose_yaw"].seconds - (own.seconds if own else 0.0) if "pose_yaw" in delays else 0.0
-    )
+    wheels_delay = delays.get(wheels)
+    yaw_delay = 0.0
+    if "pose_yaw" in delays:
+        yaw_delay = delays["pose_yaw"].seconds - (wheels_delay.seconds if wheels_delay else 0.0)
     late = yaw_delay
     steps = poses.slopes()
     # the heading at the time of a position is known once the delay between them is
     for _ in range(3):
         yaw = np.interp(poses.middle + yaw_delay - late, poses.t, poses.pose[:, 2])
-        lag = _lag(speed, poses.signal(steps[:, 0] * np.cos(yaw) + steps[:, 1] * np.sin(yaw)))
+        along = steps[:, 0] * np.cos(yaw) + steps[:, 1] * np.sin(yaw)
+        lag = _lag(speed, poses.signal(along))
         if lag is None:
             return None
-        late, likeness, error = lag
-    if own is None:
-        return Offset("position", wheels, late, likeness, error)
-    both = (
-        None
-        if error is None or own.standard_error is None
-        else math.hypot(error, own.standard_error)
-    )
-    return Offset("position", own.behind, late + own.seconds, likeness, both)
+        late, correlation, error = lag
+    if wheels_delay is None:
+        return Offset("position", wheels, late, correlation, error)
+    both = None
+    if error is not None and wheels_delay.standard_error is not None:
+        both = math.hypot(error, wheels_delay.standard_error)
+    seconds = late + wheels_delay.seconds
+    return Offset("position", wheels_delay.behind, seconds, correlation, both)
 
 
 def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
-    """Return the log with offsets taken out of the measurements; commands stay, for their delay is the robot's.
+    """Return the log with offsets taken out of the measurements.
 
+    Commands stay, for their delay is the robot's.
     Positions and headings are corrected one by one, and stay together: at each corrected stamp of a
     position the heading is interpolated between new ones. Samples that would need a heading from a
     gap or from beyond the ends are left out. Where only one of the two delays is known, it is that
@@ -224,10 +239,10 @@ def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
     """
     late = {offset.late: offset.seconds for offset in offsets if offset.late != "cmd"}
     groups = {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in log.groups.items()}
-    known = [late[name] for name in ("position", "pose_yaw") if name in late]
+    delays = [late[name] for name in ("position", "pose_yaw") if name in late]
     poses = _Poses.of(log)
-    if poses is not None and known:
-        groups["pose"] = _moved(poses, known[0], known[-1])
+    if poses is not None and delays:
+        groups["pose"] = _moved(poses, delays[0], delays[-1])
     return replace(log, groups=groups)
 
 
@@ -236,19 +251,22 @@ def _moved(poses: _Poses, position: float, yaw: float) -> Group:
     group = poses.group
     keep = np.ones(len(group.t), dtype=bool)
     columns = dict(group.columns)
-    for name, delay, values in zip(
-        POSE_COLUMNS, (0.0, 0.0, yaw - position), poses.pose.T, strict=True
-    ):
+    delays = (0.0, 0.0, yaw - position)
+    for name, delay, values in zip(POSE_COLUMNS, delays, poses.pose.T, strict=True):
         at = group.t + delay
         keep &= (at >= poses.t[0]) & (at <= poses.t[-1]) & ~group.in_gaps(at)
-        before = np.clip(np.searchsorted(poses.t, at, side="right") - 1, 0, len(poses.t) - 2)
+        last = np.searchsorted(poses.t, at, side="right") - 1
+        before = np.clip(last, 0, len(poses.t) - 2)
         jumps = poses.jumped[before] & (at < poses.t[before + 1])  # a jump stays one step
         columns[name] = np.where(jumps, values[before], np.interp(at, poses.t, values))
     return replace(group, t=group.t - position, columns=columns).where(keep)
 
 
 def _lag(a: _Signal, b: _Signal) -> tuple[float, float, float | None] | None:
-    """Return the delay of b behind a [s], the correlation there and the delay's standard error [s]; None if not alike."""
+    """Return the delay of b behind a [s], the correlation there and the standard error [s].
+
+    None if the two are too short, or not correlated.
+    """
     from scipy import ndimage  # here: it takes a tenth of a second to import
 
     if not (len(a.t) and len(b.t)):  # a localiser may jump at every step
@@ -257,50 +275,53 @@ def _lag(a: _Signal, b: _Signal) -> tuple[float, float, float | None] | None:
     stop = min(a.t[-1], b.t[-1])
     if stop - start < _OFFSET_SPAN:
         return None
-    grid = np.arange(start, min(stop, start + _OFFSET_SAMPLES * _OFFSET_STEP), _OFFSET_STEP)
+    longest = _OFFSET_SAMPLES * _OFFSET_STEP
+    grid = np.arange(start, min(stop, start + longest), _OFFSET_STEP)
     width = _OFFSET_SMOOTHING / _OFFSET_STEP
-    x, y = (ndimage.gaussian_filter1d(signal.at(grid), width, mode="nearest") for signal in (a, b))
-    sums = _block_sums(x, y, a.known(grid), b.known(grid))
+    x = ndimage.gaussian_filter1d(a.at(grid), width, mode="nearest")
+    y = ndimage.gaussian_filter1d(b.at(grid), width, mode="nearest")
+    sums = _block_sums(x, y, a.valid(grid), b.valid(grid))
     total = sums.sum(axis=0)
     best = _peak(total)
     if best is None:
         return None
     n = len(sums)
-    without = [_peak(total - block) for block in sums] if n >= _BLOCKS // 2 else []
-    lags = np.array([peak[0] for peak in without if peak is not None])
-    error = (
-        math.sqrt((n - 1) / n * float(((lags - lags.mean()) ** 2).sum()))
-        if len(lags) == n and n > 1
-        else None
-    )
-    return *best, error
+    if n < _BLOCKS // 2:
+        return *best, None
+    # the jackknife: the lags that are found without one block after the other
+    peaks = [_peak(total - block) for block in sums]
+    lags = np.array([peak[0] for peak in peaks if peak is not None])
+    if len(lags) < n:
+        return *best, None
+    return *best, math.sqrt((n - 1) / n * float(((lags - lags.mean()) ** 2).sum()))
 
 
 def _peak(sums: FloatArray) -> tuple[float, float] | None:
-    """Return the lag of greatest correlation [s] and the correlation, from (6, L) sums of products; None for none."""
+    """Return the lag of greatest correlation [s] and the correlation; None if it is too small.
+
+    `sums` are the (6, L) sums of products of `_block_sums`.
+    """
     most = sums.shape[1] // 2
     n = np.maximum(sums[0], 1.0)
     mean_x, mean_y, square_x, square_y, product = sums[1:] / n
     variance = (square_x - mean_x**2) * (square_y - mean_y**2)
     tiny = 1e-12  # rates of a millionth: standing
-    likeness = np.where(
-        variance > tiny, (product - mean_x * mean_y) / np.sqrt(np.maximum(variance, tiny)), 0.0
-    )
-    best = int(np.argmax(likeness))
-    if likeness[best] < _OFFSET_CORRELATION or best in (0, 2 * most):
+    scale = np.sqrt(np.maximum(variance, tiny))
+    correlation = np.where(variance > tiny, (product - mean_x * mean_y) / scale, 0.0)
+    best = int(np.argmax(correlation))
+    if correlation[best] < _OFFSET_CORRELATION or best in (0, 2 * most):
         return None
-    before, at, after = likeness[best - 1 : best + 2]
+    # the vertex of the parabola through the best three lags
+    before, at, after = correlation[best - 1 : best + 2]
     bend = before - 2.0 * at + after
     refined = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     return float(best - most + refined) * _OFFSET_STEP, float(at)
 
 
-def _block_sums(
-    x: FloatArray, y: FloatArray, x_known: NDArray[np.bool_], y_known: NDArray[np.bool_]
-) -> FloatArray:
-    """Return (B, 6, L) sums over blocks of time, for lags of y behind x within the limit: what correlations are made of.
+def _block_sums(x: FloatArray, y: FloatArray, x_valid: BoolArray, y_valid: BoolArray) -> FloatArray:
+    """Return the (B, 6, L) sums of products over blocks of time, by lags of y behind x.
 
-    They are the number of pairs, and sums of x, y, x^2, y^2 and xy, of (N,) series that are known
+    They are the number of pairs, and sums of x, y, x^2, y^2 and xy, of (N,) series that are valid
     in places.
     """
     from scipy import signal
@@ -308,16 +329,18 @@ def _block_sums(
     most = round(_OFFSET_LIMIT / _OFFSET_STEP)
     seconds = min(_BLOCK_S, max(_SHORTEST_BLOCK_S, len(x) * _OFFSET_STEP / _BLOCKS))
     blocks = max(1, round(len(x) * _OFFSET_STEP / seconds))
-    of_x = x_known.astype(np.float64)
-    of_y = y_known.astype(np.float64)
-    x = (x - x.mean()) * of_x
-    y = (y - y.mean()) * of_y
-    padded = [np.pad(values, most) for values in (of_y, y, y * y)]
+    ones_x = x_valid.astype(np.float64)
+    ones_y = y_valid.astype(np.float64)
+    x = (x - x.mean()) * ones_x
+    y = (y - y.mean()) * ones_y
+    padded = [np.pad(values, most) for values in (ones_y, y, y * y)]
     edges = np.linspace(0, len(x), blocks + 1).astype(int)
     sums = np.empty((blocks, 6, 2 * most + 1))
     for k, (a, b) in enumerate(pairwise(edges)):
         ones, first, second = (values[a : b + 2 * most] for values in padded)
-        pairs = ((of_x, ones), (x, ones), (of_x, first), (x * x, ones), (of_x, second), (x, first))
+        # the rows of the result, each a sum over u times v at every lag
+        pairs = [(ones_x, ones), (x, ones), (ones_x, first), (x * x, ones)]
+        pairs += [(ones_x, second), (x, first)]
         for row, (u, v) in enumerate(pairs):
             sums[k, row] = signal.correlate(v, u[a:b], mode="valid", method="fft")
     return sums

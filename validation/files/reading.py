@@ -1,4 +1,4 @@
-"""Reading files that people give: regular files only, of a limited size, as UTF-8 text without surprises in it."""
+"""Reading foreign files: regular files only, of a limited size, as bounded UTF-8 text."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ _MOST_TEXT = 1 << 18
 """Greatest size of a text that describes something, such as a profile [bytes]; shipped ones have
 less than ten thousand."""
 _MOST_DEEP = 32
-"""Greatest depth of tables and lists inside one another; what comes out of the parsers is walked by
-recursion later."""
+"""Greatest depth of tables and lists inside one another; parsed documents are walked by recursion
+later."""
 _TOO_DEEP = f"tables and lists lie more than {_MOST_DEEP} deep inside one another"
-_MOST_NAMED = 5  # greatest number of unknown keys that a message names
+_MOST_NAMED = 5
+"""Greatest number of unknown keys that a message names."""
+_KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 _WHOLE = 2**63
 """Whole numbers lie below this in size, as TOML wants it; Python's own have no end, and floats
 cannot hold them."""
 
 
 class FileError(ValueError):
-    """A file is not what it should be: what is wrong, where, and what would be right, in one line."""
+    """A bad file: one line says the fault, its place, and the right content."""
 
     def __init__(
         self, path: str | Path, what: str, line: int | None = None, column: str | None = None
     ) -> None:
-        """Keep where it went wrong: the file, the line as an editor counts it and the column's name, where there is one."""
+        """Keep the place: the file, the line as an editor counts it, and the column's name."""
         super().__init__(path, what, line, column)
         self.path = path
         self.what = what
@@ -49,11 +51,13 @@ class FileError(ValueError):
 def quoted(texts: Iterable[str]) -> str:
     """Return foreign texts for a message: quoted, shortened and on one line."""
     short = [repr(s if len(s) <= 30 else s[:27] + "...") for s in texts]
-    return ", ".join(short if len(short) <= 12 else [*short[:12], "..."])
+    if len(short) > 12:
+        short[12:] = ["..."]
+    return ", ".join(short)
 
 
 def exists(path: Path) -> bool:
-    """Return whether there is a file or folder of that name; False for a name that there cannot be."""
+    """Return whether there is a file or folder of that name; False for an impossible name."""
     try:
         return path.exists()
     except (OSError, ValueError):
@@ -68,15 +72,16 @@ def is_number(value: object) -> bool:
 # ------------------------------------------------------------------------------------------ files
 @contextlib.contextmanager
 def opened(path: str | Path, most_bytes: int = sys.maxsize, limit: str = "") -> Iterator[BinaryIO]:
-    """Yield a regular file, open for reading bytes; neither a pipe nor a device is waited for, or read without end.
+    """Yield a regular file, open for reading bytes; no pipe or device is waited for.
 
     Args:
         path: the file; links are followed.
         most_bytes: greatest size.
         limit: name by which a user can raise that size, for the message; empty where there is none.
 
-    Raises: FileError: there is no such file, it is none, cannot be read, or is larger than
-        `most_bytes`.
+    Raises:
+        FileError: there is no such file, it is none, cannot be read, or is larger than
+            `most_bytes`.
     """
     careful = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
     try:
@@ -84,17 +89,12 @@ def opened(path: str | Path, most_bytes: int = sys.maxsize, limit: str = "") -> 
         try:
             about = os.fstat(number)
             if not stat.S_ISREG(about.st_mode):
-                kinds = (
-                    (stat.S_ISDIR, "a folder"),
-                    (stat.S_ISFIFO, "a pipe"),
-                    (stat.S_ISSOCK, "a socket"),
-                )
-                kind = next(
-                    (words for is_kind, words in kinds if is_kind(about.st_mode)), "a device"
-                )
+                kind = _KINDS.get(stat.S_IFMT(about.st_mode), "a device")
                 raise FileError(path, f"this is {kind}, wanted a file")
             if about.st_size > most_bytes:
-                allowed = f"the {_size(most_bytes)} allowed{f' (limit {limit})' if limit else ''}"
+                allowed = f"the {_size(most_bytes)} allowed"
+                if limit:
+                    allowed += f" (limit {limit})"
                 raise FileError(path, f"the file has {_size(about.st_size)}, more than {allowed}")
             with os.fdopen(number, "rb", closefd=False) as stream:
                 yield stream
@@ -107,20 +107,23 @@ def opened(path: str | Path, most_bytes: int = sys.maxsize, limit: str = "") -> 
 
 
 def _size(count: int) -> str:
-    return f"{count / 1e6:.3g} MB" if count >= 100_000 else f"{count} bytes"
+    if count < 100_000:
+        return f"{count} bytes"
+    return f"{count / 1e6:.3g} MB"
 
 
 def read_file(path: str | Path, most_bytes: int) -> bytes:
-    """Return what a regular file holds; the arguments and errors are those of `opened`."""
+    """Return the content of a regular file; the arguments and errors are those of `opened`."""
     with opened(path, most_bytes) as stream:
-        data = stream.read(min(most_bytes, max(os.fstat(stream.fileno()).st_size, _MOST_TEXT)) + 1)
-    if len(data) > most_bytes:  # it grew, or its size is not told, as below /proc
+        size = os.fstat(stream.fileno()).st_size
+        data = stream.read(min(most_bytes, max(size, _MOST_TEXT)) + 1)
+    if len(data) > most_bytes:  # it grew, or the system does not say its size, as below /proc
         raise FileError(path, f"the file has more than the {_size(most_bytes)} allowed")
     return data
 
 
 def read_text(path: str | Path, most_bytes: int = _MOST_TEXT) -> str:
-    """Return the text of a file in UTF-8, without the mark that some editors write in front; a ValueError if it is none."""
+    """Return the text of a file in UTF-8, without a byte order mark; a ValueError if it is none."""
     data = read_file(path, most_bytes)
     try:
         return data.decode("utf-8-sig")
@@ -139,7 +142,11 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, name: str) -> dict[str, Any]:
-    """Return the document of a TOML text, where numbers may be infinite; a ValueError says what is wrong in `name`."""
+    """Return the document of a TOML text, where numbers may be infinite.
+
+    Raises:
+        ValueError: it is no TOML, or too deep or large; the message begins with `name`.
+    """
     try:
         document = tomllib.loads(text)
         _check(document)
@@ -150,7 +157,7 @@ def parse_toml(text: str, name: str) -> dict[str, Any]:
 
 
 def _check(value: Any, depth: int = 0) -> None:
-    """Refuse what others could not hold: tables that are nested deep, and numbers that are too large."""
+    """Refuse tables that are nested too deep, and numbers that are too large."""
     if depth > _MOST_DEEP:
         raise ValueError(_TOO_DEEP)
     if isinstance(value, int) and abs(value) >= _WHOLE:
@@ -161,9 +168,10 @@ def _check(value: Any, depth: int = 0) -> None:
 
 
 def require_known(table: Any, known: Iterable[str], where: str) -> None:
-    """Raise a ValueError for what is no table, or has keys that mean nothing; `where` says in it which table it is."""
+    """Raise a ValueError if this is no table, or has unknown keys; `where` names it there."""
     if not isinstance(table, Mapping):
         raise ValueError(f"{where} is {reprlib.repr(table)}, wanted a table")
-    if unknown := sorted(set(table) - set(known)):
+    unknown = sorted(set(table) - set(known))
+    if unknown:
         some = ", ".join(unknown[:_MOST_NAMED])
         raise ValueError(f"{where} has unknown keys {some}; there are: {', '.join(sorted(known))}")

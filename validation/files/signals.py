@@ -1,4 +1,4 @@
-"""Samples at stamps of their own: which are new, what holds between them, and their means over time."""
+"""Samples at stamps of their own: new ones, values held between them, and means over time."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
 
+BoolArray = NDArray[np.bool_]
 TIME_ROUNDOFF = 1e-6
 """Instants closer than this are the same one: well over rounding, well under any sample step
 [s]."""
@@ -21,7 +22,7 @@ the log [s]."""
 
 
 def held(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the (N,) last commands at or before `t` [s]; zero where there is none or it is too old.
+    """Return the (N,) last commands at or before `t` [s]; zero before the first, or if too old.
 
     Args:
         t: (N,) instants [s].
@@ -29,13 +30,12 @@ def held(t: FloatArray, stamps: FloatArray, values: FloatArray) -> FloatArray:
         values: (M,) the commands.
     """
     last = np.searchsorted(stamps, t + TIME_ROUNDOFF, side="right") - 1
-    age = t - stamps[np.maximum(last, 0)]
-    return np.where(
-        (last >= 0) & (age <= _COMMAND_TIMEOUT + TIME_ROUNDOFF), values[np.maximum(last, 0)], 0.0
-    )
+    at = np.maximum(last, 0)
+    age = t - stamps[at]
+    return np.where((last >= 0) & (age <= _COMMAND_TIMEOUT + TIME_ROUNDOFF), values[at], 0.0)
 
 
-def fresh_poses(t: FloatArray, pose: FloatArray) -> NDArray[np.bool_]:
+def fresh_poses(t: FloatArray, pose: FloatArray) -> BoolArray:
     """Return (M,) bool, True for rows of (M, 3) poses that are new.
 
     A pose equal to the one before, bit for bit, was only logged again. If that goes on for more
@@ -46,26 +46,30 @@ def fresh_poses(t: FloatArray, pose: FloatArray) -> NDArray[np.bool_]:
     return changed | (t - last > _STILL_AFTER + TIME_ROUNDOFF)
 
 
-def refreshed(t: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
-    """Return (M,) bool, True for rows of (M, k) values that were measured anew and not only logged again.
+def refreshed(t: FloatArray, values: FloatArray) -> BoolArray:
+    """Return (M,) bool, True for rows of (M, k) values that were measured anew.
 
-    A row equal to the one before counts as new if nothing new came for longer than a usual refresh
-    takes, or for longer than `_STILL_AFTER`: then the value stayed the same.
+    The others were only logged again. A row equal to the one before counts as new if nothing new
+    came for longer than a usual refresh takes, or for longer than `_STILL_AFTER`: then the value
+    stayed the same.
     """
     changed, last = _last_change(t, values)
     times = t[changed]
-    usual = min(float(np.median(np.diff(times))), _STILL_AFTER) if len(times) > 1 else 0.0
-    return changed | (t - last >= usual - TIME_ROUNDOFF)
+    refresh = 0.0
+    if len(times) > 1:
+        refresh = min(float(np.median(np.diff(times))), _STILL_AFTER)
+    return changed | (t - last >= refresh - TIME_ROUNDOFF)
 
 
-def _last_change(t: FloatArray, values: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+def _last_change(t: FloatArray, values: FloatArray) -> tuple[BoolArray, FloatArray]:
     """Return (M,) where rows differ from the one before, and the stamp of the last such row [s]."""
     changed = np.concatenate([[True], np.any(values[1:] != values[:-1], axis=1)])
-    return changed, t[np.maximum.accumulate(np.where(changed, np.arange(len(t)), 0))]
+    last = np.maximum.accumulate(np.where(changed, np.arange(len(t)), 0))
+    return changed, t[last]
 
 
 def moving_mean(t: FloatArray, values: FloatArray, half: float) -> FloatArray:
-    """Return the (M,) means of the values whose stamps lie within `half` [s] of each of the (M,) stamps."""
+    """Return the (M,) means of the values within `half` [s] of each of the (M,) stamps."""
     low = np.searchsorted(t, t - half - TIME_ROUNDOFF)
     high = np.searchsorted(t, t + half + TIME_ROUNDOFF)
     sums = np.cumulative_sum(values, include_initial=True)
@@ -73,7 +77,9 @@ def moving_mean(t: FloatArray, values: FloatArray, half: float) -> FloatArray:
 
 
 def nearest(stamps: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (N,) the times since the last and until the next of some stamps [s]; infinite where there is none."""
+    """Return (N,) the times since the last and until the next stamp [s]; infinite without one."""
     at = np.concatenate([[-math.inf], stamps, [math.inf]])
     after = np.searchsorted(at, t, side="right")
-    return t - at[after - 1], at[np.minimum(after, len(at) - 1)] - t
+    since = t - at[after - 1]
+    until = at[np.minimum(after, len(at) - 1)] - t
+    return since, until

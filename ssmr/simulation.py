@@ -54,7 +54,9 @@ class PlanarMotion(NamedTuple):
 
 
 @jit
-def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot) -> PlanarMotion:
+def move(
+    now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot
+) -> PlanarMotion:
     """Advance pose and velocities by one step `dt` [s] under wheel-rate references and a disturbing yaw acceleration."""
     left, right = now.integral_left, now.integral_right
     v, w, torque_left, torque_right = advance(
@@ -72,7 +74,9 @@ def move(now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot:
         mean = side_rates(0.5 * v_twice, 0.5 * w_twice, robot.vehicle)
         left = advance_integral(left, wheels.left - mean.left, robot.motor)
         right = advance_integral(right, wheels.right - mean.right, robot.motor)
-    return PlanarMotion(x, y, fused(half, w_twice, now.yaw), v, w, torque_left, torque_right, left, right)
+    return PlanarMotion(
+        x, y, fused(half, w_twice, now.yaw), v, w, torque_left, torque_right, left, right
+    )
 
 
 @jit
@@ -123,7 +127,12 @@ def run_planar(
             row = out[sample]
             row[0], row[1], row[2] = now.x, now.y, now.yaw
             row[3], row[4], row[5] = now.v, sideways(now.v, now.w, robot), now.w
-            row[6], row[7], row[8], row[9] = rates.left, rates.right, now.torque_left, now.torque_right
+            row[6], row[7], row[8], row[9] = (
+                rates.left,
+                rates.right,
+                now.torque_left,
+                now.torque_right,
+            )
             row[10] = turn
             sample, due = sample + 1, due + stride
         if k == n:
@@ -161,8 +170,15 @@ class PlanarModel:
 
     def packed(self, dt: float) -> PlanarRobot:
         """Return the numbers for compiled functions and physics steps `dt` [s]."""
-        law, body, parameters = law_of(self.parameters), _body(self.vehicle), packed(self.parameters)
-        x_icr, drift = float(law.rotation_centre(self.vehicle, self.parameters)), float(law.drift(self.parameters))
+        law, body, parameters = (
+            law_of(self.parameters),
+            _body(self.vehicle),
+            packed(self.parameters),
+        )
+        x_icr, drift = (
+            float(law.rotation_centre(self.vehicle, self.parameters)),
+            float(law.drift(self.parameters)),
+        )
         motor, constants = motor_numbers(self.drive, dt), law.constants(body, parameters, dt)
         return PlanarRobot(body, parameters, motor, x_icr, drift, law.ideal, constants)
 
@@ -175,9 +191,14 @@ class PlanarModel:
         law = law_of(self.parameters)
         if law.ideal:
             return self
-        c_eff, x_icr = self.vehicle.effective_half_track, law.rotation_centre(self.vehicle, self.parameters)
+        c_eff, x_icr = (
+            self.vehicle.effective_half_track,
+            law.rotation_centre(self.vehicle, self.parameters),
+        )
         uneven = 0.5 * self.vehicle.radius_difference / self.vehicle.wheel_radius
-        return replace(self, parameters=KinematicParameters(1.0 + uneven, 1.0 - uneven, x_icr, c_eff, -c_eff))
+        return replace(
+            self, parameters=KinematicParameters(1.0 + uneven, 1.0 - uneven, x_icr, c_eff, -c_eff)
+        )
 
 
 class PlanarPlant:
@@ -199,13 +220,22 @@ class PlanarPlant:
         self.reset(State())
 
     def _advance(
-        self, references: FloatArray, disturbance: FloatArray, stride: int, start: PlanarMotion, robot: PlanarRobot
+        self,
+        references: FloatArray,
+        disturbance: FloatArray,
+        stride: int,
+        start: PlanarMotion,
+        robot: PlanarRobot,
     ) -> tuple[FloatArray, PlanarMotion]:
         out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
         failed, end = run_planar(references, disturbance, self.dt, stride, robot, start, out)
         if failed >= 0:
             t = failed * self.dt
-            raise DivergedError(f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)", step=failed, t=t)
+            raise DivergedError(
+                f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)",
+                step=failed,
+                t=t,
+            )
         return out, PlanarMotion(*end)
 
     def reset(self, state: State) -> State:
@@ -219,20 +249,40 @@ class PlanarPlant:
         """Hold a twist command for `dt` [s]."""
         n = whole_steps(dt, self.dt, "the step")
         references = self._driver.references(command, n)
-        out, self._now = self._advance(references, np.array([float(yaw_acceleration)]), n, self._now, self._robot)
+        out, self._now = self._advance(
+            references, np.array([float(yaw_acceleration)]), n, self._now, self._robot
+        )
         return State(*map(float, out[-1, :8]))
 
-    def run(self, commands: Commands, state: State, sample_dt: float, disturbance: FloatArray | None = None) -> Trajectory:
+    def run(
+        self,
+        commands: Commands,
+        state: State,
+        sample_dt: float,
+        disturbance: FloatArray | None = None,
+    ) -> Trajectory:
         """Drive `commands` at once; channels are the sides' torques and the yaw acceleration."""
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         references = wheel_references(commands, self._model.drive, self.dt, state)
-        push = np.zeros(1) if disturbance is None else np.ascontiguousarray(disturbance, dtype=np.float64)
+        push = (
+            np.zeros(1)
+            if disturbance is None
+            else np.ascontiguousarray(disturbance, dtype=np.float64)
+        )
         if disturbance is not None and len(push) != len(references):
             raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
-        robot = self._model.prescribed().packed(self.dt) if commands.kind == "wheels" else self._robot
+        robot = (
+            self._model.prescribed().packed(self.dt) if commands.kind == "wheels" else self._robot
+        )
         out, _ = self._advance(references, push, stride, _motion(state), robot)
         channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
-        return Trajectory(sample_dt * np.arange(len(out), dtype=np.float64), out[:, :3], out[:, 3:6], out[:, 6:8], channels)
+        return Trajectory(
+            sample_dt * np.arange(len(out), dtype=np.float64),
+            out[:, :3],
+            out[:, 3:6],
+            out[:, 6:8],
+            channels,
+        )
 
 
 def _motion(state: State) -> PlanarMotion:

@@ -109,7 +109,8 @@ def tyre_force(slip: AlongAcross, load: float, tyre: Tyre) -> AlongAcross:
     z = min(bent_share(slip, tyre), 1.0)
     gripping, sliding = (1.0 - z) * (1.0 - z), tyre.friction * z * z * (3.0 - 2.0 * z) / size
     return AlongAcross(
-        -load * (gripping * tyre.along + sliding) * slip.x, -load * (gripping * tyre.across + sliding) * slip.y
+        -load * (gripping * tyre.along + sliding) * slip.x,
+        -load * (gripping * tyre.across + sliding) * slip.y,
     )
 
 
@@ -121,17 +122,27 @@ def limited(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
 
 
 @jit
-def bend(slip: AlongAcross, sliding: AlongAcross, rolling: float, dt: float, tyre: Tyre) -> AlongAcross:
+def bend(
+    slip: AlongAcross, sliding: AlongAcross, rolling: float, dt: float, tyre: Tyre
+) -> AlongAcross:
     """Return the bend of the brushes over the relaxation length after a step `dt` [s], exactly for constant speeds.
 
     `slip` is the bend at the start [1], `sliding` the velocity of the rim over the ground where they touch, `rolling` the
     speed of the rim about the axle [m/s].
     """
-    rate = abs(rolling) / tyre.relaxation  # at which rolling replaces bent brushes by straight ones [1/s]
+    rate = (
+        abs(rolling) / tyre.relaxation
+    )  # at which rolling replaces bent brushes by straight ones [1/s]
     fading = -math.expm1(-rate * dt)
-    grown = (fading / rate if rate * dt > 1e-9 else dt) * (1.0 - rate * damping_time(rate, tyre)) / tyre.relaxation
+    grown = (
+        (fading / rate if rate * dt > 1e-9 else dt)
+        * (1.0 - rate * damping_time(rate, tyre))
+        / tyre.relaxation
+    )
     kept = 1.0 - fading
-    return limited(AlongAcross(kept * slip.x + grown * sliding.x, kept * slip.y + grown * sliding.y), tyre)
+    return limited(
+        AlongAcross(kept * slip.x + grown * sliding.x, kept * slip.y + grown * sliding.y), tyre
+    )
 
 
 @jit

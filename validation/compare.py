@@ -188,7 +188,15 @@ class _Comparing:
             caption += point_sentences(results)
         caption += ill
         tables = comparison_tables(results, self.reference, title, "\n".join(caption), gyro_first)
-        notes = self._notes(results, gyro, headline_horizon(scoring), pairs)
+        notes = []
+        if o.profile is None and o.robot is None:
+            notes += unknown_robot_notes(source, profile.robot)
+        headline = headline_horizon(scoring)
+        if headline:
+            notes += standing_sentences(source, headline)
+        if gyro is not None:
+            notes.append(gyro.sentence)
+        notes += [*source.warnings, *alike_sentences(results, pairs), *self._unjudged(results)]
         return Comparison(
             program="compare",
             title=f"{one_line(source.name)}, {label}",
@@ -211,46 +219,29 @@ class _Comparing:
             robot=profile.robot,
         )
 
-    def _notes(
-        self,
-        results: Mapping[str, PlantResult],
-        gyro: GyroJudge | None,
-        headline: float | None,
-        pairs: dict[str, Any] | None,
-    ) -> list[str]:
-        """Sentences on the source, the judges, and the plants that it tells apart."""
-        notes = list[str]()
-        if self.options.profile is None and self.options.robot is None:
-            notes += unknown_robot_notes(self.source, self.profile.robot)
-        if headline:
-            notes += standing_sentences(self.source, headline)
-        if gyro is not None:
-            notes.append(gyro.sentence)
-        notes += self.source.warnings
-        return [*notes, *alike_sentences(results, pairs), *self._unjudged(results)]
-
     def _document(
         self,
         results: Mapping[str, PlantResult],
         gyro: GyroJudge | None,
         pairs: dict[str, Any] | None,
     ) -> dict[str, Any]:
-        """Contents of compare.json; the seed stands beside the options."""
-        document: dict[str, Any] = {
+        """Contents of compare.json without options and tables."""
+        judge: dict[str, Any] = {}
+        if gyro is not None:
+            judge["heading_judge"] = "gyro" if gyro.first else "localiser"
+            judge["judges_apart_rad"] = gyro.apart
+        return {
             "schema": "ssmr.compare/1",
             "source": self.source.name,
             "profile": self.profile.name,
             "robot": self.profile.robot.name,
             "reference": self.reference,
             "seed": self.options.seed,
+            **judge,
+            "alike": pairs,
+            "plants": {name: result.as_dict() for name, result in results.items()},
+            "parameters": {name: dict(result.parameters) for name, result in results.items()},
         }
-        if gyro is not None:
-            document["heading_judge"] = "gyro" if gyro.first else "localiser"
-            document["judges_apart_rad"] = gyro.apart
-        document["alike"] = pairs
-        document["plants"] = {name: result.as_dict() for name, result in results.items()}
-        document["parameters"] = {name: dict(r.parameters) for name, r in results.items()}
-        return document
 
     def _windows(self) -> dict[float, Any]:
         """Windows of each horizon on all pieces of a log."""

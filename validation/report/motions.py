@@ -76,6 +76,7 @@ _HEALTH = (
     "peak torque: largest motor torque on one side",
     "load sum rms: rms difference between the total wheel load and the weight",
 )
+_HEALTH_COLUMNS = ("apparent_mass_kg", "peak_torque_N_m", "load_sum_rms_N", "verdict")
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,6 +212,15 @@ def comparison_tables(
             if h in r.overlapping:
                 overlapping.append((h, name, r.overlapping[h]))
                 by_gyro.append(r.by_gyro.get(h))
+    metrics = dict.fromkeys(chain.from_iterable(r.metrics for r in plants.values()))
+    # metrics that no table declares stand last
+    columns = [*(k for k in _COLUMNS if k in metrics), *(k for k in metrics if k not in _COLUMNS)]
+    marked = f"{reference} (ref)"
+    rows = []
+    for name, r in plants.items():
+        shown = {key: r.metrics.get(key) for key in columns}
+        shown[REAL_TIME.name] = r.real_time_factor
+        rows.append({"plant": marked if name == reference else name, **shown})
     tables = [
         Table(
             "Error of the relative pose after a horizon",
@@ -222,7 +232,7 @@ def comparison_tables(
         ),
         interval_table(overlapping, gyro=by_gyro, gyro_first=gyro_first),
         _band_table(plants),
-        _metric_table(plants, reference, title, caption),
+        Table(title, rows, caption, best=True, reference=marked, hidden=_BOTH_WAYS),
         _load_table(plants),
         _health_table(plants),
     ]
@@ -239,24 +249,6 @@ _POSES = {
     "yaw_median_rad": DEGREES,
     "yaw_gyro_median_rad": DEGREES,
 }
-
-
-def _metric_table(
-    plants: Mapping[str, PlantResult], reference: str, title: str, caption: str
-) -> Table:
-    """Metrics of paths and signals; those that no table declares stand last."""
-    names = dict.fromkeys(chain.from_iterable(r.metrics for r in plants.values()))
-    columns = [key for key in _COLUMNS if key in names]
-    columns += [key for key in names if key not in _COLUMNS]
-    marked = f"{reference} (ref)"
-    rows = []
-    for name, r in plants.items():
-        row: dict[str, Any] = {"plant": marked if name == reference else name}
-        for key in columns:
-            row[key] = r.metrics.get(key)
-        row[REAL_TIME.name] = r.real_time_factor
-        rows.append(row)
-    return Table(title, rows, caption, best=True, reference=marked, hidden=_BOTH_WAYS)
 
 
 def interval_table(
@@ -328,10 +320,8 @@ def _health_table(plants: Mapping[str, PlantResult]) -> Table:
     for name, result in plants.items():
         h = result.health
         if h is not None and h.apparent_mass_kg is not None:
-            row: dict[str, Any] = {"plant": name}
-            for key in ("apparent_mass_kg", "peak_torque_N_m", "load_sum_rms_N", "verdict"):
-                row[key] = getattr(h, key)
-            rows.append(row)
+            shown = {key: getattr(h, key) for key in _HEALTH_COLUMNS}
+            rows.append({"plant": name, **shown})
     return Table("Health", rows, "\n".join(_HEALTH), units={"load_sum_rms_N": Unit("N", 1.0, 1)})
 
 
@@ -357,9 +347,8 @@ def indistinguishable_pairs(
     names = [name for name, r in plants.items() if horizon in r.windows]
     pairs = list(combinations(names, 2))
     block = max(horizon, SHORTEST_BLOCK_S)
-    apart: dict[str, list[list[str]]] = {"position": [], "yaw": []}
-    same: dict[str, list[list[str]]] = {"position": [], "yaw": []}
-    for quantity in apart:
+    alike: dict[str, Any] = {"position": [], "yaw": [], "better": {"position": [], "yaw": []}}
+    for quantity, better in alike["better"].items():
         errors = {}
         for name in names:
             r = plants[name]
@@ -372,10 +361,10 @@ def indistinguishable_pairs(
         medians = {name: float(np.median(values)) for name, values in errors.items()}
         for pair, chance in zip(pairs, corrected(chances).tolist(), strict=True):
             if chance < SIGNIFICANCE:
-                apart[quantity].append(sorted(pair, key=medians.__getitem__))
+                better.append(sorted(pair, key=medians.__getitem__))
             else:
-                same[quantity].append(list(pair))
-    return {"horizon_s": horizon, **same, "better": apart}
+                alike[quantity].append(list(pair))
+    return {"horizon_s": horizon, **alike}
 
 
 def alike_sentences(
@@ -424,8 +413,8 @@ def health_warnings(plants: Mapping[str, PlantResult]) -> list[str]:
     for name, result in plants.items():
         health = result.health
         if health is not None and health.advice:
-            subject = name if health.ok else f"{name} is unhealthy"
-            warnings.append(f"{subject}: {one_line(health.advice)}.")
+            verb = "" if health.ok else " is unhealthy"
+            warnings.append(f"{name}{verb}: {one_line(health.advice)}.")
     return warnings
 
 

@@ -29,10 +29,13 @@ The robot sets off and its body comes to rest. Of a run shorter than twice that,
 judged.
 """
 PUSH_SHARE = 0.028
-"""Thrust for measuring the apparent mass, over the weight [1]: far below what makes a tyre slide."""
-SETTLE_TIME = 1.0
+"""Thrust for measuring the apparent mass, over the weight [1].
+
+It is far below the thrust at which a tyre slides.
+"""
+_SETTLE_TIME = 1.0
 """Time in which the robot comes to rest [s]."""
-PUSH_TIME = 2.0
+_PUSH_TIME = 2.0
 """Time for which the robot is pushed [s]; the second half gives the acceleration."""
 
 
@@ -138,10 +141,10 @@ def apparent_mass(model: mujoco.MjModel) -> float:
         loss[:] = 0.0
     data = mujoco.MjData(model)
     base = model.body("base").id
-    mujoco.mj_step(model, data, nstep=round(SETTLE_TIME / model.opt.timestep))
+    mujoco.mj_step(model, data, nstep=round(_SETTLE_TIME / model.opt.timestep))
     thrust = PUSH_SHARE * float(model.body_subtreemass[base]) * GRAVITY
     data.xfrc_applied[base, 0] = thrust
-    half = round(0.5 * PUSH_TIME / model.opt.timestep)
+    half = round(0.5 * _PUSH_TIME / model.opt.timestep)
     mujoco.mj_step(model, data, nstep=half)
     before = float(data.qvel[0])
     mujoco.mj_step(model, data, nstep=half)

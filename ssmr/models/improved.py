@@ -91,12 +91,8 @@ def slide(v: float, start: float, end: float, gain: float, static: float, dynami
     holds = abs(start) <= static
     if slid < 0.0 < v or v < 0.0 < slid:  # not slid * v < 0: a product of tiny numbers is 0
         at_rest = improved_friction(start, static, dynamic, 0.0)
-        if holds:
-            return 0.0
-        return slid * ((start + at_rest) / (start + friction))
-    if v == 0.0 and holds:
-        return 0.0
-    return slid
+        return 0.0 if holds else slid * ((start + at_rest) / (start + friction))
+    return 0.0 if v == 0.0 and holds else slid
 
 
 @jit

@@ -214,13 +214,13 @@ def comparison_tables(
                 by_gyro.append(r.by_gyro.get(h))
     metrics = dict.fromkeys(chain.from_iterable(r.metrics for r in plants.values()))
     # metrics that no table declares stand last
-    columns = [*(k for k in _COLUMNS if k in metrics), *(k for k in metrics if k not in _COLUMNS)]
+    columns = [key for key in dict.fromkeys((*_COLUMNS, *metrics)) if key in metrics]
     marked = f"{reference} (ref)"
     rows = []
     for name, r in plants.items():
         shown = {key: r.metrics.get(key) for key in columns}
-        shown[REAL_TIME.name] = r.real_time_factor
-        rows.append({"plant": marked if name == reference else name, **shown})
+        label = marked if name == reference else name
+        rows.append({"plant": label, **shown, REAL_TIME.name: r.real_time_factor})
     tables = [
         Table(
             "Error of the relative pose after a horizon",
@@ -239,8 +239,7 @@ def comparison_tables(
     return [table for table in tables if table.rows]
 
 
-_FIRST = ("d_rms_m", "sync_rms_m", "yaw_rms_rad", *SIGNALS)
-_COLUMNS = tuple(dict.fromkeys((*_FIRST, *METRICS)))
+_COLUMNS = ("d_rms_m", "sync_rms_m", "yaw_rms_rad", *SIGNALS, *METRICS)
 _BOTH_WAYS = frozenset({"d_rms_symmetric_m", "d_haus_symmetric_m"})  # compare.json has them
 _POSES = {
     "horizon_s": Unit("s", 1.0, 0, significant=3),
@@ -264,8 +263,8 @@ def interval_table(
     """
     rows = []
     for (h, name, e), other in zip_longest(overlapping, gyro):
-        row: dict[str, Any] = {"horizon_s": h, who: name, "windows": e.n}
-        row["position_median_m"] = (e.position_median_m, e.position_low_m, e.position_high_m)
+        position = (e.position_median_m, e.position_low_m, e.position_high_m)
+        row = {"horizon_s": h, who: name, "windows": e.n, "position_median_m": position}
         judges = [("yaw_median_rad", e)]
         if other is not None:
             judges.insert(0 if gyro_first else 1, ("yaw_gyro_median_rad", other.summary()))
@@ -347,7 +346,8 @@ def indistinguishable_pairs(
     names = [name for name, r in plants.items() if horizon in r.windows]
     pairs = list(combinations(names, 2))
     block = max(horizon, SHORTEST_BLOCK_S)
-    alike: dict[str, Any] = {"position": [], "yaw": [], "better": {"position": [], "yaw": []}}
+    alike: dict[str, Any] = {"horizon_s": horizon, "position": [], "yaw": []}
+    alike["better"] = {"position": [], "yaw": []}
     for quantity, better in alike["better"].items():
         errors = {}
         for name in names:
@@ -364,7 +364,7 @@ def indistinguishable_pairs(
                 better.append(sorted(pair, key=medians.__getitem__))
             else:
                 alike[quantity].append(list(pair))
-    return {"horizon_s": horizon, **alike}
+    return alike
 
 
 def alike_sentences(
@@ -413,8 +413,8 @@ def health_warnings(plants: Mapping[str, PlantResult]) -> list[str]:
     for name, result in plants.items():
         health = result.health
         if health is not None and health.advice:
-            verb = "" if health.ok else " is unhealthy"
-            warnings.append(f"{name}{verb}: {one_line(health.advice)}.")
+            subject = name if health.ok else f"{name} is unhealthy"
+            warnings.append(f"{subject}: {one_line(health.advice)}.")
     return warnings
 
 
@@ -442,15 +442,14 @@ def compared_tracks(comparison: Comparison) -> list[Track]:
     """Return all robots, the reference first."""
     plants = comparison.plants
     name = comparison.reference_name
-    ground = comparison.terrain
-    robot = comparison.robot
+    scene = (comparison.terrain, comparison.robot)
     # a recording was tracked at the point that every plant's section of the profile says
     localiser = plants.get(name, next(iter(plants.values()))).localiser
-    reference = Track(name, comparison.reference, None, localiser, ground, robot)
+    reference = Track(name, comparison.reference, None, localiser, *scene)
     tracks = [reference]
     for r in plants.values():
         if r.name != name:
-            tracks.append(Track(r.name, r.pieces, reference, r.localiser, ground, robot))
+            tracks.append(Track(r.name, r.pieces, reference, r.localiser, *scene))
     return tracks
 
 
@@ -488,13 +487,14 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
         t, values = (np.concatenate(parts) for parts in zip(*given_commands(c), strict=True))
         if c.commands[0].kind == "wheels":
             names = ["left commanded", "right commanded"]
-            shades = shades_of(_COMMANDED)
-            rates = Series(names, "rad/s", shades, t, values, held=True)
-            plots["wheel_rate/commanded"] = rates
+            plots["wheel_rate/commanded"] = Series(
+                names, "rad/s", shades_of(_COMMANDED), t, values, held=True
+            )
         else:
             for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
-                series = Series(["commanded"], unit, [_COMMANDED], t, values[:, column], held=True)
-                plots[f"{quantity}/commanded"] = series
+                plots[f"{quantity}/commanded"] = Series(
+                    ["commanded"], unit, [_COMMANDED], t, values[:, column], held=True
+                )
     gaps = [0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)]
     scene = Scene(
         program="compare",

@@ -219,8 +219,8 @@ def comparison_tables(
     rows = []
     for name, r in plants.items():
         shown = {key: r.metrics.get(key) for key in columns}
-        label = marked if name == reference else name
-        rows.append({"plant": label, **shown, REAL_TIME.name: r.real_time_factor})
+        shown[REAL_TIME.name] = r.real_time_factor
+        rows.append({"plant": marked if name == reference else name, **shown})
     tables = [
         Table(
             "Error of the relative pose after a horizon",
@@ -284,12 +284,16 @@ def _band_table(plants: Mapping[str, PlantResult]) -> Table:
             if shares:
                 inside = {f"{part}_inside_share": share for part, share in shares.items()}
                 rows.append({"horizon_s": h, "plant": name, **inside})
-    title = "Windows that end inside the band, which promises 90 %"
-    return Table(title, rows, group="horizon_s", units=_POSES)
+    return Table(
+        "Windows that end inside the band, which promises 90 %",
+        rows,
+        group="horizon_s",
+        units=_POSES,
+    )
 
 
 def _load_table(plants: Mapping[str, PlantResult]) -> Table:
-    rows: list[Row] = []
+    rows = []
     captions = []
     for name, result in plants.items():
         loads = result.loads
@@ -315,7 +319,7 @@ def _load_table(plants: Mapping[str, PlantResult]) -> Table:
 
 
 def _health_table(plants: Mapping[str, PlantResult]) -> Table:
-    rows: list[Row] = []
+    rows = []
     for name, result in plants.items():
         h = result.health
         if h is not None and h.apparent_mass_kg is not None:
@@ -429,10 +433,9 @@ def headline_error(result: PlantResult) -> str:
         errors = result.horizons[horizon]
         length = length_unit([errors.position_median_m])
         coarse = replace(length, decimals=0 if length.symbol == "mm" else 2)
-        position = coarse.text(errors.position_median_m)
         fine = replace(DEGREES, decimals=1, significant=2)
         yaw = fine.text(errors.yaw_median_rad).removesuffix(".0")
-        return f"{position} {length.symbol}, {yaw}° in {horizon:g} s"
+        return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
     d_rms = result.metrics["d_rms_m"]
     length = length_unit([d_rms])
     return f"d_rms {length.text(d_rms)} {length.symbol}"

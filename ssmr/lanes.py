@@ -299,13 +299,16 @@ def run_population(
         raise ValueError("a population is one kind of model")
     wheels = commands.kind == "wheels"
     stride = whole_steps(sample_dt, dt, "the sample period")
-    robots = [(m.prescribed() if wheels else m).packed(dt) for m in models]
+    if wheels:
+        models = [m.prescribed() for m in models]
+    robots = [m.packed(dt) for m in models]
     drives = [drive_numbers(m.drive, commands.dt, dt) for m in models]
     period = drives[0].period
     times = _Times(dt, commands.n * period, stride)
     if wheels:  # those of all steps, and the places of each robot's first left and right one
         steps = np.arange(times.steps + 2 * _CHUNK)
-        held = commands.values[np.minimum(steps // period, commands.n - 1)].T.ravel()
+        last = commands.n - 1
+        held = commands.values[np.minimum(steps // period, last)].T.ravel()
         place = np.array([0, len(steps)], dtype=np.uint64)
         places = np.tile(place, (len(models), 1))
     else:
@@ -321,14 +324,10 @@ def run_population(
             first = LANES * group
             which = np.arange(first, first + LANES)
             which = np.minimum(which, len(models) - 1)  # the last one fills the last group up
-            _run_lanes(
-                *kind,
-                held,
-                places[which].T.ravel(),
-                rows[which].T.ravel(),
-                times,
-                poses[first : first + LANES],
-            )
+            group_places = places[which].T.ravel()
+            group_rows = rows[which].T.ravel()
+            group_poses = poses[first : first + LANES]
+            _run_lanes(*kind, held, group_places, group_rows, times, group_poses)
 
     share_among_threads(run, -(-len(models) // LANES), workers)
     return poses
@@ -350,7 +349,9 @@ def _lane_numbers(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list
 def _is_special(drive: DriveNumbers, robot: PlanarRobot) -> bool:
     """Return whether there is more than delays, limits and a proportional loop to a robot."""
     motor = robot.motor
-    return drive.share != 1.0 or any((motor.braking, motor.integral_gain, motor.gear_loss))
+    if drive.share != 1.0:
+        return True
+    return any((motor.braking, motor.integral_gain, motor.gear_loss))
 
 
 def _held_twists(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import statistics
+from collections import Counter
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -205,6 +207,133 @@ def test_functions_stay_short_and_take_few_parameters() -> None:
             )
             length = (node.end_lineno or 0) - node.lineno + 1
             assert length <= MOST_FUNCTION_LINES, f"{name}.{node.name}: {length} lines"
+
+
+MOST_NODES_OF_A_STATEMENT = 12.0
+MOST_TUPLES_OF_1000_LINES = 3.0
+MOST_DOUBLE_LOOPS = 15
+MOST_POSITIONAL = 6
+MOST_SKIPS = 5
+LISTS_OF_ANY_LENGTH = ("max", "min", "print")
+COMPREHENSIONS = (ast.ListComp, ast.GeneratorExp, ast.DictComp, ast.SetComp)
+
+
+@cache
+def product() -> dict[Path, ast.Module]:
+    """The syntax tree of each file of the product."""
+    rooms = ("ssmr", "validation", "benchmarks")
+    paths = [path for room in rooms for path in files_of(room)]
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+
+
+def nodes_of_statement(statement: ast.stmt) -> int:
+    """Nodes of a statement without those of the statements inside it."""
+    count = 0
+    waiting: list[ast.AST] = [statement]
+    while waiting:
+        node = waiting.pop()
+        count += 1
+        waiting += [n for n in ast.iter_child_nodes(node) if not isinstance(n, ast.stmt)]
+    return count
+
+
+def is_tuple_assignment(node: ast.AST) -> bool:
+    """Whether a node is `a, b = x, y`."""
+    return (
+        isinstance(node, ast.Assign)
+        and isinstance(node.targets[0], ast.Tuple)
+        and isinstance(node.value, ast.Tuple)
+    )
+
+
+def is_nested_conditional(node: ast.AST) -> bool:
+    """Whether a node is a conditional expression that contains another one."""
+    if not isinstance(node, ast.IfExp):
+        return False
+    return sum(isinstance(inner, ast.IfExp) for inner in ast.walk(node)) > 1
+
+
+def is_double_loop(node: ast.AST) -> bool:
+    """Whether a node is a comprehension with two loops."""
+    return isinstance(node, COMPREHENSIONS) and len(node.generators) > 1
+
+
+def has_many_positional(node: ast.AST) -> bool:
+    """Whether a node is a call whose arguments are too many to be told apart by their place."""
+    if not isinstance(node, ast.Call) or len(node.args) <= MOST_POSITIONAL:
+        return False
+    if any(isinstance(argument, ast.Starred) for argument in node.args):
+        return False
+    return ast.unparse(node.func) not in LISTS_OF_ANY_LENGTH
+
+
+def places_of(applies: Callable[[ast.AST], bool]) -> list[str]:
+    """File and line of each node of the product to which a rule applies."""
+    places = []
+    for path, parsed in product().items():
+        name = path.relative_to(ROOT)
+        for node in ast.walk(parsed):
+            if applies(node):
+                places.append(f"{name}:{getattr(node, 'lineno', 0)}")
+    return places
+
+
+def test_a_statement_holds_one_thought() -> None:
+    nodes = 0
+    sizes = []
+    for path, parsed in product().items():
+        nodes += sum(1 for _ in ast.walk(parsed))
+        for node in ast.walk(parsed):
+            if isinstance(node, ast.stmt):
+                place = f"{path.relative_to(ROOT)}:{node.lineno}"
+                sizes.append((nodes_of_statement(node), place))
+    mean = nodes / len(sizes)
+    worst = ", ".join(f"{place} ({size})" for size, place in sorted(sizes)[:-11:-1])
+    assert mean <= MOST_NODES_OF_A_STATEMENT, (
+        f"a statement has {mean:.2f} nodes on average, and may have "
+        f"{MOST_NODES_OF_A_STATEMENT:g}; the heaviest: {worst}"
+    )
+
+
+def test_values_are_assigned_one_by_one() -> None:
+    places = places_of(is_tuple_assignment)
+    lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in product())
+    most = MOST_TUPLES_OF_1000_LINES * lines / 1000.0
+    crowded = Counter(place.partition(":")[0] for place in places).most_common(5)
+    assert len(places) <= most, (
+        f"{len(places)} assignments of tuples to tuples, of at most {most:.0f}; the most: {crowded}"
+    )
+
+
+def test_no_conditional_is_nested() -> None:
+    places = places_of(is_nested_conditional)
+    assert not places, f"conditional expressions inside others: {', '.join(places)}"
+
+
+def test_comprehensions_have_one_loop() -> None:
+    places = places_of(is_double_loop)
+    assert len(places) <= MOST_DOUBLE_LOOPS, (
+        f"{len(places)} comprehensions of two loops, of at most {MOST_DOUBLE_LOOPS}: "
+        f"{', '.join(places)}"
+    )
+
+
+def test_arguments_have_names() -> None:
+    places = places_of(has_many_positional)
+    assert not places, f"more than {MOST_POSITIONAL} positional arguments: {', '.join(places)}"
+
+
+def test_the_formatter_lays_out_all_but_tables() -> None:
+    places = []
+    for path in product():
+        rows = path.read_text(encoding="utf-8").splitlines()
+        for number, row in enumerate(rows, start=1):
+            if "fmt: skip" in row or "fmt: off" in row:
+                places.append(f"{path.relative_to(ROOT)}:{number}")
+    assert len(places) <= MOST_SKIPS, (
+        f"{len(places)} places that the formatter skips, of at most {MOST_SKIPS}: "
+        f"{', '.join(places)}"
+    )
 
 
 def test_a_public_name_means_one_thing() -> None:

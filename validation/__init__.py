@@ -1,4 +1,4 @@
-"""Everything around the mathematics of `ssmr`: the MuJoCo robot, recordings, profiles, programs and pictures."""
+"""The MuJoCo robot, recordings, profiles, programs and pictures, around the models of `ssmr`."""
 
 import lazy_loader as lazy
 

@@ -4,7 +4,10 @@ from validation.interrupts import end_quietly
 
 
 def main() -> None:
-    """Run the program that the command line names first; Ctrl-C has no traceback, even while libraries load."""
+    """Run the program that the command line names first.
+
+    Ctrl-C has no traceback, even while libraries load.
+    """
     end_quietly()
     from validation.cli.__main__ import main as run_program
 

@@ -160,12 +160,11 @@ class _Comparing:
         """Drive the plants and compare them; an SsmrError says that one diverged."""
         source = self.source
         profile = self.profile
-        robot = profile.robot
         o = self.options
         truth = tuple(piece.reference for piece in source.pieces if piece.reference is not None)
         remarks = list[str]()
         if truth:
-            pace = pace_of(truth, robot.geometry.wheel_radius)
+            pace = pace_of(truth, profile.robot.geometry.wheel_radius)
             remarks = profile.too_fast(pace, source.title)
         for remark in remarks:
             cli.warn(remark)
@@ -177,24 +176,10 @@ class _Comparing:
             truth = tuple(driven[self.reference][0])
         results = {name: self._result(name, *d, truth, gyro) for name, d in driven.items()}
         scoring = self._windows() if recorded else {}
-        headline = headline_horizon(scoring)
-        notes = standing_sentences(source, headline) if headline else []
-        if o.profile is None and o.robot is None:
-            notes = [*unknown_robot_notes(source, robot), *notes]
-        facts: dict[str, Any] = {
-            "profile": profile.name,
-            "robot": robot.name,
-            "reference": self.reference,
-            "seed": o.seed,
-        }
-        if gyro is not None:
-            notes.append(gyro.sentence)
-            facts["heading_judge"] = "gyro" if gyro.first else "localiser"
-            facts["judges_apart_rad"] = gyro.apart
         gyro_first = gyro is not None and gyro.first
         pairs = indistinguishable_pairs(results, gyro_first)
         ill = health_warnings(results)
-        label = one_line(with_robot(profile.name, robot.name))
+        label = one_line(with_robot(profile.name, profile.robot.name))
         title = f"{one_line(source.name)} · profile {label}"
         if o.terrain != FLAT:
             title += f" · mujoco on {o.terrain.words}"
@@ -203,6 +188,14 @@ class _Comparing:
             caption += point_sentences(results)
         caption += ill
         tables = comparison_tables(results, self.reference, title, "\n".join(caption), gyro_first)
+        notes = []
+        if o.profile is None and o.robot is None:
+            notes += unknown_robot_notes(source, profile.robot)
+        headline = headline_horizon(scoring)
+        if headline:
+            notes += standing_sentences(source, headline)
+        if gyro is not None:
+            notes.append(gyro.sentence)
         notes += [*source.warnings, *alike_sentences(results, pairs), *self._unjudged(results)]
         return Comparison(
             program="compare",
@@ -211,14 +204,7 @@ class _Comparing:
             sentences=(*remarks, *notes),
             alarms=ill,
             options=o.as_dict(),
-            document={
-                "schema": "ssmr.compare/1",
-                "source": source.name,
-                **facts,
-                "alike": pairs,
-                "plants": {name: result.as_dict() for name, result in results.items()},
-                "parameters": {name: dict(result.parameters) for name, result in results.items()},
-            },
+            document=self._document(results, gyro, pairs),
             draw=comparison_figure,
             record=write_comparison,
             source=source.name,
@@ -230,8 +216,32 @@ class _Comparing:
             seed=o.seed,
             terrain=o.terrain,
             scoring=scoring,
-            robot=robot,
+            robot=profile.robot,
         )
+
+    def _document(
+        self,
+        results: Mapping[str, PlantResult],
+        gyro: GyroJudge | None,
+        pairs: dict[str, Any] | None,
+    ) -> dict[str, Any]:
+        """Contents of compare.json without options and tables."""
+        judge: dict[str, Any] = {}
+        if gyro is not None:
+            judge["heading_judge"] = "gyro" if gyro.first else "localiser"
+            judge["judges_apart_rad"] = gyro.apart
+        return {
+            "schema": "ssmr.compare/1",
+            "source": self.source.name,
+            "profile": self.profile.name,
+            "robot": self.profile.robot.name,
+            "reference": self.reference,
+            "seed": self.options.seed,
+            **judge,
+            "alike": pairs,
+            "plants": {name: result.as_dict() for name, result in results.items()},
+            "parameters": {name: dict(result.parameters) for name, result in results.items()},
+        }
 
     def _windows(self) -> dict[float, Any]:
         """Windows of each horizon on all pieces of a log."""
@@ -242,7 +252,7 @@ class _Comparing:
         return scoring
 
     def _unjudged(self, results: Mapping[str, PlantResult]) -> list[str]:
-        """Return a sentence on the plants whose predictions nobody has judged yet."""
+        """Return a sentence on the plants whose predictions no log has judged yet."""
         if not self.options.bands:
             return []
         plants = ", ".join(name for name, result in results.items() if result.band is None)
@@ -311,7 +321,7 @@ class _Comparing:
         return drive(plant, piece, localiser, self.source.sample_dt, push)
 
     def _at_limit(self, plant: MujocoPlant, motions: list[Trajectory], at: Localiser) -> str | None:
-        """Return what it means that motors stayed at their limit; None where they did not.
+        """Return a sentence on motors that stayed at their limit; None where they did not.
 
         Only if they did is the run repeated, with half the physics step.
         """
@@ -393,7 +403,8 @@ def compare(o: Compare) -> Comparison:
     source = o.source
     user_plants = add_user_model(o.own_model)
     name = source.name if isinstance(source, Source) else str(source)
-    default = "thesis-lab" if name.partition("@")[0] in TRAJECTORIES else profile_of_log(name)
+    is_trajectory = name.partition("@")[0] in TRAJECTORIES
+    default = "thesis-lab" if is_trajectory else profile_of_log(name)
     profile = choose_profile(o.profile, o.robot, default)
     if not isinstance(source, Source):
         radius = None

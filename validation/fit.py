@@ -79,12 +79,12 @@ _SIZES: Mapping[tuple[Method, bool], tuple[int, int]] = {
     ("lsq", False): (5, 1),  # of which only the first candidate counts
     ("lsq", True): (5, 1),
 }
-"""Usual population and generations of jDE for planar models (Tab. 3.7 of the thesis for `jde`) and
-for simulated bodies."""
+"""Default population and generations of jDE for planar models (Tab. 3.7 of the thesis for `jde`)
+and for simulated bodies."""
 _STARTS: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
 """Greatest number of starts of least squares."""
 _JAGGED = (50, 100)
-"""Usual population and generations of a hybrid search of planar models for the path objective:
+"""Default population and generations of a hybrid search of planar models for the path objective:
 distances between samples make it jagged, so least squares go to the right place but not to the
 least cost there."""
 _WINDOWS = {"n": "windows", "n_standing": "standing"}
@@ -257,7 +257,8 @@ def fit(o: Fit) -> Fitted:
     base = choose_profile(o.profile, o.robot, standard)
     begun = with_values(o.model, base.section(o.model), list(o.fix), o.fix.values())
     names = kind.free[occasion] if o.free is None else o.free
-    space = make_space(o.model, [n for n in names if n not in o.fix], o.bounds, begun.robot)
+    searched = [name for name in names if name not in o.fix]
+    space = make_space(o.model, searched, o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
     radius = None if is_default else base.robot.geometry.wheel_radius
@@ -286,7 +287,8 @@ def fit(o: Fit) -> Fitted:
     simulated = o.model in SIMULATED
     # sampled paths make the cost jagged, so differential evolution has to go farther
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
-    settings = o.settings(*(_JAGGED if jagged else _SIZES[o.search, simulated]))
+    sizes = _JAGGED if jagged else _SIZES[o.search, simulated]
+    settings = o.settings(*sizes)
     search = search_for(problem, settings, o, start, _STARTS[o.search])
     if search.starts and not search.interrupted:
         search.refine(problem, o.threads)
@@ -305,7 +307,8 @@ def _first_points(
     for name in named:
         if name not in space.names:
             raise ValueError(f"start names {name}, which is not free")
-    begun = dict(zip(space.names, np.clip(before, space.lower, space.upper), strict=True))
+    within = np.clip(before, space.lower, space.upper)
+    begun = dict(zip(space.names, within, strict=True))
     values = np.array(list({**begun, **named}.values()))
     return space.points(values[None])
 
@@ -324,7 +327,8 @@ def _require_possible(problem: FitProblem, given: Container[str]) -> None:
             ends += [{p.name: p.lower}, {p.name: p.upper}]
     for end in ends:
         try:
-            _built(problem.model, with_values(problem.model, problem.base, list(end), end.values()))
+            plant = with_values(problem.model, problem.base, list(end), end.values())
+            _built(problem.model, plant)
         except ParameterError as error:
             lead = "".join(f"bounds of {name}: " for name in end)
             raise ValueError(f"{lead}{error}") from error
@@ -340,20 +344,12 @@ def _report(
 ) -> Fitted:
     """Return the report: the numbers with their uncertainty, and scores on all sources."""
     point = search.best
-    notes = []
     fitted = problem.candidate(point)
     assert fitted is not None
     parameters = fitted_parameters(problem.space, point, before)
     correlation = None
     method = ""
-    if o.profile is None and o.robot is None:
-        for target in problem.targets:
-            notes += unknown_robot_notes(target.source, base.robot)
-    for target in (*problem.targets, *held_out):
-        source = target.source
-        if target.gyro:
-            notes.append(f"{source.title}: {target.gyro.sentence}")
-        notes += [*source.warnings, *standing_sentences(source, HEADLINE_HORIZON)]
+    notes = _source_notes(o, problem, base, held_out)
     notes += bound_sentences(problem.space, point)
     if not search.interrupted:
         try:
@@ -375,11 +371,12 @@ def _report(
             judged.append(_scored(problem, fitted, target))
             unfitted.append(_scored(problem, problem.base, target))
         except SsmrError as error:
-            notes.append(
-                f"The plant cannot be driven along {target.label}, which was held out: {error}."
-            )
+            lead = f"The plant cannot be driven along {target.label}, which was held out"
+            notes.append(f"{lead}: {error}.")
     worse = worse_sentences(problem.cost, o.even_if_worse, unfitted, judged)
-    chosen = {name: getattr(problem.cost, name) for name in ("objective", "yaw_weight")}
+    options = o.chosen(search.jde.settings)
+    options["objective"] = problem.cost.objective
+    options["yaw_weight"] = problem.cost.yaw_weight
     names = ",".join(o.names)
     begun = with_robot(base.name, base.robot.name)
     bare = Fitted(
@@ -389,7 +386,7 @@ def _report(
         document={},
         draw=_draw,
         sentences=[one_line(note) for note in dict.fromkeys([*worse, *notes])],
-        options={**o.chosen(search.jde.settings), **chosen},
+        options=options,
         **ending(search, worse),
         course=search,
         cost=search.cost,
@@ -405,15 +402,32 @@ def _report(
     )
     together = score("all fitted to", problem.targets, [each.motion for each in bare.train])
     document = _document(bare, names, o.seed, method, together)
-    truth = list(chain(*(target.truth for target in problem.targets)))
+    truth = list(chain.from_iterable(target.truth for target in problem.targets))
     pace = pace_of(truth, base.robot.geometry.wheel_radius)
     new = replace(_with_provenance(o, bare, fitted, document), fitted_at=pace)
     kept = base if worse and not o.even_if_worse else new
     return replace(bare, profile=kept, tables=_tables(bare), document=document)
 
 
+def _source_notes(
+    o: Fit, problem: FitProblem, base: Profile, held_out: Sequence[FitTarget]
+) -> list[str]:
+    """Sentences on the sources of the fit, and on those that were held out."""
+    notes = []
+    if o.profile is None and o.robot is None:
+        for target in problem.targets:
+            notes += unknown_robot_notes(target.source, base.robot)
+    for target in (*problem.targets, *held_out):
+        source = target.source
+        if target.gyro:
+            notes.append(f"{source.title}: {target.gyro.sentence}")
+        notes += source.warnings
+        notes += standing_sentences(source, HEADLINE_HORIZON)
+    return notes
+
+
 def _band(problem: FitProblem, sure: Uncertainty, fitted: PlantProfile) -> Band | None:
-    """Return how far predictions along the recordings differ if a part of the data is left out."""
+    """Spread of predictions along the recordings when parts of the data are left out."""
     logs = [target for target in problem.targets if target.source.reference == RECORDING]
     motions = []
     for point in sure.without:
@@ -428,6 +442,9 @@ def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) 
     if f.correlation is not None:
         names = [p.name for p in f.parameters]
         correlation = {"names": names, "matrix": f.correlation.tolist()}
+    train = {s.label: s.as_dict() for s in f.train}
+    held_out = {s.label: s.as_dict() for s in f.held_out}
+    before = {s.label: s.as_dict() for s in f.unfitted}
     return {
         "schema": "ssmr.fit/1",
         "model": f.model,
@@ -440,9 +457,9 @@ def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) 
         "correlation": correlation,
         "standard_errors_by": method,
         "train": together.as_dict(),
-        "train_by_source": {s.label: s.as_dict() for s in f.train},
-        "held_out": {s.label: s.as_dict() for s in f.held_out},
-        "held_out_before": {s.label: s.as_dict() for s in f.unfitted},
+        "train_by_source": train,
+        "held_out": held_out,
+        "held_out_before": before,
         "better": f.better,
     }
 
@@ -452,20 +469,22 @@ def _with_provenance(
 ) -> Profile:
     """Return the profile of before with the fitted numbers and their provenance in it."""
     kept = ("source", "search", "seed", "cost", "evaluations", "generations", "standard_errors_by")
-    errors = {p.name: e for p in f.parameters if (e := p.standard_error) is not None}
+    now = datetime.datetime.now(datetime.UTC)
+    errors = {p.name: p.standard_error for p in f.parameters if p.standard_error is not None}
     provenance = {
         **{name: document[name] for name in kept},
         "status": f.status,
         "options": {name: value for name, value in f.options.items() if value is not None},
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "date": now.date().isoformat(),
         "versions": dict(f.versions),
         "standard_errors": errors,
     }
+    profile = f.profile
     return replace(
-        f.profile,
-        name=o.name or f"{f.profile.name}-fitted",
-        plants={**f.profile.plants, f.model: plant},
-        provenance={**f.profile.provenance, f.model: provenance},
+        profile,
+        name=o.name or f"{profile.name}-fitted",
+        plants={**profile.plants, f.model: plant},
+        provenance={**profile.provenance, f.model: provenance},
     )
 
 
@@ -475,7 +494,8 @@ def _named(f: Fitted) -> list[tuple[str, Scored]]:
     leads = ("", "held out: ", "before, held out: ")
     for lead, scores in zip(leads, (f.train, f.held_out, f.unfitted), strict=True):
         for s in scores:
-            out.append((f"{lead}{shortened(Path(s.label).name, 32)}", s))
+            short = shortened(Path(s.label).name, 32)
+            out.append((f"{lead}{short}", s))
     return out
 
 
@@ -484,8 +504,12 @@ def _tables(f: Fitted) -> list[Table]:
     named = _named(f)
     scores = []
     for name, s in named:
-        torque = {} if s.torque_rms is None else {"torque_rms_N_m": s.torque_rms}
-        scores.append({"source": name, **{key: s.metrics[key] for key in _SHOWN}, **torque})
+        row: dict[str, Any] = {"source": name}
+        for key in _SHOWN:
+            row[key] = s.metrics[key]
+        if s.torque_rms is not None:
+            row["torque_rms_N_m"] = s.torque_rms
+        scores.append(row)
     errors = []
     windows = []
     for h in HORIZONS:

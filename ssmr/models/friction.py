@@ -1,16 +1,18 @@
 """The friction laws of the thesis, and the force of a tyre of brushes, as functions of numbers.
 
-The laws of the thesis are Coulomb friction (Eq. 2.18), which is `sign` times friction and load, its smooth form with an
-arctangent (Eq. 2.33-2.35), and the improved dry friction (Eq. 2.29-2.31). The arctangent's line about rest, called
-hyperviscous (Eq. 2.39, 2.40), is the friction of the linear model, which has it in its matrices.
+The laws of the thesis are Coulomb friction (Eq. 2.18), which is `sign` times friction and load, its
+smooth form with an arctangent (Eq. 2.33-2.35), and the improved dry friction (Eq. 2.29-2.31). The
+arctangent's line about rest, called hyperviscous (Eq. 2.39, 2.40), is the friction of the linear
+model, which has it in its matrices.
 
-The force of a tyre grows with slip until all of its contact slides, and it needs some way to build up: the brush model with
-a parabolic pressure (H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. 2012, Ch. 3.2). Where the stiffness differs along and
-across the wheel, the part of the contact that grips pulls as the brushes are bent, and the part that slides pulls against
-the slip (J. Svendenius, M. Gafvert, "A brush-model based semi-empirical tire-model for combined slips", SAE 2004-01-1064).
-The slip that this law sees is the bend of the brushes over the relaxation length, which rolling lets fade and sliding over
-the ground renews (Pacejka, Ch. 7 and 8); so a wheel that stands holds like a spring, and no speed stands in a denominator.
-docs/four_wheel.md derives all of this.
+The force of a tyre grows with slip until all of its contact slides, and it needs some way to build
+up: the brush model with a parabolic pressure (H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed.
+2012, Ch. 3.2). Where the stiffness differs along and across the wheel, the part of the contact that
+grips pulls as the brushes are bent, and the part that slides pulls against the slip (J. Svendenius,
+M. Gafvert, "A brush-model based semi-empirical tire-model for combined slips", SAE 2004-01-1064).
+The slip that this law sees is the bend of the brushes over the relaxation length, which rolling
+lets fade and sliding over the ground renews (Pacejka, Ch. 7 and 8); so a wheel that stands holds
+like a spring, and no speed stands in a denominator. docs/four_wheel.md derives all of this.
 """
 
 from __future__ import annotations
@@ -32,24 +34,29 @@ def sign(x: float) -> float:
 
 
 def arctangent_friction(coefficient: float, load: float, v: float, steepness: float) -> float:
-    """Return the friction force [N] of a load [N] at a speed v [m/s], to be SUBTRACTED (Eq. 2.33, 2.35).
+    """Return the friction force [N] of a load [N] at a speed v [m/s], to be SUBTRACTED.
 
-    It tends to Coulomb friction as the `steepness` k_s [s/m] grows, and is 0 at rest.
+    It tends to Coulomb friction as the `steepness` k_s [s/m] grows, and is 0 at rest (Eq. 2.33,
+    2.35).
     """
     return coefficient * load * 2.0 / math.pi * math.atan(steepness * v)
 
 
 def viscous_coefficient(coefficient: float, steepness: float) -> float:
-    """Return K = (2/pi) k_s mu [s/m], the slope of `arctangent_friction` at rest over the load (Eq. 2.39, 2.40)."""
+    """Return K = (2/pi) k_s mu [s/m] (Eq. 2.39, 2.40).
+
+    It is the slope of `arctangent_friction` at rest over the load.
+    """
     return 2.0 / math.pi * steepness * coefficient
 
 
 @jit
 def improved_friction(active: float, static: float, dynamic: float, v: float) -> float:
-    """Return the friction force or torque to be ADDED to the active one (Eq. 2.29, with -FDJ sgn(v) where -FDJ is printed).
+    """Return the friction force or torque to be ADDED to the active one.
 
-    It is that of the time that follows: what stiction cannot hold at standstill moves at once, and
-    FDJ resists it. FSJ would be the friction of one instant, and of a whole step that begins there.
+    Eq. 2.29, with -FDJ sgn(v) where -FDJ is printed. It is that of the time that follows: a force
+    that stiction cannot hold at standstill moves the body at once, and FDJ resists it. FSJ would be
+    the friction of one instant, and of a whole step that begins there.
 
     Args:
         active: force or torque that friction opposes.
@@ -65,9 +72,10 @@ def improved_friction(active: float, static: float, dynamic: float, v: float) ->
 
 @jit
 def stop_at_zero_crossing(v_next: float, v: float) -> float:
-    """Return v_next, or 0 where the velocity changed sign within the step: zero-crossing detection (Eq. 2.31).
+    """Return v_next, or 0 where the velocity changed sign within the step.
 
-    Strictly less than zero: with `<=`, as printed, a robot at rest would never start.
+    This is zero-crossing detection (Eq. 2.31). Strictly less than zero: with `<=`, as printed, a
+    robot at rest would never start.
     """
     if v_next < 0.0 < v or v < 0.0 < v_next:  # not v_next * v < 0: a product of tiny numbers is 0
         return 0.0
@@ -99,24 +107,28 @@ def bent_share(slip: AlongAcross, tyre: Tyre) -> float:
 
 @jit
 def tyre_force(slip: AlongAcross, load: float, tyre: Tyre) -> AlongAcross:
-    """Return the force of the ground on a tyre [N] of a load [N]; `slip` is sliding over rolling speed [1].
+    """Return the force of the ground on a tyre [N] of a load [N].
 
-    Its size never exceeds friction times load, and it never points along the slip.
+    `slip` is sliding over rolling speed [1]. The size of the force never exceeds friction times
+    load, and it never points along the slip.
     """
     size = math.hypot(slip.x, slip.y)
     if size == 0.0:
         return AlongAcross(0.0, 0.0)
     z = min(bent_share(slip, tyre), 1.0)
-    gripping, sliding = (1.0 - z) * (1.0 - z), tyre.friction * z * z * (3.0 - 2.0 * z) / size
-    return AlongAcross(
-        -load * (gripping * tyre.along + sliding) * slip.x,
-        -load * (gripping * tyre.across + sliding) * slip.y,
-    )
+    gripping = (1.0 - z) * (1.0 - z)
+    sliding = tyre.friction * z * z * (3.0 - 2.0 * z) / size
+    along = gripping * tyre.along + sliding
+    across = gripping * tyre.across + sliding
+    return AlongAcross(-load * along * slip.x, -load * across * slip.y)
 
 
 @jit
 def limited(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
-    """Return a slip shortened to the greatest at which a part of the contact grips: brushes bend no further."""
+    """Return a slip shortened to the greatest at which a part of the contact grips.
+
+    Brushes bend no further.
+    """
     z = bent_share(slip, tyre)
     return AlongAcross(slip.x / z, slip.y / z) if z > 1.0 else slip
 
@@ -125,29 +137,28 @@ def limited(slip: AlongAcross, tyre: Tyre) -> AlongAcross:
 def bend(
     slip: AlongAcross, sliding: AlongAcross, rolling: float, dt: float, tyre: Tyre
 ) -> AlongAcross:
-    """Return the bend of the brushes over the relaxation length after a step `dt` [s], exactly for constant speeds.
+    """Return the bend of the brushes over the relaxation length after a step `dt` [s].
 
-    `slip` is the bend at the start [1], `sliding` the velocity of the rim over the ground where they touch, `rolling` the
-    speed of the rim about the axle [m/s].
+    It is exact for constant speeds: `slip` is the bend at the start [1], `sliding` the velocity of
+    the rim over the ground where they touch, `rolling` the speed of the rim about the axle [m/s].
     """
-    rate = (
-        abs(rolling) / tyre.relaxation
-    )  # at which rolling replaces bent brushes by straight ones [1/s]
+    # rate at which rolling replaces bent brushes by straight ones [1/s]
+    rate = abs(rolling) / tyre.relaxation
     fading = -math.expm1(-rate * dt)
-    grown = (
-        (fading / rate if rate * dt > 1e-9 else dt)
-        * (1.0 - rate * damping_time(rate, tyre))
-        / tyre.relaxation
-    )
+    lasting = fading / rate if rate * dt > 1e-9 else dt
+    grown = lasting * (1.0 - rate * damping_time(rate, tyre)) / tyre.relaxation
     kept = 1.0 - fading
-    return limited(
-        AlongAcross(kept * slip.x + grown * sliding.x, kept * slip.y + grown * sliding.y), tyre
-    )
+    x = kept * slip.x + grown * sliding.x
+    y = kept * slip.y + grown * sliding.y
+    return limited(AlongAcross(x, y), tyre)
 
 
 @jit
 def damping_time(rate: float, tyre: Tyre) -> float:
-    """Return the time by which the slip velocity leads [s]; fast rolling leaves no time for damping."""
+    """Return the time by which the slip velocity leads [s].
+
+    Fast rolling leaves no time for damping.
+    """
     return tyre.damping if rate * tyre.damping < 1.0 else 1.0 / rate
 
 
@@ -163,10 +174,14 @@ def felt_slip(slip: AlongAcross, sliding: AlongAcross, rolling: float, tyre: Tyr
 
 @jit
 def steady_bend(sliding: AlongAcross, rolling: float, tyre: Tyre) -> AlongAcross:
-    """Return the bend in steady motion [1]; that of a wheel that slides without rolling is the greatest."""
+    """Return the bend in steady motion [1].
+
+    That of a wheel that slides without rolling is the greatest.
+    """
     speed = math.hypot(sliding.x, sliding.y)
     if speed == 0.0:
         return AlongAcross(0.0, 0.0)
     stretch = 1.0 / max(abs(rolling), 1e-9 * speed)
     lead = damping_time(abs(rolling) / tyre.relaxation, tyre) / tyre.relaxation
-    return limited(AlongAcross((stretch - lead) * sliding.x, (stretch - lead) * sliding.y), tyre)
+    steady = stretch - lead
+    return limited(AlongAcross(steady * sliding.x, steady * sliding.y), tyre)

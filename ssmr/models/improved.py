@@ -38,9 +38,8 @@ class ImprovedParameters:
         """Check the ranges, and that sliding does not grip more than standing."""
         check_parameters(self)
         if self.mu_d > self.mu_s:
-            raise ParameterError(
-                f"mu_d {self.mu_d:g} exceeds mu_s {self.mu_s:g}: sliding would grip more than standing"
-            )
+            numbers = f"mu_d {self.mu_d:g} exceeds mu_s {self.mu_s:g}"
+            raise ParameterError(f"{numbers}: sliding would grip more than standing")
 
 
 class ImprovedConstants(NamedTuple):
@@ -53,22 +52,22 @@ class ImprovedConstants(NamedTuple):
 
 def _constants(body: Any, parameters: Any, dt: float) -> ImprovedConstants:
     p = parameters
-    return ImprovedConstants(
-        p.u_x * body.mass * body.gravity, p.mu_s * body.load_levers, p.mu_d * body.load_levers
-    )
+    levers = body.load_levers
+    rolling = p.u_x * body.mass * body.gravity
+    return ImprovedConstants(rolling, p.mu_s * levers, p.mu_d * levers)
 
 
 @jit
 def active(v: float, w: float, wheels: Wanted, robot: PlanarRobot) -> tuple[float, float, Sides]:
-    """Return the active force [N] and moment [N m] (Eq. 2.21), and the torques of both sides [N m] (Eq. 2.32)."""
+    """Return the active force [N] and moment [N m], and the torques of both sides [N m].
+
+    Force and moment are those of Eq. 2.21, the torques those of Eq. 2.32.
+    """
     rates = side_rates(v, w, robot.vehicle)
     torque = motor_torques(wheels, rates, robot.parameters.gain, robot.motor)
     thrust = thrusts(torque, rates, robot.vehicle, robot.motor)
-    return (
-        thrust.left + thrust.right,
-        robot.vehicle.half_track * (thrust.right - thrust.left),
-        torque,
-    )
+    moment = robot.vehicle.half_track * (thrust.right - thrust.left)
+    return thrust.left + thrust.right, moment, torque
 
 
 @jit
@@ -88,7 +87,7 @@ def slide(v: float, start: float, end: float, gain: float, static: float, dynami
         dynamic: friction in motion, FDJ.
     """
     friction = improved_friction(start, static, dynamic, v)
-    slid = fused(0.5 * gain, end, v + gain * (0.5 * start + friction))
+    slid: float = fused(0.5 * gain, end, v + gain * (0.5 * start + friction))
     holds = abs(start) <= static
     if slid < 0.0 < v or v < 0.0 < slid:  # not slid * v < 0: a product of tiny numbers is 0
         at_rest = improved_friction(start, static, dynamic, 0.0)

@@ -124,7 +124,8 @@ def drive_log(source: str | Log) -> DriveLog:
     turned = "yaw" in columns or bool(np.ptp(columns.get("gyro_z", np.zeros(1))) > 0.0)
     currents = pair("current_left", "current_right")
     voltages = pair("voltage_left", "voltage_right")
-    return DriveLog(log.name, log.t, rates, pair("cmd_v", "cmd_w"), currents, voltages, turned)
+    commands = pair("cmd_v", "cmd_w")
+    return DriveLog(log.name, log.t, rates, commands, currents, voltages, on_ground=turned)
 
 
 def log_of_motions(name: str, motions: Sequence[Trajectory]) -> DriveLog | None:

@@ -231,7 +231,7 @@ class EpisodeSource:
         else:
             off = np.zeros((n + 1, 5))
             pushes = np.zeros((n, self.steps))
-        return Episode(calibration, drive, start, before, targets, off, pushes)
+        return Episode(calibration, drive, start, before, targets=targets, noise=off, pushes=pushes)
 
     def _draw_robot(
         self, section: PlantProfile, rng: np.random.Generator

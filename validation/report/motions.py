@@ -1,4 +1,4 @@
-"""Motions of plants against one reference: what a comparison holds, and its tables, sentences and recording."""
+"""Motions of plants against one reference: a comparison, its tables, sentences and recording."""
 
 from __future__ import annotations
 
@@ -36,10 +36,11 @@ from validation.words import one_line
 
 _COMMANDED: Rgb = (86, 180, 233)
 HEADLINE_HORIZON = 6.0
-"""The horizon whose errors stand for a plant where only one has room [s]; else the one closest to it."""
+"""Horizon whose errors stand for a plant where only one has room [s], or the one closest to it."""
 _WINDOWS = (
-    "after this time, of the relative pose: the plant's motion over a window is compared with the reference's, both seen "
-    "from the pose at the window's start. Windows follow one another and span no gap"
+    "after this time, of the relative pose: the plant's motion over a window is compared with the "
+    "reference's, both seen from the pose at the window's start. Windows follow one another and "
+    "span no gap"
 )
 declare(
     Metric(
@@ -66,12 +67,16 @@ declare(
         "yaw median with the log's gyro as the judge of heading",
     ),
 )
-_INTERVALS = "Brackets: 90 % confidence interval of the median; for a log of less than four horizons, the range of errors."
+_INTERVALS = (
+    "Brackets: 90 % confidence interval of the median; for a log of less than four horizons, the "
+    "range of errors."
+)
 _HEALTH = (
     "apparent mass: push force divided by acceleration",
     "peak torque: largest motor torque on one side",
     "load sum rms: rms difference between the total wheel load and the weight",
 )
+_HEALTH_COLUMNS = ("apparent_mass_kg", "peak_torque_N_m", "load_sum_rms_N", "verdict")
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +86,10 @@ class PlantResult:
     name: str
     """Name of the plant, such as `improved`."""
     pieces: tuple[Trajectory, ...]
-    """The plant's motion: one piece for each gap-free stretch of the source, at the stamps of the reference's piece."""
+    """The plant's motion, one piece for each gap-free stretch of the source.
+
+    A piece has the stamps of the reference's piece.
+    """
     metrics: Metrics
     """Distances from the reference, over all pieces."""
     horizons: Mapping[float, HorizonErrors]
@@ -91,7 +99,7 @@ class PlantResult:
     real_time_factor: float
     """Simulated over wall time [1]."""
     health: Health | None = None
-    """The verdict on the wheel loads; only a MuJoCo robot has one, and only on even ground."""
+    """The verdict on the wheel loads; only a MuJoCo robot has one, and only on level ground."""
     localiser: Localiser = Localiser()
     """The frame in the plant's body whose motion `pieces` is."""
     loads: WheelLoads | None = None
@@ -99,13 +107,19 @@ class PlantResult:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """All numbers that define the plant, as plain values."""
     windows: Mapping[float, WindowErrors] = field(default_factory=dict)
-    """Errors over windows that begin every second, by horizon [s]; empty where the reference is a plant."""
+    """Errors over windows that begin every second, by horizon [s].
+
+    Empty where the reference is a plant.
+    """
     band: Band | None = None
-    """Uncertainty of the plant's predictions; None where nobody asked, or the profile does not say."""
+    """Uncertainty of the plant's predictions; None if not asked for, or not in the profile."""
     coverage: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
-    """Shares of windows that end inside the band, `position`, `yaw` and `yaw_gyro`, by horizon [s]."""
+    """Shares of windows that end inside the band, by horizon [s].
+
+    They are called `position`, `yaw` and `yaw_gyro`.
+    """
     by_gyro: Mapping[float, WindowErrors] = field(default_factory=dict)
-    """As `windows`, with the gyro as the judge of heading; empty where the log has none of use."""
+    """As `windows`, with the gyro as the judge of heading; empty without a useful gyro."""
 
     @cached_property
     def overlapping(self) -> Mapping[float, OverlappingErrors]:
@@ -113,28 +127,25 @@ class PlantResult:
         return {horizon: errors.summary() for horizon, errors in self.windows.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what compare.json holds of the plant."""
+        """The plant's entry in compare.json."""
         entry: dict[str, Any] = {
             **self.metrics,
             "wall_s": self.wall_s,
             "real_time_factor": self.real_time_factor,
         }
         if self.horizons:
-            entry["horizons"] = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
-            for horizon, overlapping in self.overlapping.items():
-                entry["horizons"].setdefault(f"{horizon:g}", {})["overlapping"] = asdict(
-                    overlapping
-                )
+            horizons = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
+            entry["horizons"] = horizons
+            for horizon, medians in self.overlapping.items():
+                overlapping = asdict(medians)
                 if horizon in self.by_gyro:
                     by_gyro = asdict(self.by_gyro[horizon].summary())
-                    by_gyro = {
-                        k.replace("yaw", "yaw_gyro"): value
-                        for k, value in by_gyro.items()
-                        if k.startswith("yaw")
-                    }
-                    entry["horizons"][f"{horizon:g}"]["overlapping"] |= by_gyro
+                    for key, value in by_gyro.items():
+                        if key.startswith("yaw"):
+                            overlapping[key.replace("yaw", "yaw_gyro")] = value
+                horizons.setdefault(f"{horizon:g}", {})["overlapping"] = overlapping
             for horizon, shares in self.coverage.items():
-                entry["horizons"].setdefault(f"{horizon:g}", {})["coverage_90"] = dict(shares)
+                horizons.setdefault(f"{horizon:g}", {})["coverage_90"] = dict(shares)
         if self.health is not None:
             entry["health"] = self.health.as_dict()
         if self.loads is not None:
@@ -155,7 +166,7 @@ class Comparison(Report):
     reference: tuple[Trajectory, ...]
     """The reference's motion, piece by piece."""
     commands: tuple[Commands, ...]
-    """The commands that drove the plants, piece by piece; each begins at the first stamp of its piece."""
+    """The commands that drove the plants, each from the first stamp of its piece on."""
     plants: Mapping[str, PlantResult]
     """Results by plant, in the order of all tables; the reference plant is among them."""
     seed: int
@@ -163,14 +174,16 @@ class Comparison(Report):
     terrain: Terrain = FLAT
     """The ground that the MuJoCo robot stood on."""
     scoring: Mapping[float, tuple[tuple[IndexArray, IndexArray], ...]] = field(default_factory=dict)
-    """Starts and ends of the scoring windows that follow one another, by horizon [s] and piece; none spans a jump of the
-    localiser. Empty where the reference is a plant."""
+    """Starts and ends of the scoring windows that follow one another, by horizon [s] and piece.
+
+    None spans a jump of the localiser. Empty where the reference is a plant.
+    """
     robot: Robot = field(default_factory=load_robot)
     """The robot that the profile is of."""
 
     @property
     def profile_label(self) -> str:
-        """Name of the profile, and of the robot where the first does not tell the second."""
+        """Name of the profile, and of the robot where the profile's name does not contain it."""
         return with_robot(self.profile, self.robot.name)
 
 
@@ -183,69 +196,50 @@ def comparison_tables(
 ) -> list[Table]:
     """Return the tables of motions, the most telling one first; those without rows are left out.
 
-    Against a recording the errors of the relative pose by horizon and plant come first, then their medians over windows that
-    begin every second, with intervals. Then the metrics of paths, and for MuJoCo's robot loads and health. `gyro_first` says
-    which judge of heading stands first.
+    Against a recording the errors of the relative pose by horizon and plant come first, then their
+    medians over windows that begin every second, with intervals. Then the metrics of paths, and for
+    MuJoCo's robot loads and health. `gyro_first` says which judge of heading stands first.
     """
-    horizons = sorted({h for result in plants.values() for h in result.horizons})
-    errors = [
-        (h, n, asdict(r.horizons[h]))
-        for h in horizons
-        for n, r in plants.items()
-        if h in r.horizons
-    ]
-    overlapping = [
-        (h, n, r.overlapping[h]) for h in horizons for n, r in plants.items() if h in r.overlapping
-    ]
-    names = {n: f"{n} (ref)" if n == reference else n for n in plants}
-    known = dict.fromkeys(chain.from_iterable(r.metrics for r in plants.values()))
-    columns = [
-        *(key for key in _COLUMNS if key in known),
-        *(key for key in known if key not in _COLUMNS),
-    ]
-    metrics = [
-        {
-            "plant": names[n],
-            **{key: r.metrics.get(key) for key in columns},
-            REAL_TIME.name: r.real_time_factor,
-        }
-        for n, r in plants.items()
-    ]
+    errors: list[Row] = []
+    overlapping = []
+    by_gyro = []
+    for h in sorted(set().union(*(r.horizons for r in plants.values()))):
+        for name, r in plants.items():
+            if h in r.horizons:
+                e = asdict(r.horizons[h])
+                counts = {"windows": e.pop("n"), "standing": e.pop("n_standing")}
+                errors.append({"horizon_s": h, "plant": name, **counts, **e})
+            if h in r.overlapping:
+                overlapping.append((h, name, r.overlapping[h]))
+                by_gyro.append(r.by_gyro.get(h))
+    metrics = dict.fromkeys(chain.from_iterable(r.metrics for r in plants.values()))
+    # metrics that no table declares stand last
+    columns = [key for key in dict.fromkeys((*_COLUMNS, *metrics)) if key in metrics]
+    marked = f"{reference} (ref)"
+    rows = []
+    for name, r in plants.items():
+        shown = {key: r.metrics.get(key) for key in columns}
+        shown[REAL_TIME.name] = r.real_time_factor
+        rows.append({"plant": marked if name == reference else name, **shown})
     tables = [
         Table(
             "Error of the relative pose after a horizon",
-            [
-                {
-                    "horizon_s": h,
-                    "plant": n,
-                    "windows": e.pop("n"),
-                    "standing": e.pop("n_standing"),
-                    **e,
-                }
-                for h, n, e in errors
-            ],
+            errors,
             f"compared with {reference} · best value in bold",
             "horizon_s",
             best=True,
             units=_POSES,
         ),
-        interval_table(
-            overlapping,
-            gyro=[plants[n].by_gyro.get(h) for h, n, _ in overlapping],
-            gyro_first=gyro_first,
-        ),
+        interval_table(overlapping, gyro=by_gyro, gyro_first=gyro_first),
         _band_table(plants),
-        Table(
-            title, metrics, caption, best=True, reference=f"{reference} (ref)", hidden=_BOTH_WAYS
-        ),
+        Table(title, rows, caption, best=True, reference=marked, hidden=_BOTH_WAYS),
         _load_table(plants),
         _health_table(plants),
     ]
     return [table for table in tables if table.rows]
 
 
-_FIRST = ("d_rms_m", "sync_rms_m", "yaw_rms_rad", *SIGNALS)
-_COLUMNS = tuple(dict.fromkeys((*_FIRST, *METRICS)))
+_COLUMNS = ("d_rms_m", "sync_rms_m", "yaw_rms_rad", *SIGNALS, *METRICS)
 _BOTH_WAYS = frozenset({"d_rms_symmetric_m", "d_haus_symmetric_m"})  # compare.json has them
 _POSES = {
     "horizon_s": Unit("s", 1.0, 0, significant=3),
@@ -264,37 +258,32 @@ def interval_table(
 ) -> Table:
     """Return medians over overlapping windows with their intervals, by horizon [s] and name.
 
-    `gyro` has for each row the errors with the gyro as the judge of heading, in the column before or after the localiser's.
+    `gyro` has for each row the errors with the gyro as the judge of heading, in the column before
+    or after the localiser's.
     """
     rows = []
     for (h, name, e), other in zip_longest(overlapping, gyro):
-        place = {"horizon_s": h, who: name, "windows": e.n}
-        place["position_median_m"] = e.position_median_m, e.position_low_m, e.position_high_m
-        judged = {} if other is None else {"yaw_gyro_median_rad": other.summary()}
-        judged = judged | {"yaw_median_rad": e} if gyro_first else {"yaw_median_rad": e} | judged
-        rows.append(
-            place
-            | {
-                key: (of.yaw_median_rad, of.yaw_low_rad, of.yaw_high_rad)
-                for key, of in judged.items()
-            }
-        )
+        position = (e.position_median_m, e.position_low_m, e.position_high_m)
+        row = {"horizon_s": h, who: name, "windows": e.n, "position_median_m": position}
+        judges = [("yaw_median_rad", e)]
+        if other is not None:
+            judges.insert(0 if gyro_first else 1, ("yaw_gyro_median_rad", other.summary()))
+        for key, of in judges:
+            row[key] = (of.yaw_median_rad, of.yaw_low_rad, of.yaw_high_rad)
+        rows.append(row)
     title = "The same over windows that begin every second, and how sure that is"
     return Table(title, rows, _INTERVALS, "horizon_s", units=_POSES)
 
 
 def _band_table(plants: Mapping[str, PlantResult]) -> Table:
-    """Return how often the robot was where the plants said."""
-    rows: list[Row] = [
-        {
-            "horizon_s": h,
-            "plant": name,
-            **{f"{part}_inside_share": share for part, share in shares.items()},
-        }
-        for h in sorted({h for r in plants.values() for h in r.coverage})
-        for name, r in plants.items()
-        if (shares := r.coverage.get(h))
-    ]
+    """Shares of windows at whose end the robot was inside the plants' bands."""
+    rows: list[Row] = []
+    for h in sorted(set().union(*(r.coverage for r in plants.values()))):
+        for name, r in plants.items():
+            shares = r.coverage.get(h)
+            if shares:
+                inside = {f"{part}_inside_share": share for part, share in shares.items()}
+                rows.append({"horizon_s": h, "plant": name, **inside})
     return Table(
         "Windows that end inside the band, which promises 90 %",
         rows,
@@ -304,56 +293,43 @@ def _band_table(plants: Mapping[str, PlantResult]) -> Table:
 
 
 def _load_table(plants: Mapping[str, PlantResult]) -> Table:
-    rows: list[Row] = []
+    rows = []
     captions = []
     for name, result in plants.items():
-        if (loads := result.loads) is not None:
-            values = (
-                loads.static_N,
-                loads.mean_N,
-                loads.lowest_N,
-                loads.highest_N,
-                loads.off_ground_share,
-            )
-            for wheel, rest, mean, least, greatest, off in zip(WHEELS, *values, strict=True):
-                forces = {
-                    "at_rest_N": rest,
-                    "mean_N": mean,
-                    "least_N": least,
-                    "greatest_N": greatest,
+        loads = result.loads
+        if loads is None:
+            continue
+        for i, wheel in enumerate(WHEELS):
+            rows.append(
+                {
+                    "plant": name,
+                    "wheel": wheel.replace("_", " "),
+                    "at_rest_N": loads.static_N[i],
+                    "mean_N": loads.mean_N[i],
+                    "least_N": loads.lowest_N[i],
+                    "greatest_N": loads.highest_N[i],
+                    "off_ground_share": loads.off_ground_share[i],
                 }
-                rows.append(
-                    {
-                        "plant": name,
-                        "wheel": wheel.replace("_", " "),
-                        **forces,
-                        "off_ground_share": off,
-                    }
-                )
-            captions.append(
-                f"{name}: rms {loads.static_rms_N:.1f} N from the loads at rest, "
-                f"{loads.quasi_static_rms_N:.1f} N from quasi-static load transfer"
             )
+        captions.append(
+            f"{name}: rms {loads.static_rms_N:.1f} N from the loads at rest, "
+            f"{loads.quasi_static_rms_N:.1f} N from quasi-static load transfer"
+        )
     return Table("Wheel loads", rows, "\n".join(captions), "plant")
 
 
 def _health_table(plants: Mapping[str, PlantResult]) -> Table:
-    rows = [
-        {
-            "plant": name,
-            "apparent_mass_kg": h.apparent_mass_kg,
-            "peak_torque_N_m": h.peak_torque_N_m,
-            "load_sum_rms_N": h.load_sum_rms_N,
-            "verdict": h.verdict,
-        }
-        for name, result in plants.items()
-        if (h := result.health) is not None and h.apparent_mass_kg is not None
-    ]
+    rows = []
+    for name, result in plants.items():
+        h = result.health
+        if h is not None and h.apparent_mass_kg is not None:
+            shown = {key: getattr(h, key) for key in _HEALTH_COLUMNS}
+            rows.append({"plant": name, **shown})
     return Table("Health", rows, "\n".join(_HEALTH), units={"load_sum_rms_N": Unit("N", 1.0, 1)})
 
 
 def headline_horizon(horizons: Iterable[float]) -> float | None:
-    """Return the horizon closest to `HEADLINE_HORIZON` [s]; None of none."""
+    """Return the horizon closest to `HEADLINE_HORIZON` [s]; None if there are no horizons."""
     return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
 
 
@@ -362,97 +338,103 @@ def indistinguishable_pairs(
 ) -> dict[str, Any] | None:
     """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
-    Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`, by a paired test that is
-    corrected for the number of pairs: `{"horizon_s", "position": [[name, name], ...], "yaw": [...], "better": {"position":
-    [[better, worse], ...], "yaw": [...]}}`, where the first two lists hold the pairs that cannot be told apart. The first
-    judge of heading decides.
+    Medians over overlapping windows are compared, after the horizon closest to `HEADLINE_HORIZON`,
+    by a paired test that is corrected for the number of pairs: `{"horizon_s", "position": [[name,
+    name], ...], "yaw": [...], "better": {"position": [[better, worse], ...], "yaw": [...]}}`, where
+    the first two lists hold the pairs that cannot be told apart. The first judge of heading
+    decides.
     """
-    horizon = headline_horizon({h for result in plants.values() for h in result.windows})
+    horizon = headline_horizon(chain.from_iterable(r.windows for r in plants.values()))
     if horizon is None:
         return None
-    able = {name: r.windows[horizon] for name, r in plants.items() if horizon in r.windows}
-    alike: dict[str, Any] = {"position": [], "yaw": [], "better": {"position": [], "yaw": []}}
-    pairs, block = list(combinations(able, 2)), max(horizon, SHORTEST_BLOCK_S)
-    for what, better in alike["better"].items():
-        judged = {
-            n: plants[n].by_gyro[horizon] if gyro_first and what == "yaw" else w
-            for n, w in able.items()
-        }
-        errors = {name: getattr(windows, what) for name, windows in judged.items()}
-        times = {name: EVERY_S * np.arange(len(values)) for name, values in errors.items()}
-        chances = corrected(
-            [chance_of_difference(errors[a], errors[b], times[a], block) for a, b in pairs]
-        )
-        for pair, chance in zip(pairs, chances.tolist(), strict=True):
-            ranked = sorted(pair, key=lambda name: float(np.median(errors[name])))
-            (better if chance < SIGNIFICANCE else alike[what]).append(
-                ranked if chance < SIGNIFICANCE else list(pair)
-            )
-    return {"horizon_s": horizon, **alike}
+    names = [name for name, r in plants.items() if horizon in r.windows]
+    pairs = list(combinations(names, 2))
+    block = max(horizon, SHORTEST_BLOCK_S)
+    alike: dict[str, Any] = {"horizon_s": horizon, "position": [], "yaw": []}
+    alike["better"] = {"position": [], "yaw": []}
+    for quantity, better in alike["better"].items():
+        errors = {}
+        for name in names:
+            r = plants[name]
+            windows = r.by_gyro if gyro_first and quantity == "yaw" else r.windows
+            errors[name] = getattr(windows[horizon], quantity)
+        chances = []
+        for a, b in pairs:
+            times = EVERY_S * np.arange(len(errors[a]))
+            chances.append(chance_of_difference(errors[a], errors[b], times, block))
+        medians = {name: float(np.median(values)) for name, values in errors.items()}
+        for pair, chance in zip(pairs, corrected(chances).tolist(), strict=True):
+            if chance < SIGNIFICANCE:
+                better.append(sorted(pair, key=medians.__getitem__))
+            else:
+                alike[quantity].append(list(pair))
+    return alike
 
 
 def alike_sentences(
     plants: Mapping[str, PlantResult], alike: Mapping[str, Any] | None
 ) -> list[str]:
-    """Return sentences on the plants that a recording tells apart and on those that it does not, see `indistinguishable_pairs`."""
+    """Return sentences on the plants that a recording tells apart, and on those that it does not.
+
+    `alike` is the result of `indistinguishable_pairs`.
+    """
     if alike is None:
         return []
-    sentences, horizon = [], alike["horizon_s"]
+    sentences = []
+    horizon = alike["horizon_s"]
     n = sum(horizon in result.windows for result in plants.values())
-    for what, better in alike["better"].items():
-        pairs = [" and ".join(pair) for pair in alike[what]]
+    after = f"After {horizon:g} s"
+    none_clear = f"{after} the recording shows no clear difference"
+    for quantity, better in alike["better"].items():
+        pairs = [" and ".join(pair) for pair in alike[quantity]]
         if better:
-            listed = ", ".join(" than ".join(pair) for pair in better)
+            ranks = ", ".join(" than ".join(pair) for pair in better)
             sentences.append(
-                f"After {horizon:g} s these are better in {what}, by more than chance: {listed}."
+                f"{after} these are better in {quantity}, by more than chance: {ranks}."
             )
         if len(pairs) == n * (n - 1) // 2 > 1:
-            sentences.append(
-                f"After {horizon:g} s the recording shows no clear difference between any two of these plants in {what}."
-            )
+            sentences.append(f"{none_clear} between any two of these plants in {quantity}.")
         elif pairs:
-            sentences.append(
-                f"After {horizon:g} s the recording shows no clear difference in {what} between {', '.join(pairs)}."
-            )
+            sentences.append(f"{none_clear} in {quantity} between {', '.join(pairs)}.")
     return sentences
 
 
 def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
-    """Return a sentence that says at which points of the robots the paths are taken, where these differ."""
+    """Return a sentence on the points of the robots whose paths are compared, if these differ."""
     points = {name: (r.localiser.tracked_x, r.localiser.tracked_y) for name, r in plants.items()}
     if len({*points.values()}) == 1:
         return []
     spots = [f"{name} ({1e3 * x:.0f}, {1e3 * y:.0f}) mm" for name, (x, y) in points.items()]
     return [
-        f"Paths are those of points on the robot, ahead and to the left of the middle between its axles: {', '.join(spots)}."
+        "Paths are those of points on the robot, ahead and to the left of the middle between its "
+        f"axles: {', '.join(spots)}."
     ]
 
 
 def health_warnings(plants: Mapping[str, PlantResult]) -> list[str]:
     """Return a sentence for each plant with whose physics something is wrong."""
-    return [
-        f"{name}{'' if health.ok else ' is unhealthy'}: {one_line(health.advice)}."
-        for name, result in plants.items()
-        if (health := result.health) is not None and health.advice
-    ]
+    warnings = []
+    for name, result in plants.items():
+        health = result.health
+        if health is not None and health.advice:
+            subject = name if health.ok else f"{name} is unhealthy"
+            warnings.append(f"{subject}: {one_line(health.advice)}.")
+    return warnings
 
 
 def headline_error(result: PlantResult) -> str:
-    """Return the one number, with its unit, by which a plant is known where there is no room for more.
+    """Return a plant's error, with its unit, for places with no room for more.
 
-    Where there are horizons, it is the median errors after the horizon closest to `HEADLINE_HORIZON`; else d_rms.
+    Where there are horizons, it is the median errors after the horizon closest to
+    `HEADLINE_HORIZON`; else d_rms.
     """
-    if (horizon := headline_horizon(result.horizons)) is not None:
+    horizon = headline_horizon(result.horizons)
+    if horizon is not None:
         errors = result.horizons[horizon]
         length = length_unit([errors.position_median_m])
-        coarse = (
-            replace(length, decimals=0) if length.symbol == "mm" else replace(length, decimals=2)
-        )
-        yaw = (
-            replace(DEGREES, decimals=1, significant=2)
-            .text(errors.yaw_median_rad)
-            .removesuffix(".0")
-        )
+        coarse = replace(length, decimals=0 if length.symbol == "mm" else 2)
+        fine = replace(DEGREES, decimals=1, significant=2)
+        yaw = fine.text(errors.yaw_median_rad).removesuffix(".0")
         return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
     d_rms = result.metrics["d_rms_m"]
     length = length_unit([d_rms])
@@ -462,30 +444,34 @@ def headline_error(result: PlantResult) -> str:
 def compared_tracks(comparison: Comparison) -> list[Track]:
     """Return all robots, the reference first."""
     plants = comparison.plants
-    known = plants.get(comparison.reference_name) or next(
-        iter(plants.values())
-    )  # where a recording was tracked, they say
-    ground, robot = comparison.terrain, comparison.robot
-    reference = Track(
-        comparison.reference_name, comparison.reference, None, known.localiser, ground, robot
-    )
-    others = [result for result in plants.values() if result.name != reference.name]
-    return [
-        reference,
-        *(Track(r.name, r.pieces, reference, r.localiser, ground, robot) for r in others),
-    ]
+    name = comparison.reference_name
+    scene = (comparison.terrain, comparison.robot)
+    # a recording was tracked at the point that every plant's section of the profile says
+    localiser = plants.get(name, next(iter(plants.values()))).localiser
+    reference = Track(name, comparison.reference, None, localiser, *scene)
+    tracks = [reference]
+    for r in plants.values():
+        if r.name != name:
+            tracks.append(Track(r.name, r.pieces, reference, r.localiser, *scene))
+    return tracks
 
 
 def given_commands(comparison: Comparison) -> list[tuple[FloatArray, FloatArray]]:
-    """Return (N + 1,) instants [s] and (N + 1, 2) commands of every piece: the last command once more at its end."""
-    return [
-        (piece.t[0] + c.dt * np.arange(c.n + 1), np.vstack([c.values, c.values[-1:]]))
-        for c, piece in zip(comparison.commands, comparison.reference, strict=True)
-    ]
+    """Return (N + 1,) instants [s] and (N + 1, 2) commands of every piece.
+
+    The last command stands once more at the end of its piece.
+    """
+    given = []
+    for c, piece in zip(comparison.commands, comparison.reference, strict=True):
+        t = piece.t[0] + c.dt * np.arange(c.n + 1)
+        given.append((t, np.vstack([c.values, c.values[-1:]])))
+    return given
 
 
 def write_comparison(comparison: Comparison, path: Path) -> None:
-    """Write the robots in motion, and the commands that drove them, as a rerun recording, whole or not at all.
+    """Write the robots in motion, and the commands that drove them, as a rerun recording.
+
+    The file is written whole or not at all.
 
     Raises:
         OSError: the file cannot be written.
@@ -498,7 +484,8 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
         write_scene,
     )
 
-    c, plots = comparison, dict[str, Series]()
+    c = comparison
+    plots = dict[str, Series]()
     if c.commands:
         t, values = (np.concatenate(parts) for parts in zip(*given_commands(c), strict=True))
         if c.commands[0].kind == "wheels":
@@ -508,14 +495,16 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
             )
         else:
             for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
-                series = Series(["commanded"], unit, [_COMMANDED], t, values[:, column], held=True)
-                plots[f"{quantity}/commanded"] = series
+                plots[f"{quantity}/commanded"] = Series(
+                    ["commanded"], unit, [_COMMANDED], t, values[:, column], held=True
+                )
+    gaps = [0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)]
     scene = Scene(
         program="compare",
         title=f"{c.source}, profile {c.profile_label}",
         tracks=compared_tracks(c),
         plots=plots,
         report=c.markdown(),
-        gaps=np.array([0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)]),
+        gaps=np.array(gaps),
     )
     write_scene(scene, path)

@@ -15,37 +15,51 @@ from validation.simulator.description import GRAVITY
 LIFT_SHARE = 0.02
 """A wheel whose load falls below this share of its mean has left the ground."""
 DEVIATION_LIMIT = 0.10
-"""Greatest standard deviation of a wheel's load, as a share of its mean, that a run on flat ground may have."""
+"""Greatest standard deviation of a wheel's load on flat ground, as a share of its mean."""
 TREMBLE_SHARE = 0.01
-"""Deviation of the loads' sum over the weight from which on the loads tremble. On level ground the sum is the weight and
-what lifts the body, and a robot that drives on level ground has no cause to rise or fall fast."""
+"""Deviation of the loads' sum over the weight from which on the loads tremble.
+
+On level ground the sum is the weight and the force that lifts the body, and a robot that drives on
+level ground has no cause to rise or fall fast.
+"""
 START_TIME = 2.5
-"""Time at the start of a run in which the loads' sum is not judged [s]: the robot sets off and its body comes to rest. Of a
-run shorter than twice that, the second half is judged."""
+"""Time at the start of a run in which the loads' sum is not judged [s].
+
+The robot sets off and its body comes to rest. Of a run shorter than twice that, the second half is
+judged.
+"""
 PUSH_SHARE = 0.028
-"""Thrust for measuring the apparent mass, over the weight [1]: far below what makes a tyre slide."""
-SETTLE_TIME, PUSH_TIME = 1.0, 2.0
-"""Time in which the robot comes to rest, and time for which it is pushed [s]; the second half gives the acceleration."""
+"""Thrust for measuring the apparent mass, over the weight [1].
+
+It is far below the thrust at which a tyre slides.
+"""
+_SETTLE_TIME = 1.0
+"""Time in which the robot comes to rest [s]."""
+_PUSH_TIME = 2.0
+"""Time for which the robot is pushed [s]; the second half gives the acceleration."""
 
 
 @dataclass(frozen=True)
 class Health:
-    """Verdict on a run's physics. What is None is not known: a run's loads alone do not tell it."""
+    """Verdict on a run's physics; a number is None where the loads alone do not give it."""
 
     lowest_load_share: float
     """Least load of any wheel over that wheel's mean [1]; 0 where a wheel lifted."""
     load_deviation: float
     """Greatest standard deviation of a wheel's load over its mean [1]."""
     apparent_mass_kg: float | None = None
-    """Constant thrust over acceleration [kg]: the mass, and the inertia of wheels and rotors over the radius squared."""
+    """Constant thrust over acceleration [kg].
+
+    It is the mass, and the inertia of wheels and rotors over the radius squared.
+    """
     peak_torque_N_m: float | None = None
-    """Greatest torque of a side over the run [N m]; unknown where wheel rates are given, whatever torque they take."""
+    """Greatest torque of a side over the run [N m]; None where wheel rates are given."""
     load_sum_rms_N: float | None = None
     """Root mean square of the loads' sum less the weight, after the start (`START_TIME`) [N]."""
     weight_N: float | None = None
     """Weight [N]."""
     at_limit: str | None = None
-    """What it means that motors stayed at their limit; None where they did not."""
+    """Sentence on motors that stayed at their limit; None where they did not."""
 
     @property
     def ok(self) -> bool:
@@ -59,68 +73,78 @@ class Health:
 
     @property
     def verdict(self) -> str:
-        """Return in a few words how the run is."""
-        return "unhealthy" if not self.ok else "loads tremble" if self.trembles else "healthy"
+        """The run's state in a few words."""
+        if not self.ok:
+            return "unhealthy"
+        return "loads tremble" if self.trembles else "healthy"
 
     @property
     def advice(self) -> str:
         """Text that says what is wrong and what to change; empty if all is well."""
         sentences = []
         if not self.ok:
-            lifted = f"a wheel left the ground (least load {100 * self.lowest_load_share:.1f} % of its mean)"
-            rough = (
-                f"wheel loads are not smooth (deviation {100 * self.load_deviation:.1f} % of the mean, "
-                f"at most {100 * DEVIATION_LIMIT:.0f} %)"
-            )
+            if self.lowest_load_share < LIFT_SHARE:
+                least = 100 * self.lowest_load_share
+                cause = f"a wheel left the ground (least load {least:.1f} % of its mean)"
+            else:
+                cause = (
+                    f"wheel loads are not smooth (deviation {100 * self.load_deviation:.1f} % of "
+                    f"the mean, at most {100 * DEVIATION_LIMIT:.0f} %)"
+                )
             sentences.append(
-                f"{lifted if self.lowest_load_share < LIFT_SHARE else rough}: keep the soft contact that follows from the "
-                "size of the wheels, an elliptic cone and a time step of at most 5 ms; if they are as shipped, lower the "
+                f"{cause}: keep the soft contact that follows from the size of the wheels, an "
+                "elliptic cone and a time step of at most 5 ms; if they are as shipped, lower the "
                 "gain, raise the armature or limit the acceleration"
             )
         if self.trembles:
-            remedy = (
-                "smooth the given wheel rates"
-                if self.peak_torque_N_m is None
-                else "let the driver go over from each command to the next (command_ramp), let its reference lag, "
-                "lower the gain, or raise the armature, which makes the robot heavier to push"
-            )
+            # without torques the wheel rates were given, and no motor is there to be changed
+            if self.peak_torque_N_m is None:
+                remedy = "smooth the given wheel rates"
+            else:
+                remedy = (
+                    "let the driver go over from each command to the next (command_ramp), let its "
+                    "reference lag, lower the gain, or raise the armature, which makes the robot "
+                    "heavier to push"
+                )
+            limit = TREMBLE_SHARE * (self.weight_N or 0.0)
             sentences.append(
-                f"wheel loads tremble (their sum deviates from the weight by {self.load_sum_rms_N:.1f} N rms, "
-                f"at most {TREMBLE_SHARE * (self.weight_N or 0.0):.1f} N): {remedy}"
+                "wheel loads tremble (their sum deviates from the weight by "
+                f"{self.load_sum_rms_N:.1f} N rms, at most {limit:.1f} N): {remedy}"
             )
         if self.at_limit:
             sentences.append(self.at_limit)
         return "; ".join(sentences)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all that is known, with the verdict and the advice, as JSON files have it."""
-        known = {name: value for name, value in asdict(self).items() if value is not None}
-        return {**known, "ok": self.ok, "advice": self.advice}
+        """The numbers that are not None, with verdict and advice, as JSON files have them."""
+        numbers = {name: value for name, value in asdict(self).items() if value is not None}
+        return {**numbers, "ok": self.ok, "advice": self.advice}
 
 
 def check_health(wheel_loads: FloatArray) -> Health:
     """Judge (M, 4) wheel loads [N] of a run."""
     mean = np.maximum(wheel_loads.mean(axis=0), 1e-9)
-    return Health(
-        float((wheel_loads.min(axis=0) / mean).min()), float((wheel_loads.std(axis=0) / mean).max())
-    )
+    least = wheel_loads.min(axis=0) / mean
+    deviation = wheel_loads.std(axis=0) / mean
+    return Health(float(least.min()), float(deviation.max()))
 
 
 def apparent_mass(model: mujoco.MjModel) -> float:
-    """Return thrust over acceleration [kg] of a resting, undriven robot that is pushed ahead on level ground.
+    """Thrust over acceleration [kg] of a resting, undriven robot that is pushed ahead.
 
     Args:
-        model: the robot; it is left as it is.
+        model: the robot, on level ground; it is left as it is.
     """
     model = mujoco.MjModel.__copy__(model)
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
     for loss in (model.tendon_frictionloss, model.dof_frictionloss, model.dof_damping):
         loss[:] = 0.0
-    data, base = mujoco.MjData(model), model.body("base").id
-    mujoco.mj_step(model, data, nstep=round(SETTLE_TIME / model.opt.timestep))
+    data = mujoco.MjData(model)
+    base = model.body("base").id
+    mujoco.mj_step(model, data, nstep=round(_SETTLE_TIME / model.opt.timestep))
     thrust = PUSH_SHARE * float(model.body_subtreemass[base]) * GRAVITY
     data.xfrc_applied[base, 0] = thrust
-    half = round(0.5 * PUSH_TIME / model.opt.timestep)
+    half = round(0.5 * _PUSH_TIME / model.opt.timestep)
     mujoco.mj_step(model, data, nstep=half)
     before = float(data.qvel[0])
     mujoco.mj_step(model, data, nstep=half)
@@ -140,16 +164,20 @@ def run_health(
     """
     verdicts = [check_health(m.channels["wheel_load_N"]) for m in motions]
     weight = float(model.body_subtreemass[model.body("base").id]) * GRAVITY
-    judged = [m.t - m.t[0] >= min(START_TIME, 0.5 * float(m.t[-1] - m.t[0])) for m in motions]
-    sums = [
-        m.channels["wheel_load_N"].sum(axis=1)[late]
-        for m, late in zip(motions, judged, strict=True)
-    ]
+    sums = []
+    for m in motions:
+        t = m.t - m.t[0]
+        late = t >= min(START_TIME, 0.5 * float(t[-1]))
+        sums.append(m.channels["wheel_load_N"].sum(axis=1)[late])
     excess = np.concatenate(sums) - weight
     peak = None
     if not given_rates:
         peak = max(float(np.abs(m.channels["torque_N_m"]).max()) for m in motions)
     return Health(
-        min(v.lowest_load_share for v in verdicts), max(v.load_deviation for v in verdicts), apparent_mass(model),
-        peak, float(np.sqrt(np.mean(excess**2))), weight,
-    )  # fmt: skip
+        lowest_load_share=min(v.lowest_load_share for v in verdicts),
+        load_deviation=max(v.load_deviation for v in verdicts),
+        apparent_mass_kg=apparent_mass(model),
+        peak_torque_N_m=peak,
+        load_sum_rms_N=float(np.sqrt(np.mean(excess**2))),
+        weight_N=weight,
+    )

@@ -237,26 +237,30 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
         program="study",
         title=f"Drive train of {chassis.name}: {', '.join(log.name for log in named)}",
         document=document,
-        tables=[
-            Table(
-                "Numbers",
-                [{"number": name, **row} for name, row in numbers.items()],
-                "From the whole of each log.",
-            ),
-            Table(
-                "Wheel rates from commands",
-                driver.scores if driver else [],
-                "rms: after held commands.",
-            ),
-            Table("What the currents show", currents.scores if currents else [], _CURRENTS),
-            Table("Whether wheel rates are measured", evidence, _RATES),
-        ],
+        tables=_tables(numbers, driver, currents, evidence),
         sentences=_sentences(o, chassis, currents),
         status=status,
         draw=partial(_draw, driver, currents),
         has_text=True,
         options={"seed": o.seed, "robot": chassis.name, "mass": chassis.mass},
     )
+
+
+def _tables(
+    numbers: dict[str, Row],
+    driver: DriverFit | None,
+    currents: CurrentFit | None,
+    evidence: Sequence[Row],
+) -> list[Table]:
+    """The numbers, how well they predict the logs, and whether the logs are measured."""
+    rows = [{"number": name, **row} for name, row in numbers.items()]
+    rates = driver.scores if driver else []
+    return [
+        Table("Numbers", rows, "From the whole of each log."),
+        Table("Wheel rates from commands", rates, "rms: after held commands."),
+        Table("What the currents show", currents.scores if currents else [], _CURRENTS),
+        Table("Whether wheel rates are measured", evidence, _RATES),
+    ]
 
 
 _CURRENTS = (

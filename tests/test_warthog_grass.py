@@ -36,7 +36,11 @@ def errors(plant: str, held_out: bool) -> WindowErrors:
     return page.window_errors(part(held_out), PROFILE, plant)
 
 
-WANTED = [("kinematic", 0.12, 0.033), ("four_wheel", 0.11, 0.029)]
+WANTED = [
+    ("mujoco", 0.121, 0.038),
+    ("kinematic", 0.12, 0.033),
+    ("four_wheel", 0.11, 0.029),
+]
 
 
 @pytest.mark.parametrize(("plant", "position", "yaw"), WANTED)
@@ -61,19 +65,11 @@ def test_a_speed_loop_with_an_integral_part_turns_the_wheels_as_slowly_as_the_ro
             [np.abs(motion.wheels - measured).mean() for _, measured, motion in result]
         )
     assert max(off["coulomb"], off["linear"]) < 0.85 * off["kinematic"]
-    # its driver was fitted with tyres that slip
-    assert off["mujoco"] == pytest.approx(0.337, abs=0.01)
+    # its tyres resist a turn more than the robot's, and its driver learned from that
+    assert off["mujoco"] == pytest.approx(0.360, abs=0.01)
 
 
-def test_mujoco_was_fitted_to_the_last_part_too_and_errs_there_as_its_profile_says() -> None:
-    measured = errors("mujoco", held_out=True)
-    kept = PROFILE.provenance["mujoco"]["train"]
-    said = kept["warthog_grass_train.csv (wheels, the last 50 s)"]
-    assert np.median(measured.position) == pytest.approx(said["position_median_6s_m"], abs=0.002)
-    assert np.median(measured.yaw) == pytest.approx(said["yaw_median_6s_rad"], abs=0.001)
-
-
-@pytest.mark.parametrize("plant", sorted(set(PLANTS) - {"mujoco"}))
+@pytest.mark.parametrize("plant", PLANTS)
 def test_position_and_heading_come_from_one_localiser(plant: str) -> None:
     localiser = PROFILE.plants[plant].localiser
     assert localiser.position_late == localiser.yaw_late

@@ -32,7 +32,7 @@ from tests.robots import husky
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SIDES, WHEELS
 from validation.simulator.model import robot_model
-from validation.simulator.motors import controls
+from validation.simulator.motors import SLIP_INERTIA, controls
 
 LEAKY = Drive(
     delay_v=0.0,
@@ -220,4 +220,8 @@ def test_a_lasting_load_costs_a_simulated_wheel_what_the_law_says(stiffness: flo
     data.qfrc_applied[dofs] = -5.0
     mujoco.mj_step(model, data, nstep=10000)
     lost = 3.0 - data.qvel[dofs]
-    assert lost == pytest.approx(np.full(4, 10.0 / (husky().gain + stiffness)), rel=2e-3, abs=1e-4)
+    # MuJoCo's impedance of 0.9999 stands for a slip that gives way at rest: K_dc has an end
+    turned = 2.0 * (husky().armature + husky().robot.masses.wheel_inertia[1])
+    stiffest = SLIP_INERTIA * turned / (1e-4 * model.opt.timestep)
+    lasting = husky().gain + min(stiffness, stiffest)
+    assert lost == pytest.approx(np.full(4, 10.0 / lasting), rel=2e-3, abs=1e-5)

@@ -212,7 +212,7 @@ def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(
 
 @pytest.mark.parametrize("limit", [5.0, 8.0, 9.0, 10.0, 11.0, 12.0, 15.0, 30.0])
 def test_the_step_hardly_matters_at_the_motors_limit_either(limit: float, lab: Profile) -> None:
-    """Half the step moves the end of trajectory 1 by 1.7 mm at most.
+    """Half the step moves the end of trajectory 1 by 2.2 mm at most.
 
     Contacts and the integrator alone, by 0.4 mm.
     """
@@ -223,4 +223,4 @@ def test_the_step_hardly_matters_at_the_motors_limit_either(limit: float, lab: P
             replace(section.parameters, timestep=dt), replace(section.drive, torque_limit=limit)
         )
         ends.append(plant.run(TRAJECTORIES["traj1"].commands(), State(), 0.05).xy[-1])
-    assert math.dist(*ends) < 1.7e-3
+    assert math.dist(*ends) < 2.2e-3

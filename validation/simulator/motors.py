@@ -32,7 +32,7 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.description import GRAVITY, SIDES, Robot
 from validation.simulator.parts import robot_parts
 
-SLIP_INERTIA = 0.02
+SLIP_INERTIA = 0.04
 """Inertia of a slip over that of the rotors and wheels that its motor turns [1]: it weighs nothing
 in a motion, and a lighter one could not be as stiff as a controller whose integral part hardly
 leaks."""

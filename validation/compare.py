@@ -185,9 +185,7 @@ class _Comparing:
             title += f" · mujoco on {o.terrain.words}"
         caption = [f"compared with {self.reference} · seed {o.seed} · best value in bold"]
         if not recorded:
-            caption += point_sentences(results)
-            caption += profile.origins(self.plants, source.name)
-            caption += self._unlike_torques(results)
+            caption += self._before_reading(results)
         caption += ill
         tables = comparison_tables(results, self.reference, title, "\n".join(caption), gyro_first)
         notes = []
@@ -252,6 +250,11 @@ class _Comparing:
         for horizon in self.options.horizons:
             scoring[horizon] = tuple(p.windows(horizon_windows, t, horizon) for p, t in stamped)
         return scoring
+
+    def _before_reading(self, results: Mapping[str, PlantResult]) -> list[str]:
+        """Return what one must know to read the distances between plants."""
+        origins = self.profile.origins(self.plants, self.source.name)
+        return [*point_sentences(results), *origins, *self._unlike_torques(results)]
 
     def _unlike_torques(self, results: Mapping[str, PlantResult]) -> list[str]:
         """Return a sentence on torques that differ because only one of two is a body's."""

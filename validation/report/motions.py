@@ -401,8 +401,8 @@ def alike_sentences(
 
 def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
     """Return a sentence that says at which points of the robots the paths are taken."""
-    points = {name: (r.localiser.tracked_x, r.localiser.tracked_y) for name, r in plants.items()}
-    if set(points.values()) == {(0.0, 0.0)}:
+    points = {name: r.localiser.point for name, r in plants.items()}
+    if not np.any(list(points.values())):
         return ["All paths are those of the robot's middle."]
     spots = [f"{name} ({1e3 * x:.0f}, {1e3 * y:.0f}) mm" for name, (x, y) in points.items()]
     return [

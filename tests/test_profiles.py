@@ -47,6 +47,21 @@ def test_the_lab_profile_has_the_published_models() -> None:
     assert lab.plants["improved"].parameters == empty
 
 
+def test_a_plant_s_origin_is_told_where_the_scenario_s_distance_is_known(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        HEAD
+        + "[provenance]\nlinear = 'a book'\n"
+        + "[provenance.coulomb]\nd_rms_m = 0.1\n"
+        + "[provenance.improved]\nsource = 'log'\nd_rms_m = {traj1 = 0.002, traj2 = 'far'}\n"
+    )
+    profile = load_profile(str(path))
+    told = ["improved was fitted to log; its d_rms from there: 2.0 mm on traj1."]
+    plants = ("mujoco", "linear", "coulomb", "improved")
+    assert profile.origins(plants, "traj1") == told
+    assert profile.origins(plants, "traj3") == []
+
+
 def test_what_a_plant_says_overrides_what_all_have(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(

@@ -50,7 +50,7 @@ from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.files.log import ReadOptions
 from validation.plants.profile import Profile, choose_profile, make_plant
-from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants
+from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants, plant_kind
 from validation.progress import Progress
 from validation.report.motion_panels import comparison_figure
 from validation.report.motions import (
@@ -185,7 +185,7 @@ class _Comparing:
             title += f" · mujoco on {o.terrain.words}"
         caption = [f"compared with {self.reference} · seed {o.seed} · best value in bold"]
         if not recorded:
-            caption += point_sentences(results)
+            caption += self._before_reading(results)
         caption += ill
         tables = comparison_tables(results, self.reference, title, "\n".join(caption), gyro_first)
         notes = []
@@ -250,6 +250,23 @@ class _Comparing:
         for horizon in self.options.horizons:
             scoring[horizon] = tuple(p.windows(horizon_windows, t, horizon) for p, t in stamped)
         return scoring
+
+    def _before_reading(self, results: Mapping[str, PlantResult]) -> list[str]:
+        """Return what one must know to read the distances between plants."""
+        origins = self.profile.origins(self.plants, self.source.name)
+        return [*point_sentences(results), *origins, *self._unlike_torques(results)]
+
+    def _unlike_torques(self, results: Mapping[str, PlantResult]) -> list[str]:
+        """Return a sentence on torques that differ because only one of two is a body's."""
+        of_body = plant_kind(self.reference).torques
+        with_torque = [n for n, r in results.items() if "torque_rms_N_m" in r.metrics]
+        unlike = [name for name in with_torque if plant_kind(name).torques != of_body]
+        if not unlike:
+            return []
+        return [
+            f"torque rms does not compare {', '.join(unlike)} with {self.reference}: a planar "
+            "model's torques come of frictions that were fitted to paths."
+        ]
 
     def _unjudged(self, results: Mapping[str, PlantResult]) -> list[str]:
         """Return a sentence on the plants whose predictions no log has judged yet."""

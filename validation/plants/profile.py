@@ -36,6 +36,7 @@ from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, plant_kin
 from validation.simulator.description import USUAL_ROBOT, Robot, load_robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
+from validation.words import one_line
 
 SCHEMA = "ssmr.profile/1"
 """Schema of profiles' files."""
@@ -112,6 +113,24 @@ class Profile:
             f"{motion} reaches {pace.text()}; {self.name} was fitted at {most.text()}, "
             "and may be wrong beyond"
         ]
+
+    def origins(self, plants: Iterable[str], scenario: str) -> list[str]:
+        """Return sentences on what plants were fitted to, where the scenario's distance is known.
+
+        `[provenance.PLANT]` has the distances from its source as `d_rms_m`, by scenario.
+        """
+        sentences = []
+        for name in plants:
+            origin = self.provenance.get(name)
+            known = origin.get("d_rms_m") if isinstance(origin, Mapping) else None
+            if not isinstance(known, Mapping) or scenario not in known:
+                continue
+            numbers = {at: d for at, d in known.items() if is_number(d)}
+            listed = ", ".join(f"{1e3 * d:.1f} mm on {at}" for at, d in numbers.items())
+            source = self.provenance[name].get("source")
+            fitted = f"{name} was fitted to {source}; its d_rms from there: {listed}."
+            sentences.append(one_line(fitted))
+        return sentences
 
     @property
     def robot(self) -> Robot:

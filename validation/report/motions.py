@@ -400,10 +400,10 @@ def alike_sentences(
 
 
 def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
-    """Return a sentence on the points of the robots whose paths are compared, if these differ."""
-    points = {name: (r.localiser.tracked_x, r.localiser.tracked_y) for name, r in plants.items()}
-    if len({*points.values()}) == 1:
-        return []
+    """Return a sentence that says at which points of the robots the paths are taken."""
+    points = {name: r.localiser.point for name, r in plants.items()}
+    if not np.any(list(points.values())):
+        return ["All paths are those of the robot's middle."]
     spots = [f"{name} ({1e3 * x:.0f}, {1e3 * y:.0f}) mm" for name, (x, y) in points.items()]
     return [
         "Paths are those of points on the robot, ahead and to the left of the middle between its "

@@ -20,7 +20,12 @@ from tests.conftest import Launch
 
 ROOT = Path(__file__).resolve().parents[1]
 READER = runpy.run_path(str(ROOT / ".ci" / "readme.py"))
-BROUGHT = {"packaging": "pytest", "pillow": "matplotlib"}
+BROUGHT = {
+    "packaging": "pytest",
+    "pillow": "matplotlib",
+    "lz4": "rosbags",
+    "backports.zstd": "rosbags",
+}
 """A package that tests import, and the one that cannot do without it."""
 
 PYTHON = """#!/usr/bin/env bash

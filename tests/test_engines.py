@@ -27,6 +27,14 @@ SPIN = Commands(0.05, np.tile([-4.0, 4.0], (80, 1)), "wheels")
 """Four seconds of wheels that turn against each other at given rates."""
 
 
+@pytest.fixture
+def lab(lab: Profile) -> Profile:
+    """The lab's robot with its weight in the middle, as the closed forms want it."""
+    section = lab.section("mujoco")
+    centred = replace(section, parameters=replace(section.parameters, com_x=0.0))
+    return replace(lab, plants={**lab.plants, "mujoco": centred})
+
+
 def made(
     profile: Profile, name: str, body: Callable[[RigidNumbers], EngineBody], **changes: object
 ) -> EnginePlant:

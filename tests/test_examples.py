@@ -15,7 +15,7 @@ SAYS = {
     "other_robots.py": ("warthog", "mm apart"),
     "sweep.py": ("friction 0.3: ", "mm from the improved model"),
     "own_controller.py": ("Chase follows slalom", "mpc follows slalom"),
-    "sensitivity.py": ("mujoco: wheel_radius             255", "improved: mass"),
+    "sensitivity.py": ("mujoco: wheel_radius             247", "improved: mass"),
     "first_steps.ipynb": ("compared with recording", "track.rrd"),
 }
 """Each example prints these words, among others."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING
@@ -13,7 +14,13 @@ if TYPE_CHECKING:
     from validation.plants.kind import PlantKind
 
 
-SIMULATED = ("mujoco",)
+_SIMULATED: Mapping[str, str] = {
+    "mujoco": "validation.plants.simulated",
+}
+"""Module of each simulated plant, whose function `declare` declares it; imported when the plant is
+first used."""
+
+SIMULATED = tuple(_SIMULATED)
 """Plants that are simulated in space: they stand on terrain and obey physics settings."""
 STANDARD = SIMULATED[0]
 """The plant that stands for the robot where the user names none."""
@@ -60,8 +67,7 @@ def plant_kind(name: str) -> PlantKind:
     """
     if name not in known_plants():
         raise ValueError(f"unknown plant '{name}'; there are: {', '.join(known_plants())}")
-    module = "validation.plants.planar"
-    if name in (*SIMULATED, *SECOND_OPINIONS):
-        module = "validation.plants.simulated"
+    modules = {**_SIMULATED, **dict.fromkeys(SECOND_OPINIONS, "validation.plants.simulated")}
+    module = modules.get(name, "validation.plants.planar")
     kind: PlantKind = import_module(module).declare(name)
     return kind

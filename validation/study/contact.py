@@ -238,7 +238,12 @@ def make_bench(lab: Profile) -> Bench:
     models = {}
     for model in MODELS:
         models[model] = _drive_all(make_plant(lab, model), pieces, lab.plants[model].localiser)
-    return Bench(lab.section("mujoco"), pieces, models)
+    return Bench(balanced(lab.section("mujoco")), pieces, models)
+
+
+def balanced(section: PlantProfile) -> PlantProfile:
+    """Return a robot with its weight in the middle, so that any drift is that of the physics."""
+    return replace(section, parameters=replace(section.parameters, com_x=0.0, com_y=0.0))
 
 
 def _drive_all(

@@ -451,8 +451,8 @@ PRICES = {
     "validation/study": Price(
         15_500,
         17,
-        39,
-        "answers: contact and engines, transfer, drive train",
+        40,
+        "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/thesis": Price(
         2_100,

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
+from ssmr.scenarios import TRAJECTORIES
 from tests.conftest import installed_plant
 from tests.robots import SAME_PATH, TRACK
 from validation.bench.sources import drive, open_source
+from validation.compare import compare
 from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.physics import SHIPPED, PhysicsSettings
@@ -209,11 +212,13 @@ def test_a_study_repeats_alone_or_beside_others(small: Report, bench: Bench) -> 
 
 
 def test_d_rms_is_the_comparisons(small: Report, lab: Profile) -> None:
-    """Against the profile's own record of how near it comes."""
-    record = lab.provenance["mujoco"]["d_rms_m"]
-    assert of(small, BASELINE)["to_improved_m"] == pytest.approx(
-        np.mean(list(record.values())), abs=2e-4
-    )
+    """Of the same robot, with its weight in the middle."""
+    profile = replace(lab, plants={**lab.plants, "mujoco": balanced(lab.section("mujoco"))})
+    distances = []
+    for name in TRAJECTORIES:
+        compared = compare(name, profile, ("mujoco",), "improved")
+        distances.append(compared.plants["mujoco"].metrics["d_rms_m"])
+    assert of(small, BASELINE)["to_improved_m"] == pytest.approx(np.mean(distances), abs=2e-4)
 
 
 def test_every_setting_can_be_made(lab: Profile) -> None:

@@ -21,7 +21,7 @@ from validation import load_robot
 from validation.bench.sources import drive, open_source
 from validation.plants.profile import PlantProfile, load_profile
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, TURNED, spin
-from validation.study.contact import Setting, all_settings
+from validation.study.contact import Setting, all_settings, balanced
 
 _ROBOT = load_robot("husky")
 WHEELBASE = _ROBOT.geometry.wheelbase
@@ -145,7 +145,7 @@ def draw_speed(section: PlantProfile, measured: dict[str, Setting], ax: Axes) ->
 
 def main() -> None:
     """Draw the three panels."""
-    section = load_profile("thesis-lab").plants["mujoco"]
+    section = balanced(load_profile("thesis-lab").plants["mujoco"])
     measured = all_settings()
     print(
         "a centre farther aside makes a polygon's robot drive straight: "

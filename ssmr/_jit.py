@@ -81,15 +81,17 @@ def _cache_folder() -> str:
     why = "no folder for it can be written"
     try:
         root = Path(config.CACHE_DIR or mine).expanduser()
+        root.mkdir(mode=0o700, parents=True, exist_ok=True)
         folder = root / f"numba-{digest.hexdigest()[:12]}"
-        if not folder.is_dir():
-            root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        # nothing is made or removed in a folder that is not to be trusted
+        trusted = _is_mine_alone(root) and not any(map(_can_be_swapped, root.resolve().parents))
+        if trusted and not folder.is_dir():
             folder.mkdir(mode=0o700, exist_ok=True)
             for old in root.glob("numba-*"):
                 if time.time() - old.lstat().st_mtime > _CACHE_LIFETIME:
                     shutil.rmtree(old, ignore_errors=True)
-        if not (_is_mine_alone(root) and _is_mine_alone(folder)):
-            why = f"others can write to {root}, or it is theirs"
+        if not (trusted and _is_mine_alone(folder)):
+            why = f"others can write to {root} or put another in its place, or it is theirs"
         elif os.access(folder, os.W_OK):
             return str(folder)
     except (OSError, RuntimeError):  # RuntimeError: this user has no home
@@ -107,6 +109,12 @@ def _is_mine_alone(folder: Path) -> bool:
         return True
     status = folder.stat()
     return status.st_uid == os.geteuid() and not status.st_mode & _WRITABLE_BY_OTHERS
+
+
+def _can_be_swapped(parent: Path) -> bool:
+    """Return whether everybody can rename what lies in a folder, which its sticky bit forbids."""
+    mode = parent.stat().st_mode
+    return bool(mode & stat.S_IWOTH) and not mode & stat.S_ISVTX
 
 
 _FOLDER = _cache_folder()

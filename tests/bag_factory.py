@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 START = 1_700_000_000
 """Unix time of bags [s]."""
 KINDS = ("ros1", "sqlite", "mcap folder", "mcap")
-"""What most people record."""
+"""Topics and messages that most people record."""
 PACKINGS = {
     "messages": CompressionMode.MESSAGE,
     "file": CompressionMode.FILE,

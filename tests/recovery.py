@@ -36,7 +36,7 @@ RANGES: Mapping[str, tuple[float, float]] = {
     "acceleration_v": (0.8, 2.0),
     "dc_stiffness": (400.0, 2500.0),
 }
-"""What a robot's numbers are drawn from, evenly."""
+"""Ranges from which a robot's numbers are drawn, evenly."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,10 @@ LEAST_SQUARES = Way(5, 1, starts=1)
 
 @dataclass(frozen=True, eq=False)
 class Recovered:
-    """What a fit made of one robot."""
+    """The result of a fit to one robot whose numbers are known."""
 
     off: Mapping[str, float]
-    """What was found less the truth, by name."""
+    """Errors of the fitted numbers, fitted less true, by name."""
     errors: Mapping[str, float]
     """Standard errors, by name."""
     seconds: float

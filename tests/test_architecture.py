@@ -366,7 +366,7 @@ def test_public_functions_say_what_they_do() -> None:
 
 
 class Price(NamedTuple):
-    """What a room may cost a reader, with a twentieth of air, and what users get for it."""
+    """The most that a room may cost a reader, with a twentieth of air, and the gain of users."""
 
     nodes: int
     """Nodes of the syntax trees, of every kind that `ast.walk` visits."""
@@ -480,7 +480,7 @@ PRICES = {
         "speed beside other libraries",
     ),
 }
-"""What each room may cost. A feature buys its room: what needs more takes it from something else in
+"""The price of each room. A feature buys its room: what needs more takes it from something else in
 the same commit, or the table changes with a sentence on what users get for it. Lines are not
 counted, so that plain layout costs nothing."""
 OPTIONS = {"compare": 24, "fit": 33, "calibrate": 12, "track": 23, "tune": 28}

@@ -98,7 +98,7 @@ def test_two_first_starts_at_once_and_whatever_lies_in_the_cache_give_the_right_
     )
 
 
-@pytest.mark.parametrize("place", ["root", "folder"])
+@pytest.mark.parametrize("place", ["parent", "root", "folder"])
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="this system does not say who owns a folder")
 def test_a_folder_where_others_can_write_is_no_cache(
     place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
@@ -108,12 +108,12 @@ def test_a_folder_where_others_can_write_is_no_cache(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     mine = Path(_jit._cache_folder())
     assert mine.is_dir()
-    foreign = mine.parent if place == "root" else mine
+    foreign = {"parent": tmp_path, "root": mine.parent, "folder": mine}[place]
     foreign.chmod(0o777)
     assert _jit._cache_folder() == ""
     assert str(mine.parent) in caplog.text
     foreign.chmod(0o700)
     assert _jit._cache_folder() == str(mine)
-    if os.geteuid() == 0:
+    if os.geteuid() == 0 and place != "parent":
         os.chown(foreign, 65534, -1)
         assert _jit._cache_folder() == "", "it belongs to somebody else"

@@ -41,7 +41,7 @@ DEFAULT = "impedance: MuJoCo's default"
 HOPELESS = "hopeless: no step"
 """A step that the drive's periods are no multiple of."""
 FORM_ERROR = 0.01
-"""Of the multiplier: wheels that skid are pressed in less than those that roll
+"""Greatest relative error of the multiplier: wheels that skid are pressed in less than rolling ones
 (docs/physics.md)."""
 
 
@@ -212,7 +212,7 @@ def test_a_study_repeats_alone_or_beside_others(small: Report, bench: Bench) -> 
 
 
 def test_d_rms_is_the_comparisons(small: Report, lab: Profile) -> None:
-    """Of the same robot, with its weight in the middle."""
+    """The study and compare drive the same robot, so they find the same distance."""
     profile = replace(lab, plants={**lab.plants, "mujoco": balanced(lab.section("mujoco"))})
     distances = []
     for name in TRAJECTORIES:

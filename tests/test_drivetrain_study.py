@@ -64,8 +64,8 @@ KNOWN = {
     "driver_acceleration": (LAW.acceleration, 0.08),
     "driver_yaw_acceleration": (LAW.yaw_acceleration, 0.05),
 }
-"""What a Husky's logs are made with, and the shares that noise and messages every 0.15 s leave of
-some 30 commands: about three standard errors."""
+"""True numbers of a Husky's logs, and the greatest relative error of each: about three standard
+errors of 30 commands with noise and messages every 0.15 s."""
 KNOWN_BY_POWER = {
     "friction_torque": (TORQUE, 0.04),
     "loss_torque_left": (LOSS_TORQUES[0], 0.15), "loss_torque_right": (LOSS_TORQUES[1], 0.15),

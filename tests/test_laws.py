@@ -191,7 +191,7 @@ def path_of(twist: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
 
 
 def test_loads_follow_from_how_the_centre_of_mass_is_accelerated() -> None:
-    """Of any motion: its path in the world, differentiated twice and turned into the body."""
+    """The acceleration is that of the path in the world, differentiated twice and turned."""
     dt = 1e-3
     t = dt * np.arange(3001)
     twist = np.column_stack([0.5 + 0.2 * np.sin(t), 0.1 * np.cos(1.3 * t), 0.8 * np.sin(2.0 * t)])

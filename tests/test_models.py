@@ -247,7 +247,7 @@ def to_and_fro(v: float, w: float, period: float) -> Commands:
 def test_the_improved_step_is_of_second_order_with_motors_at_their_limit(
     commands: Commands, limit: float
 ) -> None:
-    """What breaks away, stops or turns back loses no time; a step of stiction each cost 4 mm."""
+    """A robot that breaks away, stops or turns back loses no time; a lost step each cost 4 mm."""
     model = PlanarModel(ImprovedParameters(), VEHICLE, Drive(torque_limit=limit))
     steps = (1e-3, 5e-4, 2.5e-4)
     ends = [PlanarPlant(model, dt).run(commands, State(), 0.05).pose[-1, :2] for dt in steps]

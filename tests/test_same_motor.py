@@ -206,7 +206,7 @@ def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> floa
 def test_mujoco_drives_the_path_of_the_law_applied_as_a_force(
     trajectory: str, limit: float, stiffness: float, lab: Profile
 ) -> None:
-    """Of five to ten metres, also with motors at their limit three quarters of the time."""
+    """Paths of 5 to 10 m are 3 mm apart at most, also with motors mostly at their limit."""
     assert apart(lab, trajectory, limit, stiffness) < 3e-3
 
 

@@ -1,4 +1,4 @@
-"""What wheels push with that turn steadily, and what sensors show of the currents that this takes.
+"""The forces of wheels that turn steadily, and how sensors show the currents of their motors.
 
 A Coulomb contact pushes with all of its friction as soon as it slides at all. A tyre on grass
 deforms and shears the ground: its force grows with slip, which is sliding speed over rolling speed,

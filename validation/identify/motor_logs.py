@@ -70,7 +70,7 @@ def loss_of(plant: PlantProfile) -> float:
 
 @dataclass(frozen=True, eq=False)
 class DriveLog:
-    """What tells of the drive train in a recording, M samples; pairs are left and right."""
+    """The signals of a recording that tell of the drive train, M samples; pairs: left, right."""
 
     name: str  # name of the log
     t: FloatArray  # (M,) time [s]

@@ -16,7 +16,7 @@ import mujoco
 from validation.files import guarded
 
 ALLOWANCE = guarded.Allowance(seconds=10.0, memory=2 << 30)
-"""What reading and compiling may use, with all files that are included."""
+"""Limits of reading and compiling a model, with all files that it includes."""
 MOST_BYTES = 1 << 22
 """Greatest size of a text [bytes]; large ones of manipulators have a few hundred thousand."""
 _MOST_FILES = 1000

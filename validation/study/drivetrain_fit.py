@@ -177,7 +177,7 @@ class DriverFit(NamedTuple):
     fitted to the rest."""
     rms: float  # root mean square error on all that was held out [rad/s]
     shown: tuple[FloatArray, FloatArray, FloatArray]
-    """What was held out: (M,) time [s], (2, M) wheel rates as logged and as predicted [rad/s]."""
+    """The held-out part: (M,) time [s], (2, M) wheel rates as logged and as predicted [rad/s]."""
 
 
 def fit_driver(

@@ -1,4 +1,4 @@
-"""What a log says of its wheel rates: held commands, measured rates or set points."""
+"""Commands that a log holds, and evidence whether its wheel rates are measured or set points."""
 
 from __future__ import annotations
 

@@ -16,8 +16,8 @@ from ssmr.control.references import circle
 from ssmr.simulation import PlanarModel
 from ssmr.types import State
 from validation import cli
-from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller, make_robot
+from validation.experiment.gains import load_gains
+from validation.experiment.loops import make_controller, make_robot
 from validation.learning import TrackBatch, TrackTask
 from validation.plants.profile import load_profile
 from validation.simulator.loops import MujocoBodies

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.bench.sources import open_source
+from validation.experiment.sources import open_source
 from validation.plants.kind import CAUSES
 from validation.plants.profile import load_profile
 from validation.plants.searchable import find, make_space, with_values

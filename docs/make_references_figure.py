@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from validation.bench.waypoint_files import REFERENCES
+from validation.experiment.waypoint_files import REFERENCES
 
 OUT = Path(__file__).parent / "img" / "references.png"
 NAMES = [

@@ -19,8 +19,8 @@ from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES as SCENARIOS
 from ssmr.types import State
 from tests.conftest import data_folder
-from validation.bench.sources import open_source
 from validation.compare import compare
+from validation.experiment.sources import open_source
 from validation.plants.profile import Profile, load_profile
 from validation.report.motions import PlantResult
 from validation.simulator.plant import MujocoPlant

@@ -34,7 +34,7 @@ ROOMS = (
     {"validation.simulator"},
     {"validation.engines"},
     {"validation.plants"},
-    {"validation.bench"},
+    {"validation.experiment"},
     {"validation.report"},
     {"validation.cli"},
     {"validation.compare", "validation.recordings", "validation.robots", "validation.identify"},
@@ -460,7 +460,7 @@ PRICES = {
         16,
         "the thesis' numbers",
     ),
-    "validation/bench": Price(
+    "validation/experiment": Price(
         13_400,
         9,
         55,

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests import bag_factory as make
 from tests.bag_factory import KINDS, Message, circle, poses_at, write
 from tests.conftest import ROUNDOFF
-from validation.bench.sources import open_source
+from validation.experiment.sources import open_source
 from validation.files.bags import choose_topics, read_topics, to_local
 from validation.files.formats import is_log, read_log
 from validation.files.log import RECORDED, ReadOptions, Topic

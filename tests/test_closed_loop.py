@@ -31,7 +31,7 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
-from validation.bench.gains import load_gains
+from validation.experiment.gains import load_gains
 from validation.plants.profile import load_profile, make_plant
 from validation.simulator.loops import MujocoBodies
 from validation.simulator.physics import PhysicsSettings

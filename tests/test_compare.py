@@ -21,8 +21,8 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
 from tests.conftest import exit_status
 from validation import cli
-from validation.bench.sources import drive, horizons_of, open_source
 from validation.compare import compare
+from validation.experiment.sources import drive, horizons_of, open_source
 from validation.files.csv_logs import write_csv
 from validation.plants.profile import Profile, load_profile, make_plant
 

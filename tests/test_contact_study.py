@@ -13,8 +13,8 @@ import pytest
 from ssmr.scenarios import TRAJECTORIES
 from tests.conftest import installed_plant
 from tests.robots import SAME_PATH, TRACK
-from validation.bench.sources import drive, open_source
 from validation.compare import compare
+from validation.experiment.sources import drive, open_source
 from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.physics import SHIPPED, PhysicsSettings

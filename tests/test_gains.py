@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
 from ssmr.control.references import circle
-from validation.bench.gains import (
+from validation.experiment.gains import (
     FIELDS,
     SCHEMA,
     GainSet,
@@ -24,7 +24,7 @@ from validation.bench.gains import (
     origin_sentence,
     profile_sets,
 )
-from validation.bench.loops import make_controller, make_robot, run_robots
+from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.identify.tuning import TuneCost, costs_of
 from validation.plants.profile import load_profile, odometry_of, shipped
 from validation.thesis import published

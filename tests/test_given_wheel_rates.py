@@ -9,7 +9,7 @@ import pytest
 
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT
 from ssmr.types import Commands, FloatArray, Plant, State
-from validation.bench.sources import RECORDING_GRID
+from validation.experiment.sources import RECORDING_GRID
 from validation.plants.profile import bare_profile
 from validation.plants.table import plant_kind
 from validation.simulator.calibration import Calibration

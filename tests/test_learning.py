@@ -18,7 +18,7 @@ from dm_env import test_utils
 
 from ssmr.types import Commands, State
 from tests.conftest import ROUNDOFF, SYMMETRY
-from validation.bench.waypoint_files import open_reference
+from validation.experiment.waypoint_files import open_reference
 from validation.learning import TrackBatch, TrackTask, tracking
 from validation.learning.episodes import DELAY, FRICTION, EpisodeSource
 from validation.plants.profile import load_profile, make_plant

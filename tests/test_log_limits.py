@@ -18,7 +18,7 @@ from ssmr.parameters import described
 from tests import bag_factory as make
 from tests.bag_factory import poses_at, write
 from tests.conftest import exit_status
-from validation.bench.sources import open_source
+from validation.experiment.sources import open_source
 from validation.files import formats
 from validation.files.csv_logs import read_csv
 from validation.files.formats import LogFormat, read_log

@@ -14,7 +14,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.types import State
 from tests.conftest import EXACT, ROUNDOFF
 from tests.robots import HUSKY
-from validation.bench.sources import drive, horizons_of, open_source, source_of
+from validation.experiment.sources import drive, horizons_of, open_source, source_of
 from validation.files.log import Log
 from validation.identify.objective import FitCost, FitTarget, make_raters
 from validation.identify.problem import FitProblem

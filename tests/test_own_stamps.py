@@ -10,7 +10,7 @@ import pytest
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from tests.bag_factory import Message, joints, pose_stamped, write
-from validation.bench.sources import RECORDING_GRID, open_source, source_of
+from validation.experiment.sources import RECORDING_GRID, open_source, source_of
 from validation.files.formats import read_log
 from validation.files.log import Group, Log
 from validation.fit import fit

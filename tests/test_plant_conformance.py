@@ -14,7 +14,7 @@ from ssmr.robot.drive import wheel_rates, whole_steps
 from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.types import Commands, Plant, State, Trajectory
 from tests.conftest import DRAKE_SYMMETRY, EXACT, SYMMETRY
-from validation.bench.sources import RECORDING_GRID
+from validation.experiment.sources import RECORDING_GRID
 from validation.plants.profile import Profile
 from validation.plants.table import plant_kind
 

@@ -33,9 +33,9 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
-from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller, make_robot, run_robots
-from validation.bench.tracked import track_metrics
+from validation.experiment.gains import load_gains
+from validation.experiment.loops import make_controller, make_robot, run_robots
+from validation.experiment.tracked import track_metrics
 from validation.identify.tuning import delayed
 from validation.plants.profile import load_profile
 

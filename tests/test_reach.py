@@ -8,7 +8,7 @@ import pytest
 
 from ssmr.control.references import eight
 from validation import load_profile
-from validation.bench.loops import demand_of, make_robot, settled_motion
+from validation.experiment.loops import demand_of, make_robot, settled_motion
 from validation.plants.profile import Profile, make_plant
 from validation.track import track
 

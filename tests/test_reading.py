@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.bench.gains import load_gains
+from validation.experiment.gains import load_gains
 from validation.files import reading
 from validation.plants.profile import load_profile
 

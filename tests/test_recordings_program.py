@@ -12,7 +12,7 @@ import pytest
 
 from tests.bag_factory import circle, write
 from tests.conftest import data_folder, exit_status
-from validation.bench.sources import open_source
+from validation.experiment.sources import open_source
 from validation.files.csv_logs import read_csv
 from validation.files.formats import SHIPPED_LOGS, log_path, read_log
 from validation.recordings import PROGRAM

@@ -26,7 +26,7 @@ from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
 from tests.test_docs import tables
-from validation.bench.waypoint_files import REFERENCES
+from validation.experiment.waypoint_files import REFERENCES
 from validation.thesis import published
 
 PRINTED = 1e-6

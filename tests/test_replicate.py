@@ -12,9 +12,9 @@ from scipy import signal
 
 from ssmr.types import Trajectory
 from tests.conftest import ROUNDOFF, exit_status, installed_plant
-from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller
 from validation.engines.body import EngineMissingError
+from validation.experiment.gains import load_gains
+from validation.experiment.loops import make_controller
 from validation.plants.profile import Profile
 from validation.progress import Progress, silent
 from validation.replicate import gazebo, replicate

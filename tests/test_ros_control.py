@@ -27,8 +27,8 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.types import State
 from tests.ros_fakes import FakeNode, RobotNode, message, odometry
 from validation import cli
-from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller
+from validation.experiment.gains import load_gains
+from validation.experiment.loops import make_controller
 from validation.plants.profile import Profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.__main__ import PROGRAM

@@ -14,8 +14,8 @@ from ssmr.geometry import integral, rotate_body_to_world
 from ssmr.metrics.windows import horizon_windows, overlapping_windows
 from ssmr.types import FloatArray
 from tests.test_log_faults import drive, with_jumps
-from validation.bench.gyro import find_gyro_judge
-from validation.bench.sources import (
+from validation.experiment.gyro import find_gyro_judge
+from validation.experiment.sources import (
     WindowCut,
     commands_on_grid,
     horizons_of,

@@ -13,7 +13,7 @@ from ssmr.control.references import circle, eight, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import command_measures, cross_track_max
 from tests.conftest import ROUNDOFF
-from validation.bench import tracked
+from validation.experiment import tracked
 from validation.track import track
 
 

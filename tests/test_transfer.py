@@ -13,9 +13,9 @@ from hypothesis.extra.numpy import arrays
 
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
-from validation.bench.gains import FIELDS, GainSet, dump_gains
-from validation.bench.loops import make_robot, slowed_to_feasible
-from validation.bench.waypoint_files import open_reference
+from validation.experiment.gains import FIELDS, GainSet, dump_gains
+from validation.experiment.loops import make_robot, slowed_to_feasible
+from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
 from validation.report.report import Report
 from validation.study.transfer import (

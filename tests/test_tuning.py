@@ -18,9 +18,9 @@ from ssmr.control.references import circle, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import compare_paths
 from tests.conftest import EXACT, ROUNDOFF
-from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller, make_robot, run_robots
-from validation.bench.tracked import track_metrics
+from validation.experiment.gains import load_gains
+from validation.experiment.loops import make_controller, make_robot, run_robots
+from validation.experiment.tracked import track_metrics
 from validation.identify.tuning import (
     TuneCase,
     TuneCost,

@@ -15,9 +15,9 @@ from ssmr.control.mission import ControllerInput
 from ssmr.control.references import line
 from ssmr.errors import ControllerError, SsmrError
 from ssmr.models.law import OWN_MODELS
-from validation.bench.loops import chosen_controller
-from validation.bench.user_law import add_user_model, load_user_law, load_user_metric
 from validation.compare import compare
+from validation.experiment.loops import chosen_controller
+from validation.experiment.user_law import add_user_model, load_user_law, load_user_metric
 from validation.fit import fit
 from validation.plants.profile import load_profile
 from validation.plants.table import plant_kind

@@ -12,7 +12,7 @@ import pytest
 
 from ssmr.metrics.windows import WindowErrors
 from tests.conftest import data_folder
-from validation.bench.sources import Source, open_source
+from validation.experiment.sources import Source, open_source
 from validation.plants.profile import PLANTS, load_profile
 
 page = SimpleNamespace(

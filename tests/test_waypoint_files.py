@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ssmr.control.waypoints import Waypoints
 from tests.conftest import ROUNDOFF
-from validation.bench.waypoint_files import REFERENCES, open_reference, read_waypoints
+from validation.experiment.waypoint_files import REFERENCES, open_reference, read_waypoints
 from validation.files.reading import FileError
 
 HEADER = "t,x,y\n"

@@ -25,7 +25,7 @@ from matplotlib.lines import Line2D
 
 from ssmr.types import CommandKind
 from validation import cli, store
-from validation.bench.sources import open_source, unknown_robot_notes
+from validation.experiment.sources import open_source, unknown_robot_notes
 from validation.files.agreement import LogFault
 from validation.files.faults import Faults, find_faults
 from validation.files.formats import log_path, profile_of_log, read_log
@@ -179,7 +179,7 @@ def calibrate(o: Calibrate) -> Calibrated:
         kind: CommandKind = "wheels" if inputs[0] == "wheels" else "twist"
         source = open_source(name, kind, options=read)
         notes += unknown_robot_notes(source, profile.robot)
-    sources = logging.getLogger("validation.bench.sources")
+    sources = logging.getLogger("validation.experiment.sources")
     sources.disabled = True  # the notes name a log's faults once
     try:
         fits = _fits(o, profile, inputs, until)

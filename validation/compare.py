@@ -30,8 +30,8 @@ from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Plant, Trajectory
 from validation import cli
-from validation.bench.gyro import GyroJudge, find_gyro_judge
-from validation.bench.sources import (
+from validation.experiment.gyro import GyroJudge, find_gyro_judge
+from validation.experiment.sources import (
     RECORDING,
     Piece,
     Source,
@@ -45,7 +45,7 @@ from validation.bench.sources import (
     warm_up,
     window_errors_of,
 )
-from validation.bench.user_law import UserMetric, add_user_model, load_user_metric
+from validation.experiment.user_law import UserMetric, add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.files.log import ReadOptions

@@ -27,7 +27,7 @@ from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant
 from validation import cli
-from validation.bench.sources import (
+from validation.experiment.sources import (
     RECORDING,
     band_of,
     drive,
@@ -35,7 +35,7 @@ from validation.bench.sources import (
     standing_sentences,
     unknown_robot_notes,
 )
-from validation.bench.user_law import add_user_model
+from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.files.log import ReadOptions

@@ -26,8 +26,8 @@ from ssmr.geometry import rotate_body_to_world
 from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from validation import cli, store
-from validation.bench.gains import GainSet, origin_sentence
-from validation.bench.loops import (
+from validation.experiment.gains import GainSet, origin_sentence
+from validation.experiment.loops import (
     AnyController,
     ClosedLoopRobot,
     chosen_controller,
@@ -36,9 +36,9 @@ from validation.bench.loops import (
     require_practicable,
     run_robots,
 )
-from validation.bench.tracked import MOST_BESIDE, TrackedRobot, reference_of, track_metrics
-from validation.bench.user_law import load_user_metric
-from validation.bench.waypoint_files import open_reference
+from validation.experiment.tracked import MOST_BESIDE, TrackedRobot, reference_of, track_metrics
+from validation.experiment.user_law import load_user_metric
+from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import Pace, Profile, choose_profile, odometry_of
 from validation.progress import Progress
 from validation.report.tracking import Tracked, tracking_report

@@ -21,7 +21,7 @@ from ssmr.control.laws import LAWS
 from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.parameters import require_within
 from validation import cli, store
-from validation.bench.gains import (
+from validation.experiment.gains import (
     DEFAULT,
     GainSet,
     dump_gains,
@@ -30,15 +30,15 @@ from validation.bench.gains import (
     origin_sentence,
     shipped_gains,
 )
-from validation.bench.loops import (
+from validation.experiment.loops import (
     ClosedLoopRobot,
     demand_of,
     make_controller,
     make_robot,
     require_practicable,
 )
-from validation.bench.tracked import lost_text
-from validation.bench.waypoint_files import open_reference, split_speed
+from validation.experiment.tracked import lost_text
+from validation.experiment.waypoint_files import open_reference, split_speed
 from validation.identify.report import (
     SearchReport,
     bound_sentences,

@@ -24,10 +24,10 @@ from ssmr.control.loop import VELOCITY_PERIOD, LoopSettings
 from ssmr.control.mission import ControllerInput, Mission, PythonController
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target
 from ssmr.types import FloatArray
-from validation.bench.gains import load_gains
-from validation.bench.loops import make_controller, make_robot, run_robots
-from validation.bench.tracked import track_metrics
-from validation.bench.waypoint_files import open_reference
+from validation.experiment.gains import load_gains
+from validation.experiment.loops import make_controller, make_robot, run_robots
+from validation.experiment.tracked import track_metrics
+from validation.experiment.waypoint_files import open_reference
 from validation.learning import TrackBatch, TrackTask
 from validation.learning.batch import write_view
 from validation.learning.episodes import AHEAD_TICKS

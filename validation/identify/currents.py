@@ -27,7 +27,7 @@ from ssmr.robot.drivetrain import (
     side_forces,
 )
 from ssmr.types import FloatArray
-from validation.bench.sources import RECORDING
+from validation.experiment.sources import RECORDING
 from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks
 from validation.identify.motor_logs import (
     Chassis,

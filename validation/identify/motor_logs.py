@@ -10,7 +10,7 @@ import numpy as np
 
 from ssmr.robot.drivetrain import SkidGeometry
 from ssmr.types import FloatArray, Trajectory
-from validation.bench.sources import CURRENTS, VOLTAGES
+from validation.experiment.sources import CURRENTS, VOLTAGES
 from validation.files.formats import read_log
 from validation.files.log import Log
 from validation.plants.kind import PlantProfile

@@ -16,8 +16,8 @@ from ssmr.metrics.paths import one_sided_kernel, path_length
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.parameters import require_within
 from ssmr.types import FloatArray, Trajectory
-from validation.bench.gyro import GyroJudge
-from validation.bench.sources import Piece, Source
+from validation.experiment.gyro import GyroJudge
+from validation.experiment.sources import Piece, Source
 from validation.plants.kind import side_torques
 from validation.simulator.description import GRAVITY, Robot
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.bench.sources import RECORDING, Piece
+from validation.experiment.sources import RECORDING, Piece
 from validation.identify.objective import (
     FitCost,
     FitTarget,

@@ -12,7 +12,7 @@ import numpy as np
 from ssmr.metrics.declared import Metrics, compare_pieces
 from ssmr.metrics.windows import HorizonErrors, WindowErrors
 from ssmr.types import Trajectory
-from validation.bench.sources import horizons_of, window_errors_of
+from validation.experiment.sources import horizons_of, window_errors_of
 from validation.identify.objective import FitCost, FitTarget
 from validation.report.motions import HEADLINE_HORIZON
 

@@ -11,8 +11,8 @@ from typing import Literal
 
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
-from validation.bench.gyro import find_gyro_judge
-from validation.bench.sources import Source, drive, open_source
+from validation.experiment.gyro import find_gyro_judge
+from validation.experiment.sources import Source, drive, open_source
 from validation.files.log import PLAIN, ReadOptions
 from validation.identify.objective import FitTarget
 from validation.plants.kind import TORQUES

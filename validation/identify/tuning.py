@@ -23,9 +23,9 @@ from ssmr.metrics.paths import (
 from ssmr.parameters import MOST_SEED, described, require_within
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
-from validation.bench.gains import GainSet
-from validation.bench.loops import AnyController, ClosedLoopRobot, make_controller, run_robots
-from validation.bench.tracked import track_metrics
+from validation.experiment.gains import GainSet
+from validation.experiment.loops import AnyController, ClosedLoopRobot, make_controller, run_robots
+from validation.experiment.tracked import track_metrics
 from validation.identify.problem import OnShare
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant

@@ -22,7 +22,7 @@ from ssmr.robot.drive import wheel_rates, whole_steps
 from ssmr.robot.sensors import yaw_disturbance
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
-from validation.bench.waypoint_files import open_reference
+from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import PlantProfile, choose_profile
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import Robot

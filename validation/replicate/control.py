@@ -24,10 +24,10 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.sensors import SAMPLE_RATES_HZ
 from ssmr.types import FloatArray, Trajectory
-from validation.bench.gains import GainSet, load_gains
-from validation.bench.loops import make_controller, make_robot, run_robots
-from validation.bench.tracked import reference_of, saturated
-from validation.bench.waypoint_files import open_reference
+from validation.experiment.gains import GainSet, load_gains
+from validation.experiment.loops import make_controller, make_robot, run_robots
+from validation.experiment.tracked import reference_of, saturated
+from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress
 from validation.replicate.chapters import Findings, Section, Task, deviation, judged

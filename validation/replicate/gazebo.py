@@ -17,11 +17,11 @@ import numpy as np
 
 from ssmr.metrics.declared import compare_paths
 from ssmr.types import FloatArray, State, Trajectory
-from validation.bench.sources import drive, open_source
 from validation.engines.body import EngineMissingError
 from validation.engines.ode import GAZEBO, MAKERS_HUSKY, FrictionDirection, FrictionLaw, OdeBody
 from validation.engines.ode_library import ode
 from validation.engines.plant import EnginePlant
+from validation.experiment.sources import drive, open_source
 from validation.plants.profile import load_profile, make_plant
 from validation.progress import Progress
 from validation.replicate.chapters import Findings, Section, Task, deviation

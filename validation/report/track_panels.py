@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.types import FloatArray, Trajectory
-from validation.bench.tracked import TrackedRobot, headline, lost_text, saturated
+from validation.experiment.tracked import TrackedRobot, headline, lost_text, saturated
 from validation.report.columns import DEGREES, Unit, length_unit
 from validation.report.drawing import (
     ALARM,

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ssmr.control.waypoints import ALPHA_SWITCH
 from ssmr.metrics.declared import Metrics
-from validation.bench.tracked import (
+from validation.experiment.tracked import (
     OF_THE_LOOP,
     OF_THE_PATH,
     TRACK_METRICS,

@@ -15,9 +15,9 @@ import tyro
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.errors import SsmrError
 from validation import cli, store
-from validation.bench.loops import chosen_controller
-from validation.bench.tracked import TrackedRobot, reference_of, track_metrics
-from validation.bench.waypoint_files import open_reference
+from validation.experiment.loops import chosen_controller
+from validation.experiment.tracked import TrackedRobot, reference_of, track_metrics
+from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import choose_profile
 from validation.report.report import INTERRUPTED
 from validation.report.tracking import Tracked, tracking_report

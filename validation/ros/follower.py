@@ -32,7 +32,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
 from ssmr.types import FloatArray
-from validation.bench.loops import AnyController
+from validation.experiment.loops import AnyController
 from validation.ros.messages import STAND_STILL, Twist
 
 FRESH = 0.5

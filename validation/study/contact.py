@@ -26,10 +26,10 @@ from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import cli
-from validation.bench.sources import Piece, drive, open_source
 from validation.engines.drake import DrakeBody
 from validation.engines.ode import GAZEBO, HUSKY, MAKERS_HUSKY, OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
+from validation.experiment.sources import Piece, drive, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.report import drawing

@@ -21,9 +21,9 @@ from matplotlib.figure import Figure
 
 from ssmr.models.law import PLANAR_MODELS
 from validation import cli, store
-from validation.bench.sources import open_source, warm_up
 from validation.calibrate import BODY, FIRST_FITTED, begin_at
 from validation.compare import compare
+from validation.experiment.sources import open_source, warm_up
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.fit import fit
 from validation.plants.profile import Profile, bare_profile, choose_profile, make_plant

@@ -25,8 +25,8 @@ from ssmr.control.loop import LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.types import FloatArray
 from validation import cli
-from validation.bench.gains import DEFAULT, GainSet, load_gains, names, profile_sets
-from validation.bench.loops import (
+from validation.experiment.gains import DEFAULT, GainSet, load_gains, names, profile_sets
+from validation.experiment.loops import (
     AnyController,
     ClosedLoopRobot,
     make_controller,
@@ -34,8 +34,8 @@ from validation.bench.loops import (
     run_robots,
     slowed_to_feasible,
 )
-from validation.bench.tracked import track_metrics
-from validation.bench.waypoint_files import REFERENCES, split_speed
+from validation.experiment.tracked import track_metrics
+from validation.experiment.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TuneCost, costs_of
 from validation.plants.profile import PLANTS, Profile
 from validation.report import drawing

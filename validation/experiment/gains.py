@@ -37,7 +37,7 @@ _TOP_LEVEL = {
     "provenance": (dict, "a table"),
 }
 """Type of each value at the top level of a file, and its name in messages."""
-_FOLDER = resources.files("validation.bench").joinpath("gain_sets")
+_FOLDER = resources.files("validation.experiment").joinpath("gain_sets")
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,8 @@ from ssmr.models.linear import matrices
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, Plant, State
-from validation.bench.gains import GainSet, load_gains
-from validation.bench.user_law import is_user_law, load_user_law
+from validation.experiment.gains import GainSet, load_gains
+from validation.experiment.user_law import is_user_law, load_user_law
 from validation.plants.profile import Profile, ProfileError, make_plant
 from validation.simulator.loops import MujocoBodies
 from validation.simulator.parts import mujoco_failures

@@ -103,7 +103,7 @@ def generic(speed: float) -> Waypoints:
     Raises:
         ValueError: the speed is not positive and finite.
     """
-    folder = resources.files("validation.bench")
+    folder = resources.files("validation.experiment")
     with resources.as_file(folder.joinpath("references", "generic.csv")) as path:
         return read_waypoints(path, speed)
 

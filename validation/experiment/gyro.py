@@ -16,7 +16,7 @@ import numpy as np
 from ssmr.geometry import integral
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.types import FloatArray
-from validation.bench.sources import Source
+from validation.experiment.sources import Source
 from validation.files.faults import find_rest
 from validation.files.offsets import estimate_offsets
 

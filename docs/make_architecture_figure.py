@@ -15,6 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from tests.appendices import APPENDICES  # noqa: E402
 from tests.test_architecture import room_imports  # noqa: E402
 
 OUT = ROOT / "docs" / "img" / "architecture.svg"
@@ -22,6 +23,7 @@ WIDTH = 980
 HEIGHT = 736
 STEP = 62
 BOX = 30
+STRIP = 96
 INK, FLOW = "#24292f", "#0072b2"
 PANELS = {"validation": (10, 500, "#fdebcf"), "ssmr": (535, 435, "#dbeaf7")}
 """Left edge, width and colour of each package's panel."""
@@ -134,6 +136,11 @@ def box(room: str, centre: Place, width: float) -> str:
     )
 
 
+def top_of(floor: dict[str, int]) -> float:
+    """Return the upper edge of a panel with these floors."""
+    return HEIGHT - 44 - STEP * max(floor.values()) - 62
+
+
 def panel(package: str, graph: Graph) -> list[str]:
     """Return a package's panel: its rooms and the arrows between them."""
     left, width, fill = PANELS[package]
@@ -145,10 +152,15 @@ def panel(package: str, graph: Graph) -> list[str]:
         }
     )
     floor = heights(mine)
-    chains = with_waypoints(mine, floor)
+    # what stands at the bottom serves everybody: only arrows from the next floor are drawn
+    near = {
+        room: {other for other in others if floor[other] or floor[room] == 1}
+        for room, others in mine.items()
+    }
+    chains = with_waypoints(near, floor)
     at = places(chains, floor, package)
     wide = min(104.0, width / max(Counter(floor.values()).values()) - 6.0)
-    top = min(y for _, y in at.values()) - 62
+    top = top_of(floor)
     height = HEIGHT - 10 - top
     frame = (
         f'<rect x="{left}" y="{top:.0f}" width="{width}" height="{height:.0f}" rx="12" '
@@ -166,25 +178,53 @@ def panel(package: str, graph: Graph) -> list[str]:
     ]
 
 
+def appendices(top: float) -> list[str]:
+    """Return the panel of the appendices, which stands above the core: no room imports one."""
+    left, width, _ = PANELS["validation"]
+    bottom = top + STRIP
+    step = width / len(APPENDICES)
+    at = {name: (left + step * (k + 0.5), top + 62.0) for k, name in enumerate(APPENDICES)}
+    middle = left + width / 2
+    return [
+        f'<rect x="{left}" y="{top:.0f}" width="{width}" height="{STRIP}" rx="12" fill="#eeeeee"/>',
+        f'<text x="{left + 14}" y="{top + 25:.0f}" font-size="14" fill="{INK}">'
+        "appendices: no other room imports one, each can be deleted</text>",
+        *(box(f"validation.{name}", place, step - 8.0) for name, place in at.items()),
+        f'<path d="M{middle:.0f} {bottom:.0f} v24" stroke="{FLOW}" stroke-width="4" '
+        'marker-end="url(#head)"/>',
+    ]
+
+
 def figure() -> str:
     """Return the whole drawing."""
-    graph = room_imports()
+    graph = {
+        room: others
+        for room, others in room_imports().items()
+        if room.partition(".")[2] not in APPENDICES
+    }
+    core = {
+        room: {other for other in others if other.startswith("validation")}
+        for room, others in graph.items()
+        if room.startswith("validation")
+    }
+    above = top_of(heights(core)) - 26 - STRIP
+    edge = above - 10
+    tall = HEIGHT - edge
     x = PANELS["validation"][0] + PANELS["validation"][1]
     end = PANELS["ssmr"][0] - 3
     across = (
         f'<path d="M{x} {HEIGHT / 2:.0f} L{end} {HEIGHT / 2:.0f}" stroke="{FLOW}" '
         'stroke-width="4" marker-end="url(#head)"/>'
     )
-    parts = [*panel("validation", graph), *panel("ssmr", graph), across]
+    parts = [*panel("validation", graph), *panel("ssmr", graph), *appendices(above), across]
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 {edge:.0f} {WIDTH} {tall:.0f}" '
         'font-family="Helvetica, Arial, sans-serif">'
         '<defs><marker id="head" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="7" '
         'markerHeight="7" orient="auto" '
         f'markerUnits="userSpaceOnUse"><path d="M0 0 L10 5 L0 10 z" fill="{FLOW}"/></marker></defs>'
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#ffffff"/>\n'
-        + "\n".join(parts)
-        + "</svg>\n"
+        f'<rect y="{edge:.0f}" width="{WIDTH}" height="{tall:.0f}" '
+        'fill="#ffffff"/>\n' + "\n".join(parts) + "</svg>\n"
     )
 
 

@@ -19,10 +19,10 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import load_profile, make_plant
+from validation.replicate import published
 from validation.report.palette import colour
 from validation.simulator.model import GRAVITY
 from validation.simulator.plant import MujocoPlant
-from validation.thesis import published
 
 OUT = Path(__file__).parent / "img" / "printed_parameters.png"
 PROFILE = load_profile("thesis-printed")

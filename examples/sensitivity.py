@@ -13,7 +13,7 @@ from validation import load_profile
 from validation.plants.profile import make_plant
 from validation.progress import silent
 from validation.report.table import Table, text_tables
-from validation.study.sweep import sweep
+from validation.sweep import sweep
 
 LAB = load_profile("thesis-lab")
 TENTH = ((0.9, 0.0), (1.1, 0.0))

@@ -22,9 +22,9 @@ from tests.conftest import data_folder
 from validation.compare import compare
 from validation.experiment.sources import open_source
 from validation.plants.profile import Profile, load_profile
+from validation.replicate import published
 from validation.report.motions import PlantResult
 from validation.simulator.plant import MujocoPlant
-from validation.thesis import published
 
 TRAJECTORIES = ("traj1", "traj2", "traj3", "traj4")
 OWN_TABLE = {"coulomb": "3.9", "improved": "3.12", "linear": "3.15"}

@@ -72,7 +72,7 @@ def test_results_and_profiles_can_be_pickled() -> None:
         assert str(copied.table()) == str(result.table())
 
 
-@pytest.mark.parametrize("name", ["calibrate", "compare", "fit", "replicate", "track", "tune"])
+@pytest.mark.parametrize("name", ["calibrate", "compare", "fit", "track", "tune"])
 def test_help_and_completion_have_every_option_and_what_it_means(name: str) -> None:
     module = getattr(validation, name)
     program = getattr(module, name)

@@ -25,7 +25,6 @@ ROOMS = (
     {"ssmr.control", "ssmr.lanes"},
     {
         "validation.interrupts",
-        "validation.thesis",
         "validation.store",
         "validation.progress",
         "validation.words",
@@ -37,7 +36,13 @@ ROOMS = (
     {"validation.experiment"},
     {"validation.report"},
     {"validation.cli"},
-    {"validation.compare", "validation.recordings", "validation.robots", "validation.identify"},
+    {
+        "validation.compare",
+        "validation.recordings",
+        "validation.robots",
+        "validation.identify",
+        "validation.sweep",
+    },
     {"validation.fit", "validation.track"},
     {"validation.tune", "validation.calibrate", "validation.ros", "validation.learning"},
     {"validation.study"},
@@ -425,9 +430,9 @@ PRICES = {
         "every plant declared once, and profiles",
     ),
     "validation/replicate": Price(
-        11_700,
-        9,
-        33,
+        13_700,
+        16,
+        49,
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
@@ -453,12 +458,6 @@ PRICES = {
         15,
         42,
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
-    ),
-    "validation/thesis": Price(
-        2_200,
-        7,
-        16,
-        "the thesis' numbers",
     ),
     "validation/experiment": Price(
         13_400,

@@ -15,13 +15,11 @@ from hypothesis import strategies as st
 
 from ssmr.control.laws import PLAIN_CONTROLLERS, PREDICTOR, Controller, make_gains
 from ssmr.control.loop import ClosedRun, LoopSettings, LostError, make_clock, run_loop
-from ssmr.control.pid import PidGains
 from ssmr.control.population import run_bodies, run_loops
 from ssmr.control.references import circle, line, sine
 from ssmr.control.tick import LOG_COLUMNS, LOST, SPINNING
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import wrap_angle
-from ssmr.metrics.declared import compare_paths
 from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PLANAR_MODELS
 from ssmr.models.linear import LinearParameters, matrices
@@ -31,12 +29,10 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
 from tests.conftest import EXACT, ROUNDOFF, SYMMETRY
-from validation.experiment.gains import load_gains
 from validation.plants.profile import load_profile, make_plant
 from validation.simulator.loops import MujocoBodies
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.thesis import published
 
 FRAME = 1e-11
 """Coordinates of some metres round to 1e-15, times the loops' gains of about ten, through hundreds
@@ -286,33 +282,6 @@ def test_the_lag_of_a_pid_dies_out_as_its_equation_says(k_p: float, k_i: float) 
     assert measured == pytest.approx(-1.0 / slow, rel=0.02)
     # what the first order leaves out
     assert measured == pytest.approx(k_p / k_i, rel=0.02 + k_i / k_p**2)
-
-
-@pytest.mark.parametrize("disturbed", [False, True])
-@pytest.mark.parametrize(
-    ("number", "row", "speed"), [("4.5", "line_0.25", 0.25), ("4.6", "line_0.50", 0.5)]
-)
-def test_published_gains_on_the_published_model_reproduce_the_published_line(
-    number: str, row: str, speed: float, disturbed: bool
-) -> None:
-    """The robot lags by v / K_P exp(-K_I / K_P t), and so is short of the end when time is up.
-
-    The whole gap is d_haus, and its share of the length is 1 - d_ratio: K_P, K_I, speed and length
-    say both.
-    """
-    way = line(speed)
-    gains = PidGains(**load_gains("pid", "published").values)
-    settings = LoopSettings() if disturbed else TRUTH
-    run = drive(model("improved"), Controller(gains, A, B), way, settings)
-    metrics = compare_paths(run.motion, way.trajectory(float(run.t[1])))
-    gap = way.length - run.state.x
-    assert metrics["d_ratio"] == pytest.approx(published.value(number, row, "d_ratio"), abs=0.001)
-    assert metrics["d_haus_m"] == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
-    assert metrics["d_haus_m"] == pytest.approx(gap, rel=0.01)
-    predicted = speed / gains.k_p_rho * math.exp(-gains.k_i_rho / gains.k_p_rho * way.duration)
-    assert predicted == pytest.approx(published.value(number, row, "d_haus_m"), rel=0.25)
-    if not disturbed:  # noise moves the end by some millimetres
-        assert gap == pytest.approx(predicted, rel=0.03)  # the slow root to first order
 
 
 @pytest.mark.parametrize("distance", [0.0, 0.1, 0.3])

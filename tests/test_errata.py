@@ -31,7 +31,7 @@ from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import Profile
 from validation.replicate.control import TrackedTables
 from validation.replicate.lab import late, variance_above
-from validation.thesis.published import table, value
+from validation.replicate.published import table, value
 
 AGREEMENT = 0.03
 """The published models lie within 0.0145 to 0.0150 m (d_rms, trajectory 4) of the same robot, so

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from ssmr.types import State
+from tests.appendices import is_there
 from validation import cli
 from validation.calibrate import calibrate
 from validation.cli.checking import choices_of, hints_of, without_markers
@@ -24,22 +25,21 @@ from validation.plants.profile import load_profile, make_plant
 from validation.plants.table import PLANTS
 from validation.recordings import Info
 from validation.robots import CheckRobot
-from validation.ros.control import Control
-from validation.ros.simulation import Sim
 from validation.simulator.terrain import parse_terrain
-from validation.study.__main__ import STUDIES, study_named
 from validation.track import track
 from validation.tune import tune
 
 PROGRAMS = (compare, fit, calibrate, track, tune)
-OPTIONS = (
-    *(program.options for program in PROGRAMS),
-    *(study_named(name).options for name in STUDIES),
-    Info,
-    CheckRobot,
-    Control,
-    Sim,
-)
+OPTIONS = [*(program.options for program in PROGRAMS), Info, CheckRobot]
+if is_there("study"):
+    from validation.study.__main__ import STUDIES, study_named
+
+    OPTIONS += [study_named(name).options for name in STUDIES]
+if is_there("ros"):
+    from validation.ros.control import Control
+    from validation.ros.simulation import Sim
+
+    OPTIONS += [Control, Sim]
 NEEDED = {
     "source": "traj4",
     "model": "linear",

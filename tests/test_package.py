@@ -60,12 +60,12 @@ def test_a_built_wheel_runs_the_main_job_elsewhere(tmp_path: Path) -> None:
     data = {
         "_models/husky.toml",
         "_models/husky.xml",
-        "thesis/published.toml",
+        "replicate/published.toml",
         *(
             f"files/shipped/{name}"
             for name in ("sample.csv", "husky.csv", "warthog.csv", "LICENSE", "README.md")
         ),
-        "thesis/verdicts.toml",
+        "replicate/verdicts.toml",
         "replicate/templates/lead.md",
     }
     assert {*(f"validation/{name}" for name in data), *profiles} <= names

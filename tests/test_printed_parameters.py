@@ -17,9 +17,9 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import Profile, load_profile, make_plant
+from validation.replicate import published
 from validation.simulator.health import check_health
 from validation.simulator.plant import MujocoPlant
-from validation.thesis import published
 
 GRAVITY = 9.81
 AXLE = 0.256

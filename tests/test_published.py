@@ -8,7 +8,7 @@ import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from validation.thesis import published
+from validation.replicate import published
 
 NUMBERS = [f"3.{i}" for i in range(1, 17)] + [f"4.{i}" for i in range(1, 39)]
 METRICS = ("d_rms_m", "d_haus_m", "d_ratio")

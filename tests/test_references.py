@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 
 import numpy as np
@@ -14,7 +13,6 @@ from ssmr.control.references import (
     SPACING,
     circle,
     eight,
-    line,
     sine,
     spiral,
     square,
@@ -27,13 +25,10 @@ from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
 from tests.test_docs import tables
 from validation.experiment.waypoint_files import REFERENCES
-from validation.thesis import published
 
 PRINTED = 1e-6
 """generic.csv is written to the micrometre: half of that at both ends of a segment, and of the
 table's pieces [m]."""
-LAST_DIGIT = 0.5e-4
-"""Half a unit of the last digit that the thesis prints of d_haus and d_ratio."""
 
 
 SMOOTH = ("sine", "eight", "slalom", "square", "spiral", "u-turn", "stop-and-go", "long-line")
@@ -127,27 +122,6 @@ def test_stop_and_go_drives_at_its_speed_and_waits(
     stops = waypoints.xy[:-1][~waypoints.moving]
     assert np.allclose(stops, [((k + 1) * leg, 0.0) for k in range(legs)], atol=1e-9)
     assert not np.any(waypoints.headings)
-
-
-def lengths_by(number: str) -> tuple[float, float]:
-    """Lengths of the line that a table's printed digits allow.
-
-    A robot short by d_haus lacks the share 1 - d_ratio.
-    """
-    (row,) = published.table(number)["rows"]
-    gap = published.value(number, row, "d_haus_m")
-    missing = 1.0 - published.value(number, row, "d_ratio")
-    return (gap - LAST_DIGIT) / (missing + LAST_DIGIT), (gap + LAST_DIGIT) / (missing - LAST_DIGIT)
-
-
-def test_the_length_of_the_line_is_what_the_tables_allow() -> None:
-    length = inspect.signature(line).parameters["length"].default
-    bounds = np.array([lengths_by(number) for number in ("4.5", "4.6", "4.22", "4.23")])
-    low = np.max(bounds[:, 0])
-    high = np.min(bounds[:, 1])
-    # what docs/references.md says of all four
-    assert (round(low, 2), round(high, 2)) == (10.79, 10.85)
-    assert low < length < high
 
 
 @given(st.floats(0.2, 5.0), st.floats(0.1, 3.0))

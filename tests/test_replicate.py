@@ -17,7 +17,7 @@ from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller
 from validation.plants.profile import Profile
 from validation.progress import Progress, silent
-from validation.replicate import gazebo, replicate
+from validation.replicate import gazebo, published, replicate
 from validation.replicate.chapters import (
     QUICK,
     Findings,
@@ -40,10 +40,9 @@ from validation.replicate.control import (
 )
 from validation.replicate.lab import high_pass, variance_above
 from validation.replicate.models import alternations
+from validation.replicate.published import value
 from validation.replicate.run import ALL_SECTIONS
-from validation.thesis import published
-from validation.thesis.published import value
-from validation.thesis.verdicts import EVIDENCE, STATUSES
+from validation.replicate.verdicts import EVIDENCE, STATUSES
 
 PLACES = {f"Sec. {n}" for n in ("3.7", "4.5, motors")} | {"Fig. 3.33"}
 WANTED = PLACES | {*"3.4 3.8 3.9 3.11 3.12 3.14 3.15 4.4 4.21 4.37".split(), *CONTROL_TABLES}

@@ -23,12 +23,15 @@ import pytest
 from ssmr.control.law import Observation
 from ssmr.control.laws import Controller
 from ssmr.control.loop import VELOCITY_PERIOD, LoopSettings, run_loop
+from ssmr.control.references import line
 from ssmr.control.waypoints import Waypoints
+from ssmr.errors import ControllerError
 from ssmr.types import State
 from tests.ros_fakes import FakeNode, RobotNode, message, odometry
+from tests.test_user_law import FAULTY, GOOD, written
 from validation import cli
 from validation.experiment.gains import load_gains
-from validation.experiment.loops import make_controller
+from validation.experiment.loops import chosen_controller, make_controller
 from validation.plants.profile import Profile, make_plant
 from validation.ros import messages as msg
 from validation.ros.__main__ import PROGRAM
@@ -551,3 +554,23 @@ def test_who_was_never_driven_leaves_nothing(
     assert drive.run() == 1
     assert not (drive.out / "track.json").exists()
     assert "no robot to drive after 30 s" in capsys.readouterr().err
+
+
+def fed(follower: PathFollower) -> None:
+    """Messages of a robot that stands at its start, and commands."""
+    for k in range(40):
+        follower.update(10.0 + 0.02 * k, Observation(0.0, 0.0, 0.0, 0.0, 0.0), 0.02 * k)
+        if follower.phase == "driving":
+            follower.command(0.02 * k)
+
+
+def test_a_fault_of_a_users_controller_ends_the_drive(lab: Profile, tmp_path: Path) -> None:
+    good, _ = chosen_controller(f"{written(tmp_path, GOOD)}:Mine", lab)
+    fed(PathFollower(good, line(0.5, 2.0)))
+    late = FAULTY.format("return (0.1, 0.0) if now.t < 0.3 else 1 / 0")
+    bad, _ = chosen_controller(f"{written(tmp_path, late)}:Mine", lab)
+    with pytest.raises(ControllerError, match=r"mine\.py:6: ZeroDivisionError"):
+        fed(PathFollower(bad, line(0.5, 2.0)))
+    worse, _ = chosen_controller(f"{written(tmp_path, FAULTY.format('return 1 / 0'))}:Mine", lab)
+    with pytest.raises(ControllerError, match="ZeroDivisionError"):
+        PathFollower(worse, line(0.5, 2.0))

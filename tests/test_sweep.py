@@ -9,7 +9,7 @@ import pytest
 
 from ssmr.errors import SsmrError
 from validation.progress import Progress
-from validation.study.sweep import sweep
+from validation.sweep import sweep
 
 VARIANTS = {f"v{k}": k for k in range(6)}
 

@@ -10,18 +10,15 @@ import numpy as np
 import pytest
 
 from ssmr import _jit
-from ssmr.control.law import Observation
 from ssmr.control.mission import ControllerInput
 from ssmr.control.references import line
 from ssmr.errors import ControllerError, SsmrError
 from ssmr.models.law import OWN_MODELS
 from validation.compare import compare
-from validation.experiment.loops import chosen_controller
 from validation.experiment.user_law import add_user_model, load_user_law, load_user_metric
 from validation.fit import fit
 from validation.plants.profile import load_profile
 from validation.plants.table import plant_kind
-from validation.ros.follower import PathFollower
 from validation.track import track
 
 GOOD = '''"""A controller."""
@@ -267,24 +264,3 @@ def test_a_metric_that_fails_is_said_with_its_line(tmp_path: Path, body: str, me
         track("pid", line(0.5, 1.0), own_metric=f"{path}:mine_m")
     with pytest.raises(ValueError, match="there is a metric d_rms_m already"):
         load_user_metric(f"{written(tmp_path, 'def d_rms_m(m, r): return 0.0')}:d_rms_m")
-
-
-def driven(follower: PathFollower) -> None:
-    """Messages of a robot that stands at its start, and commands."""
-    for k in range(40):
-        follower.update(10.0 + 0.02 * k, Observation(0.0, 0.0, 0.0, 0.0, 0.0), 0.02 * k)
-        if follower.phase == "driving":
-            follower.command(0.02 * k)
-
-
-def test_behind_ros_a_fault_ends_the_drive(tmp_path: Path) -> None:
-    lab = load_profile("thesis-lab")
-    good, _ = chosen_controller(f"{written(tmp_path, GOOD)}:Mine", lab)
-    driven(PathFollower(good, line(0.5, 2.0)))
-    late = FAULTY.format("return (0.1, 0.0) if now.t < 0.3 else 1 / 0")
-    bad, _ = chosen_controller(f"{written(tmp_path, late)}:Mine", lab)
-    with pytest.raises(ControllerError, match=r"mine\.py:6: ZeroDivisionError"):
-        driven(PathFollower(bad, line(0.5, 2.0)))
-    worse, _ = chosen_controller(f"{written(tmp_path, FAULTY.format('return 1 / 0'))}:Mine", lab)
-    with pytest.raises(ControllerError, match="ZeroDivisionError"):
-        PathFollower(worse, line(0.5, 2.0))

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from validation.thesis import published
-from validation.thesis.verdicts import (
+from validation.replicate import published
+from validation.replicate.verdicts import (
     EVIDENCE,
     FACTOR,
     RATIO_REACH,

@@ -15,7 +15,6 @@ from ssmr.control.waypoints import ALPHA_SWITCH, Target, Waypoints, position_err
 from ssmr.geometry import rotate_body_to_world, rotate_world_to_body, wrap_angle
 from ssmr.types import FloatArray
 from tests.conftest import EXACT, ROUNDOFF
-from validation.thesis import published
 
 FRAME = 1e-9
 """Moving the frame by some metres rounds coordinates to 1e-15 m, and angles of centimetres to
@@ -246,10 +245,6 @@ def errors(pose: ArrayLike, goal: ArrayLike, switch: float = ALPHA_SWITCH) -> Fl
 
 
 poses = st.tuples(coordinates, coordinates, angles)
-
-
-def test_the_switch_is_the_published_one() -> None:
-    assert published.value("text", "alpha_switch_distance") == ALPHA_SWITCH
 
 
 @given(poses, poses)

@@ -15,6 +15,7 @@ import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Annotated, Any, Literal
 
 import tyro
@@ -25,7 +26,7 @@ from validation.cli.options import NUMBERS
 from validation.cli.process import options_type, say
 from validation.words import shortened
 
-PROGRAMS: Mapping[str, str] = {
+_EVERY: Mapping[str, str] = {
     "compare": "Drive every simulation with the same commands and compare them, "
     "with each other or with a log.",
     "fit": "Search for the parameters with which a simulation moves like a log, "
@@ -39,7 +40,10 @@ PROGRAMS: Mapping[str, str] = {
     "robots": "List and check robots, write the file of a new one, import one from a URDF.",
     "ros": "Run a simulated robot or a path controller as a ROS 2 node.",
 }
-"""Work of each program, in one sentence; `ssmr PROGRAM --help` says more."""
+PROGRAMS: Mapping[str, str] = {
+    name: says for name, says in _EVERY.items() if find_spec(f"validation.{name}")
+}
+"""Work of each program that is there, in one sentence; `ssmr PROGRAM --help` says more."""
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,10 @@ import numpy as np
 
 from ssmr.types import FloatArray
 from validation.progress import Progressing
+from validation.replicate.verdicts import Pair, Rows, Verdict, criterion_of, judge, judge_row
 from validation.report.columns import Unit, ending_of
 from validation.report.drawing import PanelRow
 from validation.report.table import Row, Table, markdown_table
-from validation.thesis.verdicts import Pair, Rows, Verdict, criterion_of, judge, judge_row
 from validation.words import markdown
 
 

@@ -30,7 +30,9 @@ from validation.experiment.tracked import reference_of, saturated
 from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress
+from validation.replicate import published
 from validation.replicate.chapters import Findings, Section, Task, deviation, judged
+from validation.replicate.verdicts import RULE_OF, Pair, Rows, Rule, Supposed
 from validation.report.drawing import (
     PanelRow,
     draw_section,
@@ -40,8 +42,6 @@ from validation.report.drawing import (
     text_row,
 )
 from validation.report.palette import VERDICT_INKS
-from validation.thesis import published
-from validation.thesis.verdicts import RULE_OF, Pair, Rows, Rule, Supposed
 from validation.tune import tune
 
 _PROFILE = "thesis-lab"

@@ -24,12 +24,12 @@ from validation.engines.plant import EnginePlant
 from validation.experiment.sources import drive, open_source
 from validation.plants.profile import load_profile, make_plant
 from validation.progress import Progress
+from validation.replicate import published
 from validation.replicate.chapters import Findings, Section, Task, deviation
+from validation.replicate.verdicts import Pair, Rule
 from validation.report.columns import METRES
 from validation.report.table import Table
 from validation.simulator.turning import STRAIGHT_SPEED
-from validation.thesis import published
-from validation.thesis.verdicts import Pair, Rule
 
 _SOURCE = "traj3"
 _SAMPLE = 0.05

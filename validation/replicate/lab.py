@@ -13,9 +13,9 @@ from ssmr.robot.vehicle import Drive
 from ssmr.scenarios import COMMAND_PERIOD
 from ssmr.types import Commands, FloatArray, State, Trajectory, frozen_array
 from validation.plants.profile import load_profile, make_plant, odometry_of
+from validation.replicate import published
 from validation.replicate.chapters import Findings, Section, Task, deviation
-from validation.thesis import published
-from validation.thesis.verdicts import Pair
+from validation.replicate.verdicts import Pair
 
 _PROFILE = "thesis-lab"
 _PLANT = "mujoco"

@@ -16,9 +16,9 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import FloatArray, State
 from validation.fit import fit
 from validation.plants.profile import load_profile, make_plant
+from validation.replicate import published
 from validation.replicate.chapters import Findings, Section, Task
-from validation.thesis import published
-from validation.thesis.verdicts import RULE_OF, Pair, Rows, Rule
+from validation.replicate.verdicts import RULE_OF, Pair, Rows, Rule
 
 _PROFILE = "thesis-lab"
 _FITS: Mapping[str, tuple[str, str]] = {

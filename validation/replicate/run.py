@@ -32,11 +32,7 @@ from validation.replicate.control import CONTROL_SECTIONS
 from validation.replicate.gazebo import GAZEBO_SECTION
 from validation.replicate.lab import NOISE_SECTION
 from validation.replicate.models import MODEL_SECTIONS
-from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
-from validation.report.palette import VERDICT_INKS
-from validation.report.report import FINISHED, INTERRUPTED, Report
-from validation.report.table import Row, Table, markdown_table
-from validation.thesis.verdicts import (
+from validation.replicate.verdicts import (
     AT_BOUND,
     EVIDENCE,
     FACTOR,
@@ -52,6 +48,10 @@ from validation.thesis.verdicts import (
     Verdict,
     criterion_of,
 )
+from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
+from validation.report.palette import VERDICT_INKS
+from validation.report.report import FINISHED, INTERRUPTED, Report
+from validation.report.table import Row, Table, markdown_table
 
 ALL_SECTIONS: tuple[Section, ...] = (
     NOISE_SECTION,

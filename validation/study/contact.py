@@ -49,7 +49,8 @@ from validation.simulator.turning import (
     spin,
     surge,
 )
-from validation.study.sweep import StudyOptions, picture, sweep
+from validation.study.common import StudyOptions, picture
+from validation.sweep import sweep
 
 BASELINE = "as shipped"
 """Setting that all others are compared with."""

@@ -33,6 +33,7 @@ from validation.report import drawing
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Row, Table
 from validation.simulator.description import GRAVITY
+from validation.study.common import StudyOptions, picture
 from validation.study.drivetrain_fit import (
     LEAST_COMMANDS,
     DriverFit,
@@ -41,7 +42,6 @@ from validation.study.drivetrain_fit import (
     fit_inertia,
 )
 from validation.study.drivetrain_logs import held_commands, rate_evidence
-from validation.study.sweep import StudyOptions, picture
 
 # resistance over voltage constant of a Husky's motors, where no log on the ground tells it [rad/s
 # per A]

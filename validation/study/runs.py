@@ -34,7 +34,8 @@ from validation.report.columns import DEGREES, METRES, Unit
 from validation.report.motions import Comparison, alike_sentences
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.study.sweep import AnyStudy, picture, sweep
+from validation.study.common import AnyStudy, picture
+from validation.sweep import sweep
 from validation.words import file_name, one_line, shortened
 
 SCHEMA = "ssmr.study.runs/1"

@@ -42,7 +42,8 @@ from validation.report import drawing
 from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
-from validation.study.sweep import StudyOptions, picture, sweep
+from validation.study.common import StudyOptions, picture
+from validation.sweep import sweep
 
 JUDGE = "mujoco"
 """Plant that stands for the robot: the others are to choose the right controller for it."""

@@ -1,4 +1,4 @@
-"""Parts that studies share: options, a loop that measures every variant, and a picture."""
+"""A sweep: every measure of every variant, side by side."""
 
 from __future__ import annotations
 
@@ -6,44 +6,16 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from functools import partial
-from pathlib import Path
-from typing import Annotated, Any, TypeVar
-
-from matplotlib.figure import Figure
+from typing import Any, TypeVar
 
 from ssmr.errors import SsmrError
-from validation import cli
-from validation.plants.profile import Profile, choose_profile
 from validation.progress import Progress, Progressing, silent
-from validation.report import drawing
-from validation.report.report import FINISHED, INTERRUPTED, Report
+from validation.report.report import FINISHED, INTERRUPTED
 from validation.words import one_line
 
 Variant = TypeVar("Variant")
 Measure = Callable[[Variant], Mapping[str, Any]]
 """A drive or calculation that gives the columns of one variant, as keys and values."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class AnyStudy(cli.Common):
-    """Options of every study."""
-
-    def folder(self) -> Path:
-        """Return the folder that the files are written to."""
-        return Path("runs") / "study" / type(self).__module__.rpartition(".")[2]
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudyOptions(AnyStudy):
-    """Options of every study of one robot."""
-
-    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    robot: cli.AnyRobot = None
-
-    def robot_profile(self) -> Profile:
-        """Return the profile; a ValueError refuses an unknown name, or that of another robot."""
-        return choose_profile(self.profile, self.robot, "thesis-lab")
 
 
 @dataclass(frozen=True)
@@ -113,10 +85,3 @@ def sweep(
         raise next(iter(failures.values()))
     notes = [f"{drive}: {one_line(error)}." for drive, error in sorted(failures.items())]
     return Swept([rows[name] for name in variants if name in rows], notes, status)
-
-
-def picture(study: Report, rows: Sequence[drawing.PanelRow]) -> Figure:
-    """Return rows of panels as a figure, with the title, the notes and the footer of a study."""
-    title = drawing.text_row(0.3, partial(drawing.draw_section, study.title))
-    footer = drawing.text_row(0.26, partial(drawing.draw_footer, study.made_by))
-    return drawing.put_together([title, *rows, *drawing.note_rows(study.notes()), footer])

@@ -164,7 +164,7 @@ class Verdict(NamedTuple):
 
 @cache
 def _declared() -> Mapping[str, Any]:
-    file = resources.files("validation.thesis") / "verdicts.toml"
+    file = resources.files("validation.replicate") / "verdicts.toml"
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 

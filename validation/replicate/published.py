@@ -18,7 +18,7 @@ from typing import Any
 @cache
 def published_tables() -> Mapping[str, Any]:
     """Return `schema`, `source`, the tables by number ("3.1" to "4.38") and "text" of the prose."""
-    file = resources.files("validation.thesis") / "published.toml"
+    file = resources.files("validation.replicate") / "published.toml"
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 

@@ -1,0 +1,66 @@
+"""The appendices: what can be deleted without the rest noticing it.
+
+An appendix is a room that no other room imports. This is the one list of what belongs to each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+APPENDICES: Mapping[str, Sequence[str]] = {
+    "ros": (
+        "validation/ros",
+        "benchmarks/ros.py",
+        "tests/test_ros*.py",
+        "tests/ros_fakes.py",
+        "docs/ros.md",
+    ),
+    "learning": (
+        "validation/learning",
+        "benchmarks/control.py",
+        "tests/test_learning.py",
+        "docs/learning.md",
+        "docs/examples/learn_to_track.py",
+    ),
+    "study": (
+        "validation/study",
+        "tests/test_contact_study.py",
+        "tests/test_drivetrain_*.py",
+        "tests/test_runs_study.py",
+        "tests/test_study_*.py",
+        "tests/test_transfer.py",
+        "tests/golden/study-*.json",
+        "docs/drivetrain.md",
+        "docs/runs.md",
+        "docs/why_drift.md",
+        "docs/make_contact_figures.py",
+        "docs/make_drivetrain_tables.py",
+    ),
+    "replicate": (
+        "validation/replicate",
+        "tests/test_agreement.py",
+        "tests/test_errata.py",
+        "tests/test_printed_*.py",
+        "tests/test_published.py",
+        "tests/test_replicate.py",
+        "tests/test_results.py",
+        "tests/test_verdicts.py",
+        "tests/golden/replicate-*.json",
+        "docs/errata.md",
+        "docs/printed_parameters.md",
+        "docs/results.md",
+        "docs/make_printed_figure.py",
+    ),
+    "benchmarks": (
+        "benchmarks",
+        "tests/test_benchmarks.py",
+    ),
+}
+"""Every appendix by name: the patterns of its files, from the root, with its tests and pages."""
+
+
+def is_there(name: str) -> bool:
+    """Whether an appendix was not deleted."""
+    return (ROOT / APPENDICES[name][0]).is_dir()

@@ -1,1 +1,0 @@
-"""The thesis' printed numbers, and how ours are judged against them."""

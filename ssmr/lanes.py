@@ -31,7 +31,7 @@ from ssmr.robot.drive import (
     rolling,
     whole_steps,
 )
-from ssmr.simulation import PLANAR_DT, PlanarModel, PlanarMotion, move
+from ssmr.simulation import PLANAR_DT, PlanarModel, move
 from ssmr.types import Commands, FloatArray, State
 
 LANES = 8
@@ -42,24 +42,13 @@ _CHUNK = 8
 waits for them."""
 
 
-class _State(NamedTuple):
-    """The rows of a group that change."""
-
-    x: float
-    y: float
-    yaw: float
-    v: float
-    w: float
-    integral_left: float
-    integral_right: float
-    held_v: float
-    held_w: float
-    held_left: float
-    held_right: float
-
-
-_STATE = _State(*(0.0,) * len(_State._fields))
-_HELD = len(_State._fields)
+_MOTION = State().motion
+_SIDES = Sides(0.0, 0.0)
+_DRIVER = DriveState(0.0, 0.0, 0.0, 0.0)
+"""Templates of the rows of a group that change: motion, integral parts and driver."""
+_INTEGRAL = len(_MOTION)
+_LAST = _INTEGRAL + len(_SIDES)
+_HELD = _LAST + len(_DRIVER)
 """First of the two rows of the twist that the driver holds."""
 _DRIVE = _HELD + 2
 """First row of the driver."""
@@ -152,43 +141,24 @@ def _step(
     kind: PlanarRobot, plain: Any, prescribed: Any, rows: FloatArray, i: int, dt: float
 ) -> None:
     """Advance the robot of lane i by one step, see `_run_lanes`."""
-    now = _lane(_STATE, rows, 0, i)
+    last = _lane(_DRIVER, rows, _LAST, i)
     v = rows[i + _HELD * LANES]
     w = rows[i + (_HELD + 1) * LANES]
-    held = DriveState(now.held_v, now.held_w, v, w)
+    held = DriveState(last.v, last.w, v, w)
     if prescribed is None:
         drive = _lane(DRIVE_TEMPLATE, rows, _DRIVE, i)
         share = drive.share if plain is None else 1.0
-        last = DriveState(now.held_v, now.held_w, now.held_left, now.held_right)
         held = drive_on(v, w, drive, share, last)
-    before = PlanarMotion(
-        x=now.x,
-        y=now.y,
-        yaw=now.yaw,
-        v=now.v,
-        w=now.w,
-        torque_left=0.0,
-        torque_right=0.0,
-        integral_left=now.integral_left,
-        integral_right=now.integral_right,
-    )
+    now = _lane(_MOTION, rows, 0, i)
+    integral = _lane(_SIDES, rows, _INTEGRAL, i)
     robot = _robot(kind, plain, rows, i)
-    then = move(before, Sides(held.left, held.right), 0.0, dt, robot)
-    after = _State(
-        x=then.x,
-        y=then.y,
-        yaw=then.yaw,
-        v=then.v,
-        w=then.w,
-        integral_left=then.integral_left,
-        integral_right=then.integral_right,
-        held_v=held.v,
-        held_w=held.w,
-        held_left=held.left,
-        held_right=held.right,
-    )
-    for k, number in enumerate(after):
+    then, integral = move(now, integral, Sides(held.left, held.right), 0.0, dt, robot)
+    for k, number in enumerate(then):
         rows[i + k * LANES] = number
+    for k, number in enumerate(integral):
+        rows[i + (_INTEGRAL + k) * LANES] = number
+    for k, number in enumerate(held):
+        rows[i + (_LAST + k) * LANES] = number
 
 
 @jit
@@ -339,10 +309,9 @@ def _lane_numbers(start: State, drive: DriveNumbers, robot: PlanarRobot) -> list
     These are its state, the twist that its driver holds, its driver and its robot.
     """
     held = source(rolling)(Sides(start.wheel_left, start.wheel_right), drive)
-    pose = (start.x, start.y, start.yaw)
-    state = _State(*pose, start.v_x, start.yaw_rate, 0.0, 0.0, *held)
     centre = (robot.x_icr, robot.drift, float(robot.ideal))
     numbers = (*robot.vehicle, *robot.parameters, *robot.motor, *centre, *robot.constants)
+    state = (*start.motion, *_SIDES, *held)
     return [*state, 0.0, 0.0, *drive[:_DRIVEN], *numbers]
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,11 +26,12 @@ from ssmr.robot.drive import (
     advance_integral,
     motor_numbers,
     side_rates,
+    step_pushes,
     wheel_references,
     whole_steps,
 )
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
-from ssmr.types import Commands, FloatArray, State, Trajectory
+from ssmr.types import Commands, FloatArray, Motion, State, Trajectory
 
 PLANAR_COLUMNS = 11
 """Numbers of a sample.
@@ -44,31 +45,16 @@ SAMPLE_DT = 0.008
 """Default sample period of trajectories [s]: the lab's tracking system (Tab. 3.5)."""
 
 
-class PlanarMotion(NamedTuple):
-    """A planar robot at one physics step, for compiled functions."""
-
-    x: float  # world x [m]
-    y: float  # world y [m]
-    yaw: float  # heading, unwrapped [rad]
-    v: float  # forward speed [m/s]
-    w: float  # yaw rate [rad/s]
-    torque_left: float = 0.0  # torque of the left side in the last step [N m]
-    torque_right: float = 0.0  # torque of the right side in the last step [N m]
-    integral_left: float = 0.0  # integral part of the left motor's torque [N m]
-    integral_right: float = 0.0  # integral part of the right motor's torque [N m]
-
-
 @jit
 def move(
-    now: PlanarMotion, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot
-) -> PlanarMotion:
-    """Advance pose and velocities by one step `dt` [s] under wheel-rate references.
+    now: Motion, integral: Sides, wheels: Sides, disturbance: float, dt: float, robot: PlanarRobot
+) -> tuple[Motion, Sides]:
+    """Return the motion and the integral parts of the motors' torques [N m] after a step `dt` [s].
 
-    The disturbance is a yaw acceleration [rad/s2].
+    The motors follow the wheel-rate references `wheels`; the disturbance is a yaw acceleration
+    [rad/s2].
     """
-    left = now.integral_left
-    right = now.integral_right
-    references = Wanted(wheels.left, wheels.right, left, right)
+    references = Wanted(wheels.left, wheels.right, integral.left, integral.right)
     v, w, torque_left, torque_right = advance(now.v, now.w, references, disturbance, dt, robot)
     half = 0.5 * dt
     # Twice the velocities in the middle of the step; ideal wheels have the new ones from its start.
@@ -82,19 +68,24 @@ def move(
     y_rate = fused(v_twice, s, -aside * c)
     if robot.motor.integral_gain > 0.0 and not robot.ideal:
         mean = side_rates(0.5 * v_twice, 0.5 * w_twice, robot.vehicle)
-        left = advance_integral(left, wheels.left - mean.left, robot.motor)
-        right = advance_integral(right, wheels.right - mean.right, robot.motor)
-    return PlanarMotion(
+        left = advance_integral(integral.left, wheels.left - mean.left, robot.motor)
+        right = advance_integral(integral.right, wheels.right - mean.right, robot.motor)
+        integral = Sides(left, right)
+    # Eq. 2.9; ideal wheels turn as their references say
+    rates = wheels if robot.ideal else side_rates(v, w, robot.vehicle)
+    moved = Motion(
         x=fused(half, x_rate, now.x),
         y=fused(half, y_rate, now.y),
         yaw=fused(half, w_twice, now.yaw),
         v=v,
+        v_y=sideways(v, w, robot),
         w=w,
+        left=rates.left,
+        right=rates.right,
         torque_left=torque_left,
         torque_right=torque_right,
-        integral_left=left,
-        integral_right=right,
     )
+    return moved, integral
 
 
 @jit
@@ -104,17 +95,6 @@ def sideways(v: float, w: float, robot: PlanarRobot) -> float:
     return -ahead * w
 
 
-@jit
-def turning_wheels(now: PlanarMotion, wheels: Sides, robot: PlanarRobot) -> Sides:
-    """Return the wheel rates [rad/s] that follow from the motion (Eq. 2.9).
-
-    Ideal wheels turn as their references `wheels` say.
-    """
-    if robot.ideal:
-        return Sides(wheels.left, wheels.right)
-    return side_rates(now.v, now.w, robot.vehicle)
-
-
 @jit_alone
 def run_planar(
     references: FloatArray,
@@ -122,9 +102,9 @@ def run_planar(
     dt: float,
     stride: int,
     robot: PlanarRobot,
-    start: PlanarMotion,
+    start: tuple[Motion, Sides],
     out: FloatArray,
-) -> tuple[int, PlanarMotion]:
+) -> tuple[int, tuple[Motion, Sides]]:
     """Advance a planar model over all references, writing every `stride`-th state.
 
     Args:
@@ -133,33 +113,22 @@ def run_planar(
         dt: step [s].
         stride: steps between samples.
         robot: numbers of the robot; the type of its parameters chooses the model.
-        start: state at the first step.
+        start: motion at the first step, and the integral parts of the motors' torques [N m].
         out: (1 + n // stride, 11) samples, see `PLANAR_COLUMNS`; row 0 is the start.
 
     Returns:
         The first step after which a number is not finite, or -1; and where the robot is at the end.
     """
-    now = start
+    now, integral = start
     n = len(references)
-    wheels = side_rates(now.v, now.w, robot.vehicle)
     sample = 0
     due = 0
     turn = 0.0
     for k in range(n + 1):
         if k == due:
-            rates = turning_wheels(now, wheels, robot)
-            row = out[sample]
-            row[0] = now.x
-            row[1] = now.y
-            row[2] = now.yaw
-            row[3] = now.v
-            row[4] = sideways(now.v, now.w, robot)
-            row[5] = now.w
-            row[6] = rates.left
-            row[7] = rates.right
-            row[8] = now.torque_left
-            row[9] = now.torque_right
-            row[10] = turn
+            for column, number in enumerate(now):
+                out[sample, column] = number
+            out[sample, len(now)] = turn
             sample += 1
             due += stride
         if k == n:
@@ -167,11 +136,35 @@ def run_planar(
         push = disturbance[k] if len(disturbance) > 1 else disturbance[0]
         w_before = now.w
         wheels = Sides(references[k, 0], references[k, 1])
-        now = move(now, wheels, push, dt, robot)
+        now, integral = move(now, integral, wheels, push, dt, robot)
         if not math.isfinite(now.v + now.w):
-            return k, now
+            return k, (now, integral)
         turn = (now.w - w_before) / dt
-    return -1, now
+    return -1, (now, integral)
+
+
+@jit_alone
+def planar_start(state: Motion, robot: PlanarRobot) -> tuple[Motion, Sides]:
+    """Return the start of a planar robot in a state, whose motors give no torque.
+
+    v_y follows from v and omega, and so do the wheel rates, but for ideal wheels.
+    """
+    rates = Sides(state.left, state.right)
+    if not robot.ideal:
+        rates = side_rates(state.v, state.w, robot.vehicle)
+    start = Motion(
+        state.x,
+        state.y,
+        state.yaw,
+        state.v,
+        v_y=sideways(state.v, state.w, robot),
+        w=state.w,
+        left=rates.left,
+        right=rates.right,
+        torque_left=0.0,
+        torque_right=0.0,
+    )
+    return start, Sides(0.0, 0.0)
 
 
 @lru_cache(maxsize=64)
@@ -254,9 +247,9 @@ class PlanarPlant:
         references: FloatArray,
         disturbance: FloatArray,
         stride: int,
-        start: PlanarMotion,
+        start: tuple[Motion, Sides],
         robot: PlanarRobot,
-    ) -> tuple[FloatArray, PlanarMotion]:
+    ) -> tuple[FloatArray, tuple[Motion, Sides]]:
         out = np.empty((1 + len(references) // stride, PLANAR_COLUMNS))
         failed, end = run_planar(
             references, disturbance, dt=self.dt, stride=stride, robot=robot, start=start, out=out
@@ -265,25 +258,25 @@ class PlanarPlant:
             t = failed * self.dt
             message = f"{self.name}: no finite velocity after step {failed} (t = {t:.3f} s)"
             raise DivergedError(message, step=failed, t=t)
-        return out, PlanarMotion(*end)
+        return out, end
 
     def reset(self, state: State) -> State:
         """Start from `state` with empty delay lines.
 
-        v_y and the wheel rates follow from v_x and the yaw rate.
+        v_y and the wheel rates follow from v_x and the yaw rate; ideal wheels turn as the state
+        says.
         """
         self._driver = Driver(self._model.drive, self.dt, state)
-        self._now = _motion(state)
-        out, _ = self._advance(np.empty((0, 2)), np.zeros(1), 1, self._now, self._robot)
-        return State(*map(float, out[0, :8]))
+        self._now = planar_start(state.motion, self._robot)
+        return State(*self._now[0][:8])
 
     def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
         """Hold a twist command for `dt` [s]."""
         n = whole_steps(dt, self.dt, "the step")
         references = self._driver.references(command, n)
         push = np.array([float(yaw_acceleration)])
-        out, self._now = self._advance(references, push, n, self._now, self._robot)
-        return State(*map(float, out[-1, :8]))
+        _, self._now = self._advance(references, push, n, self._now, self._robot)
+        return State(*self._now[0][:8])
 
     def run(
         self,
@@ -295,21 +288,11 @@ class PlanarPlant:
         """Drive `commands` at once; channels are the sides' torques and the yaw acceleration."""
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         references = wheel_references(commands, self._model.drive, self.dt, state)
-        push = np.zeros(1)
-        if disturbance is not None:
-            push = np.ascontiguousarray(disturbance, dtype=np.float64)
-            if len(push) != len(references):
-                raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
+        push = step_pushes(disturbance, len(references))
         robot = self._robot
         if commands.kind == "wheels":
             robot = self._model.prescribed().packed(self.dt)
-        out, _ = self._advance(references, push, stride, _motion(state), robot)
+        out, _ = self._advance(references, push, stride, planar_start(state.motion, robot), robot)
         channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
         t = sample_dt * np.arange(len(out), dtype=np.float64)
         return Trajectory(t, out[:, :3], out[:, 3:6], out[:, 6:8], channels)
-
-
-def _motion(state: State) -> PlanarMotion:
-    """Motion of a robot that begins in a state, with no torque."""
-    numbers = (state.x, state.y, state.yaw, state.v_x, state.yaw_rate)
-    return PlanarMotion(*map(float, numbers))

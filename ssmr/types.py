@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 from types import MappingProxyType
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -136,6 +136,26 @@ class State:
         for name, value in vars(self).items():
             if not is_finite_number(value):
                 raise ValueError(f"State.{name} must be a finite number, got {reprlib.repr(value)}")
+
+    @property
+    def motion(self) -> Motion:
+        """The same numbers for compiled functions; motors give no torque."""
+        return Motion(*map(float, vars(self).values()))
+
+
+class Motion(NamedTuple):
+    """A `State` and the torques of both sides, for compiled functions."""
+
+    x: float  # world x of the reference point [m]
+    y: float  # world y of the reference point [m]
+    yaw: float  # heading, unwrapped [rad]
+    v: float  # forward speed [m/s]
+    v_y: float  # leftward speed [m/s]
+    w: float  # yaw rate [rad/s]
+    left: float  # rate of the left wheels [rad/s]
+    right: float  # rate of the right wheels [rad/s]
+    torque_left: float = 0.0  # torque of the left side in the last step [N m]
+    torque_right: float = 0.0  # torque of the right side in the last step [N m]
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ from ssmr.robot.drive import (
     thrusts,
 )
 from ssmr.robot.vehicle import Drive, Vehicle, vehicle_body
-from ssmr.simulation import PlanarModel, PlanarMotion, PlanarPlant, move
+from ssmr.simulation import PlanarModel, PlanarPlant, move, planar_start
 from ssmr.types import Commands, State
 from tests.robots import husky
 from validation.simulator.calibration import Calibration
@@ -121,7 +121,8 @@ def test_the_torque_that_is_reported_is_the_one_that_moves_the_robot(
     vehicle = Vehicle(radius_difference=0.009)
     dt = 1e-6
     robot = PlanarModel(parameters, vehicle, Drive(torque_limit=limit)).packed(dt)
-    now = move(PlanarMotion(0.0, 0.0, 0.0, 0.4, 0.3), Sides(2.5, 3.5), 0.0, dt, robot)
+    start = planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
+    now, _ = move(*start, Sides(2.5, 3.5), 0.0, dt, robot)
     left = now.torque_left / robot.vehicle.radius_left
     right = now.torque_right / robot.vehicle.radius_right
     assert (limit == 3.0) == (abs(now.torque_right) == 6.0)
@@ -137,10 +138,10 @@ def test_the_linear_model_is_stepped_exactly_with_unlike_radii_too() -> None:
     )
     ends = []
     for dt in (0.05, 0.0005):
-        now = PlanarMotion(0.0, 0.0, 0.0, 0.4, 0.3)
         robot = model.packed(dt)
+        now, integral = planar_start(State(v_x=0.4, yaw_rate=0.3).motion, robot)
         for _ in range(round(0.1 / dt)):
-            now = move(now, Sides(2.5, 3.5), 0.2, dt, robot)
+            now, integral = move(now, integral, Sides(2.5, 3.5), 0.2, dt, robot)
         ends.append((now.v, now.w))
     assert ends[0] == pytest.approx(ends[1], rel=1e-10)
 

@@ -17,13 +17,13 @@ from ssmr.control.mission import ControllerInput, Mission, PythonController
 from ssmr.control.mpc import (
     Mpc,
     MpcGains,
-    PlannedBody,
     condense,
     planned_motion,
     responses,
     step_of,
 )
 from ssmr.control.population import run_loops
+from ssmr.control.predictor import DriverEstimate
 from ssmr.control.references import line, sine
 from ssmr.control.tick import LOG_COLUMNS
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Waypoints, position_errors
@@ -287,20 +287,32 @@ def step(now: FloatArray, u: FloatArray, k: int, gains: FloatArray, slip: float)
     return np.array([x, y, yaw + angle, v, w, l_v / gains[0], l_w / gains[1]])
 
 
-def motion(start: PlannedBody, plan: FloatArray) -> list[FloatArray]:
+Start = tuple[Observation, DriverEstimate]
+
+
+def start_of(
+    body: FloatArray, gain_v: float = 1.0, gain_w: float = 1.0, slip: float = 0.0
+) -> Start:
+    """A robot at the start of a plan: its motion, then both lagged references."""
+    driver = DriverEstimate(0.0, 0.0, *map(float, body[5:]), gain_v, gain_w, slip)
+    return Observation(*map(float, body[:5])), driver
+
+
+def motion(start: Start, plan: FloatArray) -> list[FloatArray]:
     """The robot at the end of every step of a plan."""
     bodies = []
-    now = np.array(start)[:7]
+    seen, driver = start
+    now = np.array([*seen, driver.lagged_v, driver.lagged_w])
     for k, u in enumerate(plan):
-        now = step(now, u, k, np.array([start.gain_v, start.gain_w]), start.slip)
+        now = step(now, u, k, np.array([driver.gain_v, driver.gain_w]), driver.slip)
         bodies.append(now)
     return bodies
 
 
 @cache
-def example() -> tuple[PlannedBody, FloatArray]:
+def example() -> tuple[Start, FloatArray]:
     """A robot in a bend, and commands."""
-    start = PlannedBody(0.3, -0.2, 0.4, 0.45, 0.3, 0.5, 0.4, 0.95, 0.9, -0.05)
+    start = start_of(np.array([0.3, -0.2, 0.4, 0.45, 0.3, 0.5, 0.4]), 0.95, 0.9, -0.05)
     return start, np.random.default_rng(3).uniform([0.2, -0.8], [0.7, 0.8], (6, 2))
 
 
@@ -330,12 +342,12 @@ def test_the_program_has_the_gradient_of_the_cost() -> None:
     gains = MpcGains()
     model = model_of(6)
     np.testing.assert_allclose(
-        planned_motion(start, plan, model)[0], [b[:3] for b in motion(start, plan)], rtol=1e-12
+        planned_motion(*start, plan, model)[0], [b[:3] for b in motion(start, plan)], rtol=1e-12
     )
     aims = np.array([b[:3] for b in motion(start, plan)]) + rng.normal(0.0, 0.05, (6, 3))
     wanted = rng.uniform(0.0, 0.5, (7, 2))
     last = np.array([0.4, 0.1])
-    h, f = condense(start, plan, aims, wanted, last, model, packed(gains))
+    h, f = condense(planned_motion(*start, plan, model), plan, aims, wanted, last, packed(gains))
     np.testing.assert_allclose(h, h.T)
     assert np.linalg.eigvalsh(h).min() > 0.0
     gradient = 2.0 * (h @ plan.ravel() + f)
@@ -358,7 +370,7 @@ def test_without_limits_it_is_the_lqr_of_a_finite_horizon() -> None:
     steady = np.array([8.0 / 7.0, 12.0 / 11.0]) * (0.5, 0.0)  # holds 0.5 m/s
     level = np.array([0.0, 0.0, 0.0, 0.5, 0.0, steady[0], 0.0])
     plan = np.tile(steady, (8, 1))
-    on_line = motion(PlannedBody(*level, 1.0, 1.0, 0.0), plan)
+    on_line = motion(start_of(level), plan)
     aims = np.array([b[:3] for b in on_line])
     p = np.zeros((7, 7))
     q = np.diag([gains.q_along, gains.q_across, gains.q_heading, 0.0, 0.0, 0.0, 0.0])
@@ -376,10 +388,8 @@ def test_without_limits_it_is_the_lqr_of_a_finite_horizon() -> None:
         gain = np.linalg.solve(np.diag([gains.r_v, gains.r_w]) + b.T @ inside @ b, b.T @ inside @ a)
         p = a.T @ inside @ (a - b @ gain)
     off = 0.05 * np.array([0.002, -0.003, 0.004, 0.01, -0.02, 0.005, 0.01])
-    start = PlannedBody(*(level + off), 1.0, 1.0, 0.0)
-    h, f = condense(
-        start, plan, aims, np.vstack([steady, plan]), steady, model_of(8), packed(gains)
-    )
+    driven = planned_motion(*start_of(level + off), plan, model_of(8))
+    h, f = condense(driven, plan, aims, np.vstack([steady, plan]), steady, packed(gains))
     first = np.linalg.solve(h, -f)[:2]
     # the plan is linearised where it starts
     np.testing.assert_allclose(first - steady, -gain @ off, rtol=0.005, atol=1e-6)

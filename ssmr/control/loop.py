@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -31,7 +31,6 @@ from ssmr.control.tick import (
     Draws,
     LoopState,
     Tracker,
-    Truth,
     is_lost,
     observed,
     position_tick,
@@ -46,7 +45,7 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.parameters import require_in_range
 from ssmr.robot.drive import whole_steps
 from ssmr.robot.sensors import SensorModel, SensorNoise, yaw_disturbance
-from ssmr.types import FloatArray, Plant, State, Trajectory
+from ssmr.types import FloatArray, Motion, Plant, State, Trajectory
 
 Feedback = Literal["truth", "noisy", "ekf"]
 
@@ -185,14 +184,13 @@ def make_trackers(
     most = max(map(commands_under_way, models))
     trackers = []
     for law, around, model in zip(controllers, settings, models, strict=True):
-        predictor_state = predictor_start(state, law.drive, period)
         tracker = Tracker(
             law=law.number,
             gains=law.packed().copy(),
             predicts=law.predictor,
             predictor=model,
             past=np.zeros((most, 2)),
-            predictor_state=np.array(predictor_state, dtype=np.float64),
+            predictor_state=predictor_start(state, law.drive, period),
             course=course,
             lookahead=float(around.lookahead),
             by_filter=around.feedback == "ekf",
@@ -224,7 +222,7 @@ class RobotSide:
         """Compute the command of mission time `t` [s], `dt` [s] after the last."""
         self.state = velocity_tick(self.tracker, self.state, t, dt)
 
-    def tick(self, k: int, truth: Truth, draws: FloatArray, log: FloatArray) -> bool:
+    def tick(self, k: int, truth: Motion, draws: FloatArray, log: FloatArray) -> bool:
         """Run the loops that are due at physics step `k`, and log; return whether it is lost."""
         tracker = self.tracker
         t = k * tracker.dt
@@ -426,7 +424,7 @@ def run_loop(
     log = np.empty((clock.ticks, len(LOG_COLUMNS)))
     for k in range(clock.n + 1):
         if k % clock.position == 0 or k % clock.velocity == 0:
-            truth = Truth(*map(float, (*astuple(state), 0.0, 0.0)))
+            truth = state.motion
             if side.tick(k, truth, draws, log):
                 return closed_run(log[: 1 + k // clock.position], clock)
         if k < clock.n:

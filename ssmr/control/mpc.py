@@ -20,13 +20,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from ssmr.control.law import Gains, Law
+from ssmr.control.law import Gains, Law, Observation
 from ssmr.control.mission import ControllerInput, Mission
-from ssmr.control.predictor import PredictorModel
+from ssmr.control.predictor import DriverEstimate, PredictorModel
 from ssmr.geometry import wrap_angle
 from ssmr.parameters import packed, parameter
 from ssmr.types import FloatArray
@@ -76,21 +76,6 @@ class MpcGains(Gains):
     """Length of the plan behind the dead time."""
 
 
-class PlannedBody(NamedTuple):
-    """The robot at the start of a plan."""
-
-    x: float
-    y: float
-    yaw: float
-    v: float
-    w: float
-    lagged_v: float
-    lagged_w: float
-    gain_v: float
-    gain_w: float
-    slip: float
-
-
 def step_of(rate: float, push: float, lag: float, h: float) -> FloatArray:
     """Return the exact step of `h` [s] of s' = v, v' = -rate v + push l, l' = (u - l) / lag.
 
@@ -131,11 +116,15 @@ def responses(steps: Sequence[FloatArray]) -> FloatArray:
 
 
 def planned_motion(
-    start: PlannedBody, plan: FloatArray, model: tuple[FloatArray, FloatArray]
+    start: Observation,
+    driver: DriverEstimate,
+    plan: FloatArray,
+    model: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
     """Return the motion of a robot under (N, 2) commands, each step a chord at its mean heading.
 
-    `model` are the (N, 2 + N) `responses` of speed and yaw rate.
+    The plan begins at `start`, with the references of `driver`. `model` are the (N, 2 + N)
+    `responses` of speed and yaw rate.
 
     Returns:
         (N, 3) x, y [m] and yaw [rad] at the end of each step, and (3, N, 2N) their derivatives by
@@ -143,15 +132,15 @@ def planned_motion(
     """
     n = len(plan)
     along, turn = model
-    first_v = [start.v, start.gain_v * start.lagged_v]
-    first_w = [start.w, start.gain_w * start.lagged_w]
-    way = along @ np.concatenate([first_v, start.gain_v * plan[:, 0]])
-    angle = turn @ np.concatenate([first_w, start.gain_w * plan[:, 1]])
+    first_v = [start.v, driver.gain_v * driver.lagged_v]
+    first_w = [start.w, driver.gain_w * driver.lagged_w]
+    way = along @ np.concatenate([first_v, driver.gain_v * plan[:, 0]])
+    angle = turn @ np.concatenate([first_w, driver.gain_w * plan[:, 1]])
     yaw = start.yaw + np.cumsum(angle)
     heading = yaw - 0.5 * angle
     c = np.cos(heading)
     s = np.sin(heading)
-    aside = start.slip * angle
+    aside = driver.slip * angle
     dx = way * c - aside * s
     dy = way * s + aside * c
     x = start.x + np.cumsum(dx)
@@ -160,10 +149,10 @@ def planned_motion(
     # The same quantities, differentiated by the commands.
     way_slope = np.zeros((n, 2 * n))
     angle_slope = np.zeros((n, 2 * n))
-    way_slope[:, 0::2] = start.gain_v * along[:, 2:]
-    angle_slope[:, 1::2] = start.gain_w * turn[:, 2:]
+    way_slope[:, 0::2] = driver.gain_v * along[:, 2:]
+    angle_slope[:, 1::2] = driver.gain_w * turn[:, 2:]
     yaw_slope = np.cumsum(angle_slope, axis=0)
-    aside_slope = start.slip * angle_slope
+    aside_slope = driver.slip * angle_slope
     heading_slope = yaw_slope - 0.5 * angle_slope
     c = c[:, None]
     s = s[:, None]
@@ -175,28 +164,26 @@ def planned_motion(
 
 
 def condense(
-    start: PlannedBody,
+    motion: tuple[FloatArray, FloatArray],
     plan: FloatArray,
     aims: FloatArray,
     steady: FloatArray,
     last: FloatArray,
-    model: tuple[FloatArray, FloatArray],
     gains: Any,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the quadratic program of a plan: H (2N, 2N) and f (2N,) of u' H u / 2 + f' u.
 
     Args:
-        start: the robot at the start of the plan.
+        motion: `planned_motion` under the plan.
         plan: (N, 2) commands about whose motion is linearised.
         aims: (N, 3) x, y [m] and heading [rad] of the target at the end of each step.
         steady: (1 + N, 2) commands that would drive as the target does: of the step before the
             plan, and of each step.
         last: (2,) command before the plan.
-        model: (N, 2 + N) `responses` of speed and yaw rate.
         gains: the weights.
     """
     n = len(plan)
-    pose, slopes = planned_motion(start, plan, model)
+    pose, slopes = motion
     off = pose - aims
     c = np.cos(aims[:, 2])
     s = np.sin(aims[:, 2])
@@ -296,16 +283,8 @@ class Mpc:
             later = np.vstack([self._plan[1:], self._plan[-1:]])
             middles = 0.5 * (later[:-1] + later[1:])
             plan = np.vstack([later[:1], middles])
-        start = PlannedBody(
-            *now.ahead,
-            lagged_v=driver.lagged_v,
-            lagged_w=driver.lagged_w,
-            gain_v=driver.gain_v,
-            gain_w=driver.gain_w,
-            slip=driver.slip,
-        )
-        last = now.past[-1].copy()
-        h, f = condense(start, plan, aims[2:], steady, last, model=self._model, gains=self._gains)
+        motion = planned_motion(now.ahead, driver, plan, self._model)
+        h, f = condense(motion, plan, aims[2:], steady, now.past[-1], self._gains)
         before = np.clip([driver.v, driver.w], -self._limits, self._limits)
         self._plan = self._solve(h, f, plan, before)
         return float(self._plan[0, 0]), float(self._plan[0, 1])

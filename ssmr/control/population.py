@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import astuple
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -33,7 +32,6 @@ from ssmr.control.tick import (
     LoopData,
     LoopState,
     Tracker,
-    Truth,
     plan_period,
 )
 from ssmr.control.waypoints import Target, Waypoints
@@ -53,15 +51,13 @@ from ssmr.simulation import (
     PLANAR_COLUMNS,
     PLANAR_DT,
     PlanarModel,
-    PlanarMotion,
     move,
+    planar_start,
     run_planar,
-    sideways,
-    turning_wheels,
 )
-from ssmr.types import FloatArray, State
+from ssmr.types import FloatArray, Motion, State
 
-_TRUTH = Truth(*(0.0,) * 10)
+_MOTION = State().motion
 _DRIVER = DriveState(0.0, 0.0, 0.0, 0.0)
 
 
@@ -70,7 +66,7 @@ def run_planar_loop(
     tracker: Tracker,
     drive: DriveNumbers,
     robot: PlanarRobot,
-    start: Truth,
+    start: Motion,
     draws: FloatArray,
     disturbance: FloatArray,
     log: FloatArray,
@@ -81,7 +77,7 @@ def run_planar_loop(
         tracker: the robot's side.
         drive: the drive; its command period is the velocity loop's.
         robot: the model; the type of its parameters chooses the law of motion.
-        start: the robot at the start.
+        start: the state at the start.
         draws: (ticks or more, 8) standard normal numbers.
         disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
         log: (ticks, 25) space for the records.
@@ -94,44 +90,21 @@ def run_planar_loop(
     last = len(log) - 1
     commands = np.empty((1 + last * n // tracker.velocity_steps, 2))
     data = LoopData(drive, draws, commands, np.empty((n, 2)), log)
-    now = PlanarMotion(
-        start.x,
-        start.y,
-        start.yaw,
-        start.v,
-        start.w,
-        torque_left=0.0,
-        torque_right=0.0,
-        integral_left=0.0,
-        integral_right=0.0,
-    )
+    now, integral = planar_start(start, robot)
     driver = rolling(Sides(start.left, start.right), drive)
     state = INITIAL_STATE
     for i in range(last + 1):
-        wheels = turning_wheels(now, Sides(driver.left, driver.right), robot)
-        truth = Truth(
-            x=now.x,
-            y=now.y,
-            yaw=now.yaw,
-            v=now.v,
-            v_y=sideways(now.v, now.w, robot),
-            w=now.w,
-            left=wheels.left,
-            right=wheels.right,
-            torque_left=now.torque_left,
-            torque_right=now.torque_right,
-        )
         first = i * n
         steps = n if i < last else 0
         state, driver, lost = plan_period(
-            tracker, state, driver, k=first, n=steps, truth=truth, data=data
+            tracker, state, driver, k=first, n=steps, truth=now, data=data
         )
         if lost:
             return i + 1
         for j in range(steps):
             push = disturbance[first + j] if len(disturbance) > 1 else disturbance[0]
             wheels = Sides(data.references[j, 0], data.references[j, 1])
-            now = move(now, wheels, push, tracker.dt, robot)
+            now, integral = move(now, integral, wheels, push, tracker.dt, robot)
     return last + 1
 
 
@@ -225,7 +198,7 @@ def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray)
             command=Command(sent[0], sent[1]),
         )
         driver = named_like(_DRIVER, b.drivers[i])
-        truth = named_like(_TRUTH, states[i])
+        truth = named_like(_MOTION, states[i])
         drive = named_like(DRIVE_TEMPLATE, b.drives[i])
         noise = draws[i % len(draws)]
         data = LoopData(drive, noise, b.commands[i], b.references[i], b.logs[i])
@@ -248,7 +221,7 @@ class Bodies(Protocol):
         ...
 
     def states(self) -> FloatArray:
-        """Return (S, 10) the fields of `ssmr.control.tick.Truth`."""
+        """Return (S, 10) the fields of `ssmr.types.Motion`."""
         ...
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
@@ -266,15 +239,8 @@ class PlanarBodies:
         """Place every robot in `state`; `dt` is the physics step [s]."""
         self._robots = [model.packed(dt) for model in models]
         self._dt = dt
-        count = len(models)
-        numbers = (state.x, state.y, state.yaw, state.v_x, state.yaw_rate)
-        self._now = [PlanarMotion(*map(float, numbers))] * count
-        self._states = np.empty((count, 10))
-        self._failed = np.full(count, -1)
-        self.advance(np.empty((count, 0, 2)), np.zeros((count, 1)))
-        for row, robot in zip(self._states, self._robots, strict=True):
-            if robot.ideal:
-                row[6:8] = state.wheel_left, state.wheel_right
+        self._now = [planar_start(state.motion, robot) for robot in self._robots]
+        self._failed = np.full(len(models), -1)
 
     @property
     def gave_up(self) -> NDArray[np.bool_]:
@@ -282,25 +248,23 @@ class PlanarBodies:
         return np.asarray(self._failed >= 0)
 
     def states(self) -> FloatArray:
-        """Return (S, 10) the fields of `ssmr.control.tick.Truth`."""
-        return self._states.copy()
+        """Return (S, 10) the fields of `ssmr.types.Motion`."""
+        return np.array([now for now, _ in self._now])
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:
         """Take the robots through n physics steps, see `Bodies.advance`."""
         n = references.shape[1]
-        out = np.empty((2 if n else 1, PLANAR_COLUMNS))
+        out = np.empty((2, PLANAR_COLUMNS))
         for i, robot in enumerate(self._robots):
-            self._failed[i], end = run_planar(
+            self._failed[i], self._now[i] = run_planar(
                 references[i],
                 pushes[i],
                 self._dt,
-                stride=max(n, 1),
+                stride=n,
                 robot=robot,
                 start=self._now[i],
                 out=out,
             )
-            self._now[i] = PlanarMotion(*end)
-            self._states[i] = out[-1, :10]
 
 
 def run_bodies(
@@ -350,7 +314,7 @@ def run_bodies(
         if not objects:
             _plan_batch(batch, k, n, states, draws)
         for i in np.flatnonzero(before) if objects else ():
-            truth = Truth(*map(float, states[i]))
+            truth = Motion(*map(float, states[i]))
             side = sides[i]
             noise = draws[i % len(draws)]
             commands = batch.commands[i]
@@ -419,7 +383,6 @@ def run_loops(
     robots = [model.packed(dt) for model in models]
     random = [draw(clock, first, seed) for seed in seeds]
     ticks = [0] * len(models)
-    truth = Truth(*map(float, (*astuple(state), 0.0, 0.0)))
     logs = np.empty((len(models), clock.ticks, len(LOG_COLUMNS)))
 
     def run(begin: int, end: int) -> None:
@@ -429,7 +392,7 @@ def run_loops(
                 trackers[i],
                 numbers[i],
                 robots[i],
-                truth,
+                state.motion,
                 draws=draws,
                 disturbance=disturbance,
                 log=logs[i],

@@ -12,8 +12,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ssmr._jit import jit, jit_alone, named_like
-from ssmr.control.law import Observation
+import numpy as np
+
+from ssmr._jit import jit, jit_alone
+from ssmr.control.law import Command, Observation
 from ssmr.robot.drive import body_rates, ramp, saturate
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, State
@@ -76,31 +78,29 @@ class DriverEstimate(NamedTuple):
     slip: float  # lateral speed to the left over yaw rate [m]: in bends wheels slip outwards
 
 
-class PredictorState(NamedTuple):
-    """The memory of a predictor beside the commands."""
-
-    v: float  # reference of the speed after the driver's limits [m/s]
-    w: float  # reference of the yaw rate after the driver's limits [rad/s]
-    lagged_v: float  # the same after the lag of the wheels [m/s]
-    lagged_w: float  # the same after the lag of the wheels [rad/s]
-    at: float  # mission time of all this [s]
-    sent_at: float  # mission time of the newest command [s]
-    model_v: float  # speed of the model without feedback [m/s]
-    model_w: float  # yaw rate of the model without feedback [rad/s]
-    vv: float  # mean square of the model's speed
-    v_seen: float  # mean product of the model's speed and the robot's
-    ww: float  # mean square of the model's yaw rate
-    w_seen: float  # mean product of the model's yaw rate and the robot's
-    w_aside: float  # mean product of the model's yaw rate and the robot's lateral speed
-    x: float  # the robot when it was seen last
-    y: float
-    yaw: float
-
-
 NO_PREDICTOR = PredictorModel(*(0.0,) * len(PredictorModel._fields))
-_NO_PREDICTION = PredictorState(*(0.0,) * len(PredictorState._fields))
-"""Templates for `named_like`."""
-_SENT_AT = PredictorState._fields.index("sent_at")
+"""Template for `named_like`."""
+MEMORY_NUMBERS = 16
+"""Length of the row of numbers that a predictor remembers beside the commands, in this order:
+
+- references of speed and yaw rate after the driver's limits, then after the lag of the wheels too
+- mission times of all this, and of the newest command [s]
+- speed and yaw rate of the model without feedback
+- mean square of that speed, mean product of it and the robot's speed; the same of yaw rates
+- mean product of the model's yaw rate and the robot's lateral speed
+- pose of the robot when it was seen last.
+"""
+_DRIVER = 0
+_AT = 4
+_SENT_AT = 5
+_MODEL_V = 6
+_MODEL_W = 7
+_VV = 8
+_V_SEEN = 9
+_WW = 10
+_W_SEEN = 11
+_W_ASIDE = 12
+_POSE = 13
 
 
 def predictor_model(a: FloatArray, b: FloatArray, drive: Drive, period: float) -> PredictorModel:
@@ -133,23 +133,17 @@ def commands_under_way(model: PredictorModel) -> int:
     return math.ceil(model.horizon / model.period) + 3
 
 
-def predictor_start(state: State, drive: Drive, period: float) -> PredictorState:
+def predictor_start(state: State, drive: Drive, period: float) -> FloatArray:
     """Return the memory of a predictor whose robot has rolled as in `state` before the start."""
     half_track = drive.command_half_track
     rates = body_rates(state.wheel_left, state.wheel_right, half_track, drive.command_radius)
-    v, w = map(float, rates)
-    return _NO_PREDICTION._replace(
-        v=v,
-        w=w,
-        lagged_v=v,
-        lagged_w=w,
-        sent_at=-period,
-        model_v=state.v_x,
-        model_w=state.yaw_rate,
-        x=state.x,
-        y=state.y,
-        yaw=state.yaw,
-    )
+    memory = np.zeros(MEMORY_NUMBERS)
+    memory[:_AT] = np.tile(rates, 2)
+    memory[_SENT_AT] = -period
+    memory[_MODEL_V] = state.v_x
+    memory[_MODEL_W] = state.yaw_rate
+    memory[_POSE:] = state.x, state.y, state.yaw
+    return memory
 
 
 @jit
@@ -223,62 +217,51 @@ def respond(
 
 
 @jit
-def learn(
-    p: PredictorState, before: PredictorState, seen: Observation, elapsed: float
-) -> PredictorState:
-    """Return the memory with the motion in the `elapsed` time [s] beside that of the model.
+def learn(memory: FloatArray, changes: Command, seen: Observation, elapsed: float) -> None:
+    """Take in the robot's motion in the `elapsed` time [s] beside that of the model, in place.
 
     These are least squares that forget. Gains are lasting ones, so what is seen while the model's
-    speeds change from those of `before` counts for less.
+    speeds change, by `changes` in this time, counts for less.
     """
     share = min(elapsed / MEMORY, 1.0)
-    v = p.model_v
-    w = p.model_w
-    change_v = (v - before.model_v) / (elapsed * STEADY_V)
-    change_w = (w - before.model_w) / (elapsed * STEADY_W)
+    v = memory[_MODEL_V]
+    w = memory[_MODEL_W]
+    change_v = changes.v / (elapsed * STEADY_V)
+    change_w = changes.w / (elapsed * STEADY_W)
     share_v = share / (1.0 + change_v * change_v)
     share_w = share / (1.0 + change_w * change_w)
-    heading = 0.5 * (p.yaw + seen.yaw)
-    dx = seen.x - p.x
-    dy = seen.y - p.y
-    aside = math.cos(heading) * dy - math.sin(heading) * dx
+    x = memory[_POSE]
+    y = memory[_POSE + 1]
+    heading = 0.5 * (memory[_POSE + 2] + seen.yaw)
+    aside = math.cos(heading) * (seen.y - y) - math.sin(heading) * (seen.x - x)
     v_y = aside / elapsed
-    return PredictorState(
-        v=p.v,
-        w=p.w,
-        lagged_v=p.lagged_v,
-        lagged_w=p.lagged_w,
-        at=p.at,
-        sent_at=p.sent_at,
-        model_v=v,
-        model_w=w,
-        vv=approach(p.vv, v * v, share_v),
-        v_seen=approach(p.v_seen, v * seen.v, share_v),
-        ww=approach(p.ww, w * w, share_w),
-        w_seen=approach(p.w_seen, w * seen.w, share_w),
-        w_aside=approach(p.w_aside, w * v_y, share_w),
-        x=seen.x,
-        y=seen.y,
-        yaw=seen.yaw,
-    )
+    memory[_VV] = approach(memory[_VV], v * v, share_v)
+    memory[_V_SEEN] = approach(memory[_V_SEEN], v * seen.v, share_v)
+    memory[_WW] = approach(memory[_WW], w * w, share_w)
+    memory[_W_SEEN] = approach(memory[_W_SEEN], w * seen.w, share_w)
+    memory[_W_ASIDE] = approach(memory[_W_ASIDE], w * v_y, share_w)
+    memory[_POSE] = seen.x
+    memory[_POSE + 1] = seen.y
+    memory[_POSE + 2] = seen.yaw
 
 
 @jit
-def learnt(p: PredictorState) -> DriverEstimate:
+def learnt(memory: FloatArray) -> DriverEstimate:
     """Return the driver's references with the learnt gains and slip.
 
     A robot that hardly moved has those of the model.
     """
     least_v = LEAST_V * LEAST_V
     least_w = LEAST_W * LEAST_W
-    gain_v = (p.v_seen + least_v) / (p.vv + least_v)
-    gain_w = (p.w_seen + least_w) / (p.ww + least_w)
-    slip = p.w_aside / (p.w_seen + least_w) if p.w_seen > 0.0 else 0.0
+    w_seen = memory[_W_SEEN]
+    gain_v = (memory[_V_SEEN] + least_v) / (memory[_VV] + least_v)
+    gain_w = (w_seen + least_w) / (memory[_WW] + least_w)
+    slip = memory[_W_ASIDE] / (w_seen + least_w) if w_seen > 0.0 else 0.0
     return DriverEstimate(
-        v=p.v,
-        w=p.w,
-        lagged_v=p.lagged_v,
-        lagged_w=p.lagged_w,
+        memory[_DRIVER],
+        memory[_DRIVER + 1],
+        memory[_DRIVER + 2],
+        memory[_DRIVER + 3],
         gain_v=min(max(gain_v, GAINS_V[0]), GAINS_V[1]),
         gain_w=min(max(gain_w, GAINS_W[0]), GAINS_W[1]),
         slip=min(max(slip, SLIPS[0]), SLIPS[1]),
@@ -297,46 +280,43 @@ def predict_ahead(
     """Return the robot at mission time `end` [s], and the references of its driver then.
 
     `end` is `model.horizon` after the time of the next command. The robot was `seen` at time
-    `t` [s], to which the memory advances in place: (16,) numbers of a `PredictorState` beside the
-    (n, 2) `past` commands, the newest last.
+    `t` [s], to which the memory advances in place: (16,) `MEMORY_NUMBERS` beside the (n, 2) `past`
+    commands, the newest last.
     """
-    p = named_like(_NO_PREDICTION, memory)
-    at = p.at
-    v = p.model_v
-    w = p.model_w
-    driver = DriverEstimate(p.v, p.w, p.lagged_v, p.lagged_w, gain_v=1.0, gain_w=1.0, slip=0.0)
+    before = memory[_AT]
+    at = before
+    sent_at = memory[_SENT_AT]
+    v = memory[_MODEL_V]
+    w = memory[_MODEL_W]
+    driver = DriverEstimate(
+        memory[_DRIVER],
+        memory[_DRIVER + 1],
+        memory[_DRIVER + 2],
+        memory[_DRIVER + 3],
+        gain_v=1.0,
+        gain_w=1.0,
+        slip=0.0,
+    )
     while at < t - _ROUNDING:
         dt = min(model.step, t - at)
-        driver = advance_driver(past, p.sent_at, at, dt, driver, model)
+        driver = advance_driver(past, sent_at, at, dt, driver, model)
         v, w = respond(v, w, driver, dt, model)
         at += dt
-    now = PredictorState(
-        v=driver.v,
-        w=driver.w,
-        lagged_v=driver.lagged_v,
-        lagged_w=driver.lagged_w,
-        at=at,
-        sent_at=p.sent_at,
-        model_v=v,
-        model_w=w,
-        vv=p.vv,
-        v_seen=p.v_seen,
-        ww=p.ww,
-        w_seen=p.w_seen,
-        w_aside=p.w_aside,
-        x=p.x,
-        y=p.y,
-        yaw=p.yaw,
-    )
-    if t - p.at > _ROUNDING:
-        now = learn(now, p, seen, t - p.at)
-    for k, number in enumerate(now):
-        memory[k] = number
-    driver = learnt(now)
+    changes = Command(v - memory[_MODEL_V], w - memory[_MODEL_W])
+    memory[_DRIVER] = driver.v
+    memory[_DRIVER + 1] = driver.w
+    memory[_DRIVER + 2] = driver.lagged_v
+    memory[_DRIVER + 3] = driver.lagged_w
+    memory[_AT] = at
+    memory[_MODEL_V] = v
+    memory[_MODEL_W] = w
+    if t - before > _ROUNDING:
+        learn(memory, changes, seen, t - before)
+    driver = learnt(memory)
     x, y, yaw, v, w = seen
     while at < end - _ROUNDING:
         dt = min(model.step, end - at)
-        driver = advance_driver(past, p.sent_at, at, dt, driver, model)
+        driver = advance_driver(past, sent_at, at, dt, driver, model)
         v_next, w_next = respond(v, w, driver, dt, model)
         v_mid = 0.5 * (v + v_next)
         w_mid = 0.5 * (w + w_next)

@@ -25,27 +25,12 @@ from ssmr.estimation.ekf import filter_step
 from ssmr.estimation.settings import YAW, Belief, V, W, X, Y
 from ssmr.robot.drive import DriveNumbers, DriveState, follow
 from ssmr.robot.sensors import SensorErrors, sense
-from ssmr.types import FloatArray
+from ssmr.types import FloatArray, Motion
 
 LOST = 3.0
 """A robot farther from its target than this has lost it, and the run ends [m]."""
 SPINNING = 20.0
 """A robot that turns faster than this is out of control, and the run ends [rad/s]."""
-
-
-class Truth(NamedTuple):
-    """The true motion of the robot and the torques of its sides."""
-
-    x: float
-    y: float
-    yaw: float
-    v: float
-    v_y: float
-    w: float
-    left: float
-    right: float
-    torque_left: float
-    torque_right: float
 
 
 class Draws(NamedTuple):
@@ -69,7 +54,7 @@ class Tracker(NamedTuple):
     predicts: bool  # true if the law acts on the state one dead time ahead
     predictor: PredictorModel  # numbers of the predictor
     past: FloatArray  # (n, 2) commands that were sent, the newest last
-    predictor_state: FloatArray  # (16,) the rest of the predictor's memory, a `PredictorState`
+    predictor_state: FloatArray  # (16,) the rest of the memory, `predictor.MEMORY_NUMBERS`
     course: NDArray[np.void]  # `Waypoints.course()`
     lookahead: float  # distance at which the robot keeps behind its target [m]
     by_filter: bool  # true if the controller sees the estimate of the EKF
@@ -117,7 +102,7 @@ LOG_COLUMNS = (
 
 
 @jit_alone
-def observed(tracker: Tracker, k: int, truth: Truth, draws: FloatArray) -> Observation:
+def observed(tracker: Tracker, k: int, truth: Motion, draws: FloatArray) -> Observation:
     """Return the controller's view of the truth at physics step `k`, a tick of the position loop.
 
     The EKF's belief, if it is used, advances by the time since the last tick.
@@ -189,7 +174,7 @@ def velocity_tick(tracker: Tracker, state: LoopState, t: float, dt: float) -> Lo
 
 
 @jit_alone
-def record(row: FloatArray, truth: Truth, state: LoopState) -> None:
+def record(row: FloatArray, truth: Motion, state: LoopState) -> None:
     """Write a tick into `row`, in the order of `LOG_COLUMNS`."""
     for i, number in enumerate(truth):
         row[i] = number
@@ -231,7 +216,7 @@ def plan_period(
     driver: DriveState,
     k: int,
     n: int,
-    truth: Truth,
+    truth: Motion,
     data: LoopData,
 ) -> tuple[LoopState, DriveState, bool]:
     """Run a tick of the position loop, and plan the references of the wheels until the next one.

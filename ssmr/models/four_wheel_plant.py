@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from ssmr.models.four_wheel import (
     run_wheels,
     write_sample,
 )
-from ssmr.robot.drive import Driver, wheel_references, whole_steps
+from ssmr.robot.drive import Driver, step_pushes, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 
@@ -123,11 +123,7 @@ class FourWheelPlant:
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         given = commands.kind == "wheels"
         references = wheel_references(commands, self.model.drive, self.dt, state)
-        push = np.zeros(1)
-        if disturbance is not None:
-            push = np.ascontiguousarray(disturbance, dtype=np.float64)
-            if len(push) != len(references):
-                raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
+        push = step_pushes(disturbance, len(references))
         robot = self._robot._replace(given=given)
         out = self._run(references, push, stride, robot, _placed(state, robot))
         channels = {
@@ -144,7 +140,7 @@ class FourWheelPlant:
 
 def _placed(state: State, robot: FourWheels) -> FloatArray:
     row = np.zeros(STATE_NUMBERS)
-    place(np.array(astuple(state), dtype=np.float64), robot, body_of(row))
+    place(np.array(state.motion), robot, body_of(row))
     return row
 
 
@@ -190,7 +186,7 @@ class FourWheelBodies:
         return np.asarray(self._failed >= 0)
 
     def states(self) -> FloatArray:
-        """Return (S, 10) the fields of `ssmr.control.tick.Truth`."""
+        """Return (S, 10) the fields of `ssmr.types.Motion`."""
         return np.ascontiguousarray(self._now[:, 1, :10])
 
     def advance(self, references: FloatArray, pushes: FloatArray) -> None:

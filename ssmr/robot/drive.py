@@ -272,6 +272,19 @@ def _wheels(state: State) -> Sides:
     return Sides(float(state.wheel_left), float(state.wheel_right))
 
 
+def step_pushes(disturbance: FloatArray | None, steps: int) -> FloatArray:
+    """Return the yaw accelerations of a run's physics steps [rad/s2]; (1,) 0 without any.
+
+    Raises:
+        ValueError: there is not one for each step.
+    """
+    if disturbance is None:
+        return np.zeros(1)
+    if len(disturbance) != steps:
+        raise ValueError(f"{len(disturbance)} disturbances for {steps} physics steps")
+    return np.ascontiguousarray(disturbance, dtype=np.float64)
+
+
 class Driver:
     """The drive one command at a time, for closed loops; equal to `wheel_references` to the bit."""
 

@@ -17,6 +17,7 @@ from ssmr.robot.drive import (
     advance_integral,
     motor_numbers,
     side_torque,
+    step_pushes,
     wheel_references,
     whole_steps,
 )
@@ -191,11 +192,7 @@ class EnginePlant:
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         references = wheel_references(commands, self.drive, self.dt, state)
-        if disturbance is None:
-            disturbance = np.zeros(len(references))
-        push = np.asarray(disturbance, dtype=np.float64)
-        if len(push) != len(references):
-            raise ValueError(f"{len(push)} disturbances for {len(references)} physics steps")
+        push = np.resize(step_pushes(disturbance, len(references)), len(references))
         self.reset(state)
         rows = [self._row()]
         prescribed = commands.kind == "wheels"

@@ -27,11 +27,11 @@ from ssmr.control.loop import (
     make_trackers,
     robot_sides,
 )
-from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, Truth, is_lost, record
+from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, is_lost, record
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
-from ssmr.types import FloatArray
+from ssmr.types import FloatArray, Motion
 from validation.experiment.loops import AnyController
 from validation.ros.messages import STAND_STILL, Twist
 
@@ -177,7 +177,7 @@ class PathFollower:
         self._side.position_tick(seen, t, dt)
         row = np.empty(len(LOG_COLUMNS))
         unknown = (0.0, 0.0, 0.0, 0.0)  # wheel rates and torques
-        truth = Truth(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, *unknown)
+        truth = Motion(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, *unknown)
         record(row, truth, self._side.state)
         return row
 

@@ -93,7 +93,7 @@ class MujocoBodies:
         return np.asarray(self._batch.warning[:, :, 1].any(axis=1))
 
     def states(self) -> FloatArray:
-        """Return (S, 10) fields of `ssmr.control.tick.Truth`; yaw goes on from the last reading."""
+        """Return (S, 10) fields of `ssmr.types.Motion`; yaw goes on from the last reading."""
         out = np.empty((len(self._yaw), 10))
         turn = quat_wxyz_to_yaw(self.qpos[:, 3:7]) - self._yaw
         self._yaw = self._yaw + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))

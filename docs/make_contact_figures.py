@@ -24,8 +24,8 @@ from validation.simulator.turning import SAMPLE, SPIN_LEAD, TURNED, spin
 from validation.study.contact import Setting, all_settings, balanced
 
 _ROBOT = load_robot("husky")
-WHEELBASE = _ROBOT.geometry.wheelbase
-TRACK = _ROBOT.geometry.track
+WHEELBASE = _ROBOT.wheelbase
+TRACK = _ROBOT.track
 
 OUT = Path(__file__).parent / "img" / "sideways_drift.png"
 LADDER = {

@@ -437,12 +437,12 @@ def test_the_viewer_listens_on_loopback_or_its_absence_is_logged(
 @pytest.mark.parametrize("name", ["husky", "jackal"])
 def test_a_robot_looks_as_large_as_it_is(name: str) -> None:
     """Hull and wheels have the robot's numbers; a mast adds at most a quarter of the hull."""
-    geometry = load_robot(name).geometry
+    robot = load_robot(name)
     looks = looks_of(load_robot(name))
-    radius, track, (long, _, high) = geometry.wheel_radius, geometry.track, geometry.body_size
-    length = max(long, geometry.wheelbase + 2.0 * radius)
-    hull_top = looks.places["base"][2] + geometry.body_centre[2] + 0.5 * high
-    assert looks.size[:2] == pytest.approx([length, track + geometry.wheel_width], rel=0.01)
+    radius, track, (long, _, high) = robot.wheel_radius, robot.track, robot.body_size
+    length = max(long, robot.wheelbase + 2.0 * radius)
+    hull_top = looks.places["base"][2] + robot.body_centre[2] + 0.5 * high
+    assert looks.size[:2] == pytest.approx([length, track + robot.wheel_width], rel=0.01)
     top = max(2.0 * radius, hull_top)
     assert top <= looks.size[2] <= top + 0.25 * high
     for wheel in WHEELS:

@@ -167,7 +167,7 @@ def calibrate(o: Calibrate) -> Calibrated:
         raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")
     name = str(o.log)
     profile = choose_profile(o.profile, o.robot, profile_of_log(name))
-    read = ReadOptions(columns=o.columns, radius=profile.robot.geometry.wheel_radius)
+    read = ReadOptions(columns=o.columns, radius=profile.robot.wheel_radius)
     log = read_log(log_path(o.log), read)
     faults = find_faults(log, read.radius)
     inputs, notes = _inputs(o, log, faults)
@@ -196,7 +196,7 @@ def _fits(
     The last one may have been interrupted.
     """
     fits = []
-    track = profile.robot.geometry.track
+    track = profile.robot.track
     others = [plant for plant in o.plants if plant != FIRST_FITTED]
     plans = list(product([FIRST_FITTED, *others], inputs))
     for k, (plant, kind) in enumerate(plans):

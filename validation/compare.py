@@ -164,7 +164,7 @@ class _Comparing:
         truth = tuple(piece.reference for piece in source.pieces if piece.reference is not None)
         remarks = list[str]()
         if truth:
-            pace = pace_of(truth, profile.robot.geometry.wheel_radius)
+            pace = pace_of(truth, profile.robot.wheel_radius)
             remarks = profile.too_fast(pace, source.title)
         for remark in remarks:
             cli.warn(remark)
@@ -426,7 +426,7 @@ def compare(o: Compare) -> Comparison:
     if not isinstance(source, Source):
         radius = None
         if o.profile is not None or o.robot is not None:
-            radius = profile.robot.geometry.wheel_radius
+            radius = profile.robot.wheel_radius
         kind: Literal["twist", "wheels"] = "wheels" if o.input == "wheels" else "twist"
         reading = ReadOptions({}, o.limits, o.columns, radius)
         source = open_source(name, kind, o.start, o.until, reading)

@@ -261,7 +261,7 @@ def fit(o: Fit) -> Fitted:
     space = make_space(o.model, searched, o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
-    radius = None if is_default else base.robot.geometry.wheel_radius
+    radius = None if is_default else base.robot.wheel_radius
     read = ReadOptions({}, o.limits, o.columns, radius)
     targets, held_out = open_targets(
         o.names, base, o.held_out, o.input, span=(o.start_at, o.until), options=read
@@ -403,7 +403,7 @@ def _report(
     together = score("all fitted to", problem.targets, [each.motion for each in bare.train])
     document = _document(bare, names, o.seed, method, together)
     truth = list(chain.from_iterable(target.truth for target in problem.targets))
-    pace = pace_of(truth, base.robot.geometry.wheel_radius)
+    pace = pace_of(truth, base.robot.wheel_radius)
     new = replace(_with_provenance(o, bare, fitted, document), fitted_at=pace)
     kept = base if worse and not o.even_if_worse else new
     return replace(bare, profile=kept, tables=_tables(bare), document=document)

@@ -74,7 +74,7 @@ class LogOptions(cli.Common):
             return None
         if not isinstance(robot, Robot):
             robot = load_robot(robot)
-        return robot.geometry.wheel_radius
+        return robot.wheel_radius
 
     def opened(self) -> Log:
         """Return the log."""

@@ -11,7 +11,7 @@ if __name__ == "__main__":
     end_quietly()
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,7 +37,14 @@ from validation.simulator.checking import (
     turning_torque,
     whole_com,
 )
-from validation.simulator.description import GRAVITY, SCHEMA, Robot, load_robot, shipped_robots
+from validation.simulator.description import (
+    GRAVITY,
+    SCHEMA,
+    SECTIONS,
+    Robot,
+    load_robot,
+    shipped_robots,
+)
 from validation.simulator.exporting import diff_drive_yaml, mjcf_text, sdf_text, urdf_text
 from validation.simulator.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.words import abridged, file_name, one_line, visible
@@ -66,16 +73,15 @@ def list_robots(options: ListOptions) -> None:
     rows = []
     for robot in map(load_robot, shipped_robots()):
         spot = spot_turn(robot)
-        g = robot.geometry
         of_robot = ", ".join(p.name for p in profiles if p.robot.name == robot.name)
         rows.append(
             {
                 "name": robot.name,
                 "robot": robot.title,
-                "mass_kg": robot.masses.total,
-                "wheelbase_m": g.wheelbase,
-                "track_m": g.track,
-                "wheel_radius_m": g.wheel_radius,
+                "mass_kg": robot.mass,
+                "wheelbase_m": robot.wheelbase,
+                "track_m": robot.track,
+                "wheel_radius_m": robot.wheel_radius,
                 "multiplier": spot and spot.multiplier,
                 "profiles": of_robot or None,
             }
@@ -151,7 +157,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     if measured is not None:
         loads = list(measured.loads)
     else:
-        loads = [float(share) * robot.masses.total * GRAVITY for share in load_shares(robot)]
+        loads = [float(share) * robot.mass * GRAVITY for share in load_shares(robot)]
     sentences = [verdict]
     sentences += [f"FAULT: {text}" for text in faults]
     sentences += [f"question: {text}" for text in questions]
@@ -195,8 +201,7 @@ def _document(
     robot: Robot, spot: SkidTurn | None, measured: Measured | None, loads: Sequence[float]
 ) -> dict[str, Any]:
     """Contents of robot.json; None stands for a number that no model could show."""
-    g = robot.geometry
-    mu = robot.simulation.friction
+    mu = robot.friction
     drive = robot.drive
     torque = None
     if spot is not None:
@@ -208,10 +213,10 @@ def _document(
         "schema": SCHEMA,
         "name": robot.name,
         "title": robot.title,
-        "mass_kg": robot.masses.total,
-        "wheelbase_m": g.wheelbase,
-        "track_m": g.track,
-        "wheel_radius_m": g.wheel_radius,
+        "mass_kg": robot.mass,
+        "wheelbase_m": robot.wheelbase,
+        "track_m": robot.track,
+        "wheel_radius_m": robot.wheel_radius,
         "turning_multiplier": None if measured is None else measured.multiplier,
         "closed_form": None if spot is None else spot.multiplier,
         "yaw_ripple": None if measured is None else measured.ripple,
@@ -226,21 +231,14 @@ def _document(
 
 def _every_number(robot: Robot) -> dict[str, Any]:
     """Numbers of a robot by `section.key`, without those of planar models only."""
-    parts: dict[str, Any] = {
-        "geometry": robot.geometry,
-        "mass": robot.masses,
-        "drive": robot.drive,
-        "simulation": robot.simulation,
-        "vehicle": robot.vehicle,
-    }
     shown = {*robot.given, *_ALWAYS}
     values = {}
-    for section, part in parts.items():
-        for f in fields(part):
-            key = f"{section}.{f.name}"
+    for section, names in SECTIONS.items():
+        for name in names:
+            key = f"{section}.{name}"
             # drive and vehicle have many defaults that concern planar models only
             if section not in ("drive", "vehicle") or key in shown:
-                values[key] = getattr(part, f.name)
+                values[key] = robot.number(key)
     return values
 
 
@@ -297,17 +295,16 @@ def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
 
     from validation.report.drawing import equal_scales
 
-    g = check.robot.geometry
     com = whole_com(check.robot)
-    long, wide, _ = g.body_size
-    x, y, _ = g.body_centre
+    long, wide, _ = check.robot.body_size
+    x, y, _ = check.robot.body_centre
     corner = (x - 0.5 * long, y - 0.5 * wide)
     ax.add_patch(Rectangle(corner, long, wide, facecolor="#f6e3a1", edgecolor="0.1", zorder=1.6))
     for front, left, load in zip(FRONT, LEFT, check.loads, strict=True):
-        x = 0.5 * front * g.wheelbase
-        y = 0.5 * left * g.track
-        length = 2.0 * g.wheel_radius
-        width = g.wheel_width
+        x = 0.5 * front * check.robot.wheelbase
+        y = 0.5 * left * check.robot.track
+        length = 2.0 * check.robot.wheel_radius
+        width = check.robot.wheel_width
         corner = (x - 0.5 * length, y - 0.5 * width)
         ax.add_patch(Rectangle(corner, length, width, facecolor="0.8", edgecolor="0.1", zorder=1.8))
         ax.text(x, y, f"{load:.0f} N", ha="center", va="center", zorder=6.0)
@@ -461,10 +458,9 @@ def export_robot(
         return mjcf_text(section.parameters, section.drive)
     if to == "diff-drive" and profile is not None:
         kinematic = numbers.section("kinematic")
-        g = chosen.geometry
         p = kinematic.parameters
-        multiplier = (p.y_l - p.y_r) / g.track
-        share = kinematic.vehicle.wheel_radius / g.wheel_radius
+        multiplier = (p.y_l - p.y_r) / chosen.track
+        share = kinematic.vehicle.wheel_radius / chosen.wheel_radius
         return diff_drive_yaml(chosen, multiplier, share * p.alpha_l, share * p.alpha_r)
     if to == "diff-drive":
         spot = spot_turn(chosen)

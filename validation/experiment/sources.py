@@ -556,10 +556,10 @@ def unknown_robot_notes(source: Source, robot: Robot) -> list[str]:
     turned = max(abs(twist[:, 2] @ difference), 1e-9)
     width = radius * float(difference @ difference / turned)
     odd = []
-    size = robot.geometry.wheel_radius
+    size = robot.wheel_radius
     if np.abs(mean).max() > WHEELS_TURN and not 1.0 / _ODD < radius / size < _ODD:
         odd.append(f"a wheel radius of {radius:.2f} m for its {size:.2f} m")
-    track = robot.geometry.track
+    track = robot.track
     if np.abs(difference).max() > WHEELS_TURN and not 0.9 < width / track < 3.0:
         odd.append(f"a track of {width:.2f} m for its {track:.2f} m")
     if odd:

@@ -245,7 +245,7 @@ def _write_forces(recording: rr.RecordingStream, track: Track) -> None:
     # arrows are seen beside a robot of any weight
     mean_load = max(float(forces[:, :, 2].mean()), 1e-9)
     vectors = _LOAD_LENGTH * looks.scale / mean_load * forces[rows]
-    outwards = 0.6 * track.robot.geometry.wheel_width * LEFT
+    outwards = 0.6 * track.robot.wheel_width * LEFT
     below = []
     for wheel, beside in zip(WHEELS, outwards.tolist(), strict=True):
         x, y, _ = looks.places[wheel]

@@ -128,11 +128,11 @@ def all_settings(robot: Robot | None = None) -> dict[str, Setting]:
     The maker's centre of mass is that of a Husky's description, at the same place between the
     wheels of any robot. Near ODE, the contact is as hard as a step of 1 ms lets it be.
     """
-    husky = load_robot().geometry
-    geometry = husky if robot is None else robot.geometry
+    husky = load_robot()
+    robot = robot or husky
     makers = {
-        "com_x": -0.00065 * geometry.wheelbase / husky.wheelbase,
-        "com_y": -0.085 * geometry.track / husky.track,
+        "com_x": -0.00065 * robot.wheelbase / husky.wheelbase,
+        "com_y": -0.085 * robot.track / husky.track,
     }
     cylinders = {"wheel_shape": "cylinder"}
     fine = {**cylinders, "timestep": 0.001}

@@ -107,17 +107,17 @@ def test_fit_of_a_planar_model(tmp_path: Path) -> None:
     document = run(fit, robot, tmp_path / "out", "improved", "--to", "traj4@mujoco", *short)
     before = (
         compare("traj4", plants=("improved",), reference="mujoco", robot=robot)
-        .plants["improved"]
+        .scores["improved"]
         .metrics["d_rms_m"]
     )
     assert document["train"]["d_rms_m"] < 0.7 * before
     fitted = load_profile(str(tmp_path / "out" / "profile.toml"))
     assert fitted.robot == load_robot(robot)
     again = compare("traj4", fitted, plants=("improved",), reference="mujoco")
-    assert again.plants["improved"].metrics["d_rms_m"] == pytest.approx(
+    assert again.scores["improved"].metrics["d_rms_m"] == pytest.approx(
         document["train"]["d_rms_m"], rel=1e-9
     )
-    assert again.robot == load_robot(robot)
+    assert again.profile.robot == load_robot(robot)
 
 
 def test_recordings(robot: str, tmp_path: Path) -> None:

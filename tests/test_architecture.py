@@ -460,11 +460,11 @@ PRICES = {
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(
-        13_400,
-        9,
-        55,
-        "scenarios and logs that plants are driven along, and how sure they are; references, "
-        "gains, controllers in loops",
+        15_000,
+        11,
+        60,
+        "scenarios and logs that plants are driven along, their runs and scores (what comparison, "
+        "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
         23_200,

@@ -14,7 +14,8 @@ from ssmr.scenarios import TRAJECTORIES
 from tests.conftest import installed_plant
 from tests.robots import SAME_PATH, TRACK
 from validation.compare import compare
-from validation.experiment.sources import drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import open_source
 from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.physics import SHIPPED, PhysicsSettings
@@ -217,7 +218,7 @@ def test_d_rms_is_the_comparisons(small: Report, lab: Profile) -> None:
     distances = []
     for name in TRAJECTORIES:
         compared = compare(name, profile, ("mujoco",), "improved")
-        distances.append(compared.plants["mujoco"].metrics["d_rms_m"])
+        distances.append(compared.scores["mujoco"].metrics["d_rms_m"])
     assert of(small, BASELINE)["to_improved_m"] == pytest.approx(np.mean(distances), abs=2e-4)
 
 

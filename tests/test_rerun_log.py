@@ -22,10 +22,14 @@ from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from ssmr.types import Commands, FloatArray, Trajectory
+from ssmr.types import Commands, FloatArray, State, Trajectory
 from tests.conftest import metrics_of
+from validation.experiment.runs import Run
+from validation.experiment.scores import Scores
+from validation.experiment.sources import Piece, Source
+from validation.plants.profile import load_profile
 from validation.report import scene, scene_robots
-from validation.report.motions import Comparison, PlantResult
+from validation.report.motions import Comparison
 from validation.report.motions import write_comparison as write_recording
 from validation.report.scene_robots import POSE_PERIOD, looks_of
 from validation.report.viewer import open_viewer
@@ -102,13 +106,13 @@ def comparison(
         Commands(0.05, np.tile([speed, 0.8], (max(1, round((t[-1] - t[0]) / 0.05)), 1)))
         for t in times
     )
-    results = {name: PlantResult(name, p, UNRATED, {}, 0.1, 20.0) for name, p in pieces.items()}
+    runs = {name: Run(name, p, wall_s=0.1) for name, p in pieces.items()}
     options = {"input": "commands", "noise": False, "horizons": 6.0}
     return compared(
         "traj4",
         pieces[plants[0]],
         commands,
-        results,
+        runs,
         seed=3,
         options=options,
         versions={"mujoco": "3.17"},
@@ -116,7 +120,7 @@ def comparison(
 
 
 def compared(
-    source: str, reference: Any, commands: Any, plants: Mapping[str, PlantResult], **more: Any
+    source: str, reference: Any, commands: Any, runs: Mapping[str, Run], **more: Any
 ) -> Comparison:
     """A comparison of plants with the first of them, of which only the motions matter."""
     about = {
@@ -125,11 +129,17 @@ def compared(
         "tables": (),
         "document": {},
         "draw": Figure,
-        "profile": "thesis-lab",
+        "profile": load_profile("thesis-lab"),
+        "reference_name": next(iter(runs)),
+        "seed": 0,
     }
-    motions = {"source": source, "reference": reference, "commands": commands, "plants": plants}
+    pieces = tuple(Piece(given, State(), None, None) for given in commands)
     return Comparison(
-        **{**about, **motions, "reference_name": next(iter(plants)), "seed": 0, **more}
+        source=Source(source, pieces, "mujoco", 0.01),
+        reference=reference,
+        runs=runs,
+        scores=dict.fromkeys(runs, Scores(UNRATED)),
+        **{**about, **more},
     )
 
 
@@ -212,7 +222,7 @@ def test_the_poses_read_back_are_those_given(
     shown: tuple[Comparison, Path, Read], plant: str
 ) -> None:
     made, _, read = shown
-    motion = made.plants[plant].pieces[0]
+    motion = made.runs[plant].motions[0]
     t, translation = read.track(f"world/{plant}/robot", "Transform3D:translation")
     _, quat_xyzw = read.track(f"world/{plant}/robot", "Transform3D:quaternion")
     rows = np.searchsorted(motion.t, t - 1e-6)
@@ -239,7 +249,7 @@ def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     path = tmp_path / "long.rrd"
     write_recording(made, path)
     read = Read.file(path)
-    motion = made.plants["improved"].pieces[0]
+    motion = made.runs["improved"].motions[0]
     at, places = read.track("world/improved/robot", "Transform3D:translation")
     assert len(at) <= 52
     assert np.allclose(places[-1, :2], motion.xy[-1], atol=1e-6)
@@ -273,7 +283,7 @@ def test_forces_of_the_ground_are_arrows_of_one_scale_where_a_plant_tells_them(
     shown: tuple[Comparison, Path, Read],
 ) -> None:
     made, _, read = shown
-    motion = made.plants["mujoco"].pieces[0]
+    motion = made.runs["mujoco"].motions[0]
     at, arrows = read.over_time["world/mujoco/robot/contact_force"]["Arrows3D:vectors"]
     rows = np.searchsorted(motion.t, at - 1e-6)
     names = ("force_x_N", "force_y_N", "wheel_load_N")
@@ -302,8 +312,13 @@ def test_the_centre_of_rotation_of_a_circle_is_its_middle(
 def test_a_robot_that_drives_straight_has_no_centre_of_rotation(tmp_path: Path) -> None:
     turning = comparison([A_MOMENT], ["mujoco"])
     straight = replace(turning.reference[0], twist=turning.reference[0].twist * [1.0, 1.0, 0.0])
-    result = PlantResult("mujoco", (straight,), UNRATED, {}, 0.1, 20.0)
-    made = compared("straight", (straight,), turning.commands, {"mujoco": result})
+    result = Run("mujoco", (straight,), wall_s=0.1)
+    made = compared(
+        "straight",
+        (straight,),
+        [piece.commands for piece in turning.source.pieces],
+        {"mujoco": result},
+    )
     write_recording(made, tmp_path / "straight.rrd")
     read = Read.file(tmp_path / "straight.rrd")
     _, points = read.over_time["world/mujoco/robot/rotation_centre"]["Points3D:positions"]
@@ -335,7 +350,7 @@ def test_nothing_is_drawn_across_gaps(in_pieces: tuple[Comparison, Read]) -> Non
 @pytest.mark.parametrize("t", [stamps(0.008, 0.0), stamps(0.008, 0.032)])
 def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -> None:
     still = Trajectory(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.zeros((len(t), 2)))
-    result = PlantResult("kinematic", (still,), UNRATED, {}, 0.1, 20.0)
+    result = Run("kinematic", (still,), wall_s=0.1)
     commands = (Commands(0.008, np.zeros((max(1, len(t) - 1), 2))),)
     write_recording(compared("a", (still,), commands, {"kinematic": result}), tmp_path / "a.rrd")
     assert (
@@ -380,8 +395,9 @@ def test_a_failure_leaves_nothing_and_spares_what_was_there(
     path = tmp_path / "a.rrd"
     made = comparison([A_MOMENT], PLANTS[:2])
     path.write_bytes(b"before")
+    twice = replace(made.source, pieces=made.source.pieces * 2)
     with pytest.raises(ValueError, match="zip"):
-        write_recording(replace(made, commands=made.commands * 2), path)
+        write_recording(replace(made, source=twice), path)
     for failure in (OSError("no space left"), KeyboardInterrupt()):
         with monkeypatch.context() as patch:
             patch.setattr(os, "replace", raiser(failure))

@@ -10,7 +10,6 @@ if __name__ == "__main__":
 
     end_quietly()
 
-import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -25,12 +24,13 @@ from matplotlib.lines import Line2D
 
 from ssmr.types import CommandKind
 from validation import cli, store
+from validation.experiment.scores import Scores
 from validation.experiment.sources import open_source, unknown_robot_notes
 from validation.files.agreement import LogFault
 from validation.files.faults import Faults, find_faults
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.files.log import COMMAND_COLUMNS, Log, ReadOptions
-from validation.fit import Fitted, Scored, fit
+from validation.fit import Fit, Fitted, run_fit
 from validation.identify.targets import Input
 from validation.plants.kind import SEEN
 from validation.plants.profile import Profile, choose_profile
@@ -38,7 +38,7 @@ from validation.plants.searchable import find
 from validation.plants.table import PLANTS, SIMULATED
 from validation.progress import Progress
 from validation.report import drawing
-from validation.report.motions import HEADLINE_HORIZON, interval_table
+from validation.report.motions import interval_table
 from validation.report.report import FINISHED, Report
 from validation.robots import export_robot
 from validation.words import file_name, one_line
@@ -100,9 +100,11 @@ def _label(f: Fitted) -> str:
     return f"{f.model} by {f.options['input']}"
 
 
-def _scores(f: Fitted) -> dict[str, Scored]:
+def _scores(f: Fitted) -> dict[str, Scores]:
     """Return the scores on unseen data, before and after a fit."""
-    return {"before": f.unfitted[0], "after": f.held_out[0]}
+    (before,) = f.unfitted.values()
+    (after,) = f.held_out.values()
+    return {"before": before, "after": after}
 
 
 def _as_dict(f: Fitted) -> dict[str, Any]:
@@ -113,7 +115,7 @@ def _as_dict(f: Fitted) -> dict[str, Any]:
     }
     document: dict[str, Any] = {"input": f.options["input"], "parameters": numbers}
     for when, scored in _scores(f).items():
-        document[when] = {f"{h:g}": asdict(e.summary()) for h, e in scored.windows.items()}
+        document[when] = {f"{h:g}": asdict(e) for h, e in scored.overlapping.items()}
     document["better"] = f.better
     return document
 
@@ -122,8 +124,9 @@ def _verdict(f: Fitted) -> str:
     """Return a sentence on the errors before and after a fit, and on the numbers that are kept."""
     errors = []
     for scored in _scores(f).values():
-        horizon = min(scored.windows, key=lambda h: abs(h - HEADLINE_HORIZON))
-        e = scored.windows[horizon].summary()
+        assert scored.headline is not None  # fits without windows to judge on were refused
+        horizon = scored.headline
+        e = scored.overlapping[horizon]
         errors.append(f"{e.position_median_m:.3f} m and {math.degrees(e.yaw_median_rad):.2f} deg")
     kept = "keeps the old numbers: the fit is no better"
     if f.better:
@@ -178,13 +181,11 @@ def calibrate(o: Calibrate) -> Calibrated:
     if o.profile is None and o.robot is None:
         kind: CommandKind = "wheels" if inputs[0] == "wheels" else "twist"
         source = open_source(name, kind, options=read)
-        notes += unknown_robot_notes(source, profile.robot)
-    sources = logging.getLogger("validation.experiment.sources")
-    sources.disabled = True  # the notes name a log's faults once
-    try:
-        fits = _fits(o, profile, inputs, until)
-    finally:
-        sources.disabled = False
+        unknown = unknown_robot_notes(source, profile.robot)
+        for warning in unknown[1:]:
+            cli.warn(warning)
+        notes += unknown
+    fits = _fits(o, profile, inputs, until)
     return _report(o, fits, faults.named, notes)
 
 
@@ -215,7 +216,7 @@ def _fits(
             # a simulated run is dear, and the kinematic fit knows where to begin
             begun = begin_at(plant, settings.get("free", BODY), profile)
             settings |= {"search": "lsq", "start": begun}
-        done = fit(
+        options = Fit(
             plant,
             str(o.log),
             profile,
@@ -228,7 +229,9 @@ def _fits(
             columns=o.columns,
             **settings,
         )
-        if not done.held_out or not done.held_out[0].windows:
+        # the report names the log's faults once
+        done = run_fit(options, lambda warning: None)
+        if not any(scores.windows for scores in done.held_out.values()):
             raise ValueError(
                 f"{o.log}: nothing is left to judge on; name another log with --held-out"
             )
@@ -309,7 +312,7 @@ def _report(
         # the first note of a fit that is no better says so, and the verdict does too
         remarks += [f"{label}: {note}" for note in f.notes()[not f.better :]]
         for when, scored in _scores(f).items():
-            errors += [(h, f"{label}, {when}", e.summary()) for h, e in scored.windows.items()]
+            errors += [(h, f"{label}, {when}", e) for h, e in scored.overlapping.items()]
     table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
     title = "Error of the relative pose on data that no fit has seen, and how sure that is"
     faulty = [f"The log: {fault.sentence}." for fault in faults]
@@ -348,7 +351,7 @@ def _draw(c: Calibrated) -> Figure:
         marker = "s" if s.options["input"] == "wheels" else "o"
         inks = {"before": drawing.BESIDE_INK, "after": drawing.ink_of(s.model)}
         for when, scored in _scores(s).items():
-            errors = {h: e.summary() for h, e in scored.windows.items()}
+            errors = scored.overlapping
             name = f"{_label(s)}, {when}"
             marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.horizons, errors))
 

@@ -10,11 +10,7 @@ if __name__ == "__main__":
 
     end_quietly()
 
-import itertools
-import threading
-import time
-from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,56 +19,39 @@ import numpy as np
 import tyro
 
 from ssmr.metrics.declared import Metrics, compare_pieces, compare_signals
-from ssmr.metrics.windows import horizon_windows
-from ssmr.robot.drive import motor_numbers
-from ssmr.robot.localiser import Localiser
-from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
+from ssmr.robot.sensors import SensorNoise, measure
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import Plant, Trajectory
+from ssmr.types import CommandKind, Plant
 from validation import cli
 from validation.experiment.gyro import GyroJudge, find_gyro_judge
-from validation.experiment.sources import (
-    RECORDING,
-    Piece,
-    Source,
-    coverage_of,
-    drive,
-    horizons_of,
-    open_source,
+from validation.experiment.runs import Run, drive_all
+from validation.experiment.scores import (
+    Scores,
+    headline_horizon,
     pace_of,
+    score,
     standing_sentences,
-    unknown_robot_notes,
-    warm_up,
-    window_errors_of,
 )
-from validation.experiment.user_law import UserMetric, add_user_model, load_user_metric
+from validation.experiment.sources import RECORDING, Source, open_source, unknown_robot_notes
+from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.files.log import ReadOptions
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants, plant_kind
-from validation.progress import Progress
 from validation.report.motion_panels import comparison_figure
 from validation.report.motions import (
     Comparison,
-    PlantResult,
     alike_sentences,
     comparison_tables,
-    headline_horizon,
     health_warnings,
     indistinguishable_pairs,
     point_sentences,
     write_comparison,
 )
 from validation.simulator.description import with_robot
-from validation.simulator.health import Health, run_health
-from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT
-from validation.simulator.wheel_loads import resting_loads, summarise, with_quasi_static
 from validation.words import file_name, one_line
-
-_LONG_AT_LIMIT = 0.5
-"""Time at a motor's limit from which on a run says so [s]; setting off takes less."""
 
 
 @dataclass(frozen=True)
@@ -141,271 +120,6 @@ class Compare(cli.Filmed):
         return options
 
 
-_Driven = tuple[list[Trajectory], float, Health | None]
-"""A plant's motion over the pieces, the wall time that it took [s], and its health."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Comparing:
-    """Inputs of a comparison, checked."""
-
-    source: Source
-    profile: Profile
-    reference: str
-    plants: Mapping[str, Plant]
-    options: Compare
-    metric: UserMetric | None = None
-
-    def run(self) -> Comparison:
-        """Drive the plants and compare them; an SsmrError says that one diverged."""
-        source = self.source
-        profile = self.profile
-        o = self.options
-        truth = tuple(piece.reference for piece in source.pieces if piece.reference is not None)
-        remarks = list[str]()
-        if truth:
-            pace = pace_of(truth, profile.robot.wheel_radius)
-            remarks = profile.too_fast(pace, source.title)
-        for remark in remarks:
-            cli.warn(remark)
-        driven = self._drive_all()
-        recorded = self.reference == RECORDING
-        gyro = find_gyro_judge(source) if recorded else None
-        # plants are judged by one of them where nothing was recorded
-        if not recorded:
-            truth = tuple(driven[self.reference][0])
-        results = {name: self._result(name, *d, truth, gyro) for name, d in driven.items()}
-        scoring = self._windows() if recorded else {}
-        gyro_first = gyro is not None and gyro.first
-        pairs = indistinguishable_pairs(results, gyro_first)
-        ill = health_warnings(results)
-        label = one_line(with_robot(profile.name, profile.robot.name))
-        title = f"{one_line(source.name)} · profile {label}"
-        if o.terrain != FLAT:
-            title += f" · mujoco on {o.terrain.words}"
-        caption = [f"compared with {self.reference} · seed {o.seed} · best value in bold"]
-        if not recorded:
-            caption += self._before_reading(results)
-        caption += ill
-        tables = comparison_tables(results, self.reference, title, "\n".join(caption), gyro_first)
-        notes = []
-        if o.profile is None and o.robot is None:
-            notes += unknown_robot_notes(source, profile.robot)
-        headline = headline_horizon(scoring)
-        if headline:
-            notes += standing_sentences(source, headline)
-        if gyro is not None:
-            notes.append(gyro.sentence)
-        notes += [*source.warnings, *alike_sentences(results, pairs), *self._unjudged(results)]
-        return Comparison(
-            program="compare",
-            title=f"{one_line(source.name)}, {label}",
-            tables=tables,
-            sentences=(*remarks, *notes),
-            alarms=ill,
-            options=o.as_dict(),
-            document=self._document(results, gyro, pairs),
-            draw=comparison_figure,
-            record=write_comparison,
-            source=source.name,
-            profile=profile.name,
-            reference_name=self.reference,
-            reference=truth,
-            commands=tuple(piece.commands for piece in source.pieces),
-            plants=results,
-            seed=o.seed,
-            terrain=o.terrain,
-            scoring=scoring,
-            robot=profile.robot,
-        )
-
-    def _document(
-        self,
-        results: Mapping[str, PlantResult],
-        gyro: GyroJudge | None,
-        pairs: dict[str, Any] | None,
-    ) -> dict[str, Any]:
-        """Contents of compare.json without options and tables."""
-        judge: dict[str, Any] = {}
-        if gyro is not None:
-            judge["heading_judge"] = "gyro" if gyro.first else "localiser"
-            judge["judges_apart_rad"] = gyro.apart
-        return {
-            "schema": "ssmr.compare/1",
-            "source": self.source.name,
-            "profile": self.profile.name,
-            "robot": self.profile.robot.name,
-            "reference": self.reference,
-            "seed": self.options.seed,
-            **judge,
-            "alike": pairs,
-            "plants": {name: result.as_dict() for name, result in results.items()},
-            "parameters": {name: dict(result.parameters) for name, result in results.items()},
-        }
-
-    def _windows(self) -> dict[float, Any]:
-        """Windows of each horizon on all pieces of a log."""
-        scoring = {}
-        stamped = [(piece, piece.t) for piece in self.source.pieces if piece.t is not None]
-        for horizon in self.options.horizons:
-            scoring[horizon] = tuple(p.windows(horizon_windows, t, horizon) for p, t in stamped)
-        return scoring
-
-    def _before_reading(self, results: Mapping[str, PlantResult]) -> list[str]:
-        """Return what one must know to read the distances between plants."""
-        origins = self.profile.origins(self.plants, self.source.name)
-        return [*point_sentences(results), *origins, *self._unlike_torques(results)]
-
-    def _unlike_torques(self, results: Mapping[str, PlantResult]) -> list[str]:
-        """Return a sentence on torques that differ because only one of two is a body's."""
-        of_body = plant_kind(self.reference).torques
-        with_torque = [n for n, r in results.items() if "torque_rms_N_m" in r.metrics]
-        unlike = [name for name in with_torque if plant_kind(name).torques != of_body]
-        if not unlike:
-            return []
-        return [
-            f"torque rms does not compare {', '.join(unlike)} with {self.reference}: a planar "
-            "model's torques come of frictions that were fitted to paths."
-        ]
-
-    def _unjudged(self, results: Mapping[str, PlantResult]) -> list[str]:
-        """Return a sentence on the plants whose predictions no log has judged yet."""
-        if not self.options.bands:
-            return []
-        plants = ", ".join(name for name, result in results.items() if result.band is None)
-        if not plants:
-            return []
-        profile = one_line(self.profile.name)
-        return [
-            f"The profile {profile} holds no band of {plants} driven by {self.options.input}: "
-            "calibrate and fit write one from a log."
-        ]
-
-    def _result(
-        self,
-        name: str,
-        pieces: list[Trajectory],
-        wall: float,
-        health: Health | None,
-        truth: tuple[Trajectory, ...],
-        gyro: GyroJudge | None,
-    ) -> PlantResult:
-        """Compare a plant's motion with the true one, and its headings with the gyro's."""
-        plant = self.plants[name]
-        section = self.profile.section(name)
-        source = self.source
-        horizons = self.options.horizons if self.reference == RECORDING else ()
-        driven = [(source, pieces)]
-        by_gyro = []
-        if gyro is not None:
-            by_gyro.append((gyro.judging(source, section.localiser.yaw_late), pieces))
-        band = section.bands.get(self.options.input) if self.options.bands else None
-        coverage = {}
-        if band is not None:
-            coverage = coverage_of(driven, horizons, band)
-            for horizon, shares in coverage_of(by_gyro, horizons, band).items():
-                coverage[horizon]["yaw_gyro"] = shares["yaw"]
-        metrics = Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)})
-        if self.metric is not None:
-            metrics = self.metric.added(metrics, pieces, truth)
-        loads = None
-        if isinstance(plant, MujocoPlant):
-            loads = summarise(tuple(pieces), resting_loads(plant))
-        simulated = sum(piece.commands.duration for piece in source.pieces)
-        return PlantResult(
-            name=name,
-            pieces=tuple(pieces),
-            metrics=metrics,
-            horizons=horizons_of(driven, horizons),
-            wall_s=wall,
-            real_time_factor=simulated / wall,
-            health=health,
-            localiser=section.localiser,
-            loads=loads,
-            parameters=self.profile.as_dict([name])[name],
-            windows=window_errors_of(driven, horizons),
-            band=band,
-            coverage=coverage,
-            by_gyro=window_errors_of(by_gyro, horizons),
-        )
-
-    def _driven(self, plant: Plant, piece: Piece, localiser: Localiser) -> Trajectory:
-        """Return a plant's motion over a piece; what disturbs it does not depend on its step."""
-        push = None
-        if self.options.disturbance:
-            rng = np.random.default_rng(self.options.seed)
-            push = yaw_disturbance(piece.commands.duration, plant.dt, rng)
-        return drive(plant, piece, localiser, self.source.sample_dt, push)
-
-    def _at_limit(self, plant: MujocoPlant, motions: list[Trajectory], at: Localiser) -> str | None:
-        """Return a sentence on motors that stayed at their limit; None where they did not.
-
-        Only if they did is the run repeated, with half the physics step.
-        """
-        motor = motor_numbers(plant.drive, plant.dt)
-        at_rest = [m.channels["torque_N_m"] + motor.braking * m.wheels for m in motions]
-        limited = np.abs(np.vstack(at_rest)).max(axis=1) > 0.999 * motor.limit
-        seconds = np.mean(limited) * sum(piece.commands.duration for piece in self.source.pieces)
-        if seconds < _LONG_AT_LIMIT:
-            return None
-        finer = replace(plant.calibration, timestep=0.5 * plant.dt)
-        robot = MujocoPlant(finer, plant.drive, terrain=plant.terrain, settings=plant.settings)
-        ends = [self._driven(robot, piece, at).pose[-1] for piece in self.source.pieces]
-        moves = [m.pose[-1] - end for m, end in zip(motions, ends, strict=True)]
-        moved = max(float(np.hypot(move[0], move[1])) for move in moves)
-        return (
-            f"motors were at their limit of {motor.limit:g} N m a side for {seconds:.1f} s; the "
-            f"end of its path is uncertain by some {1e3 * moved:.1f} mm"
-        )
-
-    def _drive_all(self) -> dict[str, _Driven]:
-        """Drive plants side by side, each over the pieces one after another."""
-        stop = threading.Event()
-        lock = threading.Lock()
-        o = self.options
-        done = 0
-        total = len(self.plants) * len(self.source.pieces)
-
-        def one_plant(rank: int, name: str) -> _Driven:
-            nonlocal done
-            plant = self.plants[name]
-            localiser = self.profile.section(name).localiser
-            health = None
-            began = time.perf_counter()
-            motions = []
-            for piece in self.source.pieces:
-                if stop.is_set():
-                    break
-                motions.append(self._driven(plant, piece, localiser))
-                with lock:
-                    done += 1
-                    o.progress(Progress(done, total, f"{name} has driven"))
-            wall = time.perf_counter() - began
-            if isinstance(plant, MujocoPlant):
-                motions = [with_quasi_static(motion, plant, localiser) for motion in motions]
-                if o.terrain.level:  # on a ramp loads say nothing of health
-                    given = any(piece.commands.kind == "wheels" for piece in self.source.pieces)
-                    health = run_health(plant.model, motions, given_rates=given)
-                    if not given:
-                        health = replace(health, at_limit=self._at_limit(plant, motions, localiser))
-            if o.noise and name != self.reference:
-                # each plant has its own noise, whichever thread comes first
-                rng = np.random.default_rng([o.seed, rank])
-                motions = [measure(m, SensorNoise(), rng) for m in motions]
-            return motions, wall, health
-
-        # the time of a run shall not contain that of compiling
-        for plant in self.plants.values():
-            warm_up(plant)
-        with ThreadPoolExecutor(o.workers) as pool:
-            try:
-                outcomes = pool.map(one_plant, itertools.count(), self.plants)
-                return dict(zip(self.plants, outcomes, strict=True))
-            except BaseException:
-                stop.set()  # an interrupt or a failed plant ends the others at their next piece
-                raise
-
-
 @cli.program(Compare)
 def compare(o: Compare) -> Comparison:
     """Drive every plant with the same commands and compare each with the reference.
@@ -417,36 +131,189 @@ def compare(o: Compare) -> Comparison:
         ValueError: an unknown name, a recording that cannot be read, or values that do not go
             together.
     """
+    own = add_user_model(o.own_model)
+    profile, source = _opened(o)
+    reference = o.reference or source.reference
+    plants = _made(o, profile, source, own)
+    metric = None if o.own_metric is None else load_user_metric(o.own_metric)
+    unknown = _unknown_robot(o, source, profile)
+    for warning in (*source.warnings, *unknown[1:], *_too_fast(profile, source)):
+        cli.warn(warning)
+    localisers = {name: profile.section(name).localiser for name in plants}
+    push_seed = o.seed if o.disturbance else None
+    runs = drive_all(source, plants, localisers, push_seed, o.workers, o.progress)
+    if o.noise:
+        runs = _noisy(runs, reference, o.seed)
+    recorded = reference == RECORDING
+    truth = source.truth if recorded else runs[reference].motions
+    gyro = find_gyro_judge(source) if recorded else None
+    scores = {}
+    for name, run in runs.items():
+        motions = run.motions
+        metrics = Metrics({**compare_pieces(motions, truth), **compare_signals(motions, truth)})
+        if metric is not None:
+            metrics = metric.added(metrics, motions, truth)
+        by_gyro = None if gyro is None else gyro.judging(source, run.localiser.yaw_late)
+        band = profile.section(name).bands.get(o.input) if o.bands else None
+        horizons = o.horizons if recorded else ()
+        scores[name] = score(metrics, source.pieces, motions, horizons, by_gyro, band)
+    return _report(o, source, profile, reference, runs=runs, scores=scores, gyro=gyro)
+
+
+def _opened(o: Compare) -> tuple[Profile, Source]:
+    """Return the profile, and what drives the plants."""
     source = o.source
-    user_plants = add_user_model(o.own_model)
     name = source.name if isinstance(source, Source) else str(source)
     is_trajectory = name.partition("@")[0] in TRAJECTORIES
     default = "thesis-lab" if is_trajectory else profile_of_log(name)
     profile = choose_profile(o.profile, o.robot, default)
-    if not isinstance(source, Source):
-        radius = None
-        if o.profile is not None or o.robot is not None:
-            radius = profile.robot.wheel_radius
-        kind: Literal["twist", "wheels"] = "wheels" if o.input == "wheels" else "twist"
-        reading = ReadOptions({}, o.limits, o.columns, radius)
-        source = open_source(name, kind, o.start, o.until, reading)
-    elif o.start is not None or o.until is not None:
-        raise ValueError(
-            "start and until cut a recording that is given by its path; cut yours before"
-        )
-    reference = o.reference or source.reference
+    if isinstance(source, Source):
+        if o.start is not None or o.until is not None:
+            raise ValueError(
+                "start and until cut a recording that is given by its path; cut yours before"
+            )
+        return profile, source
+    radius = None
+    if o.profile is not None or o.robot is not None:
+        radius = profile.robot.wheel_radius
+    kind: CommandKind = "wheels" if o.input == "wheels" else "twist"
+    reading = ReadOptions({}, o.limits, o.columns, radius)
+    return profile, open_source(name, kind, o.start, o.until, reading)
+
+
+def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> dict[str, Plant]:
+    """Return the plants that are driven, the reference and the user's own models among them."""
     plants = PLANTS if o.plants == ("all",) else o.plants
     names = known_plants()
-    if not plants and not user_plants:
+    if not plants and not own:
         raise ValueError(f"plants is empty; there are: {', '.join(names)}")
-    driven = {*plants, *user_plants, reference}
+    driven = {*plants, *own, o.reference or source.reference}
     if source.reference == RECORDING:
         driven.discard(RECORDING)
     if unknown := sorted(driven - set(names)):
         raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(names)}")
-    robots = {name: make_plant(profile, name, o.terrain) for name in names if name in driven}
-    metric = None if o.own_metric is None else load_user_metric(o.own_metric)
-    return _Comparing(source, profile, reference, robots, o, metric).run()
+    return {name: make_plant(profile, name, o.terrain) for name in names if name in driven}
+
+
+def _unknown_robot(o: Compare, source: Source, profile: Profile) -> list[str]:
+    """Return the notes on a log of a robot that nobody named."""
+    if o.profile is None and o.robot is None:
+        return unknown_robot_notes(source, profile.robot)
+    return []
+
+
+def _too_fast(profile: Profile, source: Source) -> list[str]:
+    """Return a sentence on a log that is faster than what the profile was fitted to."""
+    if not source.truth:
+        return []
+    pace = pace_of(source.truth, profile.robot.wheel_radius)
+    return profile.too_fast(pace, source.title)
+
+
+def _noisy(runs: Mapping[str, Run], reference: str, seed: int) -> dict[str, Run]:
+    """Return the runs as the lab's state filter sees them, but that of the reference."""
+    seen = {}
+    for rank, (name, run) in enumerate(runs.items()):
+        seen[name] = run
+        if name != reference:
+            # each plant has its own noise
+            rng = np.random.default_rng([seed, rank])
+            motions = tuple(measure(motion, SensorNoise(), rng) for motion in run.motions)
+            seen[name] = replace(run, motions=motions)
+    return seen
+
+
+def _report(
+    o: Compare,
+    source: Source,
+    profile: Profile,
+    reference: str,
+    *,
+    runs: Mapping[str, Run],
+    scores: Mapping[str, Scores],
+    gyro: GyroJudge | None,
+) -> Comparison:
+    """Return the report: tables, sentences, and the document of compare.json."""
+    recorded = reference == RECORDING
+    gyro_first = gyro is not None and gyro.first
+    pairs = indistinguishable_pairs(scores, gyro_first)
+    ill = health_warnings(runs)
+    label = one_line(with_robot(profile.name, profile.robot.name))
+    title = f"{one_line(source.name)} · profile {label}"
+    if o.terrain != FLAT:
+        title += f" · mujoco on {o.terrain.words}"
+    caption = [f"compared with {reference} · seed {o.seed} · best value in bold"]
+    if not recorded:
+        caption += point_sentences(runs)
+        caption += profile.origins(runs, source.name)
+        caption += _unlike_torques(scores, reference)
+    caption += ill
+    notes = _too_fast(profile, source)
+    notes += _unknown_robot(o, source, profile)
+    headline = headline_horizon(o.horizons)
+    if recorded and headline:
+        notes += standing_sentences(source, headline)
+    if gyro is not None:
+        notes.append(gyro.sentence)
+    notes += [*source.warnings, *alike_sentences(scores, pairs), *_unjudged(o, scores, profile)]
+    return Comparison(
+        program="compare",
+        title=f"{one_line(source.name)}, {label}",
+        tables=comparison_tables(
+            runs, scores, reference, title, "\n".join(caption), gyro_first=gyro_first
+        ),
+        sentences=notes,
+        alarms=ill,
+        options=o.as_dict(),
+        document={
+            "schema": "ssmr.compare/1",
+            "source": source.name,
+            "profile": profile.name,
+            "robot": profile.robot.name,
+            "reference": reference,
+            "seed": o.seed,
+            **({} if gyro is None else gyro.as_dict()),
+            "alike": pairs,
+            "plants": {
+                name: {**run.as_dict(), **scores[name].as_dict()} for name, run in runs.items()
+            },
+            "parameters": profile.as_dict(runs),
+        },
+        draw=comparison_figure,
+        record=write_comparison,
+        source=source,
+        profile=profile,
+        reference_name=reference,
+        reference=source.truth if recorded else runs[reference].motions,
+        runs=runs,
+        scores=scores,
+        seed=o.seed,
+        terrain=o.terrain,
+    )
+
+
+def _unlike_torques(scores: Mapping[str, Scores], reference: str) -> list[str]:
+    """Return a sentence on torques that differ because only one of two is a body's."""
+    of_body = plant_kind(reference).torques
+    with_torque = [name for name, s in scores.items() if "torque_rms_N_m" in s.metrics]
+    unlike = [name for name in with_torque if plant_kind(name).torques != of_body]
+    if not unlike:
+        return []
+    return [
+        f"torque rms does not compare {', '.join(unlike)} with {reference}: a planar "
+        "model's torques come of frictions that were fitted to paths."
+    ]
+
+
+def _unjudged(o: Compare, scores: Mapping[str, Scores], profile: Profile) -> list[str]:
+    """Return a sentence on the plants whose predictions no log has judged yet."""
+    plants = ", ".join(name for name, s in scores.items() if s.band is None)
+    if not o.bands or not plants:
+        return []
+    return [
+        f"The profile {one_line(profile.name)} holds no band of {plants} driven by {o.input}: "
+        "calibrate and fit write one from a log."
+    ]
 
 
 if __name__ == "__main__":

@@ -25,16 +25,17 @@ from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.bands import Band
 from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
-from ssmr.types import FloatArray, Plant
+from ssmr.types import FloatArray, Plant, Trajectory
 from validation import cli
-from validation.experiment.sources import (
-    RECORDING,
+from validation.experiment.runs import drive_source
+from validation.experiment.scores import (
+    HEADLINE_HORIZON,
+    Scores,
     band_of,
-    drive,
     pace_of,
     standing_sentences,
-    unknown_robot_notes,
 )
+from validation.experiment.sources import RECORDING, Piece, unknown_robot_notes
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
@@ -51,9 +52,16 @@ from validation.identify.report import (
     fitted_parameters,
     search_figure,
 )
-from validation.identify.scores import HORIZONS, Scored, score, worse_sentences
 from validation.identify.search import Search, Searching, search_for
-from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
+from validation.identify.targets import (
+    HORIZONS,
+    MOST_TIME,
+    Input,
+    is_scenario,
+    open_targets,
+    score_targets,
+    worse_sentences,
+)
 from validation.identify.uncertainty import Uncertainty, estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
@@ -61,7 +69,7 @@ from validation.plants.searchable import find, make_space, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress
 from validation.report import drawing
-from validation.report.motions import HEADLINE_HORIZON, interval_table
+from validation.report.motions import interval_table
 from validation.report.table import Table
 from validation.simulator.description import with_robot
 from validation.simulator.physics import SHIPPED
@@ -201,14 +209,14 @@ def _built(model: str, plant: PlantProfile) -> Plant:
     return plant_kind(model).build(plant, FLAT, SHIPPED)
 
 
-def _scored(problem: FitProblem, fitted: PlantProfile, target: FitTarget) -> Scored:
-    """Drive the fitted plant along one source; an SsmrError says that it diverged."""
-    plant = _built(problem.model, fitted)
-    source = target.source
-    motion = tuple(
-        drive(plant, piece, fitted.localiser, source.sample_dt) for piece in source.pieces
-    )
-    return score(target.label, [target], [motion])
+def _motions(problem: FitProblem, plant: PlantProfile, target: FitTarget) -> tuple[Trajectory, ...]:
+    """Drive a plant along one source; an SsmrError says that it diverged."""
+    return drive_source(_built(problem.model, plant), target.source, plant.localiser)
+
+
+def _scores(problem: FitProblem, plant: PlantProfile, target: FitTarget) -> Scores:
+    """Return the scores of a plant on one source; an SsmrError says that it diverged."""
+    return score_targets([target], [_motions(problem, plant, target)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -221,11 +229,11 @@ class Fitted(SearchReport):
     """The profile that the fit began with, with the fitted numbers and their provenance in it."""
     correlation: FloatArray | None
     """(n, n) correlation of the parameters' errors; None where it was not estimated."""
-    train: tuple[Scored, ...]
-    """Scores on each source that it was fitted to."""
-    held_out: tuple[Scored, ...]
+    train: Mapping[str, Scores]
+    """Scores on each source that it was fitted to, by the source."""
+    held_out: Mapping[str, Scores]
     """Scores on each source that the fit has not seen."""
-    unfitted: tuple[Scored, ...]
+    unfitted: Mapping[str, Scores]
     """Scores of the plant before the fit on the same sources."""
     better: bool | None
     """Whether the fitted plant errs less there than before; None where nothing was held out."""
@@ -249,6 +257,11 @@ def fit(o: Fit) -> Fitted:
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
+    return run_fit(o, cli.warn)
+
+
+def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
+    """Return the report of `fit`; `warn` is called with what is wrong with its sources."""
     add_user_model(o.own_model)
     occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else o.input
     kind = plant_kind(o.model)
@@ -266,6 +279,9 @@ def fit(o: Fit) -> Fitted:
     targets, held_out = open_targets(
         o.names, base, o.held_out, o.input, span=(o.start_at, o.until), options=read
     )
+    for target in (*targets, *held_out):
+        for warning in target.source.warnings:
+            warn(warning)
     yaw_weight = o.yaw_weight
     if yaw_weight is None:
         yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
@@ -363,21 +379,23 @@ def _report(
                 fitted = replace(fitted, bands={**fitted.bands, o.input: band})
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")
-    judged = []
-    unfitted = []
+    judged = {}
+    unfitted = {}
     for target in held_out:
         # data may hold a motion that the fitted plant cannot make; the rest is still judged
         try:
-            judged.append(_scored(problem, fitted, target))
-            unfitted.append(_scored(problem, problem.base, target))
+            judged[target.label] = _scores(problem, fitted, target)
+            unfitted[target.label] = _scores(problem, problem.base, target)
         except SsmrError as error:
             lead = f"The plant cannot be driven along {target.label}, which was held out"
             notes.append(f"{lead}: {error}.")
-    worse = worse_sentences(problem.cost, o.even_if_worse, unfitted, judged)
+    worse = worse_sentences(problem.cost, o.even_if_worse, [*unfitted.values()], [*judged.values()])
     options = o.chosen(search.jde.settings)
     options["objective"] = problem.cost.objective
     options["yaw_weight"] = problem.cost.yaw_weight
     names = ",".join(o.names)
+    targets = problem.targets
+    driven = [_motions(problem, fitted, target) for target in targets]
     begun = with_robot(base.name, base.robot.name)
     bare = Fitted(
         program="fit",
@@ -395,12 +413,12 @@ def _report(
         model=o.model,
         profile=base,
         correlation=correlation,
-        train=tuple(_scored(problem, fitted, target) for target in problem.targets),
-        held_out=tuple(judged),
-        unfitted=tuple(unfitted),
+        train={t.label: score_targets([t], [m]) for t, m in zip(targets, driven, strict=True)},
+        held_out=judged,
+        unfitted=unfitted,
         better=not worse if judged else None,
     )
-    together = score("all fitted to", problem.targets, [each.motion for each in bare.train])
+    together = score_targets(targets, driven)
     document = _document(bare, names, o.seed, method, together)
     truth = list(chain.from_iterable(target.truth for target in problem.targets))
     pace = pace_of(truth, base.robot.wheel_radius)
@@ -432,19 +450,22 @@ def _band(problem: FitProblem, sure: Uncertainty, fitted: PlantProfile) -> Band 
     motions = []
     for point in sure.without:
         plant = problem.candidate(point) or fitted
-        motions.append([(log.source, _scored(problem, plant, log).motion) for log in logs])
+        driven = list[tuple[Piece, Trajectory]]()
+        for log in logs:
+            driven += zip(log.source.pieces, _motions(problem, plant, log), strict=True)
+        motions.append(driven)
     return band_of(motions)
 
 
-def _document(f: Fitted, source: str, seed: int, method: str, together: Scored) -> dict[str, Any]:
+def _document(f: Fitted, source: str, seed: int, method: str, together: Scores) -> dict[str, Any]:
     """Return the document of fit.json without its tables."""
     correlation = None
     if f.correlation is not None:
         names = [p.name for p in f.parameters]
         correlation = {"names": names, "matrix": f.correlation.tolist()}
-    train = {s.label: s.as_dict() for s in f.train}
-    held_out = {s.label: s.as_dict() for s in f.held_out}
-    before = {s.label: s.as_dict() for s in f.unfitted}
+    train = {label: s.as_dict() for label, s in f.train.items()}
+    held_out = {label: s.as_dict() for label, s in f.held_out.items()}
+    before = {label: s.as_dict() for label, s in f.unfitted.items()}
     return {
         "schema": "ssmr.fit/1",
         "model": f.model,
@@ -488,13 +509,13 @@ def _with_provenance(
     )
 
 
-def _named(f: Fitted) -> list[tuple[str, Scored]]:
+def _named(f: Fitted) -> list[tuple[str, Scores]]:
     """Return all scores with their names in tables and pictures."""
     out = []
     leads = ("", "held out: ", "before, held out: ")
     for lead, scores in zip(leads, (f.train, f.held_out, f.unfitted), strict=True):
-        for s in scores:
-            short = shortened(Path(s.label).name, 32)
+        for label, s in scores.items():
+            short = shortened(Path(label).name, 32)
             out.append((f"{lead}{short}", s))
     return out
 
@@ -507,8 +528,8 @@ def _tables(f: Fitted) -> list[Table]:
         row: dict[str, Any] = {"source": name}
         for key in _SHOWN:
             row[key] = s.metrics[key]
-        if s.torque_rms is not None:
-            row["torque_rms_N_m"] = s.torque_rms
+        if "torque_rms_N_m" in s.metrics:
+            row["torque_rms_N_m"] = s.metrics["torque_rms_N_m"]
         scores.append(row)
     errors = []
     windows = []
@@ -516,7 +537,7 @@ def _tables(f: Fitted) -> list[Table]:
         for name, s in named:
             if h in s.horizons:
                 errors.append({"horizon_s": h, "source": name, **asdict(s.horizons[h])})
-                windows.append((h, name, s.windows[h].summary()))
+                windows.append((h, name, s.overlapping[h]))
     return [
         f.values("parameter", "before"),
         Table("Scores of the fitted plant", scores),
@@ -536,7 +557,7 @@ def _draw(f: Fitted) -> Figure:
     marks = []
     for k, (name, s) in enumerate(_named(f)):
         if s.horizons:
-            colour = ink if s in f.train else drawing.BESIDE_INK
+            colour = ink if s in f.train.values() else drawing.BESIDE_INK
             marks.append(drawing.HorizonMarks(name, colour, "osvDP"[k % 5], s.horizons))
 
     def position(ax: Axes) -> None:

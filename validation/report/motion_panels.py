@@ -20,6 +20,8 @@ from scipy.ndimage import uniform_filter1d
 from ssmr.geometry import compose, relative, rotate_body_to_world, wrap_angle
 from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
+from validation.experiment.scores import HEADLINE_HORIZON
+from validation.experiment.sources import RECORDING
 from validation.report.columns import length_unit
 from validation.report.drawing import (
     ALARM,
@@ -47,7 +49,6 @@ from validation.report.drawing import (
     text_row,
 )
 from validation.report.motions import (
-    HEADLINE_HORIZON,
     Comparison,
     compared_tracks,
     given_commands,
@@ -110,17 +111,17 @@ def _draw_band(
     comparison: Comparison, motion: Track, window: tuple[int, int, int], at: FloatArray, ax: Axes
 ) -> None:
     """Draw a plant's 90 % ellipses, every second of a window that starts `at` a pose."""
-    result = comparison.plants.get(motion.name)
-    if result is None or result.band is None or motion.reference is None:
+    scores = comparison.scores.get(motion.name)
+    if scores is None or scores.band is None or motion.reference is None:
         return
     i, a, b = window
     t = motion.pieces[i].t
     pose = motion.pieces[i].pose
     ends = np.searchsorted(t, np.arange(t[b], t[a], -1.0))
-    covariance, _ = result.band.covariance(pose, np.full(len(ends), a), ends)
+    covariance, _ = scores.band.covariance(pose, np.full(len(ends), a), ends)
     middles = compose(at, relative(pose[a], pose[ends]))[:, :2]
     axes = rotate_body_to_world(np.eye(2), at[2]).T
-    reach = result.band.reach_position
+    reach = scores.band.reach_position
     for middle, one in zip(middles, covariance, strict=True):
         draw_ellipse(ax, middle, axes @ one @ axes.T, reach, ink_of(motion.name))
 
@@ -148,11 +149,10 @@ def _windows(comparison: Comparison) -> tuple[str, list[tuple[int, int, int]]]:
     reference, *others = compared_tracks(comparison)
     words = "whole pieces"
     windows = [(i, 0, len(piece) - 1) for i, piece in enumerate(reference.pieces)]
-    horizons = list(comparison.scoring) or [HEADLINE_HORIZON]
-    for horizon in sorted(horizons, key=lambda h: abs(h - HEADLINE_HORIZON)):
-        cuts = list(comparison.scoring.get(horizon, ()))
-        if not cuts:
-            cuts = [horizon_windows(piece.t, horizon) for piece in reference.pieces]
+    asked = comparison.options["horizons"] if comparison.reference_name == RECORDING else ()
+    for horizon in sorted(asked or [HEADLINE_HORIZON], key=lambda h: abs(h - HEADLINE_HORIZON)):
+        pairs = zip(comparison.source.pieces, reference.pieces, strict=True)
+        cuts = [piece.windows(horizon_windows, motion.t, horizon) for piece, motion in pairs]
         fitting = list[tuple[int, int, int]]()
         for i, (first, last) in enumerate(cuts):
             fitting.extend((i, int(a), int(b)) for a, b in zip(first, last, strict=True))
@@ -262,7 +262,7 @@ def draw_velocity(comparison: Comparison, title: str, column: int, command: int,
 
 def has_speed_commands(comparison: Comparison) -> bool:
     """Return whether the plants were driven by speed and yaw rate, not by wheel rates."""
-    return all(commands.kind == "twist" for commands in comparison.commands)
+    return all(piece.commands.kind == "twist" for piece in comparison.source.pieces)
 
 
 def _draw_error(
@@ -329,8 +329,8 @@ def draw_loads(comparison: Comparison, motion: Track, ax: Axes) -> None:
     at_least(ax, 10.0)
     low, high = ax.get_ylim()
     ax.set_ylim(low - 0.3 * (high - low), high)  # room for the verdict
-    result = comparison.plants.get(motion.name)
-    if result is not None and (health := result.health) is not None:
+    run = comparison.runs.get(motion.name)
+    if run is not None and (health := run.health) is not None:
         verdict = health.verdict if health.ok else health.verdict.upper()
         note = (
             f"{motion.name} {verdict}: lowest load {health.lowest_load_share:.0%} "
@@ -347,11 +347,11 @@ def _panels(comparison: Comparison) -> list[PanelRow]:
     motions = compared_tracks(comparison)
     rows = list[PanelRow]()
     marks = []
-    for name, result in comparison.plants.items():
-        if result.horizons:
+    for name, scores in comparison.scores.items():
+        if scores.horizons:
             marker = _MARKERS.get(name, "o")
             marks.append(
-                HorizonMarks(name, ink_of(name), marker, result.horizons, result.overlapping)
+                HorizonMarks(name, ink_of(name), marker, scores.horizons, scores.overlapping)
             )
     if marks:
         position = partial(draw_horizons, marks, "position")
@@ -395,18 +395,18 @@ def _draw_header(comparison: Comparison, ax: Axes) -> None:
     """Draw the title, and the only legend of plants."""
     by_speed = has_speed_commands(comparison)
     kind = "commands" if by_speed else "measured wheel rates"
-    n = len(comparison.plants)
-    title = shortened(Path(comparison.source).name, 48)
+    n = len(comparison.runs)
+    title = shortened(Path(comparison.source.name).name, 48)
     if n:
         title += f": {n} plant{'s' * (n > 1)} driven by the same {kind}"
-    marked = any(result.horizons for result in comparison.plants.values())
+    marked = any(scores.horizons for scores in comparison.scores.values())
     handles = list[Line2D]()
     labels = list[str]()
     for motion in compared_tracks(comparison):
         marker = ""
         about = "reference"
         if motion.reference is not None:
-            about = headline_error(comparison.plants[motion.name])
+            about = headline_error(comparison.scores[motion.name])
             if marked:
                 marker = _MARKERS.get(motion.name, "o")
         handles.append(Line2D([], [], marker=marker, **look_of(motion)))
@@ -429,7 +429,7 @@ def comparison_figure(comparison: Comparison) -> Figure:
     if stop - start > _LONGEST_PATH or len(comparison.reference) > 1:
         words, windows = _windows(comparison)
         heading = f"Paths over {words} [m]: all start at the same pose; from small to large errors"
-        if any(result.band for result in comparison.plants.values()):
+        if any(scores.band for scores in comparison.scores.values()):
             heading += "; shaded: 90 % band"
         rows.append(text_row(0.28, partial(draw_section, heading)))
         panels = [partial(_draw_window, comparison, window) for window in windows]

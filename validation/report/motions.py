@@ -2,41 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import chain, combinations, pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ssmr.metrics.bands import Band
-from ssmr.metrics.declared import METRICS, SIGNALS, Metric, Metrics
+from ssmr.metrics.declared import METRICS, SIGNALS, Metric
 from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, corrected
 from ssmr.metrics.windows import (
     EVERY_S,
     SHORTEST_BLOCK_S,
-    HorizonErrors,
     OverlappingErrors,
     WindowErrors,
 )
-from ssmr.robot.localiser import Localiser
-from ssmr.types import Commands, FloatArray, IndexArray, Trajectory
+from ssmr.types import FloatArray, Trajectory
+from validation.experiment.runs import Run
+from validation.experiment.scores import Scores, headline_horizon
+from validation.experiment.sources import Source
+from validation.plants.profile import Profile
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
 from validation.report.palette import Rgb
 from validation.report.report import Report
 from validation.report.scene_robots import Track
 from validation.report.table import Row, Table
-from validation.simulator.description import WHEELS, Robot, load_robot, with_robot
-from validation.simulator.health import Health
+from validation.simulator.description import WHEELS, with_robot
 from validation.simulator.terrain import FLAT, Terrain
-from validation.simulator.wheel_loads import WheelLoads
 from validation.words import one_line
 
 _COMMANDED: Rgb = (86, 180, 233)
-HEADLINE_HORIZON = 6.0
-"""Horizon whose errors stand for a plant where only one has room [s], or the one closest to it."""
 _WINDOWS = (
     "after this time, of the relative pose: the plant's motion over a window is compared with the "
     "reference's, both seen from the pose at the window's start. Windows follow one another and "
@@ -79,116 +75,36 @@ _HEALTH = (
 _HEALTH_COLUMNS = ("apparent_mass_kg", "peak_torque_N_m", "load_sum_rms_N", "verdict")
 
 
-@dataclass(frozen=True, eq=False)
-class PlantResult:
-    """One plant's motion and scores."""
-
-    name: str
-    """Name of the plant, such as `improved`."""
-    pieces: tuple[Trajectory, ...]
-    """The plant's motion, one piece for each gap-free stretch of the source.
-
-    A piece has the stamps of the reference's piece.
-    """
-    metrics: Metrics
-    """Distances from the reference, over all pieces."""
-    horizons: Mapping[float, HorizonErrors]
-    """Errors of the relative pose, by horizon [s]; empty where the reference is a plant."""
-    wall_s: float
-    """Time that simulating took [s]."""
-    real_time_factor: float
-    """Simulated over wall time [1]."""
-    health: Health | None = None
-    """The verdict on the wheel loads; only a MuJoCo robot has one, and only on level ground."""
-    localiser: Localiser = Localiser()
-    """The frame in the plant's body whose motion `pieces` is."""
-    loads: WheelLoads | None = None
-    """The loads that its wheels carried; only a MuJoCo robot knows them."""
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    """All numbers that define the plant, as plain values."""
-    windows: Mapping[float, WindowErrors] = field(default_factory=dict)
-    """Errors over windows that begin every second, by horizon [s].
-
-    Empty where the reference is a plant.
-    """
-    band: Band | None = None
-    """Uncertainty of the plant's predictions; None if not asked for, or not in the profile."""
-    coverage: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
-    """Shares of windows that end inside the band, by horizon [s].
-
-    They are called `position`, `yaw` and `yaw_gyro`.
-    """
-    by_gyro: Mapping[float, WindowErrors] = field(default_factory=dict)
-    """As `windows`, with the gyro as the judge of heading; empty without a useful gyro."""
-
-    @cached_property
-    def overlapping(self) -> Mapping[float, OverlappingErrors]:
-        """Medians over `windows` with their intervals, by horizon [s]."""
-        return {horizon: errors.summary() for horizon, errors in self.windows.items()}
-
-    def as_dict(self) -> dict[str, Any]:
-        """The plant's entry in compare.json."""
-        entry: dict[str, Any] = {
-            **self.metrics,
-            "wall_s": self.wall_s,
-            "real_time_factor": self.real_time_factor,
-        }
-        if self.horizons:
-            horizons = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
-            entry["horizons"] = horizons
-            for horizon, medians in self.overlapping.items():
-                overlapping = asdict(medians)
-                if horizon in self.by_gyro:
-                    by_gyro = asdict(self.by_gyro[horizon].summary())
-                    for key, value in by_gyro.items():
-                        if key.startswith("yaw"):
-                            overlapping[key.replace("yaw", "yaw_gyro")] = value
-                horizons.setdefault(f"{horizon:g}", {})["overlapping"] = overlapping
-            for horizon, shares in self.coverage.items():
-                horizons.setdefault(f"{horizon:g}", {})["coverage_90"] = dict(shares)
-        if self.health is not None:
-            entry["health"] = self.health.as_dict()
-        if self.loads is not None:
-            entry["wheel_loads"] = {"wheels": WHEELS, **asdict(self.loads)}
-        return entry
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Comparison(Report):
     """Every plant against the reference on one source."""
 
-    source: str
-    """The source as the user named it: `traj4`, or the file of a recording."""
-    profile: str
-    """Name of the profile that gave the parameters."""
+    source: Source
+    """What drove the plants."""
+    profile: Profile
+    """The profile that gave the parameters."""
     reference_name: str
     """Name of the reference plant, or `recording`."""
     reference: tuple[Trajectory, ...]
     """The reference's motion, piece by piece."""
-    commands: tuple[Commands, ...]
-    """The commands that drove the plants, each from the first stamp of its piece on."""
-    plants: Mapping[str, PlantResult]
-    """Results by plant, in the order of all tables; the reference plant is among them."""
+    runs: Mapping[str, Run]
+    """Runs by plant, in the order of all tables; the reference plant is among them."""
+    scores: Mapping[str, Scores]
+    """Their errors, by plant."""
     seed: int
     """Seed of noise and disturbance."""
     terrain: Terrain = FLAT
     """The ground that the MuJoCo robot stood on."""
-    scoring: Mapping[float, tuple[tuple[IndexArray, IndexArray], ...]] = field(default_factory=dict)
-    """Starts and ends of the scoring windows that follow one another, by horizon [s] and piece.
-
-    None spans a jump of the localiser. Empty where the reference is a plant.
-    """
-    robot: Robot = field(default_factory=load_robot)
-    """The robot that the profile is of."""
 
     @property
     def profile_label(self) -> str:
         """Name of the profile, and of the robot where the profile's name does not contain it."""
-        return with_robot(self.profile, self.robot.name)
+        return with_robot(self.profile.name, self.profile.robot.name)
 
 
 def comparison_tables(
-    plants: Mapping[str, PlantResult],
+    runs: Mapping[str, Run],
+    scores: Mapping[str, Scores],
     reference: str,
     title: str,
     caption: str,
@@ -203,8 +119,8 @@ def comparison_tables(
     errors: list[Row] = []
     overlapping = []
     by_gyro = []
-    for h in sorted(set().union(*(r.horizons for r in plants.values()))):
-        for name, r in plants.items():
+    for h in sorted(set().union(*(r.horizons for r in scores.values()))):
+        for name, r in scores.items():
             if h in r.horizons:
                 e = asdict(r.horizons[h])
                 counts = {"windows": e.pop("n"), "standing": e.pop("n_standing")}
@@ -212,14 +128,14 @@ def comparison_tables(
             if h in r.overlapping:
                 overlapping.append((h, name, r.overlapping[h]))
                 by_gyro.append(r.by_gyro.get(h))
-    metrics = dict.fromkeys(chain.from_iterable(r.metrics for r in plants.values()))
+    metrics = dict.fromkeys(chain.from_iterable(r.metrics for r in scores.values()))
     # metrics that no table declares stand last
     columns = [key for key in dict.fromkeys((*_COLUMNS, *metrics)) if key in metrics]
     marked = f"{reference} (ref)"
     rows = []
-    for name, r in plants.items():
+    for name, r in scores.items():
         shown = {key: r.metrics.get(key) for key in columns}
-        shown[REAL_TIME.name] = r.real_time_factor
+        shown[REAL_TIME.name] = runs[name].real_time_factor
         rows.append({"plant": marked if name == reference else name, **shown})
     tables = [
         Table(
@@ -231,10 +147,10 @@ def comparison_tables(
             units=_POSES,
         ),
         interval_table(overlapping, gyro=by_gyro, gyro_first=gyro_first),
-        _band_table(plants),
+        _band_table(scores),
         Table(title, rows, caption, best=True, reference=marked, hidden=_BOTH_WAYS),
-        _load_table(plants),
-        _health_table(plants),
+        _load_table(runs),
+        _health_table(runs),
     ]
     return [table for table in tables if table.rows]
 
@@ -275,11 +191,11 @@ def interval_table(
     return Table(title, rows, _INTERVALS, "horizon_s", units=_POSES)
 
 
-def _band_table(plants: Mapping[str, PlantResult]) -> Table:
+def _band_table(scores: Mapping[str, Scores]) -> Table:
     """Shares of windows at whose end the robot was inside the plants' bands."""
     rows: list[Row] = []
-    for h in sorted(set().union(*(r.coverage for r in plants.values()))):
-        for name, r in plants.items():
+    for h in sorted(set().union(*(r.coverage for r in scores.values()))):
+        for name, r in scores.items():
             shares = r.coverage.get(h)
             if shares:
                 inside = {f"{part}_inside_share": share for part, share in shares.items()}
@@ -292,10 +208,10 @@ def _band_table(plants: Mapping[str, PlantResult]) -> Table:
     )
 
 
-def _load_table(plants: Mapping[str, PlantResult]) -> Table:
+def _load_table(runs: Mapping[str, Run]) -> Table:
     rows = []
     captions = []
-    for name, result in plants.items():
+    for name, result in runs.items():
         loads = result.loads
         if loads is None:
             continue
@@ -318,9 +234,9 @@ def _load_table(plants: Mapping[str, PlantResult]) -> Table:
     return Table("Wheel loads", rows, "\n".join(captions), "plant")
 
 
-def _health_table(plants: Mapping[str, PlantResult]) -> Table:
+def _health_table(runs: Mapping[str, Run]) -> Table:
     rows = []
-    for name, result in plants.items():
+    for name, result in runs.items():
         h = result.health
         if h is not None and h.apparent_mass_kg is not None:
             shown = {key: getattr(h, key) for key in _HEALTH_COLUMNS}
@@ -328,13 +244,8 @@ def _health_table(plants: Mapping[str, PlantResult]) -> Table:
     return Table("Health", rows, "\n".join(_HEALTH), units={"load_sum_rms_N": Unit("N", 1.0, 1)})
 
 
-def headline_horizon(horizons: Iterable[float]) -> float | None:
-    """Return the horizon closest to `HEADLINE_HORIZON` [s]; None if there are no horizons."""
-    return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
-
-
 def indistinguishable_pairs(
-    plants: Mapping[str, PlantResult], gyro_first: bool = False
+    scores: Mapping[str, Scores], gyro_first: bool = False
 ) -> dict[str, Any] | None:
     """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
@@ -344,10 +255,10 @@ def indistinguishable_pairs(
     the first two lists hold the pairs that cannot be told apart. The first judge of heading
     decides.
     """
-    horizon = headline_horizon(chain.from_iterable(r.windows for r in plants.values()))
+    horizon = headline_horizon(chain.from_iterable(r.windows for r in scores.values()))
     if horizon is None:
         return None
-    names = [name for name, r in plants.items() if horizon in r.windows]
+    names = [name for name, r in scores.items() if horizon in r.windows]
     pairs = list(combinations(names, 2))
     block = max(horizon, SHORTEST_BLOCK_S)
     alike: dict[str, Any] = {"horizon_s": horizon, "position": [], "yaw": []}
@@ -355,7 +266,7 @@ def indistinguishable_pairs(
     for quantity, better in alike["better"].items():
         errors = {}
         for name in names:
-            r = plants[name]
+            r = scores[name]
             windows = r.by_gyro if gyro_first and quantity == "yaw" else r.windows
             errors[name] = getattr(windows[horizon], quantity)
         chances = []
@@ -371,9 +282,7 @@ def indistinguishable_pairs(
     return alike
 
 
-def alike_sentences(
-    plants: Mapping[str, PlantResult], alike: Mapping[str, Any] | None
-) -> list[str]:
+def alike_sentences(scores: Mapping[str, Scores], alike: Mapping[str, Any] | None) -> list[str]:
     """Return sentences on the plants that a recording tells apart, and on those that it does not.
 
     `alike` is the result of `indistinguishable_pairs`.
@@ -382,7 +291,7 @@ def alike_sentences(
         return []
     sentences = []
     horizon = alike["horizon_s"]
-    n = sum(horizon in result.windows for result in plants.values())
+    n = sum(horizon in result.windows for result in scores.values())
     after = f"After {horizon:g} s"
     none_clear = f"{after} the recording shows no clear difference"
     for quantity, better in alike["better"].items():
@@ -399,9 +308,9 @@ def alike_sentences(
     return sentences
 
 
-def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
+def point_sentences(runs: Mapping[str, Run]) -> list[str]:
     """Return a sentence that says at which points of the robots the paths are taken."""
-    points = {name: r.localiser.point for name, r in plants.items()}
+    points = {name: r.localiser.point for name, r in runs.items()}
     if not np.any(list(points.values())):
         return ["All paths are those of the robot's middle."]
     spots = [f"{name} ({1e3 * x:.0f}, {1e3 * y:.0f}) mm" for name, (x, y) in points.items()]
@@ -411,10 +320,10 @@ def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
     ]
 
 
-def health_warnings(plants: Mapping[str, PlantResult]) -> list[str]:
+def health_warnings(runs: Mapping[str, Run]) -> list[str]:
     """Return a sentence for each plant with whose physics something is wrong."""
     warnings = []
-    for name, result in plants.items():
+    for name, result in runs.items():
         health = result.health
         if health is not None and health.advice:
             subject = name if health.ok else f"{name} is unhealthy"
@@ -422,37 +331,37 @@ def health_warnings(plants: Mapping[str, PlantResult]) -> list[str]:
     return warnings
 
 
-def headline_error(result: PlantResult) -> str:
+def headline_error(scores: Scores) -> str:
     """Return a plant's error, with its unit, for places with no room for more.
 
     Where there are horizons, it is the median errors after the horizon closest to
     `HEADLINE_HORIZON`; else d_rms.
     """
-    horizon = headline_horizon(result.horizons)
+    horizon = headline_horizon(scores.horizons)
     if horizon is not None:
-        errors = result.horizons[horizon]
+        errors = scores.horizons[horizon]
         length = length_unit([errors.position_median_m])
         coarse = replace(length, decimals=0 if length.symbol == "mm" else 2)
         fine = replace(DEGREES, decimals=1, significant=2)
         yaw = fine.text(errors.yaw_median_rad).removesuffix(".0")
         return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
-    d_rms = result.metrics["d_rms_m"]
+    d_rms = scores.metrics["d_rms_m"]
     length = length_unit([d_rms])
     return f"d_rms {length.text(d_rms)} {length.symbol}"
 
 
 def compared_tracks(comparison: Comparison) -> list[Track]:
     """Return all robots, the reference first."""
-    plants = comparison.plants
+    runs = comparison.runs
     name = comparison.reference_name
-    scene = (comparison.terrain, comparison.robot)
+    scene = (comparison.terrain, comparison.profile.robot)
     # a recording was tracked at the point that every plant's section of the profile says
-    localiser = plants.get(name, next(iter(plants.values()))).localiser
+    localiser = runs.get(name, next(iter(runs.values()))).localiser
     reference = Track(name, comparison.reference, None, localiser, *scene)
     tracks = [reference]
-    for r in plants.values():
-        if r.name != name:
-            tracks.append(Track(r.name, r.pieces, reference, r.localiser, *scene))
+    for r in runs.values():
+        if r.plant != name:
+            tracks.append(Track(r.plant, r.motions, reference, r.localiser, *scene))
     return tracks
 
 
@@ -462,8 +371,9 @@ def given_commands(comparison: Comparison) -> list[tuple[FloatArray, FloatArray]
     The last command stands once more at the end of its piece.
     """
     given = []
-    for c, piece in zip(comparison.commands, comparison.reference, strict=True):
-        t = piece.t[0] + c.dt * np.arange(c.n + 1)
+    for piece, motion in zip(comparison.source.pieces, comparison.reference, strict=True):
+        c = piece.commands
+        t = motion.t[0] + c.dt * np.arange(c.n + 1)
         given.append((t, np.vstack([c.values, c.values[-1:]])))
     return given
 
@@ -486,9 +396,9 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
 
     c = comparison
     plots = dict[str, Series]()
-    if c.commands:
+    if c.source.pieces:
         t, values = (np.concatenate(parts) for parts in zip(*given_commands(c), strict=True))
-        if c.commands[0].kind == "wheels":
+        if c.source.pieces[0].commands.kind == "wheels":
             names = ["left commanded", "right commanded"]
             plots["wheel_rate/commanded"] = Series(
                 names, "rad/s", shades_of(_COMMANDED), t, values, held=True
@@ -501,7 +411,7 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
     gaps = [0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)]
     scene = Scene(
         program="compare",
-        title=f"{c.source}, profile {c.profile_label}",
+        title=f"{c.source.name}, profile {c.profile_label}",
         tracks=compared_tracks(c),
         plots=plots,
         report=c.markdown(),

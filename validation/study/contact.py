@@ -29,7 +29,8 @@ from validation import cli
 from validation.engines.drake import DrakeBody
 from validation.engines.ode import GAZEBO, HUSKY, MAKERS_HUSKY, OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
-from validation.experiment.sources import Piece, drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import Piece, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.report import drawing

@@ -23,7 +23,8 @@ from ssmr.models.law import PLANAR_MODELS
 from validation import cli, store
 from validation.calibrate import BODY, FIRST_FITTED, begin_at
 from validation.compare import compare
-from validation.experiment.sources import open_source, warm_up
+from validation.experiment.runs import warm_up
+from validation.experiment.sources import open_source
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.fit import fit
 from validation.plants.profile import Profile, bare_profile, choose_profile, make_plant
@@ -80,7 +81,7 @@ class RunsStudy(AnyStudy):
 
 
 @dataclass(frozen=True)
-class Run:
+class FittedLog:
     """One log, with the profile that its fits begin with."""
 
     log: str
@@ -92,7 +93,7 @@ class Run:
         return file_name(Path(self.log).stem.removesuffix("_train"))
 
 
-def _runs(o: RunsStudy) -> dict[str, Run]:
+def _runs(o: RunsStudy) -> dict[str, FittedLog]:
     """Return the runs by name, each log with its robot.
 
     A run begins without any fit of the robot: a shipped profile may know the second half of the
@@ -101,7 +102,7 @@ def _runs(o: RunsStudy) -> dict[str, Run]:
     Raises:
         ValueError: an unknown robot, or two logs of one name.
     """
-    runs: dict[str, Run] = {}
+    runs: dict[str, FittedLog] = {}
     for given in o.logs:
         log = given
         robot = o.robot
@@ -110,14 +111,14 @@ def _runs(o: RunsStudy) -> dict[str, Run]:
             log, _, robot_of_log = given.rpartition("@")
             robot = robot_of_log or robot
         profile = choose_profile(None, robot, profile_of_log(log))
-        run = Run(log, bare_profile(profile.robot))
+        run = FittedLog(log, bare_profile(profile.robot))
         if run.name in runs:
             raise ValueError(f"two logs have the name {run.name}; give one of them another")
         runs[run.name] = run
     return runs
 
 
-def _measure(o: RunsStudy, run: Run) -> Row:
+def _measure(o: RunsStudy, run: FittedLog) -> Row:
     """Fit every plant to the first half of a log's motion and judge all on the second.
 
     Files of a finished run lie in the study's folder: `NAME.json`, and then `NAME.toml`, the
@@ -160,7 +161,7 @@ def _measure(o: RunsStudy, run: Run) -> Row:
         "rows": _rows_of(run, judged),
         "numbers": numbers,
         "alike": pairs,
-        "told": alike_sentences(judged.plants, pairs),
+        "told": alike_sentences(judged.scores, pairs),
         "heading_judge": judged.document.get("heading_judge", "localiser"),
     }
     store.write_json(file, found)
@@ -168,14 +169,16 @@ def _measure(o: RunsStudy, run: Run) -> Row:
     return {"found": found}
 
 
-def _middle_of_motion(run: Run) -> float:
+def _middle_of_motion(run: FittedLog) -> float:
     """Return the stamp that halves the time in which a log's robot moves [s]."""
     pieces = open_source(run.log, "wheels").pieces
     stamps = [p.t[p.moves] for p in pieces if p.t is not None and p.moves is not None]
     return float(np.median(np.concatenate(stamps)))
 
 
-def _fit_all(o: RunsStudy, run: Run, until: float, folder: Path) -> tuple[Profile, dict[str, Row]]:
+def _fit_all(
+    o: RunsStudy, run: FittedLog, until: float, folder: Path
+) -> tuple[Profile, dict[str, Row]]:
     """Return the profile with fits of all plants up to a time [s], and their numbers by plant."""
     profile = run.profile
     numbers: dict[str, Row] = {}
@@ -202,10 +205,10 @@ def _fit_all(o: RunsStudy, run: Run, until: float, folder: Path) -> tuple[Profil
     return profile, numbers
 
 
-def _rows_of(run: Run, judged: Comparison) -> Sequence[Row]:
+def _rows_of(run: FittedLog, judged: Comparison) -> Sequence[Row]:
     """Return a row for each plant and horizon."""
     rows = []
-    for plant, result in judged.plants.items():
+    for plant, result in judged.scores.items():
         for horizon, errors in result.overlapping.items():
             row = {"log": run.name, "plant": plant, "horizon_s": horizon}
             row |= {key: getattr(errors, key) for key in _MEDIANS}

@@ -158,13 +158,13 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Way
     return list(missions.values())
 
 
-Scores = Mapping[str, float | int | None]
+CostsByGains = Mapping[str, float | int | None]
 """Cost (Sec. 4.3.3) and errors of a controller on a reference, None if it lost it; `lost`."""
 
 
 def _scores(
     o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints
-) -> list[Scores]:
+) -> list[CostsByGains]:
     """Drive every controller along a reference, with the same noise and disturbance.
 
     Compiled laws are driven as one population and Python objects, such as mpc, as another.

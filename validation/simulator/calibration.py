@@ -95,19 +95,18 @@ class Calibration:
         check_parameters(self)
         most = 0.1 * self.wheel_radius
         require_in_range(self, "radius_difference", -most, most)
-        base = self.robot.wheelbase
-        width = self.robot.wheel_width
-        if 2.0 * self.wheel_radius + abs(self.radius_difference) >= base:
+        base = self.robot.geometry
+        if 2.0 * self.wheel_radius + abs(self.radius_difference) >= base.wheelbase:
             raise ParameterError(
                 f"wheel_radius {self.wheel_radius:g} m makes front and rear tyres touch: with a "
-                f"wheelbase of {base:g} m it must be less than {0.5 * base:g}"
+                f"wheelbase of {base.wheelbase:g} m it must be less than {0.5 * base.wheelbase:g}"
             )
-        if 2.0 * self.half_track <= width:
+        if 2.0 * self.half_track <= base.wheel_width:
             raise ParameterError(
                 f"half_track {self.half_track:g} m makes left and right tyres touch: with tyres "
-                f"{width:g} m wide it must be more than {0.5 * width:g}"
+                f"{base.wheel_width:g} m wide it must be more than {0.5 * base.wheel_width:g}"
             )
-        wheel = self.robot.wheel_mass
+        wheel = self.robot.masses.wheel
         if self.mass <= len(WHEELS) * wheel:
             raise ParameterError(
                 f"mass {self.mass:g} kg is not more than that of four wheels of {wheel:g} kg"
@@ -130,21 +129,24 @@ class Calibration:
         Raises:
             ValueError: a change that the robot cannot have.
         """
-        com_x, com_y, com_z = robot.com
+        geometry = robot.geometry
+        masses = robot.masses
+        simulation = robot.simulation
+        com_x, com_y, com_z = masses.com
         numbers = {
-            "mass": robot.mass,
+            "mass": masses.total,
             "yaw_inertia": robot.yaw_inertia,
-            "half_track": 0.5 * robot.track,
-            "wheel_radius": robot.wheel_radius,
+            "half_track": 0.5 * geometry.track,
+            "wheel_radius": geometry.wheel_radius,
             "com_x": com_x,
             "com_y": com_y,
             "com_z": com_z,
-            "gain": robot.gain,
-            "armature": robot.armature,
-            "capsule_half_width": CAPSULE_SHARE * robot.wheel_width,
-            "timestep": robot.timestep,
-            "wheel_shape": robot.wheel_shape,
-            "friction": robot.friction,
+            "gain": simulation.gain,
+            "armature": simulation.armature,
+            "capsule_half_width": CAPSULE_SHARE * geometry.wheel_width,
+            "timestep": simulation.timestep,
+            "wheel_shape": simulation.wheel_shape,
+            "friction": simulation.friction,
         }
         return cls(robot, **{**numbers, **changes})
 

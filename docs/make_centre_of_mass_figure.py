@@ -15,7 +15,7 @@ from ssmr.robot.ground import turn_on_the_spot
 from validation import load_profile, load_robot
 
 OUT = Path(__file__).parent / "img" / "centre_of_mass.png"
-GEOMETRY = load_robot("husky").geometry
+HUSKY = load_robot("husky")
 BODY = load_profile("husky-tile").plants["mujoco"].parameters
 PLACES = {
     "fitted": (BODY.com_x, BODY.com_y, "#0072b2", "o"),
@@ -31,7 +31,7 @@ ERROR = 0.005
 
 def multiplier(x: float, y: float, ratio: float = 1.0) -> float:
     """Return the wheels' yaw rate over the robot's, turning on the spot."""
-    return turn_on_the_spot(GEOMETRY.wheelbase, GEOMETRY.track, x, y, ratio).multiplier
+    return turn_on_the_spot(HUSKY.wheelbase, HUSKY.track, x, y, ratio).multiplier
 
 
 def draw() -> None:
@@ -40,9 +40,7 @@ def draw() -> None:
     above, law = figure.subplots(1, 2, width_ratios=(0.6, 1.0))
     for side in (-0.5, 0.5):
         for end in (-0.5, 0.5):
-            above.plot(
-                side * GEOMETRY.track, end * GEOMETRY.wheelbase, "s", color="0.8", markersize=22
-            )
+            above.plot(side * HUSKY.track, end * HUSKY.wheelbase, "s", color="0.8", markersize=22)
     for name, (x, y, colour, marker) in PLACES.items():
         above.plot(y, x, marker, color=colour, markersize=7, label=name)
         law.plot(
@@ -93,6 +91,6 @@ def draw() -> None:
 
 if __name__ == "__main__":
     for label, (x, y, *_) in PLACES.items():
-        turn = turn_on_the_spot(GEOMETRY.wheelbase, GEOMETRY.track, x, y)
+        turn = turn_on_the_spot(HUSKY.wheelbase, HUSKY.track, x, y)
         print(f"{label}: ({1e3 * x:.0f}, {1e3 * y:.0f}) mm, multiplier {turn.multiplier:.3f}")
     draw()

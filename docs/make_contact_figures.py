@@ -18,14 +18,15 @@ from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, State, Trajectory
 from tests.polygons import polygonal_turn
 from validation import load_robot
-from validation.experiment.sources import drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import open_source
 from validation.plants.profile import PlantProfile, load_profile
 from validation.simulator.turning import SAMPLE, SPIN_LEAD, TURNED, spin
 from validation.study.contact import Setting, all_settings, balanced
 
 _ROBOT = load_robot("husky")
-WHEELBASE = _ROBOT.geometry.wheelbase
-TRACK = _ROBOT.geometry.track
+WHEELBASE = _ROBOT.wheelbase
+TRACK = _ROBOT.track
 
 OUT = Path(__file__).parent / "img" / "sideways_drift.png"
 LADDER = {

@@ -34,9 +34,9 @@ from validation.simulator.turning import creep
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)
 CAPSULE = husky().capsule_half_width
-HALF_WIDTH = {"ellipsoid": 0.0, "capsule": CAPSULE, "cylinder": 0.5 * _ROBOT.geometry.wheel_width}
-WHEELBASE = _ROBOT.geometry.wheelbase
-TRACK = _ROBOT.geometry.track
+HALF_WIDTH = {"ellipsoid": 0.0, "capsule": CAPSULE, "cylinder": 0.5 * _ROBOT.wheel_width}
+WHEELBASE = _ROBOT.wheelbase
+TRACK = _ROBOT.track
 
 RADIUS = 0.1651
 WEIGHT = 73.30 * GRAVITY

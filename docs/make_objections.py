@@ -51,8 +51,8 @@ def apart(a: Mapping[str, Trajectory], b: Mapping[str, Trajectory]) -> str:
 
 def steady_curve(plant: Plant, v: float) -> FloatArray:
     """Return the (3,) twist in a curve of 0.5 rad/s whose wheel rates are given."""
-    reach = 0.5 * TURNING_RATIO * HUSKY.geometry.track
-    left, right = wheel_rates(v, 0.5, reach, HUSKY.geometry.wheel_radius)
+    reach = 0.5 * TURNING_RATIO * HUSKY.track
+    left, right = wheel_rates(v, 0.5, reach, HUSKY.wheel_radius)
     commands = Commands(0.05, np.tile([left, right], (160, 1)), "wheels")
     start = State(v_x=v, yaw_rate=0.5, wheel_left=left, wheel_right=right)
     motion = plant.run(commands, start, 0.01)
@@ -92,7 +92,7 @@ def print_work(motions: Mapping[str, Trajectory]) -> None:
         lost = SAMPLE_DT * (of_load * 0.5 * numbers.mass * GRAVITY * rates).sum()
         knowing = SAMPLE_DT * (of_load * sides * rates).sum()
         shift = np.abs(np.diff(sides)).max()
-        moment = 0.5 * HUSKY.geometry.track * numbers.rolling_resistance * shift
+        moment = 0.5 * HUSKY.track * numbers.rolling_resistance * shift
         print(
             f"{name}: motors {work:.0f} J, lost {lost:.0f} J, by load {knowing:.0f} J, "
             f"moment {moment:.2f} N m"

@@ -18,7 +18,8 @@ from ssmr.geometry import integral, relative, rotate_body_to_world, wrap_angle
 from ssmr.metrics.paired import chance_of_difference
 from ssmr.metrics.windows import WindowErrors, overlapping_windows
 from ssmr.types import FloatArray, IndexArray, Trajectory
-from validation.experiment.sources import Piece, Source, drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import Piece, Source, open_source
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.table import plant_kind
 

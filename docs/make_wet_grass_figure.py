@@ -24,7 +24,8 @@ from ssmr.metrics.windows import (
     relative_pose_error,
 )
 from ssmr.types import FloatArray
-from validation.experiment.sources import Source, drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import Source, open_source
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile, load_profile, make_plant
 

@@ -14,7 +14,7 @@ def errors(friction):
     slippery = replace(section, parameters=replace(section.parameters, friction=friction))
     profile = replace(lab, plants={**lab.plants, "mujoco": slippery})
     comparison = compare("traj4", profile, plants=("mujoco",), reference="improved")
-    return {"friction": friction, "sync_rms_m": comparison.plants["mujoco"].metrics["sync_rms_m"]}
+    return {"friction": friction, "sync_rms_m": comparison.scores["mujoco"].metrics["sync_rms_m"]}
 
 
 for row in sweep({f"{mu:g}": mu for mu in (0.3, 0.4, 0.5, 0.6)}, {"traj4": errors}).rows:

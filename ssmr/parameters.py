@@ -18,7 +18,7 @@ import math
 import reprlib
 from collections import Counter, namedtuple
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import Field, dataclass, field, fields, replace
 from numbers import Integral, Real
 from types import MappingProxyType
 from typing import Any, Literal
@@ -54,6 +54,10 @@ class Declaration:
     of: tuple[str, str]
     """The sizes of the robot of which `search` has multiples, of the lower and of the upper bound;
     empty where these are in the number's own unit."""
+
+    def check(self, name: str, value: float) -> None:
+        """Raise a ParameterError that calls a value `name` if it lies outside its range."""
+        _require(name, value, self.low, self.high, self.open_low)
 
     def bounds(self, sizes: Mapping[str, float]) -> tuple[float, float] | None:
         """Return the default bounds of a search for a robot of these sizes, in the number's unit.
@@ -95,6 +99,11 @@ def parameter(
     return field(default=default, metadata=metadata)
 
 
+def declaration(of: Field[Any]) -> Declaration | None:
+    """Return what `parameter` declared at a dataclass field; None for any other field."""
+    return of.metadata.get(_KEY)
+
+
 _declarations: dict[type, Mapping[str, Declaration]] = {}
 
 
@@ -118,7 +127,7 @@ def check_parameters(owner: object) -> None:
             parameter and the range.
     """
     for name, d in described(type(owner)).items():
-        require_in_range(owner, name, d.low, d.high, open_low=d.open_low)
+        d.check(f"{type(owner).__name__}.{name}", getattr(owner, name))
 
 
 def require_in_range(
@@ -133,12 +142,14 @@ def require_in_range(
         ParameterError: the number lies outside the range, or is not a number; the message names the
             parameter and the range.
     """
-    value = getattr(owner, name)
+    _require(f"{type(owner).__name__}.{name}", getattr(owner, name), low, high, open_low)
+
+
+def _require(name: str, value: float, low: float, high: float, open_low: bool) -> None:
     too_low = value <= low if open_low else value < low
     if math.isnan(value) or value > high or too_low:
         bracket = "(" if open_low else "["
-        allowed = f"{bracket}{low}, {high}]"
-        raise ParameterError(f"{type(owner).__name__}.{name} = {value} lies outside {allowed}")
+        raise ParameterError(f"{name} = {value} lies outside {bracket}{low}, {high}]")
 
 
 MOST_SEED = 2**63 - 1

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ssmr.search.jde import JdeSettings
-from validation.experiment.sources import drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import open_source
 from validation.fit import Fit
 from validation.identify.objective import FitCost, FitTarget
 from validation.identify.problem import FitProblem

@@ -200,13 +200,12 @@ def tipping(calibration: Calibration) -> float:
     1 where it does.
     """
     robot = calibration.robot
-    share = 1.0 - 4.0 * robot.masses.wheel / calibration.mass
+    share = 1.0 - 4.0 * robot.wheel_mass / calibration.mass
     height = (
-        share * (robot.geometry.base_height + calibration.com_z)
-        + (1.0 - share) * calibration.wheel_radius
+        share * (robot.base_height + calibration.com_z) + (1.0 - share) * calibration.wheel_radius
     )
     least = min(
-        0.5 * robot.geometry.wheelbase - share * abs(calibration.com_x),
+        0.5 * robot.wheelbase - share * abs(calibration.com_x),
         calibration.half_track - share * abs(calibration.com_y),
     )
     return calibration.friction * height / least

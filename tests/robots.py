@@ -16,8 +16,8 @@ from validation.simulator.model import set_calibration
 from validation.simulator.motors import set_motors
 
 HUSKY = load_robot("husky")
-WHEELBASE = HUSKY.geometry.wheelbase
-TRACK = HUSKY.geometry.track
+WHEELBASE = HUSKY.wheelbase
+TRACK = HUSKY.track
 SAME_PATH = 1e-4
 SAME_LOADS = 5e-3
 """Greatest distance between the paths of two settings of physics [m], and greatest root mean square

@@ -20,10 +20,11 @@ from ssmr.scenarios import TRAJECTORIES as SCENARIOS
 from ssmr.types import State
 from tests.conftest import data_folder
 from validation.compare import compare
+from validation.experiment.scores import Scores
 from validation.experiment.sources import open_source
 from validation.plants.profile import Profile, load_profile
 from validation.replicate import published
-from validation.report.motions import PlantResult
+from validation.report.motions import Comparison
 from validation.simulator.plant import MujocoPlant
 
 TRAJECTORIES = ("traj1", "traj2", "traj3", "traj4")
@@ -39,8 +40,8 @@ def limit(model: str, trajectory: str) -> float:
     return published.value(OWN_TABLE[model], trajectory, "d_rms_m")
 
 
-def driven(profile: Profile, source: str, reference: str, plant: str) -> PlantResult:
-    return compare(open_source(source), profile, (plant,), reference).plants[plant]
+def driven(profile: Profile, source: str, reference: str, plant: str) -> Comparison:
+    return compare(open_source(source), profile, (plant,), reference)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -52,9 +53,10 @@ def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(
     lab: Profile, trajectory: str
 ) -> None:
     result = driven(lab, trajectory, "improved", "mujoco")
-    assert result.metrics["d_rms_m"] <= limit("improved", trajectory)
-    assert result.health is not None
-    assert result.health.ok
+    assert result.scores["mujoco"].metrics["d_rms_m"] <= limit("improved", trajectory)
+    health = result.runs["mujoco"].health
+    assert health is not None
+    assert health.ok
 
 
 @pytest.mark.parametrize("trajectory", TRAJECTORIES)
@@ -66,17 +68,16 @@ def test_published_models_agree_with_mujoco_unfitted(
 
     It is no nearer to them than twice the real one's distance.
     """
-    assert driven(lab, trajectory, "mujoco", model).metrics["d_rms_m"] <= 2.0 * limit(
-        model, trajectory
-    )
+    scores = driven(lab, trajectory, "mujoco", model).scores[model]
+    assert scores.metrics["d_rms_m"] <= 2.0 * limit(model, trajectory)
 
 
 def test_a_comparison_says_at_which_points_its_paths_are_taken(lab: Profile) -> None:
-    tables = compare(open_source("traj3"), lab, ("mujoco",), "improved").tables()
+    tables = compare(open_source("traj3"), lab, ("mujoco",), "improved").tables
     assert any("All paths are those of the robot's middle" in table.caption for table in tables)
     ahead = replace(lab.section("mujoco"), localiser=Localiser(tracked_x=0.085))
     profile = replace(lab, plants={**lab.plants, "mujoco": ahead})
-    tables = compare(open_source("traj3"), profile, ("mujoco",), "improved").tables()
+    tables = compare(open_source("traj3"), profile, ("mujoco",), "improved").tables
     assert any("mujoco (85, 0) mm" in table.caption for table in tables)
 
 
@@ -118,7 +119,7 @@ def test_mujocos_dynamics_are_those_of_a_robot_on_rigid_tyres_and_of_no_other(
 
 
 @pytest.fixture(scope="module")
-def tile() -> Mapping[str, Mapping[str, PlantResult]]:
+def tile() -> Mapping[str, Mapping[str, Scores]]:
     """All plants on what was held out, by input."""
     if not Path(TILE).is_file():
         pytest.skip(f"no recording at {TILE}; SSMR_DATA says where recordings lie")
@@ -126,8 +127,8 @@ def tile() -> Mapping[str, Mapping[str, PlantResult]]:
     rates = open_source(str(TILE), "wheels", HELD_OUT_FROM)
     commands = open_source(str(TILE), "twist", HELD_OUT_FROM)
     return {
-        "wheels": compare(rates, profile, horizons=(6.0,)).plants,
-        "commands": compare(commands, profile, horizons=(6.0,)).plants,
+        "wheels": compare(rates, profile, horizons=(6.0,)).scores,
+        "commands": compare(commands, profile, horizons=(6.0,)).scores,
     }
 
 
@@ -135,7 +136,7 @@ def tile() -> Mapping[str, Mapping[str, PlantResult]]:
     ("given", "position", "yaw"), [("wheels", 0.033, 0.040), ("commands", 0.045, 0.050)]
 )
 def test_mujoco_follows_a_real_husky(
-    tile: Mapping[str, Mapping[str, PlantResult]], given: str, position: float, yaw: float
+    tile: Mapping[str, Mapping[str, Scores]], given: str, position: float, yaw: float
 ) -> None:
     """The aims lie above the lower end of the medians' 90 % intervals.
 
@@ -149,6 +150,6 @@ def test_mujoco_follows_a_real_husky(
 
 
 def test_a_dynamic_model_follows_a_real_husky_from_commands(
-    tile: Mapping[str, Mapping[str, PlantResult]],
+    tile: Mapping[str, Mapping[str, Scores]],
 ) -> None:
     assert min(tile["commands"][m].horizons[6.0].position_median_m for m in MODELS) <= 0.095

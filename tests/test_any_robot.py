@@ -82,7 +82,7 @@ def test_compare(robot: str, tmp_path: Path) -> None:
         # of 10 m of path; without the slip of turns it is more than a metre
         assert plant["d_rms_m"] < 0.6, name
     assert document["plants"]["mujoco"]["health"]["ok"]
-    assert document["parameters"]["mujoco"]["parameters"]["mass"] == load_robot(robot).masses.total
+    assert document["parameters"]["mujoco"]["parameters"]["mass"] == load_robot(robot).mass
 
 
 def test_track(robot: str, tmp_path: Path) -> None:
@@ -107,17 +107,17 @@ def test_fit_of_a_planar_model(tmp_path: Path) -> None:
     document = run(fit, robot, tmp_path / "out", "improved", "--to", "traj4@mujoco", *short)
     before = (
         compare("traj4", plants=("improved",), reference="mujoco", robot=robot)
-        .plants["improved"]
+        .scores["improved"]
         .metrics["d_rms_m"]
     )
     assert document["train"]["d_rms_m"] < 0.7 * before
     fitted = load_profile(str(tmp_path / "out" / "profile.toml"))
     assert fitted.robot == load_robot(robot)
     again = compare("traj4", fitted, plants=("improved",), reference="mujoco")
-    assert again.plants["improved"].metrics["d_rms_m"] == pytest.approx(
+    assert again.scores["improved"].metrics["d_rms_m"] == pytest.approx(
         document["train"]["d_rms_m"], rel=1e-9
     )
-    assert again.robot == load_robot(robot)
+    assert again.profile.robot == load_robot(robot)
 
 
 def test_recordings(robot: str, tmp_path: Path) -> None:
@@ -204,11 +204,10 @@ def test_planar_models_scale_with_the_robot(name: str) -> None:
         return [improved, plants["linear"].parameters.gain / (v.mass * v.wheel_radius)]
 
     assert rates(robot) == pytest.approx(rates(thesis), rel=1e-12)
-    g = robot.geometry
     kinematic = bare_profile(robot).plants["kinematic"].parameters
     assert (
         kinematic.y_l
         == -kinematic.y_r
-        == pytest.approx(0.5 * g.track * (1.0 + (g.wheelbase / g.track) ** 2))
+        == pytest.approx(0.5 * robot.track * (1.0 + (robot.wheelbase / robot.track) ** 2))
     )
     assert abs(bare_profile(thesis).plants["kinematic"].parameters.y_l - 0.275) <= EXACT

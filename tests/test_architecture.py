@@ -403,9 +403,9 @@ PRICES = {
         "second opinions by ODE and Drake",
     ),
     "validation/identify": Price(
-        22_600,
-        19,
-        68,
+        22_700,
+        20,
+        69,
         "what finds a plant's parameters and a controller's gains, with their uncertainty; "
         "the better judge of turns; "
         "friction: torques from a simulation or a log's currents (what study drivetrain knew of "
@@ -436,9 +436,9 @@ PRICES = {
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
-        25_300,
-        15,
-        75,
+        25_000,
+        17,
+        88,
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
@@ -460,11 +460,11 @@ PRICES = {
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(
-        13_400,
-        9,
-        55,
-        "scenarios and logs that plants are driven along, and how sure they are; references, "
-        "gains, controllers in loops",
+        15_000,
+        11,
+        60,
+        "scenarios and logs that plants are driven along, their runs and scores (what comparison, "
+        "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
         23_200,

@@ -65,7 +65,7 @@ def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> Non
     reported = {name.strip(): value for name, _, value in (line.partition(": ") for line in lines)}
     track = float(reported["wheel_separation"]) * float(reported["wheel_separation_multiplier"])
     assert (float(reported["wheel_separation"]), track) == pytest.approx(
-        (load_robot("husky").geometry.track, 0.97), abs=0.02
+        (load_robot("husky").track, 0.97), abs=0.02
     )
     for side in ("l", "r"):
         told_ratio = float(

@@ -16,13 +16,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ssmr.metrics.declared import Metrics
 from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
 from tests.conftest import exit_status
 from validation import cli
 from validation.compare import compare
-from validation.experiment.sources import drive, horizons_of, open_source
+from validation.experiment.runs import drive
+from validation.experiment.scores import score
+from validation.experiment.sources import open_source
 from validation.files.csv_logs import write_csv
 from validation.plants.profile import Profile, load_profile, make_plant
 
@@ -63,20 +66,20 @@ def test_a_plant_is_found_again_in_its_own_recording(
     """Through CSV and back: what is left is the estimated speed of the start, and interpolation."""
     source = open_source(str(recorded(lab, plant, tmp_path)))
     comparison = compare(source, lab, (plant,), horizons=(2.0, 6.0))
-    assert comparison.plants[plant].metrics["sync_rms_m"] < 0.01
-    assert comparison.plants[plant].horizons[6.0].position_median_m < 0.01
-    assert comparison.plants[plant].horizons[2.0].n == 8
+    assert comparison.scores[plant].metrics["sync_rms_m"] < 0.01
+    assert comparison.scores[plant].horizons[6.0].position_median_m < 0.01
+    assert comparison.scores[plant].horizons[2.0].n == 8
 
 
 def test_gaps_are_not_bridged(lab: Profile, tmp_path: Path) -> None:
     source = open_source(str(recorded(lab, "improved", tmp_path, gap=True)))
     assert len(source.pieces) == 2
     comparison = compare(source, lab, ("improved",), horizons=(2.0, 6.0, 7.5, 60.0))
-    windows = comparison.plants["improved"].horizons
+    windows = comparison.scores["improved"].horizons
     assert windows[2.0].n == 3 + 3
     assert windows[6.0].n == 2
     assert 60.0 not in windows
-    for piece in comparison.plants["improved"].pieces:
+    for piece in comparison.runs["improved"].motions:
         assert np.diff(piece.t).max() < 0.06
 
 
@@ -99,7 +102,8 @@ def test_windows_are_scored_at_the_tracked_point(lab: Profile, tmp_path: Path) -
     )
     reference = source.pieces[0].reference
     assert np.allclose(there.pose[0], reference.pose[0])  # type: ignore[union-attr]
-    error = horizons_of([(source, [there])], (2.0,))[2.0].position_median_m
+    errors = score(Metrics(), source.pieces, [there], (2.0,)).horizons
+    error = errors[2.0].position_median_m
     assert 0.02 < error < 0.4
 
 
@@ -119,12 +123,12 @@ def test_distances_that_a_profile_tells_are_those_of_the_robot(lab: Profile, sce
     compared = compare(
         scenario, lab, plants=("mujoco", "improved", "kinematic"), reference="improved"
     )
-    measured = compared.plants["mujoco"].metrics
+    measured = compared.scores["mujoco"].metrics
     told = lab.provenance["mujoco"]
     tenth_mm = 1e-4
     assert measured["d_rms_m"] == pytest.approx(told["d_rms_m"][scenario], abs=tenth_mm)
     assert measured["sync_rms_m"] == pytest.approx(told["sync_rms_m"][scenario], abs=tenth_mm)
-    caption = compared.tables()[0].caption
+    caption = compared.tables[0].caption
     assert "All paths are those of the robot's middle." in caption
     assert "mujoco was fitted to traj4@improved" in caption
     assert "torque rms does not compare mujoco with improved" in caption
@@ -135,7 +139,7 @@ def test_torques_of_bodies_and_those_of_planar_models_compare_among_themselves(
 ) -> None:
     for pair in (("mujoco", "four_wheel"), ("improved", "linear", "kinematic")):
         compared = compare("traj4", lab, plants=pair, reference=pair[0])
-        assert "torque" not in compared.tables()[0].caption
+        assert "torque" not in compared.tables[0].caption
 
 
 def test_a_recording_of_ones_own_from_another_folder(
@@ -162,7 +166,7 @@ def test_an_interrupt_in_mid_run_leaves_nothing(
 ) -> None:
     recorded(lab, "improved", tmp_path)
     monkeypatch.chdir(tmp_path)
-    program = sys.modules["validation.compare"]
+    program = sys.modules["validation.experiment.runs"]
     real = program.drive
     monkeypatch.setattr(
         program, "drive", lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]

@@ -14,7 +14,8 @@ from ssmr.scenarios import TRAJECTORIES
 from tests.conftest import installed_plant
 from tests.robots import SAME_PATH, TRACK
 from validation.compare import compare
-from validation.experiment.sources import drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import open_source
 from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.physics import SHIPPED, PhysicsSettings
@@ -66,7 +67,7 @@ def small(lab: Profile) -> Report:
 def of(small: Report, name: str) -> dict[str, Any]:
     return {
         k: v
-        for table in small.tables()
+        for table in small.tables
         for row in table.rows
         if row["variant"] == name
         for k, v in row.items()
@@ -200,7 +201,7 @@ def test_what_cannot_be_driven_says_why(small: Report) -> None:
     assert all(
         note.startswith("hopeless: no step: ") and "0.003" in note for note in document["notes"]
     )
-    assert any("0.003" in line for line in small.to_markdown().splitlines())
+    assert any("0.003" in line for line in small.markdown().splitlines())
     assert of(small, HOPELESS) == {"variant": HOPELESS}
     columns = {column for some in CONTACT_MEASURES.values() for column in some}
     for name in (BASELINE, PYRAMIDAL, DEFAULT):
@@ -217,7 +218,7 @@ def test_d_rms_is_the_comparisons(small: Report, lab: Profile) -> None:
     distances = []
     for name in TRAJECTORIES:
         compared = compare(name, profile, ("mujoco",), "improved")
-        distances.append(compared.plants["mujoco"].metrics["d_rms_m"])
+        distances.append(compared.scores["mujoco"].metrics["d_rms_m"])
     assert of(small, BASELINE)["to_improved_m"] == pytest.approx(np.mean(distances), abs=2e-4)
 
 

@@ -24,7 +24,7 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
 from tests.test_architecture import modules, room_of
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import Geometry, Masses, Simulation
+from validation.simulator.description import SECTIONS
 from validation.simulator.importing import unit_of_key
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -101,8 +101,9 @@ def test_every_parameter_has_a_unit_and_a_known_grade() -> None:
 
 def test_every_key_of_a_robot_s_file_is_listed() -> None:
     rows = {row[0].strip("`"): row for row in tables("robots.md")["The file"]}
-    sections = {"geometry": Geometry, "mass": Masses, "simulation": Simulation}
-    keys = {f"{section}.{f.name}": f for section, kind in sections.items() for f in fields(kind)}
+    keys = {}
+    for section in ("geometry", "mass", "simulation"):
+        keys |= {f"{section}.{key}": f for key, f in SECTIONS[section].items()}
     assert list(rows) == list(keys)
     for key, f in keys.items():
         _, unit, usual, _ = rows[key]

@@ -58,7 +58,7 @@ def test_gazebo_s_cone_turns_as_a_cone_does(lab: Profile) -> None:
     """Its bounds split Coulomb's friction by the slip's direction, whatever axes they refer to."""
     settings = OdeSettings("gazebo_cone", "world", "quick", 50)
     measured, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, settings)))
-    expected = turn_on_the_spot(lab.robot.geometry.wheelbase, lab.robot.geometry.track).multiplier
+    expected = turn_on_the_spot(lab.robot.wheelbase, lab.robot.track).multiplier
     assert measured == pytest.approx(expected, rel=1e-2)
     assert ripple < 1e-2
 

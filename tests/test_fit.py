@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from ssmr.errors import DivergedError
-from ssmr.scenarios import TRAJECTORIES
 from tests.conftest import Launch, exit_status
 from tests.test_objective import recorded
 from validation.files.csv_logs import write_csv
@@ -72,7 +71,7 @@ def test_ctrl_c_leaves_a_result(lab: Profile) -> None:
         generations=9,
         progress=stop,
     )
-    assert (result.status, result.document()["stopped_by"], result.document()["generations"]) == (
+    assert (result.status, result.document["stopped_by"], result.document["generations"]) == (
         "interrupted",
         "interrupt",
         0,
@@ -152,7 +151,7 @@ def test_turns_are_fitted_to_the_gyro_where_it_is_the_better_judge(
         )
         y_l, y_r = (p.value for p in found.parameters)
         apart.append(y_l - y_r)
-        assert any("the gyro is the first judge" in note for note in found.notes()) == (
+        assert any("the gyro is the first judge" in note for note in found.sentences) == (
             name == "gyro"
         )
     assert apart[0] == pytest.approx(0.55 / 0.9, rel=0.01)
@@ -339,23 +338,23 @@ def test_a_fit_is_kept_whose_errors_or_scores_cannot_be_had(
     options: dict[str, Any] = {"free": ("alpha_l",), "population": 8, "generations": 2}
     whole = fit("kinematic", "traj4@kinematic", **options)
     program = sys.modules["validation.fit"]
-    real = program.drive
+    real = program.drive_source
 
     def fail(*_: Any) -> None:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    def diverge(plant: Any, piece: Any, *others: Any) -> Any:
-        if not np.array_equal(piece.commands.values, TRAJECTORIES["traj4"].commands().values):
+    def diverge(plant: Any, source: Any, localiser: Any) -> Any:
+        if source.name == "traj1@kinematic":
             raise DivergedError("it left the finite numbers")
-        return real(plant, piece, *others)
+        return real(plant, source, localiser)
 
     monkeypatch.setattr(program, "estimate", fail)
-    monkeypatch.setattr(program, "drive", diverge)
+    monkeypatch.setattr(program, "drive_source", diverge)
     result = fit("kinematic", "traj4@kinematic", held_out=("traj1",), **options)
     assert (result.cost, result.parameters[0].standard_error, result.held_out) == (
         whole.cost,
         None,
-        (),
+        {},
     )
     assert (
         "How sure numbers and predictions are could not be estimated: Singular matrix."

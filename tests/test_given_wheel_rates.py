@@ -51,8 +51,7 @@ def test_mujoco_has_no_lag_behind_given_wheels(link: str) -> None:
     9.5 ms.
     """
     pioneer = load_robot("pioneer3at")
-    geometry = replace(pioneer.geometry, link=link)  # type: ignore[arg-type]
-    robot = replace(pioneer, geometry=geometry)
+    robot = replace(pioneer, link=link)  # type: ignore[arg-type]
     plant = MujocoPlant(Calibration.of(robot), FREE_DRIVE)
     lag, wheels = lag_of(plant, plant.calibration.wheel_radius)
     assert abs(lag) < 0.0003

@@ -30,7 +30,7 @@ HALVING = 0.010
 
 MUJOCO_CONTACT = PhysicsSettings(solimp=(0.9, 0.95, 0.001, 0.5, 2.0))
 """MuJoCo's default impedance."""
-IMU_AHEAD = HUSKY.geometry.imu[0]
+IMU_AHEAD = HUSKY.imu[0]
 STIFF = Drive(
     delay_v=0.0,
     delay_w=0.0,

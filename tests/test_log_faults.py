@@ -332,7 +332,7 @@ def test_two_signals_that_contradict_each_other_are_both_named() -> None:
 
 
 def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     errors = []
     costs = []
@@ -351,7 +351,7 @@ def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(
             workers=1,
         )
         message = (
-            caplog.messages,
+            capsys.readouterr().err.splitlines(),
             compared.notes(),
             compared.as_dict()["notes"],
             fitted.as_dict()["notes"],
@@ -360,7 +360,7 @@ def test_compare_and_fit_warn_and_score_as_if_there_were_no_jump(
             any("jumps 2 times" in sentence for sentence in sentences) for sentences in message
         ]
         assert warned == [name == "jumped"] * len(message)
-        errors.append(compared.plants["kinematic"].horizons[6.0].position_p95_m)
+        errors.append(compared.scores["kinematic"].horizons[6.0].position_p95_m)
         costs.append(fitted.cost)
     assert abs(errors[1] - errors[0]) < 0.5  # of 5 m
     # every fifth window of 6 s would span a jump: 0.5 m on average

@@ -96,7 +96,7 @@ MISTAKES = {
     "robots check .": "this is a folder",
     f"robots new husky {FIVE}": "belongs to a robot that comes with the package",
     f"robots new 'my robot' {FIVE}": "wanted letters, digits",
-    f"robots new x {FIVE} --wheelbase -1": "Geometry.wheelbase = -1.0 lies outside",
+    f"robots new x {FIVE} --wheelbase -1": "[geometry] wheelbase = -1.0 lies outside",
     "robots new x": "--wheelbase",
     "robots import bad.toml": "this is no XML",
     "robots import nowhere.urdf": "there is no such file",

@@ -222,7 +222,7 @@ def test_a_lasting_load_costs_a_simulated_wheel_what_the_law_says(stiffness: flo
     mujoco.mj_step(model, data, nstep=10000)
     lost = 3.0 - data.qvel[dofs]
     # MuJoCo's impedance of 0.9999 stands for a slip that gives way at rest: K_dc has an end
-    turned = 2.0 * (husky().armature + husky().robot.masses.wheel_inertia[1])
+    turned = 2.0 * (husky().armature + husky().robot.wheel_inertia[1])
     stiffest = SLIP_INERTIA * turned / (1e-4 * model.opt.timestep)
     lasting = husky().gain + min(stiffness, stiffest)
     assert lost == pytest.approx(np.full(4, 10.0 / lasting), rel=2e-3, abs=1e-5)

@@ -131,7 +131,7 @@ def test_torques_weigh_by_the_robot_and_only_where_friction_is_free(target: FitT
         problem = FitProblem("mujoco", lab, space, [target], FitCost("sync"))
         assert problem.torques == told
     warthog = load_robot("warthog")
-    forces = [robot.masses.total * robot.geometry.wheel_radius for robot in (lab.robot, warthog)]
+    forces = [robot.mass * robot.wheel_radius for robot in (lab.robot, warthog)]
     weights = [usual_torque_weight(robot) for robot in (lab.robot, warthog)]
     assert weights[0] * forces[0] == pytest.approx(weights[1] * forces[1])
     assert weights[0] == pytest.approx(0.01, rel=0.05)

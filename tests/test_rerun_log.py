@@ -18,16 +18,19 @@ from typing import Any
 import numpy as np
 import pytest
 import rerun as rr
+from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from tests.conftest import metrics_of
+from validation.experiment.runs import Run
+from validation.experiment.scores import Scores
 from validation.experiment.sources import Piece, Source
 from validation.plants.profile import load_profile
 from validation.report import scene, scene_robots
-from validation.report.comparison import Comparison
-from validation.report.motions import PlantResult
+from validation.report.motions import Comparison
+from validation.report.motions import write_comparison as write_recording
 from validation.report.scene_robots import POSE_PERIOD, looks_of
 from validation.report.viewer import open_viewer
 from validation.simulator.description import WHEELS, load_robot
@@ -103,45 +106,50 @@ def comparison(
         Commands(0.05, np.tile([speed, 0.8], (max(1, round((t[-1] - t[0]) / 0.05)), 1)))
         for t in times
     )
-    results = {name: PlantResult(name, p, UNRATED, {}, 0.1, 20.0) for name, p in pieces.items()}
+    runs = {name: Run(name, p, wall_s=0.1) for name, p in pieces.items()}
+    options = {"input": "commands", "noise": False, "horizons": 6.0}
     return compared(
         "traj4",
         pieces[plants[0]],
         commands,
-        results,
+        runs,
         seed=3,
-        options={"input": "commands", "noise": False, "horizons": [6.0]},
+        options=options,
         versions={"mujoco": "3.17"},
     )
 
 
 def compared(
-    source: str,
-    truth: Sequence[Trajectory],
-    commands: Sequence[Commands],
-    plants: Mapping[str, PlantResult],
-    **more: Any,
+    source: str, reference: Any, commands: Any, runs: Mapping[str, Run], **more: Any
 ) -> Comparison:
     """A comparison of plants with the first of them, of which only the motions matter."""
-    pieces = tuple(Piece(each, State(), None, None) for each in commands)
-    about: dict[str, Any] = {
+    about = {
+        "program": "compare",
         "title": source,
-        "source": Source(source, pieces, "mujoco", 0.01),
+        "tables": (),
+        "document": {},
+        "draw": Figure,
         "profile": load_profile("thesis-lab"),
-        "reference": next(iter(plants)),
-        "truth": tuple(truth),
-        "plants": plants,
+        "reference_name": next(iter(runs)),
         "seed": 0,
     }
-    return Comparison(**(about | more))
+    pieces = tuple(Piece(given, State(), None, None) for given in commands)
+    return Comparison(
+        source=Source(source, pieces, "mujoco", 0.01),
+        reference=reference,
+        runs=runs,
+        scores=dict.fromkeys(runs, Scores(UNRATED)),
+        **{**about, **more},
+    )
 
 
 def against_a_recording(made: Comparison) -> Comparison:
     """The same, its reference recorded: a motion that is no plant's and has no channels."""
     recorded = tuple(
-        replace(p, pose=np.add(p.pose, (0.0, 1.0, 2.0 * math.pi)), channels={}) for p in made.truth
+        replace(p, pose=np.add(p.pose, (0.0, 1.0, 2.0 * math.pi)), channels={})
+        for p in made.reference
     )
-    return replace(made, reference="recording", truth=recorded)
+    return replace(made, reference_name="recording", reference=recorded)
 
 
 @dataclass(frozen=True)
@@ -187,7 +195,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path, R
     """Five plants over two seconds: what went in, the file, and what it holds."""
     made = comparison([TWO_SECONDS])
     path = tmp_path_factory.mktemp("recording") / "a.rrd"
-    made.record(path)
+    write_recording(made, path)
     return made, path, Read.file(path)
 
 
@@ -197,7 +205,7 @@ def in_pieces(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Rea
     times = [stamps(0.05, 11.0, 10.0), stamps(0.05, 13.5, 12.0), stamps(0.05, 20.5, 20.0)]
     made = against_a_recording(comparison(times, PLANTS[:3]))
     path = tmp_path_factory.mktemp("pieces") / "b.rrd"
-    made.record(path)
+    write_recording(made, path)
     return made, Read.file(path)
 
 
@@ -214,7 +222,7 @@ def test_the_poses_read_back_are_those_given(
     shown: tuple[Comparison, Path, Read], plant: str
 ) -> None:
     made, _, read = shown
-    motion = made.plants[plant].pieces[0]
+    motion = made.runs[plant].motions[0]
     t, translation = read.track(f"world/{plant}/robot", "Transform3D:translation")
     _, quat_xyzw = read.track(f"world/{plant}/robot", "Transform3D:quaternion")
     rows = np.searchsorted(motion.t, t - 1e-6)
@@ -239,9 +247,9 @@ def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     monkeypatch.setattr(scene, "_MOST_SAMPLES", 60)
     made = comparison([TWO_SECONDS], PLANTS[:2])
     path = tmp_path / "long.rrd"
-    made.record(path)
+    write_recording(made, path)
     read = Read.file(path)
-    motion = made.plants["improved"].pieces[0]
+    motion = made.runs["improved"].motions[0]
     at, places = read.track("world/improved/robot", "Transform3D:translation")
     assert len(at) <= 52
     assert np.allclose(places[-1, :2], motion.xy[-1], atol=1e-6)
@@ -254,7 +262,7 @@ def test_wheels_roll_the_way_the_robot_drives(
     tmp_path: Path, speed: float, direction: float
 ) -> None:
     t = stamps(0.01, 0.1)
-    comparison([t], ["mujoco"], speed).record(tmp_path / "a.rrd")
+    write_recording(comparison([t], ["mujoco"], speed), tmp_path / "a.rrd")
     read = Read.file(tmp_path / "a.rrd")
     turned = {}
     for wheel in WHEELS:
@@ -275,7 +283,7 @@ def test_forces_of_the_ground_are_arrows_of_one_scale_where_a_plant_tells_them(
     shown: tuple[Comparison, Path, Read],
 ) -> None:
     made, _, read = shown
-    motion = made.plants["mujoco"].pieces[0]
+    motion = made.runs["mujoco"].motions[0]
     at, arrows = read.over_time["world/mujoco/robot/contact_force"]["Arrows3D:vectors"]
     rows = np.searchsorted(motion.t, at - 1e-6)
     names = ("force_x_N", "force_y_N", "wheel_load_N")
@@ -303,12 +311,15 @@ def test_the_centre_of_rotation_of_a_circle_is_its_middle(
 
 def test_a_robot_that_drives_straight_has_no_centre_of_rotation(tmp_path: Path) -> None:
     turning = comparison([A_MOMENT], ["mujoco"])
-    straight = replace(turning.truth[0], twist=turning.truth[0].twist * [1.0, 1.0, 0.0])
-    result = PlantResult("mujoco", (straight,), UNRATED, {}, 0.1, 20.0)
+    straight = replace(turning.reference[0], twist=turning.reference[0].twist * [1.0, 1.0, 0.0])
+    result = Run("mujoco", (straight,), wall_s=0.1)
     made = compared(
-        "straight", (straight,), [turning.source.pieces[0].commands], {"mujoco": result}
+        "straight",
+        (straight,),
+        [piece.commands for piece in turning.source.pieces],
+        {"mujoco": result},
     )
-    made.record(tmp_path / "straight.rrd")
+    write_recording(made, tmp_path / "straight.rrd")
     read = Read.file(tmp_path / "straight.rrd")
     _, points = read.over_time["world/mujoco/robot/rotation_centre"]["Points3D:positions"]
     assert not any(points)
@@ -320,7 +331,7 @@ def test_nothing_is_drawn_across_gaps(in_pieces: tuple[Comparison, Read]) -> Non
     made, read = in_pieces
     for name in ("recording", *PLANTS[:3]):
         assert len(read.static[f"world/{name}/path"]["LineStrips3D:strips"]) == 3
-    wanted = np.concatenate([p.t for p in made.truth])
+    wanted = np.concatenate([p.t for p in made.reference])
     for entity, columns in read.over_time.items():
         if not entity.startswith("plots/"):
             continue
@@ -339,9 +350,9 @@ def test_nothing_is_drawn_across_gaps(in_pieces: tuple[Comparison, Read]) -> Non
 @pytest.mark.parametrize("t", [stamps(0.008, 0.0), stamps(0.008, 0.032)])
 def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -> None:
     still = Trajectory(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.zeros((len(t), 2)))
-    result = PlantResult("kinematic", (still,), UNRATED, {}, 0.1, 20.0)
+    result = Run("kinematic", (still,), wall_s=0.1)
     commands = (Commands(0.008, np.zeros((max(1, len(t) - 1), 2))),)
-    compared("a", (still,), commands, {"kinematic": result}).record(tmp_path / "a.rrd")
+    write_recording(compared("a", (still,), commands, {"kinematic": result}), tmp_path / "a.rrd")
     assert (
         len(
             Read.file(tmp_path / "a.rrd").track("world/kinematic/robot", "Transform3D:translation")[
@@ -363,7 +374,7 @@ def test_a_repeated_run_compares_equal_and_another_has_another_id(
         ("same", comparison([TWO_SECONDS])),
         ("moved", comparison([TWO_SECONDS], speed=0.51)),
     ):
-        other.record(tmp_path / f"{name}.rrd")
+        write_recording(other, tmp_path / f"{name}.rrd")
     assert run_rerun("rrd", "compare", "--unordered", path, tmp_path / "same.rrd").returncode == 0
     files = (path, *(tmp_path / f"{name}.rrd" for name in ("same", "moved")))
     ids = [RrdReader(file).recordings()[0].recording_id for file in files]
@@ -386,16 +397,16 @@ def test_a_failure_leaves_nothing_and_spares_what_was_there(
     path.write_bytes(b"before")
     twice = replace(made.source, pieces=made.source.pieces * 2)
     with pytest.raises(ValueError, match="zip"):
-        replace(made, source=twice).record(path)
+        write_recording(replace(made, source=twice), path)
     for failure in (OSError("no space left"), KeyboardInterrupt()):
         with monkeypatch.context() as patch:
             patch.setattr(os, "replace", raiser(failure))
             with pytest.raises(type(failure)):
-                made.record(path)
+                write_recording(made, path)
     assert [p.name for p in tmp_path.iterdir()] == ["a.rrd"]
     assert path.read_bytes() == b"before"
     with pytest.raises(FileNotFoundError):
-        made.record(tmp_path / "nowhere" / "a.rrd")
+        write_recording(made, tmp_path / "nowhere" / "a.rrd")
 
 
 # --- the viewer ---
@@ -442,12 +453,12 @@ def test_the_viewer_listens_on_loopback_or_its_absence_is_logged(
 @pytest.mark.parametrize("name", ["husky", "jackal"])
 def test_a_robot_looks_as_large_as_it_is(name: str) -> None:
     """Hull and wheels have the robot's numbers; a mast adds at most a quarter of the hull."""
-    geometry = load_robot(name).geometry
+    robot = load_robot(name)
     looks = looks_of(load_robot(name))
-    radius, track, (long, _, high) = geometry.wheel_radius, geometry.track, geometry.body_size
-    length = max(long, geometry.wheelbase + 2.0 * radius)
-    hull_top = looks.places["base"][2] + geometry.body_centre[2] + 0.5 * high
-    assert looks.size[:2] == pytest.approx([length, track + geometry.wheel_width], rel=0.01)
+    radius, track, (long, _, high) = robot.wheel_radius, robot.track, robot.body_size
+    length = max(long, robot.wheelbase + 2.0 * radius)
+    hull_top = looks.places["base"][2] + robot.body_centre[2] + 0.5 * high
+    assert looks.size[:2] == pytest.approx([length, track + robot.wheel_width], rel=0.01)
     top = max(2.0 * radius, hull_top)
     assert top <= looks.size[2] <= top + 0.25 * high
     for wheel in WHEELS:

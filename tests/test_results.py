@@ -164,7 +164,7 @@ def test_a_picture_shows_the_paths_that_were_driven(
 ) -> None:
     made = result(name)
     paths = [r.run.columns("x", "y") for r in made.robots] if hasattr(made, "robots") else [
-        result.pieces[0].xy for result in made.plants.values()
+        run.motions[0].xy for run in made.runs.values()
     ]  # fmt: skip
     drawn = [np.asarray(curve.get_xydata()) for ax in made.figure().axes for curve in ax.lines]
     assert all(any(np.array_equal(path, curve) for curve in drawn) for path in paths)

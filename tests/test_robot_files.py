@@ -81,7 +81,7 @@ def changed(**sections: Any) -> dict[str, Any]:
         ({"geometry": {"link": 2}}, r"geometry.link is 2, wanted a text"),
         (
             {"simulation": {"wheel_shape": "ball"}},
-            r"unknown wheel shape 'ball'; there are: ellipsoid",
+            r"wheel_shape is 'ball', must be one of: ellipsoid",
         ),
         ({"simulation": {"timestep": -1.0}}, r"timestep = -1.0 lies outside"),
         ({"drive": {"torque_limit": -1.0}}, r"\[drive\] .*torque_limit = -1.0 lies outside"),
@@ -148,14 +148,12 @@ def test_what_a_file_leaves_out_is_estimated_and_graded_as_assumed() -> None:
     assert robot.source("mass.total") == ("measured", "bathroom scales")
     assert robot.source("mass.inertia")[0] == "assumed"
     assert robot.source("geometry.track") == ("assumed", "no source is given")
-    masses = robot.masses
-    geometry = robot.geometry
-    disc = masses.wheel * geometry.wheel_radius**2
-    assert masses.wheel_inertia[1] == pytest.approx(WHEEL_FILL * disc / 2.0)
-    assert masses.wheel_inertia[0] == pytest.approx(
-        WHEEL_FILL * (disc / 4.0 + masses.wheel * geometry.wheel_width**2 / 12.0)
+    disc = robot.wheel_mass * robot.wheel_radius**2
+    assert robot.wheel_inertia[1] == pytest.approx(WHEEL_FILL * disc / 2.0)
+    assert robot.wheel_inertia[0] == pytest.approx(
+        WHEEL_FILL * (disc / 4.0 + robot.wheel_mass * robot.wheel_width**2 / 12.0)
     )
-    assert 2.0 * max(masses.inertia) < sum(masses.inertia)
+    assert 2.0 * max(robot.inertia) < sum(robot.inertia)
     robot_model(Calibration.of(robot))
 
 

@@ -144,7 +144,7 @@ def motion(
             "wheels",
         )
     measured = plant.run(commands, State(), 0.05 * time)
-    radius = robot.geometry.wheel_radius
+    radius = robot.wheel_radius
     weight = calibration.mass * 9.81
     torques = measured.channels.get("torque_N_m", np.zeros((len(measured), 2)))
     return np.column_stack(
@@ -268,9 +268,9 @@ def test_small_wheels_get_short_steps() -> None:
             "geometry": geometry,
             "mass": {"total": 20.0},
         }
-        assert parse_robot(document).simulation.timestep == step
+        assert parse_robot(document).timestep == step
         message = parse_robot({**document, "simulation": {"timestep": 0.004}})
-        assert message.simulation.timestep == 0.004
+        assert message.timestep == 0.004
 
 
 # ------------------------------------------------------------------------------------------- a
@@ -279,7 +279,7 @@ def both_links(robot: Any, **drive: float) -> tuple[MujocoPlant, MujocoPlant]:
     """The robot with belts, and with a motor for each wheel."""
     plants = []
     for link in ("belt", "none"):
-        linked = replace(robot, geometry=replace(robot.geometry, link=link), mjcf="")
+        linked = replace(robot, link=link, mjcf="")
         c = Calibration.of(linked, com_x=0.0, com_y=0.0)
         base = {
             "delay_v": 0.0,
@@ -308,7 +308,7 @@ def test_four_motors_turn_a_symmetrical_robot_as_two_with_belts_do(
     A belt carries nothing, and a side's torques add up.
     """
     robot = load_robot(name)
-    size = robot.masses.total / 73.3 * robot.geometry.wheel_radius / 0.1651
+    size = robot.mass / 73.3 * robot.wheel_radius / 0.1651
     parts = (
         {"integral_gain": 800.0 * size, "dc_stiffness": 1900.0 * size, "torque_limit": 60.0 * size}
         if integral
@@ -334,7 +334,7 @@ def test_a_motor_of_its_own_slows_down_by_its_own_load() -> None:
     """
     rates = []
     for link in ("belt", "none"):
-        linked = replace(HUSKY, geometry=replace(HUSKY.geometry, link=link), mjcf="")
+        linked = replace(HUSKY, link=link, mjcf="")
         bench = measures.Bench(Calibration.of(linked, com_x=0.1))
         bench.ask(-measures.RIM_SPEED, measures.RIM_SPEED)
         bench.run(measures.TURN_TIME)
@@ -360,16 +360,14 @@ def test_a_shipped_robot_that_is_told_to_stand_on_ten_degrees_stands(name: str) 
 def test_a_shipped_robot_is_as_heavy_to_push_as_the_rule_of_its_rotors_says(name: str) -> None:
     robot = load_robot(name)
     mass, radius, (_, spin) = (
-        robot.masses.total,
-        robot.geometry.wheel_radius,
-        robot.masses.wheel_inertia,
+        robot.mass,
+        robot.wheel_radius,
+        robot.wheel_inertia,
     )
     measured = apparent_mass(MujocoPlant(Calibration.of(robot), robot.motor_drive).model)
     assert measured == pytest.approx(
         mass * (1.0 + 4.0 * ROTOR_SHARE) + 4.0 * spin / radius**2, rel=0.01
     )
     assert 1.45 < measured / mass < 1.55
-    untold = parse_robot(
-        {**robot.as_document(), "sources": {}, "simulation": {"friction": 0.3}}
-    ).simulation
+    untold = parse_robot({**robot.as_document(), "sources": {}, "simulation": {"friction": 0.3}})
     assert untold.armature == pytest.approx(ROTOR_SHARE * mass * radius**2)

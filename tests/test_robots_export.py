@@ -25,9 +25,10 @@ SIDE_SIGNS = ((-1.0, "left"), (1.0, "right"))
 
 def places(robot: Robot) -> np.ndarray[Any, Any]:
     """(4, 3) middles of the wheels in the base frame [m]."""
-    g = robot.geometry
     signs = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
-    return np.column_stack([0.5 * signs * [g.wheelbase, g.track], np.full(4, g.axle_height)])
+    return np.column_stack(
+        [0.5 * signs * [robot.wheelbase, robot.track], np.full(4, robot.axle_height)]
+    )
 
 
 def read_back(robot: Robot) -> mujoco.MjModel:
@@ -44,14 +45,14 @@ def read_back(robot: Robot) -> mujoco.MjModel:
 def test_a_urdf_read_back_in_mujoco_is_the_robot(name: str) -> None:
     robot = load_robot(name)
     model = read_back(robot)
-    assert model.body_mass.sum() == pytest.approx(robot.masses.total, rel=1e-6)
+    assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-6)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     middles = np.array([data.body(f"{wheel}_wheel_link").xpos for wheel in WHEELS])
     np.testing.assert_allclose(middles - data.body("base_link").xpos, places(robot), atol=1e-6)
     chassis = model.body("chassis_link")
-    np.testing.assert_allclose(np.sort(chassis.inertia), np.sort(robot.masses.inertia), rtol=1e-6)
-    np.testing.assert_allclose(chassis.ipos, robot.masses.com, atol=1e-6)
+    np.testing.assert_allclose(np.sort(chassis.inertia), np.sort(robot.inertia), rtol=1e-6)
+    np.testing.assert_allclose(chassis.ipos, robot.com, atol=1e-6)
 
 
 def in_plain_mujoco(
@@ -112,7 +113,7 @@ def test_ros2_control_turns_a_robot_as_it_is_told(name: str) -> None:
     wheels = rim / (numbers["wheel_radius"] * numbers["left_wheel_radius_multiplier"])
     spot = spot_turn(robot)
     assert spot is not None
-    assert spot.yaw_rate * wheels * robot.geometry.wheel_radius == pytest.approx(rate, rel=1e-5)
+    assert spot.yaw_rate * wheels * robot.wheel_radius == pytest.approx(rate, rel=1e-5)
 
 
 def test_ros2_control_has_a_profiles_radii_and_separation() -> None:
@@ -155,14 +156,14 @@ def test_an_sdf_read_by_drake_is_the_robot(name: str) -> None:
     Parser(plant).AddModelsFromString(export_robot(robot, "sdf"), "sdf")
     plant.Finalize()
     context = plant.CreateDefaultContext()
-    assert plant.CalcTotalMass(context) == pytest.approx(robot.masses.total, rel=1e-9)
+    assert plant.CalcTotalMass(context) == pytest.approx(robot.mass, rel=1e-9)
     base = plant.GetBodyByName("base_link")
     height = plant.GetFreeBodyPose(context, base).translation()[2]
-    assert height == pytest.approx(robot.geometry.base_height, abs=1e-12)
+    assert height == pytest.approx(robot.base_height, abs=1e-12)
     spatial = base.default_spatial_inertia()
-    np.testing.assert_allclose(spatial.get_com(), robot.masses.com, atol=1e-12)
+    np.testing.assert_allclose(spatial.get_com(), robot.com, atol=1e-12)
     central = spatial.Shift(spatial.get_com()).CalcRotationalInertia().get_moments()
-    np.testing.assert_allclose(central, robot.masses.inertia, rtol=1e-9)
+    np.testing.assert_allclose(central, robot.inertia, rtol=1e-9)
     for wheel, place in zip(WHEELS, places(robot), strict=True):
         body = plant.GetBodyByName(f"{wheel}_wheel_link")
         measured = plant.EvalBodyPoseInWorld(context, body).translation()
@@ -170,7 +171,7 @@ def test_an_sdf_read_by_drake_is_the_robot(name: str) -> None:
         (shape,) = plant.GetCollisionGeometriesForBody(body)
         properties = scene.model_inspector().GetProximityProperties(shape)
         friction = properties.GetProperty("material", "coulomb_friction")
-        assert friction.dynamic_friction() == pytest.approx(robot.simulation.friction)
+        assert friction.dynamic_friction() == pytest.approx(robot.friction)
         joint = plant.GetJointByName(f"{wheel}_wheel_joint")
         assert tuple(joint.revolute_axis()) == (0.0, 1.0, 0.0)
         if np.isfinite(robot.drive.torque_limit):

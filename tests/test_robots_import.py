@@ -82,21 +82,19 @@ def test_what_was_written_is_found(
     with pytest.MonkeyPatch.context() as here:  # another process for each would take a minute
         here.setattr(foreign, "tried_files", lambda text: {})
         robot = imported(made, tmp_path_factory.mktemp("urdf")).robot
-    g = robot.geometry
-    m = robot.masses
     wanted = (made.wheelbase, made.track, made.radius, made.width, made.axle)
     np.testing.assert_allclose(
-        [g.wheelbase, g.track, g.wheel_radius, g.wheel_width, g.axle_height],
+        [robot.wheelbase, robot.track, robot.wheel_radius, robot.wheel_width, robot.axle_height],
         wanted,
         rtol=DIGITS,
         atol=1e-9,
     )
     np.testing.assert_allclose(
-        [m.total, m.wheel], [made.mass + 4.0 * made.wheel, made.wheel], rtol=DIGITS
+        [robot.mass, robot.wheel_mass], [made.mass + 4.0 * made.wheel, made.wheel], rtol=DIGITS
     )
-    np.testing.assert_allclose(m.com, made.com, rtol=DIGITS, atol=1e-7)
-    np.testing.assert_allclose(m.wheel_inertia, made.spin(), rtol=DIGITS)
-    np.testing.assert_allclose(m.inertia, made.inertia, rtol=1e-5)
+    np.testing.assert_allclose(robot.com, made.com, rtol=DIGITS, atol=1e-7)
+    np.testing.assert_allclose(robot.wheel_inertia, made.spin(), rtol=DIGITS)
+    np.testing.assert_allclose(robot.inertia, made.inertia, rtol=1e-5)
     assert robot.source("geometry.wheelbase")[0] == "published"
     assert robot.source("drive.torque_limit")[0] == "assumed"
 
@@ -129,7 +127,7 @@ def test_rockers_are_no_wheels(tmp_path: Path) -> None:
     assert text.count('<parent link="left_rocker"/>') == 2
     (tmp_path / "rockers.urdf").write_text(text)
     robot = import_robot(tmp_path / "rockers.urdf").robot
-    assert robot.geometry.wheelbase == pytest.approx(0.5)
+    assert robot.wheelbase == pytest.approx(0.5)
     assert (
         "front_left_joint, front_right_joint, rear_left_joint, rear_right_joint"
         in robot.source("geometry.track")[1]
@@ -143,9 +141,9 @@ def test_an_arm_and_a_lidar_are_lumped_into_the_body(tmp_path: Path) -> None:
     robot = imported(
         UrdfRobot(more=arm + extra_wheel("laser", 0.0, 0.0, axis="0 0 1")), tmp_path
     ).robot
-    assert robot.masses.total == pytest.approx(40.0 + 8.0 + 3.0)
+    assert robot.mass == pytest.approx(40.0 + 8.0 + 3.0)
     x = (40.0 * 0.02 + 1.0 * 0.1 + 1.0 * 0.2) / 43.0
-    assert robot.masses.com[0] == pytest.approx(x)
+    assert robot.com[0] == pytest.approx(x)
 
 
 def box(size: str, z: float) -> str:
@@ -159,10 +157,10 @@ def box(size: str, z: float) -> str:
 
 def test_an_antenna_is_no_hull(tmp_path: Path) -> None:
     """As of a Leo, whose hull is a mesh and whose antenna is a cylinder."""
-    hull = imported(UrdfRobot(more=box("0.7 0.5 0.2", 0.1)), tmp_path).robot.geometry
+    hull = imported(UrdfRobot(more=box("0.7 0.5 0.2", 0.1)), tmp_path).robot
     assert hull.body_size == pytest.approx((0.7, 0.5, 0.2))
     drafted = imported(UrdfRobot(more=box("0.02 0.02 0.4", 0.3)), tmp_path)
-    assert drafted.robot.geometry.body_size[0] == pytest.approx(0.65)
+    assert drafted.robot.body_size[0] == pytest.approx(0.65)
     assert any("hull is estimated" in remark for remark in drafted.remarks)
 
 
@@ -192,7 +190,7 @@ def test_four_motorised_wheels_are_four_motors(
     """As of a Scout; a robot of which two wheels have motors has belts."""
     more = "".join(MOTOR[kind].format(name) for name in UrdfRobot().names[:count])
     robot = imported(UrdfRobot(more=more), tmp_path).robot
-    assert robot.geometry.link == link
+    assert robot.link == link
     assert robot.source("geometry.link")[0] == ("published" if link == "none" else "assumed")
 
 

@@ -69,8 +69,8 @@ def test_every_shipped_robot_is_without_a_fault(
     assert sum(document["static_loads_N"]) == pytest.approx(weight, rel=0.01)
     robot = load_robot(name)
     np.testing.assert_allclose(document["static_loads_N"], load_shares(robot) * weight, rtol=0.01)
-    turning = robot.masses.wheel_inertia[1] + robot.simulation.armature
-    apparent = robot.masses.total + 4.0 * turning / robot.geometry.wheel_radius**2
+    turning = robot.wheel_inertia[1] + robot.armature
+    apparent = robot.mass + 4.0 * turning / robot.wheel_radius**2
     assert document["apparent_mass_kg"] == pytest.approx(apparent, rel=0.01)
     assert (tmp_path / "robot.png").read_bytes().startswith(b"\x89PNG")
     message = capsys.readouterr().out
@@ -87,9 +87,7 @@ def test_the_simulated_robot_needs_the_torque_that_mechanics_says(com: tuple[flo
     assert spot is not None
     motion = spin(MujocoPlant(Calibration.of(robot), robot.drive), 20.0, 0.4)
     torque = np.abs(motion.channels["torque_N_m"][motion.t > 8.0]).mean(axis=0)
-    np.testing.assert_allclose(
-        torque, robot.simulation.friction * turning_torque(robot, spot), rtol=0.03
-    )
+    np.testing.assert_allclose(torque, robot.friction * turning_torque(robot, spot), rtol=0.03)
 
 
 FAULTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str, str]] = {
@@ -197,9 +195,9 @@ HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
 def test_a_hint_is_no_fault(name: str) -> None:
     sections, words = HINTS[name]
     check = check_robot(changed(**sections))
-    assert any(words in text for text in check.document()["advice"]), check.document()["advice"]
+    assert any(words in text for text in check.document["advice"]), check.document["advice"]
     assert check.ok
-    assert not any("nothing is wrong" in sentence for sentence in check.notes())
+    assert not any("nothing is wrong" in sentence for sentence in check.sentences)
 
 
 def test_nothing_is_wrong_only_where_nothing_was_guessed() -> None:
@@ -213,10 +211,10 @@ def test_nothing_is_wrong_only_where_nothing_was_guessed() -> None:
         "geometry": {**document["geometry"], "body_size": [1.4, 0.8, 0.3]},
     }
     document["simulation"] |= {"gain": 200.0, "armature": 1.0}
-    assert check_robot(parse_robot(document)).notes()[0] == "known: nothing is wrong with it"
+    assert check_robot(parse_robot(document)).sentences[0] == "known: nothing is wrong with it"
     guessed = check_robot(parse_robot({**document, "mass": {**document["mass"], "wheel": 0.0}}))
     assert guessed.ok
-    assert guessed.notes()[0].endswith("nobody has measured or published mass.wheel")
+    assert guessed.sentences[0].endswith("nobody has measured or published mass.wheel")
     assert guessed.as_dict()["guessed"] == ["mass.wheel"]
 
 

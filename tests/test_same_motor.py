@@ -47,7 +47,7 @@ GAIN = 60.0
 ARMATURE = 0.2
 DT = 0.001
 CALIBRATION = husky(friction=1.0, gain=GAIN, armature=ARMATURE, timestep=DT)
-SPIN = ARMATURE + HUSKY.masses.wheel_inertia[1]
+SPIN = ARMATURE + HUSKY.wheel_inertia[1]
 MASS = CALIBRATION.mass
 RADIUS = CALIBRATION.wheel_radius
 COMMANDS = Commands(0.05, np.repeat([[0.6, 0.0], [-0.4, 0.0], [0.2, 0.0]], 24, axis=0))
@@ -77,7 +77,7 @@ def four_wheels(d: Drive) -> Plant:
     robot = {
         "mass": MASS,
         "yaw_inertia": CALIBRATION.yaw_inertia,
-        "wheelbase": HUSKY.geometry.wheelbase,
+        "wheelbase": HUSKY.wheelbase,
         "half_track": CALIBRATION.half_track,
         "wheel_radius": RADIUS,
         "com_x": 0.0,
@@ -85,7 +85,7 @@ def four_wheels(d: Drive) -> Plant:
         "com_height": 0.19,
         "gain": GAIN,
         "armature": ARMATURE,
-        "wheel_inertia": HUSKY.masses.wheel_inertia[1],
+        "wheel_inertia": HUSKY.wheel_inertia[1],
         "friction": 1.0,
         "stiffness_x": 300.0,
         "stiffness_y": 300.0,

@@ -55,12 +55,12 @@ def test_profiles_drive_the_same_paths_with_either_solver(name: str, scenario: s
 
 def sized(mass: float) -> Robot:
     """Return a robot of a Husky's proportions and another mass [kg]."""
-    scale = (mass / HUSKY.masses.total) ** (1.0 / 3.0)
+    scale = (mass / HUSKY.mass) ** (1.0 / 3.0)
     names = ("wheelbase", "track", "wheel_radius", "wheel_width")
-    geometry = {name: scale * getattr(HUSKY.geometry, name) for name in names}
+    geometry = {name: scale * getattr(HUSKY, name) for name in names}
     masses = {
         "total": mass,
-        "wheel_inertia": [scale**5 * inertia for inertia in HUSKY.masses.wheel_inertia],
+        "wheel_inertia": [scale**5 * inertia for inertia in HUSKY.wheel_inertia],
     }
     return parse_robot({"schema": SCHEMA, "name": "sized", "geometry": geometry, "mass": masses})
 

@@ -11,17 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.geometry import integral, rotate_body_to_world
+from ssmr.metrics.declared import Metrics
 from ssmr.metrics.windows import horizon_windows, overlapping_windows
 from ssmr.types import FloatArray
 from tests.test_log_faults import drive, with_jumps
 from validation.experiment.gyro import find_gyro_judge
+from validation.experiment.scores import score, standing_sentences
 from validation.experiment.sources import (
     WindowCut,
     commands_on_grid,
-    horizons_of,
     source_of,
-    standing_sentences,
-    window_errors_of,
 )
 from validation.files.log import Log
 
@@ -198,7 +197,7 @@ def test_windows_without_motion_are_counted(wheels: bool) -> None:
     away = replace(
         reference, pose=reference.pose + np.where(piece.t > 32.0, 0.1 * piece.t, 0.0)[:, None]
     )
-    errors = horizons_of([(source, [away])], (6.0,))[6.0]
+    errors = score(Metrics(), source.pieces, [away], (6.0,)).horizons[6.0]
     cut = horizon_windows(piece.t, 6.0, piece.fresh)
     assert errors.n in (5, 6)
     assert (errors.n_standing, errors.position_median_m) == (len(cut[0]) - errors.n, 0.0)
@@ -226,8 +225,8 @@ def test_the_gyro_judges_headings_whatever_its_sign_and_bias(sign: float, stalls
     right = np.interp(t - 0.3, t, integral(t, columns["cmd_w"]))
     reported = replace(reported, pose=np.column_stack([reported.pose[:, :2], right]))
     by_gyro, by_pose = (
-        window_errors_of([(s, [reported])], (6.0,))[6.0].yaw
-        for s in (judge.judging(source, 0.3), source)
+        score(Metrics(), pieces, [reported], (6.0,)).windows[6.0].yaw
+        for pieces in (judge.judging(source, 0.3), source.pieces)
     )
     assert np.median(by_gyro) < 0.01 < np.median(by_pose)
 

@@ -208,15 +208,15 @@ def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: P
             own_model=f"{own}:LAW",
             own_metric=f"{own}:gap_m",
         )
-        assert list(comparison.plants) == ["kinematic", "slip"]
+        assert list(comparison.runs) == ["kinematic", "slip"]
         assert comparison.as_dict()["plants"]["kinematic"]["gap_m"] == 0.0
         assert (
-            comparison.tables()[0].rows[1]["gap_m"]
-            == comparison.plants["slip"].metrics["gap_m"]
+            comparison.tables[0].rows[1]["gap_m"]
+            == comparison.scores["slip"].metrics["gap_m"]
             > 0.0
         )
         ways.append(
-            float(np.hypot(*np.diff(comparison.plants["slip"].pieces[0].xy, axis=0).T).sum())
+            float(np.hypot(*np.diff(comparison.runs["slip"].motions[0].xy, axis=0).T).sum())
         )
     assert ways == pytest.approx([ways[0], 0.9 * ways[0], 0.8 * ways[0]], rel=1e-9)
     assert not _jit._saves, (

@@ -11,7 +11,8 @@ from ssmr.metrics.paired import chance_of_difference
 from ssmr.metrics.windows import WindowErrors, overlapping_windows, relative_pose_error
 from ssmr.types import FloatArray, IndexArray
 from tests.conftest import data_folder
-from validation.experiment.sources import Source, drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import Source, open_source
 from validation.plants.profile import load_profile, make_plant
 
 LOGS = {

@@ -10,7 +10,6 @@ if __name__ == "__main__":
 
     end_quietly()
 
-import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -25,12 +24,13 @@ from matplotlib.lines import Line2D
 
 from ssmr.types import CommandKind
 from validation import cli, store
+from validation.experiment.scores import Scores
 from validation.experiment.sources import open_source, unknown_robot_notes
 from validation.files.agreement import LogFault
 from validation.files.faults import Faults, find_faults
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.files.log import COMMAND_COLUMNS, Log, ReadOptions
-from validation.fit import Fitted, Scored, fit
+from validation.fit import Fit, Fitted, run_fit
 from validation.identify.targets import Input
 from validation.plants.kind import SEEN
 from validation.plants.profile import Profile, choose_profile
@@ -38,9 +38,8 @@ from validation.plants.searchable import find
 from validation.plants.table import PLANTS, SIMULATED
 from validation.progress import Progress
 from validation.report import drawing
-from validation.report.motions import HEADLINE_HORIZON, interval_table
+from validation.report.motions import interval_table
 from validation.report.report import FINISHED, Report
-from validation.report.table import Table
 from validation.robots import export_robot
 from validation.words import file_name, one_line
 
@@ -101,9 +100,11 @@ def _label(f: Fitted) -> str:
     return f"{f.model} by {f.options['input']}"
 
 
-def _scores(f: Fitted) -> dict[str, Scored]:
+def _scores(f: Fitted) -> dict[str, Scores]:
     """Return the scores on unseen data, before and after a fit."""
-    return {"before": f.unfitted[0], "after": f.held_out[0]}
+    (before,) = f.unfitted.values()
+    (after,) = f.held_out.values()
+    return {"before": before, "after": after}
 
 
 def _as_dict(f: Fitted) -> dict[str, Any]:
@@ -114,7 +115,7 @@ def _as_dict(f: Fitted) -> dict[str, Any]:
     }
     document: dict[str, Any] = {"input": f.options["input"], "parameters": numbers}
     for when, scored in _scores(f).items():
-        document[when] = {f"{h:g}": asdict(e.summary()) for h, e in scored.windows.items()}
+        document[when] = {f"{h:g}": asdict(e) for h, e in scored.overlapping.items()}
     document["better"] = f.better
     return document
 
@@ -123,8 +124,9 @@ def _verdict(f: Fitted) -> str:
     """Return a sentence on the errors before and after a fit, and on the numbers that are kept."""
     errors = []
     for scored in _scores(f).values():
-        horizon = min(scored.windows, key=lambda h: abs(h - HEADLINE_HORIZON))
-        e = scored.windows[horizon].summary()
+        assert scored.headline is not None  # fits without windows to judge on were refused
+        horizon = scored.headline
+        e = scored.overlapping[horizon]
         errors.append(f"{e.position_median_m:.3f} m and {math.degrees(e.yaw_median_rad):.2f} deg")
     kept = "keeps the old numbers: the fit is no better"
     if f.better:
@@ -139,93 +141,19 @@ def _verdict(f: Fitted) -> str:
 class Calibrated(Report):
     """A calibrated robot."""
 
-    program = "calibrate"
-    endings = ("png", "md")
-    log: Path
-    """The log."""
-    seed: int
-    """Seed of the fits."""
-    faults: Sequence[LogFault]
-    """Faults of the log."""
+    profile: Profile
+    """The profile with all numbers that are better than those of before."""
     fits: Sequence[Fitted]
     """The fits, in their order."""
-    remarks: Sequence[str]
-    """Sentences on what the log is taken for, and what was not fitted."""
 
-    @property
-    def profile(self) -> Profile:
-        """The profile with all numbers that are better than those of before."""
-        profile = self.fits[-1].profile
-        return replace(profile, name=file_name(f"{profile.robot.name}-{self.log.stem}"))
-
-    def files(self) -> dict[str, Callable[[Path], object]]:
+    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
         """Return functions that write the two parameter files, the page and the picture."""
         drive = export_robot(self.profile.robot, "diff-drive", self.profile)
         return {
             "profile.toml": self.profile.save,
             "diff_drive.yaml": lambda path: store.write_text(path, drive),
-            **super().files(),
+            **super().files(recording),
         }
-
-    def tables(self) -> list[Table]:
-        """Return the errors before and after each fit, and the fitted numbers."""
-        errors = []
-        values = []
-        for f in self.fits:
-            label = _label(f)
-            values.append(replace(f.values("parameter", "before"), title=f"{label}, fitted"))
-            for when, scored in _scores(f).items():
-                errors += [(h, f"{label}, {when}", e.summary()) for h, e in scored.windows.items()]
-        table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
-        title = "Error of the relative pose on data that no fit has seen, and how sure that is"
-        return [replace(table, title=title), *values]
-
-    def notes(self) -> list[str]:
-        """Return the faults of the log, a verdict on each fit, and the fits' notes."""
-        notes = [f"The log: {fault.sentence}." for fault in self.faults]
-        notes += [*map(_verdict, self.fits), *self.remarks]
-        for f in self.fits:
-            # the first note of a fit that is no better says so, and the verdict does too
-            notes += [f"{_label(f)}: {note}" for note in f.notes()[not f.better :]]
-        return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
-
-    def document(self) -> dict[str, Any]:
-        """Return the document of calibrate.json without its tables."""
-        plants: dict[str, dict[str, Any]] = {}
-        for f in self.fits:
-            entry = _as_dict(f)
-            # a plant's second fit is that of its driver
-            if plants.setdefault(f.model, entry) is not entry:
-                plants[f.model]["commands"] = entry
-        return {
-            "schema": "ssmr.calibrate/1",
-            "log": str(self.log),
-            "robot": self.profile.robot.name,
-            "seed": self.seed,
-            "faults": list(map(asdict, self.faults)),
-            "plants": plants,
-        }
-
-    def figure(self) -> Figure:
-        """Draw the errors by horizon before and after each fit, and the verdicts."""
-        marks = []
-        for s in self.fits:
-            marker = "s" if s.options["input"] == "wheels" else "o"
-            inks = {"before": drawing.BESIDE_INK, "after": drawing.ink_of(s.model)}
-            for when, scored in _scores(s).items():
-                errors = {h: e.summary() for h, e in scored.windows.items()}
-                name = f"{_label(s)}, {when}"
-                marks.append(
-                    drawing.HorizonMarks(name, inks[when], marker, scored.horizons, errors)
-                )
-        handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
-        header = partial(
-            drawing.draw_header, title=self.title, handles=handles, labels=[m.name for m in marks]
-        )
-        panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
-        rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, panels)]
-        rows += drawing.note_rows(list(map(_verdict, self.fits)))
-        return drawing.put_together(rows)
 
 
 @cli.program(Calibrate)
@@ -242,7 +170,7 @@ def calibrate(o: Calibrate) -> Calibrated:
         raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")
     name = str(o.log)
     profile = choose_profile(o.profile, o.robot, profile_of_log(name))
-    read = ReadOptions(columns=o.columns, radius=profile.robot.geometry.wheel_radius)
+    read = ReadOptions(columns=o.columns, radius=profile.robot.wheel_radius)
     log = read_log(log_path(o.log), read)
     faults = find_faults(log, read.radius)
     inputs, notes = _inputs(o, log, faults)
@@ -253,28 +181,12 @@ def calibrate(o: Calibrate) -> Calibrated:
     if o.profile is None and o.robot is None:
         kind: CommandKind = "wheels" if inputs[0] == "wheels" else "twist"
         source = open_source(name, kind, options=read)
-        notes += unknown_robot_notes(source, profile.robot)
-    sources = logging.getLogger("validation.experiment.sources")
-    sources.disabled = True  # the notes name a log's faults once
-    try:
-        fits = _fits(o, profile, inputs, until)
-    finally:
-        sources.disabled = False
-    robot = profile.robot
-    return Calibrated(
-        title=one_line(f"{robot.title or robot.name}, calibrated with {Path(o.log).name}"),
-        options={
-            "plants": o.plants,
-            "held_out": None if o.held_out is None else str(o.held_out),
-            "trust": o.trust,
-        },
-        status=fits[-1].status,
-        log=Path(o.log),
-        seed=o.seed,
-        faults=faults.named,
-        fits=fits,
-        remarks=notes,
-    )
+        unknown = unknown_robot_notes(source, profile.robot)
+        for warning in unknown[1:]:
+            cli.warn(warning)
+        notes += unknown
+    fits = _fits(o, profile, inputs, until)
+    return _report(o, fits, faults.named, notes)
 
 
 def _fits(
@@ -285,7 +197,7 @@ def _fits(
     The last one may have been interrupted.
     """
     fits = []
-    track = profile.robot.geometry.track
+    track = profile.robot.track
     others = [plant for plant in o.plants if plant != FIRST_FITTED]
     plans = list(product([FIRST_FITTED, *others], inputs))
     for k, (plant, kind) in enumerate(plans):
@@ -304,7 +216,7 @@ def _fits(
             # a simulated run is dear, and the kinematic fit knows where to begin
             begun = begin_at(plant, settings.get("free", BODY), profile)
             settings |= {"search": "lsq", "start": begun}
-        done = fit(
+        options = Fit(
             plant,
             str(o.log),
             profile,
@@ -317,7 +229,9 @@ def _fits(
             columns=o.columns,
             **settings,
         )
-        if not done.held_out or not done.held_out[0].windows:
+        # the report names the log's faults once
+        done = run_fit(options, lambda warning: None)
+        if not any(scores.windows for scores in done.held_out.values()):
             raise ValueError(
                 f"{o.log}: nothing is left to judge on; name another log with --held-out"
             )
@@ -376,6 +290,79 @@ def begin_at(plant: str, free: Sequence[str], profile: Profile) -> dict[str, flo
         s = find(plant, name, section.robot)
         start[name] = min(max(numbers[name], s.lower), s.upper)
     return start
+
+
+def _report(
+    o: Calibrate, fits: Sequence[Fitted], faults: Sequence[LogFault], notes: Sequence[str]
+) -> Calibrated:
+    """Return the report on all fits."""
+    profile = fits[-1].profile
+    log = Path(o.log)
+    plants: dict[str, dict[str, Any]] = {}
+    errors = []
+    values = []
+    remarks = []
+    for f in fits:
+        label = _label(f)
+        entry = _as_dict(f)
+        # a plant's second fit is that of its driver
+        if plants.setdefault(f.model, entry) is not entry:
+            plants[f.model]["commands"] = entry
+        values.append(replace(f.values("parameter", "before"), title=f"{label}, fitted"))
+        # the first note of a fit that is no better says so, and the verdict does too
+        remarks += [f"{label}: {note}" for note in f.notes()[not f.better :]]
+        for when, scored in _scores(f).items():
+            errors += [(h, f"{label}, {when}", e) for h, e in scored.overlapping.items()]
+    table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
+    title = "Error of the relative pose on data that no fit has seen, and how sure that is"
+    faulty = [f"The log: {fault.sentence}." for fault in faults]
+    sentences = dict.fromkeys([*faulty, *map(_verdict, fits), *notes, *remarks])
+    robot = profile.robot
+    return Calibrated(
+        program="calibrate",
+        title=one_line(f"{robot.title or robot.name}, calibrated with {log.name}"),
+        tables=[replace(table, title=title), *values],
+        document={
+            "schema": "ssmr.calibrate/1",
+            "log": str(o.log),
+            "robot": robot.name,
+            "seed": o.seed,
+            "faults": list(map(asdict, faults)),
+            "plants": plants,
+        },
+        draw=_draw,
+        sentences=list(map(one_line, sentences)),
+        options={
+            "plants": o.plants,
+            "held_out": None if o.held_out is None else str(o.held_out),
+            "trust": o.trust,
+        },
+        status=fits[-1].status,
+        has_text=True,
+        profile=replace(profile, name=file_name(f"{robot.name}-{log.stem}")),
+        fits=tuple(fits),
+    )
+
+
+def _draw(c: Calibrated) -> Figure:
+    """Return the picture: errors by horizon before and after each fit, and the verdicts."""
+    marks = []
+    for s in c.fits:
+        marker = "s" if s.options["input"] == "wheels" else "o"
+        inks = {"before": drawing.BESIDE_INK, "after": drawing.ink_of(s.model)}
+        for when, scored in _scores(s).items():
+            errors = scored.overlapping
+            name = f"{_label(s)}, {when}"
+            marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.horizons, errors))
+
+    handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
+    header = partial(
+        drawing.draw_header, title=c.title, handles=handles, labels=[m.name for m in marks]
+    )
+    panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
+    rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, panels)]
+    rows += drawing.note_rows(list(map(_verdict, c.fits)))
+    return drawing.put_together(rows)
 
 
 if __name__ == "__main__":

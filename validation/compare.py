@@ -10,58 +10,48 @@ if __name__ == "__main__":
 
     end_quietly()
 
-import itertools
-import threading
-import time
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
 
-from ssmr.metrics.bands import Band
 from ssmr.metrics.declared import Metrics, compare_pieces, compare_signals
-from ssmr.robot.drive import motor_numbers
-from ssmr.robot.localiser import Localiser
-from ssmr.robot.sensors import SensorNoise, measure, yaw_disturbance
+from ssmr.robot.sensors import SensorNoise, measure
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import Plant, Trajectory
+from ssmr.types import CommandKind, Plant
 from validation import cli
 from validation.experiment.gyro import GyroJudge, find_gyro_judge
-from validation.experiment.sources import (
-    RECORDING,
-    Piece,
-    Source,
-    coverage_of,
-    drive,
-    horizons_of,
-    open_source,
+from validation.experiment.runs import Run, drive_all
+from validation.experiment.scores import (
+    Scores,
+    headline_horizon,
     pace_of,
-    unknown_robot_notes,
-    warm_up,
-    window_errors_of,
+    score,
+    standing_sentences,
 )
+from validation.experiment.sources import RECORDING, Source, open_source, unknown_robot_notes
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
 from validation.files.log import ReadOptions
 from validation.plants.profile import Profile, choose_profile, make_plant
-from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants
-from validation.progress import Progress
-from validation.report.comparison import Comparison
-from validation.report.motions import PlantResult, health_warnings
+from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants, plant_kind
+from validation.report.motion_panels import comparison_figure
+from validation.report.motions import (
+    Comparison,
+    alike_sentences,
+    comparison_tables,
+    health_warnings,
+    indistinguishable_pairs,
+    point_sentences,
+    write_comparison,
+)
 from validation.simulator.description import with_robot
-from validation.simulator.health import Health, run_health
-from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT
-from validation.simulator.wheel_loads import resting_loads, summarise, with_quasi_static
 from validation.words import file_name, one_line
-
-_LONG_AT_LIMIT = 0.5
-"""Time at a motor's limit from which on a run says so [s]; setting off takes less."""
 
 
 @dataclass(frozen=True)
@@ -130,19 +120,6 @@ class Compare(cli.Filmed):
         return options
 
 
-class _Run(NamedTuple):
-    """A plant's drive over the pieces of a source."""
-
-    name: str
-    plant: Plant
-    pieces: tuple[Trajectory, ...]
-    """Its motion, piece by piece."""
-    wall_s: float
-    """Time that it took [s]."""
-    health: Health | None
-    """The verdict on its wheel loads; None where it has none, or on a slope."""
-
-
 @cli.program(Compare)
 def compare(o: Compare) -> Comparison:
     """Drive every plant with the same commands and compare each with the reference.
@@ -154,240 +131,189 @@ def compare(o: Compare) -> Comparison:
         ValueError: an unknown name, a recording that cannot be read, or values that do not go
             together.
     """
-    own_plants = add_user_model(o.own_model)
-    profile = _profile(o)
-    source = _opened(o, profile)
+    own = add_user_model(o.own_model)
+    profile, source = _opened(o)
     reference = o.reference or source.reference
-    # only a recording can be a reference that is not driven
-    others = {reference} - ({RECORDING} if source.reference == RECORDING else set())
-    plants = _plants(o, profile, own_plants, others)
+    plants = _made(o, profile, source, own)
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
-    truth = tuple(piece.reference for piece in source.pieces if piece.reference is not None)
-    remarks = _remarks(o, profile, source, truth, plants)
-    runs = _drive_all(o, profile, source, plants, reference)
-    gyro = None
-    horizons: Sequence[float] = ()
-    if reference == RECORDING:
-        gyro = find_gyro_judge(source)
-        horizons = o.horizons
-    else:
-        # plants are judged by one of them where nothing was recorded
-        truth = runs[reference].pieces
-    results = {}
+    unknown = _unknown_robot(o, source, profile)
+    for warning in (*source.warnings, *unknown[1:], *_too_fast(profile, source)):
+        cli.warn(warning)
+    localisers = {name: profile.section(name).localiser for name in plants}
+    push_seed = o.seed if o.disturbance else None
+    runs = drive_all(source, plants, localisers, push_seed, o.workers, o.progress)
+    if o.noise:
+        runs = _noisy(runs, reference, o.seed)
+    recorded = reference == RECORDING
+    truth = source.truth if recorded else runs[reference].motions
+    gyro = find_gyro_judge(source) if recorded else None
+    scores = {}
     for name, run in runs.items():
-        section = profile.section(name)
-        band = section.bands.get(o.input) if o.bands else None
-        scored = _scored(source, run, truth, horizons, gyro=gyro, band=band, at=section.localiser)
+        motions = run.motions
+        metrics = Metrics({**compare_pieces(motions, truth), **compare_signals(motions, truth)})
         if metric is not None:
-            scored = replace(scored, metrics=metric.added(scored.metrics, run.pieces, truth))
-        results[name] = scored
-    for sentence in health_warnings(results):
-        cli.warn(sentence)
-    return Comparison(
-        title=f"{one_line(source.name)}, {with_robot(profile.name, profile.robot.name)}",
-        options=o.as_dict(),
-        source=source,
-        profile=profile,
-        reference=reference,
-        truth=truth,
-        plants=results,
-        seed=o.seed,
-        terrain=o.terrain,
-        gyro=gyro,
-        remarks=remarks,
-    )
+            metrics = metric.added(metrics, motions, truth)
+        by_gyro = None if gyro is None else gyro.judging(source, run.localiser.yaw_late)
+        band = profile.section(name).bands.get(o.input) if o.bands else None
+        horizons = o.horizons if recorded else ()
+        scores[name] = score(metrics, source.pieces, motions, horizons, by_gyro, band)
+    return _report(o, source, profile, reference, runs=runs, scores=scores, gyro=gyro)
 
 
-def _profile(o: Compare) -> Profile:
-    """Return the profile in force."""
-    name = o.source.name if isinstance(o.source, Source) else str(o.source)
-    if name.partition("@")[0] in TRAJECTORIES:
-        return choose_profile(o.profile, o.robot, "thesis-lab")
-    return choose_profile(o.profile, o.robot, profile_of_log(name))
-
-
-def _opened(o: Compare, profile: Profile) -> Source:
-    """Return the source, opened; a ValueError says what is wrong with it."""
-    if isinstance(o.source, Source):
+def _opened(o: Compare) -> tuple[Profile, Source]:
+    """Return the profile, and what drives the plants."""
+    source = o.source
+    name = source.name if isinstance(source, Source) else str(source)
+    is_trajectory = name.partition("@")[0] in TRAJECTORIES
+    default = "thesis-lab" if is_trajectory else profile_of_log(name)
+    profile = choose_profile(o.profile, o.robot, default)
+    if isinstance(source, Source):
         if o.start is not None or o.until is not None:
             raise ValueError(
                 "start and until cut a recording that is given by its path; cut yours before"
             )
-        return o.source
+        return profile, source
     radius = None
     if o.profile is not None or o.robot is not None:
-        radius = profile.robot.geometry.wheel_radius
-    kind: Literal["twist", "wheels"] = "wheels" if o.input == "wheels" else "twist"
+        radius = profile.robot.wheel_radius
+    kind: CommandKind = "wheels" if o.input == "wheels" else "twist"
     reading = ReadOptions({}, o.limits, o.columns, radius)
-    return open_source(str(o.source), kind, o.start, o.until, reading)
+    return profile, open_source(name, kind, o.start, o.until, reading)
 
 
-def _plants(
-    o: Compare, profile: Profile, own: Iterable[str], others: Iterable[str]
-) -> dict[str, Plant]:
-    """Return the plants to drive, by name; a ValueError says which there are."""
-    chosen = {*(PLANTS if o.plants == ("all",) else o.plants), *own}
+def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> dict[str, Plant]:
+    """Return the plants that are driven, the reference and the user's own models among them."""
+    plants = PLANTS if o.plants == ("all",) else o.plants
     names = known_plants()
-    if not chosen:
+    if not plants and not own:
         raise ValueError(f"plants is empty; there are: {', '.join(names)}")
-    driven = {*chosen, *others}
+    driven = {*plants, *own, o.reference or source.reference}
+    if source.reference == RECORDING:
+        driven.discard(RECORDING)
     if unknown := sorted(driven - set(names)):
         raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(names)}")
     return {name: make_plant(profile, name, o.terrain) for name in names if name in driven}
 
 
-def _remarks(
-    o: Compare,
-    profile: Profile,
-    source: Source,
-    truth: Sequence[Trajectory],
-    plants: Iterable[str],
-) -> list[str]:
-    """Return what is known before the drive; what may make it worthless is a warning, too."""
-    remarks = []
-    if truth:
-        pace = pace_of(truth, profile.robot.geometry.wheel_radius)
-        remarks = profile.too_fast(pace, source.title)
-    for remark in remarks:
-        cli.warn(remark)
+def _unknown_robot(o: Compare, source: Source, profile: Profile) -> list[str]:
+    """Return the notes on a log of a robot that nobody named."""
     if o.profile is None and o.robot is None:
-        remarks += unknown_robot_notes(source, profile.robot)
-    if o.bands:
-        bandless = [name for name in plants if o.input not in profile.section(name).bands]
-        if bandless:
-            remarks.append(
-                f"The profile {one_line(profile.name)} holds no band of {', '.join(bandless)} "
-                f"driven by {o.input}: calibrate and fit write one from a log."
-            )
-    return remarks
+        return unknown_robot_notes(source, profile.robot)
+    return []
 
 
-def _drive_all(
-    o: Compare, profile: Profile, source: Source, plants: Mapping[str, Plant], reference: str
-) -> dict[str, _Run]:
-    """Drive plants side by side, each over the pieces one after another."""
-    stop = threading.Event()
-    lock = threading.Lock()
-    done = 0
-    total = len(plants) * len(source.pieces)
-
-    def one_plant(rank: int, name: str) -> _Run:
-        nonlocal done
-        plant = plants[name]
-        localiser = profile.section(name).localiser
-        health = None
-        began = time.perf_counter()
-        motions = []
-        for piece in source.pieces:
-            if stop.is_set():
-                break
-            motions.append(_driven(o, source, plant, piece, localiser))
-            with lock:
-                done += 1
-                o.progress(Progress(done, total, f"{name} has driven"))
-        wall = time.perf_counter() - began
-        if isinstance(plant, MujocoPlant):
-            motions = [with_quasi_static(motion, plant, localiser) for motion in motions]
-            if o.terrain.level:  # on a ramp loads say nothing of health
-                health = _health(o, source, plant, motions, localiser)
-        if o.noise and name != reference:
-            # each plant has its own noise, whichever thread comes first
-            rng = np.random.default_rng([o.seed, rank])
-            motions = [measure(m, SensorNoise(), rng) for m in motions]
-        return _Run(name, plant, tuple(motions), wall, health)
-
-    # the time of a run shall not contain that of compiling
-    for plant in plants.values():
-        warm_up(plant)
-    with ThreadPoolExecutor(o.workers) as pool:
-        try:
-            outcomes = pool.map(one_plant, itertools.count(), plants)
-            return dict(zip(plants, outcomes, strict=True))
-        except BaseException:
-            stop.set()  # an interrupt or a failed plant ends the others at their next piece
-            raise
+def _too_fast(profile: Profile, source: Source) -> list[str]:
+    """Return a sentence on a log that is faster than what the profile was fitted to."""
+    if not source.truth:
+        return []
+    pace = pace_of(source.truth, profile.robot.wheel_radius)
+    return profile.too_fast(pace, source.title)
 
 
-def _driven(
-    o: Compare, source: Source, plant: Plant, piece: Piece, localiser: Localiser
-) -> Trajectory:
-    """Return a plant's motion over a piece; what disturbs it does not depend on its step."""
-    push = None
-    if o.disturbance:
-        rng = np.random.default_rng(o.seed)
-        push = yaw_disturbance(piece.commands.duration, plant.dt, rng)
-    return drive(plant, piece, localiser, source.sample_dt, push)
+def _noisy(runs: Mapping[str, Run], reference: str, seed: int) -> dict[str, Run]:
+    """Return the runs as the lab's state filter sees them, but that of the reference."""
+    seen = {}
+    for rank, (name, run) in enumerate(runs.items()):
+        seen[name] = run
+        if name != reference:
+            # each plant has its own noise
+            rng = np.random.default_rng([seed, rank])
+            motions = tuple(measure(motion, SensorNoise(), rng) for motion in run.motions)
+            seen[name] = replace(run, motions=motions)
+    return seen
 
 
-def _health(
-    o: Compare, source: Source, plant: MujocoPlant, motions: Sequence[Trajectory], at: Localiser
-) -> Health:
-    """Return the verdict on a robot's loads, and what motors at their limit make uncertain.
-
-    Only if they stayed there is the run repeated, with half the physics step.
-    """
-    given_rates = any(piece.commands.kind == "wheels" for piece in source.pieces)
-    health = run_health(plant.model, motions, given_rates=given_rates)
-    if given_rates:
-        return health
-    motor = motor_numbers(plant.drive, plant.dt)
-    at_rest = [m.channels["torque_N_m"] + motor.braking * m.wheels for m in motions]
-    limited = np.abs(np.vstack(at_rest)).max(axis=1) > 0.999 * motor.limit
-    seconds = np.mean(limited) * sum(piece.commands.duration for piece in source.pieces)
-    if seconds < _LONG_AT_LIMIT:
-        return health
-    finer = replace(plant.calibration, timestep=0.5 * plant.dt)
-    robot = MujocoPlant(finer, plant.drive, terrain=plant.terrain, settings=plant.settings)
-    ends = [_driven(o, source, robot, piece, at).pose[-1] for piece in source.pieces]
-    moves = [m.pose[-1] - end for m, end in zip(motions, ends, strict=True)]
-    moved = max(float(np.hypot(move[0], move[1])) for move in moves)
-    sentence = (
-        f"motors were at their limit of {motor.limit:g} N m a side for {seconds:.1f} s; the "
-        f"end of its path is uncertain by some {1e3 * moved:.1f} mm"
-    )
-    return replace(health, at_limit=sentence)
-
-
-def _scored(
+def _report(
+    o: Compare,
     source: Source,
-    run: _Run,
-    truth: tuple[Trajectory, ...],
-    horizons: Sequence[float],
+    profile: Profile,
+    reference: str,
     *,
+    runs: Mapping[str, Run],
+    scores: Mapping[str, Scores],
     gyro: GyroJudge | None,
-    band: Band | None,
-    at: Localiser,
-) -> PlantResult:
-    """Compare a plant's motion with the true one, and its headings with the gyro's."""
-    pieces = run.pieces
-    driven = [(source, pieces)]
-    by_gyro = []
+) -> Comparison:
+    """Return the report: tables, sentences, and the document of compare.json."""
+    recorded = reference == RECORDING
+    gyro_first = gyro is not None and gyro.first
+    pairs = indistinguishable_pairs(scores, gyro_first)
+    ill = health_warnings(runs)
+    label = one_line(with_robot(profile.name, profile.robot.name))
+    title = f"{one_line(source.name)} · profile {label}"
+    if o.terrain != FLAT:
+        title += f" · mujoco on {o.terrain.words}"
+    caption = [f"compared with {reference} · seed {o.seed} · best value in bold"]
+    if not recorded:
+        caption += point_sentences(runs)
+        caption += profile.origins(runs, source.name)
+        caption += _unlike_torques(scores, reference)
+    caption += ill
+    notes = _too_fast(profile, source)
+    notes += _unknown_robot(o, source, profile)
+    headline = headline_horizon(o.horizons)
+    if recorded and headline:
+        notes += standing_sentences(source, headline)
     if gyro is not None:
-        by_gyro.append((gyro.judging(source, at.yaw_late), pieces))
-    coverage = {}
-    if band is not None:
-        coverage = coverage_of(driven, horizons, band)
-        for horizon, shares in coverage_of(by_gyro, horizons, band).items():
-            coverage[horizon]["yaw_gyro"] = shares["yaw"]
-    loads = None
-    if isinstance(run.plant, MujocoPlant):
-        loads = summarise(pieces, resting_loads(run.plant))
-    simulated = sum(piece.commands.duration for piece in source.pieces)
-    return PlantResult(
-        name=run.name,
-        pieces=pieces,
-        metrics=Metrics({**compare_pieces(pieces, truth), **compare_signals(pieces, truth)}),
-        horizons=horizons_of(driven, horizons),
-        wall_s=run.wall_s,
-        real_time_factor=simulated / run.wall_s,
-        health=run.health,
-        localiser=at,
-        loads=loads,
-        windows=window_errors_of(driven, horizons),
-        band=band,
-        coverage=coverage,
-        by_gyro=window_errors_of(by_gyro, horizons),
+        notes.append(gyro.sentence)
+    notes += [*source.warnings, *alike_sentences(scores, pairs), *_unjudged(o, scores, profile)]
+    return Comparison(
+        program="compare",
+        title=f"{one_line(source.name)}, {label}",
+        tables=comparison_tables(
+            runs, scores, reference, title, "\n".join(caption), gyro_first=gyro_first
+        ),
+        sentences=notes,
+        alarms=ill,
+        options=o.as_dict(),
+        document={
+            "schema": "ssmr.compare/1",
+            "source": source.name,
+            "profile": profile.name,
+            "robot": profile.robot.name,
+            "reference": reference,
+            "seed": o.seed,
+            **({} if gyro is None else gyro.as_dict()),
+            "alike": pairs,
+            "plants": {
+                name: {**run.as_dict(), **scores[name].as_dict()} for name, run in runs.items()
+            },
+            "parameters": profile.as_dict(runs),
+        },
+        draw=comparison_figure,
+        record=write_comparison,
+        source=source,
+        profile=profile,
+        reference_name=reference,
+        reference=source.truth if recorded else runs[reference].motions,
+        runs=runs,
+        scores=scores,
+        seed=o.seed,
+        terrain=o.terrain,
     )
+
+
+def _unlike_torques(scores: Mapping[str, Scores], reference: str) -> list[str]:
+    """Return a sentence on torques that differ because only one of two is a body's."""
+    of_body = plant_kind(reference).torques
+    with_torque = [name for name, s in scores.items() if "torque_rms_N_m" in s.metrics]
+    unlike = [name for name in with_torque if plant_kind(name).torques != of_body]
+    if not unlike:
+        return []
+    return [
+        f"torque rms does not compare {', '.join(unlike)} with {reference}: a planar "
+        "model's torques come of frictions that were fitted to paths."
+    ]
+
+
+def _unjudged(o: Compare, scores: Mapping[str, Scores], profile: Profile) -> list[str]:
+    """Return a sentence on the plants whose predictions no log has judged yet."""
+    plants = ", ".join(name for name, s in scores.items() if s.band is None)
+    if not o.bands or not plants:
+        return []
+    return [
+        f"The profile {one_line(profile.name)} holds no band of {plants} driven by {o.input}: "
+        "calibrate and fit write one from a log."
+    ]
 
 
 if __name__ == "__main__":

@@ -10,8 +10,8 @@ if __name__ == "__main__":
 import datetime
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, partial
-from itertools import chain, product
+from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,16 +25,17 @@ from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.bands import Band
 from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
-from ssmr.types import FloatArray, Plant
+from ssmr.types import FloatArray, Plant, Trajectory
 from validation import cli
-from validation.experiment.sources import (
-    RECORDING,
+from validation.experiment.runs import drive_source
+from validation.experiment.scores import (
+    HEADLINE_HORIZON,
+    Scores,
     band_of,
-    drive,
     pace_of,
     standing_sentences,
-    unknown_robot_notes,
 )
+from validation.experiment.sources import RECORDING, Piece, unknown_robot_notes
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL
@@ -47,13 +48,20 @@ from validation.identify.refine import STARTS
 from validation.identify.report import (
     SearchReport,
     bound_sentences,
+    ending,
     fitted_parameters,
     search_figure,
-    status_of,
 )
-from validation.identify.scores import HORIZONS, Scored, score, worse_sentences
 from validation.identify.search import Search, Searching, search_for
-from validation.identify.targets import MOST_TIME, Input, is_scenario, open_targets
+from validation.identify.targets import (
+    HORIZONS,
+    MOST_TIME,
+    Input,
+    is_scenario,
+    open_targets,
+    score_targets,
+    worse_sentences,
+)
 from validation.identify.uncertainty import Uncertainty, estimate, sentences
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
@@ -61,7 +69,7 @@ from validation.plants.searchable import find, make_space, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.progress import Progress
 from validation.report import drawing
-from validation.report.motions import HEADLINE_HORIZON, interval_table
+from validation.report.motions import interval_table
 from validation.report.table import Table
 from validation.simulator.description import with_robot
 from validation.simulator.physics import SHIPPED
@@ -201,189 +209,38 @@ def _built(model: str, plant: PlantProfile) -> Plant:
     return plant_kind(model).build(plant, FLAT, SHIPPED)
 
 
-def _scored(problem: FitProblem, fitted: PlantProfile, target: FitTarget) -> Scored:
-    """Drive the fitted plant along one source; an SsmrError says that it diverged."""
-    plant = _built(problem.model, fitted)
-    source = target.source
-    motion = tuple(
-        drive(plant, piece, fitted.localiser, source.sample_dt) for piece in source.pieces
-    )
-    return score(target.label, [target], [motion])
+def _motions(problem: FitProblem, plant: PlantProfile, target: FitTarget) -> tuple[Trajectory, ...]:
+    """Drive a plant along one source; an SsmrError says that it diverged."""
+    return drive_source(_built(problem.model, plant), target.source, plant.localiser)
+
+
+def _scores(problem: FitProblem, plant: PlantProfile, target: FitTarget) -> Scores:
+    """Return the scores of a plant on one source; an SsmrError says that it diverged."""
+    return score_targets([target], [_motions(problem, plant, target)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fitted(SearchReport):
     """A plant's fitted parameters, their uncertainty, and how well they predict motion."""
 
-    program = "fit"
-    asked: Fit
-    """Options of the fit."""
-    problem: FitProblem
-    """The plant of before, what was searched, and the sources that it was fitted to."""
-    base: Profile
-    """The profile that the fit began with."""
-    plant: PlantProfile
-    """The plant with the fitted numbers."""
-    sure: Uncertainty | None
-    """How sure the numbers are; None where that was not estimated."""
-    train: tuple[Scored, ...]
-    """Scores on each source that it was fitted to."""
-    held_out: tuple[Scored, ...]
+    model: str
+    """The plant that was fitted."""
+    profile: Profile
+    """The profile that the fit began with, with the fitted numbers and their provenance in it."""
+    correlation: FloatArray | None
+    """(n, n) correlation of the parameters' errors; None where it was not estimated."""
+    train: Mapping[str, Scores]
+    """Scores on each source that it was fitted to, by the source."""
+    held_out: Mapping[str, Scores]
     """Scores on each source that the fit has not seen."""
-    unfitted: tuple[Scored, ...]
+    unfitted: Mapping[str, Scores]
     """Scores of the plant before the fit on the same sources."""
+    better: bool | None
+    """Whether the fitted plant errs less there than before; None where nothing was held out."""
 
-    @property
-    def model(self) -> str:
-        """The plant that was fitted."""
-        return self.problem.model
-
-    @property
-    def cost_name(self) -> str:
-        """Name of the cost."""
-        return str(self.problem.cost.objective)
-
-    @property
-    def correlation(self) -> FloatArray | None:
-        """(n, n) correlation of the parameters' errors; None where it was not estimated."""
-        return None if self.sure is None else self.sure.correlation
-
-    @cached_property
-    def worse(self) -> list[str]:
-        """A sentence where the error on held-out sources is larger than before the fit."""
-        even = self.asked.even_if_worse
-        return worse_sentences(self.problem.cost, even, self.unfitted, self.held_out)
-
-    @property
-    def better(self) -> bool | None:
-        """Whether the fitted plant errs less there than before; None where nothing was held out."""
-        return not self.worse if self.held_out else None
-
-    @cached_property
-    def profile(self) -> Profile:
-        """The profile that the fit began with, with the fitted numbers and their provenance in it.
-
-        It is that of before where these are worse, unless they are wanted even so.
-        """
-        if self.worse and not self.asked.even_if_worse:
-            return self.base
-        document = self.document()
-        kept = (
-            "source",
-            "search",
-            "seed",
-            "cost",
-            "evaluations",
-            "generations",
-            "standard_errors_by",
-        )
-        parameters = self.parameters
-        errors = {p.name: p.standard_error for p in parameters if p.standard_error is not None}
-        provenance = {
-            **{name: document[name] for name in kept},
-            "status": self.status,
-            "options": {name: value for name, value in self.options.items() if value is not None},
-            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-            "versions": dict(self.versions),
-            "standard_errors": errors,
-        }
-        truth = list(chain.from_iterable(target.truth for target in self.problem.targets))
-        return replace(
-            self.base,
-            name=self.asked.name or f"{self.base.name}-fitted",
-            plants={**self.base.plants, self.model: self.plant},
-            provenance={**self.base.provenance, self.model: provenance},
-            fitted_at=pace_of(truth, self.base.robot.geometry.wheel_radius),
-        )
-
-    def files(self) -> dict[str, Callable[[Path], object]]:
+    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
         """Return functions that write its files: profile.toml and fit.png."""
-        return {"profile.toml": self.profile.save, **super().files()}
-
-    def notes(self) -> list[str]:
-        """Return first whether the fit is worse than what was before."""
-        return list(dict.fromkeys([*self.worse, *super().notes()]))
-
-    def document(self) -> dict[str, Any]:
-        """Return the document of fit.json without its tables."""
-        correlation = None
-        if self.correlation is not None:
-            names = [p.name for p in self.parameters]
-            correlation = {"names": names, "matrix": self.correlation.tolist()}
-        motions = [each.motion for each in self.train]
-        together = score("all fitted to", self.problem.targets, motions)
-        return {
-            "schema": "ssmr.fit/1",
-            "model": self.model,
-            "source": ",".join(self.asked.names),
-            "profile": self.base.name,
-            "robot": self.base.robot.name,
-            "seed": self.seed,
-            **self.searched(),
-            "search": self.options["search"],
-            "correlation": correlation,
-            "standard_errors_by": "" if self.sure is None else self.sure.method,
-            "train": together.as_dict(),
-            "train_by_source": {s.label: s.as_dict() for s in self.train},
-            "held_out": {s.label: s.as_dict() for s in self.held_out},
-            "held_out_before": {s.label: s.as_dict() for s in self.unfitted},
-            "better": self.better,
-        }
-
-    @property
-    def _named(self) -> list[tuple[str, Scored]]:
-        """All scores with their names in tables and pictures."""
-        out = []
-        leads = ("", "held out: ", "before, held out: ")
-        for lead, scores in zip(leads, (self.train, self.held_out, self.unfitted), strict=True):
-            for s in scores:
-                short = shortened(Path(s.label).name, 32)
-                out.append((f"{lead}{short}", s))
-        return out
-
-    def tables(self) -> list[Table]:
-        """Return the parameters, the scores on each source, and the errors by horizon of logs."""
-        scores = []
-        for name, s in self._named:
-            row: dict[str, Any] = {"source": name}
-            for key in _SHOWN:
-                row[key] = s.metrics[key]
-            if s.torque_rms is not None:
-                row["torque_rms_N_m"] = s.torque_rms
-            scores.append(row)
-        errors = []
-        windows = []
-        for h, (name, s) in product(HORIZONS, self._named):
-            if h in s.horizons:
-                errors.append({"horizon_s": h, "source": name, **asdict(s.horizons[h])})
-                windows.append((h, name, s.windows[h].summary()))
-        title = "Error of the relative pose after a horizon"
-        return [
-            self.values("parameter", "before"),
-            Table("Scores of the fitted plant", scores),
-            Table(title, errors, group="horizon_s", headings=_WINDOWS),
-            interval_table(windows, "source"),
-        ]
-
-    def figure(self) -> Figure:
-        """Draw the search, the parameters, and the errors by horizon of recordings."""
-        ink = drawing.ink_of(self.model)
-        marks = []
-        for k, (name, s) in enumerate(self._named):
-            if s.horizons:
-                colour = ink if s in self.train else drawing.BESIDE_INK
-                marks.append(drawing.HorizonMarks(name, colour, "osvDP"[k % 5], s.horizons))
-
-        def position(ax: Axes) -> None:
-            drawing.draw_horizons(marks, "position", ax)
-            handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
-            ax.legend(handles, [m.name for m in marks], fontsize=8.5)
-
-        rows = []
-        if marks:
-            yaw = partial(drawing.draw_horizons, marks, "yaw")
-            rows.append(drawing.side_by_side(2.8, [position, yaw]))
-        return search_figure(self, ink, "before", rows)
+        return {"profile.toml": self.profile.save, **super().files(recording)}
 
 
 @cli.program(Fit)
@@ -400,6 +257,11 @@ def fit(o: Fit) -> Fitted:
         OSError: the checkpoint cannot be written.
         KeyboardInterrupt: interrupted before any candidate was rated.
     """
+    return run_fit(o, cli.warn)
+
+
+def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
+    """Return the report of `fit`; `warn` is called with what is wrong with its sources."""
     add_user_model(o.own_model)
     occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else o.input
     kind = plant_kind(o.model)
@@ -412,11 +274,14 @@ def fit(o: Fit) -> Fitted:
     space = make_space(o.model, searched, o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
-    radius = None if is_default else base.robot.geometry.wheel_radius
+    radius = None if is_default else base.robot.wheel_radius
     read = ReadOptions({}, o.limits, o.columns, radius)
     targets, held_out = open_targets(
         o.names, base, o.held_out, o.input, span=(o.start_at, o.until), options=read
     )
+    for target in (*targets, *held_out):
+        for warning in target.source.warnings:
+            warn(warning)
     yaw_weight = o.yaw_weight
     if yaw_weight is None:
         yaw_weight = 0.2 if occasion == "scenario" and kind.torques else 1.0
@@ -497,52 +362,69 @@ def _report(
     point = search.best
     fitted = problem.candidate(point)
     assert fitted is not None
-    sure = None
+    parameters = fitted_parameters(problem.space, point, before)
+    correlation = None
+    method = ""
     notes = _source_notes(o, problem, base, held_out)
     notes += bound_sentences(problem.space, point)
     if not search.interrupted:
         try:
             sure = estimate(problem, point, o.threads, search.driven)
+            parameters = fitted_parameters(problem.space, point, before, sure)
+            correlation = sure.correlation
             notes += sentences(problem, sure)
-            notes.append(f"Standard errors come from: {sure.method}.")
+            method = sure.method
+            notes.append(f"Standard errors come from: {method}.")
             if band := _band(problem, sure, fitted):
                 fitted = replace(fitted, bands={**fitted.bands, o.input: band})
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")
-    judged = []
-    unfitted = []
+    judged = {}
+    unfitted = {}
     for target in held_out:
         # data may hold a motion that the fitted plant cannot make; the rest is still judged
         try:
-            judged.append(_scored(problem, fitted, target))
-            unfitted.append(_scored(problem, problem.base, target))
+            judged[target.label] = _scores(problem, fitted, target)
+            unfitted[target.label] = _scores(problem, problem.base, target)
         except SsmrError as error:
             lead = f"The plant cannot be driven along {target.label}, which was held out"
             notes.append(f"{lead}: {error}.")
+    worse = worse_sentences(problem.cost, o.even_if_worse, [*unfitted.values()], [*judged.values()])
     options = o.chosen(search.jde.settings)
     options["objective"] = problem.cost.objective
     options["yaw_weight"] = problem.cost.yaw_weight
+    names = ",".join(o.names)
+    targets = problem.targets
+    driven = [_motions(problem, fitted, target) for target in targets]
     begun = with_robot(base.name, base.robot.name)
-    report = Fitted(
-        title=f"{o.model} fitted to {one_line(','.join(o.names))}, begun with profile {begun}",
+    bare = Fitted(
+        program="fit",
+        title=f"{o.model} fitted to {one_line(names)}, begun with profile {begun}",
+        tables=(),
+        document={},
+        draw=_draw,
+        sentences=[one_line(note) for note in dict.fromkeys([*worse, *notes])],
         options=options,
-        status=status_of(search),
+        **ending(search, worse),
         course=search,
-        seed=o.seed,
-        parameters=fitted_parameters(problem.space, point, before, sure),
-        remarks=notes,
-        asked=o,
-        problem=problem,
-        base=base,
-        plant=fitted,
-        sure=sure,
-        train=tuple(_scored(problem, fitted, target) for target in problem.targets),
-        held_out=tuple(judged),
-        unfitted=tuple(unfitted),
+        cost=search.cost,
+        cost_name=str(problem.cost.objective),
+        parameters=parameters,
+        model=o.model,
+        profile=base,
+        correlation=correlation,
+        train={t.label: score_targets([t], [m]) for t, m in zip(targets, driven, strict=True)},
+        held_out=judged,
+        unfitted=unfitted,
+        better=not worse if judged else None,
     )
-    for sentence in report.worse:
-        cli.warn(sentence)
-    return report
+    together = score_targets(targets, driven)
+    document = _document(bare, names, o.seed, method, together)
+    truth = list(chain.from_iterable(target.truth for target in problem.targets))
+    pace = pace_of(truth, base.robot.wheel_radius)
+    new = replace(_with_provenance(o, bare, fitted, document), fitted_at=pace)
+    kept = base if worse and not o.even_if_worse else new
+    return replace(bare, profile=kept, tables=_tables(bare), document=document)
 
 
 def _source_notes(
@@ -568,8 +450,126 @@ def _band(problem: FitProblem, sure: Uncertainty, fitted: PlantProfile) -> Band 
     motions = []
     for point in sure.without:
         plant = problem.candidate(point) or fitted
-        motions.append([(log.source, _scored(problem, plant, log).motion) for log in logs])
+        driven = list[tuple[Piece, Trajectory]]()
+        for log in logs:
+            driven += zip(log.source.pieces, _motions(problem, plant, log), strict=True)
+        motions.append(driven)
     return band_of(motions)
+
+
+def _document(f: Fitted, source: str, seed: int, method: str, together: Scores) -> dict[str, Any]:
+    """Return the document of fit.json without its tables."""
+    correlation = None
+    if f.correlation is not None:
+        names = [p.name for p in f.parameters]
+        correlation = {"names": names, "matrix": f.correlation.tolist()}
+    train = {label: s.as_dict() for label, s in f.train.items()}
+    held_out = {label: s.as_dict() for label, s in f.held_out.items()}
+    before = {label: s.as_dict() for label, s in f.unfitted.items()}
+    return {
+        "schema": "ssmr.fit/1",
+        "model": f.model,
+        "source": source,
+        "profile": f.profile.name,
+        "robot": f.profile.robot.name,
+        "seed": seed,
+        **f.searched(),
+        "search": f.options["search"],
+        "correlation": correlation,
+        "standard_errors_by": method,
+        "train": together.as_dict(),
+        "train_by_source": train,
+        "held_out": held_out,
+        "held_out_before": before,
+        "better": f.better,
+    }
+
+
+def _with_provenance(
+    o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[str, Any]
+) -> Profile:
+    """Return the profile of before with the fitted numbers and their provenance in it."""
+    kept = ("source", "search", "seed", "cost", "evaluations", "generations", "standard_errors_by")
+    now = datetime.datetime.now(datetime.UTC)
+    errors = {p.name: p.standard_error for p in f.parameters if p.standard_error is not None}
+    provenance = {
+        **{name: document[name] for name in kept},
+        "status": f.status,
+        "options": {name: value for name, value in f.options.items() if value is not None},
+        "date": now.date().isoformat(),
+        "versions": dict(f.versions),
+        "standard_errors": errors,
+    }
+    profile = f.profile
+    return replace(
+        profile,
+        name=o.name or f"{profile.name}-fitted",
+        plants={**profile.plants, f.model: plant},
+        provenance={**profile.provenance, f.model: provenance},
+    )
+
+
+def _named(f: Fitted) -> list[tuple[str, Scores]]:
+    """Return all scores with their names in tables and pictures."""
+    out = []
+    leads = ("", "held out: ", "before, held out: ")
+    for lead, scores in zip(leads, (f.train, f.held_out, f.unfitted), strict=True):
+        for label, s in scores.items():
+            short = shortened(Path(label).name, 32)
+            out.append((f"{lead}{short}", s))
+    return out
+
+
+def _tables(f: Fitted) -> list[Table]:
+    """Return the parameters, the scores on each source, and the errors by horizon of recordings."""
+    named = _named(f)
+    scores = []
+    for name, s in named:
+        row: dict[str, Any] = {"source": name}
+        for key in _SHOWN:
+            row[key] = s.metrics[key]
+        if "torque_rms_N_m" in s.metrics:
+            row["torque_rms_N_m"] = s.metrics["torque_rms_N_m"]
+        scores.append(row)
+    errors = []
+    windows = []
+    for h in HORIZONS:
+        for name, s in named:
+            if h in s.horizons:
+                errors.append({"horizon_s": h, "source": name, **asdict(s.horizons[h])})
+                windows.append((h, name, s.overlapping[h]))
+    return [
+        f.values("parameter", "before"),
+        Table("Scores of the fitted plant", scores),
+        Table(
+            "Error of the relative pose after a horizon",
+            errors,
+            group="horizon_s",
+            headings=_WINDOWS,
+        ),
+        interval_table(windows, "source"),
+    ]
+
+
+def _draw(f: Fitted) -> Figure:
+    """Return the picture: the search, the parameters, and the errors by horizon of recordings."""
+    ink = drawing.ink_of(f.model)
+    marks = []
+    for k, (name, s) in enumerate(_named(f)):
+        if s.horizons:
+            colour = ink if s in f.train.values() else drawing.BESIDE_INK
+            marks.append(drawing.HorizonMarks(name, colour, "osvDP"[k % 5], s.horizons))
+
+    def position(ax: Axes) -> None:
+        drawing.draw_horizons(marks, "position", ax)
+        handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
+        ax.legend(handles, [m.name for m in marks], fontsize=8.5)
+
+    rows = []
+    if marks:
+        yaw = partial(drawing.draw_horizons, marks, "yaw")
+        rows.append(drawing.side_by_side(2.8, [position, yaw]))
+    return search_figure(f, ink, "before", rows)
 
 
 if __name__ == "__main__":

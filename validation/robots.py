@@ -11,9 +11,10 @@ if __name__ == "__main__":
     end_quietly()
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
@@ -23,7 +24,7 @@ from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, store
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
-from validation.report.table import Table, print_tables
+from validation.report.table import Table
 from validation.simulator.checking import (
     Measured,
     SkidTurn,
@@ -36,7 +37,14 @@ from validation.simulator.checking import (
     turning_torque,
     whole_com,
 )
-from validation.simulator.description import GRAVITY, SCHEMA, Robot, load_robot, shipped_robots
+from validation.simulator.description import (
+    GRAVITY,
+    SCHEMA,
+    SECTIONS,
+    Robot,
+    load_robot,
+    shipped_robots,
+)
 from validation.simulator.exporting import diff_drive_yaml, mjcf_text, sdf_text, urdf_text
 from validation.simulator.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.words import abridged, file_name, one_line, visible
@@ -65,16 +73,15 @@ def list_robots(options: ListOptions) -> None:
     rows = []
     for robot in map(load_robot, shipped_robots()):
         spot = spot_turn(robot)
-        g = robot.geometry
         of_robot = ", ".join(p.name for p in profiles if p.robot.name == robot.name)
         rows.append(
             {
                 "name": robot.name,
                 "robot": robot.title,
-                "mass_kg": robot.masses.total,
-                "wheelbase_m": g.wheelbase,
-                "track_m": g.track,
-                "wheel_radius_m": g.wheel_radius,
+                "mass_kg": robot.mass,
+                "wheelbase_m": robot.wheelbase,
+                "track_m": robot.track,
+                "wheel_radius_m": robot.wheel_radius,
                 "multiplier": spot and spot.multiplier,
                 "profiles": of_robot or None,
             }
@@ -106,62 +113,18 @@ class CheckRobot(cli.Common):
 class RobotCheck(Report):
     """Report on whether a robot can be as its file describes it, with the numbers that show it."""
 
-    program = "robot"
     robot: Robot
     """The robot."""
-    spot: SkidTurn | None
-    """How it turns on the spot by mechanics; None where it does not stand on four wheels."""
-    measured: Measured | None
-    """What its MuJoCo model shows; None where there is none."""
+    loads: Sequence[float]
+    """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is
+    none."""
     faults: Sequence[str]
     """Sentences on faults, each with its remedy."""
-    questions: Sequence[str]
-    """Sentences on numbers that may be wrong."""
 
     @property
     def ok(self) -> bool:
         """Whether no fault was found."""
         return not self.faults
-
-    @property
-    def loads(self) -> list[float]:
-        """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics."""
-        if self.measured is not None:
-            return list(self.measured.loads)
-        weight = self.robot.masses.total * GRAVITY
-        return [float(share) * weight for share in load_shares(self.robot)]
-
-    def tables(self) -> list[Table]:
-        """Return all numbers with their sources."""
-        return [_numbers(self.robot)]
-
-    def notes(self) -> list[str]:
-        """Return the verdict, faults and questions."""
-        notes = [_verdict(self.robot, len(self.faults), len(self.questions))]
-        notes += [f"FAULT: {text}" for text in self.faults]
-        return [*notes, *(f"question: {text}" for text in self.questions)]
-
-    def document(self) -> dict[str, Any]:
-        """Return the contents of robot.json."""
-        return {
-            **_document(self.robot, self.spot, self.measured, self.loads),
-            "ok": self.ok,
-            "advice": [*self.faults, *self.questions],
-            "faults": len(self.faults),
-            "guessed": guessed(self.robot),
-        }
-
-    def figure(self) -> Figure:
-        """Draw the robot from above, with its hull, tyres, their loads, and the centre of mass."""
-        from validation.report.drawing import draw_section, put_together, side_by_side, text_row
-
-        low, high = robot_outline(self.robot)
-        length, width, _ = high - low
-        verdict = "no fault found" if self.ok else "something is wrong"
-        title = f"{abridged(self.title, 60)}: {verdict}"
-        height = min(10.0 * width / length + 1.4, 7.0)
-        panel = side_by_side(height, [partial(_draw_from_above, self)])
-        return put_together([text_row(0.3, partial(draw_section, title)), panel])
 
 
 @cli.program(CheckRobot)
@@ -191,14 +154,31 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         )
     faults, questions = advise(robot, spot, measured or failed)
     verdict = _verdict(robot, len(faults), len(questions))
+    if measured is not None:
+        loads = list(measured.loads)
+    else:
+        loads = [float(share) * robot.mass * GRAVITY for share in load_shares(robot)]
+    sentences = [verdict]
+    sentences += [f"FAULT: {text}" for text in faults]
+    sentences += [f"question: {text}" for text in questions]
+    document = {
+        **_document(robot, spot, measured, loads),
+        "ok": not faults,
+        "advice": [*faults, *questions],
+        "faults": len(faults),
+        "guessed": guessed(robot),
+    }
     return RobotCheck(
+        program="robot",
         title=one_line(robot.title or robot.name),
+        tables=[_numbers(robot)],
+        sentences=sentences,
+        document=document,
+        draw=_draw,
         failure=SsmrError(verdict) if faults else None,
         robot=robot,
-        spot=spot,
-        measured=measured,
+        loads=loads,
         faults=faults,
-        questions=questions,
     )
 
 
@@ -221,8 +201,7 @@ def _document(
     robot: Robot, spot: SkidTurn | None, measured: Measured | None, loads: Sequence[float]
 ) -> dict[str, Any]:
     """Contents of robot.json; None stands for a number that no model could show."""
-    g = robot.geometry
-    mu = robot.simulation.friction
+    mu = robot.friction
     drive = robot.drive
     torque = None
     if spot is not None:
@@ -234,10 +213,10 @@ def _document(
         "schema": SCHEMA,
         "name": robot.name,
         "title": robot.title,
-        "mass_kg": robot.masses.total,
-        "wheelbase_m": g.wheelbase,
-        "track_m": g.track,
-        "wheel_radius_m": g.wheel_radius,
+        "mass_kg": robot.mass,
+        "wheelbase_m": robot.wheelbase,
+        "track_m": robot.track,
+        "wheel_radius_m": robot.wheel_radius,
         "turning_multiplier": None if measured is None else measured.multiplier,
         "closed_form": None if spot is None else spot.multiplier,
         "yaw_ripple": None if measured is None else measured.ripple,
@@ -252,21 +231,14 @@ def _document(
 
 def _every_number(robot: Robot) -> dict[str, Any]:
     """Numbers of a robot by `section.key`, without those of planar models only."""
-    parts: dict[str, Any] = {
-        "geometry": robot.geometry,
-        "mass": robot.masses,
-        "drive": robot.drive,
-        "simulation": robot.simulation,
-        "vehicle": robot.vehicle,
-    }
     shown = {*robot.given, *_ALWAYS}
     values = {}
-    for section, part in parts.items():
-        for f in fields(part):
-            key = f"{section}.{f.name}"
+    for section, names in SECTIONS.items():
+        for name in names:
+            key = f"{section}.{name}"
             # drive and vehicle have many defaults that concern planar models only
             if section not in ("drive", "vehicle") or key in shown:
-                values[key] = getattr(part, f.name)
+                values[key] = robot.number(key)
     return values
 
 
@@ -302,22 +274,37 @@ def _numbers(robot: Robot) -> Table:
 # --- the picture ---
 
 
+def _draw(check: RobotCheck) -> Figure:
+    """Draw a robot from above, 1600 px wide.
+
+    The picture has its hull, tyres with their loads at rest, and the centre of mass.
+    """
+    from validation.report.drawing import draw_section, put_together, side_by_side, text_row
+
+    low, high = robot_outline(check.robot)
+    length, width, _ = high - low
+    verdict = "no fault found" if check.ok else "something is wrong"
+    title = f"{abridged(check.title, 60)}: {verdict}"
+    height = min(10.0 * width / length + 1.4, 7.0)
+    panel = side_by_side(height, [partial(_draw_from_above, check)])
+    return put_together([text_row(0.3, partial(draw_section, title)), panel])
+
+
 def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
     from matplotlib.patches import Rectangle
 
     from validation.report.drawing import equal_scales
 
-    g = check.robot.geometry
     com = whole_com(check.robot)
-    long, wide, _ = g.body_size
-    x, y, _ = g.body_centre
+    long, wide, _ = check.robot.body_size
+    x, y, _ = check.robot.body_centre
     corner = (x - 0.5 * long, y - 0.5 * wide)
     ax.add_patch(Rectangle(corner, long, wide, facecolor="#f6e3a1", edgecolor="0.1", zorder=1.6))
     for front, left, load in zip(FRONT, LEFT, check.loads, strict=True):
-        x = 0.5 * front * g.wheelbase
-        y = 0.5 * left * g.track
-        length = 2.0 * g.wheel_radius
-        width = g.wheel_width
+        x = 0.5 * front * check.robot.wheelbase
+        y = 0.5 * left * check.robot.track
+        length = 2.0 * check.robot.wheel_radius
+        width = check.robot.wheel_width
         corner = (x - 0.5 * length, y - 0.5 * width)
         ax.add_patch(Rectangle(corner, length, width, facecolor="0.8", edgecolor="0.1", zorder=1.8))
         ax.text(x, y, f"{load:.0f} N", ha="center", va="center", zorder=6.0)
@@ -413,8 +400,10 @@ def _save(text: str, target: Path) -> None:
         store.write_text(target, text)
 
 
-def _print(tables: Sequence[Table], notes: Sequence[str] = ()) -> None:
-    print_tables(cli.report_console(), tables, notes)
+def _print(tables: Sequence[Table], sentences: Sequence[str] = ()) -> None:
+    grids = [table.grid() for table in tables]
+    shown: Any = SimpleNamespace(grids=lambda: grids, notes=lambda: sentences)
+    cli.report_result(shown)
 
 
 @dataclass(frozen=True)
@@ -469,10 +458,9 @@ def export_robot(
         return mjcf_text(section.parameters, section.drive)
     if to == "diff-drive" and profile is not None:
         kinematic = numbers.section("kinematic")
-        g = chosen.geometry
         p = kinematic.parameters
-        multiplier = (p.y_l - p.y_r) / g.track
-        share = kinematic.vehicle.wheel_radius / g.wheel_radius
+        multiplier = (p.y_l - p.y_r) / chosen.track
+        share = kinematic.vehicle.wheel_radius / chosen.wheel_radius
         return diff_drive_yaml(chosen, multiplier, share * p.alpha_l, share * p.alpha_r)
     if to == "diff-drive":
         spot = spot_turn(chosen)

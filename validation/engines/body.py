@@ -101,29 +101,27 @@ class RigidNumbers:
                 "this engine's tyres have one friction"
             )
         c = calibration
-        geometry = c.robot.geometry
-        masses = c.robot.masses
-        axle = geometry.axle_height
+        axle = c.robot.axle_height
         weight = c.mass * GRAVITY
         side_loss = c.rolling_resistance * 0.5 * weight * c.wheel_radius + drive.gear_loss
-        x = 0.5 * FRONT * geometry.wheelbase
+        x = 0.5 * FRONT * c.robot.wheelbase
         y = LEFT * c.half_track
         z = np.full(len(WHEELS), axle)
         motors = c.robot.motors.values()
         return cls(
             dt=c.timestep,
             gravity=terrain.gravity(GRAVITY),
-            base_mass=c.mass - len(WHEELS) * masses.wheel,
+            base_mass=c.mass - len(WHEELS) * c.robot.wheel_mass,
             base_inertia=base_inertia(c),
             com=np.array([c.com_x, c.com_y, c.com_z]),
             yaw_inertia=c.yaw_inertia,
             height=c.wheel_radius - axle,
             places=np.column_stack([x, y, z]),
             radii=c.wheel_radius + 0.5 * LEFT * c.radius_difference,
-            width=geometry.wheel_width,
+            width=c.robot.wheel_width,
             cylinders=c.wheel_shape == "cylinder",
-            wheel_mass=masses.wheel,
-            wheel_inertia=masses.wheel_inertia,
+            wheel_mass=c.robot.wheel_mass,
+            wheel_inertia=c.robot.wheel_inertia,
             armature=c.armature,
             friction=c.friction,
             loads=np.maximum(static_shares(c), 0.0) * weight,

@@ -16,9 +16,8 @@ import numpy as np
 from ssmr.geometry import integral
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.types import FloatArray
-from validation.experiment.sources import Source
-from validation.files.faults import find_rest
-from validation.files.offsets import estimate_offsets
+from validation.experiment.sources import Piece, Source
+from validation.files.offsets import Offset, estimate_offsets
 
 _WINDOW_S = 6.0
 """Length of the windows in which gyro and localiser are compared [s]."""
@@ -58,8 +57,13 @@ class GyroJudge:
             rule = f"more than {_WORST_RAD:g}: the gyro"
         return f"Gyro and localiser differ by {difference}, {rule} is the first judge of heading"
 
-    def judging(self, source: Source, late: float) -> Source:
-        """Return the source with the gyro's headings in place of the localiser's, `late` by [s]."""
+    def as_dict(self) -> dict[str, object]:
+        """Return the choice as compare.json has it."""
+        judge = "gyro" if self.first else "localiser"
+        return {"heading_judge": judge, "judges_apart_rad": self.apart}
+
+    def judging(self, source: Source, late: float) -> list[Piece]:
+        """Return the pieces with the gyro's headings for the localiser's, `late` by so much [s]."""
         pieces = []
         for piece, heading in zip(source.pieces, self.headings, strict=True):
             motion = piece.reference
@@ -67,7 +71,7 @@ class GyroJudge:
             yaw = np.interp(motion.t - late, motion.t, heading)
             pose = np.column_stack([motion.pose[:, :2], yaw])
             pieces.append(replace(piece, reference=replace(motion, pose=pose)))
-        return replace(source, pieces=tuple(pieces))
+        return pieces
 
 
 def find_gyro_judge(source: Source) -> GyroJudge | None:
@@ -76,9 +80,9 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     Sign, bias and clock are put right. The localiser shows the sign. The bias is the mean at rest
     or, where the robot never stands, the median drift between gyro and localiser.
     """
-    log = source.log
+    inspected = source.inspected
     pairs = [(piece, piece.reference) for piece in source.pieces if piece.reference is not None]
-    if log is None or "gyro_z" not in log.columns:
+    if inspected is None or "gyro_z" not in inspected.log.columns:
         return None
     windows = [piece.windows(overlapping_windows, motion.t, _WINDOW_S) for piece, motion in pairs]
 
@@ -96,7 +100,11 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
         return None
     sign = float(np.sign(correlation))
     late = {}
-    for offset in estimate_offsets(log.changed("imu", {"gyro_z": sign * log.columns["gyro_z"]})):
+    offsets: Sequence[Offset] = inspected.offsets
+    if sign < 0.0:
+        log = inspected.log
+        offsets = estimate_offsets(log.changed("imu", {"gyro_z": -log.columns["gyro_z"]}))
+    for offset in offsets:
         if offset.late == "pose_yaw" or offset.correlation > _SAME_MOTION:
             late[offset.late] = offset.seconds
 
@@ -108,7 +116,7 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
             headings.append(np.interp(m.t - late.get(by, 0.0), m.t, right))
         return tuple(headings)
 
-    rest = find_rest(log)
+    rest = inspected.rest
     if rest is None:
         drift = (turned(put("pose_yaw", 0.0)) - pose) / turned([m.t for m in motions])
         bias = sign * float(np.median(drift))

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import logging
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from ssmr.geometry import relative, rotate_body_to_world, rotate_world_to_body, wrap_angle
-from ssmr.metrics.bands import Band, estimated_band
-from ssmr.metrics.windows import (
-    HorizonErrors,
-    WindowErrors,
-    horizon_errors,
-    horizon_windows,
-    overlapping_windows,
-    relative_pose_error,
-)
-from ssmr.robot.localiser import Localiser
+from ssmr.geometry import rotate_body_to_world, rotate_world_to_body
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
-from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, Plant, State, Trajectory
-from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN, find_faults
+from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, State, Trajectory
+from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
+from validation.files.inspection import Inspected, inspect
 from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Group, Log, ReadOptions
 from validation.files.reading import exists
 from validation.files.signals import (
@@ -36,12 +26,9 @@ from validation.files.signals import (
     moving_mean,
     refreshed,
 )
-from validation.plants.profile import Pace
 from validation.plants.table import ALL_PLANTS, STANDARD
 from validation.simulator.description import Robot
 from validation.words import one_line
-
-_logger = logging.getLogger(__name__)
 
 RECORDING_GRID = 0.01
 """Period at which a log's inputs are held for the plants [s]: a whole number of every plant's
@@ -56,12 +43,8 @@ _MOTORS = {
     CURRENTS: ("current_left", "current_right"),
     VOLTAGES: ("voltage_left", "voltage_right"),
 }
-BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
-"""Lengths of the windows whose errors say how uncertainty grows [s]."""
 _ODD = 1.3
 """Ratio of wheel radii beyond which it is another robot's, or the units are others."""
-_STANDING_SHARE = 0.1
-"""Share of windows without any motion from which they are worth a sentence."""
 _BEGIN = 0.5
 """Length of the beginning whose poses say how a robot moves at first, and of the spans of which
 slopes are taken [s]."""
@@ -127,11 +110,20 @@ class Source:
     sample_dt: float
     """Period at which plants are sampled [s]."""
     warnings: tuple[str, ...] = ()
-    """Sentences on the faults of a log."""
+    """Sentences on what is wrong with a log, for programs to say."""
     title: str = ""
     """Name of a log in sentences, with its span of time where it was cut."""
-    log: Log | None = None
-    """The log itself, on one clock; None of a scenario."""
+    inspected: Inspected | None = None
+    """The log itself, on one clock, and what it shows; None of a scenario."""
+
+    @property
+    def truth(self) -> tuple[Trajectory, ...]:
+        """The recorded motion, piece by piece; empty of a scenario."""
+        return tuple(piece.reference for piece in self.pieces if piece.reference is not None)
+
+    def driven(self, motions: Sequence[Trajectory]) -> list[tuple[Piece, Trajectory]]:
+        """Return each piece with a plant's motion over it."""
+        return list(zip(self.pieces, motions, strict=True))
 
 
 # ------------------------------------------------------------------------------------------ opening
@@ -193,7 +185,7 @@ def source_of(
     title: str | None = None,
     radius: float | None = None,
 ) -> Source:
-    """Return a log on one clock as a motion to compare plants on; its faults are logged too.
+    """Return a log on one clock as a motion to compare plants on.
 
     Where the log has no commands, the speeds of its odometry stand for them, and a warning says so.
     `name` is the one that the user gave it, `title` its name in sentences, the log's own if not
@@ -203,7 +195,8 @@ def source_of(
     Raises:
         ValueError: it lacks the inputs or the pose.
     """
-    faults = find_faults(log, radius)
+    inspected = inspect(log, radius)
+    faults = inspected.faults
     names = COMMAND_COLUMNS[kind]
     sentences = list[str]()
     if kind == "twist" and not log.has(names) and log.has(("odom_v", "odom_w")):
@@ -261,9 +254,9 @@ def source_of(
     title = title or log.name
     sentences = [*faults.sentences(), *sentences]
     warnings = tuple(one_line(f"{title}: {sentence}") for sentence in sentences)
-    for warning in warnings:
-        _logger.warning("%s", warning)
-    return Source(name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title, log=log)
+    return Source(
+        name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title, inspected=inspected
+    )
 
 
 def _samples_within(
@@ -375,167 +368,12 @@ def _recorded_motion(
     return Trajectory(t, pose, np.column_stack([speeds, turning]), wheels)
 
 
-# ------------------------------------------------------------------------------------------
-# driving and scoring
-def drive(
-    plant: Plant,
-    piece: Piece,
-    localiser: Localiser,
-    sample_dt: float,
-    push: FloatArray | None = None,
-) -> Trajectory:
-    """Drive a plant over one piece, and return the motion that the localiser sees at its stamps.
-
-    The plant begins at the piece's start and is sampled every `sample_dt` [s]; `push` is the (n,)
-    disturbing yaw acceleration of each physics step [rad/s²].
-    """
-    start = localiser.body_state(piece.start)
-    motion = plant.run(piece.commands, start, sample_dt, push)
-    return localiser.seen(motion, piece.t)
-
-
-def warm_up(plant: Plant) -> None:
-    """Drive a plant for a moment, so that threads find its code compiled, and a fault shows."""
-    plant.run(Commands(0.05, np.array([[0.1, 0.0]])), State(), 0.05)
-
-
-DrivenSources = Sequence[tuple[Source, Sequence[Trajectory]]]
-"""Sources, each with a plant's motion over its pieces."""
-
-
-def horizons_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float, HorizonErrors]:
-    """Return errors of the relative pose by horizon [s] over several sources together.
-
-    Only logs have windows. They follow one another and never span a gap or a jump of the localiser.
-    Those in which the robot stands are only counted. A horizon without any other is left out.
-    """
-    found = {}
-    for horizon in horizons:
-        errors = _errors_of(driven, horizon, horizon_windows)
-        if errors is not None:
-            counts = [_count_windows(s, horizon_windows, horizon, True) for s, _ in driven]
-            found[horizon] = horizon_errors(*errors, sum(counts))
-    return found
-
-
-def _count_windows(source: Source, cut: WindowCut, horizon: float, standing: bool) -> int:
-    """Return the number of windows of a source in which the robot stands, or moves."""
-    count = 0
-    for piece in source.pieces:
-        if piece.t is not None:
-            count += len(piece.windows(cut, piece.t, horizon, standing)[0])
-    return count
-
-
-def window_errors_of(driven: DrivenSources, horizons: Sequence[float]) -> dict[float, WindowErrors]:
-    """Return the errors of `horizons_of` over windows that begin every second, by horizon [s]."""
-    errors = {h: _errors_of(driven, h, overlapping_windows) for h in horizons}
-    return {h: WindowErrors(h, *found) for h, found in errors.items() if found is not None}
-
-
-def _errors_of(
-    driven: DrivenSources, horizon: float, windows: WindowCut
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return (W,) position errors [m] and yaw errors [rad] over all windows; None without any."""
-    positions = []
-    yaws = []
-    for motion, piece in _driven_pieces(driven):
-        if piece.reference is None or piece.t is None:
-            continue
-        starts, ends = piece.windows(windows, piece.t, horizon)
-        position, yaw = relative_pose_error(motion.pose, piece.reference.pose, starts, ends)
-        positions.append(position)
-        yaws.append(yaw)
-    if not sum(map(len, positions)):
-        return None
-    return np.concatenate(positions), np.concatenate(yaws)
-
-
-def _driven_pieces(driven: DrivenSources) -> Iterator[tuple[Trajectory, Piece]]:
-    """Yield each piece of the sources, with the plant's motion over it in front."""
-    for source, motions in driven:
-        yield from zip(motions, source.pieces, strict=True)
-
-
-def signed_windows(
-    driven: DrivenSources, horizon: float
-) -> list[tuple[FloatArray, IndexArray, IndexArray, FloatArray]]:
-    """Return predictions over windows that begin every second and their errors, piece by piece.
-
-    Each has the (M, 3) path of the plant, (W,) starts and ends, and (W, 3) errors: the plant's
-    motion less the recorded one, x, y [m] in the frame of the start, and yaw [rad].
-    """
-    signed = []
-    for motion, piece in _driven_pieces(driven):
-        if piece.reference is None or piece.t is None:
-            continue
-        i, j = piece.windows(overlapping_windows, piece.t, horizon)
-        p = motion.pose
-        q = piece.reference.pose
-        error = relative(p[i], p[j]) - relative(q[i], q[j])
-        error[:, 2] = wrap_angle(error[:, 2])
-        signed.append((p, i, j, error))
-    return signed
-
-
-def coverage_of(
-    driven: DrivenSources, horizons: Sequence[float], band: Band
-) -> dict[float, dict[str, float]]:
-    """Return the shares of windows that end inside a band, `position` and `yaw`, by horizon [s].
-
-    A horizon without windows is left out.
-    """
-    shares = {}
-    for horizon in horizons:
-        windows = [window for window in signed_windows(driven, horizon) if len(window[1])]
-        sizes = [band.sizes(*window) for window in windows]
-        if sizes:
-            position, yaw = map(np.concatenate, zip(*sizes, strict=True))
-            shares[horizon] = {
-                "position": float(np.mean(position <= 1.0)),
-                "yaw": float(np.mean(yaw <= 1.0)),
-            }
-    return shares
-
-
-def band_of(parts: Sequence[DrivenSources]) -> Band | None:
-    """Return the band of a plant's predictions of logs, see `estimated_band`.
-
-    None where there are too few windows. `parts` has the logs as a plant drives them whose numbers
-    were found without their first, second, ... part of time.
-    """
-    windows = {}
-    for horizon in BAND_HORIZONS:
-        drives = [signed_windows(driven, horizon) for driven in parts]
-        counts = [len(starts) for _, starts, _, _ in drives[0]]
-        total = sum(counts)
-        # the part of time that each window lies in, piece by piece
-        places = np.arange(total) * len(parts) // max(total, 1)
-        pieces = np.split(places, np.cumsum(counts)[:-1])
-        unseen = []
-        for k, drive in enumerate(drives):
-            for (path, starts, ends, error), place in zip(drive, pieces, strict=False):
-                inside = place == k
-                unseen.append((path, starts[inside], ends[inside], error[inside]))
-        windows[horizon] = unseen
-    return estimated_band(windows)
-
-
-def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:
-    """Return the pace of motions; the speed is that of wheels of a radius [m], if there are any."""
-    v = np.concatenate([m.twist[:, 0] for m in motions])
-    w = np.concatenate([m.twist[:, 2] for m in motions])
-    wheels = radius * np.concatenate([m.wheels.mean(axis=1) for m in motions])
-    # poses may jump, which wheels do not
-    return Pace.of(wheels if np.any(wheels) else v, w)
-
-
 def unknown_robot_notes(source: Source, robot: Robot) -> list[str]:
     """Return the notes on a log of a robot that nobody named; it is taken for `robot`.
 
     Wheel rates against speed and yaw rate say how large wheels and effective track are, which is
-    usually 1.2 to 2.2 times the track. Where these are odd for `robot`, the sentence is logged as a
-    warning, too.
+    usually 1.2 to 2.2 times the track. Where these are odd for `robot`, a second note says so,
+    which is a warning.
     """
     if source.reference != RECORDING or source.name in SHIPPED_LOGS:
         return []
@@ -556,26 +394,12 @@ def unknown_robot_notes(source: Source, robot: Robot) -> list[str]:
     turned = max(abs(twist[:, 2] @ difference), 1e-9)
     width = radius * float(difference @ difference / turned)
     odd = []
-    size = robot.geometry.wheel_radius
+    size = robot.wheel_radius
     if np.abs(mean).max() > WHEELS_TURN and not 1.0 / _ODD < radius / size < _ODD:
         odd.append(f"a wheel radius of {radius:.2f} m for its {size:.2f} m")
-    track = robot.geometry.track
+    track = robot.track
     if np.abs(difference).max() > WHEELS_TURN and not 0.9 < width / track < 3.0:
         odd.append(f"a track of {width:.2f} m for its {track:.2f} m")
     if odd:
-        note += f"; but the log shows {' and '.join(odd)}. Name the robot"
-        _logger.warning("%s", note)
+        return [note, f"{source.title}: the log shows {' and '.join(odd)}. Name the robot"]
     return [note]
-
-
-def standing_sentences(source: Source, horizon: float) -> list[str]:
-    """Return a sentence on a log in which the robot stands in many windows; none for others."""
-    standing = _count_windows(source, overlapping_windows, horizon, True)
-    moving = _count_windows(source, overlapping_windows, horizon, False)
-    share = standing / max(standing + moving, 1)
-    if share < _STANDING_SHARE:
-        return []
-    what = (
-        f"the robot stands still throughout {100.0 * share:.0f} % of the windows of {horizon:g} s"
-    )
-    return [f"{source.title}: {what}, which count in no median"]

@@ -55,7 +55,7 @@ def chassis_of(profile: Profile, mass: float | None = None) -> Chassis:
     """Return the nominal numbers of a profile's robot, with another total mass [kg] if given."""
     body = profile.plants["mujoco"].parameters
     robot = profile.robot
-    geometry = SkidGeometry(body.wheel_radius, body.half_track, 0.5 * robot.geometry.wheelbase)
+    geometry = SkidGeometry(body.wheel_radius, body.half_track, 0.5 * robot.wheelbase)
     return Chassis(
         robot.name, geometry, mass or body.mass, robot.drive.command_radius, robot.drive.v_max
     )

@@ -39,7 +39,7 @@ a Husky 1 cm and 1 N m weigh alike, and models of it are off by some of both."""
 
 def usual_torque_weight(robot: Robot) -> float:
     """Return the position error that counts as much as a newton metre of torque [m/(N m)]."""
-    return _WEIGHT_ON_A_RADIUS / (robot.masses.total * GRAVITY * robot.geometry.wheel_radius)
+    return _WEIGHT_ON_A_RADIUS / (robot.mass * GRAVITY * robot.wheel_radius)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The sources of a fit: motions to fit to, and motions that are held out to judge the fit."""
+"""The sources of a fit: motions to fit to, others that are held out, and the scores on both."""
 
 from __future__ import annotations
 
@@ -9,12 +9,17 @@ from itertools import chain
 from os.path import realpath
 from typing import Literal
 
+import numpy as np
+
+from ssmr.metrics.declared import Metrics, compare_pieces
 from ssmr.scenarios import TRAJECTORIES
-from ssmr.types import CommandKind, Plant
+from ssmr.types import CommandKind, Plant, Trajectory
 from validation.experiment.gyro import find_gyro_judge
-from validation.experiment.sources import Source, drive, open_source
+from validation.experiment.runs import drive_source
+from validation.experiment.scores import Scores, score
+from validation.experiment.sources import Source, open_source
 from validation.files.log import PLAIN, ReadOptions
-from validation.identify.objective import FitTarget
+from validation.identify.objective import FitCost, FitTarget
 from validation.plants.kind import TORQUES
 from validation.plants.profile import Profile, make_plant
 from validation.plants.table import plant_kind
@@ -23,6 +28,8 @@ Input = Literal["commands", "wheels"]
 """Input of a recording that drives a plant along it."""
 MOST_TIME = 1e12
 """Greatest size of a stamp that a recording can be cut at [s]; Unix stamps are about 1.8e9."""
+HORIZONS = (2.0, 6.0, 30.0, 60.0)
+"""Horizons of the relative pose errors in results [s]."""
 Span = tuple[float | None, float | None]
 """Part of a recording between two times [s]; None for its first or its last."""
 
@@ -122,15 +129,53 @@ def _truth(profile: Profile) -> Callable[[Source, str], FitTarget]:
 
     def resolve(source: Source, label: str) -> FitTarget:
         if source.reference == "recording":
-            truth = tuple(p.reference for p in source.pieces if p.reference is not None)
-            return FitTarget(label, source, truth)
+            return FitTarget(label, source, source.truth)
         driver = plant(source.reference)
         localiser = profile.section(source.reference).localiser
-        dt = source.sample_dt
-        motions = tuple(drive(driver, piece, localiser, dt) for piece in source.pieces)
+        motions = drive_source(driver, source, localiser)
         torques = None
         if plant_kind(source.reference).torques:
             torques = tuple(motion.channels[TORQUES] for motion in motions)
         return FitTarget(label, source, motions, torques=torques)
 
     return resolve
+
+
+def score_targets(
+    targets: Sequence[FitTarget], motions: Sequence[tuple[Trajectory, ...]]
+) -> Scores:
+    """Return the scores of a plant's motions over the pieces of some targets together."""
+    truth = tuple(chain(*(target.truth for target in targets)))
+    pieces = tuple(chain(*(target.source.pieces for target in targets)))
+    every = tuple(chain(*motions))
+    metrics = compare_pieces(every, truth)
+    torques = np.concatenate(list(map(FitTarget.torque_errors, targets, motions)))
+    if len(torques):
+        metrics = Metrics({**metrics, "torque_rms_N_m": float(np.sqrt(np.mean(torques**2)))})
+    return score(metrics, pieces, every, HORIZONS)
+
+
+def worse_sentences(
+    cost: FitCost, even_if_worse: bool, before: Sequence[Scores], after: Sequence[Scores]
+) -> list[str]:
+    """Return a sentence where the error on held-out sources is larger than before the fit."""
+
+    def size(s: Scores) -> float:
+        """The error at the headline's horizon, weighed as in the cost; of scenarios, d_rms."""
+        if s.headline is None:
+            return s.metrics["d_rms_m"]
+        e = s.overlapping[s.headline]
+        yaw = cost.yaw_weight * e.yaw_median_rad
+        return cost.position_weight * e.position_median_m + yaw
+
+    was = float(np.mean([*map(size, before)])) if before else 0.0
+    now = float(np.mean([*map(size, after)])) if after else 0.0
+    if now <= was:
+        return []
+    kept = "keeps the old ones (--even-if-worse)"
+    if even_if_worse:
+        kept = "has the fitted numbers all the same"
+    return [
+        f"The fit's error on held-out data is larger than before, {now:.3g} m instead of "
+        f"{was:.3g} m: profile.toml {kept}."
+    ]

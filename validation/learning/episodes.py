@@ -238,7 +238,6 @@ class EpisodeSource:
     ) -> tuple[Calibration, Drive]:
         c = section.parameters
         d = section.drive
-        geometry = section.robot.geometry
         friction, mass, delay, radius, x, y = self.task.spread * rng.uniform(-1.0, 1.0, 6)
         calibration = replace(
             c,
@@ -246,7 +245,7 @@ class EpisodeSource:
             mass=c.mass * (1.0 + MASS * mass),
             yaw_inertia=c.yaw_inertia * (1.0 + MASS * mass),
             radius_difference=c.radius_difference + RADIUS_DIFFERENCE * radius * c.wheel_radius,
-            com_x=c.com_x + CENTRE * x * geometry.wheelbase,
+            com_x=c.com_x + CENTRE * x * section.robot.wheelbase,
             com_y=c.com_y + CENTRE * y * 2.0 * c.half_track,
         )
         factor = 1.0 + DELAY * delay

@@ -99,24 +99,21 @@ def defaults(kind: type, robot: Robot) -> Any:
 
 def tyred_defaults(robot: Robot) -> FourWheelParameters:
     """Return the numbers of a robot's file, with the tyres of the drive-train study."""
-    geometry = robot.geometry
-    masses = robot.masses
-    simulation = robot.simulation
-    share = robot.base_mass / masses.total
+    share = robot.base_mass / robot.mass
     return FourWheelParameters(
-        mass=masses.total,
+        mass=robot.mass,
         yaw_inertia=robot.yaw_inertia,
-        wheelbase=geometry.wheelbase,
-        half_track=0.5 * geometry.track,
-        wheel_radius=geometry.wheel_radius,
-        com_x=share * masses.com[0],
-        com_y=share * masses.com[1],
-        com_height=geometry.wheel_radius + share * (masses.com[2] - geometry.axle_height),
-        gain=simulation.gain,
-        armature=simulation.armature,
-        wheel_inertia=masses.wheel_inertia[1],
-        link=geometry.link,
-        friction=simulation.friction,
+        wheelbase=robot.wheelbase,
+        half_track=0.5 * robot.track,
+        wheel_radius=robot.wheel_radius,
+        com_x=share * robot.com[0],
+        com_y=share * robot.com[1],
+        com_height=robot.wheel_radius + share * (robot.com[2] - robot.axle_height),
+        gain=robot.gain,
+        armature=robot.armature,
+        wheel_inertia=robot.wheel_inertia[1],
+        link=robot.link,
+        friction=robot.friction,
     )
 
 

@@ -21,7 +21,8 @@ from validation.engines.body import EngineMissingError
 from validation.engines.ode import GAZEBO, MAKERS_HUSKY, FrictionDirection, FrictionLaw, OdeBody
 from validation.engines.ode_library import ode
 from validation.engines.plant import EnginePlant
-from validation.experiment.sources import drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import open_source
 from validation.plants.profile import load_profile, make_plant
 from validation.progress import Progress
 from validation.replicate import published

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -73,115 +73,25 @@ class Replicate(cli.Common):
     seed: cli.Seed = 1
 
 
-_RowVerdicts = Mapping[str, tuple[Mapping[str, Verdict], Verdict]]
-"""By row the verdicts on its numbers by metric, and that on the whole row."""
-_Counts = Counter[tuple[Evidence, Status]]
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Replication(Report):
     """Every table of the thesis beside ours, with verdicts."""
 
-    program = "replicate"
-    endings = ("png", "md")
     findings: Mapping[str, Findings]
     """Findings by section, in the order of the report."""
     chapters: Sequence[Chapter]
     """The same as the report shows it."""
+    lead: str
+    """Markdown that stands before the chapters."""
 
-    @cached_property
-    def rows(self) -> dict[str, Rows]:
-        """Rows by the number of their table."""
-        rows = dict[str, Rows]()
-        for found in self.findings.values():
-            rows |= found.tables
-        return rows
-
-    @cached_property
-    def verdicts(self) -> dict[str, _RowVerdicts]:
-        """Verdicts by the number of their table."""
-        return {number: judged(number, rows) for number, rows in self.rows.items()}
-
-    @property
-    def counts(self) -> _Counts:
-        """Number of the thesis' rows by evidence and verdict."""
-        return _tally(self.rows, self.verdicts)
-
-    @property
-    def unexplained(self) -> list[str]:
-        """Rows that differ without a known reason, such as `4.5 line_0.25`."""
-        return _unexplained(self.rows, self.verdicts)
-
-    def tables(self) -> list[Table]:
-        """Return the verdicts by evidence and by section, and the tables of all chapters."""
-        every = self.counts
-        by_evidence: list[Row] = []
-        for e in EVIDENCE:
-            by_evidence.append({"evidence": str(e), **{str(s): every[e, s] for s in STATUSES}})
-        by_evidence.append({"evidence": "all", **_by_status(every)})
-        by_section = list[Row]()
-        for chapter, found in zip(self.chapters, self.findings.values(), strict=True):
-            if counts := _tally(found.tables, self.verdicts):
-                by_section.append({"section": chapter.title, **_by_status(counts)})
-        tables = [
-            Table("Rows that the thesis has, by what their agreement says", by_evidence),
-            Table("The same by section", by_section),
-        ]
-        for chapter in self.chapters:
-            tables += chapter.tables
-        return tables
-
-    def notes(self) -> list[str]:
-        """Return a sentence on the rows that differ without a known reason."""
-        notes = [*super().notes()]
-        if self.unexplained:
-            notes.append(f"Unexplained: {', '.join(self.unexplained)}.")
-        return notes
-
-    def document(self) -> dict[str, Any]:
-        """Return what replicate.json has besides its notes."""
-        every = self.counts
-        numbers = sorted(self.rows, key=order_of)
-        return {
-            "schema": "ssmr.replicate/1",
-            "quick": self.options["quick"],
-            "seed": self.options["seed"],
-            "tables": {n: _as_dict(n, self.rows[n], self.verdicts[n]) for n in numbers},
-            "verdicts": _by_status(every),
-            "evidence": {str(e): {str(s): every[e, s] for s in STATUSES} for e in EVIDENCE},
-        }
-
-    def to_markdown(self) -> str:
+    def markdown(self) -> str:
         """Return the page: the meaning of the verdicts, their counts, and every chapter."""
-        lead = _lead(self.options["quick"], self.findings, self.unexplained, self.counts)
-        lines = [lead, "", *markdown_table(self.tables()[0])]
+        lines = [self.lead, "", *markdown_table(self.tables[0].grid())]
         for chapter in self.chapters:
             lines += chapter.markdown()
         lines += ["", "![Verdicts by section, and tracked references](replicate.png)"]
         lines += ["", self.made_by, ""]
         return "\n".join(lines)
-
-    def figure(self) -> Figure:
-        """Draw the rows by section and verdict, and below them the pictures of the sections."""
-        rows = list(self.tables()[1].rows)
-
-        def bars(ax: Axes) -> None:
-            places = range(len(rows))
-            left = np.zeros(len(rows))
-            for status in STATUSES:
-                counts = [row[status] for row in rows]
-                ax.barh(places, counts, left=left, color=VERDICT_INKS[status], label=status)
-                left += counts
-            inset(ax, left=3.2)
-            ax.set_yticks(places, [row["section"] for row in rows])
-            ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="rows that the thesis prints")
-            ax.legend(
-                loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(STATUSES), frameon=False
-            )
-
-        heading = text_row(0.35, partial(draw_section, self.title))
-        panels = [row for findings in self.findings.values() for row in findings.panels]
-        return put_together([heading, side_by_side(1.1 + 0.3 * len(rows), [bars]), *panels])
 
 
 @cli.program(Replicate)
@@ -196,14 +106,58 @@ def replicate(o: Replicate) -> Replication:
     """
     sections = chosen_sections(ALL_SECTIONS, o.only)
     findings = _run_sections(o, sections)
-    chapters = [chapter_of(s, findings[s.key]) for s in sections[: len(findings)]]
+    chapters = []
+    tables = dict[str, Rows]()
+    for section in sections[: len(findings)]:
+        chapters.append(chapter_of(section, findings[section.key]))
+        tables |= findings[section.key].tables
+    verdicts = {number: judged(number, rows) for number, rows in tables.items()}
+    every = _Counts()
+    summary = list[Row]()
+    for chapter, each in zip(chapters, findings.values(), strict=True):
+        counts = _tally(each.tables, verdicts)
+        every += counts
+        if counts:
+            summary.append({"section": chapter.title, **_by_status(counts)})
+    by_evidence = {str(e): {str(s): every[e, s] for s in STATUSES} for e in EVIDENCE}
+    total = _by_status(every)
+    unexplained = _unexplained(tables, verdicts)
+    evidence_rows: list[Row] = [{"evidence": e, **counts} for e, counts in by_evidence.items()]
+    evidence_rows.append({"evidence": "all", **total})
+    result_tables = [
+        Table("Rows that the thesis has, by what their agreement says", evidence_rows),
+        Table("The same by section", summary),
+    ]
+    for chapter in chapters:
+        result_tables += chapter.tables
+    numbers = sorted(tables, key=order_of)
+    document = {
+        "schema": "ssmr.replicate/1",
+        "quick": o.quick,
+        "seed": o.seed,
+        "tables": {n: _as_dict(n, tables[n], verdicts[n]) for n in numbers},
+        "verdicts": total,
+        "evidence": by_evidence,
+    }
     return Replication(
+        program="replicate",
         title="The thesis' results beside this project's",
+        tables=result_tables,
+        sentences=[f"Unexplained: {', '.join(unexplained)}."] if unexplained else [],
+        document=document,
         options={"quick": o.quick, "only": o.only, "seed": o.seed},
+        draw=_draw,
+        has_text=True,
         status=FINISHED if len(findings) == len(sections) else INTERRUPTED,
         findings=findings,
         chapters=chapters,
+        lead=_lead(o.quick, findings, unexplained, every),
     )
+
+
+_RowVerdicts = Mapping[str, tuple[Mapping[str, Verdict], Verdict]]
+"""By row the verdicts on its numbers by metric, and that on the whole row."""
+_Counts = Counter[tuple[Evidence, Status]]
 
 
 def _run_sections(o: Replicate, sections: Sequence[Section]) -> dict[str, Findings]:
@@ -319,3 +273,24 @@ def _entry(pair: Pair, verdict: Verdict, within: Sequence[float] | None) -> dict
     if (under := pair.supposed) is not None:
         entry |= {"supposed": under.value, "supposed_spread": under.spread, "if": under.text}
     return entry | _verdict_entry(verdict)
+
+
+def _draw(result: Replication) -> Figure:
+    """The number of rows by section and verdict, and below it the pictures of the sections."""
+    rows = list(result.tables[1].rows)
+
+    def bars(ax: Axes) -> None:
+        places = range(len(rows))
+        left = np.zeros(len(rows))
+        for status in STATUSES:
+            counts = [row[status] for row in rows]
+            ax.barh(places, counts, left=left, color=VERDICT_INKS[status], label=status)
+            left += counts
+        inset(ax, left=3.2)
+        ax.set_yticks(places, [row["section"] for row in rows])
+        ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="rows that the thesis prints")
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(STATUSES), frameon=False)
+
+    heading = text_row(0.35, partial(draw_section, result.title))
+    panels = [row for findings in result.findings.values() for row in findings.panels]
+    return put_together([heading, side_by_side(1.1 + 0.3 * len(rows), [bars]), *panels])

@@ -2,46 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
-from itertools import chain, combinations, pairwise, product, zip_longest
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import chain, combinations, pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ssmr.metrics.bands import Band
-from ssmr.metrics.declared import METRICS, SIGNALS, Metric, Metrics
+from ssmr.metrics.declared import METRICS, SIGNALS, Metric
 from ssmr.metrics.paired import SIGNIFICANCE, chance_of_difference, corrected
 from ssmr.metrics.windows import (
     EVERY_S,
     SHORTEST_BLOCK_S,
-    HorizonErrors,
     OverlappingErrors,
     WindowErrors,
-    horizon_windows,
 )
-from ssmr.robot.localiser import Localiser
-from ssmr.types import FloatArray, IndexArray, Trajectory
-from validation.experiment.gyro import GyroJudge
-from validation.experiment.sources import Source, standing_sentences
+from ssmr.types import FloatArray, Trajectory
+from validation.experiment.runs import Run
+from validation.experiment.scores import Scores, headline_horizon
+from validation.experiment.sources import Source
 from validation.plants.profile import Profile
-from validation.plants.table import plant_kind
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
 from validation.report.palette import Rgb
 from validation.report.report import Report
-from validation.report.scene_robots import Series, Track, shades_of
+from validation.report.scene_robots import Track
 from validation.report.table import Row, Table
 from validation.simulator.description import WHEELS, with_robot
-from validation.simulator.health import Health
 from validation.simulator.terrain import FLAT, Terrain
-from validation.simulator.wheel_loads import WheelLoads
 from validation.words import one_line
 
 _COMMANDED: Rgb = (86, 180, 233)
-HEADLINE_HORIZON = 6.0
-"""Horizon whose errors stand for a plant where only one has room [s], or the one closest to it."""
 _WINDOWS = (
     "after this time, of the relative pose: the plant's motion over a window is compared with the "
     "reference's, both seen from the pose at the window's start. Windows follow one another and "
@@ -84,295 +75,84 @@ _HEALTH = (
 _HEALTH_COLUMNS = ("apparent_mass_kg", "peak_torque_N_m", "load_sum_rms_N", "verdict")
 
 
-@dataclass(frozen=True, eq=False)
-class PlantResult:
-    """One plant's motion and scores."""
-
-    name: str
-    """Name of the plant, such as `improved`."""
-    pieces: tuple[Trajectory, ...]
-    """The plant's motion, one piece for each gap-free stretch of the source.
-
-    A piece has the stamps of the reference's piece.
-    """
-    metrics: Metrics
-    """Distances from the reference, over all pieces."""
-    horizons: Mapping[float, HorizonErrors]
-    """Errors of the relative pose, by horizon [s]; empty where the reference is a plant."""
-    wall_s: float
-    """Time that simulating took [s]."""
-    real_time_factor: float
-    """Simulated over wall time [1]."""
-    health: Health | None = None
-    """The verdict on the wheel loads; only a MuJoCo robot has one, and only on level ground."""
-    localiser: Localiser = Localiser()
-    """The frame in the plant's body whose motion `pieces` is."""
-    loads: WheelLoads | None = None
-    """The loads that its wheels carried; only a MuJoCo robot knows them."""
-    windows: Mapping[float, WindowErrors] = field(default_factory=dict)
-    """Errors over windows that begin every second, by horizon [s].
-
-    Empty where the reference is a plant.
-    """
-    band: Band | None = None
-    """Uncertainty of the plant's predictions; None if not asked for, or not in the profile."""
-    coverage: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
-    """Shares of windows that end inside the band, by horizon [s].
-
-    They are called `position`, `yaw` and `yaw_gyro`.
-    """
-    by_gyro: Mapping[float, WindowErrors] = field(default_factory=dict)
-    """As `windows`, with the gyro as the judge of heading; empty without a useful gyro."""
-
-    @cached_property
-    def overlapping(self) -> Mapping[float, OverlappingErrors]:
-        """Medians over `windows` with their intervals, by horizon [s]."""
-        return {horizon: errors.summary() for horizon, errors in self.windows.items()}
-
-    @cached_property
-    def overlapping_by_gyro(self) -> Mapping[float, OverlappingErrors]:
-        """Medians over `by_gyro` with their intervals, by horizon [s]."""
-        return {horizon: errors.summary() for horizon, errors in self.by_gyro.items()}
-
-    def as_dict(self) -> dict[str, Any]:
-        """The plant's entry in compare.json."""
-        entry: dict[str, Any] = {
-            **self.metrics,
-            "wall_s": self.wall_s,
-            "real_time_factor": self.real_time_factor,
-        }
-        if self.horizons:
-            horizons = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
-            entry["horizons"] = horizons
-            for horizon, medians in self.overlapping.items():
-                overlapping = asdict(medians)
-                if horizon in self.by_gyro:
-                    for key, value in asdict(self.overlapping_by_gyro[horizon]).items():
-                        if key.startswith("yaw"):
-                            overlapping[key.replace("yaw", "yaw_gyro")] = value
-                horizons.setdefault(f"{horizon:g}", {})["overlapping"] = overlapping
-            for horizon, shares in self.coverage.items():
-                horizons.setdefault(f"{horizon:g}", {})["coverage_90"] = dict(shares)
-        if self.health is not None:
-            entry["health"] = self.health.as_dict()
-        if self.loads is not None:
-            entry["wheel_loads"] = {"wheels": WHEELS, **asdict(self.loads)}
-        return entry
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Motions(Report):
-    """Every plant beside the reference on one source: all of a comparison but its picture."""
+class Comparison(Report):
+    """Every plant against the reference on one source."""
 
-    program = "compare"
-    endings = ("png", "rrd")
     source: Source
-    """Motion that the plants were driven along."""
+    """What drove the plants."""
     profile: Profile
-    """Profile that gave the parameters."""
-    reference: str
+    """The profile that gave the parameters."""
+    reference_name: str
     """Name of the reference plant, or `recording`."""
-    truth: tuple[Trajectory, ...]
+    reference: tuple[Trajectory, ...]
     """The reference's motion, piece by piece."""
-    plants: Mapping[str, PlantResult]
-    """Results by plant, in the order of all tables; the reference plant is among them."""
+    runs: Mapping[str, Run]
+    """Runs by plant, in the order of all tables; the reference plant is among them."""
+    scores: Mapping[str, Scores]
+    """Their errors, by plant."""
     seed: int
     """Seed of noise and disturbance."""
     terrain: Terrain = FLAT
     """The ground that the MuJoCo robot stood on."""
-    gyro: GyroJudge | None = None
-    """The second judge of heading; None where the reference is a plant, or without a useful one."""
-    remarks: Sequence[str] = ()
-    """Sentences on what was known before the plants were compared."""
 
     @property
     def profile_label(self) -> str:
         """Name of the profile, and of the robot where the profile's name does not contain it."""
         return with_robot(self.profile.name, self.profile.robot.name)
 
-    @property
-    def gyro_first(self) -> bool:
-        """Whether the gyro is the first judge of heading."""
-        return self.gyro is not None and self.gyro.first
 
-    @cached_property
-    def scoring(self) -> dict[float, list[tuple[IndexArray, IndexArray]]]:
-        """Starts and ends of the windows that follow one another, by horizon [s] and piece.
+def comparison_tables(
+    runs: Mapping[str, Run],
+    scores: Mapping[str, Scores],
+    reference: str,
+    title: str,
+    caption: str,
+    gyro_first: bool = False,
+) -> list[Table]:
+    """Return the tables of motions, the most telling one first; those without rows are left out.
 
-        None spans a jump of the localiser. Empty where the reference is a plant.
-        """
-        windows = dict[float, list[tuple[IndexArray, IndexArray]]]()
-        if self.reference in self.plants:
-            return windows
-        for h in self.options["horizons"]:
-            pieces = self.source.pieces
-            windows[h] = [p.windows(horizon_windows, p.t, h) for p in pieces if p.t is not None]
-        return windows
-
-    @cached_property
-    def alike(self) -> dict[str, Any] | None:
-        """Plants that the recording does not tell apart, see `indistinguishable_pairs`."""
-        return indistinguishable_pairs(self.plants, self.gyro_first)
-
-    def tables(self) -> list[Table]:
-        """Return the errors by horizon of a recording, the metrics of paths, loads and health.
-
-        Errors of the relative pose come first, then their medians over windows that begin every
-        second, with intervals.
-        """
-        by_horizon = sorted({h for r in self.plants.values() for h in (*r.horizons, *r.windows)})
-        errors: list[Row] = []
-        overlapping = []
-        by_gyro = []
-        for h, (name, r) in product(by_horizon, self.plants.items()):
+    Against a recording the errors of the relative pose by horizon and plant come first, then their
+    medians over windows that begin every second, with intervals. Then the metrics of paths, and for
+    MuJoCo's robot loads and health. `gyro_first` says which judge of heading stands first.
+    """
+    errors: list[Row] = []
+    overlapping = []
+    by_gyro = []
+    for h in sorted(set().union(*(r.horizons for r in scores.values()))):
+        for name, r in scores.items():
             if h in r.horizons:
                 e = asdict(r.horizons[h])
                 counts = {"windows": e.pop("n"), "standing": e.pop("n_standing")}
                 errors.append({"horizon_s": h, "plant": name, **counts, **e})
             if h in r.overlapping:
                 overlapping.append((h, name, r.overlapping[h]))
-                by_gyro.append(r.overlapping_by_gyro.get(h))
-        tables = [
-            Table(
-                "Error of the relative pose after a horizon",
-                errors,
-                f"compared with {self.reference} · best value in bold",
-                "horizon_s",
-                best=True,
-                units=_POSES,
-            ),
-            interval_table(overlapping, gyro=by_gyro, gyro_first=self.gyro_first),
-            _band_table(self.plants),
-            self._metrics_table(),
-            _load_table(self.plants),
-            _health_table(self.plants),
-        ]
-        return [table for table in tables if table.rows]
-
-    def _metrics_table(self) -> Table:
-        """Metrics of paths, with what one must know to read them below."""
-        metrics = dict.fromkeys(chain.from_iterable(r.metrics for r in self.plants.values()))
-        # metrics that no table declares stand last
-        columns = [key for key in dict.fromkeys((*_COLUMNS, *metrics)) if key in metrics]
-        marked = f"{self.reference} (ref)"
-        rows = []
-        for name, r in self.plants.items():
-            shown = {key: r.metrics.get(key) for key in columns}
-            shown[REAL_TIME.name] = r.real_time_factor
-            rows.append({"plant": marked if name == self.reference else name, **shown})
-        title = f"{one_line(self.source.name)} · profile {self.profile_label}"
-        if self.terrain != FLAT:
-            title += f" · mujoco on {self.terrain.words}"
-        caption = [f"compared with {self.reference} · seed {self.seed} · best value in bold"]
-        if self.reference in self.plants:
-            caption += point_sentences(self.plants)
-            caption += self.profile.origins(self.plants, self.source.name)
-            caption += self._unlike_torques()
-        caption += health_warnings(self.plants)
-        return Table(
-            title, rows, "\n".join(caption), best=True, reference=marked, hidden=_BOTH_WAYS
-        )
-
-    def _unlike_torques(self) -> list[str]:
-        """Return a sentence on torques that differ because only one of two is a body's."""
-        of_body = plant_kind(self.reference).torques
-        with_torque = [n for n, r in self.plants.items() if "torque_rms_N_m" in r.metrics]
-        unlike = [name for name in with_torque if plant_kind(name).torques != of_body]
-        if not unlike:
-            return []
-        return [
-            f"torque rms does not compare {', '.join(unlike)} with {self.reference}: a planar "
-            "model's torques come of frictions that were fitted to paths."
-        ]
-
-    def notes(self) -> list[str]:
-        """Return the remarks, the source's faults, the judge of heading, and who is better."""
-        notes = [*self.remarks]
-        headline = headline_horizon(self.scoring)
-        if headline:
-            notes += standing_sentences(self.source, headline)
-        if self.gyro is not None:
-            notes.append(self.gyro.sentence)
-        return [*notes, *self.source.warnings, *alike_sentences(self.plants, self.alike)]
-
-    def document(self) -> dict[str, Any]:
-        """Return the contents of compare.json without options and tables."""
-        judge: dict[str, Any] = {}
-        if self.gyro is not None:
-            judge["heading_judge"] = "gyro" if self.gyro.first else "localiser"
-            judge["judges_apart_rad"] = self.gyro.apart
-        return {
-            "schema": "ssmr.compare/1",
-            "source": self.source.name,
-            "profile": self.profile.name,
-            "robot": self.profile.robot.name,
-            "reference": self.reference,
-            "seed": self.seed,
-            **judge,
-            "alike": self.alike,
-            "plants": {name: result.as_dict() for name, result in self.plants.items()},
-            "parameters": self.profile.as_dict(self.plants),
-        }
-
-    def tracks(self) -> list[Track]:
-        """Return all robots, the reference first."""
-        # a recording was tracked at the point that every plant's section of the profile says
-        first = self.plants.get(self.reference, next(iter(self.plants.values())))
-        scene = (self.terrain, self.profile.robot)
-        reference = Track(self.reference, self.truth, None, first.localiser, *scene)
-        tracks = [reference]
-        for r in self.plants.values():
-            if r.name != self.reference:
-                tracks.append(Track(r.name, r.pieces, reference, r.localiser, *scene))
-        return tracks
-
-    def given(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Return (N + 1,) instants [s] and (N + 1, 2) commands of every piece.
-
-        The last command stands once more at the end of its piece.
-        """
-        given = []
-        for piece, motion in zip(self.source.pieces, self.truth, strict=True):
-            c = piece.commands
-            t = motion.t[0] + c.dt * np.arange(c.n + 1)
-            given.append((t, np.vstack([c.values, c.values[-1:]])))
-        return given
-
-    def record(self, path: Path) -> None:
-        """Write the robots in motion, and the commands that drove them, as a rerun recording.
-
-        The file is written whole or not at all.
-
-        Raises:
-            OSError: the file cannot be written.
-            RuntimeError: rerun is switched off by `RERUN=off`.
-        """
-        from validation.report.scene import Scene, write_scene  # here: rerun may be missing
-
-        gaps = [0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(self.truth)]
-        scene = Scene(
-            program=self.program,
-            title=f"{self.source.name}, profile {self.profile_label}",
-            tracks=self.tracks(),
-            plots=self._commanded(),
-            report=self.to_markdown(),
-            gaps=np.array(gaps),
-        )
-        write_scene(scene, path)
-
-    def _commanded(self) -> dict[str, Series]:
-        """Commands over time, as a recording's plots have them."""
-        t, values = (np.concatenate(parts) for parts in zip(*self.given(), strict=True))
-        if self.source.pieces[0].commands.kind == "wheels":
-            names = ["left commanded", "right commanded"]
-            inks = shades_of(_COMMANDED)
-            return {"wheel_rate/commanded": Series(names, "rad/s", inks, t, values, held=True)}
-        plots = {}
-        for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
-            plots[f"{quantity}/commanded"] = Series(
-                ["commanded"], unit, [_COMMANDED], t, values[:, column], held=True
-            )
-        return plots
+                by_gyro.append(r.by_gyro.get(h))
+    metrics = dict.fromkeys(chain.from_iterable(r.metrics for r in scores.values()))
+    # metrics that no table declares stand last
+    columns = [key for key in dict.fromkeys((*_COLUMNS, *metrics)) if key in metrics]
+    marked = f"{reference} (ref)"
+    rows = []
+    for name, r in scores.items():
+        shown = {key: r.metrics.get(key) for key in columns}
+        shown[REAL_TIME.name] = runs[name].real_time_factor
+        rows.append({"plant": marked if name == reference else name, **shown})
+    tables = [
+        Table(
+            "Error of the relative pose after a horizon",
+            errors,
+            f"compared with {reference} · best value in bold",
+            "horizon_s",
+            best=True,
+            units=_POSES,
+        ),
+        interval_table(overlapping, gyro=by_gyro, gyro_first=gyro_first),
+        _band_table(scores),
+        Table(title, rows, caption, best=True, reference=marked, hidden=_BOTH_WAYS),
+        _load_table(runs),
+        _health_table(runs),
+    ]
+    return [table for table in tables if table.rows]
 
 
 _COLUMNS = ("d_rms_m", "sync_rms_m", "yaw_rms_rad", *SIGNALS, *METRICS)
@@ -389,7 +169,7 @@ _POSES = {
 def interval_table(
     overlapping: Sequence[tuple[float, str, OverlappingErrors]],
     who: str = "plant",
-    gyro: Sequence[OverlappingErrors | None] = (),
+    gyro: Sequence[WindowErrors | None] = (),
     gyro_first: bool = False,
 ) -> Table:
     """Return medians over overlapping windows with their intervals, by horizon [s] and name.
@@ -403,7 +183,7 @@ def interval_table(
         row = {"horizon_s": h, who: name, "windows": e.n, "position_median_m": position}
         judges = [("yaw_median_rad", e)]
         if other is not None:
-            judges.insert(0 if gyro_first else 1, ("yaw_gyro_median_rad", other))
+            judges.insert(0 if gyro_first else 1, ("yaw_gyro_median_rad", other.summary()))
         for key, of in judges:
             row[key] = (of.yaw_median_rad, of.yaw_low_rad, of.yaw_high_rad)
         rows.append(row)
@@ -411,11 +191,11 @@ def interval_table(
     return Table(title, rows, _INTERVALS, "horizon_s", units=_POSES)
 
 
-def _band_table(plants: Mapping[str, PlantResult]) -> Table:
+def _band_table(scores: Mapping[str, Scores]) -> Table:
     """Shares of windows at whose end the robot was inside the plants' bands."""
     rows: list[Row] = []
-    for h in sorted(set().union(*(r.coverage for r in plants.values()))):
-        for name, r in plants.items():
+    for h in sorted(set().union(*(r.coverage for r in scores.values()))):
+        for name, r in scores.items():
             shares = r.coverage.get(h)
             if shares:
                 inside = {f"{part}_inside_share": share for part, share in shares.items()}
@@ -428,10 +208,10 @@ def _band_table(plants: Mapping[str, PlantResult]) -> Table:
     )
 
 
-def _load_table(plants: Mapping[str, PlantResult]) -> Table:
+def _load_table(runs: Mapping[str, Run]) -> Table:
     rows = []
     captions = []
-    for name, result in plants.items():
+    for name, result in runs.items():
         loads = result.loads
         if loads is None:
             continue
@@ -454,9 +234,9 @@ def _load_table(plants: Mapping[str, PlantResult]) -> Table:
     return Table("Wheel loads", rows, "\n".join(captions), "plant")
 
 
-def _health_table(plants: Mapping[str, PlantResult]) -> Table:
+def _health_table(runs: Mapping[str, Run]) -> Table:
     rows = []
-    for name, result in plants.items():
+    for name, result in runs.items():
         h = result.health
         if h is not None and h.apparent_mass_kg is not None:
             shown = {key: getattr(h, key) for key in _HEALTH_COLUMNS}
@@ -464,13 +244,8 @@ def _health_table(plants: Mapping[str, PlantResult]) -> Table:
     return Table("Health", rows, "\n".join(_HEALTH), units={"load_sum_rms_N": Unit("N", 1.0, 1)})
 
 
-def headline_horizon(horizons: Iterable[float]) -> float | None:
-    """Return the horizon closest to `HEADLINE_HORIZON` [s]; None if there are no horizons."""
-    return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
-
-
 def indistinguishable_pairs(
-    plants: Mapping[str, PlantResult], gyro_first: bool = False
+    scores: Mapping[str, Scores], gyro_first: bool = False
 ) -> dict[str, Any] | None:
     """Return which plants a recording tells apart, as compare.json has them; None without windows.
 
@@ -480,10 +255,10 @@ def indistinguishable_pairs(
     the first two lists hold the pairs that cannot be told apart. The first judge of heading
     decides.
     """
-    horizon = headline_horizon(chain.from_iterable(r.windows for r in plants.values()))
+    horizon = headline_horizon(chain.from_iterable(r.windows for r in scores.values()))
     if horizon is None:
         return None
-    names = [name for name, r in plants.items() if horizon in r.windows]
+    names = [name for name, r in scores.items() if horizon in r.windows]
     pairs = list(combinations(names, 2))
     block = max(horizon, SHORTEST_BLOCK_S)
     alike: dict[str, Any] = {"horizon_s": horizon, "position": [], "yaw": []}
@@ -491,7 +266,7 @@ def indistinguishable_pairs(
     for quantity, better in alike["better"].items():
         errors = {}
         for name in names:
-            r = plants[name]
+            r = scores[name]
             windows = r.by_gyro if gyro_first and quantity == "yaw" else r.windows
             errors[name] = getattr(windows[horizon], quantity)
         chances = []
@@ -507,9 +282,7 @@ def indistinguishable_pairs(
     return alike
 
 
-def alike_sentences(
-    plants: Mapping[str, PlantResult], alike: Mapping[str, Any] | None
-) -> list[str]:
+def alike_sentences(scores: Mapping[str, Scores], alike: Mapping[str, Any] | None) -> list[str]:
     """Return sentences on the plants that a recording tells apart, and on those that it does not.
 
     `alike` is the result of `indistinguishable_pairs`.
@@ -518,7 +291,7 @@ def alike_sentences(
         return []
     sentences = []
     horizon = alike["horizon_s"]
-    n = sum(horizon in result.windows for result in plants.values())
+    n = sum(horizon in result.windows for result in scores.values())
     after = f"After {horizon:g} s"
     none_clear = f"{after} the recording shows no clear difference"
     for quantity, better in alike["better"].items():
@@ -535,9 +308,9 @@ def alike_sentences(
     return sentences
 
 
-def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
+def point_sentences(runs: Mapping[str, Run]) -> list[str]:
     """Return a sentence that says at which points of the robots the paths are taken."""
-    points = {name: r.localiser.point for name, r in plants.items()}
+    points = {name: r.localiser.point for name, r in runs.items()}
     if not np.any(list(points.values())):
         return ["All paths are those of the robot's middle."]
     spots = [f"{name} ({1e3 * x:.0f}, {1e3 * y:.0f}) mm" for name, (x, y) in points.items()]
@@ -547,10 +320,10 @@ def point_sentences(plants: Mapping[str, PlantResult]) -> list[str]:
     ]
 
 
-def health_warnings(plants: Mapping[str, PlantResult]) -> list[str]:
+def health_warnings(runs: Mapping[str, Run]) -> list[str]:
     """Return a sentence for each plant with whose physics something is wrong."""
     warnings = []
-    for name, result in plants.items():
+    for name, result in runs.items():
         health = result.health
         if health is not None and health.advice:
             subject = name if health.ok else f"{name} is unhealthy"
@@ -558,20 +331,90 @@ def health_warnings(plants: Mapping[str, PlantResult]) -> list[str]:
     return warnings
 
 
-def headline_error(result: PlantResult) -> str:
+def headline_error(scores: Scores) -> str:
     """Return a plant's error, with its unit, for places with no room for more.
 
     Where there are horizons, it is the median errors after the horizon closest to
     `HEADLINE_HORIZON`; else d_rms.
     """
-    horizon = headline_horizon(result.horizons)
+    horizon = headline_horizon(scores.horizons)
     if horizon is not None:
-        errors = result.horizons[horizon]
+        errors = scores.horizons[horizon]
         length = length_unit([errors.position_median_m])
         coarse = replace(length, decimals=0 if length.symbol == "mm" else 2)
         fine = replace(DEGREES, decimals=1, significant=2)
         yaw = fine.text(errors.yaw_median_rad).removesuffix(".0")
         return f"{coarse.text(errors.position_median_m)} {length.symbol}, {yaw}° in {horizon:g} s"
-    d_rms = result.metrics["d_rms_m"]
+    d_rms = scores.metrics["d_rms_m"]
     length = length_unit([d_rms])
     return f"d_rms {length.text(d_rms)} {length.symbol}"
+
+
+def compared_tracks(comparison: Comparison) -> list[Track]:
+    """Return all robots, the reference first."""
+    runs = comparison.runs
+    name = comparison.reference_name
+    scene = (comparison.terrain, comparison.profile.robot)
+    # a recording was tracked at the point that every plant's section of the profile says
+    localiser = runs.get(name, next(iter(runs.values()))).localiser
+    reference = Track(name, comparison.reference, None, localiser, *scene)
+    tracks = [reference]
+    for r in runs.values():
+        if r.plant != name:
+            tracks.append(Track(r.plant, r.motions, reference, r.localiser, *scene))
+    return tracks
+
+
+def given_commands(comparison: Comparison) -> list[tuple[FloatArray, FloatArray]]:
+    """Return (N + 1,) instants [s] and (N + 1, 2) commands of every piece.
+
+    The last command stands once more at the end of its piece.
+    """
+    given = []
+    for piece, motion in zip(comparison.source.pieces, comparison.reference, strict=True):
+        c = piece.commands
+        t = motion.t[0] + c.dt * np.arange(c.n + 1)
+        given.append((t, np.vstack([c.values, c.values[-1:]])))
+    return given
+
+
+def write_comparison(comparison: Comparison, path: Path) -> None:
+    """Write the robots in motion, and the commands that drove them, as a rerun recording.
+
+    The file is written whole or not at all.
+
+    Raises:
+        OSError: the file cannot be written.
+        RuntimeError: rerun is switched off by `RERUN=off`.
+    """
+    from validation.report.scene import (  # here: rerun may be missing
+        Scene,
+        Series,
+        shades_of,
+        write_scene,
+    )
+
+    c = comparison
+    plots = dict[str, Series]()
+    if c.source.pieces:
+        t, values = (np.concatenate(parts) for parts in zip(*given_commands(c), strict=True))
+        if c.source.pieces[0].commands.kind == "wheels":
+            names = ["left commanded", "right commanded"]
+            plots["wheel_rate/commanded"] = Series(
+                names, "rad/s", shades_of(_COMMANDED), t, values, held=True
+            )
+        else:
+            for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
+                plots[f"{quantity}/commanded"] = Series(
+                    ["commanded"], unit, [_COMMANDED], t, values[:, column], held=True
+                )
+    gaps = [0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)]
+    scene = Scene(
+        program="compare",
+        title=f"{c.source.name}, profile {c.profile_label}",
+        tracks=compared_tracks(c),
+        plots=plots,
+        report=c.markdown(),
+        gaps=np.array(gaps),
+    )
+    write_scene(scene, path)

@@ -135,7 +135,7 @@ class SimulationNode:
     def _describe(self) -> None:
         """Send the robot's description and the place of its IMU, for late joiners too."""
         robot = self._robot.description
-        x, y, z = robot.geometry.imu
+        x, y, z = robot.imu
         mount = msg.transform_message(0.0, (msg.BASE, msg.IMU), np.array([x, y, 0.0]), z)
         description = {"data": urdf_text(robot)}
         for name, kind, message in (

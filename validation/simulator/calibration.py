@@ -95,18 +95,19 @@ class Calibration:
         check_parameters(self)
         most = 0.1 * self.wheel_radius
         require_in_range(self, "radius_difference", -most, most)
-        base = self.robot.geometry
-        if 2.0 * self.wheel_radius + abs(self.radius_difference) >= base.wheelbase:
+        base = self.robot.wheelbase
+        width = self.robot.wheel_width
+        if 2.0 * self.wheel_radius + abs(self.radius_difference) >= base:
             raise ParameterError(
                 f"wheel_radius {self.wheel_radius:g} m makes front and rear tyres touch: with a "
-                f"wheelbase of {base.wheelbase:g} m it must be less than {0.5 * base.wheelbase:g}"
+                f"wheelbase of {base:g} m it must be less than {0.5 * base:g}"
             )
-        if 2.0 * self.half_track <= base.wheel_width:
+        if 2.0 * self.half_track <= width:
             raise ParameterError(
                 f"half_track {self.half_track:g} m makes left and right tyres touch: with tyres "
-                f"{base.wheel_width:g} m wide it must be more than {0.5 * base.wheel_width:g}"
+                f"{width:g} m wide it must be more than {0.5 * width:g}"
             )
-        wheel = self.robot.masses.wheel
+        wheel = self.robot.wheel_mass
         if self.mass <= len(WHEELS) * wheel:
             raise ParameterError(
                 f"mass {self.mass:g} kg is not more than that of four wheels of {wheel:g} kg"
@@ -129,24 +130,21 @@ class Calibration:
         Raises:
             ValueError: a change that the robot cannot have.
         """
-        geometry = robot.geometry
-        masses = robot.masses
-        simulation = robot.simulation
-        com_x, com_y, com_z = masses.com
+        com_x, com_y, com_z = robot.com
         numbers = {
-            "mass": masses.total,
+            "mass": robot.mass,
             "yaw_inertia": robot.yaw_inertia,
-            "half_track": 0.5 * geometry.track,
-            "wheel_radius": geometry.wheel_radius,
+            "half_track": 0.5 * robot.track,
+            "wheel_radius": robot.wheel_radius,
             "com_x": com_x,
             "com_y": com_y,
             "com_z": com_z,
-            "gain": simulation.gain,
-            "armature": simulation.armature,
-            "capsule_half_width": CAPSULE_SHARE * geometry.wheel_width,
-            "timestep": simulation.timestep,
-            "wheel_shape": simulation.wheel_shape,
-            "friction": simulation.friction,
+            "gain": robot.gain,
+            "armature": robot.armature,
+            "capsule_half_width": CAPSULE_SHARE * robot.wheel_width,
+            "timestep": robot.timestep,
+            "wheel_shape": robot.wheel_shape,
+            "friction": robot.friction,
         }
         return cls(robot, **{**numbers, **changes})
 

@@ -66,9 +66,9 @@ before."""
 # ----------------------------------------------------------------------------- by mechanics
 def whole_com(robot: Robot) -> Vector3:
     """Return the centre of mass of the whole robot, wheels included, in the base frame [m]."""
-    share = robot.base_mass / robot.masses.total
-    x, y, z = robot.masses.com
-    return share * x, share * y, share * z + (1.0 - share) * robot.geometry.axle_height
+    share = robot.base_mass / robot.mass
+    x, y, z = robot.com
+    return share * x, share * y, share * z + (1.0 - share) * robot.axle_height
 
 
 def load_shares(robot: Robot) -> FloatArray:
@@ -78,8 +78,8 @@ def load_shares(robot: Robot) -> FloatArray:
     wheel's opposite.
     """
     x, y, _ = whole_com(robot)
-    ahead = x * FRONT / (0.5 * robot.geometry.wheelbase)
-    aside = y * LEFT / (0.5 * robot.geometry.track)
+    ahead = x * FRONT / (0.5 * robot.wheelbase)
+    aside = y * LEFT / (0.5 * robot.track)
     shares: FloatArray = 0.25 * (1.0 + ahead + aside)
     return shares
 
@@ -88,9 +88,8 @@ def spot_turn(robot: Robot) -> SkidTurn | None:
     """Return a robot's quasi-static turn on the spot; None where its wheels do not carry it."""
     if load_shares(robot).min() < 0.0:
         return None
-    g = robot.geometry
     x, y, _ = whole_com(robot)
-    return turn_on_the_spot(g.wheelbase, g.track, x, y)
+    return turn_on_the_spot(robot.wheelbase, robot.track, x, y)
 
 
 def turning_torque(robot: Robot, turn: SkidTurn) -> float:
@@ -101,18 +100,17 @@ def turning_torque(robot: Robot, turn: SkidTurn) -> float:
     side whose rims roll at 1 m/s. For a centre of mass in the middle that is r mu (m g / 2) L / D
     with the diagonal D (docs/physics.md).
     """
-    return 0.5 * robot.geometry.wheel_radius * robot.masses.total * GRAVITY * turn.slip
+    return 0.5 * robot.wheel_radius * robot.mass * GRAVITY * turn.slip
 
 
 def robot_outline(robot: Robot) -> FloatArray:
     """Return the (2, 3) lowest and highest coordinates of hull and tyres in the base frame [m]."""
-    g = robot.geometry
-    centre = np.array(g.body_centre)
-    half = 0.5 * np.array(g.body_size)
-    axles = np.array([0.0, 0.0, g.axle_height])
-    ahead = 0.5 * g.wheelbase + g.wheel_radius
-    aside = 0.5 * (g.track + g.wheel_width)
-    reach = np.array([ahead, aside, g.wheel_radius])
+    centre = np.array(robot.body_centre)
+    half = 0.5 * np.array(robot.body_size)
+    axles = np.array([0.0, 0.0, robot.axle_height])
+    ahead = 0.5 * robot.wheelbase + robot.wheel_radius
+    aside = 0.5 * (robot.track + robot.wheel_width)
+    reach = np.array([ahead, aside, robot.wheel_radius])
     lowest = np.minimum(centre - half, axles - reach)
     highest = np.maximum(centre + half, axles + reach)
     return np.array([lowest, highest])
@@ -185,7 +183,7 @@ def _slow_spin(calibration: Calibration) -> dict[str, float]:
     multiplier = min(closed_form(calibration).multiplier, 10.0)
     turn_time = _TURNS * 2.0 * math.pi * multiplier / rate
     seconds = 0.05 * math.ceil((SPIN_LEAD + turn_time) / 0.05)
-    free = free_drive(calibration.robot.geometry)
+    free = free_drive(calibration.robot)
     motion = spin(MujocoPlant(stiff, free), seconds, rate)
     return measure_spin(motion, stiff)
 
@@ -221,35 +219,33 @@ def guessed(robot: Robot) -> list[str]:
 
 def _parts_faults(robot: Robot) -> Iterator[str]:
     """Yield the faults of lengths and masses with which a model can still be built."""
-    g = robot.geometry
-    m = robot.masses
     lowest, highest = robot_outline(robot)
-    for axis, com, low, high in zip("xyz", m.com, lowest, highest, strict=True):
+    for axis, com, low, high in zip("xyz", robot.com, lowest, highest, strict=True):
         if not low <= com <= high:
             yield (
                 f"the centre of mass lies outside of the robot: {axis} is {com:g} m, "
                 f"hull and tyres reach from {low:.3g} to {high:.3g} m"
             )
-    bottom = g.body_centre[2] - 0.5 * g.body_size[2] + g.base_height
+    bottom = robot.body_centre[2] - 0.5 * robot.body_size[2] + robot.base_height
     if bottom < -1e-6:
         yield (
             f"the hull reaches {-1e3 * bottom:.0f} mm below the ground: with tyres of "
-            f"{g.wheel_radius:g} m and axles at {g.axle_height:g} m, the base frame is "
-            f"{g.base_height:.4g} m above it; correct axle_height or body_centre"
+            f"{robot.wheel_radius:g} m and axles at {robot.axle_height:g} m, the base frame is "
+            f"{robot.base_height:.4g} m above it; correct axle_height or body_centre"
         )
-    spin_inertia = m.wheel_inertia[1]
+    spin_inertia = robot.wheel_inertia[1]
     # all the mass at the rim
-    most = m.wheel * g.wheel_radius**2
+    most = robot.wheel_mass * robot.wheel_radius**2
     if spin_inertia > most * (1.0 + 1e-9):
         yield (
-            f"no wheel of {m.wheel:g} kg and {g.wheel_radius:g} m has {spin_inertia:.4g} kg m2 "
-            f"about its axle: the most is m r^2 = {most:.4g}"
+            f"no wheel of {robot.wheel_mass:g} kg and {robot.wheel_radius:g} m has "
+            f"{spin_inertia:.4g} kg m2 about its axle: the most is m r^2 = {most:.4g}"
         )
     shares = load_shares(robot)
     if shares.min() <= 0.0:
         x, y, _ = whole_com(robot)
         wheel = WHEELS[int(np.argmin(shares))].replace("_", " ")
-        used = 2.0 * abs(x) / g.wheelbase + 2.0 * abs(y) / g.track
+        used = 2.0 * abs(x) / robot.wheelbase + 2.0 * abs(y) / robot.track
         yield (
             f"the {wheel} wheel carries nothing: the whole robot's centre of mass is {x:.3g} m "
             f"ahead and {y:.3g} m to the left of the middle, and 2 |x| / wheelbase + "
@@ -259,7 +255,7 @@ def _parts_faults(robot: Robot) -> Iterator[str]:
 
 def _motor_faults(robot: Robot, spot: SkidTurn) -> Iterator[str]:
     """Yield a fault where the motors are too weak for the robot's ground."""
-    mu = robot.simulation.friction
+    mu = robot.friction
     loss = robot.drive.gear_loss
     limit = 2.0 * robot.drive.torque_limit
     torque = turning_torque(robot, spot)
@@ -294,15 +290,18 @@ def _moving_faults(spot: SkidTurn | None, measured: Measured) -> Iterator[str]:
 
 def _questions(robot: Robot, spot: SkidTurn | None) -> Iterator[str]:
     """Yield questions about numbers that are possible and not likely."""
-    g = robot.geometry
-    length, width, height = g.body_size
-    density = (robot.masses.total - 4.0 * robot.masses.wheel) / (length * width * height)
+    length, width, height = robot.body_size
+    density = (robot.mass - 4.0 * robot.wheel_mass) / (length * width * height)
     if not DENSITIES[0] < density < DENSITIES[1]:
         yield (
             f"the body has {density:.3g} kg a cubic metre of its hull, and water has 1000: "
             "are masses in kg and lengths in m?"
         )
-    if length < 2.0 * g.wheel_radius or width < g.wheel_width or height < 0.2 * g.wheel_radius:
+    if (
+        length < 2.0 * robot.wheel_radius
+        or width < robot.wheel_width
+        or height < 0.2 * robot.wheel_radius
+    ):
         yield (
             f"the hull of {length:.3g} x {width:.3g} x {height:.3g} m is smaller than a wheel: "
             "is it an antenna or a sensor? Measure the body, and say body_size and body_centre"
@@ -333,7 +332,7 @@ def _turning_questions(robot: Robot, spot: SkidTurn) -> Iterator[str]:
             "the gear, in N m?"
         )
     # yaw rate of the body over the difference of the commanded rim speeds
-    response = robot.geometry.wheel_radius / drive.command_radius * spot.yaw_rate
+    response = robot.wheel_radius / drive.command_radius * spot.yaw_rate
     reached = drive.command_half_track * response
     if response > 0.0 and abs(reached - 1.0) > DRIVER_LIMIT:
         yield (

@@ -39,7 +39,7 @@ _METAL = [0.6, 0.61, 0.63, 1.0]
 
 def contact_settings(robot: Robot) -> tuple[tuple[float, float], Impedance]:
     """Return `solref` and `solimp` of the tyres' contact, which follow from the wheels' radius."""
-    radius = robot.geometry.wheel_radius
+    radius = robot.wheel_radius
     solref = (CONTACT_TIME * math.sqrt(radius / GRAVITY), 1.0)
     solimp = (*IMPEDANCE, CONTACT_DEPTH * radius, 0.5, 2.0)
     return solref, solimp
@@ -55,12 +55,10 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
         ValueError: no rigid body has the moments of inertia, or a hand-made MJCF cannot be read or
             lacks a part that the programs need; the message names it.
     """
-    g = robot.geometry
-    m = robot.masses
-    for key, moments in (("inertia", m.inertia), ("wheel_inertia", m.wheel_moments)):
+    for key, moments in (("inertia", robot.inertia), ("wheel_inertia", robot.wheel_moments)):
         if 2.0 * max(moments) > sum(moments):
             raise ValueError(
-                f"mass.{key} {list(getattr(m, key))} kg m2 is that of no rigid body: "
+                f"mass.{key} {list(getattr(robot, key))} kg m2 is that of no rigid body: "
                 "about no axis can it be more than about the two others together"
             )
     if robot.mjcf:
@@ -69,18 +67,18 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
     spec.modelname = robot.name
     spec.compiler.degree = False
     spec.compiler.inertiafromgeom = False
-    _set_options(spec.option, robot.simulation.timestep)
+    _set_options(spec.option, robot.timestep)
     base = _add_body(
-        spec.worldbody, "base", [0, 0, g.base_height], robot.base_mass, m.com, m.inertia
+        spec.worldbody, "base", [0, 0, robot.base_height], robot.base_mass, robot.com, robot.inertia
     )
     base.add_freejoint(name="root")
     mark = {"size": [0.01, 0.005, 0.005], "group": 4}
-    base.add_site(name="reference", pos=[0, 0, -g.base_height], **mark)
-    base.add_site(name="imu", pos=g.imu, **mark)
+    base.add_site(name="reference", pos=[0, 0, -robot.base_height], **mark)
+    base.add_site(name="imu", pos=robot.imu, **mark)
     _add_hull(base, robot)
     for wheel, place in wheel_places(robot).items():
         _add_wheel(base, robot, wheel, place)
-    if g.link == "belt":
+    if robot.link == "belt":
         _add_belts(spec)
     for motor, wheels in robot.motors.items():
         _add_motor(spec, motor, wheels)
@@ -125,14 +123,13 @@ def _add_motor(spec: mujoco.MjSpec, motor: str, wheels: tuple[str, ...]) -> None
 
 def wheel_places(robot: Robot) -> dict[str, Vector3]:
     """Return the middles of the wheels in the base frame [m], by wheel."""
-    g = robot.geometry
-    half_base = 0.5 * g.wheelbase
-    half_track = 0.5 * g.track
+    half_base = 0.5 * robot.wheelbase
+    half_track = 0.5 * robot.track
     places = {}
     for wheel in WHEELS:
         x = half_base if "front" in wheel else -half_base
         y = half_track if "left" in wheel else -half_track
-        places[wheel] = x, y, g.axle_height
+        places[wheel] = x, y, robot.axle_height
     return places
 
 
@@ -152,13 +149,12 @@ def _hand_made(robot: Robot) -> mujoco.MjSpec:
             raise ValueError(
                 f"{path}: there is no {kind} '{name}'; models/husky.xml shows all the names"
             )
-    g = robot.geometry
     x, y, _ = spec.body("front_left").pos
-    if not (math.isclose(2.0 * x, g.wheelbase) and math.isclose(2.0 * y, g.track)):
+    if not (math.isclose(2.0 * x, robot.wheelbase) and math.isclose(2.0 * y, robot.track)):
         raise ValueError(
             f"{path} has a wheelbase of {2.0 * x:g} m and a track of {2.0 * y:g} m, the robot's "
-            f"file {g.wheelbase:g} and {g.track:g} m; without the line 'mjcf' the model is made "
-            "of the file's numbers"
+            f"file {robot.wheelbase:g} and {robot.track:g} m; without the line 'mjcf' the model is "
+            "made of the file's numbers"
         )
     add_integral_parts(spec, robot)
     return spec
@@ -191,8 +187,8 @@ def _look(kind: mjtGeom, size: list[float], colour: list[float], **more: Any) ->
 
 def _add_hull(base: Any, robot: Robot) -> None:
     """Add the looks of the body: a hull between the tyres, and a nose in front."""
-    length, width, height = robot.geometry.body_size
-    x, y, z = robot.geometry.body_centre
+    length, width, height = robot.body_size
+    x, y, z = robot.body_centre
     half = [0.5 * length, 0.5 * width, 0.5 * height]
     nose = [0.06 * length, 0.25 * width, 0.06 * height]
     base.add_geom(name="hull", pos=[x, y, z], **_look(mjtGeom.mjGEOM_BOX, half, _HULL))
@@ -202,12 +198,11 @@ def _add_hull(base: Any, robot: Robot) -> None:
 
 def _add_wheel(base: Any, robot: Robot, wheel: str, place: Vector3) -> None:
     """Add a wheel: its joint, the tyre that touches the ground, the site of its load, its looks."""
-    radius = robot.geometry.wheel_radius
-    half = 0.5 * robot.geometry.wheel_width
-    masses = robot.masses
+    radius = robot.wheel_radius
+    half = 0.5 * robot.wheel_width
     solref, solimp = contact_settings(robot)
-    body = _add_body(base, wheel, place, masses.wheel, [0, 0, 0], masses.wheel_moments)
-    body.add_joint(name=f"{wheel}_wheel", axis=[0, 1, 0], armature=robot.simulation.armature)
+    body = _add_body(base, wheel, place, robot.wheel_mass, [0, 0, 0], robot.wheel_moments)
+    body.add_joint(name=f"{wheel}_wheel", axis=[0, 1, 0], armature=robot.armature)
     body.add_geom(
         name=f"{wheel}_tire",
         type=mjtGeom.mjGEOM_ELLIPSOID,
@@ -218,7 +213,7 @@ def _add_wheel(base: Any, robot: Robot, wheel: str, place: Vector3) -> None:
         priority=1,
         group=3,
         rgba=[0.2, 0.6, 0.9, 0.4],
-        friction=[robot.simulation.friction, 0.005, 0.0001],
+        friction=[robot.friction, 0.005, 0.0001],
         mass=0.0,
         solref=solref,
         solimp=solimp,

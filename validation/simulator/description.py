@@ -11,15 +11,16 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from functools import cached_property
 from importlib import resources
+from operator import not_
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from ssmr.parameters import check_parameters, described, parameter
+from ssmr.parameters import check_parameters, declaration, parameter
 from ssmr.robot.vehicle import Drive, Vehicle
 from validation.files import reading
 from validation.files.reading import is_number
@@ -71,13 +72,27 @@ class RobotError(ValueError):
     """A robot that cannot be found, read or built."""
 
 
-@dataclass(frozen=True)
-class Geometry:
-    """Lengths, in the base frame.
+@dataclass(frozen=True, kw_only=True)
+class Robot:
+    """A four-wheel skid-steering robot, as its file describes it; estimates fill the file's gaps.
 
-    Its axes are x forward, y left and z up, its origin is midway between the axles and the sides.
+    Places are in the base frame. Its axes are x forward, y left and z up, its origin is midway
+    between the axles and the sides.
     """
 
+    name: str
+    """Name in results."""
+    title: str = ""
+    """Name for people, with the maker's."""
+    description: str = ""
+    """One sentence that says which robot is meant."""
+    mjcf: str = ""
+    """Path of a hand-made MJCF of this robot, from the folder of shipped models unless it is
+    absolute; empty where the model is composed from the numbers."""
+    sources: tuple[tuple[str, str], ...] = ()
+    """Section or `section.key`, and its grade and source."""
+    given: tuple[str, ...] = field(default=(), compare=False)
+    """The numbers that the file says, as `section.key`; the others were estimated."""
     wheelbase: float = parameter(unit="m", low=0.01, high=20.0)
     """Distance of the axles [m]."""
     track: float = parameter(unit="m", low=0.01, high=20.0)
@@ -92,35 +107,59 @@ class Geometry:
     """Length, width and height of the hull [m]; a 0 is estimated so that the hull fits
     between the tyres."""
     body_centre: Vector3 = (math.nan, math.nan, math.nan)
-    """Middle of the hull in the base frame [m]; above the axles if not given."""
+    """Middle of the hull [m]; above the axles if not given."""
     imu: Vector3 = (math.nan, math.nan, math.nan)
-    """Place of the IMU in the base frame [m]; the middle of the hull if not given."""
+    """Place of the IMU [m]; the middle of the hull if not given."""
     link: Link = "belt"
     """Link between the wheels of a side: `belt`, they turn together and have one motor; `none`,
     each wheel has a motor."""
+    mass: float = parameter(unit="kg", low=0.1, high=1e5)
+    """Mass of the whole robot, with battery [kg]."""
+    wheel_mass: float = parameter(0.0, unit="kg", low=0.0, high=1e4)
+    """Mass of one wheel [kg]; 0: 3.6 % of the whole, which is a Husky's share."""
+    wheel_inertia: tuple[float, float] = (0.0, 0.0)
+    """Moments of inertia of a wheel about a diameter and about its axle [kg m2]; 0: estimated from
+    its size and mass."""
+    com: Vector3 = (0.0, 0.0, math.nan)
+    """Centre of mass of the base without wheels [m]; z is at half of the hull's height if not
+    given."""
+    inertia: Vector3 = (0.0, 0.0, 0.0)
+    """Moments of inertia of the base without wheels about its centre of mass [kg m2]; 0: those of a
+    box like the hull."""
+    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True)
+    """Sliding friction of tyre on ground [1]."""
+    gain: float = parameter(0.0, unit="N m s/rad", low=0.0, high=1e7)
+    """K_P of a side's speed loop [N m s/rad]; 0: such that the loop has the time constant
+    `SERVO_TIME`."""
+    armature: float = parameter(0.0, unit="kg m2", low=0.0, high=1e4)
+    """Rotor inertia of a wheel through its gear [kg m2]; 0: `ROTOR_SHARE` of mass times wheel
+    radius squared."""
+    wheel_shape: WheelShape = "ellipsoid"
+    """Contact shape of the tyres."""
+    timestep: float = parameter(0.0, unit="s", low=0.0, high=0.01)
+    """Physics step [s]; 0: 2 ms, halved until it is at most `STEP_SHARE` of sqrt(wheel radius /
+    g)."""
+    drive: Drive = field(default_factory=Drive)
+    """Motor controller as the robot's maker ships it."""
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    """Mass and geometry for the planar models. Where the file does not say it, the effective
+    half-track is `turning_half_track`."""
 
     def __post_init__(self) -> None:
-        """Check the ranges, and fill in the hull."""
+        """Check the numbers, and estimate those that are not given."""
         check_parameters(self)
-        if self.link not in get_args(Link):
-            raise ValueError(
-                f"link is {reprlib.repr(self.link)}, must be one of: {', '.join(get_args(Link))}"
-            )
-        length = self.wheelbase + self.wheel_radius
-        width = 0.9 * max(self.track - self.wheel_width, 0.01)
-        box = (length, width, 1.2 * self.wheel_radius)
-        size = tuple(given or estimate for given, estimate in zip(self.body_size, box, strict=True))
-        above_axles = (0.0, 0.0, self.axle_height + 0.25 * size[2])
-        centre = _filled(self.body_centre, above_axles)
-        limits = {
-            "body_size": (size, 0.0),
-            "body_centre": (centre, -20.0),
-            "imu": (_filled(self.imu, centre), -20.0),
-        }
-        for name, (value, low) in limits.items():
-            if not all(low <= v <= 20.0 for v in value):
-                raise ValueError(f"{name} is {value}, must be three numbers from {low:g} to 20 m")
-            object.__setattr__(self, name, value)
+        for name, words in (("link", get_args(Link)), ("wheel_shape", get_args(WheelShape))):
+            value = getattr(self, name)
+            if value not in words:
+                text = reprlib.repr(value)
+                raise ValueError(f"{name} is {text}, must be one of: {', '.join(words)}")
+        for name, (low, high) in _RANGES.items():
+            value = getattr(self, name)
+            if not all(math.isnan(v) or low <= v <= high for v in value):
+                raise ValueError(f"{name} is {value}, must be numbers from {low:g} to {high:g}")
+        for complete in (_complete_body, _complete_masses, _complete_motors):
+            for name, value in complete(self).items():
+                object.__setattr__(self, name, value)
 
     @property
     def turning_half_track(self) -> float:
@@ -136,104 +175,11 @@ class Geometry:
         """Height of the base frame's origin above level ground [m]."""
         return self.wheel_radius - self.axle_height
 
-
-def _filled(numbers: tuple[float, ...], estimates: tuple[float, ...]) -> tuple[float, ...]:
-    """Return numbers, with an estimate in place of each that is NaN."""
-    filled = []
-    for number, estimate in zip(numbers, estimates, strict=True):
-        filled.append(estimate if math.isnan(number) else number)
-    return tuple(filled)
-
-
-@dataclass(frozen=True)
-class Masses:
-    """Masses and inertia."""
-
-    total: float = parameter(unit="kg", low=0.1, high=1e5)
-    """Mass of the whole robot, with battery [kg]."""
-    wheel: float = parameter(0.0, unit="kg", low=0.0, high=1e4)
-    """Mass of one wheel [kg]; 0: 3.6 % of the whole, which is a Husky's share."""
-    wheel_inertia: tuple[float, float] = (0.0, 0.0)
-    """Moments of inertia of a wheel about a diameter and about its axle [kg m2]; 0: estimated from
-    its size and mass."""
-    com: Vector3 = (0.0, 0.0, math.nan)
-    """Centre of mass of the base without wheels, in the base frame [m]; z is at half of the hull's
-    height if not given."""
-    inertia: Vector3 = (0.0, 0.0, 0.0)
-    """Moments of inertia of the base without wheels about its centre of mass [kg m2]; 0: those of a
-    box like the hull."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_parameters(self)
-        least = {"wheel_inertia": 0.0, "inertia": 0.0, "com": -20.0}
-        for name, low in least.items():
-            if not all(math.isnan(v) or low <= v <= 1e6 for v in getattr(self, name)):
-                raise ValueError(
-                    f"{name} is {getattr(self, name)}, must be numbers from {low:g} to 1e+06"
-                )
-
     @property
     def wheel_moments(self) -> Vector3:
         """Moments of inertia of a wheel about the axes x, y and z [kg m2]."""
         across, spin = self.wheel_inertia
         return across, spin, across
-
-
-@dataclass(frozen=True)
-class Simulation:
-    """Tyres and motors of the simulated robot; a number that is not given follows from its size."""
-
-    friction: float = parameter(0.3, unit="1", low=0.0, high=5.0, open_low=True)
-    """Sliding friction of tyre on ground [1]."""
-    gain: float = parameter(0.0, unit="N m s/rad", low=0.0, high=1e7)
-    """K_P of a side's speed loop [N m s/rad]; 0: such that the loop has the time constant
-    `SERVO_TIME`."""
-    armature: float = parameter(0.0, unit="kg m2", low=0.0, high=1e4)
-    """Rotor inertia of a wheel through its gear [kg m2]; 0: `ROTOR_SHARE` of mass times wheel
-    radius squared."""
-    wheel_shape: WheelShape = "ellipsoid"
-    """Contact shape of the tyres."""
-    timestep: float = parameter(0.0, unit="s", low=0.0, high=0.01)
-    """Physics step [s]; 0: 2 ms, halved until it is at most `STEP_SHARE` of sqrt(wheel radius /
-    g)."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        check_parameters(self)
-        if self.wheel_shape not in get_args(WheelShape):
-            shapes = ", ".join(get_args(WheelShape))
-            raise ValueError(f"unknown wheel shape '{self.wheel_shape}'; there are: {shapes}")
-
-
-@dataclass(frozen=True)
-class Robot:
-    """A four-wheel skid-steering robot, as its file describes it."""
-
-    name: str
-    """Name in results."""
-    geometry: Geometry
-    """Lengths."""
-    masses: Masses
-    """Masses and inertia; estimates fill the gaps of the file."""
-    simulation: Simulation
-    """Tyres and motors; estimates fill the gaps of the file."""
-    drive: Drive
-    """Motor controller as the robot's maker ships it."""
-    vehicle: Vehicle
-    """Mass and geometry for the planar models. Where the file does not say it, the effective
-    half-track is `Geometry.turning_half_track`."""
-    title: str = ""
-    """Name for people, with the maker's."""
-    description: str = ""
-    """One sentence that says which robot is meant."""
-    sources: tuple[tuple[str, str], ...] = ()
-    """Section or `section.key`, and its grade and source."""
-    given: tuple[str, ...] = field(default=(), compare=False)
-    """The numbers that the file says, as `section.key`; the others were estimated."""
-    mjcf: str = ""
-    """Path of a hand-made MJCF of this robot, from the folder of shipped models unless it is
-    absolute; empty where the model is composed from the numbers."""
 
     @property
     def shipped(self) -> bool:
@@ -244,21 +190,25 @@ class Robot:
         """Return the content of the robot's file, as `parse_robot` reads it."""
         texts = {key: getattr(self, key) for key in _TEXTS if getattr(self, key)}
         document: dict[str, Any] = {"schema": SCHEMA, **texts}
-        parts = {"geometry": self.geometry, "mass": self.masses, "simulation": self.simulation}
-        parts |= {"drive": self.drive, "vehicle": self.vehicle}
         for key in self.given:
             section, _, name = key.partition(".")
-            value = getattr(parts[section], name)
+            value = self.number(key)
             numbers = document.setdefault(section, {})
             numbers[name] = list(value) if isinstance(value, tuple) else value
         if self.sources:
             document["sources"] = dict(self.sources)
         return document
 
+    def number(self, key: str) -> Any:
+        """Return what the file says, or what was estimated, of a `section.key`."""
+        section, _, name = key.partition(".")
+        owner = {"drive": self.drive, "vehicle": self.vehicle}.get(section, self)
+        return getattr(owner, SECTIONS[section][name].name)
+
     @property
     def base_mass(self) -> float:
         """Mass of the base without wheels [kg]."""
-        return self.masses.total - len(WHEELS) * self.masses.wheel
+        return self.mass - len(WHEELS) * self.wheel_mass
 
     @property
     def yaw_inertia(self) -> float:
@@ -266,9 +216,9 @@ class Robot:
 
         The centre of mass is taken to be there.
         """
-        half = 0.25 * (self.geometry.wheelbase**2 + self.geometry.track**2)
-        wheels = self.masses.wheel_inertia[0] + self.masses.wheel * half
-        return self.masses.inertia[2] + len(WHEELS) * wheels
+        half = 0.25 * (self.wheelbase**2 + self.track**2)
+        wheels = self.wheel_inertia[0] + self.wheel_mass * half
+        return self.inertia[2] + len(WHEELS) * wheels
 
     @cached_property
     def motor_drive(self) -> Drive:
@@ -278,32 +228,30 @@ class Robot:
         """
         if "drive.integral_gain" in self.given:
             return self.drive
-        time = INTEGRAL_TIME * math.sqrt(self.geometry.wheel_radius / GRAVITY)
-        integral_gain = self.simulation.gain / time
+        time = INTEGRAL_TIME * math.sqrt(self.wheel_radius / GRAVITY)
+        integral_gain = self.gain / time
         return replace(self.drive, integral_gain=integral_gain, dc_stiffness=math.inf)
 
     @property
     def motors(self) -> Mapping[str, tuple[str, ...]]:
         """The wheels that each motor turns, by the motor's name."""
-        if self.geometry.link == "none":
+        if self.link == "none":
             return MappingProxyType({wheel: (wheel,) for wheel in WHEELS})
         return MappingProxyType({side: (f"front_{side}", f"rear_{side}") for side in SIDES})
 
     @cached_property
     def sizes(self) -> Mapping[str, float]:
         """The sizes of which fits' bounds are multiples, `ssmr.parameters.Declaration.of` [SI]."""
-        g = self.geometry
-        s = self.simulation
         return {  # no proxy: a robot travels to other processes
-            "mass": self.masses.total,
+            "mass": self.mass,
             "yaw_inertia": self.yaw_inertia,
-            "wheel_radius": g.wheel_radius,
-            "half_track": 0.5 * g.track,
-            "turning_half_track": g.turning_half_track,
-            "half_wheelbase": 0.5 * g.wheelbase,
-            "gain": s.gain,
-            "gain_over_radius": s.gain / g.wheel_radius,
-            "rotor_inertia": s.armature,
+            "wheel_radius": self.wheel_radius,
+            "half_track": 0.5 * self.track,
+            "turning_half_track": self.turning_half_track,
+            "half_wheelbase": 0.5 * self.wheelbase,
+            "gain": self.gain,
+            "gain_over_radius": self.gain / self.wheel_radius,
+            "rotor_inertia": self.armature,
             "torque_limit": self.drive.torque_limit,
         }
 
@@ -318,16 +266,41 @@ class Robot:
         return grade.strip(), where.strip()
 
 
-SECTIONS: Mapping[str, type] = MappingProxyType(
+_RANGES = {
+    "body_size": (0.0, 20.0),
+    "body_centre": (-20.0, 20.0),
+    "imu": (-20.0, 20.0),
+    "com": (-20.0, 1e6),
+    "wheel_inertia": (0.0, 1e6),
+    "inertia": (0.0, 1e6),
+}
+"""Least and greatest value of the numbers of each list."""
+
+
+def _keys(kind: type, *names: str) -> dict[str, Field[Any]]:
+    """Return fields of a dataclass by the keys that a file has for them; all if none is named.
+
+    A name is the field's, or `key=field` where the file has another.
+    """
+    declared = {f.name: f for f in fields(kind)}
+    keys = {}
+    for name in names or declared:
+        key, _, own = name.partition("=")
+        keys[key] = declared[own or key]
+    return keys
+
+
+_LENGTHS = ("wheelbase", "track", "wheel_radius", "wheel_width", "axle_height")
+SECTIONS: Mapping[str, Mapping[str, Field[Any]]] = MappingProxyType(
     {
-        "geometry": Geometry,
-        "mass": Masses,
-        "simulation": Simulation,
-        "drive": Drive,
-        "vehicle": Vehicle,
+        "geometry": _keys(Robot, *_LENGTHS, "body_size", "body_centre", "imu", "link"),
+        "mass": _keys(Robot, "total=mass", "wheel=wheel_mass", "wheel_inertia", "com", "inertia"),
+        "drive": _keys(Drive),
+        "simulation": _keys(Robot, "friction", "gain", "armature", "wheel_shape", "timestep"),
+        "vehicle": _keys(Vehicle),
     }
 )
-"""The sections of a robot's file, and the dataclass that each fills."""
+"""The sections of a robot's file, and the field that each key fills."""
 _TEXTS = ("name", "title", "description", "mjcf")
 """Keys of the texts at the top level of a robot's file."""
 
@@ -402,45 +375,41 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     name = texts["name"]
     if not name.replace("-", "").replace("_", "").isalnum():
         raise ValueError(f"name is '{name}', wanted letters, digits, '-' and '_'")
-    given = {section: _section(document, section, kind) for section, kind in SECTIONS.items()}
-    geometry = Geometry(**given["geometry"])
-    masses = _complete_masses(Masses(**given["mass"]), geometry)
-    simulation = _complete_simulation(Simulation(**given["simulation"]), masses.total, geometry)
-    drive = replace(free_drive(geometry), **given["drive"])
+    given = {section: _section(document, section) for section in SECTIONS}
     texts["mjcf"] = _mjcf_path(texts["mjcf"], folder)
-    parts = {"geometry": geometry, "mass": masses, "simulation": simulation, "drive": drive}
-    robot = Robot(
-        geometry=geometry,
-        masses=masses,
-        simulation=simulation,
-        drive=drive,
-        vehicle=Vehicle(),
-        sources=_sources(document.get("sources", {})),
-        given=_given_keys(given, parts),
-        **texts,
-    )
-    half_wheelbase = 0.5 * geometry.wheelbase
+    own: dict[str, Any] = {"sources": _sources(document.get("sources", {})), **texts}
+    for section in ("geometry", "mass", "simulation"):
+        own |= given[section]
+    robot = Robot(**own)
+    half_wheelbase = 0.5 * robot.wheelbase
     planar = {
-        "mass": masses.total,
+        "mass": robot.mass,
         "yaw_inertia": robot.yaw_inertia,
-        "wheel_radius": geometry.wheel_radius,
+        "wheel_radius": robot.wheel_radius,
         "a": half_wheelbase,
         "b": half_wheelbase,
-        "half_track": 0.5 * geometry.track,
-        "effective_half_track": geometry.turning_half_track,
+        "half_track": 0.5 * robot.track,
+        "effective_half_track": robot.turning_half_track,
     }
-    return replace(robot, vehicle=Vehicle(**{**planar, **given["vehicle"]}))
+    parts: dict[str, Any] = {}
+    for section, usual in (("drive", free_drive(robot)), ("vehicle", Vehicle(**planar))):
+        try:
+            parts[section] = replace(usual, **given[section])
+        except ValueError as error:
+            raise ValueError(f"[{section}] {error}") from error
+    robot = replace(robot, **parts)
+    return replace(robot, given=_given_keys(document, robot))
 
 
-def free_drive(geometry: Geometry) -> Drive:
+def free_drive(robot: Robot) -> Drive:
     """Return motors without limits and delays, which a file's drive changes."""
     return Drive(
         v_max=math.inf,
         w_max=math.inf,
         delay_v=0.0,
         delay_w=0.0,
-        command_half_track=0.5 * geometry.track,
-        command_radius=geometry.wheel_radius,
+        command_half_track=0.5 * robot.track,
+        command_radius=robot.wheel_radius,
         torque_limit=math.inf,
     )
 
@@ -453,57 +422,80 @@ def _mjcf_path(text: str, folder: Path) -> str:
     return path.name if path.parent == models_folder() else str(path)
 
 
-def _given_keys(given: Mapping[str, Any], parts: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the numbers that a file says, as `section.key`; `parts` are the completed sections."""
+def _given_keys(document: Mapping[str, Any], robot: Robot) -> tuple[str, ...]:
+    """Return the numbers that a robot's file says, as `section.key`."""
     keys = []
-    for section, numbers in given.items():
-        for key, number in numbers.items():
+    for section in SECTIONS:
+        for name, number in document.get(section, {}).items():
+            key = f"{section}.{name}"
             # a 0 that was estimated says nothing
-            zero = number == 0.0 and section in parts
-            if not zero or getattr(parts[section], key) == 0.0:
-                keys.append(f"{section}.{key}")
+            if number != 0.0 or robot.number(key) == 0.0:
+                keys.append(key)
     return tuple(keys)
 
 
-def _complete_masses(masses: Masses, geometry: Geometry) -> Masses:
-    """Return the masses with estimates for those that are not given."""
-    wheel = masses.wheel or 0.036 * masses.total
-    if len(WHEELS) * wheel >= masses.total:
+def _filled(
+    numbers: Sequence[float],
+    estimates: Sequence[float],
+    is_missing: Callable[[float], bool] = math.isnan,
+) -> tuple[float, ...]:
+    """Return numbers, with an estimate in place of each that is missing."""
+    filled = []
+    for number, estimate in zip(numbers, estimates, strict=True):
+        filled.append(estimate if is_missing(number) else number)
+    return tuple(filled)
+
+
+def _complete_body(robot: Robot) -> dict[str, Any]:
+    """Return the hull; what is not given fits between the tyres."""
+    length = robot.wheelbase + robot.wheel_radius
+    width = 0.9 * max(robot.track - robot.wheel_width, 0.01)
+    size = _filled(robot.body_size, (length, width, 1.2 * robot.wheel_radius), not_)
+    centre = _filled(robot.body_centre, (0.0, 0.0, robot.axle_height + 0.25 * size[2]))
+    com = _filled(robot.com, centre)
+    return {
+        "body_size": size,
+        "body_centre": centre,
+        "imu": _filled(robot.imu, centre),
+        "com": com,
+    }
+
+
+def _complete_masses(robot: Robot) -> dict[str, Any]:
+    """Return masses and inertia; what is not given follows from the sizes."""
+    wheel = robot.wheel_mass or 0.036 * robot.mass
+    base = robot.mass - len(WHEELS) * wheel
+    if base <= 0.0:
         raise ValueError(
-            f"[mass] four wheels of {wheel:g} kg leave nothing of {masses.total:g} kg for the base"
+            f"[mass] four wheels of {wheel:g} kg leave nothing of {robot.mass:g} kg for the base"
         )
-    base = masses.total - len(WHEELS) * wheel
-    length, width, height = geometry.body_size
-    radius2 = geometry.wheel_radius**2
-    across = WHEEL_FILL * wheel * (radius2 / 4.0 + geometry.wheel_width**2 / 12.0)
+    radius2 = robot.wheel_radius**2
+    across = WHEEL_FILL * wheel * (radius2 / 4.0 + robot.wheel_width**2 / 12.0)
     spin = WHEEL_FILL * wheel * radius2 / 2.0
-    x, y, z = masses.com
-    ixx, iyy, izz = masses.inertia
-
-    def box(p: float, q: float) -> float:
-        """Return the moment of inertia of a box with these sides across the axis."""
-        return base * (p * p + q * q) / 12.0
-
-    return replace(
-        masses,
-        wheel=wheel,
-        wheel_inertia=(masses.wheel_inertia[0] or across, masses.wheel_inertia[1] or spin),
-        com=(x, y, geometry.body_centre[2] if math.isnan(z) else z),
-        inertia=(ixx or box(width, height), iyy or box(length, height), izz or box(length, width)),
-    )
+    length2, width2, height2 = (size * size for size in robot.body_size)
+    box = []
+    for squares in (width2 + height2, length2 + height2, length2 + width2):
+        box.append(base * squares / 12.0)
+    return {
+        "wheel_mass": wheel,
+        "wheel_inertia": _filled(robot.wheel_inertia, (across, spin), not_),
+        "inertia": _filled(robot.inertia, box, not_),
+    }
 
 
-def _complete_simulation(simulation: Simulation, mass: float, geometry: Geometry) -> Simulation:
-    """Return tyres and motors; numbers that are not given follow from the robot's size."""
-    radius2 = geometry.wheel_radius**2
-    armature = simulation.armature or ROTOR_SHARE * mass * radius2
-    inertia = 0.5 * mass * radius2 + 2.0 * armature  # of a side
-    unit = math.sqrt(geometry.wheel_radius / GRAVITY)  # of time
-    gain = simulation.gain or inertia / (SERVO_TIME * unit)
+def _complete_motors(robot: Robot) -> dict[str, Any]:
+    """Return motors and time step; what is not given follows from the robot's size."""
+    radius2 = robot.wheel_radius**2
+    armature = robot.armature or ROTOR_SHARE * robot.mass * radius2
+    inertia = 0.5 * robot.mass * radius2 + 2.0 * armature  # of a side
+    unit = math.sqrt(robot.wheel_radius / GRAVITY)  # of time
     # halves of the longest step, so that the step divides the periods of commands and samples
     halvings = max(0, math.ceil(math.log2(LONGEST_STEP / (STEP_SHARE * unit))))
-    timestep = simulation.timestep or LONGEST_STEP / 2**halvings
-    return Simulation(simulation.friction, gain, armature, simulation.wheel_shape, timestep)
+    return {
+        "armature": armature,
+        "gain": robot.gain or inertia / (SERVO_TIME * unit),
+        "timestep": robot.timestep or LONGEST_STEP / 2**halvings,
+    }
 
 
 def _text(document: Mapping[str, Any], key: str) -> str:
@@ -516,24 +508,23 @@ def _text(document: Mapping[str, Any], key: str) -> str:
     return one_line(value)
 
 
-def _section(document: Mapping[str, Any], name: str, kind: type) -> dict[str, Any]:
-    """Return the numbers of one section, each of the type that its field has."""
+def _section(document: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return the numbers of one section by field, each of the type that its field has."""
     section = document.get(name, {})
-    reading.require_known(section, {f.name for f in fields(kind)}, name)
+    reading.require_known(section, set(SECTIONS[name]), name)
     given: dict[str, Any] = {}
-    for f in fields(kind):
-        if f.name in section:
-            value = section[f.name]
+    for key, f in SECTIONS[name].items():
+        if key in section:
+            value = section[key]
             if not _fits(value, f.default):
                 text = reprlib.repr(value)
-                raise ValueError(f"{name}.{f.name} is {text}, wanted {_form(kind, f)}")
+                raise ValueError(f"{name}.{key} is {text}, wanted {_form(f)}")
             given[f.name] = _rounded(value)
+            declared = declaration(f)
+            if declared is not None:
+                declared.check(f"[{name}] {key}", given[f.name])
         elif f.default is MISSING:
-            raise ValueError(f"{name}.{f.name} is missing; wanted {_form(kind, f)}")
-    try:
-        kind(**given)
-    except ValueError as error:
-        raise ValueError(f"[{name}] {error}") from error
+            raise ValueError(f"{name}.{key} is missing; wanted {_form(f)}")
     return given
 
 
@@ -563,20 +554,19 @@ def _rounded(value: Any) -> Any:
     return round(float(value), 300)
 
 
-def _form(kind: type, f: Field[Any]) -> str:
+def _form(f: Field[Any]) -> str:
     """Return the form of a field's value, for messages."""
-    if isinstance(f.default, str):
-        return "a text"
     if isinstance(f.default, tuple):
         return f"{len(f.default)} numbers"
-    return f"a number [{described(kind)[f.name].unit}]"
+    declared = declaration(f)
+    return "a text" if declared is None else f"a number [{declared.unit}]"
 
 
 def _sources(section: Any) -> tuple[tuple[str, str], ...]:
     """Return keys and texts of the sources, checked."""
     allowed = set(SECTIONS)
-    for name, kind in SECTIONS.items():
-        allowed |= {f"{name}.{f.name}" for f in fields(kind)}
+    for name, keys in SECTIONS.items():
+        allowed |= {f"{name}.{key}" for key in keys}
     reading.require_known(section, allowed, "sources")
     sources = []
     for key, value in section.items():

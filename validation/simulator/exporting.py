@@ -40,8 +40,6 @@ def urdf_text(robot: Robot) -> str:
     that read URDFs refuse inertia in the first link. Wheels have links and joints like
     `front_left_wheel_link` and `front_left_wheel_joint`.
     """
-    g = robot.geometry
-    m = robot.masses
     e = _element
 
     def link(
@@ -57,20 +55,23 @@ def urdf_text(robot: Robot) -> str:
         return e("joint", *ends, e("origin", xyz=_row(at)), *axis, name=name, type=kind)
 
     origin = (0.0, 0.0, 0.0)
-    hull = e("origin", xyz=_row(g.body_centre)), e("geometry", e("box", size=_row(g.body_size)))
-    drum = e("cylinder", radius=repr(g.wheel_radius), length=repr(g.wheel_width))
+    hull = (
+        e("origin", xyz=_row(robot.body_centre)),
+        e("geometry", e("box", size=_row(robot.body_size))),
+    )
+    drum = e("cylinder", radius=repr(robot.wheel_radius), length=repr(robot.wheel_width))
     tyre = e("origin", xyz="0 0 0", rpy=_row(_LYING)), e("geometry", drum)
     axis = e("axis", xyz="0 1 0")
     parts = [
         e("link", name="base_link"),
-        link("chassis_link", robot.base_mass, m.com, m.inertia, *hull),
+        link("chassis_link", robot.base_mass, robot.com, robot.inertia, *hull),
         joint("chassis_joint", "fixed", "chassis_link", origin),
         e("link", name="imu_link"),
-        joint("imu_joint", "fixed", "imu_link", g.imu),
+        joint("imu_joint", "fixed", "imu_link", robot.imu),
     ]
     for wheel, place in wheel_places(robot).items():
         name = f"{wheel}_wheel_link"
-        parts.append(link(name, m.wheel, origin, m.wheel_moments, *tyre))
+        parts.append(link(name, robot.wheel_mass, origin, robot.wheel_moments, *tyre))
         parts.append(joint(f"{wheel}_wheel_joint", "continuous", name, place, axis))
     return e("robot", *parts, name=robot.name)
 
@@ -82,9 +83,7 @@ def sdf_text(robot: Robot) -> str:
     effort is limited to half of that of a side's motors. SDF has no element for belts, rotors and
     speed loops: those are left out.
     """
-    g = robot.geometry
-    m = robot.masses
-    mu = repr(robot.simulation.friction)
+    mu = repr(robot.friction)
     e = _element
 
     def link(
@@ -106,26 +105,37 @@ def sdf_text(robot: Robot) -> str:
         seen = e("visual", shape, name=f"{name}_visual")
         return seen + e("collision", shape, surface, name=f"{name}_collision")
 
-    box = e("box", e("size", _row(g.body_size)))
-    hull = e("pose", f"{_row(g.body_centre)} 0 0 0") + e("geometry", box)
-    drum = e("cylinder", e("radius", repr(g.wheel_radius)), e("length", repr(g.wheel_width)))
+    box = e("box", e("size", _row(robot.body_size)))
+    hull = e("pose", f"{_row(robot.body_centre)} 0 0 0") + e("geometry", box)
+    drum = e(
+        "cylinder", e("radius", repr(robot.wheel_radius)), e("length", repr(robot.wheel_width))
+    )
     tyre = e("pose", f"0 0 0 {_row(_LYING)}") + e("geometry", drum)
     grip = e("surface", e("friction", e("ode", e("mu", mu), e("mu2", mu))))
     limits = e("lower", repr(-_ENDLESS)) + e("upper", repr(_ENDLESS))
     if math.isfinite(robot.drive.torque_limit):
         limits += e("effort", repr(0.5 * robot.drive.torque_limit))
     axis = e("axis", e("xyz", "0 1 0"), e("limit", limits))
-    imu = e("pose", f"{_row(g.imu)} 0 0 0")
+    imu = e("pose", f"{_row(robot.imu)} 0 0 0")
     parts = [
-        e("pose", f"0 0 {g.base_height!r} 0 0 0"),
-        link("base_link", "", robot.base_mass, m.com, m.inertia, seen_and_hit("base_link", hull)),
+        e("pose", f"0 0 {robot.base_height!r} 0 0 0"),
+        link(
+            "base_link",
+            "",
+            robot.base_mass,
+            robot.com,
+            robot.inertia,
+            seen_and_hit("base_link", hull),
+        ),
         e("frame", imu, name="imu_link", attached_to="base_link"),
     ]
     for wheel, place in wheel_places(robot).items():
         pose = e("pose", f"{_row(place)} 0 0 0", relative_to="base_link")
         name = f"{wheel}_wheel_link"
         shapes = seen_and_hit(name, tyre, grip)
-        parts.append(link(name, pose, m.wheel, (0.0, 0.0, 0.0), m.wheel_moments, shapes))
+        parts.append(
+            link(name, pose, robot.wheel_mass, (0.0, 0.0, 0.0), robot.wheel_moments, shapes)
+        )
         ends = e("parent", "base_link"), e("child", name)
         parts.append(e("joint", *ends, axis, name=f"{wheel}_wheel_joint", type="revolute"))
     return e("sdf", e("model", *parts, name=robot.name), version="1.7")
@@ -179,16 +189,15 @@ def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: f
         left: way of the left wheels over their turn and radius [1].
         right: the same of the right wheels [1].
     """
-    g = robot.geometry
     drive = robot.drive
     text = "diff_drive_controller:\n  ros__parameters:\n"
     for side in SIDES:
         joints = f'["front_{side}_wheel_joint", "rear_{side}_wheel_joint"]'
         text += f"    {side}_wheel_names: {joints}\n"
     numbers = {
-        "wheel_separation": g.track,
+        "wheel_separation": robot.track,
         "wheel_separation_multiplier": multiplier,
-        "wheel_radius": g.wheel_radius,
+        "wheel_radius": robot.wheel_radius,
         "left_wheel_radius_multiplier": left,
         "right_wheel_radius_multiplier": right,
     }

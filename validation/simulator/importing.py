@@ -19,7 +19,7 @@ import numpy as np
 import tomli_w
 from mujoco import mjtGeom
 
-from ssmr.parameters import described
+from ssmr.parameters import declaration
 from ssmr.robot.ground import FRONT, LEFT
 from ssmr.types import FloatArray
 from validation import store
@@ -83,8 +83,8 @@ class RobotDraft(NamedTuple):
 def unit_of_key(key: str) -> str:
     """Return the unit of a number of a robot's file, `section.key`; empty for a text."""
     section, _, name = key.partition(".")
-    declared = described(SECTIONS[section])
-    return declared[name].unit if name in declared else _UNITS_OF_LISTS.get(name, "")
+    declared = declaration(SECTIONS[section][name])
+    return _UNITS_OF_LISTS.get(name, "") if declared is None else declared.unit
 
 
 def draft_robot(name: str, numbers: Mapping[str, float]) -> RobotDraft:

@@ -71,8 +71,8 @@ def on_ground(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
     """
     spec = compose_robot(robot)
     spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05])
-    radius = robot.geometry.wheel_radius
-    half = 0.5 * robot.geometry.wheel_width
+    radius = robot.wheel_radius
+    half = 0.5 * robot.wheel_width
     for wheel in WHEELS:
         tire = spec.geom(f"{wheel}_tire")
         tire.type = getattr(mujoco.mjtGeom, f"mjGEOM_{shape.upper()}")
@@ -154,12 +154,11 @@ def base_inertia(calibration: Calibration) -> FloatArray:
     """
     robot = calibration.robot
     half_track = calibration.half_track
-    masses = robot.masses
-    lever = (0.5 * robot.geometry.wheelbase) ** 2 + half_track**2
-    from_wheels = len(WHEELS) * (masses.wheel_inertia[0] + masses.wheel * lever)
-    scale = (calibration.mass - len(WHEELS) * masses.wheel) / robot.base_mass
-    ixx = masses.inertia[0] * scale
-    iyy = masses.inertia[1] * scale
+    lever = (0.5 * robot.wheelbase) ** 2 + half_track**2
+    from_wheels = len(WHEELS) * (robot.wheel_inertia[0] + robot.wheel_mass * lever)
+    scale = (calibration.mass - len(WHEELS) * robot.wheel_mass) / robot.base_mass
+    ixx = robot.inertia[0] * scale
+    iyy = robot.inertia[1] * scale
     inertia = np.array([ixx, iyy, calibration.yaw_inertia - from_wheels])
     if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum() * (1.0 + 1e-9):
         low = abs(ixx - iyy) + from_wheels
@@ -175,8 +174,8 @@ def base_inertia(calibration: Calibration) -> FloatArray:
 def static_shares(calibration: Calibration) -> FloatArray:
     """Return the (4,) wheel loads over the weight [1] on equal, stiff springs and level ground."""
     # wheels balance one another
-    share = 1.0 - len(WHEELS) * calibration.robot.masses.wheel / calibration.mass
-    x = share * calibration.com_x / (0.5 * calibration.robot.geometry.wheelbase)
+    share = 1.0 - len(WHEELS) * calibration.robot.wheel_mass / calibration.mass
+    x = share * calibration.com_x / (0.5 * calibration.robot.wheelbase)
     y = share * calibration.com_y / calibration.half_track
     return np.asarray(0.25 * (1.0 + x * FRONT + y * LEFT))
 
@@ -257,18 +256,17 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
         ValueError: an inertia that no rigid body has; the model is untouched then.
     """
     robot = calibration.robot
-    geometry = robot.geometry
     parts = robot_parts(model, prefix)
     # first, for it may raise
     inertia = base_inertia(calibration)
-    model.body_mass[parts.base] = calibration.mass - len(WHEELS) * robot.masses.wheel
+    model.body_mass[parts.base] = calibration.mass - len(WHEELS) * robot.wheel_mass
     model.body_inertia[parts.base] = inertia
     model.body_ipos[parts.base] = calibration.com_x, calibration.com_y, calibration.com_z
-    x = 0.5 * FRONT * geometry.wheelbase
+    x = 0.5 * FRONT * robot.wheelbase
     y = LEFT * calibration.half_track
-    model.body_pos[parts.wheels] = np.column_stack([x, y, np.full(len(x), geometry.axle_height)])
-    model.body_mass[parts.wheels] = robot.masses.wheel
-    model.body_inertia[parts.wheels] = robot.masses.wheel_moments
+    model.body_pos[parts.wheels] = np.column_stack([x, y, np.full(len(x), robot.axle_height)])
+    model.body_mass[parts.wheels] = robot.wheel_mass
+    model.body_inertia[parts.wheels] = robot.wheel_moments
     model.dof_armature[parts.dofs] = calibration.armature
     model.opt.timestep = calibration.timestep
     # the inverse masses, on which the depths of the tyres depend
@@ -280,7 +278,7 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
     for side in SIDES:
         belt = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_EQUALITY, f"{prefix}belt_{side}")
         if belt >= 0:
-            model.eq_solref[belt] = BELT_TIME * math.sqrt(geometry.wheel_radius / GRAVITY), 1.0
+            model.eq_solref[belt] = BELT_TIME * math.sqrt(robot.wheel_radius / GRAVITY), 1.0
     if model.npair:
         # A capsule's contact frame on a plane: first tangent across the rolling direction, second
         # along it.
@@ -295,7 +293,7 @@ def _set_tires(model: mujoco.MjModel, calibration: Calibration, prefix: str) -> 
     robot = calibration.robot
     parts = robot_parts(model, prefix)
     tires = parts.tires
-    half_width = 0.5 * robot.geometry.wheel_width
+    half_width = 0.5 * robot.wheel_width
     half = half_width
     if calibration.wheel_shape == "capsule":
         half = calibration.capsule_half_width

@@ -88,7 +88,7 @@ def set_motors(
     joints = model.dof_jntid[dofs]
     model.jnt_actfrclimited[joints] = limited
     model.jnt_actfrcrange[joints] = -most, most
-    light = 2.0 * (calibration.armature + robot.masses.wheel_inertia[1])
+    light = 2.0 * (calibration.armature + robot.wheel_inertia[1])
     too_light = max(calibration.gain, motor.braking) * calibration.timestep > light
     integrators = mujoco.mjtIntegrator
     model.opt.integrator = integrators.mjINT_IMPLICITFAST if too_light else integrators.mjINT_EULER

@@ -122,7 +122,7 @@ class MujocoPlant:
     def _prescribed(self) -> mujoco.MjModel:
         """Return the robot's model with wheels that turn at given rates, whatever the torque."""
         robot = self.calibration.robot
-        armature = PRESCRIBED_SHARE * robot.masses.total * robot.geometry.wheel_radius**2
+        armature = PRESCRIBED_SHARE * robot.mass * robot.wheel_radius**2
         # the time constant of the motors is a step longer than the lead of their references
         gain = 2.0 * armature / ((PRESCRIBED_LAG + 1.0) * self.dt)
         heavy = replace(self.calibration, armature=armature, gain=gain, rolling_resistance=0.0)

@@ -80,12 +80,12 @@ def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray,
     # as `set_calibration` estimated them
     depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)
     heights = rolling - 0.5 * depths
-    half_base = 0.5 * calibration.robot.geometry.wheelbase
+    half_base = 0.5 * calibration.robot.wheelbase
     half_track = calibration.half_track
     pitch = -float(FRONT @ heights) / (4.0 * half_base)
     roll = float(LEFT @ heights) / (4.0 * half_track)
     start = np.array(model.qpos0)
-    start[2] = float(heights.mean()) - calibration.robot.geometry.axle_height
+    start[2] = float(heights.mean()) - calibration.robot.axle_height
     turn = np.zeros(model.nv)
     turn[3:5] = roll, pitch
     mujoco.mj_integratePos(model, start, turn, 1.0)

@@ -124,10 +124,10 @@ def closed_form(
     if calibration.wheel_shape == "capsule":
         half_width = calibration.capsule_half_width
     elif calibration.wheel_shape == "cylinder":
-        half_width = 0.5 * robot.geometry.wheel_width
-    share = 1.0 - len(WHEELS) * robot.masses.wheel / calibration.mass
+        half_width = 0.5 * robot.wheel_width
+    share = 1.0 - len(WHEELS) * robot.wheel_mass / calibration.mass
     return turn_on_the_spot(
-        wheelbase=robot.geometry.wheelbase,
+        wheelbase=robot.wheelbase,
         track=2.0 * calibration.half_track,
         x=share * calibration.com_x,
         y=share * calibration.com_y,

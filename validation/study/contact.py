@@ -29,11 +29,13 @@ from validation import cli
 from validation.engines.drake import DrakeBody
 from validation.engines.ode import GAZEBO, HUSKY, MAKERS_HUSKY, OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
-from validation.experiment.sources import Piece, drive, open_source
+from validation.experiment.runs import drive
+from validation.experiment.sources import Piece, open_source
 from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.report import drawing
 from validation.report.columns import MILLIMETRES, Unit, heading_of
+from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import Robot, load_robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
@@ -48,7 +50,7 @@ from validation.simulator.turning import (
     spin,
     surge,
 )
-from validation.study.common import Study, StudyOptions, picture
+from validation.study.common import StudyOptions, picture
 from validation.sweep import sweep
 
 BASELINE = "as shipped"
@@ -127,11 +129,11 @@ def all_settings(robot: Robot | None = None) -> dict[str, Setting]:
     The maker's centre of mass is that of a Husky's description, at the same place between the
     wheels of any robot. Near ODE, the contact is as hard as a step of 1 ms lets it be.
     """
-    husky = load_robot().geometry
-    geometry = husky if robot is None else robot.geometry
+    husky = load_robot()
+    robot = robot or husky
     makers = {
-        "com_x": -0.00065 * geometry.wheelbase / husky.wheelbase,
-        "com_y": -0.085 * geometry.track / husky.track,
+        "com_x": -0.00065 * robot.wheelbase / husky.wheelbase,
+        "com_y": -0.085 * robot.track / husky.track,
     }
     cylinders = {"wheel_shape": "cylinder"}
     fine = {**cylinders, "timestep": 0.001}
@@ -349,7 +351,7 @@ for _measures in CONTACT_MEASURES.values():
 
 
 @cli.program(ContactStudy)
-def study_contact(o: ContactStudy) -> Study:
+def study_contact(o: ContactStudy) -> Report:
     """Measure what physics settings of MuJoCo, and other engines, do to the simulated robot.
 
     Raises:
@@ -367,19 +369,21 @@ def study_contact(o: ContactStudy) -> Study:
         rows = [{key: row[key] for key in keys if key in row} for row in swept.rows]
         caption = "\n".join(f"{heading_of(key)}: {meaning}" for key, meaning in columns.items())
         tables.append(Table(title, rows, caption, units=_UNITS))
-    return Study(
+    return Report(
+        program="study",
         title=f"Physics settings, profile {with_robot(lab.name, lab.robot.name)}",
         draw=_draw,
-        shown=tables,
-        remarks=swept.notes,
+        tables=tables,
+        sentences=swept.notes,
         status=swept.status,
-        about={
+        document={
             "schema": "ssmr.study.contact/2",
             "study": "contact",
             "robot": lab.robot.name,
             "profile": lab.name,
             "changes": {name: _changes_of(setting) for name, setting in chosen.items()},
         },
+        has_text=True,
     )
 
 
@@ -389,10 +393,10 @@ def _changes_of(setting: Setting) -> dict[str, Any]:
     return {k: v for k, v in physics.items() if v is not None} | dict(setting.robot)
 
 
-def _draw(study: Study) -> Figure:
+def _draw(study: Report) -> Figure:
     """Picture of the measures that tell settings apart, a bar for each setting."""
     rows = {}
-    for row, more in zip(*(table.rows for table in study.tables()), strict=True):
+    for row, more in zip(*(table.rows for table in study.tables), strict=True):
         rows[row["variant"]] = {**row, **more}
 
     def draw(column: str, title: str, ax: Axes) -> None:

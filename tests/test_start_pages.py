@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import exit_status
+from validation.cli import parse
 from validation.cli.__main__ import PROGRAMS, program_named
-from validation.cli.process import _parse
 from validation.files.formats import log_path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -46,7 +46,7 @@ def test_every_command_of_a_page_can_be_read(page: Path) -> None:
     """Those of extend.md, which adds programs and plants, run in a test of their own."""
     for name, *words in commands(page):
         assert name in PROGRAMS, name
-        _parse(program_named(name), name, words)
+        parse(program_named(name), name, words)
 
 
 def shortened(words: list[str]) -> str:

@@ -11,12 +11,12 @@ if __name__ == "__main__":
     end_quietly()
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import chain, product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
 from matplotlib.figure import Figure
@@ -67,23 +67,22 @@ BODY = (*SEEN, "wheel_radius", "radius_difference")
 class Calibrate(cli.Common):
     """Options of `calibrate`."""
 
-    log: Annotated[str | Path, cli.text_of("LOG"), tyro.conf.Positional]
+    log: tyro.conf.Positional[str | Path]
     """Log of the robot with poses, and with wheel rates, commands or both."""
     robot: cli.AnyRobot = None
-    profile: Annotated[
-        cli.AnyProfile, cli.profile_option("the robot's own numbers, or husky-tile for a Husky")
-    ] = None
-    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="kinematic,mujoco")] = (
-        FIRST_FITTED,
-        "mujoco",
-    )
+    """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
+    profile: cli.AnyProfile = None
+    """Name of a shipped profile, or path of a profile (.toml); if not given, the robot's own
+    numbers, or husky-tile for a Husky."""
+    plants: tuple[str, ...] = (FIRST_FITTED, "mujoco")
     """Plants to calibrate, separated by commas; kinematic is always among them."""
-    held_out: Annotated[
-        str | Path | None, cli.option(metavar="LOG", default="the last third of the log")
-    ] = None
-    """Log to judge on; then the first one is fitted as a whole."""
-    columns: cli.Columns = field(default_factory=dict)
-    trust: cli.Flag = False
+    held_out: str | Path | None = None
+    """Log to judge on; then the first one is fitted as a whole. The last third of the log if not
+    given."""
+    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Columns of a CSV file with other names or units:
+    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s."""
+    trust: bool = False
     """Fit even where columns seem to have a wrong sign, place, unit or frame."""
 
     def folder(self) -> Path:

@@ -10,7 +10,7 @@ if __name__ == "__main__":
 
     end_quietly()
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,6 +19,7 @@ import numpy as np
 import tyro
 
 from ssmr.metrics.declared import Metrics, compare_pieces, compare_signals
+from ssmr.models.law import PlanarLaw
 from ssmr.robot.sensors import SensorNoise, measure
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
@@ -35,7 +36,7 @@ from validation.experiment.scores import (
 from validation.experiment.sources import RECORDING, Source, open_source, unknown_robot_notes
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
-from validation.files.limits import USUAL
+from validation.files.limits import USUAL, LogLimits
 from validation.files.log import ReadOptions
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants, plant_kind
@@ -50,7 +51,7 @@ from validation.report.motions import (
     write_comparison,
 )
 from validation.simulator.description import with_robot
-from validation.simulator.terrain import FLAT
+from validation.simulator.terrain import FLAT, Terrain
 from validation.words import file_name, one_line
 
 
@@ -58,48 +59,47 @@ from validation.words import file_name, one_line
 class Compare(cli.Filmed):
     """Options of `compare`."""
 
-    source: Annotated[str | Path | Source, cli.text_of("SOURCE"), tyro.conf.Positional]
+    source: tyro.conf.Positional[str | Path | Source]
     """Motion to drive: traj1 to traj4, traj4@improved for how that plant drives it, the path of a
     recording, or one that is shipped: sample (simulated), husky or warthog (real)."""
-    profile: Annotated[
-        cli.AnyProfile,
-        cli.profile_option("thesis-lab for scenarios, its own for a shipped log, else husky-tile"),
-    ] = None
-    plants: Annotated[
-        cli.Names, cli.option(metavar="PLANT,...", default="mujoco and the planar models")
-    ] = USUAL_PLANTS
+    profile: cli.AnyProfile = None
+    """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab for
+    scenarios, a shipped log's own, else husky-tile, and for another --robot the numbers of its
+    file."""
+    plants: tuple[str, ...] = USUAL_PLANTS
     """Plants to drive, separated by commas, such as mujoco,improved; `all` adds four_wheel. A wrong
     name lists all names."""
-    reference: Annotated[
-        str | None,
-        cli.option(
-            metavar="PLANT", default="mujoco for a scenario, the recording itself for a recording"
-        ),
-    ] = None
-    """Plant to compare the others with."""
+    reference: str | None = None
+    """Plant to compare the others with; if not given, mujoco for a scenario, the recording itself
+    for a recording."""
     robot: cli.AnyRobot = None
-    input: Annotated[Literal["commands", "wheels"], cli.option()] = "commands"
+    """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
+    input: Literal["commands", "wheels"] = "commands"
     """Signal of the recording that drives the plants: its commands, or its measured wheel rates."""
-    horizons: Annotated[cli.Numbers, cli.option()] = (2.0, 6.0, 30.0, 60.0)
+    horizons: tuple[float, ...] = (2.0, 6.0, 30.0, 60.0)
     """Times after which the poses of plant and recording are compared [s]."""
-    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = (
-        None
-    )
+    start: Annotated[float | None, tyro.conf.arg(name="from")] = None
     """Leave out what was recorded before this time [s]."""
-    until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
+    until: float | None = None
     """Leave out what was recorded after this time [s]."""
-    columns: cli.Columns = field(default_factory=dict)
-    limits: cli.Limits = USUAL
-    bands: cli.Flag = False
+    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Columns of a CSV file with other names or units:
+    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s."""
+    limits: LogLimits = USUAL
+    """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
+    bands: bool = False
     """Draw where each plant says that the robot will be with 90 %, and count how often it is
     there."""
-    noise: cli.Flag = False
+    noise: bool = False
     """See the plants through the lab's state filter: at 50 Hz, with its noise."""
-    disturbance: cli.Flag = False
+    disturbance: bool = False
     """Push all plants with the same random yaw acceleration."""
-    terrain: cli.Ground = FLAT
-    own_model: cli.OwnModel = None
-    own_metric: cli.OwnMetric = None
+    terrain: Terrain = FLAT
+    """Ground under the MuJoCo robot: flat, or ramp:DEG; docs/physics.md has more keys."""
+    own_model: Annotated[PlanarLaw | str | None, tyro.conf.arg(name="model")] = None
+    """A plant of your own: a PlanarLaw in a Python file, FILE.py:NAME, which is run."""
+    own_metric: Annotated[Callable[..., float] | str | None, tyro.conf.arg(name="metric")] = None
+    """A column of your own: a function in a Python file, FILE.py:NAME, which is run."""
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""

@@ -23,6 +23,7 @@ from matplotlib.lines import Line2D
 
 from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.bands import Band
+from ssmr.models.law import PlanarLaw
 from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Plant, Trajectory
@@ -38,7 +39,7 @@ from validation.experiment.scores import (
 from validation.experiment.sources import RECORDING, Piece, unknown_robot_notes
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
-from validation.files.limits import USUAL
+from validation.files.limits import USUAL, LogLimits
 from validation.files.log import ReadOptions
 from validation.identify.currents import with_torques
 from validation.identify.motor_logs import chassis_of, loss_of
@@ -96,11 +97,6 @@ _JAGGED = (50, 100)
 distances between samples make it jagged, so least squares go to the right place but not to the
 least cost there."""
 _WINDOWS = {"n": "windows", "n_standing": "standing"}
-_START = cli.parsed(
-    lambda text: {} if text == "profile" else cli.read_values(text),
-    "profile|NAME=X,...",
-    cli.values_text,
-)
 # metrics in the table of scores
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")
 
@@ -109,70 +105,60 @@ _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")
 class Fit(Searching):
     """Options of `fit`."""
 
-    model: Annotated[str, tyro.conf.Positional, cli.option(metavar="MODEL")]
+    model: tyro.conf.Positional[str]
     """Plant to fit: improved, coulomb, linear, kinematic, four_wheel, mujoco, or the one that
     --model adds."""
-    to: Annotated[str | Path | Sequence[str | Path], cli.text_of("SOURCE,...")]
+    to: str | Path | Sequence[str | Path]
     """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that
     plant drives traj4."""
-    profile: Annotated[
-        cli.AnyProfile,
-        cli.profile_option("thesis-lab for scenarios, its own for a shipped log, else husky-tile"),
-    ] = None
+    profile: cli.AnyProfile = None
+    """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab for
+    scenarios, a shipped log's own, else husky-tile, and for another --robot the numbers of its
+    file."""
     robot: cli.AnyRobot = None
-    input: Annotated[Input, cli.option()] = "commands"
+    """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
+    input: Input = "commands"
     """Input of a recording that drives the plant: its commands, or its measured wheel rates."""
-    start_at: Annotated[
-        cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")
-    ] = None
+    start_at: Annotated[float | None, tyro.conf.arg(name="from")] = None
     """Leave out what was recorded before this time [s]."""
-    until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
+    until: float | None = None
     """Leave out what was recorded after this time [s]."""
-    held_out: Annotated[cli.Names, cli.option(metavar="SOURCE,...", default="none")] = ()
+    held_out: tuple[str, ...] = ()
     """Sources to test on, separated by commas. A fitted recording stands for its parts outside
     --from and --until."""
-    even_if_worse: cli.Flag = False
+    even_if_worse: bool = False
     """Write the fitted numbers to profile.toml even where their error on held-out sources is larger
     than before the fit."""
-    own_model: cli.OwnModel = None
-    columns: cli.Columns = field(default_factory=dict)
-    limits: cli.Limits = USUAL
-    start: Annotated[
-        Mapping[str, float] | None,
-        _START,
-        cli.option(default="profile for recordings; for scenarios all are drawn at random"),
-    ] = None
+    own_model: Annotated[PlanarLaw | str | None, tyro.conf.arg(name="model")] = None
+    """A plant of your own: a PlanarLaw in a Python file, FILE.py:NAME, which is run."""
+    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Columns of a CSV file with other names or units:
+    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s."""
+    limits: LogLimits = USUAL
+    """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
+    start: Literal["profile"] | Mapping[str, float] | None = None
     """A candidate of the first population: the profile's numbers, or some that replace them, such
-    as friction=0.4."""
-    objective: Annotated[
-        Objective | None,
-        cli.option(
-            default="horizon for recordings; else sync for bodies on wheels, path for others"
-        ),
-    ] = None
+    as friction=0.4. If not given, profile for recordings; for scenarios all are drawn at random."""
+    objective: Objective | None = None
     """Errors to minimise: path (of paths, Eq. 3.1), sync (at equal times) or horizon (of relative
-    poses, seconds later)."""
-    horizons: Annotated[cli.Numbers, cli.option()] = (2.0, 6.0)
+    poses, seconds later). If not given, horizon for recordings; else sync for bodies on wheels,
+    path for others."""
+    horizons: tuple[float, ...] = (2.0, 6.0)
     """Horizons of the horizon objective [s]."""
-    yaw_weight: Annotated[
-        cli.Number, cli.option(metavar="M/RAD", default="1; 0.2 for bodies on wheels in scenarios")
-    ] = None
+    yaw_weight: float | None = None
     """Position error that counts as much as a radian of yaw error, in the sync and horizon
-    objectives."""
-    torque_weight: Annotated[
-        cli.Number, cli.option(metavar="M/(N m)", default="1.2 m over weight times wheel radius")
-    ] = None
+    objectives [m/rad]; 1 if not given, 0.2 for bodies on wheels in scenarios."""
+    torque_weight: float | None = None
     """Position error that counts as much as a newton metre of torque error, where both the source
-    and the plant have torques of a body on wheels (mujoco, four_wheel); 0 leaves them out."""
-    position_weight: Annotated[float, cli.option(metavar="X")] = 1.0
+    and the plant have torques of a body on wheels (mujoco, four_wheel) [m/(N m)]; 0 leaves them
+    out. If not given, 1.2 m over weight times wheel radius."""
+    position_weight: float = 1.0
     """Weight of position errors in the sync and horizon objectives; 0 fits the heading alone, where
     positions are not to be trusted."""
-    torque_constant: Annotated[
-        cli.Number, cli.option(metavar="K", default="the profile's, or the robot file's")
-    ] = None
+    torque_constant: float | None = None
     """Torque of a side's wheels per ampere of its motor [N m/A], for logs with the motors'
-    currents; the battery's need none."""
-    search: Annotated[Method, cli.option()] = "hybrid"
+    currents; the battery's need none. The profile's, or the robot file's, if not given."""
+    search: Method = "hybrid"
     """hybrid: a short differential evolution (jDE) finds the region, then bounded least squares go
     to the optimum, from its best candidate and from others far from it. jde: differential evolution
     alone, as in the thesis; ask for it to repeat the thesis, or where different seeds of hybrid end
@@ -319,7 +305,7 @@ def _first_points(
     """Return the (1, n) candidate to begin with, in the unit cube; None for none."""
     if o.start is None and o.search != "lsq" and occasion == "scenario":
         return None
-    named = o.start or {}
+    named = o.start if isinstance(o.start, Mapping) else {}
     for name in named:
         if name not in space.names:
             raise ValueError(f"start names {name}, which is not free")

@@ -27,7 +27,7 @@ from validation import cli
 from validation.files.agreement import channels
 from validation.files.faults import REST_LEAST, Faults, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, read_log, write_log
-from validation.files.limits import USUAL
+from validation.files.limits import USUAL, LogLimits
 from validation.files.log import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
 from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.reading import FileError, exists, read_file
@@ -51,20 +51,22 @@ _MOST_OURS = 1 << 26
 class LogOptions(cli.Common):
     """Options by which a log is opened, whatever is done with it."""
 
-    source: Annotated[str | Path, cli.text_of("SOURCE"), tyro.conf.Positional]
+    source: tyro.conf.Positional[str | Path]
     """Path of a log (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a shipped one: sample,
     husky or warthog."""
     _: KW_ONLY
-    topics: Annotated[cli.Topics, cli.option(default="guessed from the message types")] = field(
-        default_factory=dict
-    )
-    """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none. Roles are cmd, odom, wheels,
-    imu, pose and gps."""
-    columns: cli.Columns = field(default_factory=dict)
-    limits: cli.Limits = USUAL
+    topics: Mapping[str, str] = field(default_factory=dict)
+    """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none; guessed from the message types
+    if not given. Roles are cmd, odom, wheels, imu, pose and gps."""
+    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Columns of a CSV file with other names or units:
+    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s."""
+    limits: LogLimits = USUAL
+    """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
     robot: cli.AnyRobot = None
-    seed: Annotated[int, tyro.conf.Suppress, tyro.conf.Fixed] = 0
-    workers: Annotated[None, tyro.conf.Suppress, tyro.conf.Fixed] = None
+    """Name of a shipped robot, or path of a robot's file (.toml)."""
+    seed: tyro.conf.Suppress[int] = 0
+    workers: tyro.conf.Suppress[None] = None
 
     @property
     def radius(self) -> float | None:
@@ -86,8 +88,8 @@ class LogOptions(cli.Common):
 class Info(LogOptions):
     """Options of `info`."""
 
-    out: Annotated[None, tyro.conf.Suppress, tyro.conf.Fixed] = None
-    json: Annotated[Path | None, cli.option(metavar="FILE", default="none")] = None
+    out: tyro.conf.Suppress[None] = None
+    json: Path | None = None
     """JSON file to write the findings into as well."""
 
 
@@ -95,21 +97,17 @@ class Info(LogOptions):
 class Convert(LogOptions):
     """Options of `convert`."""
 
-    out: Annotated[
-        Path | None, cli.option(metavar="FILE", default="runs/recordings/SOURCE.csv")
-    ] = None
-    """File to write; its ending says in which format."""
-    rate: Annotated[cli.Number, cli.option(metavar="HZ", default="the log's own")] = None
+    out: Path | None = None
+    """File to write; its ending says in which format. If not given, runs/recordings/SOURCE.csv."""
+    rate: float | None = None
     """Samples a second, where it is another rate than the log's own."""
-    unbias: cli.Flag = False
+    unbias: bool = False
     """Take out the gyro's mean at rest."""
-    sync: cli.Flag = False
+    sync: bool = False
     """Take estimated offsets of time out of the measurements; commands stay."""
-    start: Annotated[cli.Number, cli.option("from", metavar="SECONDS", default="the beginning")] = (
-        None
-    )
+    start: Annotated[float | None, tyro.conf.arg(name="from")] = None
     """Leave out what was logged before this time."""
-    until: Annotated[cli.Number, cli.option(metavar="SECONDS", default="the end")] = None
+    until: float | None = None
     """Leave out what was logged after this time."""
 
     def __post_init__(self) -> None:
@@ -396,18 +394,17 @@ def _command(
         target = named
         if target is None and ending:
             target = Path("runs") / "recordings" / (file_name(Path(o.source).stem) + ending)
-        with cli.mistakes_are_users():
-            if named is not None:
-                check_apart(named, o.source)
-                _require_free(named, o.overwrite)
-            info: LogReport = program.function(o)
-            if target is not None:
-                with cli.writes(option, target):
-                    info.write(target)
+        if named is not None:
+            check_apart(named, o.source)
+            _require_free(named, o.overwrite)
+            cli.require_writable(named.parent)
+        info: LogReport = program.function(o)
+        if target is not None:
+            info.write(target)
         cli.report_result(info, [] if target is None else [target])
 
-    main.__doc__ = (inspect.getdoc(program.function) or "").partition("\n\nRaises:")[0]
-    main.__annotations__ = {"o": program.options}
+    main.__doc__ = inspect.getdoc(program.function)
+    main.__annotations__ = {"o": Annotated[program.options, tyro.conf.arg(name="")]}
     return main
 
 

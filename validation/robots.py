@@ -10,12 +10,12 @@ if __name__ == "__main__":
 
     end_quietly()
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
@@ -62,12 +62,7 @@ _ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_ha
 # --- list and check ---
 
 
-@dataclass(frozen=True)
-class ListOptions:
-    """The options of `list`; there are none."""
-
-
-def list_robots(options: ListOptions) -> None:
+def list_robots() -> None:
     """List the robots that come with the package, and the profiles of each."""
     profiles = [load_profile(name) for name in shipped()]
     rows = []
@@ -97,7 +92,7 @@ def list_robots(options: ListOptions) -> None:
 class CheckRobot(cli.Common):
     """Options of `check`."""
 
-    robot: Annotated[str | Path | Robot, cli.text_of("ROBOT"), tyro.conf.Positional]
+    robot: tyro.conf.Positional[str | Path | Robot]
     """Name of a robot that comes with the package, or path of a robot's file."""
 
     def folder(self) -> Path:
@@ -320,67 +315,64 @@ def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
 # --- new, import, export ---
 
 
-@dataclass(frozen=True)
-class NewOptions:
-    """The options of `new`; any other number of a robot can be written into the file afterwards."""
-
-    name: Annotated[str, tyro.conf.Positional, cli.option(metavar="NAME")]
-    """Name of the robot: letters, digits, - and _."""
-    wheelbase: Annotated[float, cli.option(metavar="M")]
-    """Distance of the axles."""
-    track: Annotated[float, cli.option(metavar="M")]
-    """Distance of the middles of the left and right tyres."""
-    wheel_radius: Annotated[float, cli.option(metavar="M")]
-    """Rolling radius of the wheels: what the robot drives in one turn of them, over 2 pi."""
-    wheel_width: Annotated[float, cli.option(metavar="M")]
-    """Width of the tyres."""
-    mass: Annotated[float, cli.option(metavar="KG")]
-    """Mass of the whole robot, with battery."""
-    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.toml")] = None
-    """File to write; there must be none of that name."""
-
-
-def _new(options: NewOptions) -> None:
+def _new(
+    name: tyro.conf.Positional[str],
+    *,
+    wheelbase: float,
+    track: float,
+    wheel_radius: float,
+    wheel_width: float,
+    mass: float,
+    out: Path | None = None,
+) -> None:
     """Write the file of a new robot from what a tape measure and a scale say.
 
     The file says which of its numbers are measured and which are estimates, and this program says
-    what to measure next.
+    what to measure next. Any other number can be written into the file afterwards.
+
+    Args:
+        name: Name of the robot: letters, digits, - and _.
+        wheelbase: Distance of the axles [m].
+        track: Distance of the middles of the left and right tyres [m].
+        wheel_radius: Rolling radius of the wheels [m]: what the robot drives in one turn of them,
+            over 2 pi.
+        wheel_width: Width of the tyres [m].
+        mass: Mass of the whole robot, with battery [kg].
+        out: File to write; there must be none of that name. NAME.toml if not given.
     """
-    lengths = ("wheelbase", "track", "wheel_radius", "wheel_width")
-    numbers = {f"geometry.{name}": getattr(options, name) for name in lengths}
-    numbers["mass.total"] = options.mass
-    with cli.mistakes_are_users():
-        draft = draft_robot(options.name, numbers)
-    _write(draft, options.out)
+    numbers = {
+        "geometry.wheelbase": wheelbase,
+        "geometry.track": track,
+        "geometry.wheel_radius": wheel_radius,
+        "geometry.wheel_width": wheel_width,
+        "mass.total": mass,
+    }
+    _write(draft_robot(name, numbers), out)
 
 
-@dataclass(frozen=True)
-class ImportOptions:
-    """The options of `import`."""
-
-    file: Annotated[Path, tyro.conf.Positional, cli.option(metavar="FILE.urdf")]
-    """URDF of a robot with four wheels; a xacro file must be expanded before."""
-    name: Annotated[str | None, cli.option(metavar="NAME", default="the URDF's")] = None
-    """Name of the robot: letters, digits, - and _."""
-    wheel_radius: Annotated[cli.Number, cli.option(metavar="M", default="read or guessed")] = None
-    """Rolling radius of the wheels."""
-    wheel_width: Annotated[cli.Number, cli.option(metavar="M", default="read or guessed")] = None
-    """Width of the tyres."""
-    out: Annotated[Path | None, cli.option(metavar="FILE", default="NAME.toml")] = None
-    """File to write; there must be none of that name."""
-
-
-def _import(options: ImportOptions) -> None:
+def _import(
+    file: tyro.conf.Positional[Path],
+    *,
+    name: str | None = None,
+    wheel_radius: float | None = None,
+    wheel_width: float | None = None,
+    out: Path | None = None,
+) -> None:
     """Write a robot's file from a URDF.
 
     Finds the wheels by their joints, and puts the masses of everything else together. Meshes are
     not needed.
 
     Says what the URDF does not, and had to be guessed.
+
+    Args:
+        file: URDF of a robot with four wheels; a xacro file must be expanded before.
+        name: Name of the robot: letters, digits, - and _; the URDF's if not given.
+        wheel_radius: Rolling radius of the wheels [m]; read or guessed if not given.
+        wheel_width: Width of the tyres [m]; read or guessed if not given.
+        out: File to write; there must be none of that name. NAME.toml if not given.
     """
-    with cli.mistakes_are_users():
-        draft = import_robot(options.file, options.name, options.wheel_radius, options.wheel_width)
-    _write(draft, options.out)
+    _write(import_robot(file, name, wheel_radius, wheel_width), out)
 
 
 def _write(draft: RobotDraft, out: Path | None) -> None:
@@ -392,38 +384,16 @@ def _write(draft: RobotDraft, out: Path | None) -> None:
 
 def _save(text: str, target: Path) -> None:
     if target.exists() or target.is_symlink():
-        raise cli.UserError(
+        raise ValueError(
             f"--out {target}: there is such a file already, and it is not overwritten; name another"
         )
-    with cli.writes("--out", target):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        store.write_text(target, text)
+    store.write_text(store.make_folder(target.parent) / target.name, text)
 
 
 def _print(tables: Sequence[Table], sentences: Sequence[str] = ()) -> None:
     grids = [table.grid() for table in tables]
     shown: Any = SimpleNamespace(grids=lambda: grids, notes=lambda: sentences)
     cli.report_result(shown)
-
-
-@dataclass(frozen=True)
-class ExportOptions:
-    """The options of `export`."""
-
-    robot: Annotated[str, tyro.conf.Positional, cli.option(metavar="ROBOT")]
-    """Name of a robot that comes with the package, or path of a robot's file."""
-    to: Annotated[ExportFormat, cli.option()] = "urdf"
-    """ExportFormat: urdf for ROS, sdf for Gazebo, mjcf for MuJoCo, diff-drive for ros2_control's
-    diff_drive_controller."""
-    profile: Annotated[
-        str | None, cli.option(metavar="PROFILE", default="the numbers of the robot's file")
-    ] = None
-    """Profile of this robot, whose numbers mjcf and diff-drive then have: name of a shipped one, or
-    path (.toml)."""
-    out: Annotated[
-        Path | None, cli.option(metavar="FILE", default="NAME.urdf, .sdf, .mjcf or .yaml")
-    ] = None
-    """File to write; there must be none of that name."""
 
 
 def export_robot(
@@ -474,24 +444,36 @@ def export_robot(
     return urdf_text(chosen)
 
 
-def _export(options: ExportOptions) -> None:
+def _export(
+    robot: tyro.conf.Positional[str],
+    *,
+    to: ExportFormat = "urdf",
+    profile: str | None = None,
+    out: Path | None = None,
+) -> None:
     """Write a robot as a URDF, an SDF or an MJCF model, or its numbers for ros2_control.
 
     An SDF has friction and torque, too. An MJCF drives in plain MuJoCo like the robot here, on
     level ground. How a robot's driver delays and limits commands no format can say.
+
+    Args:
+        robot: Name of a robot that comes with the package, or path of a robot's file.
+        to: urdf for ROS, sdf for Gazebo, mjcf for MuJoCo, diff-drive for ros2_control's
+            diff_drive_controller.
+        profile: Profile of this robot, whose numbers mjcf and diff-drive then have: name of a
+            shipped one, or path (.toml).
+        out: File to write; there must be none of that name. NAME.urdf, .sdf, .mjcf or .yaml if not
+            given.
     """
-    with cli.mistakes_are_users():
-        robot = load_robot(options.robot)
-        ending = "yaml" if options.to == "diff-drive" else options.to
-        target = options.out or Path(f"{file_name(robot.name)}.{ending}")
-        text = export_robot(robot, options.to, options.profile)
-    _save(text, target)
+    ending = "yaml" if to == "diff-drive" else to
+    target = out or Path(f"{file_name(load_robot(robot).name)}.{ending}")
+    _save(export_robot(robot, to, profile), target)
     _print([], [f"written: {visible(target)}"])
 
 
-PROGRAM: Mapping[str, Callable[[Any], None]] = {
+PROGRAM = {
     "list": list_robots,
-    "check": check_robot.command(),
+    "check": check_robot,
     "new": _new,
     "import": _import,
     "export": _export,

@@ -12,6 +12,7 @@ if __name__ == "__main__":
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -31,6 +32,7 @@ from validation.experiment.loops import (
     AnyController,
     ClosedLoopRobot,
     chosen_controller,
+    controller_and_reference,
     demand_of,
     make_robot,
     require_practicable,
@@ -42,84 +44,60 @@ from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import Pace, Profile, choose_profile, odometry_of
 from validation.progress import Progress
 from validation.report.tracking import Tracked, tracking_report
-from validation.simulator.terrain import FLAT
+from validation.simulator.terrain import FLAT, Terrain
 from validation.words import file_name
-
-
-def _pose(text: str) -> tuple[float, ...]:
-    try:
-        numbers = tuple(map(float, text.split(",")))
-    except ValueError:
-        numbers = ()
-    if len(numbers) != 3:
-        raise cli.UserError(f"'{text}' is no pose X,Y,YAW [m, m, rad] such as 0,0.5,0.52")
-    return numbers
-
-
-_POSE = cli.parsed(_pose, "X,Y,YAW", lambda pose: ",".join(map(repr, pose)))
 
 
 @dataclass(frozen=True)
 class TrackOptions(cli.Filmed):
     """Options of `track`."""
 
-    controller: Annotated[str | type, cli.text_of("CONTROLLER"), tyro.conf.Positional]
+    controller: tyro.conf.Positional[str | type]
     """Controller: pid and lqr are those of the thesis; lqr-scheduled is linearised about the
     operating speed. Behind its name, +predictor lets a law act on the state one dead time ahead, as
     in lqr+predictor; mpc plans ahead within the limits. FILE.py:NAME is a class of your own, which
     is run."""
-    reference: Annotated[
-        Waypoints | str | Path | None,
-        cli.text_of("REFERENCE"),
-        tyro.conf.Positional,
-        cli.option(default="none"),
-    ] = None
+    reference: tyro.conf.Positional[Waypoints | str | Path | None] = None
     """Path to follow: line, circle, sine, generic, eight, slalom, square, spiral, u-turn,
     stop-and-go, long-line, each also with its speed, as eight@0.5; or a file of waypoints (.csv: x,
     y[, t]). Waypoints at one place are a wait."""
-    plant: Annotated[cli.Names, cli.option(metavar="PLANT,...")] = ("improved",)
+    plant: tuple[str, ...] = ("improved",)
     """Plant that is the robot. Several, separated by commas, are driven one beside the other; the
     first one is the one that track.json reports."""
-    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    gains: Annotated[
-        GainSet | str | Path | None,
-        cli.text_of("GAINS"),
-        cli.option(
-            default="the profile's own if shipped, else published if the thesis has any, else tuned"
-        ),
-    ] = None
+    profile: cli.AnyProfile = None
+    """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
+    another --robot the numbers of its file."""
+    gains: GainSet | str | Path | None = None
     """Gains of the controller: published, manual (lqr only), tuned, default (the law's own), those
-    of a profile by its name (husky-tile, warthog-grass), or the path of a TOML file."""
-    speed: Annotated[
-        cli.Number,
-        cli.option(metavar="M/S", default="0.25 for named references, a file's own times"),
-    ] = None
-    """Mean speed between waypoints [m/s]. It replaces the times of a file."""
-    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = (
-        None
-    )
-    """A controller of your own instead of CONTROLLER: a class in a Python file, which is run."""
+    of a profile by its name (husky-tile, warthog-grass), or the path of a TOML file. If not given,
+    the profile's own if shipped, else published if the thesis has any, else tuned."""
+    speed: float | None = None
+    """Mean speed between waypoints [m/s]. It replaces the times of a file; named references have
+    0.25 m/s if it is not given."""
+    own: Annotated[str | None, tyro.conf.arg(name="controller")] = None
+    """A controller of your own instead of CONTROLLER: a class in a Python file, FILE.py:NAME, which
+    is run."""
     robot: cli.AnyRobot = None
-    feedback: Annotated[Feedback, cli.option()] = "noisy"
+    """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
+    feedback: Feedback = "noisy"
     """Signal that the controller sees: the truth; the truth with the lab's noise (Tab. 3.4); or the
     estimate of a state filter (EKF) on noisy encoders and gyro."""
-    lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
-    """Distance at which the robot keeps behind its target (Sec. 4.5)."""
-    start: Annotated[tuple[float, float, float], _POSE, cli.option(default="0,0,0")] = (
-        0.0,
-        0.0,
-        0.0,
-    )
+    lookahead: float = 0.0
+    """Distance at which the robot keeps behind its target (Sec. 4.5) [m]."""
+    start: cli.Pose = (0.0, 0.0, 0.0)
     """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left
     [m], yaw [rad], such as 0,0.5,0.52."""
-    no_noise: cli.Flag = False
+    no_noise: bool = False
     """Switch noise and disturbance off: the controller sees the truth."""
-    no_disturbance: cli.Flag = False
+    no_disturbance: bool = False
     """Do not push the robot's yaw at random (Sec. 3.4.5)."""
-    gyro_bias: Annotated[float, cli.option(metavar="RAD/S")] = 0.0
-    """Reading of the gyro at rest, of which the filter is not told. It needs --feedback ekf."""
-    terrain: cli.Ground = FLAT
-    own_metric: cli.OwnMetric = None
+    gyro_bias: float = 0.0
+    """Reading of the gyro at rest [rad/s], of which the filter is not told. It needs --feedback
+    ekf."""
+    terrain: Terrain = FLAT
+    """Ground under the MuJoCo robot: flat, or ramp:DEG; docs/physics.md has more keys."""
+    own_metric: Annotated[Callable[..., float] | str | None, tyro.conf.arg(name="metric")] = None
+    """A column of your own: a function in a Python file, FILE.py:NAME, which is run."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a feedback, a look-ahead or a start that cannot be."""
@@ -152,13 +130,8 @@ class TrackOptions(cli.Filmed):
         return SensorModel(gyro_bias=self.gyro_bias)
 
     def names(self) -> tuple[str | type, Waypoints | str | Path]:
-        """Return controller and reference, see `cli.controller_and_reference`."""
-        if isinstance(self.reference, Waypoints):
-            return self.own or self.controller, self.reference
-        place = None if self.reference is None else str(self.reference)
-        if isinstance(self.controller, type) and place is not None:
-            return self.controller, place
-        return cli.controller_and_reference(str(self.controller), place, self.own)
+        """Return controller and reference, see `controller_and_reference`."""
+        return controller_and_reference(self.controller, self.reference, self.own)
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""

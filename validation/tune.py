@@ -77,43 +77,42 @@ that it is tuned on, at the greatest speed that it is tuned on."""
 class Tune(Searching):
     """Options of `tune`."""
 
-    controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
+    controller: tyro.conf.Positional[str]
     """Controller to tune: pid, lqr or lqr-scheduled, each also with +predictor behind its name, or
     mpc."""
-    references: Annotated[cli.Names, cli.option("reference", metavar="REF,...")] = ("generic",)
+    references: Annotated[tuple[str, ...], tyro.conf.arg(name="reference")] = ("generic",)
     """Paths to follow, separated by commas: line, circle, sine, generic, eight, slalom, square,
     spiral, u-turn, stop-and-go, long-line, circle@0.5 with its speed, or waypoint files."""
-    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    plants: Annotated[cli.Names, cli.option("plant", metavar="PLANT,...", default="improved")] = (
-        "improved",
-    )
+    profile: cli.AnyProfile = None
+    """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
+    another --robot the numbers of its file."""
+    plants: Annotated[tuple[str, ...], tyro.conf.arg(name="plant")] = ("improved",)
     """Plants that the controller must drive, separated by commas; the cost is the mean over all."""
     robot: cli.AnyRobot = None
-    speed: Annotated[float, cli.option(metavar="M/S")] = 0.25
+    """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
+    speed: float = 0.25
     """Speed of references that name none [m/s]."""
-    held_out: Annotated[
-        cli.Names | None, cli.option(metavar="REF,...", default="others of every kind")
-    ] = None
-    """References to judge the gains on, in the form of --reference."""
-    feedback: Annotated[Feedback, cli.option()] = "noisy"
+    held_out: tuple[str, ...] | None = None
+    """References to judge the gains on, in the form of --reference; others of every kind if not
+    given."""
+    feedback: Feedback = "noisy"
     """Pose and speed that the controller sees: truth, noisy or ekf."""
-    noise: Annotated[bool, tyro.conf.FlagCreatePairsOff, cli.option(default="off")] = True
+    no_noise: bool = False
     """Turn off noise and disturbances."""
-    gains: Annotated[
-        str | None, cli.option(metavar="NAME|PATH", default="published where the thesis has any")
-    ] = None
-    """Gain set to begin with, to hold what is not searched, and to compare the outcome with."""
-    all: cli.Flag = False
+    gains: str | None = None
+    """Gain set to begin with, to hold what is not searched, and to compare the outcome with;
+    published if not given, where the thesis has any."""
+    all: bool = False
     """Search the gains too that the thesis sets by hand: feedforward, K_alpha, K_y, K_I."""
-    from_scratch: cli.Flag = False
+    from_scratch: bool = False
     """Leave the gains it begins with out of the first population."""
-    cost: Annotated[TuneMeasure, cli.option()] = "path"
+    cost: TuneMeasure = "path"
     """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times instead of
     distances between paths (Sec. 5)."""
-    guard: Annotated[float, cli.option(metavar="SECONDS")] = 0.1
-    """Stability guard: candidates that lose the reference with this much more delay are refused; 0
-    turns it off."""
-    noise_seed: Annotated[int | None, tyro.conf.Suppress, tyro.conf.Fixed] = None
+    guard: float = 0.1
+    """Stability guard: candidates that lose the reference with this much more delay [s] are
+    refused; 0 turns it off."""
+    noise_seed: tyro.conf.Suppress[int | None] = None
     """Seed of noise and disturbance. None takes the seed of the search."""
 
     def __post_init__(self) -> None:
@@ -136,7 +135,9 @@ class Tune(Searching):
 
         The option `speed` stands for None.
         """
-        loop = LoopSettings(self.feedback if self.noise else "truth", disturbance=self.noise)
+        loop = LoopSettings(
+            "truth" if self.no_noise else self.feedback, disturbance=not self.no_noise
+        )
         out = []
         for name, speed in references:
             label, waypoints = open_reference(name, self.speed if speed is None else speed)

@@ -11,20 +11,12 @@ if __name__ == "__main__":
     end_quietly()
 
 import sys
-import typing
 from collections.abc import Mapping
-from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Annotated, Any, Literal
-
-import tyro
-from rich.text import Text
+from typing import Any
 
 from validation import cli, store
-from validation.cli.options import NUMBERS
-from validation.cli.process import options_type, say
-from validation.words import shortened
 
 _EVERY: Mapping[str, str] = {
     "compare": "Drive every simulation with the same commands and compare them, "
@@ -46,65 +38,36 @@ PROGRAMS: Mapping[str, str] = {
 """Work of each program that is there, in one sentence; `ssmr PROGRAM --help` says more."""
 
 
-@dataclass(frozen=True)
-class CompletionOptions:
-    """The options of `ssmr completion`."""
-
-    shell: Annotated[Literal["bash", "zsh", "tcsh"], tyro.conf.Positional, cli.option()]
-    """Shell that reads it."""
-
-
-def completion(options: CompletionOptions) -> None:
-    """Print what a shell needs to complete programs and options.
-
-    Use it as in: eval "$(ssmr completion bash)".
-    """
-    kinds = [
-        Annotated[
-            options_type(program_named(name)),
-            tyro.conf.subcommand(name, prefix_name=False, description=says),
-        ]
-        for name, says in PROGRAMS.items()
-    ]
-    everything: Any = typing.Union[tuple(kinds)]  # noqa: UP007 - of a list
-    tyro.cli(
-        everything,
-        prog="ssmr",
-        args=["--tyro-print-completion", options.shell],
-        registry=NUMBERS,
-        config=(tyro.conf.DisallowNone,),
-    )
-
-
 def program_named(name: str) -> Any:
-    """Return the function behind a program, or those of its subcommands."""
+    """Return a program, or those of its subcommands by name."""
     module = import_module(f"validation.{name}")
-    program = getattr(module, name, None)
-    if isinstance(program, cli.Program):
-        return program.command()
-    if not hasattr(module, "PROGRAM"):
+    if hasattr(module, "__path__"):
         module = import_module(f"validation.{name}.__main__")
-    return module.PROGRAM
+    return getattr(module, "PROGRAM", None) or getattr(module, name)
+
+
+def _named(says: str) -> Any:
+    """Return a command that stands for a program in the list of all."""
+
+    def nothing() -> None:
+        pass
+
+    nothing.__doc__ = says
+    return nothing
 
 
 def main() -> None:
     """Run the program that the command line names first; see `PROGRAMS`."""
     first, *rest = sys.argv[1:] or ["--help"]
-    everything = {
-        **PROGRAMS,
-        "completion": "Print what a shell needs to complete programs and options.",
-    }
-    if first in ("--help", "-h"):
-        usage = "usage: ssmr PROGRAM [OPTIONS]; ssmr PROGRAM --help says more; ssmr --version\n"
-        lines = [usage, *(f"{name:<12}{says}" for name, says in everything.items())]
-        cli.report_console().print(Text("\n".join(lines)), soft_wrap=True)
-    elif first == "--version":
+    if first == "--version":
         print(f"ssmr-testbed {store.versions()['ssmr-testbed']}")
-    elif first in everything:
-        cli.run(program_named(first) if first in PROGRAMS else completion, f"ssmr {first}", rest)
+    elif first in PROGRAMS:
+        cli.run(program_named(first), f"ssmr {first}", rest)
+    elif first.startswith("--tyro-"):
+        # only a shell's completion needs the options of all programs at once
+        cli.run({name: program_named(name) for name in PROGRAMS}, "ssmr")
     else:
-        say(f"error: there is no 'ssmr {shortened(first, 40)}'; there are: {', '.join(everything)}")
-        sys.exit(cli.EXIT_USER_ERROR)
+        cli.run({name: _named(says) for name, says in PROGRAMS.items()}, "ssmr", [first])
 
 
 if __name__ == "__main__":

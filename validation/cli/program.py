@@ -9,31 +9,32 @@ import contextlib
 import inspect
 import json
 import os
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
-from typing import Annotated, Any, Generic, ParamSpec, TypeVar, get_type_hints
+from typing import Annotated, Any, Generic, ParamSpec, TypeVar
 
 import tyro
+from docstring_parser import parse_from_object
 from rich.console import Console
 from rich.text import Text
 
+from ssmr.parameters import MOST_SEED, require_within
 from validation import progress, store
-from validation.cli.checking import Checked
-from validation.cli.options import Flag, Seed, UserError, Workers, option
-from validation.cli.process import field_text, mistakes_are_users, run, say
+from validation.cli.options import Options, kinds_of
+from validation.cli.process import run, say
 from validation.files.reading import opened, read_text
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import rich_table
 from validation.words import each_line, one_line, visible
 
 P = ParamSpec("P")
-Options = TypeVar("Options", bound="Common")
+Opts = TypeVar("Opts", bound="Common")
 R = TypeVar("R", bound=Report)
+MOST_WORKERS = 4096
+"""Greatest number of threads."""
 _LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
 _ENDLESS = 10_000
@@ -47,18 +48,26 @@ _HEAD = 64
 
 
 @dataclass(frozen=True, kw_only=True)
-class Common(Checked):
+class Common(Options):
     """Options that every program has."""
 
-    seed: Seed = 0
-    workers: Workers = None
-    out: Annotated[
-        Path | None, option(metavar="DIR", default="runs/PROGRAM/...", help="Folder for the files.")
-    ] = None
-    overwrite: Flag = False
+    seed: int = 0
+    """Seed of everything random. Equal seeds give equal results."""
+    workers: int | None = None
+    """Threads that compute; all processors if not given. The result does not depend on how many
+    there are."""
+    out: Path | None = None
+    """Folder for the files; runs/PROGRAM/... if not given."""
+    overwrite: bool = False
     """Replace files that are there already."""
-    progress: Annotated[progress.Progressing, tyro.conf.Suppress, tyro.conf.Fixed] = progress.silent
+    progress: tyro.conf.Suppress[progress.Progressing] = progress.silent
     """Called as the work goes on."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for a number out of its range."""
+        super().__post_init__()
+        require_within(self, ("seed",), 0, MOST_SEED, whole=True)
+        require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
 
     def folder(self) -> Path:
         """Return the folder that files are written to where `out` names none."""
@@ -74,31 +83,10 @@ class Common(Checked):
 class Filmed(Common):
     """Options of a program whose robots can be seen in motion."""
 
-    view: Annotated[Flag, option(default="off")] = False
+    view: bool = False
     """Open the recording in the rerun viewer afterwards."""
-    no_rerun: Annotated[Flag, option(default="off")] = False
+    no_rerun: bool = False
     """Do not write the rerun recording (.rrd)."""
-
-    def check(self) -> None:
-        """Raise a UserError for a recording that is shown but not written, or needs rerun."""
-        if self.view and self.no_rerun:
-            raise UserError("--view shows the rerun recording; leave out --no-rerun")
-        if not self.no_rerun and find_spec("rerun") is None:
-            raise UserError(
-                "the recording needs the package rerun-sdk, which is missing: "
-                "install it, or add --no-rerun"
-            )
-
-
-class _ProgramModule(ModuleType):
-    """A module that is called as the program whose name it has: `validation.compare("traj4")`."""
-
-    @property
-    def __signature__(self) -> inspect.Signature:
-        return inspect.signature(vars(self)[self.__name__.rpartition(".")[2]])
-
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        return vars(self)[self.__name__.rpartition(".")[2]](*args, **kwargs)
 
 
 class Program(Generic[P, R]):
@@ -113,54 +101,67 @@ class Program(Generic[P, R]):
         self.function = function
         self.__name__ = function.__name__
         self.__module__ = function.__module__
-        self.__signature__ = inspect.signature(options)
-        kinds = get_type_hints(options, include_extras=True)
-        documents = [
-            f"    {name}: {_help_of(options, name, kinds[name])}"
-            for name in self.__signature__.parameters
-        ]
-        self.__doc__ = "\n".join([inspect.getdoc(function) or "", "", "Options:", *documents])
-        if (module := sys.modules.get(f"validation.{self.__name__}")) is not None:
-            module.__class__ = _ProgramModule
+        kinds = kinds_of(options)
+        taken = inspect.signature(options)
+        parameters = [p.replace(annotation=kinds[n]) for n, p in taken.parameters.items()]
+        self.__signature__ = taken.replace(
+            parameters=parameters, return_annotation=inspect.get_annotations(function)["return"]
+        )
+
+    @property
+    def __doc__(self) -> str:  # type: ignore[override]
+        """Text of the function, and what each option means."""
+        lines = [inspect.getdoc(self.function) or "", "", "Options:"]
+        for kind in filter(is_dataclass, reversed(self.options.__mro__)):
+            for option in parse_from_object(kind).params:
+                meaning = " ".join((option.description or "").split())
+                lines.append(f"    {option.arg_name}: {meaning}")
+        return "\n".join(lines)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """Return the report of a run with these options."""
         return self.function(self.options(*args, **kwargs))
 
+    @property
     def command(self) -> Callable[[Any], None]:
-        """Return the function behind the command line.
+        """The function behind the command line.
 
         It shows progress, prints, saves and says what went wrong.
         """
 
         def main(options: Any) -> None:
-            with mistakes_are_users():
-                if isinstance(options, Filmed):
-                    options.check()
-                folder = options.out or options.folder()
-                require_writable(folder)
-                require_apart(options, folder, options.writes())
-                with shown(self.__name__) as show:
-                    report = self.function(replace(options, progress=show, out=folder))
-            finish(report, options, output_folder(folder))
+            if isinstance(options, Filmed):
+                _require_shown(options)
+            folder = options.out or options.folder()
+            require_writable(folder)
+            require_apart(options, folder, options.writes())
+            with shown(self.__name__) as show:
+                report = self.function(replace(options, progress=show, out=folder))
+            finish(report, options, store.make_folder(folder))
 
-        main.__doc__ = (inspect.getdoc(self.function) or "").partition("\n\nRaises:")[0]
-        main.__annotations__ = {"options": self.options}
+        main.__doc__ = inspect.getdoc(self.function)
+        main.__annotations__ = {"options": Annotated[self.options, tyro.conf.arg(name="")]}
         return main
 
     def main(self) -> None:
         """Run the program with the command line of this process, and leave with an exit status."""
-        run(self.command(), f"python -m validation.{self.__name__}")
+        run(self, f"python -m validation.{self.__name__}")
 
 
-def _help_of(options: Any, name: str, kind: Any) -> str:
-    texts = [getattr(marker, "help", None) for marker in getattr(kind, "__metadata__", ())]
-    return next(filter(None, reversed(texts)), None) or field_text(options, name) or ""
-
-
-def program(options: Callable[P, Options]) -> Callable[[Callable[[Options], R]], Program[P, R]]:
+def program(options: Callable[P, Opts]) -> Callable[[Callable[[Opts], R]], Program[P, R]]:
     """Return the decorator that makes a function of these options a program."""
     return lambda function: Program(options, function)
+
+
+def _require_shown(options: Filmed) -> None:
+    """Raise a ValueError for a recording that is shown but not written, or needs rerun."""
+    if options.view and options.no_rerun:
+        raise ValueError("--view shows the rerun recording; leave out --no-rerun")
+    if not options.no_rerun and find_spec("rerun") is None:
+        raise ValueError(
+            "the recording needs the package rerun-sdk, which is missing: "
+            "install it, or add --no-rerun"
+        )
 
 
 def finish(report: Report, options: Common, folder: Path) -> None:
@@ -183,19 +184,13 @@ def finish(report: Report, options: Common, folder: Path) -> None:
 # --- folders and files that users name ---
 
 
-def output_folder(path: Path) -> Path:
-    """Make the folder that results go to; a UserError says why it cannot be made or written."""
-    try:
-        return store.make_folder(path)
-    except ValueError as error:
-        raise UserError(f"--out {error}") from error
-
-
 def require_writable(folder: Path) -> None:
-    """Raise a UserError for a folder that could not be made or written, before hours of work."""
+    """Raise a ValueError for a folder that could not be made or written, before hours of work."""
     nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK):
-        raise UserError(f"--out {folder}: {nearest} is no folder that can be written; name another")
+        raise ValueError(
+            f"--out {folder}: {nearest} is no folder that can be written; name another"
+        )
 
 
 def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
@@ -204,7 +199,7 @@ def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
     A file is ours if a JSON file of ours is there that names it, or if it is a checkpoint.
 
     Raises:
-        UserError: there is such a file among the `names` of files to write, and no `overwrite`.
+        ValueError: there is such a file among the `names` of files to write, and no `overwrite`.
     """
     if options.overwrite:
         return
@@ -218,7 +213,7 @@ def require_apart(options: Any, folder: Path, names: Iterable[str]) -> None:
     ours = {path.name for path in there} if options.out is None else _ours_among(there)
     for path in there:
         if path.name not in ours or Path(os.path.realpath(path)) in read:
-            raise UserError(
+            raise ValueError(
                 f"--out {folder} has a {path.name} already, which would be lost; "
                 "name another, or add --overwrite"
             )
@@ -241,17 +236,6 @@ def _ours_among(there: Sequence[Path]) -> set[str]:
                     # 2.0 named none
                     ours |= {path.name, *document.get("files", [other.name for other in there])}
     return ours
-
-
-@contextlib.contextmanager
-def writes(option: str, path: Path) -> Iterator[None]:
-    """Within, a file that cannot be written is the user's mistake, who named it by this option."""
-    try:
-        yield
-    except OSError as error:
-        raise UserError(
-            f"{option} {path}: the file cannot be written ({error.strerror or error})"
-        ) from error
 
 
 # --- output of a program ---

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from validation.simulator.loops import MujocoBodies
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
+from validation.words import shortened
 
 _SECONDS = 6.0
 """Time for which a command is driven [s]."""
@@ -117,6 +119,26 @@ def make_controller(profile: Profile, gains: GainSet) -> AnyController:
     linear = profile.plants["linear"]
     a, b = matrices(linear.vehicle, linear.parameters, linear.drive)
     return design(gains.controller, gains.values, a, b, linear.drive)
+
+
+def controller_and_reference(controller: Any, reference: Any, own: str | None) -> tuple[Any, Any]:
+    """Return controller and reference of a program's options.
+
+    They are both given, or a controller of the user's `own` stands beside them; then the only
+    other one is the reference.
+
+    Raises:
+        ValueError: one of the two is missing, or there are two controllers.
+    """
+    first = shortened(controller, 40)
+    if own is None and reference is None:
+        raise ValueError(f"'{first}' stands alone; wanted a controller and a reference")
+    if own is None:
+        return controller, reference
+    if reference is not None:
+        second = shortened(own, 60)
+        raise ValueError(f"there are two controllers, '{first}' and --controller {second}")
+    return own, controller
 
 
 def chosen_controller(

@@ -18,12 +18,11 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from ssmr.errors import SsmrError
-from ssmr.parameters import require_within
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli, store
@@ -51,8 +50,6 @@ _LEFT_OUT = {
     "resume",
     "name",
 }
-MOST_WORKERS = 4096
-"""Greatest number of threads of a search."""
 _log = logging.getLogger(__name__)
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -69,41 +66,34 @@ _DAMAGE = (
 """Errors that reading a damaged checkpoint raises; one that numpy wrote has no others."""
 
 
-_Size = Annotated[cli.Count, cli.option(default="what is usual for the plant or the controller")]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Searching(cli.Common):
     """Options of a program that searches for numbers."""
 
-    free: Annotated[cli.Names | None, cli.option(metavar="NAME,...", default="the usual ones")] = (
-        None
-    )
-    """Numbers to search, separated by commas. A wrong name lists all."""
-    fix: Annotated[cli.Values, cli.option(default="none")] = field(default_factory=dict)
+    free: tuple[str, ...] | None = None
+    """Numbers to search, separated by commas; the usual ones if not given. A wrong name lists
+    all."""
+    fix: Mapping[str, float] = field(default_factory=dict)
     """Values to hold, such as friction=0.4,com_y=0; these numbers are not searched."""
-    bounds: Annotated[cli.Bounds, cli.option(default="the usual ones")] = field(
-        default_factory=dict
-    )
-    """Bounds of the search, such as friction=0.2:0.8,delay=0:0.5."""
-    population: _Size = None
-    """Number of candidates in a generation of differential evolution (jDE)."""
-    generations: _Size = None
-    """Greatest number of generations of jDE after its first population."""
-    patience: Annotated[int, cli.option(metavar="N")] = 30
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Bounds of the search, such as friction=0.2:0.8,delay=0:0.5, where they are not the usual
+    ones."""
+    population: int | None = None
+    """Number of candidates in a generation of differential evolution (jDE); what is usual for the
+    plant or the controller if not given."""
+    generations: int | None = None
+    """Greatest number of generations of jDE after its first population; what is usual for the plant
+    or the controller if not given."""
+    patience: int = 30
     """Number of generations over which the best cost must improve by a thousandth, or jDE stops."""
-    resume: cli.Flag = False
+    resume: bool = False
     """Continue from the checkpoint in the folder of --out."""
-    name: Annotated[
-        str | None,
-        cli.option(metavar="NAME", default="that of what it began with, and what was done"),
-    ] = None
+    name: str | None = None
     """Name of the profile or the gain set that is written."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range."""
         super().__post_init__()
-        require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
         self.settings(JdeSettings.population, JdeSettings.generations)
 
     @property

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -66,11 +66,13 @@ ALL_SECTIONS: tuple[Section, ...] = (
 class Replicate(cli.Common):
     """Options of `replicate`."""
 
-    quick: cli.Flag = False
+    quick: bool = False
     """Use reduced budgets, which take under three minutes."""
-    only: Annotated[cli.Names, cli.option(default="all")] = ()
-    """Sections or tables to run, such as 3.9,4.5 or noise. A wrong name lists all sections."""
-    seed: cli.Seed = 1
+    only: tuple[str, ...] = ()
+    """Sections or tables to run, such as 3.9,4.5 or noise; all if not given. A wrong name lists
+    all sections."""
+    seed: int = 1
+    """Seed of everything random. Equal seeds give equal results."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -13,32 +13,33 @@ import signal
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Annotated, Any
 
-from validation import cli
+import tyro
+
+from validation import cli, store
 from validation.report.report import INTERRUPTED
 from validation.ros.control import Control, control
 from validation.ros.simulation import Sim, sim
 from validation.words import file_name
 
 
-def _sim(options: Sim) -> None:
-    with _one_signal_ends(), cli.mistakes_are_users():
+def _sim(options: Annotated[Sim, tyro.conf.arg(name="")]) -> None:
+    with _one_signal_ends():
         sim(options)
 
 
-def _control(options: Control) -> None:
+def _control(options: Annotated[Control, tyro.conf.arg(name="")]) -> None:
     with _one_signal_ends() as ignore_signals:
-        with cli.mistakes_are_users():
-            folder = options.out or Path("runs") / "ros"
-            cli.require_writable(folder)
-            cli.require_apart(options, folder, ("track.json", "track.png"))
-            report = control(options)
+        folder = options.out or Path("runs") / "ros"
+        cli.require_writable(folder)
+        cli.require_apart(options, folder, ("track.json", "track.png"))
+        report = control(options)
         ignore_signals()
         robot = report.robots[0]
         name = file_name(f"{robot.controller}-{robot.reference}")
         folder = options.out or Path("runs") / "ros" / name
-        cli.report_result(report, report.save(cli.output_folder(folder), recording=False))
+        cli.report_result(report, report.save(store.make_folder(folder), recording=False))
     report.require_complete()
     if report.status == INTERRUPTED:
         raise KeyboardInterrupt
@@ -74,7 +75,7 @@ def _one_signal_ends() -> Iterator[Callable[[], None]]:
 
 
 for _command, _node in ((_sim, sim), (_control, control)):
-    _command.__doc__ = (inspect.getdoc(_node) or "").partition("\n\nRaises:")[0]
+    _command.__doc__ = inspect.getdoc(_node)
 PROGRAM: Mapping[str, Callable[[Any], None]] = {"sim": _sim, "control": _control}
 
 if __name__ == "__main__":

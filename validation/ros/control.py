@@ -15,7 +15,7 @@ import tyro
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.errors import SsmrError
 from validation import cli, store
-from validation.experiment.loops import chosen_controller
+from validation.experiment.loops import chosen_controller, controller_and_reference
 from validation.experiment.tracked import TrackedRobot, reference_of, track_metrics
 from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import choose_profile
@@ -44,56 +44,51 @@ quarter of a second."""
 class Control(Graph):
     """Options of `control`."""
 
-    controller: Annotated[str, tyro.conf.Positional, cli.option(metavar="CONTROLLER")]
+    controller: tyro.conf.Positional[str]
     """Controller: pid and lqr are the thesis'; lqr-scheduled is linearised about the operating
     speed. With +predictor behind its name a law acts on the state one dead time ahead; mpc plans
     ahead."""
-    reference: Annotated[
-        str | None, tyro.conf.Positional, cli.option(metavar="REFERENCE", default="none")
-    ] = None
+    reference: tyro.conf.Positional[str | None] = None
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv: x, y[, t])."""
-    speed: Annotated[
-        cli.Number,
-        cli.option(metavar="M/S", default="0.25 for named references, a file's own times"),
-    ] = None
-    """Mean speed between waypoints; it replaces the times of a file."""
+    speed: float | None = None
+    """Mean speed between waypoints [m/s]; it replaces the times of a file. Named references have
+    0.25 m/s if it is not given."""
     robot: cli.AnyRobot = None
-    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    own: Annotated[str | None, cli.option("controller", metavar="FILE.py:NAME", default="none")] = (
-        None
-    )
-    """A controller of your own instead of CONTROLLER: a class in a Python file, which is run."""
-    gains: Annotated[
-        str | None, cli.option(metavar="NAME|PATH", default="as in validation.track")
-    ] = None
-    """Gains: published, manual (lqr), tuned, or the path of a TOML file."""
-    odometry: Annotated[str, cli.option(metavar="TOPIC", default="the robot's filter")] = ""
-    """Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose."""
-    pose: Annotated[str, cli.option(metavar="TOPIC", default="/vrpn_mocap/ROBOT/pose")] = ""
+    """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
+    profile: cli.AnyProfile = None
+    """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
+    another --robot the numbers of its file."""
+    own: Annotated[str | None, tyro.conf.arg(name="controller")] = None
+    """A controller of your own instead of CONTROLLER: a class in a Python file, FILE.py:NAME, which
+    is run."""
+    gains: str | None = None
+    """Gains: published, manual (lqr), tuned, or the path of a TOML file; those of validation.track
+    if not given."""
+    odometry: str = ""
+    """Topic of nav_msgs/Odometry: speeds, and the pose unless --feedback pose; the robot's filter
+    if not given."""
+    pose: str = ""
     """Topic of a tracking system's geometry_msgs/PoseStamped, by which the drive is judged if it is
-    there."""
-    command: Annotated[str, cli.option(metavar="TOPIC", default="cmd_vel")] = ""
-    """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens."""
-    stop: Annotated[str, cli.option(metavar="TOPIC", default=msg.STOP_TOPIC)] = ""
+    there; /vrpn_mocap/ROBOT/pose if not given."""
+    command: str = ""
+    """Topic of geometry_msgs/Twist or TwistStamped on which the robot listens; cmd_vel if not
+    given."""
+    stop: str = ""
     """Topic of std_msgs/Bool that says whether the emergency stop is on: the target waits while it
-    is."""
-    feedback: Annotated[Literal["odometry", "pose"], cli.option()] = "odometry"
+    is. The Husky's if not given."""
+    feedback: Literal["odometry", "pose"] = "odometry"
     """Pose that the controller sees: the odometry's or the tracking system's."""
-    v_limit: Annotated[float, cli.option(metavar="M/S")] = 1.0
-    """Greatest speed ever commanded; the robot's own limit if that is less."""
-    w_limit: Annotated[float, cli.option(metavar="RAD/S")] = 1.0
-    """Greatest yaw rate ever commanded; the robot's own limit if that is less."""
-    lookahead: Annotated[float, cli.option(metavar="METRES")] = 0.0
-    """Distance that the robot keeps behind its target (Sec. 4.5)."""
-    patience: Annotated[float, cli.option(metavar="SECONDS")] = 30.0
-    """Time for which a robot is waited for, before the drive and where it does not obey."""
-    out: Annotated[
-        Path | None,
-        cli.option(
-            metavar="DIR", default="runs/ros/CONTROLLER-REFERENCE", help="Folder for the files."
-        ),
-    ] = None
-    overwrite: cli.Flag = False
+    v_limit: float = 1.0
+    """Greatest speed ever commanded [m/s]; the robot's own limit if that is less."""
+    w_limit: float = 1.0
+    """Greatest yaw rate ever commanded [rad/s]; the robot's own limit if that is less."""
+    lookahead: float = 0.0
+    """Distance that the robot keeps behind its target (Sec. 4.5) [m]."""
+    patience: float = 30.0
+    """Time for which a robot is waited for, before the drive and where it does not obey [s]."""
+    out: Path | None = None
+    """Folder for the files; runs/ros/CONTROLLER-REFERENCE if not given."""
+    overwrite: bool = False
     """Replace files that are there already."""
 
 
@@ -264,7 +259,7 @@ def control(options: Control) -> Tracked:
         StoppedError, KeyboardInterrupt: the drive ended before the robot had gone anywhere.
     """
     names = (options.controller, options.reference, options.own)
-    controller, reference_name = cli.controller_and_reference(*names)
+    controller, reference_name = controller_and_reference(*names)
     profile = choose_profile(options.profile, options.robot, "thesis-lab")
     robot = profile.robot.name
     o = _with_topics(options, robot)

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, partial
 from types import SimpleNamespace
-from typing import Annotated, Any
+from typing import Any
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
@@ -64,19 +64,18 @@ _CONFIGURATION = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Graph(cli.Checked):
+class Graph(cli.Options):
     """A graph of ROS 2: the options of every node."""
 
-    ros: Annotated[str, cli.option(metavar="2")] = "2"
+    ros: str = "2"
     """Version of ROS; there is 2 alone, with the extra `ros2`."""
-    domain: Annotated[int | None, cli.option(metavar="N", default="ROS_DOMAIN_ID, or 0")] = None
-    """Number of the domain."""
-    namespace: Annotated[str, cli.option(metavar="NAME", default="none")] = ""
+    domain: int | None = None
+    """Number of the domain; that of ROS_DOMAIN_ID, or 0, if not given."""
+    namespace: str = ""
     """Namespace of the robot, such as a200_0000."""
-    interface: Annotated[
-        str, cli.option(metavar="NAME|ADDRESS", default="loopback, or what CYCLONEDDS_URI says")
-    ] = ""
-    """Network interface."""
+    interface: str = ""
+    """Network interface, by name or address; loopback, or what CYCLONEDDS_URI says, if not
+    given."""
 
     def domain_number(self) -> int:
         """Return the domain's number.

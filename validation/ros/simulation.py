@@ -8,10 +8,11 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, cast
+from typing import cast
 
 import numpy as np
 
+from ssmr.parameters import MOST_SEED, require_within
 from ssmr.types import State
 from validation import cli
 from validation.plants.profile import choose_profile, make_plant
@@ -37,16 +38,23 @@ class Sim(Graph):
     """Options of `sim`."""
 
     robot: cli.AnyRobot = None
-    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
-    start: Annotated[
-        tuple[float, float, float], cli.option(metavar="X Y YAW", default="the origin")
-    ] = (0.0, 0.0, 0.0)
+    """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
+    profile: cli.AnyProfile = None
+    """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
+    another --robot the numbers of its file."""
+    start: cli.Pose = (0.0, 0.0, 0.0)
     """Pose of the robot in the tracking system's frame [m, m, rad]."""
-    duration: Annotated[float, cli.option(metavar="SECONDS", default="until Ctrl-C")] = math.inf
-    """Time after which to end."""
-    no_noise: cli.Flag = False
+    duration: float = math.inf
+    """Time after which to end [s]; it runs until Ctrl-C if not given."""
+    no_noise: bool = False
     """Simulate encoders and gyro without noise."""
-    seed: cli.Seed = 0
+    seed: int = 0
+    """Seed of everything random. Equal seeds give equal results."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for a seed that cannot be."""
+        super().__post_init__()
+        require_within(self, ("seed",), 0, MOST_SEED, whole=True)
 
 
 def is_due(step: int, rate: float, dt: float) -> bool:

@@ -10,7 +10,6 @@ if __name__ == "__main__":
 
     end_quietly()
 
-from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
@@ -27,9 +26,7 @@ def study_named(name: str) -> cli.Program[..., Any]:
     return program
 
 
-PROGRAM: Mapping[str, Callable[[Any], None]] = {
-    name: study_named(name).command() for name in STUDIES
-}
+PROGRAM = {name: study_named(name) for name in STUDIES}
 
 if __name__ == "__main__":
     cli.run(PROGRAM, "python -m validation.study")

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 from matplotlib.figure import Figure
 
@@ -29,8 +28,11 @@ class AnyStudy(cli.Common):
 class StudyOptions(AnyStudy):
     """Options of every study of one robot."""
 
-    profile: Annotated[cli.AnyProfile, cli.profile_option("thesis-lab")] = None
+    profile: cli.AnyProfile = None
+    """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
+    another --robot the numbers of its file."""
     robot: cli.AnyRobot = None
+    """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
 
     def robot_profile(self) -> Profile:
         """Return the profile; a ValueError refuses an unknown name, or that of another robot."""

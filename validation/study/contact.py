@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from types import MappingProxyType
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -213,7 +213,7 @@ def _group_of(name: str) -> str:
 class ContactStudy(StudyOptions):
     """Options of the study of physics settings."""
 
-    only: Annotated[cli.Names, cli.option(default="all groups of MuJoCo")] = ()
+    only: tuple[str, ...] = ()
     """Groups to try besides what is shipped: cone, impedance, solver, time step, centre of mass,
     defaults, near ODE, and the other engines, ode and drake."""
 

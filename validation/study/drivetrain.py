@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, get_args
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -83,23 +82,21 @@ _SCALED = {
 class DriveTrainStudy(StudyOptions):
     """Options of the study of a drive train."""
 
-    recording: Annotated[str | Log | None, cli.text_of("PATH"), cli.option(default="none")] = None
+    recording: str | Log | None = None
     """Path of a recording with commands and wheel rates, the robot standing with its wheels in the
     air; with currents, it tells the inertia too."""
-    ground: Annotated[str | Log | None, cli.text_of("PATH"), cli.option(default="none")] = None
+    ground: str | Log | None = None
     """Path of a recording on the ground with wheel rates and currents (current_left,
     current_right)."""
-    held_out: Annotated[
-        tuple[str | Log, ...],
-        get_args(cli.Names)[1],
-        cli.option(metavar="PATH,...", default="none"),
-    ] = ()
+    held_out: tuple[str | Log, ...] = ()
     """Paths of recordings that only judge: those with a heading or a gyro the currents, others the
     wheel rates. Without any, the last third of each log judges what is fitted to the rest."""
-    torque_constant: Annotated[cli.Number, cli.option(metavar="K", default="unknown")] = None
+    torque_constant: float | None = None
     """Torque of one side's wheels per ampere of its motor [N m/A], where it is known."""
-    profile: Annotated[cli.AnyProfile, cli.profile_option("husky-tile")] = None
-    mass: Annotated[cli.Number, cli.option(metavar="KG", default="the profile's")] = None
+    profile: cli.AnyProfile = None
+    """Name of a shipped profile, or path of a profile (.toml); if not given, husky-tile, and for
+    another --robot the numbers of its file."""
+    mass: float | None = None
     """Total mass with payload, where it is not the profile's [kg]."""
 
     def __post_init__(self) -> None:

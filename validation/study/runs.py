@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import tyro
@@ -57,12 +57,13 @@ _MEDIANS = ("position_median_m", "yaw_median_rad", "position_low_m", "position_h
 class RunsStudy(AnyStudy):
     """Options of the study of runs."""
 
-    logs: Annotated[tuple[str, ...], tyro.conf.Positional, cli.option(metavar="FILE[@ROBOT]")]
+    logs: tyro.conf.Positional[Sequence[str]]
     """Logs, each with its robot where that is not --robot: grass.csv@warthog,
     tile.csv@my_robot.toml."""
-    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...", default="all")] = PLANTS
+    plants: tuple[str, ...] = PLANTS
     """Plants to fit and to judge."""
     robot: cli.AnyRobot = None
+    """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError where there is no log, or an unknown plant."""

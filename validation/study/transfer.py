@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -78,9 +78,9 @@ _MEANS = ("cost", "d_rms_m", "sync_rms_m")
 class TransferStudy(StudyOptions):
     """Options of the study of transfer."""
 
-    plants: Annotated[cli.Names, cli.option(metavar="PLANT,...")] = PLANTS
+    plants: tuple[str, ...] = PLANTS
     """Plants that are to choose for MuJoCo's robot, which is driven too."""
-    controllers: Annotated[cli.Names, cli.option(metavar="NAME,...", default="all")] = (
+    controllers: tuple[str, ...] = (
         *PLAIN_CONTROLLERS,
         "lqr+predictor",
         "lqr-scheduled+predictor",
@@ -88,13 +88,12 @@ class TransferStudy(StudyOptions):
     )
     """Controllers with all their shipped gains; pid:tuned is one with one set, pid:FILE.toml one
     with gains of your own."""
-    references: Annotated[
-        cli.Names, cli.option(metavar="NAME,...", default="ten; three if quick")
-    ] = ()
+    references: tuple[str, ...] = ()
     """References by name; circle@0.4 has its own speed [m/s], others 0.25 and 0.5, or 0.5 alone if
     quick. What the robot cannot drive in MuJoCo is driven more slowly."""
-    seed: cli.Seed = 11  # no shipped set was tuned with seeds from 11 on
-    quick: cli.Flag = False
+    seed: int = 11  # no shipped set was tuned with seeds from 11 on
+    """Seed of everything random. Equal seeds give equal results."""
+    quick: bool = False
     """Take three references where none are named, and one speed."""
 
     def __post_init__(self) -> None:

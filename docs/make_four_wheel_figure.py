@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
+from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.ground import LoadModel
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
@@ -77,9 +77,7 @@ def make(
     drive = replace(DRIVE, acceleration_v=acceleration)
     if isinstance(which, str):
         return MujocoPlant(Calibration.of(ROBOT, friction=MU), drive, settings=settings)
-    return FourWheelPlant(
-        FourWheelModel(replace(NUMBERS, stiffness_x=which, stiffness_y=which), drive)
-    )
+    return FourWheelPlant(replace(NUMBERS, stiffness_x=which, stiffness_y=which), drive)
 
 
 def held(v: float, w: float, seconds: float) -> Commands:

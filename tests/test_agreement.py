@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ssmr.metrics.declared import compare_signals
-from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
+from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES as SCENARIOS
 from ssmr.types import State
@@ -103,7 +103,7 @@ def test_mujocos_dynamics_are_those_of_a_robot_on_rigid_tyres_and_of_no_other(
     tyred = lab.plants["four_wheel"]
     section = lab.plants["mujoco"]
     rigid = replace(tyred.parameters, stiffness_x=200.0, stiffness_y=200.0)
-    wanted = FourWheelPlant(FourWheelModel(rigid, tyred.drive)).run(commands, State(), 0.008)
+    wanted = FourWheelPlant(rigid, tyred.drive).run(commands, State(), 0.008)
     body, drive = OTHER_ROBOTS[change]
     plant = MujocoPlant(replace(section.parameters, **body), replace(section.drive, **drive))
     motion = plant.run(commands, State(), 0.008)

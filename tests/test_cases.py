@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve
 
 from ssmr.models.coulomb import CoulombParameters
-from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
+from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.law import PLANAR_MODELS
 from ssmr.models.linear import LinearParameters
@@ -313,9 +313,7 @@ def plant_of(plant: str, name: str, drive: Drive, dt: float, gain: float) -> Pla
     common = {"friction": ground["friction"], "armature": inertia, "gain": gain}
     if plant == "four_wheel":
         stiff = {"stiffness_x": 300.0, "stiffness_y": 300.0, "rolling_resistance": resistance}
-        return FourWheelPlant(
-            FourWheelModel(replace(tyred_defaults(robot), **common, **stiff), drive)
-        )
+        return FourWheelPlant(replace(tyred_defaults(robot), **common, **stiff), drive)
     ratio = ground.get("friction_ratio", 1.0)
     shape = "cylinder" if kind == "turn_on_lines" else "ellipsoid" if ratio == 1.0 else "capsule"
     common |= {

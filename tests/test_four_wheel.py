@@ -20,7 +20,6 @@ from ssmr.models.four_wheel import STATE_NUMBERS, body_of, four_wheels, spread_l
 from ssmr.models.four_wheel_plant import (
     FOUR_WHEEL_DT,
     FourWheelBodies,
-    FourWheelModel,
     FourWheelPlant,
 )
 from ssmr.models.friction import (
@@ -57,7 +56,7 @@ tyres = st.builds(
 
 
 def plant(drive: Drive = STRONG, dt: float = FOUR_WHEEL_DT, **changes: Any) -> FourWheelPlant:
-    return FourWheelPlant(FourWheelModel(replace(P, **changes), drive), dt)
+    return FourWheelPlant(replace(P, **changes), drive, dt)
 
 
 def held(v: float, w: float, seconds: float) -> Commands:
@@ -280,8 +279,8 @@ def test_a_robot_four_times_as_large_does_the_same_in_twice_the_time() -> None:
         w_max=drive.w_max / t,
     )
     values = np.random.default_rng(6).uniform([-0.8, -1.0], [0.8, 1.0], (40, 2))
-    one = FourWheelPlant(FourWheelModel(p, drive), 0.001).run(Commands(0.05, values), State(), 0.01)
-    other = FourWheelPlant(FourWheelModel(large, larger), 0.002).run(
+    one = FourWheelPlant(p, drive, 0.001).run(Commands(0.05, values), State(), 0.01)
+    other = FourWheelPlant(large, larger, 0.002).run(
         Commands(0.1, values * [t, 1.0 / t]), State(), 0.02
     )
     # rounding, over two thousand steps
@@ -325,12 +324,12 @@ def test_closed_loops_equal_the_slow_loop() -> None:
     law = Controller(make_gains("pid", {}), ((0.0,) * 4,) * 4, ((0.0,) * 2,) * 4)
     around = LoopSettings()
     way = circle(0.5, 1.0, 0.3)
-    model = FourWheelModel(P, HUSKY.drive)
+    robot = FourWheelPlant(P, HUSKY.drive)
     fast = run_bodies(
-        lambda state: FourWheelBodies([model] * 2, state),
-        [model.drive] * 2, FOUR_WHEEL_DT, [law] * 2, [around] * 2, way, [3, 4],
+        lambda state: FourWheelBodies([robot] * 2, state),
+        [robot.drive] * 2, FOUR_WHEEL_DT, [law] * 2, [around] * 2, way, [3, 4],
     )  # fmt: skip
-    slow = run_loop(FourWheelPlant(model), law, way, around, 3)
+    slow = run_loop(robot, law, way, around, 3)
     assert np.abs(fast[0].table[:, :8] - slow.table[:, :8]).max() <= 1e-12
     assert np.abs(fast[0].table[:, 8:10]).max() > 1.0
     assert np.abs(wrap_angle(fast[1].table[:, 2] - fast[0].table[:, 2])).max() > 1e-3

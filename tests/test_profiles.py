@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from validation.compare import compare
+from validation.plants.kind import OneByOne
 from validation.plants.profile import (
     PLANTS,
     Pace,
@@ -23,7 +24,6 @@ from validation.plants.profile import (
     make_plant,
     shipped,
 )
-from validation.plants.simulated import OneByOne
 from validation.simulator.description import load_robot
 
 HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
@@ -157,4 +157,4 @@ def test_numbers_that_do_not_go_together_are_the_profiles_and_a_fault_of_code_is
         make_plant(profile, "kinematic")
     assert type(caught.value) is ValueError
     with pytest.raises(ValueError, match="signal only works"):
-        OneByOne(fail, [mujoco], 1)
+        OneByOne(fail, [mujoco])

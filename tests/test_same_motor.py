@@ -17,7 +17,7 @@ import pytest
 
 from ssmr.metrics.paths import nearest_squared
 from ssmr.models.four_wheel import FourWheelParameters
-from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
+from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.models.improved import ImprovedParameters
 from ssmr.models.linear import LinearParameters
 from ssmr.robot.drive import (
@@ -91,7 +91,7 @@ def four_wheels(d: Drive) -> Plant:
         "stiffness_y": 300.0,
     }
     parameters = FourWheelParameters(**robot)  # type: ignore[arg-type]  # link has a default
-    return FourWheelPlant(FourWheelModel(parameters, d), DT)
+    return FourWheelPlant(parameters, d, DT)
 
 
 PLANTS: dict[str, Callable[[Drive], Plant]] = {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,38 +30,32 @@ FOUR_WHEEL_DT = 0.001
 """Physics step [s], that of the planar models; stiff tyres divide it further."""
 
 
-@dataclass(frozen=True)
-class FourWheelModel:
-    """A robot on four tyres: all numbers that define the plant, and no state."""
-
-    parameters: FourWheelParameters
-    """Body, tyres and motors."""
-    drive: Drive
-    """Saturation, delays and conversions between command and wheels."""
-
-    @property
-    def name(self) -> str:
-        """Name of the model."""
-        return "four_wheel"
-
-
 class FourWheelPlant:
     """A robot on four tyres as a `Plant`; its reference point is the middle between the axles."""
 
     name = "four_wheel"
     dt: float
     """Physics step [s]."""
+    parameters: FourWheelParameters
+    """Body, tyres and motors."""
+    drive: Drive
+    """Saturation, delays and conversions between command and wheels."""
+    robot: FourWheels
+    """The numbers for compiled functions."""
 
-    def __init__(self, model: FourWheelModel, dt: float = FOUR_WHEEL_DT) -> None:
+    def __init__(
+        self, parameters: FourWheelParameters, drive: Drive, dt: float = FOUR_WHEEL_DT
+    ) -> None:
         """Start at rest at the origin, with physics steps `dt` [s].
 
         Raises:
             ValueError: the hold is no whole number of steps.
         """
-        whole_steps(model.drive.hold, dt, "the drive's hold")
+        whole_steps(drive.hold, dt, "the drive's hold")
         self.dt = dt
-        self.model = model
-        self._robot = four_wheels(model.parameters, model.drive, dt)
+        self.parameters = parameters
+        self.drive = drive
+        self.robot = four_wheels(parameters, drive, dt)
         self.reset(State())
 
     def _run(
@@ -87,9 +80,9 @@ class FourWheelPlant:
 
     def reset(self, state: State) -> State:
         """Start from `state` with empty delay lines."""
-        self._driver = Driver(self.model.drive, self.dt, state)
-        self._row = _placed(state, self._robot)
-        out = self._run(np.empty((0, 2)), np.zeros(1), 1, self._robot, self._row)
+        self._driver = Driver(self.drive, self.dt, state)
+        self._row = _placed(state, self.robot)
+        out = self._run(np.empty((0, 2)), np.zeros(1), 1, self.robot, self._row)
         return State(*map(float, out[0, :8]))
 
     def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
@@ -97,7 +90,7 @@ class FourWheelPlant:
         n = whole_steps(dt, self.dt, "the step")
         references = self._driver.references(command, n)
         push = np.array([float(yaw_acceleration)])
-        out = self._run(references, push, n, self._robot, self._row)
+        out = self._run(references, push, n, self.robot, self._row)
         return State(*map(float, out[-1, :8]))
 
     def run(
@@ -122,9 +115,9 @@ class FourWheelPlant:
         """
         stride = whole_steps(sample_dt, self.dt, "the sample period")
         given = commands.kind == "wheels"
-        references = wheel_references(commands, self.model.drive, self.dt, state)
+        references = wheel_references(commands, self.drive, self.dt, state)
         push = step_pushes(disturbance, len(references))
-        robot = self._robot._replace(given=given)
+        robot = self.robot._replace(given=given)
         out = self._run(references, push, stride, robot, _placed(state, robot))
         channels = {
             "torque_N_m": out[:, 8:10],
@@ -168,11 +161,9 @@ def _advance_all(
 class FourWheelBodies:
     """S robots that advance together under wheel-rate references."""
 
-    def __init__(
-        self, models: Sequence[FourWheelModel], state: State, dt: float = FOUR_WHEEL_DT
-    ) -> None:
-        """Put every robot into `state`."""
-        robots = [four_wheels(model.parameters, model.drive, dt) for model in models]
+    def __init__(self, plants: Sequence[FourWheelPlant], state: State) -> None:
+        """Put robots that move as `plants` do into `state`."""
+        robots = [plant.robot for plant in plants]
         self._robots = np.array(robots, dtype=np.float64)
         self._rows = np.array([_placed(state, r) for r in robots])
         self._failed = np.full(len(robots), -1)

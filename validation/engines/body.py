@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ssmr.errors import ParameterError
-from ssmr.robot.ground import FRONT, LEFT
+from ssmr.robot.ground import LEFT
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
@@ -49,38 +49,18 @@ class Rigid(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RigidNumbers:
-    """Masses, lengths and friction of a robot for every engine, in the base frame of its file."""
+    """A calibrated robot on its ground, and what follows from its numbers in every engine."""
 
-    dt: float
-    """Physics step [s]."""
+    calibration: Calibration
+    """Masses, sizes and friction."""
     gravity: FloatArray
     """(3,) gravity along the axes of the ground [m/s2]."""
-    base_mass: float
-    """Mass of the base without wheels [kg]."""
     base_inertia: FloatArray
-    """(3,) its moments of inertia about its centre of mass [kg m2]."""
-    com: FloatArray
-    """(3,) its centre of mass [m]."""
-    yaw_inertia: float
-    """Moment of inertia of the whole robot about the vertical through the middle [kg m2]."""
-    height: float
-    """Height of the base frame's origin where tyres just touch the ground [m]."""
+    """(3,) moments of inertia of the base without wheels about its centre of mass [kg m2]."""
     places: FloatArray
-    """(4, 3) middles of the wheels [m]."""
+    """(4, 3) middles of the wheels in the base frame [m]."""
     radii: FloatArray
     """(4,) rolling radii [m]."""
-    width: float
-    """Width of the tyres [m]."""
-    cylinders: bool
-    """Whether tyres are cylinders; otherwise each touches the ground in one point."""
-    wheel_mass: float
-    """Mass of a wheel [kg]."""
-    wheel_inertia: tuple[float, float]
-    """Moments of inertia of a wheel about a diameter and about its axle [kg m2]."""
-    armature: float
-    """Rotor inertia of a wheel through its gear [kg m2]."""
-    friction: float
-    """Sliding friction of tyre on ground [1]."""
     loads: FloatArray
     """(4,) wheel loads at rest on level ground [N]."""
     dry: float
@@ -95,39 +75,31 @@ class RigidNumbers:
         Raises:
             ParameterError: friction that depends on direction, or an inertia that no body has.
         """
-        if calibration.friction_ratio != 1.0:
-            raise ParameterError(
-                f"friction_ratio {calibration.friction_ratio:g}: "
-                "this engine's tyres have one friction"
-            )
         c = calibration
-        axle = c.robot.axle_height
-        weight = c.mass * GRAVITY
-        side_loss = c.rolling_resistance * 0.5 * weight * c.wheel_radius + drive.gear_loss
-        x = 0.5 * FRONT * c.robot.wheelbase
-        y = LEFT * c.half_track
-        z = np.full(len(WHEELS), axle)
-        motors = c.robot.motors.values()
+        if c.friction_ratio != 1.0:
+            raise ParameterError(
+                f"friction_ratio {c.friction_ratio:g}: this engine's tyres have one friction"
+            )
         return cls(
-            dt=c.timestep,
+            calibration=c,
             gravity=terrain.gravity(GRAVITY),
-            base_mass=c.mass - len(WHEELS) * c.robot.wheel_mass,
             base_inertia=base_inertia(c),
-            com=np.array([c.com_x, c.com_y, c.com_z]),
-            yaw_inertia=c.yaw_inertia,
-            height=c.wheel_radius - axle,
-            places=np.column_stack([x, y, z]),
+            places=c.wheel_places,
             radii=c.wheel_radius + 0.5 * LEFT * c.radius_difference,
-            width=c.robot.wheel_width,
-            cylinders=c.wheel_shape == "cylinder",
-            wheel_mass=c.robot.wheel_mass,
-            wheel_inertia=c.robot.wheel_inertia,
-            armature=c.armature,
-            friction=c.friction,
-            loads=np.maximum(static_shares(c), 0.0) * weight,
-            dry=0.5 * side_loss,
-            groups=tuple(tuple(map(WHEELS.index, wheels)) for wheels in motors),
+            loads=np.maximum(static_shares(c), 0.0) * (c.mass * GRAVITY),
+            dry=0.5 * (c.rolling_torque + drive.gear_loss),
+            groups=tuple(tuple(map(WHEELS.index, w)) for w in c.robot.motors.values()),
         )
+
+    @property
+    def height(self) -> float:
+        """Height of the base frame's origin where tyres just touch the ground [m]."""
+        return self.calibration.wheel_radius - self.calibration.robot.axle_height
+
+    @property
+    def cylinders(self) -> bool:
+        """Whether tyres are cylinders; otherwise each touches the ground in one point."""
+        return self.calibration.wheel_shape == "cylinder"
 
 
 class EngineBody(Protocol):

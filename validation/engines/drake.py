@@ -98,8 +98,9 @@ class _Diagram:
         log = logging.getLogger("drake")
         level = log.level
         log.setLevel(logging.ERROR)  # it warns that half spaces touch no deformable bodies
+        c = numbers.calibration
         builder = DiagramBuilder()
-        empty = multibody.MultibodyPlant(numbers.dt)
+        empty = multibody.MultibodyPlant(c.timestep)
         plant, _ = multibody.AddMultibodyPlantSceneGraph(builder, empty)
         self._plant = plant
         plant.set_discrete_contact_approximation(multibody.DiscreteContactApproximation.kLagged)
@@ -108,7 +109,7 @@ class _Diagram:
         plant.mutable_gravity_field().set_gravity_vector(numbers.gravity)
         stiffness = float(numbers.loads.mean()) / (SINK_SHARE * float(numbers.radii.mean()))
         rubber = ProximityProperties()
-        sliding = multibody.CoulombFriction(numbers.friction, numbers.friction)
+        sliding = multibody.CoulombFriction(c.friction, c.friction)
         # Tyre and ground are in series, so that each has twice the stiffness of the contact.
         AddContactMaterial(_DISSIPATION, 2.0 * stiffness, sliding, rubber)
         world = plant.world_body()
@@ -119,7 +120,7 @@ class _Diagram:
         radii = numbers.radii + sink / len(sides)
         for wheel, radius in zip(self._wheels, radii.tolist(), strict=True):
             for side in sides:
-                place: Any = [0.0, side * numbers.width, 0.0]
+                place: Any = [0.0, side * c.robot.wheel_width, 0.0]
                 at = RigidTransform(place)
                 name = f"tyre{side:+g}"
                 plant.RegisterCollisionGeometry(wheel, at, Sphere(radius), name, rubber)
@@ -153,20 +154,21 @@ class _Diagram:
             return plant.AddRigidBody(name, central)
 
         plant = self._plant
-        base = body("base", n.base_mass, n.com, n.base_inertia)
-        across, spin = n.wheel_inertia
+        c = n.calibration
+        base = body("base", c.base_mass, c.com, n.base_inertia)
+        across, spin = c.robot.wheel_inertia
         along_axle: Any = [0.0, 1.0, 0.0]
         wheels = []
         joints = []
         for name, place in zip(WHEELS, n.places, strict=True):
-            wheel = body(name, n.wheel_mass, np.zeros(3), np.array([across, spin, across]))
+            wheel = body(name, c.robot.wheel_mass, np.zeros(3), np.array([across, spin, across]))
             at = RigidTransform(place)
             axle = plant.AddFrame(FixedOffsetFrame(f"{name}_axle", base.body_frame(), at))
             hinge = RevoluteJoint(f"{name}_joint", axle, wheel.body_frame(), along_axle)
             joint = plant.AddJoint(hinge)
             motor = plant.AddJointActuator(f"{name}_motor", joint, strength)
             motor.set_controller_gains(PdControllerGains(p=0.0, d=_HOLD))
-            motor.set_default_rotor_inertia(n.armature)
+            motor.set_default_rotor_inertia(c.armature)
             motor.set_default_gear_ratio(1.0)
             wheels.append(wheel)
             joints.append(joint)

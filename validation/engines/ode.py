@@ -163,10 +163,11 @@ class OdeBody:
         """Make base, wheels, hinges and belts; hinges are made with the robot at the origin."""
         lib = self._ode
         n = self._n
-        across, spin = n.wheel_inertia
-        self._base = self._make_body(n.base_mass, n.base_inertia.tolist())
-        wheel_inertia = [across, spin + n.armature, across]
-        self._wheels = [self._make_body(n.wheel_mass, wheel_inertia) for _ in WHEELS]
+        c = n.calibration
+        across, spin = c.robot.wheel_inertia
+        self._base = self._make_body(c.base_mass, n.base_inertia.tolist())
+        wheel_inertia = [across, spin + c.armature, across]
+        self._wheels = [self._make_body(c.robot.wheel_mass, wheel_inertia) for _ in WHEELS]
         bodies = [self._base, *self._wheels]
         self._views = [self._view(body) for body in bodies]
         self._rotations = [lib.dBodyGetRotation(body) for body in bodies]  # (3, 4), row by row
@@ -227,7 +228,7 @@ class OdeBody:
         self._tyres = []
         for wheel, radius in zip(self._wheels, radii.tolist(), strict=True):
             if n.cylinders:
-                tyre = lib.dCreateCylinder(None, radius, n.width)
+                tyre = lib.dCreateCylinder(None, radius, n.calibration.robot.wheel_width)
             else:
                 tyre = lib.dCreateSphere(None, radius)
             lib.dGeomSetBody(tyre, wheel)
@@ -239,8 +240,9 @@ class OdeBody:
         self._geoms = (ContactGeom * _MOST_CONTACTS)()
         if s.soft:
             self._contact.mode |= SOFT_ERP | SOFT_CFM
-            damped = n.dt * kp + kd  # of a spring with a damper; Gazebo takes these formulas too
-            self._contact.soft_erp = n.dt * kp / damped
+            dt = n.calibration.timestep
+            damped = dt * kp + kd  # of a spring with a damper; Gazebo takes these formulas too
+            self._contact.soft_erp = dt * kp / damped
             self._contact.soft_cfm = 1.0 / damped
         if s.friction_law == "cone":
             self._contact.mode |= SLIP2
@@ -256,7 +258,7 @@ class OdeBody:
         turn = _rotation(motion.quat_wxyz)
         axle = turn[:, 1]
         bodies = [self._base, *self._wheels]
-        offsets = [n.com, *n.places]
+        offsets = [n.calibration.com, *n.places]
         rates = [0.0, *motion.wheels]  # the base has no rate of its own
         for body, offset, rate in zip(bodies, offsets, rates, strict=True):
             arm = turn @ offset
@@ -274,7 +276,7 @@ class OdeBody:
         """Return how the robot moves now, see `EngineBody.motion`."""
         place, quat, velocity, spin = self._views[0]
         turn = _rotation(quat)
-        arm = turn @ self._n.com
+        arm = turn @ self._n.calibration.com
         axle = turn[:, 1]
         rates = np.array([(wheel_spin - spin) @ axle for *_, wheel_spin in self._views[1:]])
         base_velocity = velocity - np.cross(spin, arm)
@@ -304,7 +306,7 @@ class OdeBody:
 
     def _step(self, yaw_torque: float) -> None:
         lib = self._ode
-        dt = self._n.dt
+        dt = self._n.calibration.timestep
         lib.dBodyAddTorque(self._base, 0.0, 0.0, yaw_torque)
         for k in range(len(WHEELS)):
             self._touch(k)
@@ -361,7 +363,7 @@ class OdeBody:
             y = rotation[4]
             z = rotation[8]
         contact.fdir1[:3] = (x, y, z)
-        mu = self._n.friction * _tie_breaker(k)
+        mu = self._n.calibration.friction * _tie_breaker(k)
         contact.mu = mu
         contact.mu2 = mu * s.second_share
         if s.friction_law == "gazebo_cone":
@@ -375,7 +377,7 @@ class OdeBody:
     def _along_slip(self, k: int, at: ContactGeom, points: int) -> None:
         """Set a contact's first direction along its slip, and let the second give as in a cone."""
         contact = self._contact
-        friction = self._n.friction
+        friction = self._n.calibration.friction
         x, y, _ = self._slip(k, at)
         slip = math.hypot(x, y)
         load = max(self._loads[k], _LEAST_LOAD * self._n.loads[k]) / points

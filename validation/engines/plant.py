@@ -70,7 +70,7 @@ class EnginePlant:
         whole_steps(drive.hold, self.dt, "the drive's hold")
         self._numbers = RigidNumbers.of(calibration, drive, terrain)
         self._motor = motor_numbers(drive, self.dt)
-        inertia = 2.0 * (calibration.armature + self._numbers.wheel_inertia[1])
+        inertia = 2.0 * (calibration.armature + calibration.robot.wheel_inertia[1])
         longest = MOST_GAIN * inertia / calibration.gain if calibration.gain > 0.0 else math.inf
         if calibration.gain * self.dt > MOST_GAIN * inertia:
             raise ParameterError(
@@ -134,7 +134,7 @@ class EnginePlant:
     def _advance(self, wheel_rates: Sides, push: float, prescribed: bool) -> None:
         """Take a physics step towards wheel rates [rad/s] under a yaw acceleration [rad/s2]."""
         before = self._state
-        yaw_torque = self._numbers.yaw_inertia * push
+        yaw_torque = self.calibration.yaw_inertia * push
         if prescribed:
             rates = np.where(_LEFT, wheel_rates.left, wheel_rates.right)
             self._body.advance_turning(rates, yaw_torque)

@@ -17,12 +17,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.mission import PythonController
 from ssmr.control.population import Bodies, run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
-from ssmr.models.four_wheel_plant import (
-    FOUR_WHEEL_DT,
-    FourWheelBodies,
-    FourWheelModel,
-    FourWheelPlant,
-)
+from ssmr.models.four_wheel_plant import FourWheelBodies, FourWheelPlant
 from ssmr.models.law import OWN_MODELS, PLANAR_MODELS
 from ssmr.models.linear import matrices
 from ssmr.robot.vehicle import Drive
@@ -56,8 +51,8 @@ class ClosedLoopRobot:
 
     name: str
     """Name of the plant."""
-    body: PlanarModel | FourWheelModel | MujocoPlant
-    """The model, or the simulated robot."""
+    body: PlanarModel | FourWheelPlant | MujocoPlant
+    """The planar model, or the robot itself."""
     known: Drive | None = None
     """The drive as controllers know it, where that is not the robot's own."""
 
@@ -68,12 +63,8 @@ class ClosedLoopRobot:
 
     @property
     def plant(self) -> Plant:
-        """A plant of this model, or the simulated robot itself."""
-        if isinstance(self.body, MujocoPlant):
-            return self.body
-        if isinstance(self.body, PlanarModel):
-            return PlanarPlant(self.body)
-        return FourWheelPlant(self.body)
+        """A plant of this model, or the robot itself."""
+        return PlanarPlant(self.body) if isinstance(self.body, PlanarModel) else self.body
 
     @property
     def terrain(self) -> Terrain:
@@ -97,10 +88,8 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
         ProfileError: an unknown name, or numbers that do not go together.
     """
     body = make_plant(profile, plant, terrain)
-    if isinstance(body, MujocoPlant):
+    if isinstance(body, MujocoPlant | FourWheelPlant):
         return ClosedLoopRobot(plant, body)
-    if isinstance(body, FourWheelPlant):
-        return ClosedLoopRobot(plant, body.model)
     if plant not in (*PLANAR_MODELS, *OWN_MODELS):
         raise ProfileError(
             f"plant '{plant}' has no closed loops in populations; "
@@ -195,7 +184,7 @@ def run_robots(
     threads = workers or os.cpu_count() or 1
     planar = [r.body for r in robots if isinstance(r.body, PlanarModel)]
     simulated = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
-    tyred = [r.body for r in robots if isinstance(r.body, FourWheelModel)]
+    tyred = [r.body for r in robots if isinstance(r.body, FourWheelPlant)]
     if len(robots) not in (len(planar), len(simulated), len(tyred)):
         raise ValueError("a population is one kind of plant")
     make: Callable[[State], Bodies]
@@ -205,8 +194,8 @@ def run_robots(
         dt = simulated[0].dt
     elif tyred:
         make = partial(FourWheelBodies, tyred)
-        drives = [model.drive for model in tyred]
-        dt = FOUR_WHEEL_DT
+        drives = [plant.drive for plant in tyred]
+        dt = tyred[0].dt
     else:
         return run_loops(planar, designed, settings, waypoints, seeds, start=start, workers=threads)
     return run_bodies(

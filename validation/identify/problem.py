@@ -112,7 +112,7 @@ class FitProblem:
             told = "friction" in space.names
             weight = usual_torque_weight(base.robot) if told else 0.0
             self.cost = replace(self.cost, torque_weight=weight)
-        self._together = kind.together  # one compiled loop drives all candidates
+        self._together = kind.together is not None  # one compiled loop drives all candidates
         pieces: list[Piece] = []
         periods: list[float] = []
         for target in self.targets:

@@ -20,6 +20,7 @@ from ssmr.metrics.paths import (
     one_sided_kernel,
     path_length,
 )
+from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.parameters import MOST_SEED, described, require_within
 from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
@@ -206,13 +207,13 @@ def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
     drive = robot.drive
     late = replace(drive, delay_v=drive.delay_v + more, delay_w=drive.delay_w + more)
     body = robot.body
-    known = robot.known or drive  # no controller knows of the delay
     if isinstance(body, MujocoPlant):
-        simulated = MujocoPlant(
-            body.calibration, late, terrain=body.terrain, settings=body.settings
-        )
-        return replace(robot, body=simulated, known=known)
-    return replace(robot, body=replace(body, drive=late), known=known)
+        body = MujocoPlant(body.calibration, late, terrain=body.terrain, settings=body.settings)
+    elif isinstance(body, FourWheelPlant):
+        body = FourWheelPlant(body.parameters, late)
+    else:
+        body = replace(body, drive=late)
+    return replace(robot, body=body, known=robot.known or drive)  # no controller knows of the delay
 
 
 class TuneProblem:

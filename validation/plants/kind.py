@@ -16,8 +16,6 @@ from ssmr.robot.localiser import Localiser
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation.simulator.description import Robot
-from validation.simulator.physics import PhysicsSettings
-from validation.simulator.terrain import Terrain
 
 Occasion = Literal["scenario", "commands", "wheels"]
 """Occasion of a fit: to a plant's motion in a scenario, or to a log whose commands or wheel rates
@@ -128,12 +126,8 @@ class OneByOne:
         self,
         build: Callable[[PlantProfile], Plant],
         candidates: Sequence[PlantProfile | None],
-        workers: int,
     ) -> None:
-        """Build the candidates; None stands for one that cannot be built.
-
-        `workers` has no effect.
-        """
+        """Build the candidates; None stands for one that cannot be built."""
         self._candidates = candidates
         self._plants: list[Plant | None] = []
         for candidate in candidates:
@@ -172,11 +166,8 @@ class PlantKind:
     """Frozen dataclass of the plant's own parameters, declared with `ssmr.parameters.parameter`."""
     defaults: Callable[[Robot], Any]
     """Function that returns the parameters of a robot that nothing was fitted to."""
-    build: Callable[[PlantProfile, Terrain, PhysicsSettings], Plant]
+    build: Callable[..., Plant]
     """Function that builds the plant from its numbers, its ground and its physics settings."""
-    population: Callable[[Sequence[PlantProfile | None], int], Population]
-    """Function that prepares candidates, None for one that cannot be built, for a number of
-    threads."""
     free: Mapping[Occasion, tuple[str, ...]]
     """Names of the numbers that a fit moves unless the user says otherwise."""
     colour: str = "#808080"
@@ -187,9 +178,15 @@ class PlantKind:
     """Function that returns the drive of a robot that nothing was fitted to."""
     drive: tuple[str, ...] = tuple(described(Drive))
     """Fields of the drive that a fit may move."""
-    together: bool = True
-    """Whether one compiled loop drives all candidates; otherwise each is driven on a thread of its
-    own."""
+    together: Callable[[Sequence[PlantProfile | None], int], Population] | None = None
+    """Function that prepares candidates for one compiled loop, which drives them on a number of
+    threads; None where each is driven on a thread of its own."""
     torques: bool = False
     """Whether the channel `TORQUES` has the torques of a body on wheels, so that they can be
     compared with others; those of planar models are numbers of a fit."""
+
+    def population(self, candidates: Sequence[PlantProfile | None], workers: int) -> Population:
+        """Prepare candidates, None for one that cannot be built, for a number of threads."""
+        if self.together is None:
+            return OneByOne(self.build, candidates)
+        return self.together(candidates, workers)

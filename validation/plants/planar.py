@@ -11,7 +11,7 @@ import numpy as np
 
 from ssmr.lanes import run_population
 from ssmr.models.four_wheel import FourWheelParameters
-from ssmr.models.four_wheel_plant import FourWheelModel, FourWheelPlant
+from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.models.law import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -21,7 +21,6 @@ from validation.plants.kind import (
     CAUSES,
     SEEN,
     Occasion,
-    OneByOne,
     PlantKind,
     PlantProfile,
     Stretch,
@@ -129,11 +128,9 @@ def declare(name: str) -> PlantKind:
             FourWheelParameters,
             tyred_defaults,
             _tyred,
-            partial(OneByOne, _tyred),
             _TYRED_FREE,
             colour="#56b4e9",
             usual_drive=lambda robot: robot.motor_drive,
-            together=False,
             torques=True,
         )
     law = planar_law(name)
@@ -156,17 +153,17 @@ def declare(name: str) -> PlantKind:
         law.parameters,
         partial(defaults, law.parameters),
         lambda section, *_: PlanarPlant(model_of(section)),
-        PlanarPopulation,
         _KINEMATIC if law.ideal else free,
         colour=law.colour,
         vehicle=law.vehicle,
         drive=drive,
+        together=PlanarPopulation,
     )
 
 
 def _tyred(section: PlantProfile, *_: object) -> FourWheelPlant:
     """Return the robot on four tyres; it knows neither terrain nor physics settings."""
-    return FourWheelPlant(FourWheelModel(section.parameters, section.drive))
+    return FourWheelPlant(section.parameters, section.drive)
 
 
 class PlanarPopulation:

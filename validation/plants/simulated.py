@@ -6,14 +6,13 @@ ODE and Drake have the same numbers.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 
 from ssmr.types import Plant
 from validation.engines.body import EngineBody, RigidNumbers
 from validation.engines.drake import DrakeBody
 from validation.engines.ode import OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
-from validation.plants.kind import CAUSES, SEEN, Occasion, OneByOne, PlantKind, PlantProfile
+from validation.plants.kind import CAUSES, SEEN, Occasion, PlantKind, PlantProfile
 from validation.simulator.calibration import Calibration
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
@@ -47,16 +46,13 @@ def declare(name: str) -> PlantKind:
             return MujocoPlant(numbers, section.drive, terrain=terrain, settings=settings)
         return EnginePlant(name, _ENGINES[name], numbers, section.drive, terrain)
 
-    population = partial(OneByOne, build)
     return PlantKind(
         name,
         Calibration,
         Calibration.of,
         build,
-        population,
         _FREE,
         colour=_COLOURS[name],
         usual_drive=lambda robot: robot.motor_drive,
-        together=False,
         torques=True,
     )

@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, get_args
 
+import numpy as np
+
 from ssmr.errors import ParameterError
 from ssmr.parameters import check_parameters, parameter, require_in_range
-from validation.simulator.description import WHEELS, Robot, WheelShape
+from ssmr.robot.ground import FRONT, LEFT
+from ssmr.types import FloatArray
+from validation.simulator.description import GRAVITY, WHEELS, Robot, Vector3, WheelShape
 
 
 @dataclass(frozen=True)
@@ -108,7 +112,7 @@ class Calibration:
                 f"{width:g} m wide it must be more than {0.5 * width:g}"
             )
         wheel = self.robot.wheel_mass
-        if self.mass <= len(WHEELS) * wheel:
+        if self.base_mass <= 0.0:
             raise ParameterError(
                 f"mass {self.mass:g} kg is not more than that of four wheels of {wheel:g} kg"
             )
@@ -122,6 +126,29 @@ class Calibration:
                 f"friction_ratio {self.friction_ratio} needs wheel_shape 'capsule', "
                 f"not '{self.wheel_shape}'"
             )
+
+    @property
+    def base_mass(self) -> float:
+        """Mass of the base without wheels [kg]."""
+        return self.mass - len(WHEELS) * self.robot.wheel_mass
+
+    @property
+    def com(self) -> Vector3:
+        """Centre of mass of the base without wheels, in the base frame [m]."""
+        return self.com_x, self.com_y, self.com_z
+
+    @property
+    def wheel_places(self) -> FloatArray:
+        """(4, 3) middles of the wheels in the base frame [m]."""
+        x = 0.5 * FRONT * self.robot.wheelbase
+        y = LEFT * self.half_track
+        return np.column_stack([x, y, np.full(len(WHEELS), self.robot.axle_height)])
+
+    @property
+    def rolling_torque(self) -> float:
+        """Torque that rolling takes of a side [N m]."""
+        weight = 0.5 * self.mass * GRAVITY
+        return self.rolling_resistance * weight * self.wheel_radius
 
     @classmethod
     def of(cls, robot: Robot, **changes: Any) -> Calibration:

@@ -156,7 +156,7 @@ def base_inertia(calibration: Calibration) -> FloatArray:
     half_track = calibration.half_track
     lever = (0.5 * robot.wheelbase) ** 2 + half_track**2
     from_wheels = len(WHEELS) * (robot.wheel_inertia[0] + robot.wheel_mass * lever)
-    scale = (calibration.mass - len(WHEELS) * robot.wheel_mass) / robot.base_mass
+    scale = calibration.base_mass / robot.base_mass
     ixx = robot.inertia[0] * scale
     iyy = robot.inertia[1] * scale
     inertia = np.array([ixx, iyy, calibration.yaw_inertia - from_wheels])
@@ -259,12 +259,10 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
     parts = robot_parts(model, prefix)
     # first, for it may raise
     inertia = base_inertia(calibration)
-    model.body_mass[parts.base] = calibration.mass - len(WHEELS) * robot.wheel_mass
+    model.body_mass[parts.base] = calibration.base_mass
     model.body_inertia[parts.base] = inertia
-    model.body_ipos[parts.base] = calibration.com_x, calibration.com_y, calibration.com_z
-    x = 0.5 * FRONT * robot.wheelbase
-    y = LEFT * calibration.half_track
-    model.body_pos[parts.wheels] = np.column_stack([x, y, np.full(len(x), robot.axle_height)])
+    model.body_ipos[parts.base] = calibration.com
+    model.body_pos[parts.wheels] = calibration.wheel_places
     model.body_mass[parts.wheels] = robot.wheel_mass
     model.body_inertia[parts.wheels] = robot.wheel_moments
     model.dof_armature[parts.dofs] = calibration.armature

@@ -29,7 +29,7 @@ from ssmr.robot.drive import motor_numbers
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import GRAVITY, SIDES, Robot
+from validation.simulator.description import SIDES, Robot
 from validation.simulator.parts import robot_parts
 
 SLIP_INERTIA = 0.04
@@ -79,8 +79,7 @@ def set_motors(
     """
     robot = calibration.robot
     motor = motor_numbers(drive, calibration.timestep)
-    weight = 0.5 * calibration.mass * GRAVITY
-    lost = calibration.rolling_resistance * weight * calibration.wheel_radius + motor.gear_loss
+    lost = calibration.rolling_torque + motor.gear_loss
     dofs = robot_parts(model, prefix).dofs
     limited = math.isfinite(motor.limit)
     most = 0.5 * motor.limit if limited else 0.0

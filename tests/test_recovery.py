@@ -19,6 +19,7 @@ from tests.drive_train_logs import HUSKY as HUSKY_CHASSIS
 from tests.drive_train_logs import TORQUE as TORQUE_LIMIT
 from tests.drive_train_logs import WARTHOG as WARTHOG_CHASSIS
 from tests.recovery import HYBRID, JDE, LEAST_SQUARES, TORQUE, drawn, noisy_target, recover
+from validation.fit import fit
 from validation.identify.currents import torques_of
 from validation.identify.motor_logs import drive_log, loss_of
 from validation.identify.objective import (
@@ -65,6 +66,16 @@ def test_jde_finds_the_friction_of_nineteen_robots_of_twenty() -> None:
         assert np.count_nonzero(np.logical_and(close, sure)) >= DRAWS - 1
     jde, hybrid = (sum(one.seconds for one in found) for found in zip(*every, strict=True))
     assert hybrid < jde
+
+
+@pytest.mark.slow
+def test_a_hybrid_whose_candidates_crowd_in_a_corner_finds_friction() -> None:
+    """With this seed all good candidates have their weight far ahead, where the descent goes on."""
+    found = fit("mujoco", "traj4@mujoco", profile="thesis-lab", seed=0)
+    assert found.cost < 1e-4
+    assert not any(number.at_bound for number in found.parameters)
+    friction = next(number for number in found.parameters if number.name == "friction")
+    assert friction.value == pytest.approx(0.7, abs=1e-3)
 
 
 def test_a_fit_of_a_body_frees_causes_only() -> None:

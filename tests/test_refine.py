@@ -156,6 +156,26 @@ def test_a_plateau_is_left() -> None:
     assert ends[1] == pytest.approx([0.4, 0.2], abs=1e-3)
 
 
+class Corner:
+    """Errors with an optimum at (0.3, 0.4) and, beyond a ridge, a valley into a bound."""
+
+    robust = False
+    cheap = False
+
+    def residuals(self, points: FloatArray, workers: int) -> FloatArray:
+        """Return errors of (S, 2) points."""
+        x = points[:, 0]
+        return np.column_stack([np.minimum(x - 0.3, 1.3 - x), points[:, 1] - 0.4])
+
+
+def test_a_valley_into_a_bound_is_left_though_all_candidates_are_in_it() -> None:
+    points = np.array([[0.9, 0.95], [0.95, 0.1]])
+    costs = np.linalg.norm(Corner().residuals(points, 1), axis=1)
+    ends = list(arrivals(Corner(), points, costs, 2, Remembered(), 1, lambda: None))
+    assert ends[0] == pytest.approx([1.0, 0.4], abs=1e-3)
+    assert ends[1] == pytest.approx([0.3, 0.4], abs=1e-3)
+
+
 class Line:
     """A straight line through points of which some lie far off."""
 

@@ -31,6 +31,8 @@ STEP = 0.02
 ms of usually 0.6 s, so a much smaller one would measure the rounding."""
 INSIDE = 1e-6
 """Distance from the bounds that the search keeps, in the unit cube."""
+NEAR_BOUND = 1e-3
+"""Distance from a bound within which it holds a parameter, in the unit cube."""
 TOLERANCE = 1e-4
 """Relative change of the sum of squares, or of the point, at which least squares end."""
 FINE = 1e-6
@@ -88,10 +90,10 @@ def arrivals(
 ) -> Iterator[FloatArray]:
     """Yield the (n,) ends of least squares from some of (S, n) candidates with (S,) costs.
 
-    The first start is the best candidate. A later one is the end before it with insensitive
-    parameters reset to mid-range, see `restart_insensitive`, or else the best candidate that is far
-    from all that was visited. What was `driven` before is not driven again, and `on_step` is called
-    after every population. An interrupt passes through.
+    The first start is the best candidate. A later one is the end before it with some parameters
+    reset to mid-range, see `restart_in_middle`, or else the best candidate that is far from all
+    that was visited. What was `driven` before is not driven again, and `on_step` is called after
+    every population. An interrupt passes through.
     """
 
     def errors_at(new: FloatArray) -> FloatArray:
@@ -110,7 +112,7 @@ def arrivals(
         start = None
         if k + 1 < starts and math.isfinite(size):
             errors, slopes = error_slopes(errors_at, end)
-            start = restart_insensitive(errors, slopes, end, visited)
+            start = restart_in_middle(errors, slopes, end, visited)
         if start is None:
             start = next_start(points, costs, visited)
 
@@ -125,19 +127,21 @@ def next_start(
     return None
 
 
-def restart_insensitive(
+def restart_in_middle(
     errors: FloatArray, slopes: FloatArray, end: FloatArray, visited: Sequence[FloatArray]
 ) -> FloatArray | None:
-    """Return an (n,) end of least squares with its insensitive parameters reset to mid-range.
+    """Return an (n,) end of least squares with what misled them reset to mid-range.
 
     None stands for a point that is not far from all that was visited.
 
-    Such a number (an acceleration limit so high that it is never reached, say) has no slope to
-    follow, but may do much elsewhere. It does nothing where its (K,) slopes over the whole width of
-    its bounds are less than the errors.
+    An insensitive parameter (an acceleration limit so high that it is never reached, say) has no
+    slope to follow, but may do much elsewhere. It does nothing where its (K,) slopes over the whole
+    width of its bounds are less than the errors. A parameter at a bound led the descent out of the
+    cube: the candidates mostly crowd in the same corner, and starts from there end there again.
     """
     insensitive = np.linalg.norm(slopes, axis=0) < np.linalg.norm(errors)
-    moved = np.where(insensitive, 0.5, end)
+    at_bound = np.abs(end - 0.5) > 0.5 - NEAR_BOUND
+    moved = np.where(insensitive | at_bound, 0.5, end)
     if _far(moved, visited):
         return moved
     return None

@@ -20,11 +20,10 @@ from scipy.special import stdtrit
 from ssmr.metrics.bands import QUARTERS
 from ssmr.types import FloatArray
 from validation.identify.problem import IGNORANCE, PRIOR_M, PRIOR_S, FitProblem
-from validation.identify.refine import Remembered, error_slopes, median_size
+from validation.identify.refine import NEAR_BOUND, Remembered, error_slopes, median_size
 from validation.plants.table import plant_kind
 
 _FEWEST_BLOCKS = 8  # fewer say too little about their own scatter
-_AT_BOUND = 1e-3  # distance from a bound at which it holds a number, in the unit cube
 VAGUE = 0.2
 """A standard error of more than this share of the bounds' width says that the data hardly determine
 the parameter; of the bounds alone it is 0.29."""
@@ -120,7 +119,7 @@ def _still_to_go(
     It is nothing at an optimum, and 0 for a number that a bound holds.
     """
     pull, stiffness = _soft(errors, problem.robust)
-    inside = np.abs(point - 0.5) < 0.5 - _AT_BOUND
+    inside = np.abs(point - 0.5) < 0.5 - NEAR_BOUND
     free = np.nan_to_num(slopes[:, inside])
     curvature = (free * stiffness[:, None]).T @ free
     step = np.zeros(len(point))

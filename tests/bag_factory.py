@@ -87,6 +87,14 @@ def fix(t: float, latitude: float, longitude: float) -> Made:
     return "sensor_msgs/msg/NavSatFix", stamped(t, latitude=latitude, longitude=longitude)
 
 
+def transform(t: float, parent: str, child: str, pose: tuple[float, float, float]) -> Made:
+    place = pose_of(*pose)
+    moved = {"translation": place["position"], "rotation": place["orientation"]}
+    fields = stamped(t, child_frame_id=child, transform=moved)
+    fields["header"]["frame_id"] = parent
+    return "tf2_msgs/msg/TFMessage", {"transforms": [fields]}
+
+
 def text(what: str) -> Made:
     return "std_msgs/msg/String", {"data": what}
 

@@ -26,10 +26,9 @@ from ssmr.types import CommandKind
 from validation import cli, store
 from validation.experiment.scores import Scores
 from validation.experiment.sources import open_source, unknown_robot_notes
-from validation.files.agreement import LogFault
 from validation.files.faults import Faults, find_faults
 from validation.files.formats import log_path, profile_of_log, read_log
-from validation.files.log import COMMAND_COLUMNS, Log, ReadOptions
+from validation.files.log import COMMAND_COLUMNS, Log, LogFault, ReadOptions
 from validation.fit import Fit, Fitted, run_fit
 from validation.identify.targets import Input
 from validation.plants.kind import SEEN
@@ -43,7 +42,7 @@ from validation.report.report import FINISHED, Report
 from validation.robots import export_robot
 from validation.words import file_name, one_line
 
-REFUSED = ("sign", "swapped", "scale", "handedness")
+REFUSED = ("sign", "swapped", "scale", "handedness", "circular")
 """Kinds of faults with which no fit makes sense."""
 TRAINED = 2.0 / 3.0
 """Share of a log that is fitted to, from its beginning, where no other log is held out [1]."""

@@ -204,10 +204,16 @@ def _document(
     for offset in offsets:
         seconds[offset.late] = offset.seconds
     jumps = faults.jumps
+    taken = [topic for topic in log.topics if topic.role]
+    clock = "columns"
+    if taken:
+        clock = "written" if all(topic.remark for topic in taken) else "header"
     return {
         "schema": "ssmr.info/1",
         "source": str(log.path),
         "groups": groups,
+        "chosen": _chosen(log),
+        "clock": clock,
         "offsets_s": {name: seconds.get(name) for name in ("wheels", "pose_yaw", "position")},
         "offsets": [asdict(offset) for offset in offsets],
         "pose_jumps": None if jumps is None else len(jumps.t),
@@ -220,6 +226,25 @@ def _document(
         "faults": [asdict(fault) for fault in faults.named],
         "gyro_at_rest": None if rest is None else asdict(rest),
     }
+
+
+_WHAT = {
+    "pose": POSE_COLUMNS,
+    "wheels": COMMAND_COLUMNS["wheels"],
+    "commands": COMMAND_COLUMNS["twist"],
+    "gyro": ("gyro_z",),
+}
+
+
+def _chosen(log: Log) -> dict[str, str | None]:
+    """Return the topic or the columns that were taken for each kind of signal; None without one."""
+    chosen = dict[str, str | None]()
+    for what, names in _WHAT.items():
+        group = next((g for g in log.groups.values() if g.table(names) is not None), None)
+        chosen[what] = None
+        if group is not None:
+            chosen[what] = group.source if log.topics else ", ".join(names)
+    return chosen
 
 
 @cli.program(Convert)
@@ -274,7 +299,7 @@ def _next_step(o: Info, log: Log, faults: Faults) -> str:
         columns.append(f"{ours}={theirs}:{unit}" if unit else f"{ours}={theirs}")
     if columns:
         path += f" --columns {shlex.quote(','.join(columns))}"
-    if faults.named:
+    if set(faults.named) - set(log.faults):  # those were put right
         return (
             "next: correct the faults in the log, for every comparison and fit believes its columns"
         )

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain, combinations
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ssmr.geometry import integral
 from ssmr.types import FloatArray
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, UNITS, Group, Log
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, UNITS, Group, Log, LogFault
 from validation.files.signals import fresh_poses, refreshed
 
 _WINDOW_S = 1.0
@@ -86,18 +85,6 @@ _Ways = dict[str, tuple[FloatArray, FloatArray]]
 """By column, (K,) stamps [s] and the way since the first of them."""
 _Sources = dict[str, tuple[str, float]]
 """Channels that change: the channel that each is made of, and the factor [1]."""
-
-
-@dataclass(frozen=True)
-class LogFault:
-    """A contradiction between the columns of a log and their names."""
-
-    kind: str
-    """`sign`, `swapped`, `scale`, `handedness`, `frozen` or `clock`."""
-    columns: tuple[str, ...]
-    """Columns that it is in, or may be in."""
-    sentence: str
-    """Sentence on the fault."""
 
 
 # ------------------------------------------------------------------------------------------

@@ -1,11 +1,9 @@
-"""ROS bags as logs: ROS 1 `.bag` files, ROS 2 folders (sqlite or MCAP) and single `.mcap` files.
+"""ROS bags as logs: ROS 1 `.bag` files, ROS 2 folders (sqlite or MCAP) and single files of these.
 
 Topics with a known message type are read: the planar quantities in them, in SI units. Other topics
-are only counted. A message has two stamps: the header's, when it was measured, and the bag's, when
-it was written. The header's is preferred. Where there is none, or where it comes from another clock
-or one that jumps, the bag's is used. Times are counted from the bag's first stamp.
+are only counted. Their stamps are brought onto one clock, see `clocks`, and counted from the first.
 
-Topics get roles, and become groups of columns: cmd_v, cmd_w from the role `cmd`; enc_left,
+Topics get roles, see `topics`, and become columns: cmd_v, cmd_w from the role `cmd`; enc_left,
 enc_right from `wheels`; gyro_z from `imu`, about the vertical that its accelerometer shows; x, y,
 yaw from `pose` or, without one, from `odom`; odom_v and odom_w from `odom` (and odom_x, odom_y,
 odom_yaw where there is a `pose`); and gps_east, gps_north from `gps`, metres from its first fix.
@@ -19,35 +17,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ssmr.geometry import integral, rotate_body_to_world, rotate_world_to_body
 from ssmr.types import FloatArray
 from validation.files import guarded
+from validation.files.clocks import Timed, on_one_clock
 from validation.files.limits import LogLimits
 from validation.files.log import (
-    COMMAND_COLUMNS,
     POSE_COLUMNS,
     Group,
     Log,
+    LogFault,
     ReadOptions,
     Topic,
     check_group,
 )
 from validation.files.messages import collect
-from validation.files.reading import FileError, opened, quoted
+from validation.files.reading import FileError, opened
+from validation.files.topics import ROLES, choose_topics, wheels_of
 
 _METADATA = "metadata.yaml"
 """File that describes the folder of a ROS 2 bag."""
-_CLOCK_JUMP = 1.0
-"""Difference between the steps of the header's and the bag's stamps from which the header's clock
-has jumped [s]; a message that is only written late differs by less, and is sorted."""
-_OTHER_CLOCK = 60.0
-"""Median distance from the bag's stamps from which a header's clock is another one, such as the
-time since start-up [s]."""
 _LATEST = 2**62
 """Greatest number of messages for which anybody can ask."""
 _SECONDS = 4.0
@@ -63,6 +56,13 @@ _MEMORY_PER_BYTE = 8
 """Memory that each byte of a bag adds [bytes]."""
 _DISK_PER_BYTE = 32
 """Size of an unpacked file that each byte of a bag adds [bytes]."""
+_JOINTS = "sensor_msgs/msg/JointState"
+_SPAN_S = 1.0
+"""Length of the spans over which speeds are compared with ways [s]."""
+_TURNED = 0.5
+"""Change of heading from which a speed shows its frame [rad]."""
+_MUCH_BETTER = 0.3
+"""Ratio of the errors of two frames below which the better one is right [1]."""
 _GRAVITY_SPAN = (8.8, 10.8)
 """Range of a mean acceleration that is taken for gravity and shows the vertical [m/s2]; outside it,
 z is the vertical."""
@@ -70,42 +70,11 @@ _EQUATOR = 6378137.0
 """Semi-major axis of the WGS 84 ellipsoid [m]."""
 _FLATTENING = 1.0 / 298.257223563
 """Flattening of the WGS 84 ellipsoid [1]."""
-_Stamps = NDArray[np.int64]
-"""(M,) stamps [ns]."""
-
-
-class Role(NamedTuple):
-    """Requirements that a topic meets for a role."""
-
-    columns: tuple[str, ...]
-    """Columns that it must have."""
-    types: tuple[str, ...]
-    """Message types that are taken for it, the better ones first."""
-    preferred: tuple[str, ...] = ()
-    """Parts of topics' names that are preferred."""
-
-    def fits(self, topic: Topic) -> bool:
-        """Return whether a topic has the columns that the role needs."""
-        return all(n in (topic.columns or ()) for n in self.columns)
-
-
-_TWISTS = ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped")
-ROLES: Mapping[str, Role] = MappingProxyType(
-    {
-        "cmd": Role(("v", "w"), _TWISTS, ("cmd_vel",)),
-        "odom": Role(("v", "w"), ("nav_msgs/msg/Odometry",), ("controller", "wheel")),
-        "wheels": Role(COMMAND_COLUMNS["wheels"], ("sensor_msgs/msg/JointState",)),
-        "imu": Role(("gyro_x", "gyro_y", "gyro_z"), ("sensor_msgs/msg/Imu",), ("imu/data",)),
-        "pose": Role(POSE_COLUMNS, ("geometry_msgs/msg/PoseStamped",)),
-        "gps": Role(("latitude", "longitude"), ("sensor_msgs/msg/NavSatFix",)),
-    }
-)
-"""Roles that topics can have, in the order of their groups."""
 
 
 # ------------------------------------------------------------------------------------------ topics
-def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
-    """Read the topics of a bag.
+def read_topics(path: Path, options: ReadOptions) -> tuple[list[Topic], str]:
+    """Return the topics of a bag, and a sentence on its clock if that is unusual.
 
     Raises:
         FileError: there is no bag, or it is damaged, empty or beyond the limits.
@@ -128,12 +97,14 @@ def read_topics(path: Path, options: ReadOptions) -> list[Topic]:
     if not kinds and not others:
         raise FileError(path, "the bag is empty: there is no message in it")
     stamps = [np.frombuffer(part, np.int64) for part in parts]
-    clocks = list(map(_clock, stamps[::3], stamps[1::3]))
-    epoch = min((int(ns.min()) for ns, _ in clocks), default=0)
-    topics = [_topic(*read, epoch) for read in zip(kinds, parts[2::3], clocks, strict=True)]
+    pairs = list(zip(stamps[::3], stamps[1::3], strict=True))
+    timed, sentence = on_one_clock([name for name, _, _ in kinds], pairs)
+    epoch = min((int(each.ns.min()) for each in timed), default=0)
+    topics = [_topic(*read, epoch) for read in zip(kinds, parts[2::3], timed, strict=True)]
+    topics = [wheels_of(t, options.columns) if t.type == _JOINTS else t for t in topics]
     for (name, kind), many in others:
         topics.append(Topic(name, kind, np.broadcast_to(0.0, many), None))
-    return topics
+    return topics, sentence
 
 
 def _allowance(path: Path) -> guarded.Allowance:
@@ -157,94 +128,14 @@ def _allowance(path: Path) -> guarded.Allowance:
     )
 
 
-def _clock(written: _Stamps, header: _Stamps) -> tuple[_Stamps, str]:
-    """Return the stamps of messages, or of writing, and then why."""
-    if not header.all():
-        return written, "the messages have no stamps"
-    if abs(float(np.median(header - written))) * 1e-9 > _OTHER_CLOCK:
-        return written, "the messages' clock is another one than the bag's"
-    jumps = np.abs(np.diff(header) - np.diff(written))
-    jump = float(np.max(jumps, initial=0)) * 1e-9
-    if jump < _CLOCK_JUMP:
-        return header, ""
-    return written, f"the messages' clock jumps by {jump:.3f} s"
-
-
-def _topic(
-    key: tuple[str, str, Sequence[str]], numbers: bytes, clock: tuple[_Stamps, str], epoch: int
-) -> Topic:
+def _topic(key: tuple[str, str, Sequence[str]], numbers: bytes, timed: Timed, epoch: int) -> Topic:
     """Return messages as a topic, sorted by their stamps, in seconds from the epoch [ns] on."""
     name, kind, columns = key
-    ns, remark = clock
-    order = np.argsort(ns, kind="stable")
-    table = np.frombuffer(numbers).reshape(len(ns), len(columns))[order]
-    t = np.asarray((ns[order] - epoch) * 1e-9, dtype=np.float64)
-    values = np.ascontiguousarray(table.T)
-    return Topic(name, kind, t, dict(zip(columns, values, strict=True)), remark)
-
-
-def choose_topics(
-    path: Path, topics: Sequence[Topic], named: Mapping[str, str]
-) -> dict[str, Topic]:
-    """Return the topic of each role: as named, or else guessed by its message type.
-
-    Args:
-        path: the bag.
-        topics: its topics.
-        named: topics by role; `none` leaves the role empty.
-
-    Raises:
-        FileError: an unknown role, a topic that is not there, or a topic without the columns of its
-            role.
-    """
-    unknown = [role for role in named if role not in ROLES]
-    if unknown:
-        raise FileError(path, f"unknown role {quoted(unknown)}; there are: {', '.join(ROLES)}")
-    chosen = {}
-    for role, needs in ROLES.items():
-        if role not in named:
-            guess = _guess(topics, needs)
-            if guess is not None:
-                chosen[role] = guess
-        elif named[role] != "none":
-            chosen[role] = _named_topic(path, topics, named[role], role)
-    return chosen
-
-
-def _named_topic(path: Path, topics: Sequence[Topic], name: str, role: str) -> Topic:
-    """Return the topic of that name; a FileError says why it cannot have the role."""
-    topic = next((topic for topic in topics if topic.name == name), None)
-    if topic is None:
-        names = ", ".join(topic.name for topic in topics if topic.columns is not None)
-        names = names or "none that can be read"
-        raise FileError(path, f"there is no topic {name}; there are: {names}")
-    if topic.columns is None:
-        raise FileError(
-            path, f"nothing can be read from topic {name}: {len(topic.t)} messages of {topic.type}"
-        )
-    needs = ROLES[role]
-    if not needs.fits(topic):
-        raise FileError(
-            path,
-            f"topic {name} of {topic.type} cannot be {role}: "
-            f"wanted {' or '.join(needs.columns)}, as of {needs.types[0]}",
-        )
-    return topic
-
-
-def _guess(topics: Sequence[Topic], role: Role) -> Topic | None:
-    """Return the topic of a role by its message type; None where there is none.
-
-    It has at least two samples. Among several, one with a preferred part in its name goes first,
-    then a type that the role lists earlier, then the one with more samples, then the alphabet.
-    """
-
-    def rank(topic: Topic) -> tuple[bool, int, int, str]:
-        preferred = any(part in topic.name for part in role.preferred)
-        return not preferred, role.types.index(topic.type), -len(topic.t), topic.name
-
-    able = [t for t in topics if t.type in role.types and role.fits(t) and len(t.t) > 1]
-    return min(able, key=rank, default=None)
+    order = np.argsort(timed.ns, kind="stable")
+    table = np.frombuffer(numbers).reshape(-1, len(columns))[timed.kept][order]
+    t = np.asarray((timed.ns[order] - epoch) * 1e-9, dtype=np.float64)
+    values = dict(zip(columns, np.ascontiguousarray(table.T), strict=True))
+    return Topic(name, kind, t, values, timed.remark, fault=timed.fault)
 
 
 # ------------------------------------------------------------------------------------------ groups
@@ -325,8 +216,11 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
         FileError: there is no such bag, it is damaged, empty or beyond the limits, or a topic
             cannot be used.
     """
-    topics = read_topics(path, options)
-    chosen = choose_topics(path, topics, options.topics)
+    topics, clock = read_topics(path, options)
+    chosen, sentences = choose_topics(path, topics, options.topics)
+    remarks = [clock] if clock else []
+    remarks += [f"{t.name}: {t.remark}, so the times of writing count" for t in topics if t.remark]
+    remarks += [*sentences, *filter(None, [topic.unread for topic in topics])]
     if not chosen:
         there = ", ".join(f"{s.name} ({s.type})" for s in topics if s.columns is not None)
         found = there or "no topic of a type that can be read"
@@ -335,11 +229,60 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
             f"there is nothing of use: wanted odometry, wheels, an IMU or a pose; found {found}",
         )
     groups = {}
+    faults = []
     for role, topic in chosen.items():
+        finite, remark = _finite(topic)
+        remarks += [remark] * bool(remark)
+        if role == "odom":
+            finite, sentence = _in_the_body(finite)
+            if sentence:
+                faults.append(LogFault("frame", ("odom_v",), sentence))
         # a pose takes the names x, y and yaw from the odometry
         prefix = "odom_" if role == "odom" and "pose" in chosen else ""
-        groups[role] = _group(path, role, topic, prefix, options.limits)
-    roles = {id(topic): role for role, topic in chosen.items()}
-    listed = [replace(topic, role=roles.get(id(topic), "")) for topic in topics]
-    remarks = [f"{t.name}: {t.remark}, so the times of writing count" for t in topics if t.remark]
-    return Log(path, groups, listed, remarks, options.limits)
+        groups[role] = _group(path, role, finite, prefix, options.limits)
+        if topic.fault:
+            faults.append(LogFault("clock", tuple(groups[role].columns), topic.fault))
+    roles = {topic.name: role for role, topic in chosen.items()}
+    known = {topic.name for topic in topics}
+    listed = [replace(topic, role=roles.get(topic.name, "")) for topic in topics]
+    listed += [replace(t, role=role) for role, t in chosen.items() if t.name not in known]
+    return Log(path, groups, listed, remarks, options.limits, faults)
+
+
+def _finite(topic: Topic) -> tuple[Topic, str]:
+    """Return a topic without samples that are no numbers, and a sentence if there were any.
+
+    Where that leaves less than half, it stays as it is.
+    """
+    table = np.column_stack(list((topic.columns or {}).values()))
+    finite = np.all(np.isfinite(table), axis=1)
+    lost = np.count_nonzero(~finite)
+    if not 0 < 2 * lost < len(finite):
+        return topic, ""
+    columns = {name: values[finite] for name, values in (topic.columns or {}).items()}
+    sentence = f"{topic.name}: {lost} samples have something that is no number, and are left out"
+    return replace(topic, t=topic.t[finite], columns=columns), sentence
+
+
+def _in_the_body(topic: Topic) -> tuple[Topic, str]:
+    """Return odometry with the speed along the body, and a sentence if it was the world's."""
+    columns = topic.columns or {}
+    if not {*POSE_COLUMNS, "v_y"} <= set(columns):
+        return topic, ""
+    t = topic.t
+    yaw = np.unwrap(columns["yaw"])
+    speed = np.column_stack([columns["v"], columns["v_y"]])
+    ends = np.searchsorted(t, np.arange(t[0], t[-1], _SPAN_S))
+    moved = np.diff(np.column_stack([columns["x"], columns["y"]])[ends], axis=0)
+    rests = []
+    for velocity in (rotate_body_to_world(speed, yaw), speed):
+        way = np.diff(integral(t, velocity)[ends], axis=0)
+        rests.append(float(np.sum(np.abs(way - moved))))
+    if np.ptp(yaw) < _TURNED or rests[1] > _MUCH_BETTER * rests[0]:
+        return topic, ""
+    along = rotate_world_to_body(speed, yaw)[:, 0]
+    sentence = (
+        f"the linear speed of {topic.name} is in the frame of its pose, not in that of the robot "
+        "(child_frame_id): it was turned by yaw"
+    )
+    return replace(topic, columns={**columns, "v": along}), sentence

@@ -18,8 +18,17 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import integral
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
-from validation.files.agreement import LogFault, apart, channels, contradictions, frozen
-from validation.files.log import ANY_COLUMN, COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
+from validation.files.agreement import apart, channels, contradictions, frozen
+from validation.files.circular import find_circle
+from validation.files.log import (
+    ANY_COLUMN,
+    COLUMNS,
+    COMMAND_COLUMNS,
+    POSE_COLUMNS,
+    Group,
+    Log,
+    LogFault,
+)
 from validation.files.reading import FileError
 from validation.files.signals import TIME_ROUNDOFF, BoolArray, fresh_poses, moving_mean, nearest
 
@@ -234,7 +243,8 @@ def _unnamed(columns: Iterable[str], faults: Iterable[LogFault]) -> tuple[str, .
 
 def find_faults(log: Log, radius: float | None = None) -> Faults:
     """Return the faults of a log; `radius` is that of the wheels [m], None where it is unknown."""
-    named = tuple(_named(log, radius))
+    circle = find_circle(log)
+    named = (*([circle] if circle else ()), *log.faults, *_named(log, radius))
     return Faults(named, find_jumps(log), _uncommanded_share(log), _dead_columns(log))
 
 

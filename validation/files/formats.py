@@ -11,7 +11,7 @@ import numpy as np
 from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
 from validation.files.bags import read_bag
 from validation.files.csv_logs import read_csv, write_csv
-from validation.files.log import POSE_COLUMNS, Log, ReadOptions, check_group
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions, check_group
 from validation.files.reading import FileError, exists
 from validation.store import write_atomic
 
@@ -61,7 +61,7 @@ FORMATS = (
     LogFormat((".csv",), read_csv, write_csv),
     LogFormat((".tum",), None, write_tum),
     LogFormat((".bag",), read_bag),
-    LogFormat((".mcap",), read_bag, None, "the folder of a ROS 2 bag"),
+    LogFormat((".mcap", ".db3"), read_bag, None, "the folder of a ROS 2 bag"),
 )
 """Every format of logs. A new one is a module with a function that reads or writes it, and its line
 here."""
@@ -119,8 +119,9 @@ def read_log(path: str | Path, options: ReadOptions | None = None) -> Log:
     read = next((f.read for f in FORMATS if f.read is not None and f.recognises(path)), None)
     if read is None:
         raise FileError(path, f"this is no log by its ending; logs are {readable()}")
-    if options.columns and read is not read_csv:
-        raise FileError(path, "columns names those of a CSV file; a bag has topics")
+    if read is read_bag and set(options.columns) - set(COMMAND_COLUMNS["wheels"]):
+        what = "of a bag, columns names the joints of enc_left and enc_right; --topics names topics"
+        raise FileError(path, what)
     log = read(path, options)
     for group in log.groups.values():
         check_group(path, group, options.limits)

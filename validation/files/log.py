@@ -192,6 +192,18 @@ class Group:
 
 
 @dataclass(frozen=True)
+class LogFault:
+    """A contradiction between the columns of a log and their names."""
+
+    kind: str
+    """Its kind, one of those that docs/logs.md lists, such as `sign` or `circular`."""
+    columns: tuple[str, ...]
+    """Columns that it is in, or may be in."""
+    sentence: str
+    """Sentence on the fault."""
+
+
+@dataclass(frozen=True)
 class ReadOptions:
     """Choices for reading a log; a format without topics refuses their names."""
 
@@ -243,6 +255,10 @@ class Topic:
     """Why its stamps are the times of writing; empty where they are those of the messages."""
     role: str = ""
     """Role that it is taken for; empty for none."""
+    fault: str = ""
+    """Sentence on a clock that is not that of the other topics."""
+    unread: str = ""
+    """Sentence on what in it is not understood, and how to name it."""
 
 
 def unwrapped(angles: FloatArray) -> FloatArray:
@@ -265,9 +281,11 @@ class Log:
     topics: Sequence[Topic] = ()
     """Topics of the file, where its format has any."""
     remarks: Sequence[str] = ()
-    """Sentences about the file's clocks."""
+    """Sentences about the file's clocks, and about what was chosen or left out."""
     limits: LogLimits = USUAL
     """Limits that it was read with; they hold for its common clock as well."""
+    faults: Sequence[LogFault] = ()
+    """Faults that showed when it was read, and were put right."""
     recorded: Mapping[str, Group] = field(default_factory=dict)
     """Groups with the stamps of their own, if `groups` were brought onto one clock; else empty."""
 

@@ -1,7 +1,6 @@
 """Messages of bags, read by rosbags: numbers by topic, type and columns.
 
-A child process does this, see `bags`. From joint states only wheels are read: joints with `wheel`
-and `left` or `right` in their names, averaged over each side.
+A child process does this, see `bags`.
 """
 
 from __future__ import annotations
@@ -17,15 +16,17 @@ from typing import Any
 
 from ssmr.geometry import quat_wxyz_to_yaw
 from validation.files.guarded import Answer
-from validation.files.log import COMMAND_COLUMNS
 
 _MOST_COUNT = 2**53
 """Greatest number of messages that a topic may claim."""
 _LATEST_NS = 2**62
 """Greatest stamp of writing [ns], in the year 2116: differences of stamps stay within 64 bits."""
-_Row = tuple[int, dict[str, float]] | None
-"""The header's stamp [ns] (0 for none), and the numbers by column; None for a message that says
-nothing."""
+TRANSFORM = "/tf:"
+"""Beginning of the names of transforms, which are read as a topic for each pair of frames, such as
+`/tf:map.base_link`."""
+_Rows = list[tuple[str, int, dict[str, float]]]
+"""Name of a topic of its own, if it has one; the header's stamp [ns], 0 for none; and the numbers
+by column. A message that says nothing has no row."""
 
 
 # ------------------------------------------------------------------------------------------
@@ -47,52 +48,59 @@ def _pose(position: Any, orientation: Any) -> dict[str, float]:
     return {"x": position.x, "y": position.y, "yaw": yaw}
 
 
-def _pose_stamped(m: Any) -> _Row:
-    return _header_ns(m), _pose(m.pose.position, m.pose.orientation)
+def _stamped(m: Any, pose: Any, numbers: Mapping[str, float] = MappingProxyType({})) -> _Rows:
+    return [("", _header_ns(m), {**_pose(pose.position, pose.orientation), **numbers})]
 
 
-def _odometry(m: Any) -> _Row:
-    pose = m.pose.pose
-    return _header_ns(m), _pose(pose.position, pose.orientation) | _twist(m.twist.twist)
+def _odometry(m: Any) -> _Rows:
+    twist = m.twist.twist
+    return _stamped(m, m.pose.pose, _twist(twist) | {"v_y": twist.linear.y})
 
 
-def _imu(m: Any) -> _Row:
+def _imu(m: Any) -> _Rows:
     rates = {f"gyro_{axis}": getattr(m.angular_velocity, axis) for axis in "xyz"}
     accelerations = {f"acc_{axis}": getattr(m.linear_acceleration, axis) for axis in "xyz"}
-    return _header_ns(m), rates | accelerations
+    return [("", _header_ns(m), rates | accelerations)]
 
 
-def _joints(m: Any) -> _Row:
-    if len(m.velocity) != len(m.name):
-        return None
-    means = {}
-    for column, side in zip(COMMAND_COLUMNS["wheels"], ("left", "right"), strict=True):
-        rates = []
-        for name, rate in zip(m.name, m.velocity, strict=True):
-            joint = name.lower()
-            if "wheel" in joint and side in joint:
-                rates.append(float(rate))
-        if not rates:
-            return None
-        means[column] = sum(rates) / len(rates)
-    return _header_ns(m), means
+def _joints(m: Any) -> _Rows:
+    numbers = dict[str, float]()
+    for part in ("velocity", "position"):
+        values = getattr(m, part)
+        if len(values) == len(m.name):
+            numbers |= {f"{n}.{part}": float(v) for n, v in zip(m.name, values, strict=True)}
+    # in one order, whatever that of the message
+    return [("", _header_ns(m), dict(sorted(numbers.items())))] if numbers else []
 
 
-def _fix(m: Any) -> _Row:
+def _transforms(m: Any) -> _Rows:
+    rows = []
+    for each in m.transforms:
+        frames = [name.strip("/") for name in (each.header.frame_id, each.child_frame_id)]
+        place = each.transform
+        pose = _pose(place.translation, place.rotation)
+        rows.append((TRANSFORM + ".".join(frames), _header_ns(each), pose))
+    return rows
+
+
+def _fix(m: Any) -> _Rows:
     if m.status.status < 0:  # worse than STATUS_FIX
-        return None
-    return _header_ns(m), {"latitude": m.latitude, "longitude": m.longitude}
+        return []
+    return [("", _header_ns(m), {"latitude": m.latitude, "longitude": m.longitude})]
 
 
-READERS: Mapping[str, Callable[[Any], _Row]] = MappingProxyType(
+READERS: Mapping[str, Callable[[Any], _Rows]] = MappingProxyType(
     {
-        "geometry_msgs/msg/Twist": lambda m: (0, _twist(m)),
-        "geometry_msgs/msg/TwistStamped": lambda m: (_header_ns(m), _twist(m.twist)),
-        "geometry_msgs/msg/PoseStamped": _pose_stamped,
+        "geometry_msgs/msg/Twist": lambda m: [("", 0, _twist(m))],
+        "geometry_msgs/msg/TwistStamped": lambda m: [("", _header_ns(m), _twist(m.twist))],
+        "geometry_msgs/msg/PoseStamped": lambda m: _stamped(m, m.pose),
+        "geometry_msgs/msg/PoseWithCovarianceStamped": lambda m: _stamped(m, m.pose.pose),
         "nav_msgs/msg/Odometry": _odometry,
         "sensor_msgs/msg/Imu": _imu,
         "sensor_msgs/msg/JointState": _joints,
         "sensor_msgs/msg/NavSatFix": _fix,
+        "tf2_msgs/msg/TFMessage": _transforms,
+        "tf/msg/tfMessage": _transforms,
     }
 )
 """Functions that read a message, by its type; for a further type, add a line."""
@@ -121,6 +129,7 @@ def collect(path: str, most: int) -> Answer:
     from rosbags.typesys import Stores, get_typestore
 
     kinds: dict[tuple[str, str, tuple[str, ...]], tuple[array[int], array[int], array[float]]] = {}
+    read = set[str]()
     count = 0
     # the type store serves bags that do not contain their message types: ROS 2 before Iron
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
@@ -131,18 +140,15 @@ def collect(path: str, most: int) -> Answer:
             if not 0 <= ns < _LATEST_NS:
                 raise ValueError(f"a message was written at {ns} ns")
             kind = connection.msgtype
-            row = READERS[kind](reader.deserialize(raw, kind))
-            if row is None:
-                continue
-            header_ns, numbers = row
-            key = (connection.topic, kind, tuple(numbers))
-            if key not in kinds:
-                kinds[key] = array("q"), array("q"), array("d")
-            written, header, table = kinds[key]
-            written.append(ns)
-            header.append(header_ns)
-            table.extend(numbers.values())
-        read = {topic for topic, _, _ in kinds}
+            for name, header_ns, numbers in READERS[kind](reader.deserialize(raw, kind)):
+                read.add(connection.topic)
+                key = (name or connection.topic, kind, tuple(numbers))
+                if key not in kinds:
+                    kinds[key] = array("q"), array("q"), array("d")
+                written, header, table = kinds[key]
+                written.append(ns)
+                header.append(header_ns)
+                table.extend(numbers.values())
         unread: Counter[tuple[str, str]] = Counter()
         for c in reader.connections:
             if c.topic not in read and c.msgcount:

@@ -1,0 +1,207 @@
+"""Whether a pose is nothing but the integral of wheels, commands or odometry.
+
+A controller's odometry, a table of dead reckoning and a filter of wheels alone follow from them to
+a few millimetres and milliradians. A localiser does not: wheels slip, and sensors have noise.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ssmr.geometry import integral
+from ssmr.types import FloatArray, IndexArray
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, LogFault
+from validation.files.signals import TIME_ROUNDOFF, fresh_poses
+
+_WINDOW_S = 6.0
+"""Length of the windows over which ways and turns are compared [s]."""
+_FEWEST = 8
+"""Number of windows with motion from which they tell anything."""
+_MOVED = 0.03
+"""Mean speed [m/s] or yaw rate [rad/s] in a window from which the robot moved."""
+_SHORT_S = 0.6
+"""Length of the windows that show the noise of a localiser [s]."""
+_FOLLOWS = 0.004
+"""Error of a way [m] and of a turn [rad] of `_WINDOW_S` below which they follow from rates: wheels
+that slip make more."""
+_NOISELESS = 0.001
+"""The same of `_SHORT_S`: less than the noise of a localiser."""
+_FOLLOWS_TWIST = 0.015
+"""The same for the speeds in the messages of the poses themselves, which are only some of those
+that were integrated."""
+_LAGS = np.arange(-0.4, 0.41, 0.04)
+"""Delays between poses and rates that are tried first [s]."""
+_FINER = (0.02, 0.01, 0.005, 0.0025, 0.00125)
+"""Steps in which the best delay is refined [s]."""
+
+
+_KINDS_OF_SOURCES = (
+    r"mocap|motion_capture|vicon|vrpn|optitrack|qualisys|natnet|leica|ground_?truth|p3d",
+    r"amcl|slam|_lio|lio_|loam|icp|lidar|laser|scan|cartographer|hector|ndt|locali[sz]|rtk|rtab"
+    r"|visual|camera|zed|vio|/tf:(map|world)",
+    r"filtered|ekf|ukf|fused",
+    r"controller|wheel|diff_drive|odom",
+)
+"""Parts of the names of poses' sources, the most independent of wheels first."""
+
+
+def trust_in(source: str) -> int:
+    """Return how little a source of poses is trusted by its name: 0 for the truth, 4 for wheels.
+
+    A source whose name says nothing has 2.
+    """
+    ranks = (0, 1, 3, 4)
+    if source.startswith("/"):
+        for rank, parts in zip(ranks, _KINDS_OF_SOURCES, strict=True):
+            if re.search(parts, source.lower()):
+                return rank
+    return 2
+
+
+class RateTable(NamedTuple):
+    """RateTable from which a pose may follow, K samples."""
+
+    columns: tuple[str, ...]
+    """Columns that they come from."""
+    t: FloatArray
+    """(K,) stamps [s]."""
+    speeds: FloatArray
+    """(K, p) rates whose sum, each times a factor, may be the speed."""
+    turns: FloatArray
+    """(K, q) rates whose sum, each times a factor, may be the yaw rate."""
+
+
+def rates_of(log: Log) -> Iterator[RateTable]:
+    """Yield what poses of a log may follow from: wheels, odometry, each with a gyro, commands."""
+    imu = log.groups.get("imu")
+    for names in (COMMAND_COLUMNS["wheels"], ("odom_v", "odom_w"), COMMAND_COLUMNS["twist"]):
+        group = next((g for g in log.groups.values() if g.table(names) is not None), None)
+        if group is None:
+            continue
+        rates = np.column_stack([group.columns[name] for name in names])
+        yield RateTable(names, group.t, rates, rates)
+        if imu is not None and names != COMMAND_COLUMNS["twist"]:
+            gyro = np.interp(group.t, imu.t, imu.columns["gyro_z"])
+            turns = np.column_stack([gyro, np.ones(len(gyro))])
+            yield RateTable((*names, "gyro_z"), group.t, rates, turns)
+
+
+def errors_of_following(
+    t: FloatArray, pose: FloatArray, rates: RateTable, window: float = _WINDOW_S
+) -> tuple[float, float] | None:
+    """Return the median errors of ways [m] and turns [rad] of a window that rates tell.
+
+    The factors of the rates, and the delays of positions and headings behind them, are those that
+    fit best. None where the robot hardly moves.
+
+    Args:
+        t: (M,) stamps of new poses [s].
+        pose: (M, 3) x, y [m] and yaw [rad].
+        rates: rates that the pose may follow from.
+        window: length of the windows [s].
+    """
+    margin = float(_LAGS[-1])
+    inside = (t > rates.t[0] + margin) & (t < rates.t[-1] - margin)
+    if np.count_nonzero(inside) < _FEWEST:
+        return None
+    t = t[inside]
+    x, y, yaw = pose[inside].T
+    half = 0.5 * np.diff(yaw)
+    middle = yaw[:-1] + half
+    # arcs: a chord times what bends it
+    chords = np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)
+    way = np.cumulative_sum(
+        chords / np.sinc(np.clip(half / np.pi, -0.5, 0.5)), include_initial=True
+    )
+    starts = np.searchsorted(t, np.arange(t[0], t[-1] - window, 0.5 * window))
+    ends = np.searchsorted(t, t[starts] + window - TIME_ROUNDOFF)
+    ends = np.minimum(ends, len(t) - 1)
+    whole = t[ends] - t[starts] < 1.2 * window
+    starts = starts[whole]
+    ends = ends[whole]
+    if len(starts) < _FEWEST:
+        return None
+    spans = _Spans(t, starts, ends)
+    along = spans.error(way, integral(rates.t, rates.speeds), rates.t)
+    turned = spans.error(yaw, integral(rates.t, rates.turns), rates.t)
+    return None if along is None or turned is None else (along, turned)
+
+
+class _Spans(NamedTuple):
+    """Windows of time of a trajectory."""
+
+    t: FloatArray
+    """(M,) stamps [s]."""
+    starts: IndexArray
+    """(W,) indices of their first samples."""
+    ends: IndexArray
+    """(W,) indices of their last samples."""
+
+    def error(self, values: FloatArray, sums: FloatArray, stamps: FloatArray) -> float | None:
+        """Return the median error with which the rises of values follow from those of sums.
+
+        `sums` are (K, p) at (K,) `stamps` [s]. None where (M,) `values` hardly change.
+        """
+        rises = values[self.ends] - values[self.starts]
+        moved = np.abs(rises) > _MOVED * np.median(self.t[self.ends] - self.t[self.starts])
+        if np.count_nonzero(moved) < _FEWEST:
+            return None
+
+        def at(lag: float) -> float:
+            there = [np.interp(self.t + lag, stamps, column) for column in sums.T]
+            design = np.column_stack([sum_[self.ends] - sum_[self.starts] for sum_ in there])
+            rest = np.abs(design @ np.linalg.lstsq(design, rises)[0] - rises)
+            return float(np.median(rest[moved]))
+
+        lag = min(map(float, _LAGS), key=at)
+        for step in _FINER:
+            lag = min((lag - step, lag, lag + step), key=at)
+        return at(lag)
+
+
+def is_following(t: FloatArray, pose: FloatArray, rates: RateTable, most: float = _FOLLOWS) -> bool:
+    """Return whether (M, 3) poses at (M,) stamps [s] follow from rates."""
+    errors = errors_of_following(t, pose, rates)
+    if errors is None or max(errors) > most:
+        return False
+    noise = errors_of_following(t, pose, rates, _SHORT_S)
+    return noise is None or max(noise) < max(_NOISELESS, 0.3 * most)
+
+
+def find_circle(log: Log) -> LogFault | None:
+    """Return the fault of a pose that follows from other columns of its log; None for another."""
+    group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
+    poses = new_poses(group)
+    if group is None or poses is None or trust_in(group.source) <= 1:
+        return None
+    measured = False
+    for rates in rates_of(log):
+        own = rates.columns[0] in group.columns
+        if own and measured:
+            continue  # a localiser tells its own speed, and wheels do not follow
+        errors = errors_of_following(*poses, rates)
+        measured |= errors is not None and rates.columns[0] in COMMAND_COLUMNS["wheels"]
+        most = _FOLLOWS_TWIST if own else _FOLLOWS
+        if errors is not None and is_following(*poses, rates, most):
+            names = " and ".join(rates.columns)
+            sentence = (
+                f"x, y and yaw follow from {names} to {1e3 * errors[0]:.1f} mm and "
+                f"{math.degrees(errors[1]):.2f} deg in 6 s: the pose is their integral, and says "
+                "nothing of how the robot moved; take the pose of a localiser"
+            )
+            return LogFault("circular", POSE_COLUMNS, sentence)
+    return None
+
+
+def new_poses(group: Group | None) -> tuple[FloatArray, FloatArray] | None:
+    """Return the (M,) stamps [s] and the (M, 3) new poses of a group; None without poses."""
+    pose = None if group is None else group.table(POSE_COLUMNS)
+    if group is None or pose is None:
+        return None
+    new = fresh_poses(group.t, pose)
+    return group.t[new], pose[new]

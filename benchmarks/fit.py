@@ -27,7 +27,7 @@ from validation import cli
 from validation.identify.objective import FitCost
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS, Remembered, arrivals, error_slopes
-from validation.identify.targets import open_targets
+from validation.identify.targets import open_sources
 from validation.plants.profile import load_profile
 from validation.plants.searchable import make_space
 
@@ -145,7 +145,7 @@ def main(
     profile = load_profile("thesis-lab")
     rows = list[Row]()
     seeds = range(1 if quick else starts)
-    targets = open_targets(["traj4@improved"], profile)[0]
+    targets = open_sources(["traj4@improved"], profile)[0]
     cost = FitCost("sync", yaw_weight=0.2)
     space = make_space(model, free, {}, profile.robot)
     problem = FitProblem(model, profile.plants[model], space, targets, cost)

@@ -12,9 +12,9 @@ import numpy as np
 
 from ssmr.search.jde import JdeSettings
 from validation.experiment.runs import drive
-from validation.experiment.sources import open_source
+from validation.experiment.sources import Source, open_source
 from validation.fit import Fit
-from validation.identify.objective import FitCost, FitTarget
+from validation.identify.objective import FitCost
 from validation.identify.problem import FitProblem
 from validation.identify.search import search_for
 from validation.identify.uncertainty import estimate, sentences
@@ -77,7 +77,7 @@ def drawn(seed: int) -> dict[str, float]:
     return {name: float(rng.uniform(*ends)) for name, ends in RANGES.items()}
 
 
-def noisy_target(truth: Mapping[str, float], seed: int) -> FitTarget:
+def noisy_target(truth: Mapping[str, float], seed: int) -> Source:
     """Return what sensors see of the robot with these numbers along a part of trajectory 4."""
     lab = load_profile("thesis-lab")
     section = with_values("mujoco", lab.section("mujoco"), list(truth), truth.values())
@@ -91,7 +91,8 @@ def noisy_target(truth: Mapping[str, float], seed: int) -> FitTarget:
     noise = rng.normal(size=motion.pose.shape) * [POSITION, POSITION, HEADING]
     torques = motion.channels[TORQUES] + TORQUE * rng.normal(size=(len(motion.t), 2))
     seen = replace(motion, pose=motion.pose + noise)
-    return FitTarget("drawn", replace(source, pieces=(piece,)), (seen,), torques=(torques,))
+    known = replace(piece, reference=seen, torques=torques)
+    return replace(source, name="drawn", pieces=(known,))
 
 
 def recover(seed: int, way: Way, torque_weight: float | None = None, workers: int = 1) -> Recovered:

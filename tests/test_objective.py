@@ -15,9 +15,9 @@ from ssmr.types import State
 from tests.conftest import EXACT, ROUNDOFF
 from tests.robots import HUSKY
 from validation.experiment.runs import drive
-from validation.experiment.sources import open_source, source_of
+from validation.experiment.sources import Source, open_source, source_of
 from validation.files.log import Log
-from validation.identify.objective import FitCost, FitTarget, make_raters
+from validation.identify.objective import FitCost, make_raters
 from validation.identify.problem import FitProblem
 from validation.plants.kind import side_torques
 from validation.plants.profile import PLANTS, Profile, make_plant
@@ -48,19 +48,18 @@ def recorded(lab: Profile, plant: str = "improved", seconds: float = 60.0) -> Lo
     return Log.of_columns("log.csv", {k: c[keep] for k, c in columns.items()})
 
 
-def scenario(lab: Profile, name: str = "traj4@improved") -> FitTarget:
+def scenario(lab: Profile, name: str = "traj4@improved") -> Source:
     source = open_source(name)
     plant = make_plant(lab, source.reference)
-    return FitTarget(
-        name, source, tuple(drive(plant, p, Localiser(), source.sample_dt) for p in source.pieces)
-    )
+    pieces = []
+    for piece in source.pieces:
+        motion = drive(plant, piece, Localiser(), source.sample_dt)
+        pieces.append(replace(piece, reference=motion))
+    return replace(source, pieces=tuple(pieces))
 
 
-def log_target(lab: Profile, kind: str = "twist") -> FitTarget:
-    source = source_of(recorded(lab), "log", kind)  # type: ignore[arg-type]
-    return FitTarget(
-        "log", source, tuple(p.reference for p in source.pieces if p.reference is not None)
-    )
+def log_target(lab: Profile, kind: str = "twist") -> Source:
+    return source_of(recorded(lab), "log", kind)  # type: ignore[arg-type]
 
 
 FREE = {
@@ -70,7 +69,7 @@ FREE = {
 }
 
 
-def problem(lab: Profile, target: FitTarget, cost: FitCost, model: str = "improved") -> FitProblem:
+def problem(lab: Profile, target: Source, cost: FitCost, model: str = "improved") -> FitProblem:
     return FitProblem(
         model, lab.plants[model], make_space(model, FREE[model], {}, HUSKY), [target], cost
     )
@@ -101,7 +100,7 @@ def test_the_cost_is_made_of_what_comparisons_print(lab: Profile, objective: Any
         candidate = p.candidate(point)
         assert candidate is not None
         plant = make_plant(Profile("", "", {"coulomb": candidate}, {}), "coulomb")
-        motion = drive(plant, target.source.pieces[0], candidate.localiser, target.source.sample_dt)
+        motion = drive(plant, target.pieces[0], candidate.localiser, target.sample_dt)
         m = compare_paths(motion, target.truth[0])
         wanted = {
             "path": 20 * m["d_rms_m"] + 8 * m["d_haus_m"] + 5 * abs(1 - m["d_ratio"]),
@@ -112,17 +111,17 @@ def test_the_cost_is_made_of_what_comparisons_print(lab: Profile, objective: Any
 
 def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> None:
     target = log_target(lab)
-    for piece in target.source.pieces:
+    for piece in target.pieces:
         assert piece.t is not None
         starts, ends = overlapping_windows(piece.t, 2.0, piece.fresh)
         assert np.all(piece.t[ends] - piece.t[starts] >= 2.0 - 1e-9)
         assert np.all(piece.t[ends] - piece.t[starts] < 2.2)
         assert len(starts) > 0
-    raters = make_raters(FitCost("horizon", yaw_weight=0.0, horizons=(2.0,)), [target])
+    raters = make_raters(FitCost("horizon", yaw_weight=0.0, horizons=(2.0,)), target.pieces)
     shift = 0.1  # every window of a robot that stands still is off by what the recorded one moved
     still = [np.repeat(truth.pose[:1], len(truth), axis=0)[None] for truth in target.truth]
     moved = []
-    for piece, truth in zip(target.source.pieces, target.truth, strict=True):
+    for piece, truth in zip(target.pieces, target.truth, strict=True):
         assert piece.t is not None
         a, b = overlapping_windows(piece.t, 2.0, piece.fresh)
         moved.append(np.hypot(*(truth.pose[b, :2] - truth.pose[a, :2]).T))
@@ -186,18 +185,18 @@ def test_a_population_drives_as_a_comparison_does(lab: Profile) -> None:
     """Candidates of every plant, by commands and by wheel rates, end where the plant alone ends."""
     for kind in ("twist", "wheels"):
         target = log_target(lab, kind)
-        piece = target.source.pieces[0]
+        piece = target.pieces[0]
         for name, plant in lab.plants.items():
             other = replace(plant, localiser=Localiser(0.12, -0.03, 0.05, -0.09, 0.02))
             many = (
                 plant_kind(name)
                 .population([plant, None, other], 2)
-                .motions([0, 1, 2], piece, target.source.sample_dt)
+                .motions([0, 1, 2], piece, target.sample_dt)
             )
             assert np.isnan(many[1]).all()
             for row, profile in ((0, plant), (2, other)):
                 made = make_plant(Profile("", "", {name: profile}, {}), name)
-                alone = drive(made, piece, profile.localiser, target.source.sample_dt)
+                alone = drive(made, piece, profile.localiser, target.sample_dt)
                 assert np.abs(many[row][:, :3] - alone.pose).max() < 1e-12
                 assert many.shape[2] == (5 if plant_kind(name).torques else 3)
                 if plant_kind(name).torques:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,14 +22,16 @@ from tests.drive_train_logs import HUSKY as HUSKY_CHASSIS
 from tests.drive_train_logs import TORQUE as TORQUE_LIMIT
 from tests.drive_train_logs import WARTHOG as WARTHOG_CHASSIS
 from tests.recovery import HYBRID, JDE, LEAST_SQUARES, TORQUE, drawn, noisy_target, recover
+from validation.experiment.sources import Piece, Source
 from validation.fit import fit
 from validation.identify.currents import torques_of
 from validation.identify.motor_logs import drive_log, loss_of
 from validation.identify.objective import (
     FitCost,
-    FitTarget,
+    Objective,
+    TorqueRater,
     make_raters,
-    make_torque_raters,
+    torque_errors,
     usual_torque_weight,
 )
 from validation.identify.problem import FitProblem
@@ -85,33 +90,42 @@ def test_a_fit_of_a_body_frees_causes_only() -> None:
 
 
 @pytest.fixture(scope="module")
-def target() -> FitTarget:
+def target() -> Source:
     return noisy_target(drawn(0), 0)
 
 
-def test_the_error_of_torques_is_what_it_says(target: FitTarget) -> None:
+def raters(
+    objective: Objective, pieces: Sequence[Piece], weight: float = 0.01
+) -> list[TorqueRater | None]:
+    """The raters of torques of some pieces."""
+    cost = FitCost(objective, torque_weight=weight)
+    return [rater.torques for rater in make_raters(cost, pieces)]
+
+
+def test_the_error_of_torques_is_what_it_says(target: Source) -> None:
     """A constant error of e is an RMS of e, and costs what as many centimetres do."""
-    (truth,) = target.truth
-    assert target.torques is not None
-    (known,) = target.torques
-    (rater,) = make_torque_raters(FitCost("sync", torque_weight=0.01), [target])
+    known = target.pieces[0].torques
+    assert known is not None
+    (rater,) = raters("sync", target.pieces)
     assert rater is not None
     off = known + np.array([3.0, -3.0])
     assert rater.cost(off[None])[0] == pytest.approx(0.03, rel=ROUNDOFF)
     assert (rater.residuals(off[None]) ** 2).sum() == pytest.approx(0.03**2, rel=ROUNDOFF)
-    noise = target.torque_errors([truth])
+    noise = torque_errors(target.pieces, target.truth)
     assert np.sqrt(np.mean(noise**2)) == pytest.approx(TORQUE, rel=0.05)  # 2 500 samples
 
 
-def test_torques_that_nobody_knows_do_not_count(target: FitTarget) -> None:
+def test_torques_that_nobody_knows_do_not_count(target: Source) -> None:
     """Samples without truth change no cost, and share no block with others."""
-    (known,) = target.torques or ()
+    (piece,) = target.pieces
+    known = piece.torques
+    assert known is not None
     half = len(known) // 2
     partly = known.copy()
     partly[half:, 0] = np.nan
     partly[:, 1] = np.nan
-    some = FitTarget("some", target.source, target.truth, torques=(partly,))
-    (rater,) = make_torque_raters(FitCost("horizon", torque_weight=0.01), [some])
+    stamped = replace(piece, t=target.truth[0].t, torques=partly)
+    (rater,) = raters("horizon", [stamped])
     assert rater is not None
     off = known + 2.0
     wild = off.copy()
@@ -119,22 +133,21 @@ def test_torques_that_nobody_knows_do_not_count(target: FitTarget) -> None:
     wild[:, 1] = -1e3
     assert rater.cost(off[None])[0] == rater.cost(wild[None])[0] == pytest.approx(0.02)
     assert rater.residuals(wild[None]).shape == (1, len(rater.blocks))
-    nobody = FitTarget("none", target.source, target.truth, torques=(np.full_like(known, np.nan),))
-    assert make_torque_raters(FitCost("sync", torque_weight=0.01), [nobody, target])[0] is None
-    assert make_torque_raters(FitCost("sync", torque_weight=0.0), [target]) == [None]
+    nobody = replace(piece, torques=np.full_like(known, np.nan))
+    assert raters("sync", [nobody, piece])[0] is None
+    assert raters("sync", [piece], 0.0) == [None]
 
 
-def test_planar_torques_are_not_believed(target: FitTarget) -> None:
+def test_planar_torques_are_not_believed(target: Source) -> None:
     """A planar model's torques are numbers of its fit, so it is fitted by its path."""
     assert not plant_kind("improved").torques
     assert TORQUES in target.truth[0].channels
-    (rater,) = make_raters(FitCost("sync"), [target])
-    (torques,) = make_torque_raters(FitCost("sync", torque_weight=0.01), [target])
-    assert torques is not None
-    assert set(torques.blocks) <= set(rater.blocks)
+    (rater,) = make_raters(FitCost("sync", torque_weight=0.01), target.pieces)
+    assert rater.torques is not None
+    assert set(rater.torques.blocks) <= set(rater.pose_blocks)
 
 
-def test_torques_weigh_by_the_robot_and_only_where_friction_is_free(target: FitTarget) -> None:
+def test_torques_weigh_by_the_robot_and_only_where_friction_is_free(target: Source) -> None:
     """A friction that is held is nothing that torques could tell, and would distort the body."""
     lab = load_profile("thesis-lab").section("mujoco")
     for free, told in ((("friction", "com_x"), True), (("com_x",), False)):

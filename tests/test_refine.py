@@ -221,8 +221,7 @@ def test_squares_of_residuals_are_the_costs_terms(lab: Profile) -> None:
         if cost.objective == "sync":
             poses = plant_kind("improved").population([problem.candidate(p) for p in points], 1)
             error = (
-                poses.motions(range(3), target.source.pieces[0], target.source.sample_dt)
-                - target.truth[0].pose
+                poses.motions(range(3), target.pieces[0], target.sample_dt) - target.truth[0].pose
             )
             error = error[:, :: round(0.1 / float(target.truth[0].t[1]))]
             wanted = (
@@ -230,6 +229,6 @@ def test_squares_of_residuals_are_the_costs_terms(lab: Profile) -> None:
             ).mean(axis=1)
             assert np.allclose(squares, wanted, rtol=1e-12)
         else:
-            assert isinstance(problem._pieces[0][2], PathRater)
+            assert isinstance(problem._raters[0], PathRater)
             # the faint errors at equal times come on top
             assert np.all(np.sqrt(squares) <= 1.1 * problem.costs(points))

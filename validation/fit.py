@@ -11,7 +11,6 @@ import datetime
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -36,14 +35,14 @@ from validation.experiment.scores import (
     pace_of,
     standing_sentences,
 )
-from validation.experiment.sources import RECORDING, Piece, unknown_robot_notes
+from validation.experiment.sources import RECORDING, Piece, Source, unknown_robot_notes
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import ReadOptions
 from validation.identify.currents import with_torques
 from validation.identify.motor_logs import chassis_of, loss_of
-from validation.identify.objective import FitCost, FitTarget, Objective
+from validation.identify.objective import FitCost, Objective, true_motion
 from validation.identify.problem import FitProblem
 from validation.identify.refine import STARTS
 from validation.identify.report import (
@@ -59,8 +58,8 @@ from validation.identify.targets import (
     MOST_TIME,
     Input,
     is_scenario,
-    open_targets,
-    score_targets,
+    open_sources,
+    score_pieces,
     worse_sentences,
 )
 from validation.identify.uncertainty import Uncertainty, estimate, sentences
@@ -195,14 +194,9 @@ def _built(model: str, plant: PlantProfile) -> Plant:
     return plant_kind(model).build(plant, FLAT, SHIPPED)
 
 
-def _motions(problem: FitProblem, plant: PlantProfile, target: FitTarget) -> tuple[Trajectory, ...]:
+def _motions(problem: FitProblem, plant: PlantProfile, source: Source) -> tuple[Trajectory, ...]:
     """Drive a plant along one source; an SsmrError says that it diverged."""
-    return drive_source(_built(problem.model, plant), target.source, plant.localiser)
-
-
-def _scores(problem: FitProblem, plant: PlantProfile, target: FitTarget) -> Scores:
-    """Return the scores of a plant on one source; an SsmrError says that it diverged."""
-    return score_targets([target], [_motions(problem, plant, target)])
+    return drive_source(_built(problem.model, plant), source, plant.localiser)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -262,11 +256,11 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     start = _first_points(o, space, before, occasion)
     radius = None if is_default else base.robot.wheel_radius
     read = ReadOptions({}, o.limits, o.columns, radius)
-    targets, held_out = open_targets(
+    sources, held_out = open_sources(
         o.names, base, o.held_out, o.input, span=(o.start_at, o.until), options=read
     )
-    for target in (*targets, *held_out):
-        for warning in target.source.warnings:
+    for source in (*sources, *held_out):
+        for warning in source.warnings:
             warn(warning)
     yaw_weight = o.yaw_weight
     if yaw_weight is None:
@@ -282,9 +276,9 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
         constant = o.torque_constant or begun.drive.torque_constant
         loss = 0.0 if occasion == "wheels" else loss_of(begun)  # given wheels lose nothing
         chassis = chassis_of(base)
-        targets = with_torques(targets, chassis, constant, loss)
-        held_out = with_torques(held_out, chassis, constant, loss)
-    problem = FitProblem(o.model, begun, space, targets, cost)
+        sources = [with_torques(source, chassis, constant, loss) for source in sources]
+        held_out = [with_torques(source, chassis, constant, loss) for source in held_out]
+    problem = FitProblem(o.model, begun, space, sources, cost)
     _require_possible(problem, o.bounds)
     simulated = o.model in SIMULATED
     # sampled paths make the cost jagged, so differential evolution has to go farther
@@ -342,7 +336,7 @@ def _report(
     base: Profile,
     search: Search,
     before: FloatArray,
-    held_out: Sequence[FitTarget],
+    held_out: Sequence[Source],
 ) -> Fitted:
     """Return the report: the numbers with their uncertainty, and scores on all sources."""
     point = search.best
@@ -365,23 +359,21 @@ def _report(
                 fitted = replace(fitted, bands={**fitted.bands, o.input: band})
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")
-    judged = {}
-    unfitted = {}
-    for target in held_out:
-        # data may hold a motion that the fitted plant cannot make; the rest is still judged
-        try:
-            judged[target.label] = _scores(problem, fitted, target)
-            unfitted[target.label] = _scores(problem, problem.base, target)
-        except SsmrError as error:
-            lead = f"The plant cannot be driven along {target.label}, which was held out"
-            notes.append(f"{lead}: {error}.")
+    unfitted, judged, undriven = _held_out(problem, fitted, held_out)
+    notes += undriven
     worse = worse_sentences(problem.cost, o.even_if_worse, [*unfitted.values()], [*judged.values()])
     options = o.chosen(search.jde.settings)
     options["objective"] = problem.cost.objective
     options["yaw_weight"] = problem.cost.yaw_weight
     names = ",".join(o.names)
-    targets = problem.targets
-    driven = [_motions(problem, fitted, target) for target in targets]
+    pieces = list[Piece]()
+    motions = list[Trajectory]()
+    train = {}
+    for source in problem.sources:
+        driven = _motions(problem, fitted, source)
+        train[source.name] = score_pieces(source.pieces, driven)
+        pieces += source.pieces
+        motions += driven
     begun = with_robot(base.name, base.robot.name)
     bare = Fitted(
         program="fit",
@@ -399,48 +391,66 @@ def _report(
         model=o.model,
         profile=base,
         correlation=correlation,
-        train={t.label: score_targets([t], [m]) for t, m in zip(targets, driven, strict=True)},
+        train=train,
         held_out=judged,
         unfitted=unfitted,
         better=not worse if judged else None,
     )
-    together = score_targets(targets, driven)
-    document = _document(bare, names, o.seed, method, together)
-    truth = list(chain.from_iterable(target.truth for target in problem.targets))
-    pace = pace_of(truth, base.robot.wheel_radius)
+    document = _document(bare, names, o.seed, method, score_pieces(pieces, motions))
+    pace = pace_of(list(map(true_motion, pieces)), base.robot.wheel_radius)
     new = replace(_with_provenance(o, bare, fitted, document), fitted_at=pace)
     kept = base if worse and not o.even_if_worse else new
     return replace(bare, profile=kept, tables=_tables(bare), document=document)
 
 
+def _held_out(
+    problem: FitProblem, fitted: PlantProfile, sources: Sequence[Source]
+) -> tuple[dict[str, Scores], dict[str, Scores], list[str]]:
+    """Return the scores on held-out sources before and after the fit, by source, and notes.
+
+    Data may hold a motion that the fitted plant cannot make; the rest is still judged.
+    """
+    before = {}
+    after = {}
+    notes = []
+    for source in sources:
+        try:
+            motions = _motions(problem, fitted, source)
+            earlier = _motions(problem, problem.base, source)
+        except SsmrError as error:
+            lead = f"The plant cannot be driven along {source.name}, which was held out"
+            notes.append(f"{lead}: {error}.")
+            continue
+        after[source.name] = score_pieces(source.pieces, motions)
+        before[source.name] = score_pieces(source.pieces, earlier)
+    return before, after, notes
+
+
 def _source_notes(
-    o: Fit, problem: FitProblem, base: Profile, held_out: Sequence[FitTarget]
+    o: Fit, problem: FitProblem, base: Profile, held_out: Sequence[Source]
 ) -> list[str]:
     """Sentences on the sources of the fit, and on those that were held out."""
     notes = []
     if o.profile is None and o.robot is None:
-        for target in problem.targets:
-            notes += unknown_robot_notes(target.source, base.robot)
-    for target in (*problem.targets, *held_out):
-        source = target.source
-        if target.gyro:
-            notes.append(f"{source.title}: {target.gyro.sentence}")
-        notes += source.warnings
+        for source in problem.sources:
+            notes += unknown_robot_notes(source, base.robot)
+    for source in (*problem.sources, *held_out):
+        notes += [*source.remarks, *source.warnings]
         notes += standing_sentences(source, HEADLINE_HORIZON)
     return notes
 
 
 def _band(problem: FitProblem, sure: Uncertainty, fitted: PlantProfile) -> Band | None:
     """Spread of predictions along the recordings when parts of the data are left out."""
-    logs = [target for target in problem.targets if target.source.reference == RECORDING]
-    motions = []
+    parts = []
     for point in sure.without:
         plant = problem.candidate(point) or fitted
         driven = list[tuple[Piece, Trajectory]]()
-        for log in logs:
-            driven += zip(log.source.pieces, _motions(problem, plant, log), strict=True)
-        motions.append(driven)
-    return band_of(motions)
+        for source in problem.sources:
+            if source.reference == RECORDING:
+                driven += source.driven(_motions(problem, plant, source))
+        parts.append(driven)
+    return band_of(parts)
 
 
 def _document(f: Fitted, source: str, seed: int, method: str, together: Scores) -> dict[str, Any]:

@@ -125,3 +125,17 @@ def find_gyro_judge(source: Source) -> GyroJudge | None:
     delayed = put("pose_yaw", bias)
     apart = float(np.median(np.abs(turned(delayed) - pose)))
     return GyroJudge(put("wheels", bias), delayed, apart)
+
+
+def with_gyro(source: Source) -> Source:
+    """Return a source with the headings of its gyro, where this is the first judge of them.
+
+    They are as late as its own; a remark says why.
+    """
+    judge = find_gyro_judge(source)
+    if judge is None or not judge.first:
+        return source
+    pairs = zip(source.pieces, judge.late, strict=True)
+    pieces = tuple(replace(piece, headings=headings) for piece, headings in pairs)
+    remarks = (*source.remarks, f"{source.title}: {judge.sentence}")
+    return replace(source, pieces=pieces, remarks=remarks)

@@ -74,6 +74,12 @@ class Piece:
     window spans one."""
     moves: BoolArray | None = None
     """(M,) where the robot moves; None where nobody knows, and every window counts."""
+    headings: FloatArray | None = None
+    """(M,) headings of a better judge than the reference's, as late as these [rad]; None without
+    one."""
+    torques: FloatArray | None = None
+    """(M, 2) true torques of the left and the right motors [N m], NaN where nobody knows them; None
+    where none can be believed."""
 
     def windows(
         self, cut: WindowCut, t: FloatArray, horizon: float, standing: bool = False
@@ -111,6 +117,8 @@ class Source:
     """Period at which plants are sampled [s]."""
     warnings: tuple[str, ...] = ()
     """Sentences on what is wrong with a log, for programs to say."""
+    remarks: tuple[str, ...] = ()
+    """Sentences on what a log's signals are taken for."""
     title: str = ""
     """Name of a log in sentences, with its span of time where it was cut."""
     inspected: Inspected | None = None
@@ -255,7 +263,7 @@ def source_of(
     sentences = [*faults.sentences(), *sentences]
     warnings = tuple(one_line(f"{title}: {sentence}") for sentence in sentences)
     return Source(
-        name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title, inspected=inspected
+        name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title=title, inspected=inspected
     )
 
 

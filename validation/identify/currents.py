@@ -27,7 +27,7 @@ from ssmr.robot.drivetrain import (
     side_forces,
 )
 from ssmr.types import FloatArray
-from validation.experiment.sources import RECORDING
+from validation.experiment.sources import RECORDING, Source
 from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks
 from validation.identify.motor_logs import (
     Chassis,
@@ -38,7 +38,6 @@ from validation.identify.motor_logs import (
     sensor_of,
     steady_samples,
 )
-from validation.identify.objective import FitTarget
 
 COULOMB_SCALE = 1e-4
 """Slip scale of a contact that is a Coulomb one as far as any current shows [1]."""
@@ -248,37 +247,29 @@ def torques_of(
     return np.ascontiguousarray(torques.T), said
 
 
-def with_torques(
-    targets: Sequence[FitTarget], chassis: Chassis, constant: float, own_loss: float
-) -> tuple[FitTarget, ...]:
-    """Return targets with the torques that the currents of their logs tell.
+def with_torques(source: Source, chassis: Chassis, constant: float, own_loss: float) -> Source:
+    """Return a source with the torques that the currents of its log tell.
 
-    What was found, or why nothing was, stands among the warnings of their sources. Logs without
-    currents stay as they are, and so do scenarios.
+    What was found, or why nothing was, stands among its remarks. Logs without currents stay as
+    they are, and so do scenarios.
 
     Args:
-        targets: targets of a fit.
+        source: a source of a fit.
         chassis: nominal numbers of the robot.
         constant: torque of a side's wheels per ampere of its motor [N m/A]; 0 where it is unknown.
         own_loss: loss of a side of the plant that is fitted, see `torques_of`.
     """
-    return tuple(_with_torques(target, chassis, constant, own_loss) for target in targets)
-
-
-def _with_torques(
-    target: FitTarget, chassis: Chassis, constant: float, own_loss: float
-) -> FitTarget:
-    name = target.source.title
-    log = log_of_motions(name, target.truth)
-    if target.source.reference != RECORDING or log is None:
-        return target
-    told = None
+    log = log_of_motions(source.title, source.truth)
+    if source.reference != RECORDING or log is None:
+        return source
+    pieces = source.pieces
     try:
         torques, said = torques_of(log, chassis, constant, own_loss)
         if torques is not None:
-            ends = np.cumsum([len(motion.t) for motion in target.truth])[:-1]
-            told = tuple(np.split(torques, ends))
+            ends = np.cumsum([len(motion.t) for motion in source.truth])[:-1]
+            parts = zip(pieces, np.split(torques, ends), strict=True)
+            pieces = tuple(replace(piece, torques=part) for piece, part in parts)
     except ValueError as error:
         said = f"its currents tell no torques, because {error}"
-    source = replace(target.source, warnings=(*target.source.warnings, f"{name}: {said}"))
-    return replace(target, source=source, torques=told)
+    remarks = (*source.remarks, f"{source.title}: {said}")
+    return replace(source, pieces=pieces, remarks=remarks)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate, chain
+from itertools import accumulate
 from typing import Literal, get_args
 
 import numpy as np
@@ -16,8 +16,7 @@ from ssmr.metrics.paths import one_sided_kernel, path_length
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.parameters import require_within
 from ssmr.types import FloatArray, Trajectory
-from validation.experiment.gyro import GyroJudge
-from validation.experiment.sources import Piece, Source
+from validation.experiment.sources import Piece
 from validation.plants.kind import side_torques
 from validation.simulator.description import GRAVITY, Robot
 
@@ -92,32 +91,15 @@ class FitCost:
         require_within(self, ("horizons",), 1e-3, 1e5)
 
 
-@dataclass(frozen=True, eq=False)
-class FitTarget:
-    """A true motion, and the inputs that candidates are driven with."""
-
-    label: str
-    """The source as the user named it, with the input where it is a recording."""
-    source: Source
-    """Inputs, start and stamps."""
-    truth: tuple[Trajectory, ...]
-    """The true motion, piece by piece."""
-    gyro: GyroJudge | None = None
-    """Better judge of turns than the truth's headings; None where these are as good."""
-    torques: tuple[FloatArray, ...] | None = None
-    """(M, 2) true torques of the left and the right motors, piece by piece [N m]; NaN where nobody
-    knows them. None where the source has none that can be believed."""
-
-    def torque_errors(self, motions: Sequence[Trajectory]) -> FloatArray:
-        """Return (K,) errors of the `TORQUES` of a plant's motions [N m], where both are known."""
-        errors = [np.empty(0)]
-        # the plant's motions may outnumber the true torques, of which there may be none
-        for motion, true in zip(motions, self.torques or (), strict=False):
-            torques = side_torques(motion)
-            if torques is not None:
-                errors.append((torques - true).ravel())
-        every = np.concatenate(errors)
-        return every[np.isfinite(every)]
+def torque_errors(pieces: Sequence[Piece], motions: Sequence[Trajectory]) -> FloatArray:
+    """Return (K,) errors of the `TORQUES` of a plant's motions [N m], where both are known."""
+    errors = [np.empty(0)]
+    for piece, motion in zip(pieces, motions, strict=True):
+        torques = side_torques(motion)
+        if torques is not None and piece.torques is not None:
+            errors.append((torques - piece.torques).ravel())
+    every = np.concatenate(errors)
+    return every[np.isfinite(every)]
 
 
 def _stride(t: FloatArray) -> int:
@@ -127,20 +109,43 @@ def _stride(t: FloatArray) -> int:
 
 
 class Rater:
-    """Rates candidates along one piece of motion; a subclass defines their errors."""
+    """Rates candidates along one piece of motion; a subclass defines the errors of their poses."""
 
-    def __init__(
-        self, truth: Trajectory, cost: FitCost, weight: FloatArray, blocks: FloatArray
-    ) -> None:
-        """Keep the true motion, and (K,) weights and blocks of time of its errors."""
-        self._truth = truth
+    def __init__(self, piece: Piece, cost: FitCost, weight: FloatArray, blocks: FloatArray) -> None:
+        """Keep the piece, and (K,) weights and blocks of time of the errors of its poses."""
+        self.piece = piece
+        self.torques: TorqueRater | None = None
         self._cost = cost
         self._weight = weight
         self._blocks = blocks
 
     @property
     def blocks(self) -> FloatArray:
-        """Number of the block of time that each residual belongs to, counted over all pieces."""
+        """(K,) number of the block of time of each residual, counted over all pieces."""
+        if self.torques is None:
+            return self.pose_blocks
+        return np.concatenate([self.pose_blocks, self.torques.blocks])
+
+    def cost(self, motions: FloatArray, workers: int = 1) -> FloatArray:
+        """Return the (S,) terms of the cost of (S, M, 3 or 5) motions; NaN where one is NaN.
+
+        See `Population.motions`.
+        """
+        terms = self.pose_cost(motions[..., :3], workers)
+        if self.torques is None:
+            return terms
+        return terms + self.torques.cost(motions[..., 3:])
+
+    def residuals(self, motions: FloatArray, workers: int = 1) -> FloatArray:
+        """Return the (S, K) errors that least squares make small, each times its weight's root."""
+        errors = self.pose_residuals(motions[..., :3], workers)
+        if self.torques is None:
+            return errors
+        return np.hstack([errors, self.torques.residuals(motions[..., 3:])])
+
+    @property
+    def pose_blocks(self) -> FloatArray:
+        """Number of the block of each residual of poses."""
         columns = 2 * (self._cost.position_weight > 0.0) + (self._cost.yaw_weight > 0.0)
         return np.tile(self._blocks, columns)
 
@@ -148,15 +153,12 @@ class Rater:
         """Return (S, K, 2) errors of positions [m] and (S, K) of yaw [rad] of (S, M, 3) poses."""
         raise NotImplementedError
 
-    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
-        """Return the (S,) terms of the cost of (S, M, 3) poses; NaN where a pose is NaN."""
+    def pose_cost(self, poses: FloatArray, workers: int) -> FloatArray:
+        """Return the (S,) terms of the cost of (S, M, 3) poses."""
         raise NotImplementedError
 
-    def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
-        """Return the errors that least squares make small, each times the root of its weight.
-
-        Errors that weigh nothing are left out.
-        """
+    def pose_residuals(self, poses: FloatArray, workers: int) -> FloatArray:
+        """Return the weighted errors of (S, M, 3) poses; those that weigh nothing are left out."""
         position, yaw = self.errors(poses)
         root = np.sqrt(self._weight)
         weight = self._cost.position_weight
@@ -174,21 +176,23 @@ class SyncRater(Rater):
     Least squares see the errors of every tenth of a second.
     """
 
-    def __init__(self, truth: Trajectory, cost: FitCost, share: float, block: int) -> None:
+    def __init__(self, piece: Piece, cost: FitCost, share: float, block: int) -> None:
         """Keep the piece's share in the cost, and count its blocks of time from `block`."""
+        truth = true_motion(piece)
         self._share = share
+        self._truth = truth.pose
         self._every = _stride(truth.t)
         blocks = block + np.floor((truth.t[:: self._every] - truth.t[0]) / _SCENARIO_BLOCK_S)
         weight = np.full(len(blocks), share / len(blocks))
-        super().__init__(truth, cost, weight, blocks)
+        super().__init__(piece, cost, weight, blocks)
 
     def errors(self, poses: FloatArray, every: int | None = None) -> tuple[FloatArray, FloatArray]:
         """Return the errors at every so many samples, see `Rater.errors`."""
         k = every or self._every
-        error = poses[:, ::k] - self._truth.pose[::k]
+        error = poses[:, ::k] - self._truth[::k]
         return error[..., :2], wrap_angle(error[..., 2])
 
-    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
+    def pose_cost(self, poses: FloatArray, workers: int) -> FloatArray:
         """Return the weighted sum of the RMS of position and of yaw errors."""
         position, yaw = self.errors(poses, 1)
         far = np.sqrt((position**2).sum(axis=2).mean(axis=1))
@@ -251,17 +255,16 @@ class PathRater(SyncRater):
     """
 
     @property
-    def blocks(self) -> FloatArray:
+    def pose_blocks(self) -> FloatArray:
         """Number of the block of each residual; the error of the length has a block to itself."""
-        return np.concatenate(
-            [np.repeat(self._blocks, 2), [self._blocks[-1] + 1.0], super().blocks]
-        )
+        length = [self._blocks[-1] + 1.0]
+        return np.concatenate([np.repeat(self._blocks, 2), length, super().pose_blocks])
 
-    def residuals(self, poses: FloatArray, workers: int = 1) -> FloatArray:
+    def pose_residuals(self, poses: FloatArray, workers: int) -> FloatArray:
         """Return offsets, error of the length and faint errors of time."""
         s = self._cost
         root = math.sqrt(self._share)
-        truth = self._truth.pose
+        truth = self._truth
         poses = np.ascontiguousarray(poses)
         offsets = np.empty((len(poses), len(self._blocks), 2))
 
@@ -273,14 +276,14 @@ class PathRater(SyncRater):
         steps = [np.diff(path[..., :2], axis=-2) for path in (poses, truth[None])]
         length, true_length = (np.hypot(*step.T).sum(axis=0) for step in steps)
         ratio = s.k_ratio * (1.0 - length / true_length)
-        timing = _FAINT * s.k_rms * super().residuals(poses)
+        timing = _FAINT * s.k_rms * super().pose_residuals(poses, workers)
         columns = [root * share * offsets.reshape(len(poses), -1), root * ratio[:, None], timing]
         return np.concatenate(columns, axis=1)
 
-    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
+    def pose_cost(self, poses: FloatArray, workers: int) -> FloatArray:
         """Return K_rms d_rms + K_haus d_haus + K_dratio |1 - d_ratio| of each candidate."""
         s = self._cost
-        truth = self._truth.pose
+        truth = self._truth
         poses = np.ascontiguousarray(poses)
         costs = np.empty(len(poses))
 
@@ -294,20 +297,13 @@ class PathRater(SyncRater):
 class HorizonRater(Rater):
     """The horizon objective: mean size of relative pose errors over windows, one every second."""
 
-    def __init__(
-        self,
-        truth: Trajectory,
-        heading: FloatArray,
-        piece: Piece,
-        cost: FitCost,
-        counts: Sequence[int],
-        block: int,
-    ) -> None:
-        """Cut the windows; the (M,) `heading` [rad] says how far the robot turned in each.
+    def __init__(self, piece: Piece, cost: FitCost, counts: Sequence[int], block: int) -> None:
+        """Cut the windows.
 
         `counts` are the numbers of windows of all pieces by horizon, and `block` is the piece's
         first block of time.
         """
+        truth = true_motion(piece)
         windows = [piece.windows(overlapping_windows, truth.t, h) for h in cost.horizons]
         self._starts = np.concatenate([starts for starts, _ in windows])
         self._ends = np.concatenate([ends for _, ends in windows])
@@ -316,9 +312,10 @@ class HorizonRater(Rater):
             weights.append(np.full(len(starts), 1.0 / (count * len(windows))))
         self._moved = relative(truth.pose[self._starts], truth.pose[self._ends])
         # a gyro may judge turns better than the poses do
+        heading = truth.yaw if piece.headings is None else piece.headings
         self._moved[:, 2] = heading[self._ends] - heading[self._starts]
         blocks = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
-        super().__init__(truth, cost, np.concatenate(weights), blocks)
+        super().__init__(piece, cost, np.concatenate(weights), blocks)
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the errors of the relative pose over each window, see `Rater.errors`."""
@@ -326,7 +323,7 @@ class HorizonRater(Rater):
         error = relative(np.broadcast_to(self._moved, moved.shape), moved)
         return error[..., :2], wrap_angle(error[..., 2])
 
-    def cost(self, poses: FloatArray, workers: int = 1) -> FloatArray:
+    def pose_cost(self, poses: FloatArray, workers: int) -> FloatArray:
         """Return the weighted sum of the sizes of all errors."""
         position, yaw = self.errors(poses)
         far = np.hypot(position[..., 0], position[..., 1])
@@ -357,13 +354,8 @@ class TorqueRater:
         self._robust = cost.objective == "horizon"
         length = _BLOCK_S if self._robust else _SCENARIO_BLOCK_S
         number = block + np.floor((t[self._first] - t[0]) / length)
-        self._of_block = np.broadcast_to(number[:, None], count.shape)[self._kept]
+        self.blocks = np.broadcast_to(number[:, None], count.shape)[self._kept]
         self._true_means = self._means(torques[None])
-
-    @property
-    def blocks(self) -> FloatArray:
-        """Number of the block of time that each residual belongs to."""
-        return self._of_block
 
     def _means(self, torques: FloatArray) -> FloatArray:
         """Return (S, K) means of (S, M, 2) torques over each tenth of a second's finite samples."""
@@ -382,79 +374,65 @@ class TorqueRater:
 
     def residuals(self, torques: FloatArray) -> FloatArray:
         """Return the weighted errors of (S, M, 2) torques, whose squares add up as in a rater's."""
-        root = math.sqrt(self._share / len(self._of_block))
+        root = math.sqrt(self._share / len(self.blocks))
         error = self._means(torques) - self._true_means
         return root * self._size * error
 
 
-def _spans(cost: FitCost, targets: Sequence[FitTarget]) -> tuple[list[float], list[int]]:
-    """Return the length of each piece of each target [s], and its first block of time."""
-    truths = chain(*(target.truth for target in targets))
-    seconds = [float(truth.t[-1] - truth.t[0]) for truth in truths]
-    length = _BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S
-    # one more for a last block that is not full, and one for the error of a path's length
-    counts = [2 + int(s / length) for s in seconds]
-    return seconds, list(accumulate(counts[:-1], initial=0))
+def true_motion(piece: Piece) -> Trajectory:
+    """Return the motion that candidates are compared with over a piece."""
+    assert piece.reference is not None  # sources of a fit know it, see `open_sources`
+    return piece.reference
 
 
-def make_torque_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[TorqueRater | None]:
-    """Return a rater of torques for every piece of every target; None for one without torques.
+def make_raters(cost: FitCost, pieces: Sequence[Piece]) -> list[Rater]:
+    """Return a rater for every piece, in their order.
 
-    A piece weighs by its share of the time in which torques are known.
-    """
-    seconds, blocks = _spans(cost, targets)
-    measured = []
-    for target in targets:
-        for torques in target.torques or [None] * len(target.truth):
-            is_known = torques is not None and np.isfinite(torques).any()
-            measured.append(torques if is_known else None)
-    total = sum(s for s, torques in zip(seconds, measured, strict=True) if torques is not None)
-    truths = chain(*(target.truth for target in targets))
-    out: list[TorqueRater | None] = []
-    for truth, torques, s, block in zip(truths, measured, seconds, blocks, strict=True):
-        if torques is None or not cost.torque_weight:
-            out.append(None)
-        else:
-            out.append(TorqueRater(truth.t, torques, cost, s / total, block))
-    return out
-
-
-def make_raters(cost: FitCost, targets: Sequence[FitTarget]) -> list[Rater]:
-    """Return a rater for every piece of every target, in their order.
+    Poses weigh by a piece's share of all time, or for the horizon objective every window of a
+    horizon weighs the same; torques by its share of the time in which they are known.
 
     Raises:
         ValueError: no window of the horizon objective fits into them.
     """
-    pairs: list[tuple[Piece, Trajectory]] = []
-    for target in targets:
-        pairs += zip(target.source.pieces, target.truth, strict=True)
-    seconds, blocks = _spans(cost, targets)
+    seconds = [float(np.ptp(true_motion(piece).t)) for piece in pieces]
+    length = _BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S
+    # one more for a last block that is not full, and one for the error of a path's length
+    blocks = list(accumulate((2 + int(s / length) for s in seconds), initial=0))[:-1]
     raters: list[Rater] = []
-    if cost.objective != "horizon":
+    if cost.objective == "horizon":
+        counts = _window_counts(cost, pieces)
+        for piece, block in zip(pieces, blocks, strict=True):
+            raters.append(HorizonRater(piece, cost, counts, block))
+    else:
         make = PathRater if cost.objective == "path" else SyncRater
-        for (_, truth), s, block in zip(pairs, seconds, blocks, strict=True):
-            raters.append(make(truth, cost, s / sum(seconds), block))
-        return raters
-    # every window of a horizon weighs the same, whatever piece it is in
+        for piece, s, block in zip(pieces, seconds, blocks, strict=True):
+            raters.append(make(piece, cost, s / sum(seconds), block))
+    known = [p.torques is not None and bool(np.isfinite(p.torques).any()) for p in pieces]
+    total = sum(s for s, is_known in zip(seconds, known, strict=True) if is_known)
+    for rater, s, block, is_known in zip(raters, seconds, blocks, known, strict=True):
+        torques = rater.piece.torques
+        if torques is not None and is_known and cost.torque_weight:
+            t = true_motion(rater.piece).t
+            rater.torques = TorqueRater(t, torques, cost, s / total, block)
+    return raters
+
+
+def _window_counts(cost: FitCost, pieces: Sequence[Piece]) -> list[int]:
+    """Return the number of windows of each horizon; a ValueError says that one has none."""
     counts = []
     for horizon in cost.horizons:
-        cut = [p.windows(overlapping_windows, r.t, horizon)[0] for p, r in pairs]
-        counts.append(sum(map(len, cut)))
-    if not all(counts):
-        if not any(piece.moves is None or piece.moves.any() for piece, _ in pairs):
-            raise ValueError(
-                "the robot stands all the time, so nothing tells how it moves; record a drive"
-            )
-        horizon = cost.horizons[counts.index(min(counts))]
+        cuts = [p.windows(overlapping_windows, true_motion(p).t, horizon)[0] for p in pieces]
+        counts.append(sum(map(len, cuts)))
+    if all(counts):
+        return counts
+    if not any(piece.moves is None or piece.moves.any() for piece in pieces):
         raise ValueError(
-            f"no window of {horizon:g} s in which the robot moves fits between gaps and "
-            f"jumps; the longest stretch without a gap has {max(seconds):.1f} s: "
-            "record a longer drive"
+            "the robot stands all the time, so nothing tells how it moves; record a drive"
         )
-    headings: list[FloatArray] = []
-    for target in targets:
-        seen = [motion.pose[:, 2] for motion in target.truth]
-        headings += target.gyro.late if target.gyro else seen
-    for (piece, truth), heading, block in zip(pairs, headings, blocks, strict=True):
-        raters.append(HorizonRater(truth, heading, piece, cost, counts=counts, block=block))
-    return raters
+    horizon = cost.horizons[counts.index(min(counts))]
+    longest = max(float(np.ptp(true_motion(piece).t)) for piece in pieces)
+    raise ValueError(
+        f"no window of {horizon:g} s in which the robot moves fits between gaps and "
+        f"jumps; the longest stretch without a gap has {longest:.1f} s: "
+        "record a longer drive"
+    )

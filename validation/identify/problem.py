@@ -15,21 +15,18 @@ import hashlib
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
-from typing import NamedTuple
+from itertools import chain
 
 import numpy as np
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
-from validation.experiment.sources import RECORDING, Piece
+from validation.experiment.sources import RECORDING, Source
 from validation.identify.objective import (
     FitCost,
-    FitTarget,
     Objective,
-    Rater,
-    TorqueRater,
     make_raters,
-    make_torque_raters,
+    true_motion,
     usual_torque_weight,
 )
 from validation.plants.kind import PlantProfile, Population
@@ -46,40 +43,6 @@ PRIOR_M = 0.05
 """Error of the relative pose that such a deviation counts as in that time [m]."""
 
 
-class RatedPiece(NamedTuple):
-    """One piece of motion with its raters of candidates."""
-
-    piece: Piece
-    """Commands, start and stamps."""
-    dt: float
-    """Period at which plants are sampled [s]."""
-    poses: Rater
-    """Rater of poses."""
-    torques: TorqueRater | None
-    """Rater of torques; None where they are not compared."""
-
-    @property
-    def blocks(self) -> FloatArray:
-        """(K,) number of the block of time of each residual."""
-        if self.torques is None:
-            return self.poses.blocks
-        return np.concatenate([self.poses.blocks, self.torques.blocks])
-
-    def cost(self, motions: FloatArray, workers: int) -> FloatArray:
-        """Return (S,) terms of the cost of (S, M, 3 or 5) motions, see `Population.motions`."""
-        terms = self.poses.cost(motions[..., :3], workers)
-        if self.torques is None:
-            return terms
-        return terms + self.torques.cost(motions[..., 3:])
-
-    def residuals(self, motions: FloatArray, workers: int) -> FloatArray:
-        """Return (S, K) residuals of (S, M, 3 or 5) motions."""
-        errors = self.poses.residuals(motions[..., :3], workers)
-        if self.torques is None:
-            return errors
-        return np.hstack([errors, self.torques.residuals(motions[..., 3:])])
-
-
 class FitProblem:
     """Problem of a fit: candidates of one plant are rated by their distance from true motions."""
 
@@ -88,21 +51,21 @@ class FitProblem:
         model: str,
         base: PlantProfile,
         space: ParameterSpace,
-        targets: Sequence[FitTarget],
+        sources: Sequence[Source],
         cost: FitCost,
     ) -> None:
-        """Begin with the numbers of `base`; an objective of None is chosen for the targets.
+        """Begin with the numbers of `base`; an objective of None is chosen for the sources.
 
         Raises:
-            ValueError: the targets are too short.
+            ValueError: the sources are too short.
         """
         self.model = model
         self.base = base
         self.space = space
-        self.targets = tuple(targets)
+        self.sources = tuple(sources)
         kind = plant_kind(model)
         objective: Objective = "sync" if kind.torques else "path"  # paths do not say when
-        if any(target.source.reference == RECORDING for target in targets):
+        if any(source.reference == RECORDING for source in sources):
             objective = "horizon"
         self.cost = replace(cost, objective=cost.objective or objective)
         # torques of planar models are numbers of a fit, and say nothing of a body
@@ -113,16 +76,13 @@ class FitProblem:
             weight = usual_torque_weight(base.robot) if told else 0.0
             self.cost = replace(self.cost, torque_weight=weight)
         self._together = kind.together is not None  # one compiled loop drives all candidates
-        pieces: list[Piece] = []
-        periods: list[float] = []
-        for target in self.targets:
-            pieces += target.source.pieces
-            periods += [target.source.sample_dt] * len(target.source.pieces)
-        poses = make_raters(self.cost, targets)
-        torques = make_torque_raters(self.cost, targets)
-        self._pieces = list(map(RatedPiece, pieces, periods, poses, torques))
+        self._periods: list[float] = []
+        pieces = list(chain.from_iterable(source.pieces for source in sources))
+        for source in sources:
+            self._periods += [source.sample_dt] * len(source.pieces)
+        self._raters = make_raters(self.cost, pieces)
         seconds = sum(piece.commands.duration for piece in pieces)
-        rows = sum(len(rater.blocks) for rater in poses)
+        rows = sum(len(rater.pose_blocks) for rater in self._raters)
         self._priors = 0
         if self.robust:
             # where a robot mostly stands, the median of all errors is one of the data
@@ -137,13 +97,14 @@ class FitProblem:
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
         data = hashlib.sha256()
-        for target in self.targets:
-            data.update(target.label.rpartition("/")[2].encode(errors="surrogatepass"))
-            for piece, truth in zip(target.source.pieces, target.truth, strict=True):
-                for array in (piece.commands.values, truth.t, truth.pose):
-                    data.update(np.ascontiguousarray(array).tobytes())
-            for array in (*(target.torques or ()), *(target.gyro.late if target.gyro else ())):
-                data.update(np.ascontiguousarray(array).tobytes())
+        for source in self.sources:
+            data.update(source.name.rpartition("/")[2].encode(errors="surrogatepass"))
+            for piece in source.pieces:
+                truth = true_motion(piece)
+                arrays = [piece.commands.values, truth.t, truth.pose, piece.headings, piece.torques]
+                for array in arrays:
+                    if array is not None:
+                        data.update(np.ascontiguousarray(array).tobytes())
         return {
             "model": self.model,
             "parameters or bounds": self.space.limits(),
@@ -174,12 +135,12 @@ class FitProblem:
     @property
     def blocks(self) -> FloatArray:
         """(K,) number of the block of time that each residual belongs to."""
-        return np.concatenate([rated.blocks for rated in self._pieces])
+        return np.concatenate([rater.blocks for rater in self._raters])
 
     @property
     def torques(self) -> bool:
         """Whether torques are compared."""
-        return any(rated.torques is not None for rated in self._pieces)
+        return any(rater.torques is not None for rater in self._raters)
 
     def costs(
         self,
@@ -196,21 +157,21 @@ class FitProblem:
         """
         bounds = np.full(len(points), np.inf) if limits is None else limits
         away = (points - self._before) / IGNORANCE
-        seconds = sum(rated.piece.commands.duration for rated in self._pieces)
+        seconds = sum(rater.piece.commands.duration for rater in self._raters)
         total = seconds * len(points)
         # a list, which threads can add to
         done = [0.0]
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             costs = 0.5 * self._prior * (away[which] ** 2).sum(axis=1)
-            for rated in self._pieces:
+            for rater, dt in zip(self._raters, self._periods, strict=True):
                 promising = np.isfinite(costs) & (costs <= bounds[which])
                 live = np.flatnonzero((costs == 0.0) | promising)
                 if len(live):
-                    motions = population.motions(list(live), rated.piece, rated.dt)
-                    terms = rated.cost(motions, threads)
+                    motions = population.motions(list(live), rater.piece, dt)
+                    terms = rater.cost(motions, threads)
                     costs[live] += np.where(np.isfinite(terms), terms, np.inf)
-                done[0] += rated.piece.commands.duration * len(costs) / total
+                done[0] += rater.piece.commands.duration * len(costs) / total
                 if on_share is not None:
                     on_share(done[0])
             return costs
@@ -227,9 +188,9 @@ class FitProblem:
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
             every = range(which.stop - which.start)
             residuals = []
-            for rated in self._pieces:
-                motions = population.motions(every, rated.piece, rated.dt)
-                residuals.append(rated.residuals(motions, threads))
+            for rater, dt in zip(self._raters, self._periods, strict=True):
+                motions = population.motions(every, rater.piece, dt)
+                residuals.append(rater.residuals(motions, threads))
             residuals.append(np.tile(pulls[which], self._priors))
             return np.concatenate(residuals, axis=1)
 

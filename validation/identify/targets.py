@@ -14,12 +14,12 @@ import numpy as np
 from ssmr.metrics.declared import Metrics, compare_pieces
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant, Trajectory
-from validation.experiment.gyro import find_gyro_judge
+from validation.experiment.gyro import with_gyro
 from validation.experiment.runs import drive_source
 from validation.experiment.scores import Scores, score
-from validation.experiment.sources import Source, open_source
+from validation.experiment.sources import RECORDING, Piece, Source, open_source
 from validation.files.log import PLAIN, ReadOptions
-from validation.identify.objective import FitCost, FitTarget
+from validation.identify.objective import FitCost, torque_errors, true_motion
 from validation.plants.kind import TORQUES
 from validation.plants.profile import Profile, make_plant
 from validation.plants.table import plant_kind
@@ -39,15 +39,17 @@ def is_scenario(name: str) -> bool:
     return name.partition("@")[0] in TRAJECTORIES
 
 
-def open_targets(
+def open_sources(
     names: Sequence[str],
     profile: Profile,
     held_out: Sequence[str] = (),
     input: Input = "commands",
     span: Span = (None, None),
     options: ReadOptions = PLAIN,
-) -> tuple[tuple[FitTarget, ...], tuple[FitTarget, ...]]:
-    """Return the targets to fit to and those that are held out.
+) -> tuple[list[Source], list[Source]]:
+    """Return the sources to fit to and those that are held out, all with their true motion.
+
+    They have the names that the user gave them.
 
     A plant that drives scenarios is built once.
 
@@ -78,9 +80,7 @@ def open_targets(
     for name in names:
         recorded = not is_scenario(name)
         source = _recorded(name, kind, [span], options) if recorded else open_source(name, kind)
-        judge = find_gyro_judge(source)
-        gyro = judge if judge and judge.first else None
-        train.append(replace(truth_of(source, name), gyro=gyro))
+        train.append(truth_of(with_gyro(source), name))
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
     judged = []
     for name in held_out:
@@ -96,7 +96,7 @@ def open_targets(
         if realpath(name) in map(realpath, names):
             spans = _outside(name, span)
         judged.append(truth_of(_recorded(name, kind, spans, options), name))
-    return tuple(train), tuple(judged)
+    return train, judged
 
 
 def _outside(name: str, span: Span) -> list[Span]:
@@ -119,40 +119,35 @@ def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], options: Read
     return replace(parts[0], pieces=pieces, warnings=warnings, title=title)
 
 
-def _truth(profile: Profile) -> Callable[[Source, str], FitTarget]:
-    """Return a function that finds the true motion of a source, recorded or of a plant."""
+def _truth(profile: Profile) -> Callable[[Source, str], Source]:
+    """Return a function that gives a source its true motion, recorded or of a plant, and a name."""
 
     # building a simulated plant takes long, and several scenarios may share one
     @cache
     def plant(name: str) -> Plant:
         return make_plant(profile, name)
 
-    def resolve(source: Source, label: str) -> FitTarget:
-        if source.reference == "recording":
-            return FitTarget(label, source, source.truth)
-        driver = plant(source.reference)
-        localiser = profile.section(source.reference).localiser
-        motions = drive_source(driver, source, localiser)
-        torques = None
-        if plant_kind(source.reference).torques:
-            torques = tuple(motion.channels[TORQUES] for motion in motions)
-        return FitTarget(label, source, motions, torques=torques)
+    def resolve(source: Source, name: str) -> Source:
+        driver = source.reference
+        if driver == RECORDING:
+            return replace(source, name=name)
+        motions = drive_source(plant(driver), source, profile.section(driver).localiser)
+        pieces = []
+        for piece, motion in source.driven(motions):
+            torques = motion.channels[TORQUES] if plant_kind(driver).torques else None
+            pieces.append(replace(piece, reference=motion, torques=torques))
+        return replace(source, name=name, pieces=tuple(pieces))
 
     return resolve
 
 
-def score_targets(
-    targets: Sequence[FitTarget], motions: Sequence[tuple[Trajectory, ...]]
-) -> Scores:
-    """Return the scores of a plant's motions over the pieces of some targets together."""
-    truth = tuple(chain(*(target.truth for target in targets)))
-    pieces = tuple(chain(*(target.source.pieces for target in targets)))
-    every = tuple(chain(*motions))
-    metrics = compare_pieces(every, truth)
-    torques = np.concatenate(list(map(FitTarget.torque_errors, targets, motions)))
+def score_pieces(pieces: Sequence[Piece], motions: Sequence[Trajectory]) -> Scores:
+    """Return the scores of a plant's motions over some pieces together."""
+    metrics = compare_pieces(motions, list(map(true_motion, pieces)))
+    torques = torque_errors(pieces, motions)
     if len(torques):
         metrics = Metrics({**metrics, "torque_rms_N_m": float(np.sqrt(np.mean(torques**2)))})
-    return score(metrics, pieces, every, HORIZONS)
+    return score(metrics, pieces, motions, HORIZONS)
 
 
 def worse_sentences(

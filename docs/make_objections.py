@@ -15,10 +15,11 @@ from ssmr.robot.drive import wheel_rates
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
+from validation.descriptions.loading import load_robot
 from validation.plants.profile import bare_profile, load_profile
 from validation.plants.table import plant_kind
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import GRAVITY, load_robot
+from validation.simulator.description import GRAVITY
 from validation.simulator.health import apparent_mass
 from validation.simulator.model import FREE_DRIVE
 from validation.simulator.physics import PhysicsSettings

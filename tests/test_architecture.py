@@ -31,6 +31,7 @@ ROOMS = (
     },
     {"validation.files"},
     {"validation.simulator"},
+    {"validation.descriptions"},
     {"validation.engines"},
     {"validation.plants"},
     {"validation.experiment"},
@@ -417,6 +418,13 @@ PRICES = {
         14,
         "reinforcement learning on the robot: Gymnasium and dm_control",
     ),
+    "validation/descriptions": Price(
+        15_500,
+        10,
+        34,
+        "robots of others are read (URDF, xacro, SDF, MJCF), their wheels found, and what is wrong "
+        "with them is said",
+    ),
     "validation/files": Price(
         33_500,
         25,
@@ -449,7 +457,7 @@ PRICES = {
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(
-        29_700,
+        26_900,
         14,
         82,
         "a robot's description becomes a MuJoCo model that moves",

@@ -16,10 +16,10 @@ import pytest
 from tests.conftest import exit_status
 from tests.test_objective import recorded
 from validation.calibrate import calibrate
+from validation.descriptions.loading import load_robot
 from validation.files.csv_logs import write_csv
 from validation.plants.profile import Profile, load_profile
 from validation.plants.searchable import with_values
-from validation.simulator.description import load_robot
 
 TRUTH = {"alpha_l": 0.95, "alpha_r": 0.91, "y_l": 0.45, "y_r": -0.52, "drift": 0.12}
 

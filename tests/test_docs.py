@@ -23,9 +23,9 @@ from ssmr.robot.sensors import SensorModel, SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.scenarios import SineScenario
 from tests.test_architecture import modules, room_of
+from validation.descriptions.importing import unit_of_key
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SECTIONS
-from validation.simulator.importing import unit_of_key
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

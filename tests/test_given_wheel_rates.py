@@ -9,11 +9,11 @@ import pytest
 
 from ssmr.models.four_wheel_plant import FOUR_WHEEL_DT
 from ssmr.types import Commands, FloatArray, Plant, State
+from validation.descriptions.loading import load_robot
 from validation.experiment.sources import RECORDING_GRID
 from validation.plants.profile import bare_profile
 from validation.plants.table import plant_kind
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import load_robot
 from validation.simulator.model import FREE_DRIVE
 from validation.simulator.plant import MujocoPlant
 

@@ -11,11 +11,11 @@ import pytest
 
 from tests.urdf_factory import UrdfRobot
 from validation import load_robot
+from validation.descriptions.importing import import_robot
 from validation.files import guarded
 from validation.simulator import foreign
 from validation.simulator.composing import compose_robot
 from validation.simulator.description import Robot, RobotError, models_folder, parse_robot
-from validation.simulator.importing import import_robot
 
 MESH = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 

@@ -10,12 +10,12 @@ import pytest
 from ssmr.robot.drive import wheel_rates
 from ssmr.types import FloatArray
 from tests.bag_factory import Message, joints, pose_stamped, write
+from validation.descriptions.loading import load_robot
 from validation.experiment.sources import RECORDING_GRID, open_source, source_of
 from validation.files.formats import read_log
 from validation.files.log import Group, Log
 from validation.fit import fit
 from validation.plants.profile import bare_profile
-from validation.simulator.description import load_robot
 
 SECONDS = 60.0
 HALF_TRACK = 0.5

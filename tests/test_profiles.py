@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from validation.compare import compare
+from validation.descriptions.loading import load_robot
 from validation.plants.kind import OneByOne
 from validation.plants.profile import (
     PLANTS,
@@ -24,7 +25,6 @@ from validation.plants.profile import (
     make_plant,
     shipped,
 )
-from validation.simulator.description import load_robot
 
 HEAD = 'schema = "ssmr.profile/1"\nname = "mine"\n'
 

@@ -22,6 +22,7 @@ from tests.drive_train_logs import HUSKY as HUSKY_CHASSIS
 from tests.drive_train_logs import TORQUE as TORQUE_LIMIT
 from tests.drive_train_logs import WARTHOG as WARTHOG_CHASSIS
 from tests.recovery import HYBRID, JDE, LEAST_SQUARES, TORQUE, drawn, noisy_target, recover
+from validation.descriptions.loading import load_robot
 from validation.experiment.sources import Piece, Source
 from validation.fit import fit
 from validation.identify.currents import torques_of
@@ -39,7 +40,6 @@ from validation.plants.kind import CAUSES, GROUND_TORQUES, TORQUES
 from validation.plants.profile import Profile, load_profile, make_plant
 from validation.plants.searchable import make_space
 from validation.plants.table import plant_kind
-from validation.simulator.description import load_robot
 
 CLOSE = 0.03
 """Greatest error of a friction that counts as found [1]."""

@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from tests.conftest import metrics_of
+from validation.descriptions.loading import load_robot
 from validation.experiment.runs import Run
 from validation.experiment.scores import Scores
 from validation.experiment.sources import Piece, Source
@@ -33,7 +34,7 @@ from validation.report.motions import Comparison
 from validation.report.motions import write_comparison as write_recording
 from validation.report.scene_robots import POSE_PERIOD, looks_of
 from validation.report.viewer import open_viewer
-from validation.simulator.description import WHEELS, load_robot
+from validation.simulator.description import WHEELS
 
 SINGLE = 2.0**-22
 """Relative: what a number in double precision loses when rerun keeps it in single, with room for an

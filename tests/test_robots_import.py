@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from tests.urdf_factory import UrdfRobot, extra_wheel
 from validation import load_robot
+from validation.descriptions.importing import RobotDraft, import_robot
 from validation.robots import check_robot
 from validation.simulator import foreign
 from validation.simulator.description import RobotError
-from validation.simulator.importing import RobotDraft, import_robot
 
 DIGITS = 1e-6
 """Files of robots keep nine digits; a turned frame costs a few."""
@@ -80,7 +80,7 @@ def test_what_was_written_is_found(
     tmp_path_factory: pytest.TempPathFactory, made: UrdfRobot
 ) -> None:
     with pytest.MonkeyPatch.context() as here:  # another process for each would take a minute
-        here.setattr(foreign, "tried_files", lambda text: {})
+        here.setattr(foreign, "tried", lambda text: (text, {}))
         robot = imported(made, tmp_path_factory.mktemp("urdf")).robot
     wanted = (made.wheelbase, made.track, made.radius, made.width, made.axle)
     np.testing.assert_allclose(

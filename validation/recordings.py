@@ -24,6 +24,7 @@ import tyro
 
 from ssmr.types import FloatArray
 from validation import cli
+from validation.descriptions.loading import load_robot
 from validation.files.agreement import channels
 from validation.files.faults import REST_LEAST, Faults, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, read_log, write_log
@@ -34,7 +35,7 @@ from validation.files.reading import FileError, exists, read_file
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
-from validation.simulator.description import Robot, load_robot
+from validation.simulator.description import Robot
 from validation.store import write_json
 from validation.words import file_name
 

@@ -22,13 +22,16 @@ import tyro
 from ssmr.errors import DivergedError, SsmrError
 from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, store
+from validation.descriptions.findings import Finding, model_findings, static_findings
+from validation.descriptions.foreign_robot import is_description
+from validation.descriptions.importing import RobotDraft, draft_robot, import_robot, unit_of_key
+from validation.descriptions.loading import load_robot
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
 from validation.report.table import Table
 from validation.simulator.checking import (
     Measured,
     SkidTurn,
-    advise,
     guessed,
     load_shares,
     measure_robot,
@@ -42,11 +45,9 @@ from validation.simulator.description import (
     SCHEMA,
     SECTIONS,
     Robot,
-    load_robot,
     shipped_robots,
 )
 from validation.simulator.exporting import diff_drive_yaml, mjcf_text, sdf_text, urdf_text
-from validation.simulator.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.words import abridged, file_name, one_line, visible
 
 if TYPE_CHECKING:
@@ -93,10 +94,16 @@ class CheckRobot(cli.Common):
     """Options of `check`."""
 
     robot: tyro.conf.Positional[str | Path | Robot]
-    """Name of a robot that comes with the package, or path of a robot's file."""
+    """Name of a robot that comes with the package, or path of a robot's file, a URDF, an SDF or an
+    MJCF."""
+    controller: Path | None = None
+    """YAML of the controller that drives a URDF, an SDF or an MJCF; the file's plugins if not
+    given."""
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
+        if not isinstance(self.robot, Robot) and is_description(self.robot):
+            return Path("runs") / "robots" / file_name(Path(self.robot).stem)
         return Path("runs") / "robots" / file_name(_loaded(self.robot).name)
 
     def writes(self) -> tuple[str, ...]:
@@ -113,8 +120,13 @@ class RobotCheck(Report):
     loads: Sequence[float]
     """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is
     none."""
-    faults: Sequence[str]
-    """Sentences on faults, each with its remedy."""
+    findings: Sequence[Finding]
+    """What is wrong or deserves a look, faults first."""
+
+    @property
+    def faults(self) -> list[str]:
+        """Sentences on faults, each with its remedy."""
+        return [finding.sentence for finding in self.findings if finding.severity == "fault"]
 
     @property
     def ok(self) -> bool:
@@ -135,32 +147,51 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         RobotError: there is no such robot, or its file cannot be read. Numbers that can be read
             and are impossible are advice.
     """
-    robot = _loaded(o.robot)
+    draft = None
+    if not isinstance(o.robot, Robot) and is_description(o.robot):
+        draft = import_robot(o.robot, controller=o.controller)
+    elif o.controller is not None:
+        raise ValueError("--controller goes with a URDF, an SDF or an MJCF; ROBOT is none")
+    robot = _loaded(o.robot) if draft is None else draft.robot
+    findings = static_findings(robot, None if draft is None else draft.foreign)
     spot = spot_turn(robot)
     measured = None
     try:
         measured = measure_robot(robot)
+        findings += model_findings(spot, measured)
     except ValueError as error:
         failed = f"no model can be built of it: {one_line(error)}"
+        findings.append(Finding("model", "fault", failed))
     except DivergedError as error:
-        failed = (
-            f"its simulation fails: {one_line(error)}; "
-            "are masses, inertia and gain what they should be?"
-        )
-    faults, questions = advise(robot, spot, measured or failed)
-    verdict = _verdict(robot, len(faults), len(questions))
+        failed = f"its simulation fails: {one_line(error)}"
+        remedy = "look at masses, inertia and gain"
+        findings.append(Finding("step", "fault", failed, remedy))
+    findings.sort(key=lambda finding: finding.severity)
+    return _report(robot, findings, measured, [] if draft is None else draft.remarks)
+
+
+def _report(
+    robot: Robot, findings: Sequence[Finding], measured: Measured | None, remarks: Sequence[str]
+) -> RobotCheck:
+    """Report on a robot with what was found and measured; None for no model."""
+    spot = spot_turn(robot)
+    faults = sum(finding.severity == "fault" for finding in findings)
+    verdict = _verdict(robot, faults, len(findings) - faults)
     if measured is not None:
         loads = list(measured.loads)
     else:
         loads = [float(share) * robot.mass * GRAVITY for share in load_shares(robot)]
     sentences = [verdict]
-    sentences += [f"FAULT: {text}" for text in faults]
-    sentences += [f"question: {text}" for text in questions]
+    for finding in findings:
+        heading = "FAULT" if finding.severity == "fault" else "question"
+        sentences.append(f"{heading}: {finding.sentence}")
+    sentences += remarks
     document = {
         **_document(robot, spot, measured, loads),
         "ok": not faults,
-        "advice": [*faults, *questions],
-        "faults": len(faults),
+        "findings": [finding._asdict() for finding in findings],
+        "advice": [finding.sentence for finding in findings],
+        "faults": faults,
         "guessed": guessed(robot),
     }
     return RobotCheck(
@@ -173,7 +204,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         failure=SsmrError(verdict) if faults else None,
         robot=robot,
         loads=loads,
-        faults=faults,
+        findings=findings,
     )
 
 
@@ -356,23 +387,30 @@ def _import(
     name: str | None = None,
     wheel_radius: float | None = None,
     wheel_width: float | None = None,
+    controller: Path | None = None,
     out: Path | None = None,
 ) -> None:
-    """Write a robot's file from a URDF.
+    """Write a robot's file from a URDF, an SDF or an MJCF.
 
     Finds the wheels by their joints, and puts the masses of everything else together. Meshes are
     not needed.
 
-    Says what the URDF does not, and had to be guessed.
+    Says what is wrong with the file, what it does not say, and what had to be guessed.
 
     Args:
-        file: URDF of a robot with four wheels; a xacro file must be expanded before.
-        name: Name of the robot: letters, digits, - and _; the URDF's if not given.
+        file: URDF, SDF or MJCF of a robot with four wheels; a xacro file is expanded where the
+            package `xacro` is installed.
+        name: Name of the robot: letters, digits, - and _; the file's if not given.
         wheel_radius: Rolling radius of the wheels [m]; read or guessed if not given.
         wheel_width: Width of the tyres [m]; read or guessed if not given.
+        controller: YAML of the robot's controller, whose separation and radius its driver has; the
+            file's plugins if not given.
         out: File to write; there must be none of that name. NAME.toml if not given.
     """
-    _write(import_robot(file, name, wheel_radius, wheel_width), out)
+    draft = import_robot(file, name, wheel_radius, wheel_width, controller)
+    findings = static_findings(draft.robot, draft.foreign)
+    remarks = [f"{finding.severity}: {finding.sentence}" for finding in findings]
+    _write(draft._replace(remarks=[*remarks, *draft.remarks]), out)
 
 
 def _write(draft: RobotDraft, out: Path | None) -> None:

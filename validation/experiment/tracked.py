@@ -26,7 +26,8 @@ from ssmr.metrics.declared import (
     cross_track_max,
 )
 from ssmr.types import Trajectory
-from validation.simulator.description import Robot, load_robot, with_robot
+from validation.descriptions.loading import load_robot
+from validation.simulator.description import Robot, with_robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line
 

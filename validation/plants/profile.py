@@ -29,11 +29,12 @@ from ssmr.models.law import OWN_MODELS
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, Plant
 from validation import store
+from validation.descriptions.loading import load_robot
 from validation.files import reading
 from validation.files.reading import is_number
 from validation.plants.kind import PARTS, PlantProfile
 from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, plant_kind
-from validation.simulator.description import USUAL_ROBOT, Robot, load_robot, parse_robot
+from validation.simulator.description import USUAL_ROBOT, Robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import one_line

@@ -15,9 +15,10 @@ import numpy as np
 from ssmr.geometry import integral, relative
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
+from validation.descriptions.loading import load_robot
 from validation.report.palette import WHITE, Rgb, colour, mix
 from validation.simulator.composing import VISUAL_GROUP, compose_robot
-from validation.simulator.description import WHEELS, Robot, load_robot
+from validation.simulator.description import WHEELS, Robot
 from validation.simulator.terrain import FLAT, Terrain
 
 GROUND: Rgb = (222, 225, 229)

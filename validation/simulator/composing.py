@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import mujoco
@@ -139,7 +140,9 @@ def _hand_made(robot: Robot) -> mujoco.MjSpec:
     try:
         text = reading.read_text(path, foreign.MOST_BYTES)
         # those that come with the package need no trial in a child process, and bring no files
-        files = {} if path.parent == models_folder() else foreign.tried_files(text, path.parent)
+        files: Mapping[str, bytes] = {}
+        if path.parent != models_folder():
+            text, files = foreign.tried(text, path.parent)
         spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
     except ValueError as error:
         reason = " ".join(str(error).split())

@@ -330,7 +330,7 @@ _loaded: dict[str, Robot] = {}
 """The shipped robots that were read, by name."""
 
 
-def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
+def read_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     """Return a shipped robot by name, or the robot of a file by path.
 
     Raises:

@@ -7,9 +7,12 @@ this process.
 from __future__ import annotations
 
 import os
+import re
 import xml.etree.ElementTree as ElementTree  # nosec B405 # of texts that declare no entities
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
+from xml.parsers import expat  # nosec B407 # of texts that declare no entities
 
 import mujoco
 
@@ -23,94 +26,225 @@ _MOST_FILES = 1000
 """Greatest number of the files that an MJCF brings."""
 _MOST_SIZE = 1 << 26
 """Greatest total size of these files [bytes]."""
+_DEEPEST = 20
+"""Greatest depth to which files include files."""
+_ELSEWHERE = "in its folder, and files from elsewhere are not read"
+_COMMENT = re.compile(r"<!--(.*?)-->", re.DOTALL)
+_DECLARATION = re.compile(r"^[\ufeff\s]*<\?xml[^>]*\?>")
+_START_TAG = re.compile(rb"""<(?:[^>"']|"[^"]*"|'[^']*')*>""")
 
 
-def xml_tree(text: str) -> ElementTree.Element:
-    """Return the tree of an XML text.
+class Tag(NamedTuple):
+    """An element of an XML text, and where it stands there."""
+
+    element: ElementTree.Element
+    """The element."""
+    start: int
+    """Place of its first byte."""
+    inside: int
+    """Place behind its start tag."""
+    end: int
+    """Place of its end tag; `inside` for an element without one."""
+    behind: int
+    """Place behind it."""
+
+
+def xml_tags(text: str) -> list[Tag]:
+    """Return the elements of an XML text in its order, the root first.
+
+    It is as tolerant as simulators are: a comment may hold any dashes, prefixes need no
+    declaration, and spaces may stand before the declaration.
 
     Raises:
-        ValueError: it is none, or declares entities, which could grow.
+        ValueError: it is no XML, or declares entities, which could grow.
     """
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+    quiet = _COMMENT.sub(_without_dashes, text)
+    bare = _COMMENT.sub("", text)
+    if "<!DOCTYPE" in bare or "<!ENTITY" in bare:
         raise ValueError(
             "the file declares a document type or entities, which no robot has a use for; "
             "take them out"
         )
+    raw = _DECLARATION.sub(lambda match: " " * len(match[0]), quiet).encode()
+    builder = ElementTree.TreeBuilder()
+    parser = expat.ParserCreate("utf-8")
+    tags = list[Tag]()
+    open_tags = list[int]()
+
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        start = parser.CurrentByteIndex
+        match = _START_TAG.match(raw, start)
+        inside = start if match is None else match.end()
+        open_tags.append(len(tags))
+        tags.append(Tag(builder.start(name, attributes), start, inside, inside, inside))
+
+    def finish(name: str) -> None:
+        builder.end(name)
+        number = open_tags.pop()
+        tag = tags[number]
+        if raw[tag.inside - 2 : tag.inside] != b"/>":
+            end = parser.CurrentByteIndex
+            tags[number] = tag._replace(end=end, behind=raw.find(b">", end) + 1)
+
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = finish
+    parser.CharacterDataHandler = builder.data
     try:
         # without declarations there are no entities to grow
-        return ElementTree.fromstring(text)  # nosec B314
-    except (ElementTree.ParseError, ValueError) as error:
+        parser.Parse(raw, True)
+    except (expat.ExpatError, ValueError) as error:
         raise ValueError(f"this is no XML ({error})") from error
+    return tags
+
+
+def _without_dashes(match: re.Match[str]) -> str:
+    """Return a comment of the same length in which no two dashes follow each other."""
+    return f"<!--{match[1].replace('-', '.')}-->"
+
+
+def xml_tree(text: str) -> ElementTree.Element:
+    """Return the tree of an XML text; a ValueError as that of `xml_tags`."""
+    return xml_tags(text)[0].element
+
+
+def _inlined(text: str, folder: Path, depth: int = 0) -> str:
+    """Return an MJCF with the content of the files that it includes in place of each `<include>`.
+
+    Raises:
+        ValueError: one lies outside of `folder` or is no XML, or they include each other.
+    """
+    if depth > _DEEPEST:
+        raise ValueError("its files include each other without end")
+    raw = text.encode()
+    for tag in reversed(xml_tags(text)):
+        if tag.element.tag != "include":
+            continue
+        path = _found(tag.element.get("file", ""), folder, {""})
+        if path is None:
+            raise ValueError(f"there is no file '{tag.element.get('file', '')}' {_ELSEWHERE}")
+        if path.stat().st_size + len(raw) > MOST_BYTES:
+            raise ValueError(f"with the files that it includes it has more than {MOST_BYTES} bytes")
+        part = _inlined(path.read_text("utf-8", "replace"), folder, depth + 1)
+        root = xml_tags(part)[0]
+        content = part.encode()[root.inside : root.end]
+        raw = raw[: tag.start] + content + raw[tag.behind :]
+    return raw.decode()
 
 
 def _own_files(text: str, folder: Path) -> dict[str, bytes]:
-    """Return the files that an MJCF names and those that they include, by these names.
+    """Return the files that an MJCF names and that are there, by these names.
 
     Raises:
-        ValueError: one lies outside of `folder`, is no regular file or no XML, or they are too many
-            or too large.
+        ValueError: they are too many or too large.
     """
     files = dict[str, bytes]()
-    folder = folder.resolve()
-    waiting = [text]
+    root = xml_tree(text)
     places = {""}
-    while waiting:
-        root = xml_tree(waiting.pop())
-        for compiler in root.iter("compiler"):
-            places |= {compiler.get(key, "") for key in ("meshdir", "texturedir", "assetdir")}
-        for part in root.iter():
-            is_include = part.tag == "include"
-            for name in [v for k, v in part.attrib.items() if k.startswith("file") and v]:
-                path = _found(name, folder, {""} if is_include else places)
-                if name in files:
-                    continue
-                size = path.stat().st_size + sum(map(len, files.values()))
-                if size > _MOST_SIZE or len(files) >= _MOST_FILES:
-                    raise ValueError(
-                        f"it brings more than {_MOST_FILES} files or {_MOST_SIZE >> 20} MiB"
-                    )
-                files[name] = path.read_bytes()
-                if is_include:
-                    waiting.append(files[name].decode("utf-8", "replace"))
+    for compiler in root.iter("compiler"):
+        places |= {compiler.get(key, "") for key in ("meshdir", "texturedir", "assetdir")}
+    for part in root.iter():
+        for name in [v for k, v in part.attrib.items() if k.startswith("file") and v]:
+            path = _found(name, folder, places)
+            if path is None or name in files:
+                continue
+            size = path.stat().st_size + sum(map(len, files.values()))
+            if size > _MOST_SIZE or len(files) >= _MOST_FILES:
+                raise ValueError(
+                    f"it brings more than {_MOST_FILES} files or {_MOST_SIZE >> 20} MiB"
+                )
+            files[name] = path.read_bytes()
     return files
 
 
-def _found(name: str, folder: Path, places: Iterable[str]) -> Path:
-    """Return the path of a file that lies in one of the places below `folder`."""
+def _found(name: str, folder: Path, places: Iterable[str]) -> Path | None:
+    """Return the path of a file that lies in one of the places below `folder`; None without."""
     for place in places:
         path = (folder / place / name).resolve()
-        if path.is_relative_to(folder) and path.is_file():
+        if name and path.is_relative_to(folder) and path.is_file():
             return path
-    raise ValueError(
-        f"there is no file '{name}' in its folder, and files from elsewhere are not read"
-    )
+    return None
 
 
-def tried_files(text: str, folder: Path | None = None) -> Mapping[str, bytes]:
-    """Return the files of an MJCF or a URDF, by name, once a child process has compiled it.
+def complete(spec: mujoco.MjSpec, files: Mapping[str, bytes]) -> None:
+    """Take out of an MJCF whatever would keep a robot from being compiled, and tells nothing of it.
+
+    These are shapes whose file is not there, looks, keyframes, and inertia that no body has, which
+    becomes its mean. A floor that only contact pairs know of is added, and parts get names.
+    """
+    spec.compiler.balanceinertia = True
+    name_parts(spec)
+    for key in list(spec.keys):
+        spec.delete(key)
+    lost = {mesh.name for mesh in spec.meshes if mesh.file and mesh.file not in files}
+    for geom in list(spec.geoms):
+        geom.material = ""
+        if geom.meshname in lost:
+            spec.delete(geom)
+    for mesh in list(spec.meshes):
+        if mesh.name in lost:
+            spec.delete(mesh)
+    for look in (*spec.skins, *spec.materials, *spec.textures):
+        spec.delete(look)
+    for part in (*spec.sites, *spec.tendons):
+        part.material = ""
+    _add_floors(spec)
+
+
+def name_parts(spec: mujoco.MjSpec) -> None:
+    """Give a name to each body, joint, shape and actuator that has none: its kind and number."""
+    for kind in ("bodies", "joints", "geoms", "actuators"):
+        word = "body" if kind == "bodies" else kind.removesuffix("s")
+        for number, part in enumerate(getattr(spec, kind)):
+            part.name = part.name or f"{word} {number}"
+
+
+def _add_floors(spec: mujoco.MjSpec) -> None:
+    """Add the floors that contact pairs name, of a scene that includes the robot's file."""
+    shapes = {geom.name for geom in spec.geoms}
+    for pair in spec.pairs:
+        for name in {pair.geomname1, pair.geomname2} - shapes:
+            shapes.add(name)
+            plane = mujoco.mjtGeom.mjGEOM_PLANE
+            spec.worldbody.add_geom(name=name, type=plane, size=[0, 0, 1])
+
+
+def tried(
+    text: str, folder: Path | None = None, tolerant: bool = False
+) -> tuple[str, Mapping[str, bytes]]:
+    """Return an MJCF or a URDF and its files by name, once a child process has compiled it.
+
+    An MJCF comes back with all that it includes in one text.
 
     Args:
         text: the MJCF or URDF.
         folder: folder of its files; None for a text that may have none.
+        tolerant: leave out what `complete` leaves out.
 
     Raises:
         ValueError: MuJoCo cannot, or not within `ALLOWANCE`, or a file is not to be had.
     """
     place = None if folder is None else str(folder.resolve())
-    names, parts = guarded.ask(compile_foreign, [text, place], ALLOWANCE)
-    return dict(zip(names, parts, strict=True))
+    answer = guarded.ask(compile_foreign, [text, place, tolerant], ALLOWANCE)
+    (whole, names), parts = answer
+    return whole, dict(zip(names, parts, strict=True))
 
 
-def compile_foreign(text: str, folder: str | None) -> guarded.Answer:
-    """Compile a text with the files of a folder and no others; return their names and contents."""
-    files = {} if folder is None else _own_files(text, Path(folder))
+def compile_foreign(text: str, folder: str | None, tolerant: bool) -> guarded.Answer:
+    """Compile a text with the files of a folder and no others; return it, their names and bytes."""
+    files = {}
+    if folder is not None:
+        text = _inlined(text, Path(folder))
+        files = _own_files(text, Path(folder))
     if os.name == "posix":
         import resource
 
         resource.setrlimit(resource.RLIMIT_NOFILE, (0, 0))
     warnings = list[str]()
     mujoco.set_mju_user_warning(warnings.append)
-    mujoco.MjSpec.from_string(text, include=files, assets=files).compile()
+    spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
+    if tolerant:
+        complete(spec, files)
+    spec.compile()
     if any("NaN" in warning for warning in warnings):
         raise ValueError("it contains a NaN, but every number must be finite")
-    return list(files), list(files.values())
+    return [text, list(files)], list(files.values())

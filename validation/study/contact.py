@@ -26,6 +26,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation import cli
+from validation.descriptions.loading import load_robot
 from validation.engines.drake import DrakeBody
 from validation.engines.ode import GAZEBO, HUSKY, MAKERS_HUSKY, OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
@@ -37,7 +38,7 @@ from validation.report import drawing
 from validation.report.columns import MILLIMETRES, Unit, heading_of
 from validation.report.report import Report
 from validation.report.table import Row, Table
-from validation.simulator.description import Robot, load_robot, with_robot
+from validation.simulator.description import Robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain

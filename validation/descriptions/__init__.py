@@ -1,0 +1,1 @@
+"""Other people's robots and simulations: read, examined and mended."""

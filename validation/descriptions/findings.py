@@ -1,0 +1,549 @@
+"""What is wrong with a robot's numbers: findings from its file alone, without any drive.
+
+Each function looks for one cause and returns what it found, or None.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ssmr.robot.ground import FRONT, LEFT, SkidTurn, turn_on_the_spot
+from ssmr.types import FloatArray
+from validation.descriptions.foreign_robot import ForeignRobot
+from validation.descriptions.wheels import named_end, named_side
+from validation.simulator.checking import (
+    Measured,
+    guessed,
+    load_shares,
+    robot_outline,
+    spot_turn,
+    turning_torque,
+    whole_com,
+)
+from validation.simulator.description import GRAVITY, WHEELS, Robot
+
+DRIVER_LIMIT = 0.25
+"""Deviation of the body's yaw rate from the commanded one that raises no question [1]."""
+DENSITIES = (30.0, 6000.0)
+"""Masses a cubic metre of hull between which robots are [kg/m³]: an empty box of sheet, and steel
+that fills most of it."""
+MOST_SPARE = 10.0
+"""Torque of motors over that of a turn on the spot on ground of friction 1, beyond which it raises
+a question [1]."""
+OFF_SHARE = 0.12
+"""Difference of the loads of two axles or sides over the weight from which the weight is off the
+middle [1]."""
+_FAR_OFF = 0.25
+"""The same difference from which it is a fault [1]."""
+_ROUNDED = 1.1
+"""Moment of inertia over the greatest that a body can have, up to which it is rounded [1]."""
+_MOST_IN_WHEELS = 0.5
+"""Share of the mass in the wheels beyond which it raises a question [1]."""
+_SAME = 0.02
+"""Deviation of two lengths that are one [1]."""
+_EQUAL_FRICTION = 1e-3
+"""Deviation of two frictions that are one [1]."""
+
+
+class Finding(NamedTuple):
+    """Something that is wrong, or deserves a look."""
+
+    kind: str
+    """Its name in files, such as `weight_off`."""
+    severity: Literal["fault", "question"]
+    """`fault` for what cannot be or spoils a motion, `question` for what deserves a look."""
+    cause: str
+    """Sentence that says what is wrong."""
+    change: str | None = None
+    """What to change, and to what; None where only a look or a measurement tells it."""
+    before: str | None = None
+    """What was measured before the change; None where it was not tried."""
+    after: str | None = None
+    """The same after the change."""
+
+    @property
+    def sentence(self) -> str:
+        """All of it in a line."""
+        text = self.cause
+        if self.change:
+            text += f"; {self.change}"
+        if self.before and self.after:
+            text += f" ({self.before} → {self.after})"
+        return text
+
+
+class Case(NamedTuple):
+    """A robot whose numbers are examined."""
+
+    robot: Robot
+    """The robot."""
+    foreign: ForeignRobot | None
+    """Its description by others; None for a file of ours."""
+
+    @property
+    def hull_is_guessed(self) -> bool:
+        """Whether nobody said the size of the hull, so that nothing follows from it."""
+        return self.robot.source("geometry.body_size")[0] == "assumed"
+
+
+def static_findings(robot: Robot, foreign: ForeignRobot | None = None) -> list[Finding]:
+    """Return what is wrong with a robot by its numbers alone, faults first."""
+    case = Case(robot, foreign)
+    found = [finding for look in _LOOKS if (finding := look(case)) is not None]
+    return sorted(found, key=lambda finding: finding.severity)
+
+
+def shares_of_axles_and_sides(robot: Robot) -> tuple[float, float]:
+    """Return the loads in front less behind, and left less right, over the weight [1]."""
+    shares = load_shares(robot)
+    return float(shares @ FRONT), float(shares @ LEFT)
+
+
+def _weight_off(case: Case) -> Finding | None:
+    ahead, aside = shares_of_axles_and_sides(case.robot)
+    off = abs(ahead) + abs(aside)
+    if off < OFF_SHARE or off >= 1.0:
+        return None
+    robot = case.robot
+    x, y, _ = whole_com(robot)
+    words = []
+    loads = []
+    weight = robot.mass * GRAVITY
+    if abs(ahead) > 0.25 * OFF_SHARE:
+        words.append(f"{1e3 * abs(x):.0f} mm {'ahead of' if x > 0.0 else 'behind'}")
+        front = 0.25 * weight * (1.0 + ahead)
+        loads.append(f"front and rear wheels carry {front:.0f} and {0.5 * weight - front:.0f} N")
+    if abs(aside) > 0.25 * OFF_SHARE:
+        words.append(f"{1e3 * abs(y):.0f} mm to the {'left' if y > 0.0 else 'right'} of")
+        left = 0.25 * weight * (1.0 + aside)
+        loads.append(f"left and right ones carry {left:.0f} and {0.5 * weight - left:.0f} N")
+    turn = turn_on_the_spot(robot.wheelbase, robot.track, x, y)
+    middle = turn_on_the_spot(robot.wheelbase, robot.track)
+    centre = _centre_words(
+        -turn.across / turn.yaw_rate, turn.forward / turn.yaw_rate, robot.wheelbase
+    )
+    return Finding(
+        "weight_off",
+        "fault" if off > _FAR_OFF else "question",
+        f"the weight lies {' and '.join(words)} the middle between the wheels: "
+        f"{', '.join(loads)} each, so that it turns about {centre}, with a ratio of "
+        f"{turn.multiplier:.2f} instead of {middle.multiplier:.2f}",
+        "weigh the wheels of the robot; if they carry the same, put the body's centre of mass "
+        "into the middle",
+    )
+
+
+def _centre_words(x: float, y: float, wheelbase: float) -> str:
+    """Return words for the point that a robot turns about, from its middle [m]."""
+    if abs(abs(x) - 0.5 * wheelbase) < 0.02 * wheelbase and abs(y) < 0.02 * wheelbase:
+        return "its front axle" if x > 0.0 else "its rear axle"
+    parts = []
+    if abs(x) > 0.002:
+        parts.append(f"{1e3 * abs(x):.0f} mm {'ahead of' if x > 0.0 else 'behind'}")
+    if abs(y) > 0.002:
+        parts.append(f"{1e3 * abs(y):.0f} mm to the {'left' if y > 0.0 else 'right'} of")
+    return f"a point {' and '.join(parts)} its middle" if parts else "its middle"
+
+
+def _weight_outside(case: Case) -> Finding | None:
+    if case.hull_is_guessed:
+        return None
+    lowest, highest = robot_outline(case.robot)
+    for axis, com, low, high in zip("xyz", case.robot.com, lowest, highest, strict=True):
+        if not low <= com <= high:
+            return Finding(
+                "weight_off",
+                "fault",
+                f"the centre of mass lies outside of the robot: {axis} is {com:g} m, "
+                f"hull and tyres reach from {low:.3g} to {high:.3g} m",
+            )
+    return None
+
+
+def _wheel_without_load(case: Case) -> Finding | None:
+    shares = load_shares(case.robot)
+    if shares.min() > 0.0:
+        return None
+    robot = case.robot
+    x, y, _ = whole_com(case.robot)
+    wheel = WHEELS[int(np.argmin(shares))].replace("_", " ")
+    used = 2.0 * abs(x) / robot.wheelbase + 2.0 * abs(y) / robot.track
+    return Finding(
+        "weight_off",
+        "fault",
+        f"the {wheel} wheel carries nothing: the whole robot's centre of mass is {x:.3g} m "
+        f"ahead and {y:.3g} m to the left of the middle, and 2 |x| / wheelbase + "
+        f"2 |y| / track must be less than 1, not {used:.2f}",
+    )
+
+
+def _axes(case: Case) -> Finding | None:
+    if case.foreign is None:
+        return None
+    signs = case.foreign.wheeled.signs
+    if np.all(signs == signs[0]):
+        return None
+    names = np.array(case.foreign.wheeled.names)
+    backward = ", ".join(names[signs < 0.0])
+    forward = ", ".join(names[signs > 0.0])
+    sides = "wheels"
+    if np.all(signs * LEFT == signs[0]):
+        left, right = ("-y", "+y") if signs[0] < 0.0 else ("+y", "-y")
+        sides = f"left wheels turn about {left} and right ones about {right}"
+    return Finding(
+        "axes",
+        "fault",
+        f"axes of the wheels have opposite signs ({sides}): a controller of a differential drive "
+        "then turns the robot when it is told to drive ahead",
+        f"give {backward} the axis of {forward}, 0 1 0 in the robot's frame",
+    )
+
+
+def _names(case: Case) -> Finding | None:
+    if case.foreign is None:
+        return None
+    wheeled = case.foreign.wheeled
+    wrong = []
+    for name, front, left in zip(wheeled.names, FRONT, LEFT, strict=True):
+        if named_side(name) * left < 0.0:
+            wrong.append(f"{name} stands on the {'left' if left > 0.0 else 'right'}")
+        elif named_end(name) * front < 0.0:
+            wrong.append(f"{name} stands {'in front' if front > 0.0 else 'behind'}")
+    if not wrong:
+        return None
+    return Finding(
+        "names",
+        "fault",
+        f"names of wheels say other places than they have: {', '.join(wrong)} "
+        "(x is ahead, y to the left): a controller that goes by the names turns the wrong way",
+        "exchange the names, or the signs of the places",
+    )
+
+
+def _wheel_inertia(case: Case) -> Finding | None:
+    robot = case.robot
+    if case.foreign is not None:
+        for mass, tensor in case.foreign.wheel_tensors():
+            finding = _impossible("a wheel", tensor)
+            if finding is None:
+                greatest = float(np.linalg.eigvalsh(tensor)[-1])
+                finding = _too_much_spin(mass, robot.wheel_radius, greatest)
+            if finding is not None:
+                return finding
+        return None
+    return _too_much_spin(robot.wheel_mass, robot.wheel_radius, robot.wheel_inertia[1])
+
+
+def _too_much_spin(mass: float, radius: float, spin: float) -> Finding | None:
+    """Return a finding where no wheel of this mass and radius has such an inertia [kg m2]."""
+    # all the mass at the rim
+    most = mass * radius**2
+    if spin <= most * (1.0 + 1e-9):
+        return None
+    usual = 0.5 * most
+    return Finding(
+        "inertia",
+        "question" if spin <= _ROUNDED * most else "fault",
+        f"no wheel of {mass:g} kg and {radius:g} m has {spin:.4g} kg m2 "
+        f"about its axle: the most is m r^2 = {most:.4g}",
+        f"a cylinder has m r^2 / 2 = {usual:.4g}",
+    )
+
+
+def _impossible(body: str, tensor: FloatArray) -> Finding | None:
+    """Return a finding where no rigid body has an inertia [kg m2]."""
+    moments = np.linalg.eigvalsh(tensor)
+    total = float(moments.sum())
+    if total <= 0.0 or (moments[0] >= 0.0 and 2.0 * moments[2] <= total * (1.0 + 1e-3)):
+        return None
+    row = ", ".join(f"{moment:.4g}" for moment in np.diag(tensor))
+    return Finding(
+        "inertia",
+        "fault",
+        f"{row} kg m2 is the inertia of no body, and {body} has it: about one axis it is more than "
+        "about the two others together; the mean of the three stands in",
+        "compute it from size and mass",
+    )
+
+
+def _body_inertia(case: Case) -> Finding | None:
+    robot = case.robot
+    if case.foreign is not None:
+        wheeled = case.foreign.wheeled
+        for body in wheeled.base:
+            name = wheeled.model.body(body).name
+            if name in case.foreign.tensors:
+                finding = _impossible(f"'{name}'", case.foreign.tensors[name][1])
+                if finding is not None:
+                    return finding
+    lowest, highest = robot_outline(robot)
+    total = sum(robot.inertia)
+    for k, axis in enumerate("xyz"):
+        if case.hull_is_guessed and axis == "z":
+            continue
+        # mean square distance of the mass from the centre along this axis
+        spread = math.sqrt(max(0.5 * total - robot.inertia[k], 0.0) / robot.base_mass)
+        reach = max(float(highest[k]) - robot.com[k], robot.com[k] - float(lowest[k]))
+        if spread > _ROUNDED * reach > 0.0:
+            return Finding(
+                "inertia",
+                "fault" if spread > 1.5 * reach else "question",
+                f"the body's inertia needs its {robot.base_mass:.3g} kg to lie {spread:.2g} m from "
+                f"its centre along {axis}, root mean square, and the robot reaches {reach:.2g} m: "
+                "it is too large for a body of this mass and size",
+                "a box has m (a^2 + b^2) / 12 about the axis across its sides a and b",
+            )
+    return None
+
+
+def _hull_in_ground(case: Case) -> Finding | None:
+    robot = case.robot
+    bottom = robot.body_centre[2] - 0.5 * robot.body_size[2] + robot.base_height
+    if bottom >= -1e-6 or case.hull_is_guessed:
+        return None
+    return Finding(
+        "hull",
+        "fault",
+        f"the hull reaches {-1e3 * bottom:.0f} mm below the ground: with tyres of "
+        f"{robot.wheel_radius:g} m and axles at {robot.axle_height:g} m, the base frame is "
+        f"{robot.base_height:.4g} m above it",
+        "correct axle_height or body_centre",
+    )
+
+
+def _hull_unlike(case: Case) -> Finding | None:
+    if case.hull_is_guessed:
+        return None
+    robot = case.robot
+    length, width, height = robot.body_size
+    if (
+        length < 2.0 * robot.wheel_radius
+        or width < robot.wheel_width
+        or height < 0.2 * robot.wheel_radius
+    ):
+        return Finding(
+            "hull",
+            "question",
+            f"the hull of {length:.3g} x {width:.3g} x {height:.3g} m is smaller than a wheel: "
+            "is it an antenna or a sensor",
+            "measure the body, and say body_size and body_centre",
+        )
+    density = robot.base_mass / (length * width * height)
+    if DENSITIES[0] < density < DENSITIES[1]:
+        return None
+    return Finding(
+        "hull",
+        "question",
+        f"the body has {density:.3g} kg a cubic metre of its hull, and water has 1000: "
+        "are masses in kg and lengths in m?",
+    )
+
+
+def _mass_in_wheels(case: Case) -> Finding | None:
+    robot = case.robot
+    share = len(WHEELS) * robot.wheel_mass / robot.mass
+    if share <= _MOST_IN_WHEELS:
+        return None
+    return Finding(
+        "mass_in_wheels",
+        "question",
+        f"{100.0 * share:.0f} % of the mass is in the wheels: is the body "
+        f"{robot.base_mass:.2g} kg? Wheels of a robot have about a seventh",
+        "weigh body and wheels",
+    )
+
+
+def _effort(case: Case) -> Finding | None:
+    drive = case.robot.drive
+    limit = drive.torque_limit
+    if math.isinf(limit):
+        return Finding(
+            "effort",
+            "question",
+            "no torque_limit is given, so it can turn on any ground: say that of one wheel [N m]",
+        )
+    spot = spot_turn(case.robot)
+    if spot is None:
+        return None
+    torque = turning_torque(case.robot, spot)
+    if 2.0 * limit <= MOST_SPARE * torque or torque <= 0.0:
+        return None
+    return Finding(
+        "effort",
+        "question",
+        f"the limit of torque is {limit:.3g} N m a wheel, and {0.5 * torque:.3g} N m "
+        "turn the robot on the spot on ground of friction 1: is it that of a wheel, behind "
+        "the gear, in N m?",
+    )
+
+
+def _motor_weak(case: Case) -> Finding | None:
+    robot = case.robot
+    spot = spot_turn(robot)
+    if spot is None:
+        return None
+    mu = robot.friction
+    loss = robot.drive.gear_loss
+    limit = 2.0 * robot.drive.torque_limit
+    torque = turning_torque(robot, spot)
+    needed = mu * torque + loss
+    if needed <= limit:
+        return None
+    return Finding(
+        "motor_weak",
+        "fault",
+        f"it cannot turn on the spot on ground of friction {mu:g}: a side needs "
+        f"{needed:.4g} N m and its motors give {limit:.4g} N m",
+        f"torque_limit must be at least {0.5 * needed:.4g} N m a wheel, or friction at most "
+        f"{(limit - loss) / torque:.2g}",
+    )
+
+
+def _friction_by_heading(case: Case) -> Finding | None:
+    if case.foreign is None:
+        return None
+    unequal = []
+    directed = False
+    for numbers in case.foreign.contacts:
+        mu1 = numbers.get("mu1")
+        mu2 = numbers.get("mu2", mu1)
+        if mu1 is not None and mu2 is not None and abs(mu1 - mu2) > _EQUAL_FRICTION:
+            unequal.append(f"mu1 is {mu1:g} and mu2 is {mu2:g}")
+        directed |= numbers.get("fdir1", 0.0) > 0.0
+    if not unequal and not directed:
+        return None
+    words = unequal[:1]
+    if directed:
+        words.append("fdir1 is fixed in the wheel and rolls with it")
+    return Finding(
+        "friction_by_heading",
+        "fault" if unequal else "question",
+        f"friction of the wheels depends on the heading: {', and '.join(words)}, so the robot "
+        "turns unevenly and drifts",
+        "give mu1 and mu2 one number, and take fdir1 out (docs/why_drift.md)",
+    )
+
+
+def _controller(case: Case) -> Finding | None:
+    robot = case.robot
+    drive = robot.drive
+    given = "drive.command_half_track" in robot.given or "drive.command_radius" in robot.given
+    spot = spot_turn(robot)
+    off = sum(map(abs, shares_of_axles_and_sides(robot)))
+    if not given or spot is None:
+        return None
+    # the maker's radius may be that of a loaded tyre
+    if abs(drive.command_radius / robot.wheel_radius - 1.0) > 3.0 * _SAME:
+        return Finding(
+            "controller",
+            "question",
+            f"the controller reckons with wheels of {drive.command_radius:g} m, and they have "
+            f"{robot.wheel_radius:g} m: every speed is wrong by "
+            f"{100.0 * (robot.wheel_radius / drive.command_radius - 1.0):+.0f} %",
+            f"set its wheel_radius to {robot.wheel_radius:g}",
+        )
+    # yaw rate of the body over the difference of the commanded rim speeds
+    response = robot.wheel_radius / drive.command_radius * spot.yaw_rate
+    reached = drive.command_half_track * response
+    if response <= 0.0 or abs(reached - 1.0) <= DRIVER_LIMIT or off > OFF_SHARE:
+        return None
+    return Finding(
+        "controller",
+        "question",
+        f"turning on the spot, it reaches {100.0 * reached:.0f} % of the commanded yaw rate "
+        "because the wheels skid",
+        f"set command_half_track to {1.0 / response:.3g} m (it is {drive.command_half_track:g} m), "
+        f"which is a wheel_separation_multiplier of {2.0 / (response * robot.track):.3g} on "
+        f"{robot.track:g} m, to correct this",
+    )
+
+
+def _guessed_radius(case: Case) -> Finding | None:
+    if "geometry.wheel_radius" not in guessed(case.robot):
+        return None
+    return Finding(
+        "guess",
+        "question",
+        "geometry.wheel_radius is a guess: count the wheels' turns over a straight metre, "
+        "for every speed scales with it",
+    )
+
+
+def _guessed_mass(case: Case) -> Finding | None:
+    if "mass.total" not in guessed(case.robot):
+        return None
+    return Finding(
+        "guess",
+        "question",
+        "mass.total is a guess: weigh the robot, for every force scales with it",
+    )
+
+
+_LOOKS: Sequence[Callable[[Case], Finding | None]] = (
+    _weight_outside,
+    _wheel_without_load,
+    _weight_off,
+    _axes,
+    _names,
+    _wheel_inertia,
+    _body_inertia,
+    _hull_in_ground,
+    _hull_unlike,
+    _mass_in_wheels,
+    _friction_by_heading,
+    _effort,
+    _motor_weak,
+    _guessed_radius,
+    _guessed_mass,
+    _controller,
+)
+
+
+# ------------------------------------------------------------------------- of our own model
+MULTIPLIER_LIMIT = 0.02
+"""Deviation of the multiplier from its closed form that a robot may have [1]."""
+
+
+def model_findings(spot: SkidTurn | None, measured: Measured) -> list[Finding]:
+    """Return what is wrong with a robot's MuJoCo model, by a slow turn on the spot.
+
+    Args:
+        spot: the turn by mechanics; None where its wheels do not carry it.
+        measured: measurements on the model.
+    """
+    found = []
+    multiplier = measured.multiplier
+    if multiplier is None:
+        found.append(
+            Finding(
+                "motor_weak",
+                "fault",
+                "the simulated robot did not turn once on the spot in twice the time that "
+                "mechanics allows it",
+            )
+        )
+    elif spot is not None and abs(multiplier / spot.multiplier - 1.0) > MULTIPLIER_LIMIT:
+        found.append(
+            Finding(
+                "wheel_shape",
+                "fault",
+                f"the simulated robot turns with a multiplier of {multiplier:.3f}, and mechanics "
+                f"says {spot.multiplier:.3f}",
+                "keep the usual wheel_shape and timestep",
+            )
+        )
+    if measured.lifted_share > 0.0:
+        found.append(
+            Finding(
+                "hopping",
+                "fault",
+                f"a wheel leaves the ground in {100.0 * measured.lifted_share:.0f} % of a slow "
+                "turn on the spot",
+                "move the centre of mass to the middle and down, or lower the friction",
+            )
+        )
+    return found

@@ -1,0 +1,381 @@
+"""A robot as a URDF, an SDF or an MJCF of others describes it, with its wheels found.
+
+MuJoCo gets links and joints of a URDF without meshes, which are never looked for. An SDF is turned
+into a URDF; an MJCF is read as it is, but for what `foreign.complete` leaves out.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree  # nosec B405 # of texts that declare no entities
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import util
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from ssmr.types import FloatArray
+from validation.descriptions import gazebo
+from validation.descriptions.gazebo import Numbers
+from validation.descriptions.sdf import urdf_of_sdf
+from validation.descriptions.wheels import Drum, WheeledRobot
+from validation.files import guarded, reading
+from validation.simulator import foreign
+from validation.words import one_line
+
+_ROOT = "ssmr_world"
+"""Name of a link that the robot stands on, and of its joint: MuJoCo merges the first link of all
+with the world."""
+LEAST_MASS = 1e-9
+"""Mass that MuJoCo gives to bodies without one [kg], so that it takes them."""
+_FEW_TURNS = 4.0 * np.pi
+"""Range of a revolute joint beyond which it is a continuous one [rad]."""
+_TENSOR = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_XACRO_TIME = 60.0
+"""Limit of expanding a xacro file [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignRobot:
+    """A robot of others, as its file says it."""
+
+    file: str
+    """Name of the file, in one line."""
+    name: str
+    """The robot's name in it, fit for a file of ours; empty for none."""
+    kind: str
+    """Kind of the file: `urdf`, `sdf` or `mjcf`."""
+    wheeled: WheeledRobot
+    """Its model, and its wheels."""
+    contacts: Sequence[Numbers]
+    """Numbers of the surfaces of the four wheels, as `contact_numbers` has them."""
+    limits: Sequence[Numbers]
+    """Limits of the wheels' joints: `effort` [N m] and `velocity` [rad/s]."""
+    motorised: bool
+    """Whether each wheel has a motor of its own."""
+    tensors: Mapping[str, tuple[float, FloatArray]]
+    """Mass [kg] and (3, 3) inertia [kg m2] that the file says of its bodies, by name."""
+    controller: Numbers
+    """Separation, radius and multipliers with which a controller reckons, if any."""
+    text: str
+    """The file, an MJCF with all that it includes."""
+    files: Mapping[str, bytes]
+    """Other files of an MJCF, by name."""
+
+    @cached_property
+    def drums(self) -> list[Drum | None]:
+        """Shapes with which the wheels touch the ground; None for a wheel without one."""
+        return [self.wheeled.drum(joint) for joint in self.wheeled.joints]
+
+    def wheel_tensors(self) -> list[tuple[float, FloatArray]]:
+        """Return mass and inertia that the file says of each wheel that it says it of."""
+        names = [self.wheeled.model.body(body).name for body in self.wheeled.bodies]
+        return [self.tensors[name] for name in names if name in self.tensors]
+
+
+def is_description(path: str | Path) -> bool:
+    """Return whether a file is XML, by its name or its first letter; false for one not there."""
+    path = Path(path)
+    if path.suffix.lower() in (".urdf", ".sdf", ".world", ".xml", ".mjcf", ".xacro"):
+        return path.is_file()
+    try:
+        with path.open("rb") as file:
+            return file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
+    except OSError:
+        return False
+
+
+def read_foreign(path: str | Path, controller: str | Path | None = None) -> ForeignRobot:
+    """Return the robot that a URDF, a xacro file, an SDF or an MJCF describes.
+
+    Args:
+        path: the file.
+        controller: a controller's YAML, whose separation and radius count; those of the file's
+            plugins if not given.
+
+    Raises:
+        ValueError: a file cannot be read, is none of these, or describes no robot with four fixed,
+            plain wheels.
+    """
+    path = Path(path)
+    text = reading.read_text(path, foreign.MOST_BYTES)
+    root = foreign.xml_tree(text)
+    if _is_xacro(root):
+        text = _expanded(path)
+        root = foreign.xml_tree(text)
+    numbers = gazebo.plugin_numbers(root)
+    if controller is not None:
+        yaml = reading.read_text(controller, foreign.MOST_BYTES)
+        try:
+            numbers = gazebo.controller_numbers(yaml)
+        except ValueError as error:
+            raise ValueError(f"{controller}: {error}") from error
+    if root.tag == "mujoco":
+        return _of_mjcf(path, text, numbers)
+    if root.tag not in ("robot", "sdf"):
+        raise ValueError(
+            f"this is no URDF, SDF or MJCF: its root is <{one_line(root.tag)}>, not <robot>, <sdf> "
+            "or <mujoco>"
+        )
+    gazebo.require_plain_wheels(root)
+    contacts = gazebo.contact_numbers(root)
+    kind = "urdf"
+    if root.tag == "sdf":
+        kind = "sdf"
+        root = urdf_of_sdf(root)
+    if root.find("link") is None:
+        raise ValueError("this is no URDF: there is no <robot> with a <link>")
+    motors = _motorised(root)
+    limits = _limits(root)
+    spec = _readable(root)
+    wheeled = WheeledRobot(spec.compile())
+    surfaces = []
+    for body in wheeled.bodies:
+        merged = Numbers()
+        for part in wheeled.group(body):
+            merged |= contacts.get(wheeled.model.body(part).name, {})
+        surfaces.append(merged)
+    joints = [wheeled.model.joint(joint).name for joint in wheeled.joints]
+    return ForeignRobot(
+        file=one_line(path.name),
+        name=_plain_name(root.get("name", "")),
+        kind=kind,
+        wheeled=wheeled,
+        contacts=surfaces,
+        limits=[limits.get(joint, Numbers()) for joint in joints],
+        motorised=all(joint in motors for joint in joints),
+        tensors=_tensors(spec),
+        controller=numbers,
+        text=text,
+        files={},
+    )
+
+
+def _plain_name(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_-")[:60]
+
+
+# ------------------------------------------------------------------------------------ xacro
+def _is_xacro(root: ElementTree.Element) -> bool:
+    """Return whether a tree has something to expand; comments are not in it."""
+    for element in root.iter():
+        if "xacro" in element.tag:
+            return True
+        words = [element.text or "", *element.attrib.values()]
+        if any("${" in word or "$(" in word for word in words):
+            return True
+    return False
+
+
+def _expanded(path: Path) -> str:
+    """Return a xacro file, expanded in a child process by the package `xacro`.
+
+    Raises:
+        ValueError: it is not installed, or cannot; the message has the command.
+    """
+    command = f"xacro {path.name} > {path.name.removesuffix('.xacro').removesuffix('.urdf')}.urdf"
+    if util.find_spec("xacro") is None:
+        raise ValueError(
+            f"this is a xacro file; expand it first: {command}; or install the extra `xacro`"
+        )
+    allowance = guarded.Allowance(seconds=_XACRO_TIME, memory=foreign.ALLOWANCE.memory)
+    try:
+        text, _ = guarded.ask(expand_xacro, [str(path.resolve())], allowance)
+    except ValueError as error:
+        raise ValueError(
+            f"this is a xacro file that cannot be expanded here ({one_line(error)}); "
+            f"expand it where its packages are: {command}"
+        ) from error
+    return str(text)
+
+
+def expand_xacro(path: str) -> guarded.Answer:
+    """Return the text of an expanded xacro file, for `guarded.ask`."""
+    import xacro  # type: ignore[import-not-found, import-untyped, unused-ignore]
+
+    return xacro.process_file(path).toxml(), ()
+
+
+# ------------------------------------------------------------------------------------ URDF
+def _plain_links(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """Return links as MuJoCo takes them: without looks, meshes and half an inertia."""
+    links = root.findall("link")
+    for link in links:
+        for part in (*link.findall("visual"), *link.findall("collision")):
+            if part.tag == "visual" or part.find(".//mesh") is not None:
+                link.remove(part)
+        for inertial in link.findall("inertial"):
+            if inertial.find("mass") is None or inertial.find("inertia") is None:
+                link.remove(inertial)
+        for tensor in link.iter("inertia"):
+            zeros = dict.fromkeys(_TENSOR, "0")
+            tensor.attrib |= zeros | tensor.attrib
+    return links
+
+
+def _plain_joints(root: ElementTree.Element) -> list[ElementTree.Element]:
+    """Return joints without limits on continuous ones; all that are no hinges are fixed at zero.
+
+    Revolute joints of many turns are continuous. What one joint does of another is left out.
+    """
+    joints = root.findall("joint")
+    for joint in joints:
+        for mimic in joint.findall("mimic"):
+            joint.remove(mimic)
+        limit = joint.find("limit")
+        if joint.get("type") == "revolute" and limit is not None and _turns(limit) > _FEW_TURNS:
+            joint.set("type", "continuous")
+        if joint.get("type") == "continuous":
+            # of torque and speed; MuJoCo would take it for one of the angle
+            for limit in joint.findall("limit"):
+                joint.remove(limit)
+        elif joint.get("type") != "revolute":
+            joint.set("type", "fixed")
+    return joints
+
+
+def _turns(limit: ElementTree.Element) -> float:
+    """Return the range of a joint [rad]; SDF's default is endless, that of a URDF is 0."""
+    low = float(limit.get("lower", "0"))
+    high = float(limit.get("upper", "0"))
+    return high - low
+
+
+def _motorised(root: ElementTree.Element) -> set[str | None]:
+    """Return the joints that have a transmission, or a command interface of ros2_control."""
+    names = set()
+    for owner in root.findall("transmission"):
+        names |= {joint.get("name") for joint in owner.iter("joint")}
+    for owner in root.findall("ros2_control"):
+        for joint in owner.iter("joint"):
+            if joint.find("command_interface") is not None:
+                names.add(joint.get("name"))
+    return names
+
+
+def _limits(root: ElementTree.Element) -> dict[str, Numbers]:
+    """Return positive limits of effort [N m] and velocity [rad/s], by joint."""
+    limits = {}
+    for joint in root.findall("joint"):
+        limit = joint.find("limit")
+        numbers = Numbers()
+        for key in ("effort", "velocity"):
+            word = "" if limit is None else limit.get(key, "")
+            if word and 0.0 < float(word) < np.inf:
+                numbers[key] = float(word)
+        limits[joint.get("name", "")] = numbers
+    return limits
+
+
+def _readable(root: ElementTree.Element) -> mujoco.MjSpec:
+    """Return the links and joints of a URDF as MuJoCo reads them; the tree loses looks and meshes.
+
+    Moments of inertia that no body has become their mean about every axis.
+
+    Raises:
+        ValueError: MuJoCo cannot read it.
+    """
+    links = _plain_links(root)
+    joints = _plain_joints(root)
+    carried = {child.get("link") for joint in joints for child in joint.findall("child")}
+    first = [link.get("name", "") for link in links if link.get("name") not in carried]
+    if len(first) != 1:
+        raise ValueError(
+            f"links and joints are no tree: {len(first)} links hang on nothing, wanted one"
+        )
+    # MuJoCo merges links that cannot move with the world
+    standing = ElementTree.Element("joint", name=_ROOT, type="prismatic")
+    ElementTree.SubElement(standing, "parent", link=_ROOT)
+    ElementTree.SubElement(standing, "child", link=first[0])
+    plain = ElementTree.Element("robot", name="robot")
+    settings = ElementTree.SubElement(plain, "mujoco")
+    ElementTree.SubElement(
+        settings,
+        "compiler",
+        fusestatic="false",
+        discardvisual="true",
+        inertiafromgeom="false",
+        boundmass=repr(LEAST_MASS),
+        boundinertia="1e-12",
+        balanceinertia="true",
+    )
+    plain.extend([ElementTree.Element("link", name=_ROOT), *links, *joints, standing])
+    try:
+        text = ElementTree.tostring(plain, encoding="unicode")
+        foreign.tried(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"MuJoCo cannot read this URDF: {one_line(error)}") from error
+    return mujoco.MjSpec.from_string(text)
+
+
+def _tensors(spec: mujoco.MjSpec) -> dict[str, tuple[float, FloatArray]]:
+    """Return mass and (3, 3) inertia that a file says of its bodies, by name."""
+    tensors = {}
+    for body in spec.bodies:
+        if not body.explicitinertial or not body.name:
+            continue
+        full = np.asarray(body.fullinertia)
+        tensor = np.diag(np.asarray(body.inertia, dtype=np.float64))
+        if np.isfinite(full[0]):
+            xx, yy, zz, xy, xz, yz = full.tolist()
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        tensors[body.name] = float(body.mass), tensor
+    return tensors
+
+
+# ------------------------------------------------------------------------------------ MJCF
+def _of_mjcf(path: Path, text: str, controller: Numbers) -> ForeignRobot:
+    """Return the robot of an MJCF.
+
+    Raises:
+        ValueError: as `read_foreign`.
+    """
+    try:
+        text, files = foreign.tried(text, path.parent, tolerant=True)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"MuJoCo cannot read this MJCF: {one_line(error)}") from error
+    root = foreign.xml_tree(text)
+    gazebo.require_plain_wheels(root)
+    spec = mujoco.MjSpec.from_string(text, assets=files)
+    foreign.complete(spec, files)
+    tensors = _tensors(spec)
+    wheeled = WheeledRobot(spec.compile(), any_direction=True)
+    return ForeignRobot(
+        file=one_line(path.name),
+        name=_plain_name(root.get("model", "")) or _plain_name(path.stem),
+        kind="mjcf",
+        wheeled=wheeled,
+        contacts=[Numbers() for _ in wheeled.joints],
+        limits=[_actuator_limits(wheeled.model, joint) for joint in wheeled.joints],
+        motorised=all(_is_driven(wheeled.model, joint) for joint in wheeled.joints),
+        tensors=tensors,
+        controller=controller,
+        text=text,
+        files=files,
+    )
+
+
+def _actuators(model: mujoco.MjModel, joint: int) -> list[int]:
+    """Return the actuators of a joint."""
+    kind = mujoco.mjtTrn.mjTRN_JOINT
+    on_joint = (model.actuator_trntype == kind) & (model.actuator_trnid[:, 0] == joint)
+    return [int(a) for a in np.flatnonzero(on_joint)]
+
+
+def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
+    return bool(_actuators(model, joint))
+
+
+def _actuator_limits(model: mujoco.MjModel, joint: int) -> Numbers:
+    """Return the greatest torque of a wheel's actuator and joint [N m]; empty without a limit."""
+    most = []
+    if model.jnt_actfrclimited[joint]:
+        most.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
+    for a in _actuators(model, joint):
+        if model.actuator_forcelimited[a]:
+            gear = abs(float(model.actuator_gear[a, 0]))
+            most.append(gear * float(np.abs(model.actuator_forcerange[a]).max()))
+    return Numbers(effort=min(most)) if most else Numbers()

@@ -1,0 +1,204 @@
+"""An SDF model as the links and joints of a URDF, which one reader takes for both."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ElementTree  # nosec B405 # of trees that were parsed before
+from collections.abc import Iterable
+
+import numpy as np
+
+from ssmr.types import FloatArray
+
+_MODEL = "__model__"
+_TURNING = ("revolute", "continuous")
+_MOST_CHAIN = 100
+"""Greatest length of a chain of frames, each given in the next."""
+
+
+def urdf_of_sdf(root: ElementTree.Element) -> ElementTree.Element:
+    """Return the model of an SDF, or of its world, that has the most turning joints, as a URDF.
+
+    Surfaces and plugins are left where they stand; links and joints are in the model's frame.
+
+    Raises:
+        ValueError: there is no model with a link, it holds other models, or a pose is no pose.
+    """
+    models = [model for model in root.iter("model") if model.find("link") is not None]
+    if not models:
+        raise ValueError("this SDF has no <model> with a <link>")
+    model = max(models, key=_turning_joints)
+    inner = model.find("model")
+    if inner is not None:
+        raise ValueError(
+            f"its model '{model.get('name')}' holds the model '{inner.get('name')}'; "
+            "write the links and joints of both into one"
+        )
+    robot = ElementTree.Element("robot", name=model.get("name", "robot"))
+    frames = _Frames(model)
+    joints = [joint for joint in model.findall("joint") if joint.findtext("parent") != "world"]
+    carried = {_text(joint, "child"): joint for joint in joints}
+    places = {}
+    for link in model.findall("link"):
+        name = link.get("name", "")
+        # the frame of a URDF's link is that of the joint which carries it
+        joint = carried.get(name)
+        places[name] = frames.of(name if joint is None else joint.get("name", ""))
+        robot.append(_link(link, np.linalg.inv(places[name]) @ frames.of(name)))
+    for joint in joints:
+        parent = _text(joint, "parent")
+        child = _text(joint, "child")
+        if parent not in places or child not in places:
+            raise ValueError(f"joint '{joint.get('name')}' joins a link that is not there")
+        robot.append(_joint(joint, np.linalg.inv(places[parent]) @ places[child], frames))
+    return robot
+
+
+def _turning_joints(model: ElementTree.Element) -> int:
+    return sum(joint.get("type") in _TURNING for joint in model.findall("joint"))
+
+
+def _text(element: ElementTree.Element, tag: str, otherwise: str = "") -> str:
+    return (element.findtext(tag) or otherwise).strip()
+
+
+class _Frames:
+    """Places of a model's links, joints and frames in the model's frame."""
+
+    def __init__(self, model: ElementTree.Element) -> None:
+        """Collect the frames by name."""
+        self.elements = {}
+        for kind in ("frame", "joint", "link"):
+            for element in model.findall(kind):
+                self.elements[element.get("name", "")] = element
+
+    def of(self, name: str, depth: int = 0) -> FloatArray:
+        """Return the (4, 4) transform from a frame to the model's.
+
+        Raises:
+            ValueError: there is no such frame, or it is given in itself.
+        """
+        if name in ("", _MODEL):
+            return np.eye(4)
+        if name not in self.elements or depth > _MOST_CHAIN:
+            raise ValueError(f"its frame '{name}' is not there, or is given in itself")
+        element = self.elements[name]
+        base = ""
+        if element.tag == "joint":
+            base = _text(element, "child")
+        elif element.tag == "frame":
+            base = element.get("attached_to", "")
+        pose = element.find("pose")
+        if pose is not None:
+            base = pose.get("relative_to", base)
+        return self.of(base, depth + 1) @ _pose(pose)
+
+
+def _pose(pose: ElementTree.Element | None) -> FloatArray:
+    """Return the (4, 4) transform of a <pose>; that of none is the identity."""
+    transform = np.eye(4)
+    text = "" if pose is None else (pose.text or "").strip()
+    if pose is None or not text:
+        return transform
+    numbers = np.array([float(word) for word in text.split()])
+    if len(numbers) != 6 or not np.isfinite(numbers).all():
+        raise ValueError(f"a pose is '{text}', wanted six numbers: x y z roll pitch yaw")
+    roll, pitch, yaw = np.radians(numbers[3:]) if _is_true(pose.get("degrees")) else numbers[3:]
+    transform[:3, :3] = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+    transform[:3, 3] = numbers[:3]
+    return transform
+
+
+def _is_true(word: str | None) -> bool:
+    return word in ("1", "true")
+
+
+def _about(axis: int, angle: float) -> FloatArray:
+    """Return the (3, 3) rotation about an axis of the frame."""
+    turn = np.eye(3)
+    a = (axis + 1) % 3
+    b = (axis + 2) % 3
+    turn[a, a] = turn[b, b] = math.cos(angle)
+    turn[a, b] = -math.sin(angle)
+    turn[b, a] = math.sin(angle)
+    return turn
+
+
+def _origin(transform: FloatArray) -> ElementTree.Element:
+    """Return the <origin> of a transform."""
+    turn = transform[:3, :3]
+    pitch = math.asin(min(max(-turn[2, 0], -1.0), 1.0))
+    if abs(turn[2, 0]) < 1.0 - 1e-12:
+        roll = math.atan2(turn[2, 1], turn[2, 2])
+        yaw = math.atan2(turn[1, 0], turn[0, 0])
+    else:
+        # roll and yaw are about one axis then
+        roll = math.atan2(-turn[1, 2], turn[1, 1])
+        yaw = 0.0
+    place = _row(transform[:3, 3])
+    return ElementTree.Element("origin", xyz=place, rpy=_row((roll, pitch, yaw)))
+
+
+def _row(numbers: Iterable[float]) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
+
+
+def _link(link: ElementTree.Element, shift: FloatArray) -> ElementTree.Element:
+    """Return a URDF's link; `shift` leads from the SDF's link to it."""
+    out = ElementTree.Element("link", name=link.get("name", ""))
+    inertial = link.find("inertial")
+    if inertial is not None:
+        # SDFormat's defaults are 1 kg and 1 kg m2
+        part = ElementTree.SubElement(out, "inertial")
+        part.append(_origin(shift @ _pose(inertial.find("pose"))))
+        ElementTree.SubElement(part, "mass", value=_text(inertial, "mass", "1"))
+        tensor = {}
+        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+            usual = "1" if key[1] == key[2] else "0"
+            tensor[key] = _text(inertial, f"inertia/{key}", usual)
+        ElementTree.SubElement(part, "inertia", tensor)
+    for collision in link.findall("collision"):
+        shape = _shape(collision.find("geometry"))
+        if shape is not None:
+            part = ElementTree.SubElement(out, "collision")
+            part.append(_origin(shift @ _pose(collision.find("pose"))))
+            ElementTree.SubElement(part, "geometry").append(shape)
+    return out
+
+
+def _shape(geometry: ElementTree.Element | None) -> ElementTree.Element | None:
+    """Return the shape of a URDF; None for one that it does not have."""
+    if geometry is None:
+        return None
+    for shape in geometry:
+        size = {child.tag: (child.text or "").strip() for child in shape}
+        if shape.tag in ("box", "cylinder", "sphere"):
+            return ElementTree.Element(shape.tag, size)
+    return None
+
+
+def _joint(joint: ElementTree.Element, place: FloatArray, frames: _Frames) -> ElementTree.Element:
+    """Return a URDF's joint, whose axis is in the frame of the child."""
+    name = joint.get("name", "")
+    kind = joint.get("type", "fixed")
+    out = ElementTree.Element("joint", name=name, type=kind)
+    out.append(_origin(place))
+    for end in ("parent", "child"):
+        ElementTree.SubElement(out, end, link=_text(joint, end))
+    axis = joint.find("axis")
+    if axis is None:
+        return out
+    direction = np.array([float(word) for word in _text(axis, "xyz", "0 0 1").split()])
+    xyz = axis.find("xyz")
+    base = name if xyz is None else xyz.get("expressed_in", name)
+    if _is_true(axis.findtext("use_parent_model_frame")):
+        base = _MODEL
+    turn = np.linalg.inv(frames.of(name))[:3, :3] @ frames.of(base)[:3, :3]
+    ElementTree.SubElement(out, "axis", xyz=_row(turn @ direction))
+    limit = axis.find("limit")
+    if limit is not None:
+        words = {child.tag: (child.text or "").strip() for child in limit}
+        ElementTree.SubElement(out, "limit", words)
+    elif kind == "revolute":
+        out.set("type", "continuous")
+    return out

@@ -1,0 +1,384 @@
+"""The four wheels of a foreign robot, found in its model by their joints, and what they carry."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from mujoco import mjtGeom, mjtJoint
+
+from ssmr.robot.ground import FRONT, LEFT
+from ssmr.types import FloatArray
+from validation.words import one_line
+
+_LEVEL = 0.17
+"""Greatest share of z in the axis of a wheel [1]: ten degrees."""
+_PARALLEL = 0.985
+"""Least share of an axis along another one that is parallel to it [1]: ten degrees."""
+_UPRIGHT = 0.9
+"""Least share of z in the axis of a joint that steers [1]."""
+_FEW_TURNS = 4.0 * np.pi
+"""Range of a joint beyond which its limits are none [rad]."""
+_ASKEW = 0.05
+"""Greatest distance of a wheel from the corner of a rectangle, over its shorter side [1]."""
+_REACH = 0.25
+"""Greatest height of a wheel's lowest point above that of the lowest wheel, over its radius [1]."""
+_WHEEL_WORDS = re.compile(r"wheel|tire|tyre|rueda|roue|rad(?![a-z])", re.IGNORECASE)
+
+
+class Drum(NamedTuple):
+    """The shape with which a wheel touches the ground."""
+
+    geom: int
+    """Its number in the model."""
+    kind: str
+    """Type, as MuJoCo calls it: `cylinder`, `ellipsoid`, `capsule`, `sphere`, `box`, `mesh`."""
+    radius: float
+    """Greatest distance from the axle [m]."""
+    half_width: float
+    """Half its extent along the axle [m]."""
+    contact_half_width: float
+    """Half the distance of the points in which it touches level ground [m]."""
+    off_axle: float
+    """Distance of its middle from the axle [m]."""
+
+
+class WheeledRobot:
+    """A compiled robot of others with all joints at zero, and its four wheels.
+
+    Wheels are in the order of `WHEELS`. The frame is x forward, y left, z up, midway between the
+    axles, at the height of `base_link` or of the axles.
+    """
+
+    def __init__(self, model: mujoco.MjModel, any_direction: bool = False) -> None:
+        """Find the wheels.
+
+        Args:
+            model: the robot, and ground if any.
+            any_direction: whether it may drive along any direction; else along x.
+
+        Raises:
+            ValueError: there are not four, they do not stand at the corners of a rectangle, or one
+                can be steered.
+        """
+        self.model = model
+        self.data = mujoco.MjData(model)
+        mujoco.mj_forward(model, self.data)
+        four = self._four(any_direction)
+        self.root = int(model.body_rootid[model.jnt_bodyid[four[0]]])
+        self.turn = self._turned(four)
+        self._stand(four)
+
+    @property
+    def bodies(self) -> list[int]:
+        """The wheels' bodies."""
+        return [int(self.model.jnt_bodyid[joint]) for joint in self.joints]
+
+    @property
+    def names(self) -> list[str]:
+        """The wheels' names: those of their joints, or of their bodies where these have none."""
+        return [self._name(joint) for joint in self.joints]
+
+    def _name(self, joint: int) -> str:
+        own = self.model.joint(joint).name
+        return one_line(own or self.model.body(int(self.model.jnt_bodyid[joint])).name)
+
+    def _names(self, joints: Iterable[int]) -> str:
+        """Return the names of joints for a message, at most eight."""
+        names = [self._name(joint) for joint in joints]
+        if len(names) > 8:
+            names[8:] = ["…"]
+        return ", ".join(names) or "none"
+
+    def is_below(self, body: int, above: int) -> bool:
+        """Return whether a body hangs on another one, or is that one."""
+        while body > 0 and body != above:
+            body = int(self.model.body_parentid[body])
+        return body == above
+
+    def group(self, body: int) -> list[int]:
+        """Return a body and all that hang on it."""
+        return [b for b in range(1, self.model.nbody) if self.is_below(b, body)]
+
+    @property
+    def base(self) -> list[int]:
+        """The bodies of the robot that are no part of a wheel."""
+        wheels = set[int]()
+        for body in self.bodies:
+            wheels |= set(self.group(body))
+        return [body for body in self.group(self.root) if body not in wheels]
+
+    # ------------------------------------------------------------------------- finding
+    def _spinning(self) -> list[int]:
+        """Return the hinge joints across a level axis that turn without an end."""
+        model = self.model
+        found = []
+        for j in range(model.njnt):
+            is_hinge = model.jnt_type[j] == mjtJoint.mjJNT_HINGE
+            is_endless = not model.jnt_limited[j] or np.ptp(model.jnt_range[j]) > _FEW_TURNS
+            if is_hinge and is_endless and abs(self.data.xaxis[j, 2]) < _LEVEL:
+                found.append(j)
+        return found
+
+    def _four(self, any_direction: bool) -> list[int]:
+        """Return the joints of the four wheels; a ValueError says why they are none of a robot."""
+        axes = self.data.xaxis
+        spinning = self._spinning()
+        self._require_no_rollers(spinning)
+        along_y = [j for j in spinning if abs(axes[j, 1]) > _PARALLEL]
+        if not any_direction and len(along_y) != 4 and len(spinning) >= 4:
+            crosswise = [j for j in spinning if abs(axes[j, 0]) > _PARALLEL]
+            if len(crosswise) == 4:
+                raise ValueError(
+                    f"joints {self._names(crosswise)} turn about the x axis, so it drives along "
+                    "y; a robot drives along x: turn it by 90 degrees"
+                )
+        four = spinning if any_direction else along_y
+        if len(four) > 4:
+            four = self._touching(four)
+        if len(four) != 4:
+            raise ValueError(
+                f"it has {len(four)} joints that look like wheels, and a skid-steering robot has "
+                f"four, continuous and about the y axis: {self._names(four)}{self._others(four)}"
+            )
+        for j in four:
+            self._require_fixed(j)
+        return four
+
+    def _require_no_rollers(self, spinning: Sequence[int]) -> None:
+        """Raise a ValueError where joints that spin hang on others that spin."""
+        model = self.model
+        bodies = {int(model.jnt_bodyid[j]): j for j in spinning}
+        rollers = []
+        for body, joint in bodies.items():
+            parent = int(model.body_parentid[body])
+            if any(self.is_below(parent, other) for other in bodies):
+                rollers.append(joint)
+        if len(rollers) >= 4:
+            raise ValueError(
+                f"its wheels carry rollers ({self._names(rollers)}): mecanum or omni wheels, which "
+                "roll sideways; a skid-steering robot has plain ones"
+            )
+
+    def _touching(self, joints: Sequence[int]) -> list[int]:
+        """Return the joints whose wheels come about as low as the lowest; all without shapes."""
+        lowest = {}
+        for joint in joints:
+            drum = self.drum(joint)
+            if drum is None:
+                return list(joints)
+            lowest[joint] = float(self.data.xanchor[joint, 2]) - drum.radius, drum.radius
+        bottom, radius = min(lowest.values())
+        return [joint for joint, (low, _) in lowest.items() if low - bottom < _REACH * radius]
+
+    def _require_fixed(self, joint: int) -> None:
+        """Raise a ValueError where a wheel can be steered by a joint above it."""
+        model = self.model
+        body = int(model.jnt_bodyid[joint])
+        root = int(model.body_rootid[body])
+        while (body := int(model.body_parentid[body])) not in (0, root):
+            up = int(model.body_jntadr[body])
+            if up >= 0 and abs(self.data.xaxis[up, 2]) > _UPRIGHT:
+                raise ValueError(
+                    f"wheel '{self._name(joint)}' can be steered by joint "
+                    f"'{self._name(up)}'; the wheels of a skid-steering robot cannot"
+                )
+
+    def _others(self, wheels: Sequence[int]) -> str:
+        """Return why other parts that are called wheels are none, by name; empty without any."""
+        model = self.model
+        by_reason = dict[str, list[str]]()
+        taken = {int(model.jnt_bodyid[j]) for j in wheels}
+        for body in range(1, model.nbody):
+            joint = int(model.body_jntadr[body])
+            name = model.body(body).name
+            if joint >= 0:
+                name = f"{name} {model.joint(joint).name}"
+            if body in taken or not _WHEEL_WORDS.search(name):
+                continue
+            if joint < 0:
+                reason = "fixed: make their joints continuous"
+                shown = one_line(model.body(body).name)
+            else:
+                shown = self._name(joint)
+                reason = self._reason(joint)
+            by_reason.setdefault(reason, []).append(shown)
+        texts = []
+        for reason, names in by_reason.items():
+            listed = ", ".join(names[:8])
+            texts.append(f"; {listed} {'is' if len(names) == 1 else 'are'} {reason}")
+        return "".join(texts)
+
+    def _reason(self, joint: int) -> str:
+        model = self.model
+        if model.jnt_limited[joint] and np.ptp(model.jnt_range[joint]) <= _FEW_TURNS:
+            low, high = model.jnt_range[joint]
+            return f"revolute, from {low:.3g} to {high:.3g} rad: make them continuous"
+        x, y, z = (float(part) for part in self.data.xaxis[joint])
+        return f"about the axis {x:.2g} {y:.2g} {z:.2g}: make it y"
+
+    # ------------------------------------------------------------------------- placing
+    def _turned(self, four: Sequence[int]) -> FloatArray:
+        """Return the (3, 3) rotation from the world's axes to the robot's."""
+        axes = self.data.xaxis[list(four)]
+        across = axes[0] * [1.0, 1.0, 0.0]
+        if (np.abs(axes @ across) < _PARALLEL * np.hypot(*across[:2])).any():
+            raise ValueError(
+                f"the axes of its wheels {self._names(four)} are not parallel, as those of a "
+                "skid-steering robot"
+            )
+        across /= np.hypot(*across[:2])
+        if abs(across[1]) > _PARALLEL:
+            across *= np.sign(across[1])
+        else:
+            across *= self._left_sign(four, across)
+        ahead = np.cross(across, [0.0, 0.0, 1.0])
+        return np.array([ahead, across, [0.0, 0.0, 1.0]])
+
+    def _left_sign(self, four: Sequence[int], across: FloatArray) -> float:
+        """Return the sign by which an axis points to the left: by names, else as most joints."""
+        side = 0.0
+        for joint in four:
+            place = float(across @ self.data.xanchor[joint])
+            side += np.sign(place) * named_side(self._name(joint))
+        if side == 0.0:
+            side = float(np.sum(self.data.xaxis[list(four)] @ across))
+        return 1.0 if side >= 0.0 else -1.0
+
+    def _stand(self, four: Sequence[int]) -> None:
+        """Order the wheels, and compute wheelbase, track and the frame's origin."""
+        places = self.data.xanchor[list(four)] @ self.turn.T
+        middle = places.mean(axis=0)
+        ahead, aside, _ = (places - middle).T
+        order = np.lexsort((-aside, ahead < 0.0)).tolist()
+        x = np.abs(ahead).mean()
+        y = np.abs(aside).mean()
+        self.wheelbase = 2.0 * float(x)
+        self.track = 2.0 * float(y)
+        askew = float(np.abs([ahead[order] - x * FRONT, aside[order] - y * LEFT]).max())
+        if askew > _ASKEW * min(self.wheelbase, self.track):
+            raise ValueError(
+                "the four wheels do not stand at the corners of a rectangle: of "
+                f"{self._names(four)} one is {1e3 * askew:.0f} mm away from that of "
+                f"{self.wheelbase:.3f} by {self.track:.3f} m"
+            )
+        self.joints = [four[k] for k in order]
+        named = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, "base_link")
+        level = float(self.data.xpos[named, 2]) if named >= 0 else float(middle[2])
+        self.axle_height = float(middle[2]) - level
+        self.origin = np.array([middle[0], middle[1], level])
+
+    @property
+    def signs(self) -> FloatArray:
+        """(4,) 1 where a joint turns about +y, -1 about -y."""
+        return np.sign(self.data.xaxis[self.joints] @ self.turn[1])
+
+    # ------------------------------------------------------------------------- measuring
+    def lump(self, bodies: Sequence[int]) -> tuple[float, FloatArray, FloatArray]:
+        """Return mass [kg], centre [m] and (3, 3) inertia [kg m2] of bodies together.
+
+        All are in the robot's frame; the inertia is about the centre.
+        """
+        masses = self.model.body_mass[bodies]
+        total = float(masses.sum())
+        places = self.data.xipos[bodies] @ self.turn.T - self.origin
+        centre = masses @ places / total
+        tensor = np.zeros((3, 3))
+        for body, mass, place in zip(bodies, masses, places, strict=True):
+            turn = self.turn @ self.data.ximat[body].reshape(3, 3)
+            away = place - centre
+            tensor += turn @ np.diag(self.model.body_inertia[body]) @ turn.T
+            tensor += mass * (away @ away * np.eye(3) - np.outer(away, away))
+        return total, centre, tensor
+
+    def drum(self, joint: int) -> Drum | None:
+        """Return the shape of a wheel that reaches farthest from its axle; None without any."""
+        body = int(self.model.jnt_bodyid[joint])
+        drums = []
+        for owner in self.group(body):
+            first = int(self.model.body_geomadr[owner])
+            for geom in range(first, first + int(self.model.body_geomnum[owner])):
+                if self.model.geom_contype[geom] or self.model.geom_conaffinity[geom]:
+                    drums.append(self._drum_of(geom, joint))
+        return max(drums, key=lambda drum: drum.radius, default=None)
+
+    def _drum_of(self, geom: int, joint: int) -> Drum:
+        model = self.model
+        axis = self.data.xaxis[joint]
+        away = self.data.geom_xpos[geom] - self.data.xanchor[joint]
+        off = float(np.linalg.norm(away - axis * (away @ axis)))
+        turn = self.data.geom_xmat[geom].reshape(3, 3)
+        local = np.abs(turn.T @ axis)
+        along = int(np.argmax(local))
+        size = model.geom_size[geom]
+        kind = mjtGeom(model.geom_type[geom])
+        name = kind.name.removeprefix("mjGEOM_").lower()
+        half = 0.0
+        if kind == mjtGeom.mjGEOM_SPHERE:
+            width = radius = float(size[0])
+        elif kind in (mjtGeom.mjGEOM_CYLINDER, mjtGeom.mjGEOM_CAPSULE):
+            radius = float(size[0])
+            width = float(size[1])
+            half = width
+            if along != 2 or local[2] < _PARALLEL:
+                name = "lying"
+        elif kind == mjtGeom.mjGEOM_MESH:
+            points = self._vertices(geom) @ turn.T + away
+            beside = points @ axis
+            distances = np.linalg.norm(points - np.outer(beside, axis), axis=1)
+            radius = float(distances.max())
+            width = 0.5 * float(np.ptp(beside))
+            half = width
+            off = 0.0
+        else:
+            others = [float(size[k]) for k in range(3) if k != along]
+            radius = max(others)
+            width = float(size[along])
+            if kind == mjtGeom.mjGEOM_ELLIPSOID and np.ptp(others) > 1e-3 * radius:
+                name = "oval"
+        return Drum(geom, name, radius, width, half, off)
+
+    def _vertices(self, geom: int) -> FloatArray:
+        mesh = int(self.model.geom_dataid[geom])
+        first = int(self.model.mesh_vertadr[mesh])
+        count = int(self.model.mesh_vertnum[mesh])
+        return np.asarray(self.model.mesh_vert[first : first + count], dtype=np.float64)
+
+    def outline(self) -> FloatArray | None:
+        """Return the (2, 3) lowest and highest corners of the base's shapes [m]; None without."""
+        signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
+        corners = []
+        base = set(self.base)
+        for g, box in enumerate(self.model.geom_aabb.reshape(-1, 6)):
+            if int(self.model.geom_bodyid[g]) in base:
+                turn = self.data.geom_xmat[g].reshape(3, 3)
+                points = self.data.geom_xpos[g] + (box[:3] + signs * box[3:]) @ turn.T
+                corners.append(points @ self.turn.T - self.origin)
+        if not corners:
+            return None
+        every = np.concatenate(corners)
+        return np.array([every.min(axis=0), every.max(axis=0)])
+
+
+_LEFT_NAMES = re.compile(r"left|(?<![a-z])(l|fl|bl|rl|lf|lb|lr)(?![a-z])", re.IGNORECASE)
+_RIGHT_NAMES = re.compile(r"right|(?<![a-z])(r|fr|br|rr|rf|rb)(?![a-z])", re.IGNORECASE)
+_FRONT_NAMES = re.compile(r"front|(?<![a-z])(fl|fr|lf|rf)(?![a-z])", re.IGNORECASE)
+_REAR_NAMES = re.compile(r"rear|back|(?<![a-z])(bl|br|rl|rr|lb|rb|lr)(?![a-z])", re.IGNORECASE)
+
+
+def _sign(name: str, plus: re.Pattern[str], minus: re.Pattern[str]) -> int:
+    """Return 1 or -1 where a name has one of two words, and 0 where it has none or both."""
+    return bool(plus.search(name)) - bool(minus.search(name))
+
+
+def named_side(name: str) -> int:
+    """Return 1 for a name of the left, -1 for one of the right, else 0."""
+    return _sign(name, _LEFT_NAMES, _RIGHT_NAMES)
+
+
+def named_end(name: str) -> int:
+    """Return 1 for a name of the front, -1 for one of the rear, else 0."""
+    return _sign(name, _FRONT_NAMES, _REAR_NAMES)

@@ -19,7 +19,7 @@ import numpy as np
 
 from ssmr.types import FloatArray
 from validation.descriptions import gazebo
-from validation.descriptions.gazebo import Numbers
+from validation.descriptions.gazebo import NumbersByName
 from validation.descriptions.sdf import urdf_of_sdf
 from validation.descriptions.wheels import Drum, WheeledRobot
 from validation.files import guarded, reading
@@ -50,15 +50,15 @@ class ForeignRobot:
     """Kind of the file: `urdf`, `sdf` or `mjcf`."""
     wheeled: WheeledRobot
     """Its model, and its wheels."""
-    contacts: Sequence[Numbers]
+    contacts: Sequence[NumbersByName]
     """Numbers of the surfaces of the four wheels, as `contact_numbers` has them."""
-    limits: Sequence[Numbers]
+    limits: Sequence[NumbersByName]
     """Limits of the wheels' joints: `effort` [N m] and `velocity` [rad/s]."""
     motorised: bool
     """Whether each wheel has a motor of its own."""
     tensors: Mapping[str, tuple[float, FloatArray]]
     """Mass [kg] and (3, 3) inertia [kg m2] that the file says of its bodies, by name."""
-    controller: Numbers
+    controller: NumbersByName
     """Separation, radius and multipliers with which a controller reckons, if any."""
     text: str
     """The file, an MJCF with all that it includes."""
@@ -134,7 +134,7 @@ def read_foreign(path: str | Path, controller: str | Path | None = None) -> Fore
     wheeled = WheeledRobot(spec.compile())
     surfaces = []
     for body in wheeled.bodies:
-        merged = Numbers()
+        merged = NumbersByName()
         for part in wheeled.group(body):
             merged |= contacts.get(wheeled.model.body(part).name, {})
         surfaces.append(merged)
@@ -145,7 +145,7 @@ def read_foreign(path: str | Path, controller: str | Path | None = None) -> Fore
         kind=kind,
         wheeled=wheeled,
         contacts=surfaces,
-        limits=[limits.get(joint, Numbers()) for joint in joints],
+        limits=[limits.get(joint, NumbersByName()) for joint in joints],
         motorised=all(joint in motors for joint in joints),
         tensors=_tensors(spec),
         controller=numbers,
@@ -256,12 +256,12 @@ def _motorised(root: ElementTree.Element) -> set[str | None]:
     return names
 
 
-def _limits(root: ElementTree.Element) -> dict[str, Numbers]:
+def _limits(root: ElementTree.Element) -> dict[str, NumbersByName]:
     """Return positive limits of effort [N m] and velocity [rad/s], by joint."""
     limits = {}
     for joint in root.findall("joint"):
         limit = joint.find("limit")
-        numbers = Numbers()
+        numbers = NumbersByName()
         for key in ("effort", "velocity"):
             word = "" if limit is None else limit.get(key, "")
             if word and 0.0 < float(word) < np.inf:
@@ -327,7 +327,7 @@ def _tensors(spec: mujoco.MjSpec) -> dict[str, tuple[float, FloatArray]]:
 
 
 # ------------------------------------------------------------------------------------ MJCF
-def _of_mjcf(path: Path, text: str, controller: Numbers) -> ForeignRobot:
+def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
     """Return the robot of an MJCF.
 
     Raises:
@@ -348,7 +348,7 @@ def _of_mjcf(path: Path, text: str, controller: Numbers) -> ForeignRobot:
         name=_plain_name(root.get("model", "")) or _plain_name(path.stem),
         kind="mjcf",
         wheeled=wheeled,
-        contacts=[Numbers() for _ in wheeled.joints],
+        contacts=[NumbersByName() for _ in wheeled.joints],
         limits=[_actuator_limits(wheeled.model, joint) for joint in wheeled.joints],
         motorised=all(_is_driven(wheeled.model, joint) for joint in wheeled.joints),
         tensors=tensors,
@@ -369,7 +369,7 @@ def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
     return bool(_actuators(model, joint))
 
 
-def _actuator_limits(model: mujoco.MjModel, joint: int) -> Numbers:
+def _actuator_limits(model: mujoco.MjModel, joint: int) -> NumbersByName:
     """Return the greatest torque of a wheel's actuator and joint [N m]; empty without a limit."""
     most = []
     if model.jnt_actfrclimited[joint]:
@@ -378,4 +378,4 @@ def _actuator_limits(model: mujoco.MjModel, joint: int) -> Numbers:
         if model.actuator_forcelimited[a]:
             gear = abs(float(model.actuator_gear[a, 0]))
             most.append(gear * float(np.abs(model.actuator_forcerange[a]).max()))
-    return Numbers(effort=min(most)) if most else Numbers()
+    return NumbersByName(effort=min(most)) if most else NumbersByName()

@@ -30,17 +30,17 @@ _CONTROLLER = {
 }
 """Names of a controller's numbers, with the names and the factors here."""
 _LINE = re.compile(r"^\s*[\"']?(\w+)[\"']?\s*:\s*([-+.\deE]+)\s*(?:#.*)?$")
-Numbers = dict[str, float]
+NumbersByName = dict[str, float]
 """Numbers by name [SI]."""
 
 
-def contact_numbers(root: ElementTree.Element) -> dict[str, Numbers]:
+def contact_numbers(root: ElementTree.Element) -> dict[str, NumbersByName]:
     """Return the numbers of each link's surface in a URDF or an SDF.
 
     These are `mu1`, `mu2`, `kp`, `kd`, `slip1`, `slip2`, and `fdir1`, 1 where a direction of
     friction is given that is not zero.
     """
-    contacts = dict[str, Numbers]()
+    contacts = dict[str, NumbersByName]()
     for owner in root.iter():
         if owner.tag == "gazebo" and "reference" in owner.attrib:
             name = owner.get("reference", "")
@@ -67,7 +67,7 @@ def _number(word: str) -> float:
         return 0.0
 
 
-def plugin_numbers(root: ElementTree.Element) -> Numbers:
+def plugin_numbers(root: ElementTree.Element) -> NumbersByName:
     """Return separation, radius and multipliers of the wheels in the plugins of a URDF or SDF."""
     pairs = []
     for plugin in root.iter("plugin"):
@@ -76,7 +76,7 @@ def plugin_numbers(root: ElementTree.Element) -> Numbers:
     return _controller(pairs)
 
 
-def controller_numbers(text: str) -> Numbers:
+def controller_numbers(text: str) -> NumbersByName:
     """Return separation, radius and multipliers of the wheels in a controller's YAML.
 
     Raises:
@@ -96,9 +96,9 @@ def controller_numbers(text: str) -> Numbers:
     return numbers
 
 
-def _controller(pairs: list[tuple[str, str]]) -> Numbers:
+def _controller(pairs: list[tuple[str, str]]) -> NumbersByName:
     """Return the numbers among names and words; the first of each name counts."""
-    numbers = Numbers()
+    numbers = NumbersByName()
     for name, word in pairs:
         key, factor = _CONTROLLER.get(name, ("", 1.0))
         value = _number(word)

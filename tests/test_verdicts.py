@@ -17,16 +17,16 @@ from validation.replicate.verdicts import (
     RATIO_REACH,
     SPREADS,
     STATUSES,
+    SUPPOSED_ON,
     UNEXPLAINED,
+    Entry,
     Pair,
-    Reason,
     Supposed,
     Verdict,
-    criteria,
     criterion_of,
+    entries,
     judge,
     judge_row,
-    reasons,
 )
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -109,7 +109,7 @@ def test_no_error_bar_makes_numbers_agree(a: float, b: float, spread: float) -> 
 
 
 def test_every_criterion_names_rows_and_words_with_two_sides() -> None:
-    for criterion in criteria():
+    for criterion in entries("criterion"):
         assert criterion.evidence in EVIDENCE
         assert all(low < high < float("inf") for low, high in criterion.within.values())
         for table in criterion.tables:
@@ -152,7 +152,7 @@ def test_a_row_is_judged_by_its_worst_number(statuses: list[str]) -> None:
 
 
 def test_a_row_agrees_under_a_supposition_only_in_all_its_numbers() -> None:
-    supposed = Supposed(0.010, None, "the floor was wet", "page.md")
+    supposed = Supposed(0.010, None, "the floor was wet")
     pairs = {
         m: Pair(0.010, x, "distance", supposed=supposed)
         for m, x in (("d_rms_m", 0.030), ("d_haus_m", 0.011))
@@ -169,13 +169,13 @@ def test_a_row_agrees_under_a_supposition_only_in_all_its_numbers() -> None:
         measured = judge_row(row, {m: judge("0.0", "row", m, pair, ()) for m, pair in row.items()})
         assert measured.status == status
         assert status != "agrees if" or measured == Verdict(
-            "agrees if", "it agrees if the floor was wet", "page.md"
+            "agrees if", "it agrees if the floor was wet", SUPPOSED_ON
         )
 
 
 def test_a_difference_without_reason_says_so_and_agreement_needs_none() -> None:
     about = {"tables": ("9.9",), "rows": ("a*",), "metrics": ("d_rms_m",), "when": ("differs",)}
-    known = (Reason(text="the moon", see="page.md", **about),)  # type: ignore[arg-type]
+    known = (Entry(text="the moon", see="page.md", **about),)  # type: ignore[arg-type]
     far, near, same = (Pair(1.0, x, "distance") for x in (9.0, 0.1, 1.0))
     assert judge("9.9", "a1", "d_rms_m", far, known) == Verdict("differs", "the moon", "page.md")
     for table, row, metric, pair in (
@@ -190,7 +190,7 @@ def test_a_difference_without_reason_says_so_and_agreement_needs_none() -> None:
 
 def test_every_known_reason_is_about_something_printed_and_shown_on_a_page() -> None:
     errata = (DOCS / "errata.md").read_text(encoding="utf-8")
-    for reason in reasons():
+    for reason in entries("reason"):
         page, _, number = reason.see.partition(", ")
         assert (DOCS / page).is_file(), reason.see
         assert not number or re.search(rf"^\| {number} \|", errata, re.MULTILINE), reason.see

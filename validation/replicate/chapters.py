@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib import resources
 from typing import Any, NamedTuple
 
@@ -15,9 +16,10 @@ import numpy as np
 
 from ssmr.types import FloatArray
 from validation.progress import Progressing
-from validation.replicate.verdicts import Pair, Rows, Verdict, criterion_of, judge, judge_row
+from validation.replicate.verdicts import JudgedRow, Rows, judged_rows
 from validation.report.columns import Unit, ending_of
 from validation.report.drawing import PanelRow
+from validation.report.report import INTERRUPTED, Report
 from validation.report.table import Row, Table, markdown_table
 from validation.words import markdown
 
@@ -66,6 +68,11 @@ class Findings:
     """Tables without a counterpart in the thesis."""
     panels: Sequence[PanelRow] = ()
     """Rows of the picture."""
+
+    @cached_property
+    def rows(self) -> list[JudgedRow]:
+        """Return every row of the tables with its verdicts."""
+        return judged_rows(self.tables)
 
 
 class Section(NamedTuple):
@@ -135,8 +142,11 @@ def chapter_of(section: Section, findings: Findings) -> Chapter:
             sentences.append(line)
             continue
         numbers, _, caption = line.removeprefix("## ").partition(": ")
-        heading = f"{named(numbers)}. {caption}"
-        tables.append(_side_by_side(heading, _tables_between(numbers, findings.tables)))
+        first, _, last = numbers.partition("–")
+        lower = order_of(first)
+        upper = order_of(last or first)
+        rows = [row for row in findings.rows if lower <= order_of(row.table) <= upper]
+        tables.append(_side_by_side(f"{named(numbers)}. {caption}", rows))
     text = "\n".join(sentences).strip()
     where = ", ".join(map(named, section.tables))
     if len(section.tables) > 2:
@@ -144,19 +154,24 @@ def chapter_of(section: Section, findings: Findings) -> Chapter:
     return Chapter(f"{title.removeprefix('# ')} ({where})", [*tables, *findings.more], text)
 
 
-def _tables_between(numbers: str, tables: Mapping[str, Rows]) -> dict[str, Rows]:
-    """The table of a number, or those of a range such as `4.5–4.12`."""
-    first, _, last = numbers.partition("–")
-    lower = order_of(first)
-    upper = order_of(last or first)
-    return {n: rows for n, rows in tables.items() if lower <= order_of(n) <= upper}
-
-
 def deviation(values: Sequence[float] | FloatArray) -> float | None:
     """Return the standard deviation of some numbers; None of a single one."""
     if len(values) > 1:
         return float(np.std(values, ddof=1))
     return None
+
+
+def unit_of_metric(metric: str) -> str:
+    """Return the unit of a metric of a path."""
+    return "m" if metric.endswith("_m") else "1"
+
+
+def finished(report: Report) -> dict[str, Any]:
+    """Return a search's results as its JSON file has them; Ctrl-C in it is one here."""
+    found = report.as_dict()
+    if found["status"] == INTERRUPTED:
+        raise KeyboardInterrupt
+    return found
 
 
 def named(number: str) -> str:
@@ -173,90 +188,78 @@ def order_of(number: str) -> tuple[int, ...]:
     return (99, *map(ord, number))
 
 
-def judged(number: str, rows: Rows) -> dict[str, tuple[dict[str, Verdict], Verdict]]:
-    """Return by row the verdicts on its numbers by metric, and that on the whole row."""
-    judgements = {}
-    for row, pairs in rows.items():
-        verdicts = {metric: judge(number, row, metric, pair) for metric, pair in pairs.items()}
-        judgements[row] = (verdicts, judge_row(pairs, verdicts))
-    return judgements
-
-
-def is_printed(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> bool:
-    """Whether the thesis has a row, though its numbers may be lost; others are for the record."""
-    return any(pair.is_given or verdicts[metric].see for metric, pair in pairs.items())
-
-
-def _side_by_side(title: str, tables: Mapping[str, Rows]) -> Table:
-    """Tables of the thesis as one: printed numbers beside ours, and below them the reasons.
+def _side_by_side(title: str, rows: Sequence[JudgedRow]) -> Table:
+    """Rows of the thesis as one table: printed numbers beside ours, and below them the reasons.
 
     A row has all its metrics side by side where each metric has one unit; else each number has a
     row, with its unit.
     """
-    every = [pairs for rows in tables.values() for pairs in rows.values()]
     units: dict[str, set[str]] = {}
-    for pairs in every:
-        for metric, pair in pairs.items():
+    for row in rows:
+        for metric, pair in row.pairs.items():
             units.setdefault(metric, set()).add(pair.unit)
-    wide = max(map(len, every)) > 1 and all(len(u) == 1 for u in units.values())
+    wide = max(len(row.pairs) for row in rows) > 1 and all(len(u) == 1 for u in units.values())
+    several = len({row.table for row in rows}) > 1
     lines = list[Row]()
-    rows_by_source = dict[tuple[str, str], list[str]]()
-    for number, rows in tables.items():
-        for row, (verdicts, whole) in judged(number, rows).items():
-            pairs = rows[row]
-            head = {"Tab.": number} if len(tables) > 1 else {}
-            criterion = criterion_of(number, row)
-            evidence = None
-            if is_printed(pairs, verdicts):
-                evidence = criterion.evidence
-                source = (whole.reason, whole.see)
-                rows_by_source.setdefault(source, []).append(head.get("Tab.", row))
-            line: dict[str, Any]
-            if wide:
-                name = row.replace("_", " ")
-                line = {**head, "row": name, "verdict": whole.status, "evidence": evidence}
-                for metric, pair in pairs.items():
-                    line |= _metric_columns(metric, pair, criterion.within.get(metric))
-                lines.append(line)
-                continue
-            for metric, pair in pairs.items():
-                line = {**head, "row": row}
-                if len(units) > 1:
-                    line["what"] = metric.replace("_", " ")
-                status = whole.status if len(pairs) == 1 else verdicts[metric].status
-                line |= {"unit": pair.unit, "verdict": status, "evidence": evidence}
-                line |= _pair_columns(pair, criterion.within.get(metric))
-                lines.append(line)
+    names_by_reason = dict[str, list[str]]()
+    for row in rows:
+        head = {"Tab.": row.table} if several else {}
+        evidence = row.criterion.evidence if row.is_printed else None
+        if row.is_printed and row.whole.reason:
+            names_by_reason.setdefault(_reason(row), []).append(head.get("Tab.", row.name))
+        verdict = {"verdict": row.whole.status, "evidence": evidence}
+        if wide:
+            line = {**head, "row": row.name.replace("_", " "), **verdict}
+            for metric in row.pairs:
+                line |= _metric_columns(row, metric)
+            lines.append(line)
+            continue
+        for metric, pair in row.pairs.items():
+            what = {"what": metric.replace("_", " ")} if len(units) > 1 else {}
+            if len(row.pairs) > 1:
+                verdict["verdict"] = row.verdicts[metric].status
+            columns = _columns(row, metric)
+            lines.append({**head, "row": row.name, **what, "unit": pair.unit, **verdict, **columns})
     used = {key for line in lines for key, value in line.items() if value is not None}
     headings = {key: key.removesuffix(ending_of(key)) for key in used} if wide else {}
     ratios = {key: Unit("", 1.0, 4, significant=5) for key in used if "_ratio" in key}
     kept = [{k: v for k, v in line.items() if k in used} for line in lines]
-    return Table(title, kept, _caption(rows_by_source), units=ratios, headings=headings)
+    caption = "\n".join(f"{', '.join(names)}: {why}." for why, names in names_by_reason.items())
+    return Table(title, kept, caption, units=ratios, headings=headings)
 
 
-def _caption(rows_by_source: Mapping[tuple[str, str], Sequence[str]]) -> str:
-    """Return a line for each reason, from names of rows by reason and page of docs/."""
-    lines = []
-    for (reason, page), names in rows_by_source.items():
-        if reason:
-            source = f" (docs/{page})" if page else ""
-            lines.append(f"{', '.join(names)}: {reason}{source}.")
-    return "\n".join(lines)
+def _reason(row: JudgedRow) -> str:
+    """Return why a row has its verdict, and the page of docs/ that shows it."""
+    source = f" (docs/{row.whole.see})" if row.whole.see else ""
+    return f"{row.whole.reason}{source}"
 
 
-def _metric_columns(metric: str, pair: Pair, within: Sequence[float] | None) -> Row:
-    """Columns named after the metric; a spread makes a number an interval to both sides."""
-    ending = ending_of(metric)
-    supposed = pair.supposed
+def _columns(row: JudgedRow, metric: str) -> dict[str, Any]:
+    """Columns of one number of a row."""
+    pair = row.pairs[metric]
+    least, most = row.criterion.within.get(metric, (None, None))
     columns = {
         "printed": pair.published,
-        **_limit_columns(within),
-        "ours": _interval(pair.ours, pair.spread),
+        "least": least,
+        "most": most,
+        "ours": pair.ours,
+        "spread": pair.spread,
+        "supposed": None if pair.supposed is None else pair.supposed.value,
         **pair.beside,
-        "supposed": None if supposed is None else _interval(supposed.value, supposed.spread),
     }
+    return {name.replace("_", " "): value for name, value in columns.items()}
+
+
+def _metric_columns(row: JudgedRow, metric: str) -> Row:
+    """The same, named after the metric; a spread makes a number an interval to both sides."""
+    pair = row.pairs[metric]
+    columns = _columns(row, metric)
+    columns["ours"] = _interval(pair.ours, columns.pop("spread"))
+    if pair.supposed is not None:
+        columns["supposed"] = _interval(pair.supposed.value, pair.supposed.spread)
+    ending = ending_of(metric)
     stem = metric.removesuffix(ending)
-    return {f"{stem} {name.replace('_', ' ')}{ending}": value for name, value in columns.items()}
+    return {f"{stem} {name}{ending}": value for name, value in columns.items()}
 
 
 def _interval(
@@ -265,22 +268,3 @@ def _interval(
     if value is None or spread is None:
         return value
     return (value, value - spread, value + spread)
-
-
-def _pair_columns(pair: Pair, within: Sequence[float] | None) -> Row:
-    supposed = None if pair.supposed is None else pair.supposed.value
-    columns = {
-        "printed": pair.published,
-        **_limit_columns(within),
-        "ours": pair.ours,
-        "spread": pair.spread,
-        "supposed": supposed,
-        **pair.beside,
-    }
-    return {name.replace("_", " "): value for name, value in columns.items()}
-
-
-def _limit_columns(within: Sequence[float] | None) -> Row:
-    if within is None:
-        return {}
-    return {"least": within[0], "most": within[1]}

@@ -31,8 +31,23 @@ from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
 from validation.progress import Progress
 from validation.replicate import published
-from validation.replicate.chapters import Findings, Section, Task, deviation, judged
-from validation.replicate.verdicts import RULE_OF, Pair, Rows, Rule, Supposed
+from validation.replicate.chapters import (
+    Findings,
+    Section,
+    Task,
+    deviation,
+    finished,
+    unit_of_metric,
+)
+from validation.replicate.verdicts import (
+    RULE_OF,
+    JudgedRow,
+    Pair,
+    Rows,
+    Rule,
+    Supposed,
+    judged_rows,
+)
 from validation.report.drawing import (
     PanelRow,
     draw_section,
@@ -49,34 +64,6 @@ CONTROL_TABLES = tuple(f"4.{i}" for i in (*range(5, 20), *range(22, 37)))
 """Numbers of the tables of single references; 4.37 repeats them, and 4.38 follows from it."""
 TUNED_TABLES: Mapping[str, str] = {"pid": "4.4", "lqr": "4.21"}
 """Tables of gains by controller."""
-GAIN_NAMES: Mapping[str, Mapping[str, str]] = {
-    "pid": {
-        "K_P_rho": "k_p_rho",
-        "K_I_rho": "k_i_rho",
-        "K_P_y": "k_p_y",
-        "K_I_y": "k_i_y",
-        "K_P_alpha": "k_p_alpha",
-        "K_I_alpha": "k_i_alpha",
-        "K_P_u": "k_p_u",
-        "K_I_u": "k_i_u",
-        "K_P_omega": "k_p_w",
-        "K_I_omega": "k_i_w",
-        "K_P_FF_u": "ff_u",
-        "K_P_FF_omega": "ff_w",
-    },
-    "lqr": {
-        "Q_11": "q_x",
-        "Q_22": "q_v",
-        "Q_33": "q_yaw",
-        "Q_44": "q_w",
-        "R_11": "r_v",
-        "R_22": "r_w",
-        "K_alpha": "k_alpha",
-        "K_y": "k_y",
-        "K_I_rho": "k_i_rho",
-    },
-}
-"""Names of the thesis' gains in our gain sets, by controller."""
 _FAST = 0.5
 """Speed at which, says Sec. 4.5, motors were often at their limit [m/s]."""
 _KNOWN_GEOMETRY = ("line", "circle")
@@ -96,7 +83,6 @@ _DRIVEN = (
 )
 _REAL_SEEDS = 1000
 """First seed of the MuJoCo robot's noise, since the real robot's noise was not the simulation's."""
-_LOST = "every seed lost the reference"
 
 
 def _tune_gains(controller: str, task: Task) -> Findings:
@@ -104,7 +90,7 @@ def _tune_gains(controller: str, task: Task) -> Findings:
     population, generations = task.budget.tune or (None, None)
     searches = []
     for seed in range(task.seed, task.seed + task.budget.searches):
-        search = tune(
+        tuned = tune(
             controller,
             ("generic@0.25",),
             _PROFILE,
@@ -119,12 +105,10 @@ def _tune_gains(controller: str, task: Task) -> Findings:
             seed=seed,
             workers=task.workers,
             progress=task.progress,
-        ).as_dict()
-        if search["status"] == "interrupted":
-            raise KeyboardInterrupt
-        searches.append(search)
+        )
+        searches.append(finished(tuned))
     number = TUNED_TABLES[controller]
-    best = min(searches, key=lambda search: float(search["cost"]))
+    best = min(searches, key=lambda search: search["cost"])
     baseline = best["baseline_cost"]
     words = {
         "law": controller.upper(),
@@ -133,35 +117,31 @@ def _tune_gains(controller: str, task: Task) -> Findings:
         "baseline": math.nan if baseline is None else baseline,
         "generations": best["generations"],
     }
-    return Findings({number: gain_rows(controller, searches)}, words)
+    return Findings({number: _gain_rows(number, searches, best)}, words)
 
 
-def gain_rows(controller: str, searches: Sequence[Mapping[str, Any]]) -> Rows:
+def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping[str, Any]) -> Rows:
     """The thesis' gains beside those of the best search, as tune.json has them, and its cost."""
-    best = min(searches, key=lambda search: float(search["cost"]))
     rows: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.table(TUNED_TABLES[controller])["rows"].items():
-        name = GAIN_NAMES[controller][row]
-        unit = printed["unit"]
+    for row, printed in published.table(number)["rows"].items():
+        name = printed["ours"]
         spread = deviation([search["gains"][name] for search in searches])
         obstacle = "" if spread is not None else "a single search has no spread"
         if name not in best["parameters"]:
             obstacle = "set by hand in the thesis; taken over"
-        searched = printed.get("search", ())
-        theirs = float(printed.get("optimised", printed.get("value", math.nan)))
         beside = {}
         if "manual" in printed:
             beside["set_by_hand_in_the_thesis"] = float(printed["manual"])
         pair = Pair(
-            theirs,
+            float(printed.get("optimised", printed.get("value"))),
             best["gains"][name],
             "spread",
-            unit,
+            printed["unit"],
             spread,
             beside,
             obstacle=obstacle,
-            bounds=searched,
-            printed_bounds=searched,
+            bounds=printed.get("search", ()),
+            printed_bounds=printed.get("search", ()),
         )
         rows[row] = {"optimised": pair}
     spread = deviation([search["cost"] for search in searches])
@@ -229,37 +209,35 @@ class TrackedTables:
         numbers = [[m[name] for name in RULE_OF] for m in measured]
         return np.array(numbers).reshape(-1, len(RULE_OF))
 
-    def _mean(self, values: FloatArray) -> tuple[float | None, float | None]:
-        """Mean and standard deviation; None if every seed lost the reference, or there is one."""
-        if not len(values):
-            return None, None
-        spread = float(values.std()) if self._seeds > 1 else None
-        return float(values.mean()), spread
-
     def rows(self, number: str) -> Rows:
         """A table of the thesis beside ours, which are means over the seeds that kept to it."""
         theirs = published.table(number)
-        measured = self.compared(number)
+        ours = self._means(self.compared(number))
         text = supposition(number)
+        under = self._means(self.compared(number, supposed=True)) if text else {}
         printed: Mapping[str, float] = next(iter(theirs["rows"].values()), {})
-        under = self.compared(number, supposed=True) if text else measured[:0]
         pairs = {}
-        for k, (metric, rule) in enumerate(RULE_OF.items()):
-            ours, spread = self._mean(measured[:, k])
-            value, by = self._mean(under[:, k])
-            supposed = None
-            if value is not None:
-                supposed = Supposed(value, by, text, "tracking.md")
+        for metric, rule in RULE_OF.items():
+            value, spread = ours.get(metric, (None, None))
             pairs[metric] = Pair(
                 printed.get(metric),
-                ours,
+                value,
                 rule,
-                "m" if metric.endswith("_m") else "1",
+                unit_of_metric(metric),
                 spread,
-                obstacle=_LOST if ours is None else "",
-                supposed=supposed,
+                obstacle="" if ours else "every seed lost the reference",
+                supposed=Supposed(*under[metric], text) if under else None,
             )
         return {f"{theirs['trajectory']}_{theirs['speed_m_s']:.2f}": pairs}
+
+    def _means(self, measured: FloatArray) -> dict[str, tuple[float, float | None]]:
+        """Mean and deviation of each metric over (n, 3) runs; of one seed it is not known."""
+        means = {}
+        for metric, values in zip(RULE_OF, measured.T, strict=True):
+            if len(values):
+                spread = float(values.std()) if self._seeds > 1 else None
+                means[metric] = (float(values.mean()), spread)
+        return means
 
 
 def supposed_gains(gains: GainSet) -> GainSet:
@@ -295,7 +273,6 @@ def _track_references(task: Task) -> Findings:
     for number in CONTROL_TABLES:
         tables[number] = runs.rows(number)
         task.progress(Progress(len(tables), len(CONTROL_TABLES), f"Tab. {number}"))
-    panels = _panels(tables)
     # Tab. 4.37 repeats the rows of the tables against the real robot, with numbers of its own.
     real_rows: dict[str, Mapping[str, Pair]] = {}
     for number, rows in tables.items():
@@ -307,25 +284,23 @@ def _track_references(task: Task) -> Findings:
     for row, printed in published.table("4.37")["rows"].items():
         pairs = real_rows[row]
         repeated[row] = {m: replace(p, published=float(printed[m])) for m, p in pairs.items()}
-    tables_of_chapter = {**tables, "4.37": repeated}
-    return Findings(tables_of_chapter, {"seeds": task.budget.draws}, panels=panels)
+    words = {"seeds": task.budget.draws}
+    return Findings({**tables, "4.37": repeated}, words, panels=_panels(judged_rows(tables)))
 
 
-def _panels(tables: Mapping[str, Rows]) -> list[PanelRow]:
+def _panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
     def draw(comparison: str, title: str, ax: Axes) -> None:
         labels = list[str]()
-        for number, rows in tables.items():
-            theirs = published.table(number)
+        for row in rows:
+            theirs = published.table(row.table)
             if theirs["comparison"] != comparison:
                 continue
             k = len(labels)
-            ((row, pairs),) = rows.items()
-            pair = pairs["d_rms_m"]
-            verdict = judged(number, rows)[row][1]
-            labels.append(f"{number}  {theirs['controller']} {row.replace('_', ' ')}")
+            pair = row.pairs["d_rms_m"]
+            labels.append(f"{row.table}  {theirs['controller']} {row.name.replace('_', ' ')}")
             if pair.ours is not None:
                 half_bar = 1e3 * (pair.spread or 0.0)
-                ink = VERDICT_INKS[verdict.status]
+                ink = VERDICT_INKS[row.whole.status]
                 ax.errorbar(1e3 * pair.ours, k, xerr=half_bar, fmt="o", color=ink, capsize=3)
             if pair.supposed is not None:
                 ax.plot(1e3 * pair.supposed.value, k, "o", mfc="none", color="0.3")
@@ -355,18 +330,16 @@ def _saturation(task: Task) -> Findings:
     rows: dict[str, dict[str, Pair]] = {}
     for plant in ("improved", "mujoco"):
         robot = make_robot(profile, plant)
-        robots = [robot] * n
         limit = {"side_torque_limit_N_m": robot.limits["side_torque_limit_N_m"]}
         loops = [LoopSettings(disturbance=plant != "mujoco")] * n
         for law, gains in (("pid", "published"), ("lqr", "manual")):
             laws = [make_controller(profile, load_gains(law, gains))] * n
             for speed in (0.25, 0.5):
                 waypoints = open_reference("generic", speed)[1]
-                runs = run_robots(robots, laws, loops, waypoints, range(n), task.workers)
+                runs = run_robots([robot] * n, laws, loops, waypoints, range(n), task.workers)
                 shares = [100.0 * float(np.mean(saturated(run, limit))) for run in runs]
                 rule: Rule = "words" if speed == _FAST else "none"
-                mean = float(np.mean(shares))
-                pair = Pair(None, mean, rule, "%", deviation(shares))
+                pair = Pair(None, float(np.mean(shares)), rule, "%", deviation(shares))
                 rows[f"{plant}, {law}, {speed:g} m/s"] = {"time_at_limit_percent": pair}
     return Findings({"Sec. 4.5, motors": rows}, {"seeds": n})
 

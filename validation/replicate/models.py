@@ -17,7 +17,7 @@ from ssmr.types import FloatArray, State
 from validation.fit import fit
 from validation.plants.profile import load_profile, make_plant
 from validation.replicate import published
-from validation.replicate.chapters import Findings, Section, Task
+from validation.replicate.chapters import Findings, Section, Task, finished, unit_of_metric
 from validation.replicate.verdicts import RULE_OF, Pair, Rows, Rule
 
 _PROFILE = "thesis-lab"
@@ -27,18 +27,6 @@ _FITS: Mapping[str, tuple[str, str]] = {
     "linear": ("3.14", "3.15"),
 }
 """Tables of each model: parameters and distances."""
-_NAMES: Mapping[str, str] = {
-    "delay_u_s": "delay",
-    "delay_w_s": "delay",
-    "u_x": "u_x",
-    "mu_c": "mu_c",
-    "mu_s": "mu_s",
-    "mu_d": "mu_d",
-    "K_u": "k_u",
-    "K_y": "k_y",
-    "K_P_tau": "gain",
-}
-"""Names of the thesis' parameters in a fit, which has one delay for both of the thesis'."""
 _PLANTS = ("coulomb", "improved", "linear", "mujoco")
 _JUDGED = ("coulomb", "improved")
 """Models of whose accelerations the thesis says something in words."""
@@ -60,32 +48,32 @@ def _fit_model(model: str, task: Task) -> Findings:
         seed=task.seed,
         workers=task.workers,
         progress=task.progress,
-    ).as_dict()
-    if fitted["status"] == "interrupted":
-        raise KeyboardInterrupt
+    )
+    found = finished(fitted)
     words = {
         "called": "Coulomb" if model == "coulomb" else model,
         "parameters": parameters,
         "distances": distances,
         "population": population,
-        **{name: fitted[name] for name in ("evaluations", "generations", "cost", "seed")},
+        **{name: found[name] for name in ("evaluations", "generations", "cost", "seed")},
     }
     tables = {
-        parameters: parameter_rows(parameters, model, fitted),
-        distances: distance_rows(distances, fitted),
+        parameters: _parameter_rows(parameters, model, found),
+        distances: _distance_rows(distances, found),
     }
     return Findings(tables, words)
 
 
-def parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
+def _parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
     """Return the thesis' parameters beside those of fit.json."""
-    numbers: Mapping[str, Mapping[str, Any]] = fitted["parameters"]
+    limit = load_profile(_PROFILE).plants[model].drive.torque_limit
     rows: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table(number)["rows"].items():
-        unit = printed["unit"]
         value = float(printed["value"])
-        if row in _NAMES:
-            p = numbers[_NAMES[row]]
+        unit = printed["unit"]
+        pair = Pair(value, limit, "spread", unit, obstacle="taken from the thesis, not searched")
+        if "ours" in printed:
+            p = fitted["parameters"][printed["ours"]]
             error = p["standard_error"]
             pair = Pair(
                 value,
@@ -97,24 +85,20 @@ def parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
                 bounds=(float(p["lower"]), float(p["upper"])),
                 printed_bounds=printed.get("search", ()),
             )
-        else:
-            limit = load_profile(_PROFILE).plants[model].drive.torque_limit
-            obstacle = "taken from the thesis, not searched"
-            pair = Pair(value, limit, "spread", unit, obstacle=obstacle)
         rows[row] = {"value": pair}
     return rows
 
 
-def distance_rows(number: str, fitted: Mapping[str, Any]) -> Rows:
+def _distance_rows(number: str, fitted: Mapping[str, Any]) -> Rows:
     """Distances of the fitted model from the robot, our MuJoCo Husky, on trajectories 1-4."""
-    scores = {name.partition("@")[0]: metrics for name, metrics in fitted["held_out"].items()}
-    scores["traj4"] = fitted["train"]
+    scores = {**fitted["held_out"], "traj4": fitted["train"]}
+    by_trajectory = {name.partition("@")[0]: metrics for name, metrics in scores.items()}
     rows: dict[str, dict[str, Pair]] = {}
     for row, printed in published.table(number)["rows"].items():
         rows[row] = {}
         for metric, rule in RULE_OF.items():
-            unit = "m" if metric.endswith("_m") else "1"
-            rows[row][metric] = Pair(printed.get(metric), scores[row][metric], rule, unit)
+            ours = by_trajectory[row][metric]
+            rows[row][metric] = Pair(printed.get(metric), ours, rule, unit_of_metric(metric))
     return rows
 
 

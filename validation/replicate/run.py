@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,6 @@ from validation.replicate.chapters import (
     Task,
     chapter_of,
     chosen_sections,
-    is_printed,
-    judged,
     order_of,
     template,
 )
@@ -42,11 +41,9 @@ from validation.replicate.verdicts import (
     TOO_WIDE,
     UNEXPLAINED,
     Evidence,
-    Pair,
-    Rows,
+    JudgedRow,
     Status,
     Verdict,
-    criterion_of,
 )
 from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
 from validation.report.palette import VERDICT_INKS
@@ -108,57 +105,45 @@ def replicate(o: Replicate) -> Replication:
     """
     sections = chosen_sections(ALL_SECTIONS, o.only)
     findings = _run_sections(o, sections)
-    chapters = []
-    tables = dict[str, Rows]()
-    for section in sections[: len(findings)]:
-        chapters.append(chapter_of(section, findings[section.key]))
-        tables |= findings[section.key].tables
-    verdicts = {number: judged(number, rows) for number, rows in tables.items()}
-    every = _Counts()
+    done = [section for section in sections if section.key in findings]
+    chapters = [chapter_of(section, findings[section.key]) for section in done]
+    rows = list(chain.from_iterable(each.rows for each in findings.values()))
+    counts = _counts(rows)
+    by_evidence = {str(e): {str(s): counts[e, s] for s in STATUSES} for e in EVIDENCE}
+    evidence_rows: list[Row] = [{"evidence": e, **some} for e, some in by_evidence.items()]
+    evidence_rows.append({"evidence": "all", **_by_status(counts)})
     summary = list[Row]()
     for chapter, each in zip(chapters, findings.values(), strict=True):
-        counts = _tally(each.tables, verdicts)
-        every += counts
-        if counts:
-            summary.append({"section": chapter.title, **_by_status(counts)})
-    by_evidence = {str(e): {str(s): every[e, s] for s in STATUSES} for e in EVIDENCE}
-    total = _by_status(every)
-    unexplained = _unexplained(tables, verdicts)
-    evidence_rows: list[Row] = [{"evidence": e, **counts} for e, counts in by_evidence.items()]
-    evidence_rows.append({"evidence": "all", **total})
-    result_tables = [
-        Table("Rows that the thesis has, by what their agreement says", evidence_rows),
-        Table("The same by section", summary),
-    ]
-    for chapter in chapters:
-        result_tables += chapter.tables
-    numbers = sorted(tables, key=order_of)
-    document = {
-        "schema": "ssmr.replicate/1",
-        "quick": o.quick,
-        "seed": o.seed,
-        "tables": {n: _as_dict(n, tables[n], verdicts[n]) for n in numbers},
-        "verdicts": total,
-        "evidence": by_evidence,
-    }
+        if some := _counts(each.rows):
+            summary.append({"section": chapter.title, **_by_status(some)})
+    unexplained = [f"{row.table} {row.name}" for row in rows if _is_unexplained(row)]
     return Replication(
         program="replicate",
         title="The thesis' results beside this project's",
-        tables=result_tables,
+        tables=[
+            Table("Rows that the thesis has, by what their agreement says", evidence_rows),
+            Table("The same by section", summary),
+            *chain.from_iterable(chapter.tables for chapter in chapters),
+        ],
         sentences=[f"Unexplained: {', '.join(unexplained)}."] if unexplained else [],
-        document=document,
+        document={
+            "schema": "ssmr.replicate/1",
+            "quick": o.quick,
+            "seed": o.seed,
+            "tables": _tables_of(rows),
+            "verdicts": _by_status(counts),
+            "evidence": by_evidence,
+        },
         options={"quick": o.quick, "only": o.only, "seed": o.seed},
         draw=_draw,
         has_text=True,
         status=FINISHED if len(findings) == len(sections) else INTERRUPTED,
         findings=findings,
         chapters=chapters,
-        lead=_lead(o.quick, findings, unexplained, every),
+        lead=_lead(o.quick, findings, unexplained, counts),
     )
 
 
-_RowVerdicts = Mapping[str, tuple[Mapping[str, Verdict], Verdict]]
-"""By row the verdicts on its numbers by metric, and that on the whole row."""
 _Counts = Counter[tuple[Evidence, Status]]
 
 
@@ -187,54 +172,43 @@ def _task(o: Replicate, key: str, done: int, total: int) -> Task:
     return Task(QUICK if o.quick else Budget(), o.seed, o.workers, report_progress)
 
 
-def _tally(tables: Mapping[str, Rows], verdicts: Mapping[str, _RowVerdicts]) -> _Counts:
-    """Return how many rows of the thesis have which class of evidence and verdict."""
-    counts = _Counts()
-    for number, rows in tables.items():
-        for row, (each, whole) in verdicts[number].items():
-            if is_printed(rows[row], each):
-                counts[criterion_of(number, row).evidence, whole.status] += 1
-    return counts
+def _counts(rows: Sequence[JudgedRow]) -> _Counts:
+    """Return how many of the rows that the thesis has are of which evidence and verdict."""
+    return Counter((row.criterion.evidence, row.whole.status) for row in rows if row.is_printed)
 
 
 def _by_status(counts: _Counts) -> dict[str, int]:
     return {status: sum(counts[e, status] for e in EVIDENCE) for status in STATUSES}
 
 
-def _unexplained(tables: Iterable[str], verdicts: Mapping[str, _RowVerdicts]) -> list[str]:
-    """Return the rows that differ without a known reason, such as `4.5 line_0.25`."""
-    names = []
-    for number in tables:
-        for row, (each, whole) in verdicts[number].items():
-            reasons = {verdict.reason for verdict in each.values()}
-            if whole.status != "agrees if" and UNEXPLAINED in reasons:
-                names.append(f"{number} {row}")
-    return names
+def _is_unexplained(row: JudgedRow) -> bool:
+    """Whether a row differs without a known reason."""
+    reasons = {verdict.reason for verdict in row.verdicts.values()}
+    return row.whole.status != "agrees if" and UNEXPLAINED in reasons
 
 
-def _lead(quick: bool, findings: Container[str], unexplained: Sequence[str], every: _Counts) -> str:
+def _lead(
+    quick: bool, findings: Mapping[str, Findings], unexplained: Sequence[str], counts: _Counts
+) -> str:
+    """Return the page's beginning: what the verdicts mean, and how many rows have which."""
     missing = [s.key for s in ALL_SECTIONS if s.key not in findings]
-    status = _by_status(every)
-    agreeing = {e: every[e, "agrees"] + every[e, "agrees if"] for e in EVIDENCE}
-    haste = ""
-    if quick:
-        haste = (
-            " It was made with `--quick`: fewer generations and seeds, so less can be concluded."
-        )
+    status = _by_status(counts)
+    agreeing = {str(e): counts[e, "agrees"] + counts[e, "agrees if"] for e in EVIDENCE}
     explained = "Every difference has a known reason."
     if unexplained:
         explained = f"Unexplained: {', '.join(unexplained)}."
+    haste = " It was made with `--quick`: fewer generations and seeds, so less can be concluded."
     words: dict[str, Any] = {
-        "quick": haste,
+        "quick": haste if quick else "",
         "unexplained": explained,
         "missing": f"Left out: {', '.join(missing)}." if missing else "",
-        "rows": every.total(),
+        "rows": counts.total(),
         "agree": sum(agreeing.values()),
         "under": status["agrees if"],
         "differ": status["differs"] + status["nearer"],
         "vague": status["not told apart"],
         "lost": status["not compared"],
-        **{str(e): n for e, n in agreeing.items()},
+        **agreeing,
         "factor": FACTOR,
         "reach": RATIO_REACH,
         "spreads": SPREADS,
@@ -244,23 +218,25 @@ def _lead(quick: bool, findings: Container[str], unexplained: Sequence[str], eve
     return template("lead").format_map(words).strip()
 
 
-def _as_dict(number: str, rows: Rows, verdicts: _RowVerdicts) -> dict[str, Any]:
-    entries: dict[str, dict[str, Any]] = {}
-    whole_rows = {}
-    for row, pairs in rows.items():
-        each, whole = verdicts[row]
-        criterion = criterion_of(number, row)
-        limits = criterion.within
-        entries[row] = {m: _entry(pair, each[m], limits.get(m)) for m, pair in pairs.items()}
-        whole_rows[row] = _verdict_entry(whole) | {"evidence": criterion.evidence}
-    return {"rows": entries, "verdicts": whole_rows}
+def _tables_of(rows: Sequence[JudgedRow]) -> dict[str, Any]:
+    """Return the tables by number as replicate.json has them."""
+    tables: dict[str, Any] = {}
+    for row in sorted(rows, key=lambda row: order_of(row.table)):
+        table = tables.setdefault(row.table, {"rows": {}, "verdicts": {}})
+        table["rows"][row.name] = {metric: _entry(row, metric) for metric in row.pairs}
+        table["verdicts"][row.name] = {
+            **_verdict_entry(row.whole),
+            "evidence": row.criterion.evidence,
+        }
+    return tables
 
 
 def _verdict_entry(verdict: Verdict) -> dict[str, str]:
     return {"verdict": verdict.status, "reason": verdict.reason, "see": verdict.see}
 
 
-def _entry(pair: Pair, verdict: Verdict, within: Sequence[float] | None) -> dict[str, Any]:
+def _entry(row: JudgedRow, metric: str) -> dict[str, Any]:
+    pair = row.pairs[metric]
     entry: dict[str, Any] = {
         "published": pair.published,
         "ours": pair.ours,
@@ -268,13 +244,11 @@ def _entry(pair: Pair, verdict: Verdict, within: Sequence[float] | None) -> dict
         "spread": pair.spread,
         **pair.beside,
     }
-    if within:
-        entry["within"] = list(within)
-    if pair.bounds:
-        entry["bounds"] = list(pair.bounds)
+    ranges = {"within": row.criterion.within.get(metric, ()), "bounds": pair.bounds}
+    entry |= {name: list(ends) for name, ends in ranges.items() if ends}
     if (under := pair.supposed) is not None:
         entry |= {"supposed": under.value, "supposed_spread": under.spread, "if": under.text}
-    return entry | _verdict_entry(verdict)
+    return entry | _verdict_entry(row.verdicts[metric])
 
 
 def _draw(result: Replication) -> Figure:

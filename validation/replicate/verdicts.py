@@ -10,9 +10,10 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
 from functools import cache
 from importlib import resources
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 FACTOR = 1.5
 """Greatest ratio of two distances that agree."""
@@ -61,9 +62,10 @@ class Supposed(NamedTuple):
     """Its standard deviation; None if it is not known."""
     text: str
     """The supposition in words, without a full stop; it ends a sentence that begins with "it agrees
-    if"."""
-    see: str
-    """Page of docs/ that shows it."""
+    if". `SUPPOSED_ON` is the page of docs/ that shows it."""
+
+
+SUPPOSED_ON = "tracking.md"
 
 
 @dataclass(frozen=True)
@@ -102,53 +104,36 @@ Rows = Mapping[str, Mapping[str, Pair]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class _About:
-    """The numbers that an entry of `verdicts.toml` is about."""
+class Entry:
+    """An entry of `verdicts.toml`: a criterion of rows, or a reason why numbers differ.
+
+    A criterion has `evidence` and `within`, a reason the fields that follow these.
+    """
 
     tables: Sequence[str]
-    """Numbers of the tables."""
+    """Numbers of the tables that it is about."""
     rows: Sequence[str] = ()
     """Names of the rows, empty for all; one that ends in `*` means all that begin so."""
     metrics: Sequence[str] = ()
     """Names of the metrics, empty for all."""
-
-    def concerns(self, table: str, row: str, metric: str = "") -> bool:
-        """Return whether it is about this number, or about this row."""
-        if table not in self.tables:
-            return False
-        if self.metrics and metric not in self.metrics:
-            return False
-        return not self.rows or any(_matches(row, name) for name in self.rows)
-
-
-def _matches(row: str, name: str) -> bool:
-    if name.endswith("*"):
-        return row.startswith(name[:-1])
-    return row == name
-
-
-@dataclass(frozen=True, kw_only=True)
-class Criterion(_About):
-    """What rows are evidence of, and how words of the thesis on them are read."""
-
-    evidence: Evidence
-    """Class of evidence that their agreement would be."""
+    evidence: Evidence = "impossible"
+    """Class of evidence that the rows' agreement would be."""
     within: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    """Least and greatest value by metric that the words are taken to mean."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Reason(_About):
-    """A known reason why numbers differ or cannot be compared."""
-
-    text: str
+    """Least and greatest value by metric that words of the thesis are taken to mean."""
+    text: str = ""
     """Reason in words, without a full stop."""
-    see: str
+    see: str = ""
     """Page of docs/ that shows it, perhaps with the number of an erratum: `errata.md, 30`."""
     when: Sequence[Status] = ()
     """Verdicts that it explains, empty for all."""
     comparable: bool = True
     """Whether the numbers can still be compared."""
+
+    def concerns(self, table: str, row: str, metric: str = "") -> bool:
+        """Return whether it is about this number, or about this row."""
+        if table not in self.tables or (self.metrics and metric not in self.metrics):
+            return False
+        return not self.rows or any(fnmatchcase(row, name) for name in self.rows)
 
 
 class Verdict(NamedTuple):
@@ -162,33 +147,47 @@ class Verdict(NamedTuple):
     """Page of docs/ that shows it."""
 
 
+class JudgedRow(NamedTuple):
+    """A row of a table with its verdicts."""
+
+    table: str
+    """Number of the table."""
+    name: str
+    """Name of the row."""
+    pairs: Mapping[str, Pair]
+    """Its numbers by metric."""
+    verdicts: Mapping[str, Verdict]
+    """The verdicts on them."""
+    whole: Verdict
+    """The verdict on the row."""
+    criterion: Entry
+    """What it is evidence of."""
+
+    @property
+    def is_printed(self) -> bool:
+        """Whether the thesis has it, though its numbers may be lost; others are for the record."""
+        return any(
+            pair.is_given or self.verdicts[metric].see for metric, pair in self.pairs.items()
+        )
+
+
 @cache
-def _declared() -> Mapping[str, Any]:
+def entries(kind: Literal["criterion", "reason"]) -> tuple[Entry, ...]:
+    """Return the entries of a kind; the first that fits is the one that counts."""
     file = resources.files("validation.replicate") / "verdicts.toml"
-    return tomllib.loads(file.read_text(encoding="utf-8"))
+    declared = tomllib.loads(file.read_text(encoding="utf-8"))
+    return tuple(Entry(**entry) for entry in declared[kind])
 
 
-@cache
-def reasons() -> tuple[Reason, ...]:
-    """Return all known reasons; the first that fits is the one that counts."""
-    return tuple(Reason(**entry) for entry in _declared()["reason"])
-
-
-@cache
-def criteria() -> tuple[Criterion, ...]:
-    """Return the criteria of rows; the first that fits is the one that counts."""
-    return tuple(Criterion(**entry) for entry in _declared()["criterion"])
-
-
-def criterion_of(table: str, row: str) -> Criterion:
+def criterion_of(table: str, row: str) -> Entry:
     """The criterion of a row; without a declaration, that of a number that the thesis lacks."""
-    matching = (c for c in criteria() if c.concerns(table, row))
-    return next(matching, Criterion(tables=(table,), rows=(row,), evidence="impossible"))
+    matching = (c for c in entries("criterion") if c.concerns(table, row))
+    return next(matching, Entry(tables=(table,), rows=(row,)))
 
 
-def at_bound(value: float, bounds: Sequence[float]) -> bool:
+def at_bound(value: float | None, bounds: Sequence[float]) -> bool:
     """Whether a number lies at an end of its search's range, or beyond; never without a range."""
-    if len(bounds) != 2:
+    if value is None or not bounds:
         return False
     lower, upper = bounds
     return min(value - lower, upper - value) <= AT_BOUND * (upper - lower)
@@ -197,44 +196,39 @@ def at_bound(value: float, bounds: Sequence[float]) -> bool:
 def compared(pair: Pair, within: Sequence[float] = ()) -> Status:
     """Return the verdict on two numbers that can be compared; `within` are the limits of words."""
     ours = pair.ours
-    printed = pair.published
-    reach = SPREADS * (pair.spread or 0.0) * _ROUNDING
     assert ours is not None
-    if pair.rule == "words":
-        apart = max(within[0] - ours, ours - within[1], 0.0)
-        if apart == 0.0:
-            return "agrees"
-        return "not told apart" if apart <= reach else "differs"
-    assert printed is not None
-    apart = abs(ours - printed)
+    reach = SPREADS * (pair.spread or 0.0) * _ROUNDING
+    low, high = within or (pair.published, pair.published)
+    assert low is not None
+    assert high is not None
+    apart = max(low - ours, ours - high, 0.0)
+    agrees = apart == 0.0
     if pair.rule == "spread":
-        if len(pair.bounds) == 2:
-            lower, upper = pair.bounds
-            if 2.0 * reach > TOO_WIDE * (upper - lower):
-                return "not told apart"
-        return "agrees" if apart <= reach else "differs"
-    if pair.rule == "ratio":
+        agrees = apart <= reach
+        if pair.bounds and 2.0 * reach > TOO_WIDE * (pair.bounds[1] - pair.bounds[0]):
+            return "not told apart"
+    elif pair.rule == "ratio":
         agrees = apart <= RATIO_REACH * _ROUNDING
-    else:
-        low, high = sorted((abs(ours), abs(printed)))
-        agrees = high <= FACTOR * low * _ROUNDING
+    elif pair.rule == "distance":
+        least, most = sorted((abs(ours), abs(low)))
+        agrees = most <= FACTOR * least * _ROUNDING
     if agrees:
         return "agrees"
     if apart <= reach:
         return "not told apart"
-    if pair.rule == "distance" and ours < printed:
+    if pair.rule == "distance" and ours < low:
         return "nearer"
     return "differs"
 
 
 def judge(
-    table: str, row: str, metric: str, pair: Pair, known: Sequence[Reason] | None = None
+    table: str, row: str, metric: str, pair: Pair, known: Sequence[Entry] | None = None
 ) -> Verdict:
     """Return the verdict on one number of ours.
 
     Reasons are `known` or, if not given, those of `verdicts.toml`.
     """
-    every = reasons() if known is None else known
+    every = entries("reason") if known is None else known
     about = [reason for reason in every if reason.concerns(table, row, metric)]
     obstacle = _obstacle(pair, about)
     if obstacle is not None:
@@ -250,25 +244,24 @@ def judge(
     return Verdict(status, UNEXPLAINED)
 
 
-def _obstacle(pair: Pair, about: Sequence[Reason]) -> Verdict | None:
+def _obstacle(pair: Pair, about: Sequence[Entry]) -> Verdict | None:
     """Return the verdict on a number that cannot be compared; None for one that can be."""
-    if pair.obstacle:
-        return Verdict("not compared", pair.obstacle)
-    for reason in about:
-        if not reason.comparable:
-            return Verdict("not compared", reason.text, reason.see)
-    if not pair.is_given:
-        return Verdict("not compared", "the thesis prints no number")
-    if pair.rule == "none" or pair.ours is None:
-        return Verdict("not compared", "shown for the record")
-    ends = {
-        "ours": (pair.ours, pair.bounds),
-        "the printed number": (pair.published, pair.printed_bounds),
-    }
-    for whose, (value, bounds) in ends.items():
-        if value is not None and at_bound(value, bounds):
-            return Verdict("not compared", f"{whose} lies at a bound of its search")
-    return None
+    text = pair.obstacle
+    see = ""
+    if not text:
+        lost = next((reason for reason in about if not reason.comparable), None)
+        if lost is not None:
+            text = lost.text
+            see = lost.see
+        elif not pair.is_given:
+            text = "the thesis prints no number"
+        elif pair.rule == "none" or pair.ours is None:
+            text = "shown for the record"
+        elif at_bound(pair.ours, pair.bounds):
+            text = "ours lies at a bound of its search"
+        elif at_bound(pair.published, pair.printed_bounds):
+            text = "the printed number lies at a bound of its search"
+    return Verdict("not compared", text, see) if text else None
 
 
 def judge_row(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> Verdict:
@@ -281,10 +274,9 @@ def judge_row(pairs: Mapping[str, Pair], verdicts: Mapping[str, Verdict]) -> Ver
     counted = given or {m: v for m, v in verdicts.items() if v.see} or verdicts
     judged = {m: v for m, v in counted.items() if v.status != "not compared"} or counted
     worst = max((v.status for v in judged.values()), key=_WORSE.index)
-    comparable = [pairs[m] for m, v in judged.items() if m in given and v.status != "not compared"]
-    supposed = comparable[0].supposed if comparable else None
-    if supposed is not None and worst in _WORSE[2:] and all(map(_agrees_if, comparable)):
-        return Verdict("agrees if", f"it agrees if {supposed.text}", supposed.see)
+    supposed = pairs[next(iter(judged))].supposed
+    if supposed is not None and worst in _WORSE[2:] and all(_agrees_if(pairs[m]) for m in judged):
+        return Verdict("agrees if", f"it agrees if {supposed.text}", SUPPOSED_ON)
     texts = dict.fromkeys(v.reason for v in judged.values() if v.reason)
     pages = dict.fromkeys(v.see for v in judged.values() if v.see)
     return Verdict(worst, "; ".join(texts), "; ".join(pages))
@@ -296,3 +288,15 @@ def _agrees_if(pair: Pair) -> bool:
     if under is None:
         return False
     return compared(replace(pair, ours=under.value, spread=under.spread)) == "agrees"
+
+
+def judged_rows(tables: Mapping[str, Rows]) -> list[JudgedRow]:
+    """Return every row of some tables with its verdicts."""
+    judged = []
+    for number, rows in tables.items():
+        for name, pairs in rows.items():
+            verdicts = {m: judge(number, name, m, pair) for m, pair in pairs.items()}
+            whole = judge_row(pairs, verdicts)
+            row = JudgedRow(number, name, pairs, verdicts, whole, criterion_of(number, name))
+            judged.append(row)
+    return judged

@@ -154,7 +154,7 @@ def test_references_are_as_fast_as_the_robot_can_drive() -> None:
     """The Husky on tile turns at 0.9 rad/s at most: a U-turn at 0.5 m/s is too fast for it."""
     robot = make_robot(load_profile("husky-tile"), "improved")
     o = TransferStudy(references=("u-turn", "line@0.5", "line"))
-    missions = missions_of(o, robot)
+    missions = list(missions_of(o, robot).values())
     assert [name for name, _ in missions] == ["u-turn", "u-turn", "line", "line"], (
         "line@0.5 stands there twice"
     )

@@ -237,11 +237,10 @@ def _reason(row: JudgedRow) -> str:
 def _columns(row: JudgedRow, metric: str) -> dict[str, Any]:
     """Columns of one number of a row."""
     pair = row.pairs[metric]
-    least, most = row.criterion.within.get(metric, (None, None))
+    limits = zip(("least", "most"), row.criterion.within.get(metric, ()), strict=False)
     columns = {
         "printed": pair.published,
-        "least": least,
-        "most": most,
+        **dict(limits),
         "ours": pair.ours,
         "spread": pair.spread,
         "supposed": None if pair.supposed is None else pair.supposed.value,

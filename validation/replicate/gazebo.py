@@ -9,7 +9,8 @@ a wheel hops, so every run starts several times, each a little turned and with a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -133,30 +134,26 @@ def driven_on_trajectory_3(
     )
 
 
-_Driven = Mapping[tuple[str, FrictionDirection], Sequence[GazeboRun]]
+_SAID = {"straight_share": "1", "turning_share": "1", "opposite_share": "1", "speed_excess": "%"}
+"""Quantities of which Sec. 3.7 says something, and their units: the first ones of `GazeboRun`."""
+_Driven = Mapping[tuple[str, FrictionDirection], FloatArray]
+"""(n, 5) `GazeboRun` from n starts, by friction model and direction."""
 
 
 def _rows(driven: _Driven) -> dict[str, dict[str, Pair]]:
     """The thesis' words on each friction model beside ours, by all starts and both directions."""
-
-    def pair(law: str, quantity: Callable[[GazeboRun], float], unit: str = "1") -> Pair:
+    rows: dict[str, dict[str, Pair]] = {}
+    for law in _LAWS:
+        rows[law] = {}
         # Of the cone alone the thesis says nothing.
         rule: Rule = "none" if law == "cone" else "words"
-        wheel = [quantity(run) for run in driven[law, "wheel"]]
-        world = [quantity(run) for run in driven[law, "world"]]
-        beside = {"world": float(np.median(world))}
-        return Pair(None, float(np.median(wheel)), rule, unit, deviation(wheel), beside)
-
-    rows = {
-        law: {
-            "straight_share": pair(law, lambda run: run.straight_share),
-            "turning_share": pair(law, lambda run: run.turning_share),
-            "opposite_share": pair(law, lambda run: run.opposite_share),
-            "speed_excess": pair(law, lambda run: 100.0 * run.excess, "%"),
-        }
-        for law in _LAWS
-    }
-    far = {key: float(np.median([run.d_rms for run in runs])) for key, runs in driven.items()}
+        for k, (quantity, unit) in enumerate(_SAID.items()):
+            scale = 100.0 if unit == "%" else 1.0
+            wheel = scale * driven[law, "wheel"][:, k]
+            beside = {"world": float(np.median(scale * driven[law, "world"][:, k]))}
+            ours = float(np.median(wheel))
+            rows[law][quantity] = Pair(None, ours, rule, unit, deviation(wheel), beside)
+    far = {key: float(np.median(runs[:, -1])) for key, runs in driven.items()}
     worse = {d: far["box", d] / max(far["pyramid", d], far["cone", d]) for d in _DIRECTIONS}
     beside = {"world": worse["world"]}
     rows["box"]["times_the_others"] = Pair(None, worse["wheel"], "words", beside=beside)
@@ -177,41 +174,36 @@ def _gazebo(task: Task) -> Findings:
     except EngineMissingError as error:
         obstacle = Pair(None, None, "words", obstacle=str(error))
         return Findings({"Sec. 3.7": {law: {"straight_share": obstacle} for law in _LAWS}}, words)
-    driven: dict[tuple[str, FrictionDirection], list[GazeboRun]] = {}
     every = starts(task.budget.starts)
-    total = len(_LAWS) * len(_DIRECTIONS) * len(every)
-    done = 0
-    for name, law in _LAWS.items():
-        for direction in _DIRECTIONS:
-            runs: list[GazeboRun] = []
-            driven[name, direction] = runs
-            for start in every:
-                task.progress(Progress(done, total, name))
-                runs.append(driven_on_trajectory_3(law, direction, start))
-                done += 1
+    cases = list(itertools.product(_LAWS, _DIRECTIONS, every))
+    runs = []
+    for done, (name, direction, start) in enumerate(cases):
+        task.progress(Progress(done, len(cases), name))
+        runs.append(driven_on_trajectory_3(_LAWS[name], direction, start))
+    split = np.reshape(runs, (-1, len(every), len(GazeboRun._fields)))
+    driven = dict(zip(itertools.product(_LAWS, _DIRECTIONS), split, strict=True))
     rows = []
-    for (name, direction), runs in driven.items():
+    for (name, direction), found in driven.items():
+        straight, _, _, excess, d_rms = map(_range, found.T)
         row = {
             "friction model": name,
             "direction": _DIRECTIONS[direction],
-            "straight_share": _range([run.straight_share for run in runs]),
-            "faster_than_commanded_share": _range([run.excess for run in runs]),
-            "d_rms_m": _range([run.d_rms for run in runs]),
+            "straight_share": straight,
+            "faster_than_commanded_share": excess,
+            "d_rms_m": d_rms,
         }
         rows.append(row)
     cone = list(_LAWS).index("cone")
-    closest = 0
-    for direction in _DIRECTIONS:
-        distances = [[run.d_rms for run in driven[name, direction]] for name in _LAWS]
-        closest += int(np.sum(np.argmin(distances, axis=0) == cone))
-    words |= {"closest": closest, "cases": len(_DIRECTIONS) * len(every)}
+    distances = split[:, :, -1].reshape(len(_LAWS), -1)
+    closest = int(np.sum(np.argmin(distances, axis=0) == cone))
+    words |= {"closest": closest, "cases": distances.shape[1]}
     title = "The same by direction: median over the starts, least and greatest"
     table = Table(title, rows, units={"d_rms_m": METRES})
     return Findings({"Sec. 3.7": _rows(driven)}, words, [table])
 
 
-def _range(values: Sequence[float]) -> tuple[float, float, float]:
-    return float(np.median(values)), min(values), max(values)
+def _range(values: FloatArray) -> tuple[float, float, float]:
+    return float(np.median(values)), float(values.min()), float(values.max())
 
 
 GAZEBO_SECTION = Section("gazebo", ("Sec. 3.7",), _gazebo)

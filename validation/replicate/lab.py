@@ -92,45 +92,35 @@ def _noise(task: Task) -> Findings:
 
     Three noises: the lab's as it is, that with wrong stamps, and the one that the thesis simulates.
     """
-    seeds = range(task.budget.draws)
-    cases = {case: published.table("3.3")["rows"][case] for case in _STRAIGHT}
-    variances: dict[tuple[str, str], list[dict[str, float]]] = {}
-    for number, (case, commands) in enumerate(cases.items()):
-        motion, drive = _drive_case(commands)
+    draws = task.budget.draws
+    found = np.empty((3, len(_STRAIGHT), draws, len(_SIGNALS)))
+    for case, name in enumerate(_STRAIGHT):
+        motion, drive = _drive_case(published.table("3.3")["rows"][name])
         x, y, yaw = motion.pose[0].tolist()
         v, _, w = motion.twist[0].tolist()
         start = State(x, y, yaw, v_x=v, yaw_rate=w)
-        for seed in seeds:
+        for seed in range(draws):
             log = simulate_sensors(motion, np.random.default_rng(seed), rate=_RATE)
-            rng = np.random.default_rng([seed, number])
-            filtered = run_ekf(log, odometry_of(drive), start)
+            rng = np.random.default_rng([seed, case])
+            exact = run_ekf(log, odometry_of(drive), start)
             added = measure(motion, SensorNoise(), rng, _RATE)
-            wrong = late(motion, filtered, _JITTER, rng)
-            ways = {"exact": filtered, "wrong": wrong, "added": added}
-            for way, each in ways.items():
-                values = (*each.twist[:, [0, 2]].T, *each.pose.T)
-                noises = [variance_above(column, _RATE) for column in values]
-                named_noises = dict(zip(_SIGNALS, noises, strict=True))
-                variances.setdefault((way, case), []).append(named_noises)
+            wrong = late(motion, exact, _JITTER, rng)
+            for way, each in enumerate((exact, wrong, added)):
+                signals = (*each.twist[:, [0, 2]].T, *each.pose.T)
+                found[way, case, seed] = [variance_above(each, _RATE) for each in signals]
+    means = dict(zip(_SIGNALS, np.moveaxis(found.mean(axis=1), 2, 0), strict=True))
     rows = {}
     for name, printed in published.table("3.4")["rows"].items():
-        means = {}
-        for way in ("exact", "wrong", "added"):
-            by_case = [[each[name] for each in variances[way, case]] for case in _STRAIGHT]
-            means[way] = np.mean(by_case, axis=0)
-        regular = means["exact"]
-        spread = deviation(regular)
-        ours = float(regular.mean())
-        beside = {
-            "with jitter": float(means["wrong"].mean()),
-            "of what is simulated": float(means["added"].mean()),
-        }
+        exact, wrong, added = means[name]
+        beside = {"with jitter": float(wrong.mean()), "of what is simulated": float(added.mean())}
+        ours = float(exact.mean())
+        spread = deviation(exact)
         pair = Pair(printed["value"], ours, "spread", printed["unit"], spread, beside)
         rows[name] = {"variance": pair}
     words = {
         "lead": _LEAD,
         "time": _TIME,
-        "draws": len(seeds),
+        "draws": draws,
         "rate": _RATE,
         "jitter": 1e3 * _JITTER,
         "kept": float(np.sum(np.square(high_pass(_RATE)))),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -26,7 +26,7 @@ from validation.compare import compare
 from validation.experiment.runs import warm_up
 from validation.experiment.sources import open_source
 from validation.files.formats import log_path, profile_of_log, read_log
-from validation.fit import fit
+from validation.fit import Fitted, fit
 from validation.plants.profile import Profile, bare_profile, choose_profile, make_plant
 from validation.plants.table import PLANTS
 from validation.progress import Progress
@@ -49,7 +49,8 @@ _COSTS = {"mujoco": 1.0, "four_wheel": 0.2}
 """Processor time of fit and judgement over the length of a log, by plant [1]."""
 _COST = 0.05
 """The same for every other plant."""
-_MEDIANS = ("position_median_m", "yaw_median_rad", "position_low_m", "position_high_m")
+_INTERVAL = ("position_median_m", "position_low_m", "position_high_m")
+_MEDIANS = (*_INTERVAL, "yaw_median_rad")
 """Columns of a row that come from the errors over the windows of one horizon."""
 
 
@@ -81,17 +82,8 @@ class RunsStudy(AnyStudy):
         return tuple(names)
 
 
-@dataclass(frozen=True)
-class FittedLog:
-    """One log, with the profile that its fits begin with."""
-
-    log: str
-    profile: Profile
-
-    @property
-    def name(self) -> str:
-        """Name in tables and of its files."""
-        return file_name(Path(self.log).stem.removesuffix("_train"))
+FittedLog = tuple[str, Profile]
+"""A log, and the profile that its fits begin with."""
 
 
 def _runs(o: RunsStudy) -> dict[str, FittedLog]:
@@ -112,39 +104,44 @@ def _runs(o: RunsStudy) -> dict[str, FittedLog]:
             log, _, robot_of_log = given.rpartition("@")
             robot = robot_of_log or robot
         profile = choose_profile(None, robot, profile_of_log(log))
-        run = FittedLog(log, bare_profile(profile.robot))
-        if run.name in runs:
-            raise ValueError(f"two logs have the name {run.name}; give one of them another")
-        runs[run.name] = run
+        name = file_name(Path(log).stem.removesuffix("_train"))
+        if name in runs:
+            raise ValueError(f"two logs have the name {name}; give one of them another")
+        runs[name] = (log, bare_profile(profile.robot))
     return runs
 
 
-def _measure(o: RunsStudy, run: FittedLog) -> Row:
+def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
     """Fit every plant to the first half of a log's motion and judge all on the second.
 
     Files of a finished run lie in the study's folder: `NAME.json`, and then `NAME.toml`, the
     profile with all fits. A run that was finished before is read back.
     """
     folder = store.make_folder(o.out or o.folder())
-    file = folder / f"{run.name}.json"
-    fitted_profile = folder / f"{run.name}.toml"
+    file = folder / f"{name}.json"
+    fitted_profile = folder / f"{name}.toml"
     request = {
         "schema": SCHEMA,
         "plants": list(o.plants),
         "seed": o.seed,
         "versions": dict(store.versions()),
-        "log": hashlib.sha256(log_path(run.log).read_bytes()).hexdigest(),
-        "robot": run.profile.robot.name,
+        "log": hashlib.sha256(log_path(log).read_bytes()).hexdigest(),
+        "robot": profile.robot.name,
     }
     # the profile is written last: a run that has both files is finished
     if file.is_file() and fitted_profile.is_file():
         before = json.loads(file.read_text(encoding="utf-8"))
         if before.get("asked") == request:
             return {"found": before}
-    middle = _middle_of_motion(run)
-    profile, numbers = _fit_all(o, run, middle, folder / run.name)
+    middle = _middle_of_motion(log)
+    numbers: dict[str, Row] = {}
+    for plant, fitted in _fit_all(o, log, profile, middle, folder / name):
+        profile = fitted.profile
+        numbers[plant] = {
+            p.name if p.unit == "1" else f"{p.name}_{p.unit}": p.value for p in fitted.parameters
+        }
     judged = compare(
-        run.log,
+        log,
         profile,
         plants=o.plants,
         input="wheels",
@@ -159,7 +156,7 @@ def _measure(o: RunsStudy, run: FittedLog) -> Row:
         "schema": SCHEMA,
         "files": [fitted_profile.name],
         "asked": request,
-        "rows": _rows_of(run, judged),
+        "rows": _rows_of(name, judged),
         "numbers": numbers,
         "alike": pairs,
         "told": alike_sentences(judged.scores, pairs),
@@ -170,25 +167,23 @@ def _measure(o: RunsStudy, run: FittedLog) -> Row:
     return {"found": found}
 
 
-def _middle_of_motion(run: FittedLog) -> float:
+def _middle_of_motion(log: str) -> float:
     """Return the stamp that halves the time in which a log's robot moves [s]."""
-    pieces = open_source(run.log, "wheels").pieces
+    pieces = open_source(log, "wheels").pieces
     stamps = [p.t[p.moves] for p in pieces if p.t is not None and p.moves is not None]
     return float(np.median(np.concatenate(stamps)))
 
 
 def _fit_all(
-    o: RunsStudy, run: FittedLog, until: float, folder: Path
-) -> tuple[Profile, dict[str, Row]]:
-    """Return the profile with fits of all plants up to a time [s], and their numbers by plant."""
-    profile = run.profile
-    numbers: dict[str, Row] = {}
+    o: RunsStudy, log: str, profile: Profile, until: float, folder: Path
+) -> Iterator[tuple[str, Fitted]]:
+    """Yield every plant with its fit up to a time [s], which begins where the last one ended."""
     # first the kinematic model: others than planar ones begin with the body that it finds
     for plant in sorted(o.plants, key=lambda plant: plant != FIRST_FITTED):
         heavy = plant not in PLANAR_MODELS and FIRST_FITTED in o.plants
         fitted = fit(
             plant,
-            run.log,
+            log,
             profile=profile,
             input="wheels",
             until=until,
@@ -199,19 +194,15 @@ def _fit_all(
             out=folder / plant,
         )
         profile = fitted.profile
-        values = {}
-        for p in fitted.parameters:
-            values[p.name if p.unit == "1" else f"{p.name}_{p.unit}"] = p.value
-        numbers[plant] = values
-    return profile, numbers
+        yield plant, fitted
 
 
-def _rows_of(run: FittedLog, judged: Comparison) -> Sequence[Row]:
+def _rows_of(name: str, judged: Comparison) -> Sequence[Row]:
     """Return a row for each plant and horizon."""
     rows = []
     for plant, result in judged.scores.items():
         for horizon, errors in result.overlapping.items():
-            row = {"log": run.name, "plant": plant, "horizon_s": horizon}
+            row = {"log": name, "plant": plant, "horizon_s": horizon}
             row |= {key: getattr(errors, key) for key in _MEDIANS}
             for part, share in result.coverage.get(horizon, {}).items():
                 row[f"coverage_90_{part}"] = share
@@ -241,12 +232,13 @@ def study_runs(o: RunsStudy) -> Report:
     runs = _runs(o)
     # a fault of a plant shows before hours of fits
     for plant in o.plants:
-        warm_up(make_plant(next(iter(runs.values())).profile, plant))
-    seconds = sum(float(np.ptp(read_log(log_path(run.log)).t)) for run in runs.values())
+        warm_up(make_plant(next(iter(runs.values()))[1], plant))
+    seconds = sum(float(np.ptp(read_log(log_path(log)).t)) for log, _ in runs.values())
     minutes = sum(_COSTS.get(plant, _COST) for plant in o.plants) * seconds / 60.0
     o.progress(Progress(0, len(runs), f"at most {math.ceil(minutes)} minutes of one processor"))
-    measures = {"fit and judgement": partial(_measure, o)}
-    swept = sweep(runs, measures, workers=o.workers, progress=o.progress)
+    measures = {"fit and judgement": lambda variant: _measure(o, *variant)}
+    variants = {name: (name, *run) for name, run in runs.items()}
+    swept = sweep(variants, measures, workers=o.workers, progress=o.progress)
     logs = {row["variant"]: row["found"] for row in swept.rows if "found" in row}
     tables = [_table(name, run["rows"], run["heading_judge"]) for name, run in logs.items()]
     for plant in o.plants:
@@ -280,21 +272,20 @@ def study_runs(o: RunsStudy) -> Report:
 
 def _table(name: str, rows: list[Row], judge: str) -> Table:
     inside = "coverage_90_yaw_gyro" if judge == "gyro" else "coverage_90_yaw"
-    shown = []
-    for row in sorted(rows, key=lambda row: (row["horizon_s"], PLANTS.index(row["plant"]))):
-        interval = (row["position_median_m"], row["position_low_m"], row["position_high_m"])
-        shown.append(
-            {
-                "horizon_s": row["horizon_s"],
-                "plant": row["plant"],
-                "position_median_m": interval,
-                "yaw_median_rad": row["yaw_median_rad"],
-                "yaw_gyro_median_rad": row.get("yaw_gyro_median_rad"),
-                "position_inside_share": row.get("coverage_90_position"),
-                "yaw_inside_share": row.get(inside),
-                "windows": row["n"],
-            }
-        )
+    ordered = sorted(rows, key=lambda row: (row["horizon_s"], PLANTS.index(row["plant"])))
+    shown = [
+        {
+            "horizon_s": row["horizon_s"],
+            "plant": row["plant"],
+            "position_median_m": tuple(row[key] for key in _INTERVAL),
+            "yaw_median_rad": row["yaw_median_rad"],
+            "yaw_gyro_median_rad": row.get("yaw_gyro_median_rad"),
+            "position_inside_share": row.get("coverage_90_position"),
+            "yaw_inside_share": row.get(inside),
+            "windows": row["n"],
+        }
+        for row in ordered
+    ]
     units = {
         "horizon_s": Unit("s", 1.0, 0, significant=3),
         "position_median_m": METRES,
@@ -311,7 +302,7 @@ def _table(name: str, rows: list[Row], judge: str) -> Table:
 
 def _draw(logs: dict[str, Any], report: Report) -> Figure:
     """Picture of the median error of position over the horizon, a panel for each log."""
-    keys = ("horizon_s", "position_median_m", "position_low_m", "position_high_m")
+    keys = ("horizon_s", *_INTERVAL)
 
     def panel(name: str, ax: Axes) -> None:
         rows = logs[name]["rows"]

@@ -137,8 +137,8 @@ def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
     return contenders
 
 
-def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Waypoints]]:
-    """References by name, each at every speed, or as fast as the robot can drive it.
+def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> dict[str, tuple[str, Waypoints]]:
+    """References and their names, each at every speed, or as fast as the robot can drive it.
 
     Raises:
         ValueError: an unknown reference; the message lists them.
@@ -154,7 +154,7 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> list[tuple[str, Way
             slowed = slowed_to_feasible(REFERENCES[name](speed), robot, PRACTICABLE)
             # two speeds that the robot cannot drive are one
             missions.setdefault(f"{name} {slowed.speed:.3f}", (name, slowed))
-    return list(missions.values())
+    return missions
 
 
 CostsByGains = Mapping[str, float | int | None]
@@ -169,7 +169,7 @@ def _scores(
     Compiled laws are driven as one population and Python objects, such as mpc, as another.
     """
     target = waypoints.trajectory(LoopSettings().position_period)
-    scores = {}
+    scores: dict[int, Scores] = {}
     for compiled in (True, False):
         ranks = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
         if not ranks:
@@ -178,14 +178,12 @@ def _scores(
         chosen = [laws[k] for k in ranks]
         settings = [LoopSettings()] * n
         runs = run_robots([robot] * n, chosen, settings, waypoints, [o.seed], o.workers)
-        costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST).tolist()
+        costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST)
         for k, run, cost in zip(ranks, runs, costs, strict=True):
-            score: dict[str, float | None] = dict.fromkeys(_MEASURES)
+            errors = {**track_metrics(run, waypoints, robot.limits), "cost": cost}
             # errors of a robot that was lost end early, and would look small
-            if not run.lost:
-                errors = {**track_metrics(run, waypoints, robot.limits), "cost": cost}
-                score = {measure: float(errors[measure]) for measure in _MEASURES}
-            scores[k] = {**score, "lost": int(run.lost)}
+            found = {name: None if run.lost else float(errors[name]) for name in _MEASURES}
+            scores[k] = {**found, "lost": int(run.lost)}
     return [scores[k] for k in range(len(laws))]
 
 
@@ -265,19 +263,16 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
     names = list(contenders)
 
     def table_of(plant: str, measure: str = "cost") -> FloatArray:
-        table = np.full((len(drives), len(names)), math.inf)
-        for drive, costs in zip(drives, table, strict=True):
-            for k, name in enumerate(names):
-                value = drive["scores"][plant][name][measure]
-                if value is not None:
-                    costs[k] = value
-        return table
+        scores = [drive["scores"][plant] for drive in drives]
+        rows = [[each[name][measure] for name in names] for each in scores]
+        table = np.array(rows, dtype=np.float64)
+        return np.where(np.isnan(table), np.inf, table)
 
     tables = {plant: table_of(plant) for plant in drives[0]["scores"]}
     truth = tables[JUDGE]
     plants = {}
     for plant, costs in tables.items():
-        ranks = agreement(costs, truth)
+        agreed = agreement(costs, truth)
         means = {measure: mean_costs(table_of(plant, measure)) for measure in _MEANS}
         # sums over different references cannot be compared
         kept = np.isfinite(costs).all(axis=0) & np.isfinite(truth).all(axis=0)
@@ -294,16 +289,17 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
                 "by_reference": scores,
             }
         plants[plant] = {
-            "all": {**ranks, "chosen": names[ranks["chosen"]]},
+            "all": {**agreed, "chosen": names[agreed["chosen"]]},
             "tau_with": {p: rank_correlation(costs, other) for p, other in tables.items()},
             "contenders": each,
         }
-    gains = {}
-    for name, (_, g) in contenders.items():
-        gains[name] = {"gains": {"controller": g.controller, "name": g.name, **g.values}}
+    gains = {name: g for name, (_, g) in contenders.items()}
     return {
         "robot": profile.robot.name,
-        "contenders": gains,
+        "contenders": {
+            name: {"gains": {"controller": g.controller, "name": g.name, **g.values}}
+            for name, g in gains.items()
+        },
         "references": [{"name": r["reference"], "speed_m_s": r["speed_m_s"]} for r in drives],
         "plants": plants,
     }
@@ -316,28 +312,22 @@ def _ranked(result: Mapping[str, Any]) -> list[str]:
 
 def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     plants = result["plants"]
-    choices = []
-    for plant, found in plants.items():
-        agreed = found["all"]
-        choices.append(
-            {
-                "plant": plant,
-                "tau": agreed["tau"],
-                "same_winner": agreed["same_winner"],
-                "regret_share": agreed["regret"],
-                "chooses": agreed["chosen"],
-            }
-        )
+    choices = [
+        {
+            "plant": plant,
+            "tau": found["all"]["tau"],
+            "same_winner": found["all"]["same_winner"],
+            "regret_share": found["all"]["regret"],
+            "chooses": found["all"]["chosen"],
+        }
+        for plant, found in plants.items()
+    ]
     costs = []
     for name in _ranked(result):
-        row = {"controller": name}
-        lost = 0
-        for plant, found in plants.items():
-            row[plant] = found["contenders"][name]["cost"]
-            lost += found["contenders"][name]["lost"]
-        for measure in ("d_rms_m", "sync_rms_m"):
-            row[measure] = plants[JUDGE]["contenders"][name][measure]
-        costs.append({**row, "lost_runs": lost})
+        by_plant = {plant: found["contenders"][name] for plant, found in plants.items()}
+        row = {"controller": name, **{plant: each["cost"] for plant, each in by_plant.items()}}
+        row |= {measure: by_plant[JUDGE][measure] for measure in ("d_rms_m", "sync_rms_m")}
+        costs.append({**row, "lost_runs": sum(each["lost"] for each in by_plant.values())})
     caption = (
         f"{len(costs)} controllers, {len(result['references'])} references. "
         f"tau: Kendall's rank correlation with {JUDGE}.\n"
@@ -370,9 +360,6 @@ def study_transfer(o: TransferStudy) -> Report:
     robots = {plant: make_robot(profile, plant) for plant in dict.fromkeys((JUDGE, *o.plants))}
     contenders = contenders_of(o, profile)
     laws = [law for law, _ in contenders.values()]
-    missions = {}
-    for name, waypoints in missions_of(o, robots[JUDGE]):
-        missions[f"{name} {waypoints.speed:.3f}"] = (name, waypoints)
 
     def follow(mission: tuple[str, Waypoints]) -> Row:
         name, waypoints = mission
@@ -383,7 +370,7 @@ def study_transfer(o: TransferStudy) -> Report:
         return {"reference": name, "speed_m_s": waypoints.speed, "scores": scores}
 
     # a drive is a population on all threads
-    swept = sweep(missions, {"drive": follow}, workers=1, progress=o.progress)
+    swept = sweep(missions_of(o, robots[JUDGE]), {"drive": follow}, workers=1, progress=o.progress)
     result = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
     label = with_robot(profile.name, profile.robot.name)
     return Report(

@@ -439,9 +439,9 @@ PRICES = {
         "every plant declared once, and profiles",
     ),
     "validation/replicate": Price(
-        13_700,
-        16,
-        49,
+        13_000,
+        14,
+        46,
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
@@ -463,9 +463,9 @@ PRICES = {
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
-        13_600,
-        14,
-        40,
+        13_500,
+        13,
+        39,
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(

@@ -169,7 +169,7 @@ def _scores(
     Compiled laws are driven as one population and Python objects, such as mpc, as another.
     """
     target = waypoints.trajectory(LoopSettings().position_period)
-    scores: dict[int, Scores] = {}
+    scores: dict[int, CostsByGains] = {}
     for compiled in (True, False):
         ranks = [k for k, law in enumerate(laws) if isinstance(law, Controller) is compiled]
         if not ranks:

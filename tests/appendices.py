@@ -45,7 +45,6 @@ APPENDICES: Mapping[str, Sequence[str]] = {
         "tests/test_printed_*.py",
         "tests/test_published.py",
         "tests/test_replicate.py",
-        "tests/test_results.py",
         "tests/test_verdicts.py",
         "tests/golden/replicate-*.json",
         "docs/errata.md",

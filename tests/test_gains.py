@@ -29,6 +29,11 @@ from validation.identify.tuning import TuneCost, costs_of
 from validation.plants.profile import load_profile, odometry_of, shipped
 
 
+def hopeless() -> GainSet:
+    """A PID that stands still."""
+    return GainSet("pid", "hopeless", dict.fromkeys(FIELDS["pid"], 0.0))
+
+
 def document(**changes: Any) -> dict[str, Any]:
     """A good file of gains, changed."""
     gains = dict.fromkeys(FIELDS["lqr"], 1.0)

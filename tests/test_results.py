@@ -21,9 +21,9 @@ from matplotlib.text import Text
 from PIL import Image
 
 from ssmr.control.references import circle, line
+from tests.test_gains import hopeless
 from tests.test_objective import recorded
 from tests.test_rerun_log import run_rerun
-from tests.test_transfer import hopeless
 from validation.compare import compare
 from validation.files.csv_logs import write_csv
 from validation.fit import fit

@@ -13,7 +13,8 @@ from hypothesis.extra.numpy import arrays
 
 from ssmr.types import FloatArray
 from tests.conftest import ROUNDOFF
-from validation.experiment.gains import FIELDS, GainSet, dump_gains
+from tests.test_gains import hopeless
+from validation.experiment.gains import dump_gains
 from validation.experiment.loops import make_robot, slowed_to_feasible
 from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import Profile, load_profile
@@ -30,11 +31,6 @@ from validation.study.transfer import (
     regret,
     study_transfer,
 )
-
-
-def hopeless() -> GainSet:
-    """A PID that stands still."""
-    return GainSet("pid", "hopeless", dict.fromkeys(FIELDS["pid"], 0.0))
 
 
 def costs_of_some(draw: st.DrawFn, rows: int, columns: int) -> FloatArray:

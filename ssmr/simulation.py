@@ -8,6 +8,7 @@ v_y = -(x_ICR + k v) omega (Eq. 2.2, 2.10, 2.13); k is 0 but for `kinematic`.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -39,6 +40,10 @@ PLANAR_COLUMNS = 11
 They are x, y, yaw, v_x, v_y and yaw rate, the wheel rates left and right, the torques left and
 right, and the yaw acceleration.
 """
+_CHANNELS: Mapping[str, slice | int] = {
+    "torque_N_m": slice(8, 10),
+    "yaw_acceleration_rad_s2": 10,
+}
 PLANAR_DT = 0.001
 """Default step of the planar models [s]; Tab. 3.7."""
 SAMPLE_DT = 0.008
@@ -293,6 +298,4 @@ class PlanarPlant:
         if commands.kind == "wheels":
             robot = self._model.prescribed().packed(self.dt)
         out, _ = self._advance(references, push, stride, planar_start(state.motion, robot), robot)
-        channels = {"torque_N_m": out[:, 8:10], "yaw_acceleration_rad_s2": out[:, 10]}
-        t = sample_dt * np.arange(len(out), dtype=np.float64)
-        return Trajectory(t, out[:, :3], out[:, 3:6], out[:, 6:8], channels)
+        return Trajectory.of_table(sample_dt, out, _CHANNELS)

@@ -197,6 +197,21 @@ class Trajectory:
         """Copy by the arrays, so that other processes can receive a trajectory."""
         return Trajectory, (self.t, self.pose, self.twist, self.wheels, dict(self.channels))
 
+    @classmethod
+    def of_table(
+        cls, period: float, table: FloatArray, channels: Mapping[str, slice | int]
+    ) -> Trajectory:
+        """Return the motion of a run whose samples are the rows of a table.
+
+        Args:
+            period: time between samples [s].
+            table: (M, k) fields of a `State`, then channels.
+            channels: columns of each channel.
+        """
+        t = period * np.arange(len(table), dtype=np.float64)
+        signals = {name: table[:, columns] for name, columns in channels.items()}
+        return cls(t, table[:, :3], table[:, 3:6], table[:, 6:8], signals)
+
     def __len__(self) -> int:
         """Number of samples, M."""
         return len(self.t)

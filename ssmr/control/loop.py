@@ -24,11 +24,12 @@ from ssmr.control.predictor import (
     remember,
 )
 from ssmr.control.tick import (
+    DRAWS,
     INITIAL_STATE,
     LOG_COLUMNS,
     LOST,
     SPINNING,
-    Draws,
+    Clock,
     LoopState,
     Tracker,
     is_lost,
@@ -89,33 +90,11 @@ class LoopSettings:
         for name in ("position_period", "velocity_period"):
             require_in_range(self, name, 0.0, 10.0, open_low=True)
 
-    def deviations(self) -> Draws:
-        """Return the standard deviations of feedback and sensors, zero where there is no noise."""
+    def deviations(self) -> Observation:
+        """Return the standard deviations of the feedback, zero where there is no noise."""
         n = self.noise
         stds = np.sqrt([n.x, n.y, n.yaw, n.v_x, n.yaw_rate])
-        x, y, yaw, v, w = map(float, stds * (self.feedback == "noisy"))
-        sensors = self.sensors.packed()
-        wheel = sensors.encoder_std
-        return Draws(x, y, yaw, v, w, left=wheel, right=wheel, gyro=sensors.gyro_std)
-
-
-@dataclass(frozen=True)
-class Clock:
-    """The division of a mission into physics steps."""
-
-    dt: float
-    """Physics step [s]."""
-    position: int
-    """Steps of the position loop's period."""
-    velocity: int
-    """Steps of the velocity loop's period."""
-    n: int
-    """Steps of the whole mission, a whole number of position periods."""
-
-    @property
-    def ticks(self) -> int:
-        """Number of ticks of the position loop."""
-        return 1 + self.n // self.position
+        return Observation(*map(float, stds * (self.feedback == "noisy")))
 
 
 def make_clock(waypoints: Waypoints, settings: LoopSettings, dt: float) -> Clock:
@@ -139,7 +118,7 @@ def draw(clock: Clock, settings: LoopSettings, seed: int) -> tuple[FloatArray, F
     alone, so every plant and every controller meets the same noise.
     """
     noise, push = (np.random.default_rng([seed, k]) for k in range(2))
-    draws = noise.standard_normal((clock.ticks, len(Draws._fields)))
+    draws = noise.standard_normal((clock.ticks, DRAWS))
     if not settings.disturbance:
         return draws, np.zeros(1)
     return draws, yaw_disturbance(clock.n * clock.dt, clock.dt, push)
@@ -198,9 +177,7 @@ def make_trackers(
             filter=around.filter.packed(),
             noise=around.deviations(),
             sensors=around.sensors.packed(),
-            position_steps=clock.position,
-            velocity_steps=clock.velocity,
-            dt=clock.dt,
+            clock=clock,
         )
         trackers.append(tracker)
     return trackers
@@ -225,16 +202,17 @@ class RobotSide:
     def tick(self, k: int, truth: Motion, draws: FloatArray, log: FloatArray) -> bool:
         """Run the loops that are due at physics step `k`, and log; return whether it is lost."""
         tracker = self.tracker
-        t = k * tracker.dt
-        due = k % tracker.position_steps == 0
+        clock = tracker.clock
+        t = k * clock.dt
+        due = k % clock.position == 0
         if due:
             seen = observed(tracker, k, truth, draws)
-            self.position_tick(seen, t, tracker.position_steps * tracker.dt)
-        if k % tracker.velocity_steps == 0:
-            self.velocity_tick(t, tracker.velocity_steps * tracker.dt)
+            self.position_tick(seen, t, clock.position * clock.dt)
+        if k % clock.velocity == 0:
+            self.velocity_tick(t, clock.velocity * clock.dt)
         if not due:
             return False
-        record(log[k // tracker.position_steps], truth, self.state)
+        record(log[k // clock.position], truth, self.state)
         aim = self.state.target
         return is_lost(truth.x, truth.y, truth.w, aim.x, aim.y)
 

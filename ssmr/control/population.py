@@ -12,7 +12,6 @@ from ssmr._jit import jit_alone, named_like, share_among_threads
 from ssmr.control.law import EMPTY_MEMORY, Command
 from ssmr.control.laws import AnyController
 from ssmr.control.loop import (
-    Clock,
     ClosedRun,
     LoopSettings,
     closed_run,
@@ -27,8 +26,9 @@ from ssmr.control.predictor import NO_PREDICTOR
 from ssmr.control.tick import (
     INITIAL_STATE,
     LOG_COLUMNS,
-    NO_DRAWS,
     NO_ERRORS,
+    UNSEEN,
+    Clock,
     LoopData,
     LoopState,
     Tracker,
@@ -86,9 +86,9 @@ def run_planar_loop(
         The number of ticks that were recorded: fewer than `log` has rows where the robot was lost
         after the last of them.
     """
-    n = tracker.position_steps
+    n = tracker.clock.position
     last = len(log) - 1
-    commands = np.empty((1 + last * n // tracker.velocity_steps, 2))
+    commands = np.empty((1 + last * n // tracker.clock.velocity, 2))
     data = LoopData(drive, draws, commands, np.empty((n, 2)), log)
     now, integral = planar_start(start, robot)
     driver = rolling(Sides(start.left, start.right), drive)
@@ -104,7 +104,7 @@ def run_planar_loop(
         for j in range(steps):
             push = disturbance[first + j] if len(disturbance) > 1 else disturbance[0]
             wheels = Sides(data.references[j, 0], data.references[j, 1])
-            now, integral = move(now, integral, wheels, push, tracker.dt, robot)
+            now, integral = move(now, integral, wheels, push, tracker.clock.dt, robot)
     return last + 1
 
 
@@ -171,11 +171,9 @@ def _tracker_of(t: Any, i: int) -> Tracker:
         by_filter=t.by_filter,
         belief=Belief(t.belief.mean[i], t.belief.covariance[i]),
         filter=named_like(NO_NUMBERS, t.filter[i]),
-        noise=named_like(NO_DRAWS, t.noise[i]),
+        noise=named_like(UNSEEN, t.noise[i]),
         sensors=named_like(NO_ERRORS, t.sensors[i]),
-        position_steps=t.position_steps,
-        velocity_steps=t.velocity_steps,
-        dt=t.dt,
+        clock=t.clock,
     )
 
 
@@ -188,7 +186,7 @@ def _plan_batch(b: Batch, k: int, n: int, states: FloatArray, draws: FloatArray)
     for i in range(len(states)):
         if not b.alive[i]:
             continue
-        sent = b.commands[i, max(k - 1, 0) // b.trackers.velocity_steps]
+        sent = b.commands[i, max(k - 1, 0) // b.trackers.clock.velocity]
         state = LoopState(
             memory=named_like(EMPTY_MEMORY, b.memories[i]),
             target=Target(0.0, 0.0, 0.0, 0.0, 0.0, b.segments[i]),

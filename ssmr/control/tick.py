@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ssmr._jit import jit, jit_alone, named_like
+from ssmr._jit import jit, jit_alone
 from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
 from ssmr.control.predictor import PredictorModel, predict_ahead, remember
@@ -33,17 +33,23 @@ SPINNING = 20.0
 """A robot that turns faster than this is out of control, and the run ends [rad/s]."""
 
 
-class Draws(NamedTuple):
-    """Standard normal numbers of one observation; also the factors that scale them."""
+DRAWS = 8
+"""Standard normal numbers of one observation: for x, y, yaw, v, w, both wheel rates and the gyro.
+"""
 
-    x: float
-    y: float
-    yaw: float
-    v: float
-    w: float
-    left: float
-    right: float
-    gyro: float
+
+class Clock(NamedTuple):
+    """The division of a mission into physics steps."""
+
+    dt: float  # physics step [s]
+    position: int  # steps of the position loop's period
+    velocity: int  # steps of the velocity loop's period
+    n: int  # steps of the whole mission, a whole number of position periods
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks of the position loop."""
+        return 1 + self.n // self.position
 
 
 class Tracker(NamedTuple):
@@ -60,11 +66,9 @@ class Tracker(NamedTuple):
     by_filter: bool  # true if the controller sees the estimate of the EKF
     belief: Belief  # state of the EKF
     filter: Any  # `EkfSettings.packed()`
-    noise: Draws  # standard deviations of the feedback and of the sensors
+    noise: Observation  # standard deviations of the feedback
     sensors: SensorErrors  # `SensorModel.packed()`
-    position_steps: int  # physics steps of the position loop's period
-    velocity_steps: int  # physics steps of the velocity loop's period
-    dt: float  # physics step [s]
+    clock: Clock  # physics step and periods
 
 
 class LoopState(NamedTuple):
@@ -78,16 +82,15 @@ class LoopState(NamedTuple):
     command: Command
 
 
-NO_DRAWS = Draws(*(0.0,) * 8)
 NO_ERRORS = SensorErrors(*(0.0,) * 3)
+UNSEEN = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
 """Templates for `named_like`."""
-_UNSEEN = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
 INITIAL_STATE = LoopState(
     memory=EMPTY_MEMORY,
     target=Target(0.0, 0.0, 0.0, 0.0, 0.0, 0),
     errors=Errors(0.0, 0.0, 0.0),
-    seen=_UNSEEN,
-    ahead=_UNSEEN,
+    seen=UNSEEN,
+    ahead=UNSEEN,
     command=Command(0.0, 0.0),
 )
 """State of a robot's side that has not seen anything yet."""
@@ -108,20 +111,21 @@ def observed(tracker: Tracker, k: int, truth: Motion, draws: FloatArray) -> Obse
     The EKF's belief, if it is used, advances by the time since the last tick.
     """
     noise = tracker.noise
-    drawn = named_like(NO_DRAWS, draws[k // tracker.position_steps])
+    clock = tracker.clock
+    drawn = draws[k // clock.position]
     if tracker.by_filter:
-        numbers = (drawn.left, drawn.right, drawn.gyro)
+        numbers = (drawn[5], drawn[6], drawn[7])
         sample = sense(truth.left, truth.right, truth.w, numbers, tracker.sensors)
-        elapsed = tracker.position_steps * tracker.dt if k else 0.0
+        elapsed = clock.position * clock.dt if k else 0.0
         filter_step(tracker.belief, sample, elapsed, tracker.filter)
         mean = tracker.belief.mean
         return Observation(mean[X], mean[Y], mean[YAW], mean[V], mean[W])
     return Observation(
-        x=truth.x + noise.x * drawn.x,
-        y=truth.y + noise.y * drawn.y,
-        yaw=truth.yaw + noise.yaw * drawn.yaw,
-        v=truth.v + noise.v * drawn.v,
-        w=truth.w + noise.w * drawn.w,
+        x=truth.x + noise.x * drawn[0],
+        y=truth.y + noise.y * drawn[1],
+        yaw=truth.yaw + noise.yaw * drawn[2],
+        v=truth.v + noise.v * drawn[3],
+        w=truth.w + noise.w * drawn[4],
     )
 
 
@@ -236,18 +240,19 @@ def plan_period(
         The states of the robot's side and of the driver at the end of the period, and whether the
         robot is lost.
     """
-    position_dt = tracker.position_steps * tracker.dt
-    velocity_dt = tracker.velocity_steps * tracker.dt
+    clock = tracker.clock
+    position_dt = clock.position * clock.dt
+    velocity_dt = clock.velocity * clock.dt
     seen = observed(tracker, k, truth, data.draws)
-    state = position_tick(tracker, state, seen, k * tracker.dt, position_dt)
+    state = position_tick(tracker, state, seen, k * clock.dt, position_dt)
     for j in range(k, k + max(n, 1)):
-        if j % tracker.velocity_steps == 0:
-            state = velocity_tick(tracker, state, j * tracker.dt, velocity_dt)
-            i = j // tracker.velocity_steps
+        if j % clock.velocity == 0:
+            state = velocity_tick(tracker, state, j * clock.dt, velocity_dt)
+            i = j // clock.velocity
             data.commands[i, 0] = state.command.v
             data.commands[i, 1] = state.command.w
         if j == k:
-            record(data.log[k // tracker.position_steps], truth, state)
+            record(data.log[k // clock.position], truth, state)
         if j < k + n:
             driver = follow(data.commands, j, data.drive, (0.0, 0.0), driver)
             data.references[j - k, 0] = driver.left

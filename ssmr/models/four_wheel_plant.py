@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,15 @@ from ssmr.robot.drive import Driver, step_pushes, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 
+_CHANNELS: Mapping[str, slice | int] = {
+    "torque_N_m": slice(8, 10),
+    "yaw_acceleration_rad_s2": 10,
+    "yaw_acceleration_range_rad_s2": slice(11, 13),
+    "wheel_load_N": slice(13, 17),
+    "force_x_N": slice(17, 21),
+    "force_y_N": slice(21, 25),
+}
+"""Columns of channels among those of a sample, `SAMPLE_COLUMNS`."""
 FOUR_WHEEL_DT = 0.001
 """Physics step [s], that of the planar models; stiff tyres divide it further."""
 
@@ -119,16 +128,7 @@ class FourWheelPlant:
         push = step_pushes(disturbance, len(references))
         robot = self.robot._replace(given=given)
         out = self._run(references, push, stride, robot, _placed(state, robot))
-        channels = {
-            "torque_N_m": out[:, 8:10],
-            "yaw_acceleration_rad_s2": out[:, 10],
-            "yaw_acceleration_range_rad_s2": out[:, 11:13],
-            "wheel_load_N": out[:, 13:17],
-            "force_x_N": out[:, 17:21],
-            "force_y_N": out[:, 21:25],
-        }
-        t = sample_dt * np.arange(len(out), dtype=np.float64)
-        return Trajectory(t, out[:, :3], out[:, 3:6], out[:, 6:8], channels)
+        return Trajectory.of_table(sample_dt, out, _CHANNELS)
 
 
 def _placed(state: State, robot: FourWheels) -> FloatArray:

@@ -26,7 +26,7 @@ from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.engines.body import EngineBody, Rigid, RigidNumbers
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import SIDES, WHEELS
-from validation.simulator.plant import motion_of
+from validation.simulator.plant import CHANNELS
 from validation.simulator.terrain import FLAT, Terrain
 
 MOST_GAIN = 1.0
@@ -201,8 +201,7 @@ class EnginePlant:
             if (k + 1) % stride == 0:
                 self._loads = self._body.wheel_loads()
                 rows.append(self._row())
-        times = sample_dt * np.arange(len(rows), dtype=np.float64)
-        return motion_of(times, np.array(rows))
+        return Trajectory.of_table(sample_dt, np.array(rows), CHANNELS)
 
     def _row(self) -> list[float]:
         left = self._torques[_LEFT].sum()

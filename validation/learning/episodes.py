@@ -223,7 +223,7 @@ class EpisodeSource:
         start, before = self._draw_start(waypoints.start, speed, drive, rng)
         seed = int(rng.integers(2**32))
         if self.task.noise:
-            deviations = np.array(LoopSettings().deviations())[:5]
+            deviations = np.array(LoopSettings().deviations())
             off = np.random.default_rng([seed, 0]).standard_normal((n + 1, 5)) * deviations
             push = np.random.default_rng([seed, 1])
             dt = VELOCITY_PERIOD / self.steps

@@ -21,13 +21,12 @@ import numpy as np
 from ssmr.control.law import Command, Observation
 from ssmr.control.loop import (
     VELOCITY_PERIOD,
-    Clock,
     ClosedRun,
     LoopSettings,
     make_trackers,
     robot_sides,
 )
-from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, is_lost, record
+from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, Clock, is_lost, record
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle

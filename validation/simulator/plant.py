@@ -8,7 +8,7 @@ results do not depend on how long chunks are, to the bit.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -48,6 +48,13 @@ wheels that are ahead by up to one over this number of every change."""
 SETTLE_CONSTANTS = 50.0
 """Time for which the robot stands before its resting height is taken, in time constants of the
 contact; 1 s for a Husky."""
+CHANNELS: Mapping[str, slice | int] = {
+    "wheel_load_N": slice(8, 12),
+    "torque_N_m": slice(12, 14),
+    "yaw_acceleration_rad_s2": 14,
+}
+"""Columns of channels among the numbers of a sample, behind those of a `State`."""
+_FORCES = {"force_x_N": slice(15, 19), "force_y_N": slice(19, 23)}
 _COLUMNS = 23
 """Numbers of a sample."""
 CHUNK = 2000
@@ -289,7 +296,7 @@ class MujocoPlant:
             table[done : done + len(rows)] = rows
             done += len(rows)
         table[:, 2] += _TURN * round((state.yaw - table[0, 2]) / (2.0 * math.pi))
-        motion = motion_of(stride * self.dt * np.arange(len(table), dtype=np.float64), table)
+        motion = Trajectory.of_table(stride * self.dt, table, {**CHANNELS, **_FORCES})
         if commands.kind == "twist":
             return motion
         return self._with_ground_torque(motion)
@@ -377,22 +384,6 @@ class MujocoPlant:
             *np.moveaxis(forces, -1, 0),
         ]
         return np.column_stack(columns)
-
-
-def motion_of(t: FloatArray, table: FloatArray) -> Trajectory:
-    """Return the motion at (M,) instants [s] from a table of its numbers.
-
-    It has (M, 15) poses, twists, wheel rates, loads, torques and yaw accelerations, or (M, 23) with
-    the forces of the ground along the body and across it.
-    """
-    channels = {
-        "wheel_load_N": table[:, 8:12],
-        "torque_N_m": table[:, 12:14],
-        "yaw_acceleration_rad_s2": table[:, 14],
-    }
-    if table.shape[1] > 15:
-        channels |= {"force_x_N": table[:, 15:19], "force_y_N": table[:, 19:23]}
-    return Trajectory(t, table[:, :3], table[:, 3:6], table[:, 6:8], channels)
 
 
 class Samples(NamedTuple):

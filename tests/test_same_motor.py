@@ -184,10 +184,10 @@ def apart(lab: Profile, trajectory: str, limit: float, stiffness: float) -> floa
     right = 0.0
     path = [data.qpos[:2].copy()]
     for reference in wheel_references(commands, plant.drive, plant.dt, State()):
-        rates = Sides(*(float(data.qvel[dofs].mean()) for dofs in plant.wheel_dofs))
+        rates = Sides(*(float(data.qvel[dofs].mean()) for dofs in plant.parts.sides))
         commanded = Wanted(*reference.tolist(), left, right)
         torques = motor_torques(commanded, rates, section.parameters.gain, motor)
-        for dofs, torque in zip(plant.wheel_dofs, torques, strict=True):
+        for dofs, torque in zip(plant.parts.sides, torques, strict=True):
             data.qfrc_applied[dofs] = 0.5 * torque
         left = advance_integral(left, reference[0] - rates.left, motor)
         right = advance_integral(right, reference[1] - rates.right, motor)

@@ -13,7 +13,7 @@ import numpy as np
 from mujoco import batch
 from numpy.typing import NDArray
 
-from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
+from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.robot.drive import motor_numbers
 from ssmr.types import FloatArray, State
 from validation.simulator.motors import controls
@@ -60,7 +60,7 @@ class MujocoBodies:
         self._spec = int(mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_QFRC_APPLIED)
         self._width = first.model.nu + first.model.nv
         # left and right in front, then behind: the order of `WHEELS`
-        self._wheels = np.column_stack(first.wheel_dofs).ravel()
+        self._wheels = first.parts.dofs
         if state is not None:
             self.place(range(len(plants)), [state] * len(plants))
 
@@ -94,18 +94,12 @@ class MujocoBodies:
 
     def states(self) -> FloatArray:
         """Return (S, 10) fields of `ssmr.types.Motion`; yaw goes on from the last reading."""
-        out = np.empty((len(self._yaw), 10))
         turn = quat_wxyz_to_yaw(self.qpos[:, 3:7]) - self._yaw
         self._yaw = self._yaw + turn - 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
-        out[:, :2] = self.qpos[:, :2]
-        out[:, 2] = self._yaw
-        out[:, 3:5] = rotate_world_to_body(self.qvel[:, :2], self._yaw)
-        out[:, 5] = self.qvel[:, 5]
-        for column, dofs in enumerate(self._first.wheel_dofs, start=6):
-            out[:, column] = self.qvel[:, dofs].mean(axis=1)
+        planar = self._first.parts.planar(self.qpos, self.qvel, self._yaw)
         force = self._force[:, self._wheels]
-        out[:, 8:] = force[:, :2] + force[:, 2:] - self._braking * out[:, 6:8]
-        return out
+        torques = force[:, :2] + force[:, 2:] - self._braking * planar[:, 6:8]
+        return np.hstack([planar, torques])
 
     def advance(
         self, references: FloatArray, pushes: FloatArray, rows: NDArray[np.int32] | None = None

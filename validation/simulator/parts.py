@@ -7,8 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
 
 from ssmr.errors import SsmrError
+from ssmr.geometry import rotate_world_to_body
+from ssmr.types import FloatArray
 from validation.simulator.description import WHEELS
 
 
@@ -30,6 +33,23 @@ class Parts:
     """Columns of the wheel loads among the sensors' numbers."""
     torques: list[int]
     """Columns of the actuators' torques on the wheels among the sensors' numbers."""
+
+    @property
+    def sides(self) -> tuple[list[int], list[int]]:
+        """Degrees of freedom of the left and of the right wheels; `WHEELS` takes turns."""
+        return self.dofs[::2], self.dofs[1::2]
+
+    def planar(self, qpos: FloatArray, qvel: FloatArray, yaw: FloatArray) -> FloatArray:
+        """Return the (M, 8) fields of `ssmr.State` of a robot whose first joint is free.
+
+        Args:
+            qpos: (M, nq) positions.
+            qvel: (M, nv) velocities.
+            yaw: (M,) headings, unwrapped [rad].
+        """
+        velocity = rotate_world_to_body(qvel[:, :2], yaw)
+        wheels = [qvel[:, dofs].mean(axis=1) for dofs in self.sides]
+        return np.column_stack([qpos[:, :2], yaw, velocity, qvel[:, 5], *wheels])
 
 
 # looking names up costs more than a few steps

@@ -7,11 +7,9 @@ results do not depend on how long chunks are, to the bit.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -31,7 +29,7 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.model import FREE_DRIVE, contact_settings, robot_model
 from validation.simulator.motors import controls
-from validation.simulator.parts import mujoco_failures, robot_parts
+from validation.simulator.parts import Parts, mujoco_failures, robot_parts
 from validation.simulator.physics import SHIPPED, PhysicsSettings, stop_the_stopwatch
 from validation.simulator.resting import level_rest, solved_exactly
 from validation.simulator.terrain import FLAT, Terrain
@@ -55,8 +53,6 @@ CHANNELS: Mapping[str, slice | int] = {
 }
 """Columns of channels among the numbers of a sample, behind those of a `State`."""
 _FORCES = {"force_x_N": slice(15, 19), "force_y_N": slice(19, 23)}
-_COLUMNS = 23
-"""Numbers of a sample."""
 CHUNK = 2000
 """Physics steps of a chunk: enough that starting one costs nothing beside them."""
 _TURN = 2.0 * np.pi
@@ -72,8 +68,8 @@ class MujocoPlant:
     """Saturation, delays and conversions between command and wheels."""
     settings: PhysicsSettings
     """Settings of the physics engine."""
-    wheel_dofs: tuple[list[int], ...]
-    """Degrees of freedom of the left and of the right wheels."""
+    parts: Parts
+    """Places of the robot's parts in the model's arrays."""
 
     @mujoco_failures()
     def __init__(
@@ -101,9 +97,7 @@ class MujocoPlant:
         whole_steps(drive.hold, calibration.timestep, "the drive's hold")
         self.calibration = calibration
         self.drive = drive
-        self._parts = robot_parts(model)
-        # the names of `WHEELS` are left and right in turns
-        self.wheel_dofs = (self._parts.dofs[::2], self._parts.dofs[1::2])
+        self.parts = robot_parts(model)
         places = [int(model.sensor(f"force_{wheel}").adr[0]) for wheel in WHEELS]
         self._forces = np.add.outer(places, range(2))
         level = None
@@ -121,7 +115,7 @@ class MujocoPlant:
         data.qpos[:] = self._resting
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fullM(model, data, mass_matrix)
-        base = self._parts.base
+        base = self.parts.base
         offset = data.subtree_com[base][:2] - data.xpos[base][:2]
         return float(mass_matrix[5, 5] - model.body_subtreemass[base] * offset @ offset)
 
@@ -161,27 +155,15 @@ class MujocoPlant:
         mujoco.mju_mulQuat(rest[3:7], yaw_to_quat_wxyz(state.yaw), self._resting[3:7])
         velocity[:2] = rotate_body_to_world([state.v_x, state.v_y], state.yaw)
         velocity[5] = state.yaw_rate
-        for dofs, rate in zip(self.wheel_dofs, (state.wheel_left, state.wheel_right), strict=True):
+        for dofs, rate in zip(self.parts.sides, (state.wheel_left, state.wheel_right), strict=True):
             velocity[dofs] = rate
         return np.concatenate([[0.0], rest, velocity, np.zeros(self.model.na)])
 
     def _read(self) -> State:
         """Return the simulator's state as a planar one; yaw is unwrapped from the last reading."""
-        qpos = self._data.qpos
-        qvel = self._data.qvel
-        yaw = float(quat_wxyz_to_yaw(qpos[3:7])) + 2.0 * math.pi * self._turns
-        v_x, v_y = rotate_world_to_body(qvel[:2], yaw).tolist()
-        left, right = (float(np.mean(qvel[dofs])) for dofs in self.wheel_dofs)
-        return State(
-            x=float(qpos[0]),
-            y=float(qpos[1]),
-            yaw=yaw,
-            v_x=v_x,
-            v_y=v_y,
-            yaw_rate=float(qvel[5]),
-            wheel_left=left,
-            wheel_right=right,
-        )
+        data = self._data
+        yaw = quat_wxyz_to_yaw(data.qpos[None, 3:7]) + _TURN * self._turns
+        return State(*self.parts.planar(data.qpos[None], data.qvel[None], yaw)[0].tolist())
 
     @cached_property
     def _data(self) -> mujoco.MjData:
@@ -200,7 +182,7 @@ class MujocoPlant:
         mujoco.mj_resetData(self.model, data)
         mujoco.mj_setState(self.model, data, self.placed(state), whole)
         yaw = float(quat_wxyz_to_yaw(data.qpos[3:7]))
-        self._turns = round((state.yaw - yaw) / (2.0 * math.pi))
+        self._turns = round((state.yaw - yaw) / _TURN)
         self._last = self._read()
         return self._last
 
@@ -224,7 +206,7 @@ class MujocoPlant:
                     f"mujoco gave up at t = {before:.3f} s", t=before, state=self._last
                 )
             turned += self.dt * float(data.qvel[5])
-        self._turns += round((turned - self._read().yaw) / (2.0 * math.pi))
+        self._turns += round((turned - self._read().yaw) / _TURN)
         self._last = self._read()
         return self._last
 
@@ -289,13 +271,8 @@ class MujocoPlant:
             spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
         model = self.model if commands.kind == "twist" else self._prescribed
         inputs = self._inputs(commands, state, disturbance)
-        table = np.empty((1 + steps // stride, _COLUMNS))
-        done = 0
-        for chunk in sampled(model, self.placed(state), inputs, int(spec), stride):
-            rows = self._rows(chunk)
-            table[done : done + len(rows)] = rows
-            done += len(rows)
-        table[:, 2] += _TURN * round((state.yaw - table[0, 2]) / (2.0 * math.pi))
+        table = np.vstack(list(self._sampled(model, self.placed(state), inputs, int(spec), stride)))
+        table[:, 2] += _TURN * round((state.yaw - table[0, 2]) / _TURN)
         motion = Trajectory.of_table(stride * self.dt, table, {**CHANNELS, **_FORCES})
         if commands.kind == "twist":
             return motion
@@ -362,96 +339,85 @@ class MujocoPlant:
             yield rates + PRESCRIBED_LAG * np.diff(rates, axis=0, prepend=last[None])
             last = rates[-1]
 
-    def _rows(self, chunk: Samples) -> FloatArray:
-        """Return the (m, 23) numbers of a trajectory's samples."""
-        nq = self.model.nq
-        qpos = chunk.states[:, 1 : 1 + nq]
-        qvel = chunk.states[:, 1 + nq : 1 + nq + self.model.nv]
-        wheels = np.column_stack([qvel[:, dofs].mean(axis=1) for dofs in self.wheel_dofs])
-        at_wheels = chunk.sensors[:, self._parts.torques]
-        braking = motor_numbers(self.drive, self.dt).braking
-        torques = at_wheels[:, :2] + at_wheels[:, 2:] - braking * wheels
-        forces = rotate_world_to_body(chunk.sensors[:, self._forces], chunk.yaw[:, None])
-        columns = [
-            qpos[:, :2],
-            chunk.yaw,
-            rotate_world_to_body(qvel[:, :2], chunk.yaw),
-            qvel[:, 5],
-            wheels,
-            chunk.sensors[:, self._parts.loads],
-            torques,
-            chunk.yaw_acceleration,
-            *np.moveaxis(forces, -1, 0),
-        ]
-        return np.column_stack(columns)
+    def _sampled(
+        self,
+        model: mujoco.MjModel,
+        start: FloatArray,
+        inputs: Iterable[FloatArray],
+        spec: int,
+        stride: int,
+    ) -> Iterator[FloatArray]:
+        """Simulate chunk by chunk, and yield the (m, 23) numbers of the samples of each.
 
+        Args:
+            model: the robot on its ground; its first joint is free.
+            start: (1 + nq + nv + na) state before the first step.
+            inputs: (n, ...) inputs of the n steps of each chunk.
+            spec: kind of the inputs, of `mujoco.mjtState`.
+            stride: steps from one sample to the next; the first step is one.
 
-class Samples(NamedTuple):
-    """Every `stride`-th step of a chunk."""
-
-    states: FloatArray
-    """(m, 1 + nq + nv + na) time, positions, velocities and activations before the step."""
-    sensors: FloatArray
-    """(m, nsensordata) of the step."""
-    yaw: FloatArray
-    """(m,) heading before the step, unwrapped from the run's start [rad]."""
-    yaw_acceleration: FloatArray
-    """(m,) change of the yaw rate in the step over its length [rad/s2]."""
-
-
-def sampled(
-    model: mujoco.MjModel,
-    start: FloatArray,
-    inputs: Iterable[FloatArray],
-    spec: int,
-    stride: int,
-) -> Iterator[Samples]:
-    """Simulate chunk by chunk, and yield the samples of each.
-
-    Args:
-        model: the robot on its ground; its first joint is free.
-        start: (1 + nq + nv + na) state before the first step.
-        inputs: (n, ...) inputs of the n steps of each chunk.
-        spec: kind of the inputs, of `mujoco.mjtState`.
-        stride: steps from one sample to the next; the first step is one.
-
-    Raises:
-        DivergedError: the simulator gave up; with the time and, as far as the chunk reaches back,
-            the states until then.
-    """
-    dt = float(model.opt.timestep)
-    yaw_rate = 1 + model.nq + 5
-    data = mujoco.MjData(model)
-    state = start
-    warm = np.zeros(model.nv)
-    first = 0
-    turns = 0
-    for control in inputs:
-        states, readings = rollout.rollout(
-            model, data, state[None], control[None], control_spec=spec, initial_warmstart=warm[None]
-        )
-        after = states[0]
-        before = np.vstack([state, after[:-1]])
-        # A diverged simulation resets itself: its clock jumps back.
-        bad = np.flatnonzero((after[:, 0] <= before[:, 0]) | ~np.isfinite(after).all(axis=1))
-        if len(bad):
-            end = int(bad[0])
-            t = (first + end) * dt
-            raise DivergedError(
-                f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=before[: end + 1]
+        Raises:
+            DivergedError: the simulator gave up; with the time and, as far as the chunk reaches
+                back, the states until then.
+        """
+        dt = float(model.opt.timestep)
+        yaw_rate = 1 + model.nq + 5
+        data = mujoco.MjData(model)
+        state = start
+        warm = np.zeros(model.nv)
+        first = 0
+        turns = 0
+        for control in inputs:
+            states, readings = rollout.rollout(
+                model,
+                data,
+                state[None],
+                control[None],
+                control_spec=spec,
+                initial_warmstart=warm[None],
             )
-        yaw = quat_wxyz_to_yaw(np.vstack([before[:, 4:8], after[-1:, 4:8]]))
-        jumps = np.rint(np.diff(yaw) / _TURN).astype(np.int64)
-        whole = turns - np.cumulative_sum(jumps, include_initial=True)
-        # the first step of the run is a sample, and so every `stride`-th after it
-        at = slice(-first % stride, len(after), stride)
-        yield Samples(
-            states=np.array(before[at]),
-            sensors=np.array(readings[0][at]),
-            yaw=yaw[:-1][at] + _TURN * whole[:-1][at],
-            yaw_acceleration=(after[at, yaw_rate] - before[at, yaw_rate]) / dt,
-        )
-        state = after[-1]
-        warm = np.array(data.qacc_warmstart)
-        first += len(after)
-        turns = int(whole[-1])
+            after = states[0]
+            before = np.vstack([state, after[:-1]])
+            # A diverged simulation resets itself: its clock jumps back.
+            bad = np.flatnonzero((after[:, 0] <= before[:, 0]) | ~np.isfinite(after).all(axis=1))
+            if len(bad):
+                end = int(bad[0])
+                t = (first + end) * dt
+                raise DivergedError(
+                    f"mujoco gave up at t = {t:.3f} s: no finite state",
+                    t=t,
+                    states=before[: end + 1],
+                )
+            yaw = quat_wxyz_to_yaw(np.vstack([before[:, 4:8], after[-1:, 4:8]]))
+            jumps = np.rint(np.diff(yaw) / _TURN).astype(np.int64)
+            whole = turns - np.cumulative_sum(jumps, include_initial=True)
+            # the first step of the run is a sample, and so every `stride`-th after it
+            at = slice(-first % stride, len(after), stride)
+            headings = yaw[:-1][at] + _TURN * whole[:-1][at]
+            turned = (after[at, yaw_rate] - before[at, yaw_rate]) / dt
+            yield self._numbers(before[at], readings[0][at], headings, turned)
+            state = after[-1]
+            warm = np.array(data.qacc_warmstart)
+            first += len(after)
+            turns = int(whole[-1])
+
+    def _numbers(
+        self, states: FloatArray, sensors: FloatArray, yaw: FloatArray, turned: FloatArray
+    ) -> FloatArray:
+        """Return the (m, 23) numbers of samples.
+
+        Args:
+            states: (m, 1 + nq + nv + na) time, positions and velocities before a step.
+            sensors: (m, nsensordata) of the step.
+            yaw: (m,) headings before the step, unwrapped from the run's start [rad].
+            turned: (m,) yaw accelerations in the step [rad/s2].
+        """
+        nq = self.model.nq
+        qvel = states[:, 1 + nq : 1 + nq + self.model.nv]
+        planar = self.parts.planar(states[:, 1 : 1 + nq], qvel, yaw)
+        at_wheels = sensors[:, self.parts.torques]
+        braking = motor_numbers(self.drive, self.dt).braking
+        torques = at_wheels[:, :2] + at_wheels[:, 2:] - braking * planar[:, 6:8]
+        forces = rotate_world_to_body(sensors[:, self._forces], yaw[:, None])
+        sides = np.moveaxis(forces, -1, 0)
+        return np.column_stack([planar, sensors[:, self.parts.loads], torques, turned, *sides])

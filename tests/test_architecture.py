@@ -385,9 +385,9 @@ class Price(NamedTuple):
 
 PRICES = {
     "ssmr": Price(
-        67_500,
-        93,
-        328,
+        66_900,
+        86,
+        325,
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
     ),
     "validation/cli": Price(
@@ -398,7 +398,7 @@ PRICES = {
         "tyro has the rest",
     ),
     "validation/engines": Price(
-        8_800,
+        8_500,
         4,
         14,
         "second opinions by ODE and Drake",
@@ -457,9 +457,9 @@ PRICES = {
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(
-        26_900,
-        14,
-        82,
+        26_400,
+        10,
+        72,
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(

@@ -81,4 +81,4 @@ def differences(variant):
 
 
 swept = sweep(VARIANTS, {"trajectory 4": differences}, workers=None, progress=silent)
-print(text_tables([Table("A tenth of one number on trajectory 4", swept.rows).grid()], swept.notes))
+print(text_tables([Table("A tenth of one number on trajectory 4", swept.rows)], swept.notes))

@@ -73,11 +73,11 @@ def test_published_models_agree_with_mujoco_unfitted(
 
 
 def test_a_comparison_says_at_which_points_its_paths_are_taken(lab: Profile) -> None:
-    tables = compare(open_source("traj3"), lab, ("mujoco",), "improved").tables
+    tables = compare(open_source("traj3"), lab, ("mujoco",), "improved").tables()
     assert any("All paths are those of the robot's middle" in table.caption for table in tables)
     ahead = replace(lab.section("mujoco"), localiser=Localiser(tracked_x=0.085))
     profile = replace(lab, plants={**lab.plants, "mujoco": ahead})
-    tables = compare(open_source("traj3"), profile, ("mujoco",), "improved").tables
+    tables = compare(open_source("traj3"), profile, ("mujoco",), "improved").tables()
     assert any("mujoco (85, 0) mm" in table.caption for table in tables)
 
 

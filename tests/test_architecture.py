@@ -404,9 +404,9 @@ PRICES = {
         "second opinions by ODE and Drake",
     ),
     "validation/identify": Price(
-        22_700,
-        20,
-        69,
+        22_300,
+        19,
+        67,
         "what finds a plant's parameters and a controller's gains, with their uncertainty; "
         "the better judge of turns; "
         "friction: torques from a simulation or a log's currents (what study drivetrain knew of "
@@ -445,9 +445,9 @@ PRICES = {
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
-        25_000,
-        17,
-        88,
+        24_600,
+        15,
+        72,
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
@@ -476,9 +476,9 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        22_500,
-        18,
-        51,
+        21_300,
+        17,
+        52,
         "comparison, fit, tuning, robots, what a log contains and its conversion, whole writing",
     ),
     "benchmarks": Price(

@@ -128,7 +128,7 @@ def test_distances_that_a_profile_tells_are_those_of_the_robot(lab: Profile, sce
     tenth_mm = 1e-4
     assert measured["d_rms_m"] == pytest.approx(told["d_rms_m"][scenario], abs=tenth_mm)
     assert measured["sync_rms_m"] == pytest.approx(told["sync_rms_m"][scenario], abs=tenth_mm)
-    caption = compared.tables[0].caption
+    caption = compared.tables()[0].caption
     assert "All paths are those of the robot's middle." in caption
     assert "mujoco was fitted to traj4@improved" in caption
     assert "torque rms does not compare mujoco with improved" in caption
@@ -139,7 +139,7 @@ def test_torques_of_bodies_and_those_of_planar_models_compare_among_themselves(
 ) -> None:
     for pair in (("mujoco", "four_wheel"), ("improved", "linear", "kinematic")):
         compared = compare("traj4", lab, plants=pair, reference=pair[0])
-        assert "torque" not in compared.tables[0].caption
+        assert "torque" not in compared.tables()[0].caption
 
 
 def test_a_recording_of_ones_own_from_another_folder(

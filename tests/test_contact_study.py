@@ -67,7 +67,7 @@ def small(lab: Profile) -> Report:
 def of(small: Report, name: str) -> dict[str, Any]:
     return {
         k: v
-        for table in small.tables
+        for table in small.tables()
         for row in table.rows
         if row["variant"] == name
         for k, v in row.items()
@@ -201,7 +201,7 @@ def test_what_cannot_be_driven_says_why(small: Report) -> None:
     assert all(
         note.startswith("hopeless: no step: ") and "0.003" in note for note in document["notes"]
     )
-    assert any("0.003" in line for line in small.markdown().splitlines())
+    assert any("0.003" in line for line in small.to_markdown().splitlines())
     assert of(small, HOPELESS) == {"variant": HOPELESS}
     columns = {column for some in CONTACT_MEASURES.values() for column in some}
     for name in (BASELINE, PYRAMIDAL, DEFAULT):

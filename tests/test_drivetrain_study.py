@@ -48,7 +48,7 @@ def warthog() -> Report:
 
 
 def numbers(study: Report, what: str = "value") -> dict[str, float]:
-    return {row["number"]: row[what] for row in study.tables[0].rows}
+    return {row["number"]: row[what] for row in study.tables()[0].rows}
 
 
 KNOWN = {
@@ -95,7 +95,7 @@ def test_a_husky_is_seen_for_what_it_is(husky: Report) -> None:
     assert document["current_r2"] > 0.97
     assert 0.9 < document["current_r2_samples"] < document["current_r2"]
     assert document["wheel_rate_rms_rad_s"] < 0.06  # a step of the set points
-    r2 = {row["rule"]: row["held_out"] for row in husky.tables[2].rows}
+    r2 = {row["rule"]: row["held_out"] for row in husky.tables()[2].rows}
     assert max(r2, key=r2.__getitem__) == "the motors', shown while the bridge drives"
     assert "friction_torque" not in document["parameters"]
     assert "taken for those of a husky" in husky.notes()[0]
@@ -139,7 +139,7 @@ def test_logs_that_are_held_out_judge_and_are_not_fitted(husky: Report) -> None:
     for name in ("friction_current", "slip_scale", "inertia_current", "driver_gain"):
         # the whole of each log, as without
         assert numbers(judged)[name] == pytest.approx(numbers(husky)[name], rel=1e-3)
-    scores = judged.tables[1].rows
+    scores = judged.tables()[1].rows
     assert [row["log"] for row in scores] == ["up", "up2", "grass"]
     assert judged.as_dict()["wheel_rate_rms_rad_s"] == pytest.approx(scores[1]["rms_rad_s"])
     slippery = study_drivetrain(**SHORT, held_out=(on_grass(6, 14, "other", slip=0.6),))

@@ -71,7 +71,7 @@ def test_ctrl_c_leaves_a_result(lab: Profile) -> None:
         generations=9,
         progress=stop,
     )
-    assert (result.status, result.document["stopped_by"], result.document["generations"]) == (
+    assert (result.status, result.document()["stopped_by"], result.document()["generations"]) == (
         "interrupted",
         "interrupt",
         0,
@@ -151,7 +151,7 @@ def test_turns_are_fitted_to_the_gyro_where_it_is_the_better_judge(
         )
         y_l, y_r = (p.value for p in found.parameters)
         apart.append(y_l - y_r)
-        assert any("the gyro is the first judge" in note for note in found.sentences) == (
+        assert any("the gyro is the first judge" in note for note in found.notes()) == (
             name == "gyro"
         )
     assert apart[0] == pytest.approx(0.55 / 0.9, rel=0.01)

@@ -132,8 +132,8 @@ def test_what_is_clearly_faster_than_the_fit_is_told_with_both_numbers(
     (message,) = replace(lab, fitted_at=Pace(0.9, 1.0)).too_fast(pace, "it")
     assert re.search(r"2 m/s .* 0\.9 m/s", message)
     comparison = compare("husky", replace(lab, fitted_at=Pace(0.1, 0.1)), plants=("kinematic",))
-    assert "fitted at 0.1 m/s" in comparison.sentences[0]
-    assert comparison.sentences[0] in capsys.readouterr().err
+    assert "fitted at 0.1 m/s" in comparison.notes()[0]
+    assert comparison.notes()[0] in capsys.readouterr().err
 
 
 def test_numbers_that_do_not_go_together_are_the_profiles_and_a_fault_of_code_is_not(

@@ -42,7 +42,7 @@ def test_the_tile_husky_turns_at_less_than_an_eight_asks_for(plant: str) -> None
 
 def test_it_is_said_at_the_start_and_kept_in_the_result() -> None:
     tracked = track("lqr", "eight@0.5", "improved", "husky-tile", "tuned")
-    origin, demand, fast = tracked.alarms
+    origin, demand, fast = tracked.remarks
     assert origin.startswith(
         "The gains lqr-tuned were found on the profile thesis-lab, not on husky-tile"
     )

@@ -5,35 +5,39 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
 
 from tests.conftest import metrics_of
-from validation.report.columns import NOTHING, length_unit
+from validation.report.columns import NOTHING, Unit, length_unit
 from validation.report.report import Report
-from validation.report.table import Cell, Grid, Row, Table, text_tables
+from validation.report.table import Row, Table, text_tables
 
 texts = st.text("abcdefg hijkl 0123456789", min_size=1, max_size=30).map(
     lambda t: " ".join(t.split()) or "x"
 )
-numbers = st.floats(-1e6, 1e6).map("{:.4g}".format)
+numbers = st.integers(-1_000_000, 1_000_000)
 
 
-def cells(table: Table) -> list[list[Cell]]:
-    return [list(row) for group in table.grid().groups for row in group]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MadeUp(Report):
+    """A report of rows."""
 
+    program = "made-up"
+    rows: Sequence[Row]
 
-def report(*rows: Row) -> Report:
-    return Report(
-        program="made-up",
-        title="Made up",
-        tables=[Table("Rows", rows)],
-        document={"schema": "x/1"},
-        draw=Figure,
-    )
+    def tables(self) -> list[Table]:
+        """Return the rows."""
+        return [Table("Rows", self.rows)]
+
+    def document(self) -> dict[str, Any]:
+        """Return a schema."""
+        return {"schema": "x/1"}
 
 
 @given(
@@ -41,11 +45,12 @@ def report(*rows: Row) -> Report:
     st.sampled_from([60, 80, 200]),
 )
 def test_a_narrow_terminal_shows_fewer_numbers_but_all_their_digits(
-    rows: list[tuple[str, ...]], width: int
+    rows: list[tuple[Any, ...]], width: int
 ) -> None:
-    header = (("who", ""), *((f"n{k} of all", "mm") for k in range(7)), ("remark", ""))
-    grid = Grid(header, (tuple(tuple(map(Cell, row)) for row in rows),), 1, trailing=1)
-    text = text_tables([grid], (), width)
+    keys = ("who", *(f"n{k} of all" for k in range(7)), "remark")
+    units = {key: Unit("mm", 1.0, 0) for key in keys}
+    table = Table("", [dict(zip(keys, row, strict=True)) for row in rows], units=units)
+    text = text_tables([table], (), width)
     lines = text.splitlines()
     assert all(len(line) <= width and "…" not in line for line in lines)
     shown = [k for k in range(7) if f"n{k}" in text.partition("left out")[0].split()]
@@ -57,7 +62,7 @@ def test_a_narrow_terminal_shows_fewer_numbers_but_all_their_digits(
     assert missing == [f"n{k} of all" for k in range(len(shown), 7)]
     assert width < 200 or len(shown) == 7
     for row in rows:
-        assert all(number in " ".join(lines).split() for number in row[1 : 1 + len(shown)])
+        assert all(str(number) in " ".join(lines).split() for number in row[1 : 1 + len(shown)])
 
 
 def test_units_stand_in_the_heading_and_are_those_of_the_key() -> None:
@@ -71,10 +76,18 @@ def test_units_stand_in_the_heading_and_are_those_of_the_key() -> None:
         "loss_share": 0.25,
     }
     table = Table("Rows", [{**row, "median_m": (0.2, 0.1, 0.3)}])
-    assert [unit for _, unit in table.grid().header] == ["", "mm", "deg", "m/s", "N", "", "%", "mm"]
-    (texts,) = cells(table)
-    written = [cell.text for cell in texts]
-    assert written == ["a", "12.3", "180.00", "0.50", "12", "7", "25.0", "200.0 (100.0–300.0)"]
+    columns = table.columns()
+    assert [c.unit for c in columns] == ["", "mm", "deg", "m/s", "N", "", "%", "mm"]
+    assert [c.texts[0] for c in columns] == [
+        "a",
+        "12.3",
+        "180.00",
+        "0.50",
+        "12",
+        "7",
+        "25.0",
+        "200.0 (100.0–300.0)",
+    ]
 
 
 def test_the_best_of_each_column_is_marked_and_the_reference_only_for_speed() -> None:
@@ -90,9 +103,9 @@ def test_the_best_of_each_column_is_marked_and_the_reference_only_for_speed() ->
         )
     ]
     table = Table("Metrics", rows, best=True, reference="ref")
+    columns = table.columns()
     marked = [
-        [key for key, cell in zip(table.keys, row, strict=True) if cell.best]
-        for row in cells(table)
+        [key for key, c in zip(table.keys, columns, strict=True) if i in c.best] for i in range(3)
     ]
     assert marked[0] == ["real_time_factor"]
     assert "d_rms_m" in marked[1]
@@ -108,9 +121,9 @@ def test_what_is_no_number_is_a_dash_and_never_the_best() -> None:
         {"plant": "a", "d_rms_m": 0.2},
         {"plant": "none", "d_rms_m": None},
     ]
-    broken, a, none = (row[1] for row in cells(Table("Rows", rows, best=True)))
-    assert broken == none == Cell(NOTHING)
-    assert a.text == "200.0"
+    _, distance = Table("Rows", rows, best=True).columns()
+    assert distance.texts == [NOTHING, "200.0", NOTHING]
+    assert not distance.best
 
 
 @pytest.mark.parametrize(
@@ -132,13 +145,12 @@ def test_lengths_are_in_the_unit_that_reads_best(
 
 
 def test_a_report_is_the_same_rows_in_every_form() -> None:
-    made = report(
-        {"name": "a [mm]", "way_m": 0.5, "hidden": None}, {"name": "b", "way_m": math.nan}
-    )
+    rows = ({"name": "a [mm]", "way_m": 0.5, "hidden": None}, {"name": "b", "way_m": math.nan})
+    made = MadeUp(title="Made up", rows=rows)
     document = json.loads(json.dumps(made.as_dict()))
     assert document["schema"] == "x/1"
     assert document["tables"]["Rows"][1] == {"name": "b", "way_m": None}
     assert "a [mm]" in made.table(80)
-    assert "500.0" in made.markdown()
+    assert "500.0" in made.to_markdown()
     with pytest.raises(ValueError, match="there is no table 'other'; there are: Rows"):
         made.frame("other")

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import pytest
 import rerun as rr
-from matplotlib.figure import Figure
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
@@ -30,8 +29,7 @@ from validation.experiment.scores import Scores
 from validation.experiment.sources import Piece, Source
 from validation.plants.profile import load_profile
 from validation.report import scene, scene_robots
-from validation.report.motions import Comparison
-from validation.report.motions import write_comparison as write_recording
+from validation.report.comparison import Comparison
 from validation.report.scene_robots import POSE_PERIOD, looks_of
 from validation.report.viewer import open_viewer
 from validation.simulator.description import WHEELS
@@ -108,7 +106,7 @@ def comparison(
         for t in times
     )
     runs = {name: Run(name, p, wall_s=0.1) for name, p in pieces.items()}
-    options = {"input": "commands", "noise": False, "horizons": 6.0}
+    options = {"input": "commands", "noise": False, "horizons": [6.0]}
     return compared(
         "traj4",
         pieces[plants[0]],
@@ -121,36 +119,33 @@ def comparison(
 
 
 def compared(
-    source: str, reference: Any, commands: Any, runs: Mapping[str, Run], **more: Any
+    source: str,
+    truth: Sequence[Trajectory],
+    commands: Sequence[Commands],
+    runs: Mapping[str, Run],
+    **more: Any,
 ) -> Comparison:
     """A comparison of plants with the first of them, of which only the motions matter."""
-    about = {
-        "program": "compare",
+    pieces = tuple(Piece(given, State(), None, None) for given in commands)
+    about: dict[str, Any] = {
         "title": source,
-        "tables": (),
-        "document": {},
-        "draw": Figure,
+        "source": Source(source, pieces, "mujoco", 0.01),
         "profile": load_profile("thesis-lab"),
-        "reference_name": next(iter(runs)),
+        "reference": next(iter(runs)),
+        "truth": tuple(truth),
+        "runs": runs,
+        "scores": dict.fromkeys(runs, Scores(UNRATED)),
         "seed": 0,
     }
-    pieces = tuple(Piece(given, State(), None, None) for given in commands)
-    return Comparison(
-        source=Source(source, pieces, "mujoco", 0.01),
-        reference=reference,
-        runs=runs,
-        scores=dict.fromkeys(runs, Scores(UNRATED)),
-        **{**about, **more},
-    )
+    return Comparison(**(about | more))
 
 
 def against_a_recording(made: Comparison) -> Comparison:
     """The same, its reference recorded: a motion that is no plant's and has no channels."""
     recorded = tuple(
-        replace(p, pose=np.add(p.pose, (0.0, 1.0, 2.0 * math.pi)), channels={})
-        for p in made.reference
+        replace(p, pose=np.add(p.pose, (0.0, 1.0, 2.0 * math.pi)), channels={}) for p in made.truth
     )
-    return replace(made, reference_name="recording", reference=recorded)
+    return replace(made, reference="recording", truth=recorded)
 
 
 @dataclass(frozen=True)
@@ -196,7 +191,7 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Path, R
     """Five plants over two seconds: what went in, the file, and what it holds."""
     made = comparison([TWO_SECONDS])
     path = tmp_path_factory.mktemp("recording") / "a.rrd"
-    write_recording(made, path)
+    made.record(path)
     return made, path, Read.file(path)
 
 
@@ -206,7 +201,7 @@ def in_pieces(tmp_path_factory: pytest.TempPathFactory) -> tuple[Comparison, Rea
     times = [stamps(0.05, 11.0, 10.0), stamps(0.05, 13.5, 12.0), stamps(0.05, 20.5, 20.0)]
     made = against_a_recording(comparison(times, PLANTS[:3]))
     path = tmp_path_factory.mktemp("pieces") / "b.rrd"
-    write_recording(made, path)
+    made.record(path)
     return made, Read.file(path)
 
 
@@ -248,7 +243,7 @@ def test_a_long_recording_is_thinned(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     monkeypatch.setattr(scene, "_MOST_SAMPLES", 60)
     made = comparison([TWO_SECONDS], PLANTS[:2])
     path = tmp_path / "long.rrd"
-    write_recording(made, path)
+    made.record(path)
     read = Read.file(path)
     motion = made.runs["improved"].motions[0]
     at, places = read.track("world/improved/robot", "Transform3D:translation")
@@ -263,7 +258,7 @@ def test_wheels_roll_the_way_the_robot_drives(
     tmp_path: Path, speed: float, direction: float
 ) -> None:
     t = stamps(0.01, 0.1)
-    write_recording(comparison([t], ["mujoco"], speed), tmp_path / "a.rrd")
+    comparison([t], ["mujoco"], speed).record(tmp_path / "a.rrd")
     read = Read.file(tmp_path / "a.rrd")
     turned = {}
     for wheel in WHEELS:
@@ -312,7 +307,7 @@ def test_the_centre_of_rotation_of_a_circle_is_its_middle(
 
 def test_a_robot_that_drives_straight_has_no_centre_of_rotation(tmp_path: Path) -> None:
     turning = comparison([A_MOMENT], ["mujoco"])
-    straight = replace(turning.reference[0], twist=turning.reference[0].twist * [1.0, 1.0, 0.0])
+    straight = replace(turning.truth[0], twist=turning.truth[0].twist * [1.0, 1.0, 0.0])
     result = Run("mujoco", (straight,), wall_s=0.1)
     made = compared(
         "straight",
@@ -320,7 +315,7 @@ def test_a_robot_that_drives_straight_has_no_centre_of_rotation(tmp_path: Path) 
         [piece.commands for piece in turning.source.pieces],
         {"mujoco": result},
     )
-    write_recording(made, tmp_path / "straight.rrd")
+    made.record(tmp_path / "straight.rrd")
     read = Read.file(tmp_path / "straight.rrd")
     _, points = read.over_time["world/mujoco/robot/rotation_centre"]["Points3D:positions"]
     assert not any(points)
@@ -332,7 +327,7 @@ def test_nothing_is_drawn_across_gaps(in_pieces: tuple[Comparison, Read]) -> Non
     made, read = in_pieces
     for name in ("recording", *PLANTS[:3]):
         assert len(read.static[f"world/{name}/path"]["LineStrips3D:strips"]) == 3
-    wanted = np.concatenate([p.t for p in made.reference])
+    wanted = np.concatenate([p.t for p in made.truth])
     for entity, columns in read.over_time.items():
         if not entity.startswith("plots/"):
             continue
@@ -353,7 +348,7 @@ def test_a_robot_that_stands_still_can_be_shown(tmp_path: Path, t: FloatArray) -
     still = Trajectory(t, np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.zeros((len(t), 2)))
     result = Run("kinematic", (still,), wall_s=0.1)
     commands = (Commands(0.008, np.zeros((max(1, len(t) - 1), 2))),)
-    write_recording(compared("a", (still,), commands, {"kinematic": result}), tmp_path / "a.rrd")
+    compared("a", (still,), commands, {"kinematic": result}).record(tmp_path / "a.rrd")
     assert (
         len(
             Read.file(tmp_path / "a.rrd").track("world/kinematic/robot", "Transform3D:translation")[
@@ -375,7 +370,7 @@ def test_a_repeated_run_compares_equal_and_another_has_another_id(
         ("same", comparison([TWO_SECONDS])),
         ("moved", comparison([TWO_SECONDS], speed=0.51)),
     ):
-        write_recording(other, tmp_path / f"{name}.rrd")
+        other.record(tmp_path / f"{name}.rrd")
     assert run_rerun("rrd", "compare", "--unordered", path, tmp_path / "same.rrd").returncode == 0
     files = (path, *(tmp_path / f"{name}.rrd" for name in ("same", "moved")))
     ids = [RrdReader(file).recordings()[0].recording_id for file in files]
@@ -398,16 +393,16 @@ def test_a_failure_leaves_nothing_and_spares_what_was_there(
     path.write_bytes(b"before")
     twice = replace(made.source, pieces=made.source.pieces * 2)
     with pytest.raises(ValueError, match="zip"):
-        write_recording(replace(made, source=twice), path)
+        replace(made, source=twice).record(path)
     for failure in (OSError("no space left"), KeyboardInterrupt()):
         with monkeypatch.context() as patch:
             patch.setattr(os, "replace", raiser(failure))
             with pytest.raises(type(failure)):
-                write_recording(made, path)
+                made.record(path)
     assert [p.name for p in tmp_path.iterdir()] == ["a.rrd"]
     assert path.read_bytes() == b"before"
     with pytest.raises(FileNotFoundError):
-        write_recording(made, tmp_path / "nowhere" / "a.rrd")
+        made.record(tmp_path / "nowhere" / "a.rrd")
 
 
 # --- the viewer ---

@@ -195,9 +195,9 @@ HINTS: dict[str, tuple[Mapping[str, Mapping[str, Any]], str]] = {
 def test_a_hint_is_no_fault(name: str) -> None:
     sections, words = HINTS[name]
     check = check_robot(changed(**sections))
-    assert any(words in text for text in check.document["advice"]), check.document["advice"]
+    assert any(words in text for text in check.document()["advice"]), check.document()["advice"]
     assert check.ok
-    assert not any("nothing is wrong" in sentence for sentence in check.sentences)
+    assert not any("nothing is wrong" in sentence for sentence in check.notes())
 
 
 def test_nothing_is_wrong_only_where_nothing_was_guessed() -> None:
@@ -211,10 +211,10 @@ def test_nothing_is_wrong_only_where_nothing_was_guessed() -> None:
         "geometry": {**document["geometry"], "body_size": [1.4, 0.8, 0.3]},
     }
     document["simulation"] |= {"gain": 200.0, "armature": 1.0}
-    assert check_robot(parse_robot(document)).sentences[0] == "known: nothing is wrong with it"
+    assert check_robot(parse_robot(document)).notes()[0] == "known: nothing is wrong with it"
     guessed = check_robot(parse_robot({**document, "mass": {**document["mass"], "wheel": 0.0}}))
     assert guessed.ok
-    assert guessed.sentences[0].endswith("nobody has measured or published mass.wheel")
+    assert guessed.notes()[0].endswith("nobody has measured or published mass.wheel")
     assert guessed.as_dict()["guessed"] == ["mass.wheel"]
 
 

@@ -48,8 +48,8 @@ def test_a_log_is_fitted_judged_and_not_fitted_again(
     assert "wheels" in load_profile(tmp_path / "husky.toml").plants["kinematic"].bands
     monkeypatch.setattr(runs, "fit", None)
     again = study_runs(("husky",), plants=("kinematic",), out=tmp_path)
-    assert again.document["rows"] == report.document["rows"]
-    assert 0.8 < again.document["numbers"]["husky"]["kinematic"]["alpha_l"] < 1.05
+    assert again.document()["rows"] == report.document()["rows"]
+    assert 0.8 < again.document()["numbers"]["husky"]["kinematic"]["alpha_l"] < 1.05
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from validation.study.transfer import TransferStudy
 
 def rows_of(study: Any) -> int:
     """The number of rows of a study's first table."""
-    return len(study.tables[0].rows)
+    return len(study.tables()[0].rows)
 
 
 SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
@@ -30,11 +30,11 @@ SHORT: dict[str, tuple[Any, Callable[[Any], int], int]] = {
             plants=("kinematic",), controllers=("pid:tuned", "lqr:tuned"),
             references=("line@0.8", "circle@0.8"),
         ),
-        lambda s: len(s.document["profiles"]["thesis-lab"]["references"]), 1,
+        lambda s: len(s.document()["profiles"]["thesis-lab"]["references"]), 1,
     ),
     "drivetrain": (
         DriveTrainStudy(recording=in_the_air(), ground=on_grass()),
-        lambda s: 1 + (s.document["current_is"] is not None), 1,
+        lambda s: 1 + (s.document()["current_is"] is not None), 1,
     ),
 }  # fmt: skip
 """Short options of each study, the function that counts its cases, and the progress at which the

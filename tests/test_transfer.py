@@ -131,7 +131,7 @@ def found_in(study: Report) -> dict[str, Any]:
 
 
 def test_a_lost_run_is_counted_and_comes_last(study: Report) -> None:
-    assert study.tables[1].rows[-1]["controller"] == "pid hopeless"
+    assert study.tables()[1].rows[-1]["controller"] == "pid hopeless"
     for own in found_in(study).values():
         assert {name for name, each in own["contenders"].items() if each["lost"]} == {
             "pid hopeless"
@@ -140,7 +140,7 @@ def test_a_lost_run_is_counted_and_comes_last(study: Report) -> None:
 
 def test_the_judge_agrees_with_itself(study: Report) -> None:
     own = found_in(study)["mujoco"]
-    best = study.tables[1].rows[0]["controller"]
+    best = study.tables()[1].rows[0]["controller"]
     assert (own["all"]["regret"], own["all"]["same_winner"], own["all"]["chosen"]) == (0.0, 2, best)
     assert own["all"]["tau"] == pytest.approx(1.0, abs=ROUNDOFF)
     assert {each["gap"] for each in own["contenders"].values()} <= {0.0, None}

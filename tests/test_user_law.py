@@ -211,7 +211,7 @@ def test_a_planar_model_and_a_metric_from_a_file_are_a_plant_and_a_column(own: P
         assert list(comparison.runs) == ["kinematic", "slip"]
         assert comparison.as_dict()["plants"]["kinematic"]["gap_m"] == 0.0
         assert (
-            comparison.tables[0].rows[1]["gap_m"]
+            comparison.tables()[0].rows[1]["gap_m"]
             == comparison.scores["slip"].metrics["gap_m"]
             > 0.0
         )

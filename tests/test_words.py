@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
 from validation import words
-from validation.report.table import Cell, Grid, markdown_table
+from validation.report.table import Table, markdown_table
 
 NASTY = (
     "\x1b[31mred\x1b[0m",
@@ -74,7 +74,7 @@ def test_markdown_shows_foreign_text_as_text(text: str, other: str) -> None:
             f"- {words.markdown(other)}",
             "",
             *markdown_table(
-                Grid((("name", ""), (text, "m")), (((Cell(text), Cell(other, best=True)),),), 1)
+                Table("", [{"a": text, "b": other}], headings={"a": "name", "b": text})
             ),
         ]
     )

@@ -39,6 +39,7 @@ from validation.progress import Progress
 from validation.report import drawing
 from validation.report.motions import interval_table
 from validation.report.report import FINISHED, Report
+from validation.report.table import Table
 from validation.robots import export_robot
 from validation.words import file_name, one_line
 
@@ -139,19 +140,94 @@ def _verdict(f: Fitted) -> str:
 class Calibrated(Report):
     """A calibrated robot."""
 
-    profile: Profile
-    """The profile with all numbers that are better than those of before."""
+    program = "calibrate"
+    endings = ("png", "md")
+    log: Path
+    """The log."""
+    seed: int
+    """Seed of the fits."""
+    faults: Sequence[LogFault]
+    """Faults of the log."""
     fits: Sequence[Fitted]
     """The fits, in their order."""
+    remarks: Sequence[str]
+    """Sentences on what the log is taken for, and what was not fitted."""
 
-    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
+    @property
+    def profile(self) -> Profile:
+        """The profile with all numbers that are better than those of before."""
+        profile = self.fits[-1].profile
+        return replace(profile, name=file_name(f"{profile.robot.name}-{self.log.stem}"))
+
+    def files(self) -> dict[str, Callable[[Path], object]]:
         """Return functions that write the two parameter files, the page and the picture."""
         drive = export_robot(self.profile.robot, "diff-drive", self.profile)
         return {
             "profile.toml": self.profile.save,
             "diff_drive.yaml": lambda path: store.write_text(path, drive),
-            **super().files(recording),
+            **super().files(),
         }
+
+    def tables(self) -> list[Table]:
+        """Return the errors before and after each fit, and the fitted numbers."""
+        errors = []
+        values = []
+        for f in self.fits:
+            label = _label(f)
+            values.append(replace(f.values("parameter", "before"), title=f"{label}, fitted"))
+            for when, scored in _scores(f).items():
+                errors += [(h, f"{label}, {when}", e) for h, e in scored.overlapping.items()]
+        table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
+        title = "Error of the relative pose on data that no fit has seen, and how sure that is"
+        return [replace(table, title=title), *values]
+
+    def notes(self) -> list[str]:
+        """Return the faults of the log, a verdict on each fit, and the fits' notes."""
+        notes = [f"The log: {fault.sentence}." for fault in self.faults]
+        notes += [*map(_verdict, self.fits), *self.remarks]
+        for f in self.fits:
+            # the first note of a fit that is no better says so, and the verdict does too
+            notes += [f"{_label(f)}: {note}" for note in f.notes()[not f.better :]]
+        return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
+
+    def document(self) -> dict[str, Any]:
+        """Return the document of calibrate.json without its tables."""
+        plants: dict[str, dict[str, Any]] = {}
+        for f in self.fits:
+            entry = _as_dict(f)
+            # a plant's second fit is that of its driver
+            if plants.setdefault(f.model, entry) is not entry:
+                plants[f.model]["commands"] = entry
+        return {
+            "schema": "ssmr.calibrate/1",
+            "log": str(self.log),
+            "robot": self.profile.robot.name,
+            "seed": self.seed,
+            "faults": list(map(asdict, self.faults)),
+            "plants": plants,
+        }
+
+    def figure(self) -> Figure:
+        """Draw the errors by horizon before and after each fit, and the verdicts."""
+        marks = []
+        for s in self.fits:
+            marker = "s" if s.options["input"] == "wheels" else "o"
+            inks = {"before": drawing.BESIDE_INK, "after": drawing.ink_of(s.model)}
+            for when, scored in _scores(s).items():
+                name = f"{_label(s)}, {when}"
+                marks.append(
+                    drawing.HorizonMarks(
+                        name, inks[when], marker, scored.horizons, scored.overlapping
+                    )
+                )
+        handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
+        header = partial(
+            drawing.draw_header, title=self.title, handles=handles, labels=[m.name for m in marks]
+        )
+        panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
+        rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, panels)]
+        rows += drawing.note_rows(list(map(_verdict, self.fits)))
+        return drawing.put_together(rows)
 
 
 @cli.program(Calibrate)
@@ -184,7 +260,21 @@ def calibrate(o: Calibrate) -> Calibrated:
             cli.warn(warning)
         notes += unknown
     fits = _fits(o, profile, inputs, until)
-    return _report(o, fits, faults.named, notes)
+    robot = profile.robot
+    return Calibrated(
+        title=one_line(f"{robot.title or robot.name}, calibrated with {Path(o.log).name}"),
+        options={
+            "plants": o.plants,
+            "held_out": None if o.held_out is None else str(o.held_out),
+            "trust": o.trust,
+        },
+        status=fits[-1].status,
+        log=Path(o.log),
+        seed=o.seed,
+        faults=faults.named,
+        fits=fits,
+        remarks=notes,
+    )
 
 
 def _fits(
@@ -288,79 +378,6 @@ def begin_at(plant: str, free: Sequence[str], profile: Profile) -> dict[str, flo
         s = find(plant, name, section.robot)
         start[name] = min(max(numbers[name], s.lower), s.upper)
     return start
-
-
-def _report(
-    o: Calibrate, fits: Sequence[Fitted], faults: Sequence[LogFault], notes: Sequence[str]
-) -> Calibrated:
-    """Return the report on all fits."""
-    profile = fits[-1].profile
-    log = Path(o.log)
-    plants: dict[str, dict[str, Any]] = {}
-    errors = []
-    values = []
-    remarks = []
-    for f in fits:
-        label = _label(f)
-        entry = _as_dict(f)
-        # a plant's second fit is that of its driver
-        if plants.setdefault(f.model, entry) is not entry:
-            plants[f.model]["commands"] = entry
-        values.append(replace(f.values("parameter", "before"), title=f"{label}, fitted"))
-        # the first note of a fit that is no better says so, and the verdict does too
-        remarks += [f"{label}: {note}" for note in f.notes()[not f.better :]]
-        for when, scored in _scores(f).items():
-            errors += [(h, f"{label}, {when}", e) for h, e in scored.overlapping.items()]
-    table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
-    title = "Error of the relative pose on data that no fit has seen, and how sure that is"
-    faulty = [f"The log: {fault.sentence}." for fault in faults]
-    sentences = dict.fromkeys([*faulty, *map(_verdict, fits), *notes, *remarks])
-    robot = profile.robot
-    return Calibrated(
-        program="calibrate",
-        title=one_line(f"{robot.title or robot.name}, calibrated with {log.name}"),
-        tables=[replace(table, title=title), *values],
-        document={
-            "schema": "ssmr.calibrate/1",
-            "log": str(o.log),
-            "robot": robot.name,
-            "seed": o.seed,
-            "faults": list(map(asdict, faults)),
-            "plants": plants,
-        },
-        draw=_draw,
-        sentences=list(map(one_line, sentences)),
-        options={
-            "plants": o.plants,
-            "held_out": None if o.held_out is None else str(o.held_out),
-            "trust": o.trust,
-        },
-        status=fits[-1].status,
-        has_text=True,
-        profile=replace(profile, name=file_name(f"{robot.name}-{log.stem}")),
-        fits=tuple(fits),
-    )
-
-
-def _draw(c: Calibrated) -> Figure:
-    """Return the picture: errors by horizon before and after each fit, and the verdicts."""
-    marks = []
-    for s in c.fits:
-        marker = "s" if s.options["input"] == "wheels" else "o"
-        inks = {"before": drawing.BESIDE_INK, "after": drawing.ink_of(s.model)}
-        for when, scored in _scores(s).items():
-            errors = scored.overlapping
-            name = f"{_label(s)}, {when}"
-            marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.horizons, errors))
-
-    handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
-    header = partial(
-        drawing.draw_header, title=c.title, handles=handles, labels=[m.name for m in marks]
-    )
-    panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
-    rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, panels)]
-    rows += drawing.note_rows(list(map(_verdict, c.fits)))
-    return drawing.put_together(rows)
 
 
 if __name__ == "__main__":

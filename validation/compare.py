@@ -24,14 +24,12 @@ from ssmr.robot.sensors import SensorNoise, measure
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import CommandKind, Plant
 from validation import cli
-from validation.experiment.gyro import GyroJudge, find_gyro_judge
+from validation.experiment.gyro import find_gyro_judge
 from validation.experiment.runs import Run, drive_all
 from validation.experiment.scores import (
     Scores,
-    headline_horizon,
     pace_of,
     score,
-    standing_sentences,
 )
 from validation.experiment.sources import RECORDING, Source, open_source, unknown_robot_notes
 from validation.experiment.user_law import add_user_model, load_user_metric
@@ -39,17 +37,9 @@ from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import ReadOptions
 from validation.plants.profile import Profile, choose_profile, make_plant
-from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants, plant_kind
-from validation.report.motion_panels import comparison_figure
-from validation.report.motions import (
-    Comparison,
-    alike_sentences,
-    comparison_tables,
-    health_warnings,
-    indistinguishable_pairs,
-    point_sentences,
-    write_comparison,
-)
+from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants
+from validation.report.comparison import Comparison
+from validation.report.motions import health_warnings
 from validation.simulator.description import with_robot
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import file_name, one_line
@@ -137,7 +127,8 @@ def compare(o: Compare) -> Comparison:
     plants = _made(o, profile, source, own)
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
     unknown = _unknown_robot(o, source, profile)
-    for warning in (*source.warnings, *unknown[1:], *_too_fast(profile, source)):
+    too_fast = _too_fast(profile, source)
+    for warning in (*source.warnings, *unknown[1:], *too_fast):
         cli.warn(warning)
     localisers = {name: profile.section(name).localiser for name in plants}
     push_seed = o.seed if o.disturbance else None
@@ -157,7 +148,22 @@ def compare(o: Compare) -> Comparison:
         band = profile.section(name).bands.get(o.input) if o.bands else None
         horizons = o.horizons if recorded else ()
         scores[name] = score(metrics, source.pieces, motions, horizons, by_gyro, band)
-    return _report(o, source, profile, reference, runs=runs, scores=scores, gyro=gyro)
+    for sentence in health_warnings(runs):
+        cli.warn(sentence)
+    return Comparison(
+        title=f"{one_line(source.name)}, {with_robot(profile.name, profile.robot.name)}",
+        options=o.as_dict(),
+        source=source,
+        profile=profile,
+        reference=reference,
+        truth=truth,
+        runs=runs,
+        scores=scores,
+        seed=o.seed,
+        terrain=o.terrain,
+        gyro=gyro,
+        remarks=[*too_fast, *unknown, *_unjudged(o, scores, profile)],
+    )
 
 
 def _opened(o: Compare) -> tuple[Profile, Source]:
@@ -221,88 +227,6 @@ def _noisy(runs: Mapping[str, Run], reference: str, seed: int) -> dict[str, Run]
             motions = tuple(measure(motion, SensorNoise(), rng) for motion in run.motions)
             seen[name] = replace(run, motions=motions)
     return seen
-
-
-def _report(
-    o: Compare,
-    source: Source,
-    profile: Profile,
-    reference: str,
-    *,
-    runs: Mapping[str, Run],
-    scores: Mapping[str, Scores],
-    gyro: GyroJudge | None,
-) -> Comparison:
-    """Return the report: tables, sentences, and the document of compare.json."""
-    recorded = reference == RECORDING
-    gyro_first = gyro is not None and gyro.first
-    pairs = indistinguishable_pairs(scores, gyro_first)
-    ill = health_warnings(runs)
-    label = one_line(with_robot(profile.name, profile.robot.name))
-    title = f"{one_line(source.name)} · profile {label}"
-    if o.terrain != FLAT:
-        title += f" · mujoco on {o.terrain.words}"
-    caption = [f"compared with {reference} · seed {o.seed} · best value in bold"]
-    if not recorded:
-        caption += point_sentences(runs)
-        caption += profile.origins(runs, source.name)
-        caption += _unlike_torques(scores, reference)
-    caption += ill
-    notes = _too_fast(profile, source)
-    notes += _unknown_robot(o, source, profile)
-    headline = headline_horizon(o.horizons)
-    if recorded and headline:
-        notes += standing_sentences(source, headline)
-    if gyro is not None:
-        notes.append(gyro.sentence)
-    notes += [*source.warnings, *alike_sentences(scores, pairs), *_unjudged(o, scores, profile)]
-    return Comparison(
-        program="compare",
-        title=f"{one_line(source.name)}, {label}",
-        tables=comparison_tables(
-            runs, scores, reference, title, "\n".join(caption), gyro_first=gyro_first
-        ),
-        sentences=notes,
-        alarms=ill,
-        options=o.as_dict(),
-        document={
-            "schema": "ssmr.compare/1",
-            "source": source.name,
-            "profile": profile.name,
-            "robot": profile.robot.name,
-            "reference": reference,
-            "seed": o.seed,
-            **({} if gyro is None else gyro.as_dict()),
-            "alike": pairs,
-            "plants": {
-                name: {**run.as_dict(), **scores[name].as_dict()} for name, run in runs.items()
-            },
-            "parameters": profile.as_dict(runs),
-        },
-        draw=comparison_figure,
-        record=write_comparison,
-        source=source,
-        profile=profile,
-        reference_name=reference,
-        reference=source.truth if recorded else runs[reference].motions,
-        runs=runs,
-        scores=scores,
-        seed=o.seed,
-        terrain=o.terrain,
-    )
-
-
-def _unlike_torques(scores: Mapping[str, Scores], reference: str) -> list[str]:
-    """Return a sentence on torques that differ because only one of two is a body's."""
-    of_body = plant_kind(reference).torques
-    with_torque = [name for name, s in scores.items() if "torque_rms_N_m" in s.metrics]
-    unlike = [name for name in with_torque if plant_kind(name).torques != of_body]
-    if not unlike:
-        return []
-    return [
-        f"torque rms does not compare {', '.join(unlike)} with {reference}: a planar "
-        "model's torques come of frictions that were fitted to paths."
-    ]
 
 
 def _unjudged(o: Compare, scores: Mapping[str, Scores], profile: Profile) -> list[str]:

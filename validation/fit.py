@@ -10,7 +10,8 @@ if __name__ == "__main__":
 import datetime
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -48,9 +49,9 @@ from validation.identify.refine import STARTS
 from validation.identify.report import (
     SearchReport,
     bound_sentences,
-    ending,
     fitted_parameters,
     search_figure,
+    status_of,
 )
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.targets import (
@@ -203,24 +204,176 @@ def _motions(problem: FitProblem, plant: PlantProfile, source: Source) -> tuple[
 class Fitted(SearchReport):
     """A plant's fitted parameters, their uncertainty, and how well they predict motion."""
 
-    model: str
-    """The plant that was fitted."""
-    profile: Profile
-    """The profile that the fit began with, with the fitted numbers and their provenance in it."""
-    correlation: FloatArray | None
-    """(n, n) correlation of the parameters' errors; None where it was not estimated."""
+    program = "fit"
+    asked: Fit
+    """Options of the fit."""
+    problem: FitProblem
+    """The plant of before, what was searched, and the sources that it was fitted to."""
+    base: Profile
+    """The profile that the fit began with."""
+    plant: PlantProfile
+    """The plant with the fitted numbers."""
+    sure: Uncertainty | None
+    """How sure the numbers are; None where that was not estimated."""
     train: Mapping[str, Scores]
     """Scores on each source that it was fitted to, by the source."""
+    together: Scores
+    """Scores on all of them."""
     held_out: Mapping[str, Scores]
     """Scores on each source that the fit has not seen."""
     unfitted: Mapping[str, Scores]
     """Scores of the plant before the fit on the same sources."""
-    better: bool | None
-    """Whether the fitted plant errs less there than before; None where nothing was held out."""
 
-    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
+    @property
+    def model(self) -> str:
+        """The plant that was fitted."""
+        return self.problem.model
+
+    @property
+    def cost_name(self) -> str:
+        """Name of the cost."""
+        return str(self.problem.cost.objective)
+
+    @property
+    def correlation(self) -> FloatArray | None:
+        """(n, n) correlation of the parameters' errors; None where it was not estimated."""
+        return None if self.sure is None else self.sure.correlation
+
+    @cached_property
+    def worse(self) -> list[str]:
+        """A sentence where the error on held-out sources is larger than before the fit."""
+        before = [*self.unfitted.values()]
+        after = [*self.held_out.values()]
+        return worse_sentences(self.problem.cost, self.asked.even_if_worse, before, after)
+
+    @property
+    def better(self) -> bool | None:
+        """Whether the fitted plant errs less there than before; None where nothing was held out."""
+        return not self.worse if self.held_out else None
+
+    @cached_property
+    def profile(self) -> Profile:
+        """The profile that the fit began with, with the fitted numbers and their provenance in it.
+
+        It is that of before where these are worse, unless they are wanted even so.
+        """
+        if self.worse and not self.asked.even_if_worse:
+            return self.base
+        document = self.document()
+        kept = (
+            "source",
+            "search",
+            "seed",
+            "cost",
+            "evaluations",
+            "generations",
+            "standard_errors_by",
+        )
+        parameters = self.parameters
+        errors = {p.name: p.standard_error for p in parameters if p.standard_error is not None}
+        provenance = {
+            **{name: document[name] for name in kept},
+            "status": self.status,
+            "options": {name: value for name, value in self.options.items() if value is not None},
+            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+            "versions": dict(self.versions),
+            "standard_errors": errors,
+        }
+        truth = [true_motion(piece) for source in self.problem.sources for piece in source.pieces]
+        return replace(
+            self.base,
+            name=self.asked.name or f"{self.base.name}-fitted",
+            plants={**self.base.plants, self.model: self.plant},
+            provenance={**self.base.provenance, self.model: provenance},
+            fitted_at=pace_of(truth, self.base.robot.wheel_radius),
+        )
+
+    def files(self) -> dict[str, Callable[[Path], object]]:
         """Return functions that write its files: profile.toml and fit.png."""
-        return {"profile.toml": self.profile.save, **super().files(recording)}
+        return {"profile.toml": self.profile.save, **super().files()}
+
+    def notes(self) -> list[str]:
+        """Return first whether the fit is worse than what was before."""
+        return list(dict.fromkeys([*self.worse, *super().notes()]))
+
+    def document(self) -> dict[str, Any]:
+        """Return the document of fit.json without its tables."""
+        correlation = None
+        if self.correlation is not None:
+            names = [p.name for p in self.parameters]
+            correlation = {"names": names, "matrix": self.correlation.tolist()}
+        return {
+            "schema": "ssmr.fit/1",
+            "model": self.model,
+            "source": ",".join(self.asked.names),
+            "profile": self.base.name,
+            "robot": self.base.robot.name,
+            "seed": self.seed,
+            **self.searched(),
+            "search": self.options["search"],
+            "correlation": correlation,
+            "standard_errors_by": "" if self.sure is None else self.sure.method,
+            "train": self.together.as_dict(),
+            "train_by_source": {label: s.as_dict() for label, s in self.train.items()},
+            "held_out": {label: s.as_dict() for label, s in self.held_out.items()},
+            "held_out_before": {label: s.as_dict() for label, s in self.unfitted.items()},
+            "better": self.better,
+        }
+
+    @property
+    def _named(self) -> list[tuple[str, Scores]]:
+        """All scores with their names in tables and pictures."""
+        out = []
+        leads = ("", "held out: ", "before, held out: ")
+        for lead, scores in zip(leads, (self.train, self.held_out, self.unfitted), strict=True):
+            for label, s in scores.items():
+                short = shortened(Path(label).name, 32)
+                out.append((f"{lead}{short}", s))
+        return out
+
+    def tables(self) -> list[Table]:
+        """Return the parameters, the scores on each source, and the errors by horizon of logs."""
+        scores = []
+        for name, s in self._named:
+            row: dict[str, Any] = {"source": name}
+            for key in _SHOWN:
+                row[key] = s.metrics[key]
+            if "torque_rms_N_m" in s.metrics:
+                row["torque_rms_N_m"] = s.metrics["torque_rms_N_m"]
+            scores.append(row)
+        errors = []
+        windows = []
+        for h, (name, s) in product(HORIZONS, self._named):
+            if h in s.horizons:
+                errors.append({"horizon_s": h, "source": name, **asdict(s.horizons[h])})
+                windows.append((h, name, s.overlapping[h]))
+        title = "Error of the relative pose after a horizon"
+        return [
+            self.values("parameter", "before"),
+            Table("Scores of the fitted plant", scores),
+            Table(title, errors, group="horizon_s", headings=_WINDOWS),
+            interval_table(windows, "source"),
+        ]
+
+    def figure(self) -> Figure:
+        """Draw the search, the parameters, and the errors by horizon of recordings."""
+        ink = drawing.ink_of(self.model)
+        marks = []
+        for k, (name, s) in enumerate(self._named):
+            if s.horizons:
+                colour = ink if s in self.train.values() else drawing.BESIDE_INK
+                marks.append(drawing.HorizonMarks(name, colour, "osvDP"[k % 5], s.horizons))
+
+        def position(ax: Axes) -> None:
+            drawing.draw_horizons(marks, "position", ax)
+            handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
+            ax.legend(handles, [m.name for m in marks], fontsize=8.5)
+
+        rows = []
+        if marks:
+            yaw = partial(drawing.draw_horizons, marks, "yaw")
+            rows.append(drawing.side_by_side(2.8, [position, yaw]))
+        return search_figure(self, ink, "before", rows)
 
 
 @cli.program(Fit)
@@ -241,7 +394,7 @@ def fit(o: Fit) -> Fitted:
 
 
 def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
-    """Return the report of `fit`; `warn` is called with what is wrong with its sources."""
+    """Return the report of `fit`; `warn` is called with what is wrong with its sources or it."""
     add_user_model(o.own_model)
     occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else o.input
     kind = plant_kind(o.model)
@@ -290,7 +443,10 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
         search.refine(problem, o.threads)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
-    return _report(o, problem, base, search, before, held_out)
+    report = _report(o, problem, base, search, before, held_out)
+    for sentence in report.worse:
+        warn(sentence)
+    return report
 
 
 def _first_points(
@@ -342,30 +498,23 @@ def _report(
     point = search.best
     fitted = problem.candidate(point)
     assert fitted is not None
-    parameters = fitted_parameters(problem.space, point, before)
-    correlation = None
-    method = ""
+    sure = None
     notes = _source_notes(o, problem, base, held_out)
     notes += bound_sentences(problem.space, point)
     if not search.interrupted:
         try:
             sure = estimate(problem, point, o.threads, search.driven)
-            parameters = fitted_parameters(problem.space, point, before, sure)
-            correlation = sure.correlation
             notes += sentences(problem, sure)
-            method = sure.method
-            notes.append(f"Standard errors come from: {method}.")
+            notes.append(f"Standard errors come from: {sure.method}.")
             if band := _band(problem, sure, fitted):
                 fitted = replace(fitted, bands={**fitted.bands, o.input: band})
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")
     unfitted, judged, undriven = _held_out(problem, fitted, held_out)
     notes += undriven
-    worse = worse_sentences(problem.cost, o.even_if_worse, [*unfitted.values()], [*judged.values()])
     options = o.chosen(search.jde.settings)
     options["objective"] = problem.cost.objective
     options["yaw_weight"] = problem.cost.yaw_weight
-    names = ",".join(o.names)
     pieces = list[Piece]()
     motions = list[Trajectory]()
     train = {}
@@ -375,32 +524,24 @@ def _report(
         pieces += source.pieces
         motions += driven
     begun = with_robot(base.name, base.robot.name)
-    bare = Fitted(
-        program="fit",
-        title=f"{o.model} fitted to {one_line(names)}, begun with profile {begun}",
-        tables=(),
-        document={},
-        draw=_draw,
-        sentences=[one_line(note) for note in dict.fromkeys([*worse, *notes])],
+    return Fitted(
+        title=f"{o.model} fitted to {one_line(','.join(o.names))}, begun with profile {begun}",
         options=options,
-        **ending(search, worse),
+        status=status_of(search),
         course=search,
-        cost=search.cost,
-        cost_name=str(problem.cost.objective),
-        parameters=parameters,
-        model=o.model,
-        profile=base,
-        correlation=correlation,
+        seed=o.seed,
+        parameters=fitted_parameters(problem.space, point, before, sure),
+        remarks=notes,
+        asked=o,
+        problem=problem,
+        base=base,
+        plant=fitted,
+        sure=sure,
         train=train,
+        together=score_pieces(pieces, motions),
         held_out=judged,
         unfitted=unfitted,
-        better=not worse if judged else None,
     )
-    document = _document(bare, names, o.seed, method, score_pieces(pieces, motions))
-    pace = pace_of(list(map(true_motion, pieces)), base.robot.wheel_radius)
-    new = replace(_with_provenance(o, bare, fitted, document), fitted_at=pace)
-    kept = base if worse and not o.even_if_worse else new
-    return replace(bare, profile=kept, tables=_tables(bare), document=document)
 
 
 def _held_out(
@@ -451,121 +592,6 @@ def _band(problem: FitProblem, sure: Uncertainty, fitted: PlantProfile) -> Band 
                 driven += source.driven(_motions(problem, plant, source))
         parts.append(driven)
     return band_of(parts)
-
-
-def _document(f: Fitted, source: str, seed: int, method: str, together: Scores) -> dict[str, Any]:
-    """Return the document of fit.json without its tables."""
-    correlation = None
-    if f.correlation is not None:
-        names = [p.name for p in f.parameters]
-        correlation = {"names": names, "matrix": f.correlation.tolist()}
-    train = {label: s.as_dict() for label, s in f.train.items()}
-    held_out = {label: s.as_dict() for label, s in f.held_out.items()}
-    before = {label: s.as_dict() for label, s in f.unfitted.items()}
-    return {
-        "schema": "ssmr.fit/1",
-        "model": f.model,
-        "source": source,
-        "profile": f.profile.name,
-        "robot": f.profile.robot.name,
-        "seed": seed,
-        **f.searched(),
-        "search": f.options["search"],
-        "correlation": correlation,
-        "standard_errors_by": method,
-        "train": together.as_dict(),
-        "train_by_source": train,
-        "held_out": held_out,
-        "held_out_before": before,
-        "better": f.better,
-    }
-
-
-def _with_provenance(
-    o: Fit, f: Fitted, plant: PlantProfile, document: Mapping[str, Any]
-) -> Profile:
-    """Return the profile of before with the fitted numbers and their provenance in it."""
-    kept = ("source", "search", "seed", "cost", "evaluations", "generations", "standard_errors_by")
-    now = datetime.datetime.now(datetime.UTC)
-    errors = {p.name: p.standard_error for p in f.parameters if p.standard_error is not None}
-    provenance = {
-        **{name: document[name] for name in kept},
-        "status": f.status,
-        "options": {name: value for name, value in f.options.items() if value is not None},
-        "date": now.date().isoformat(),
-        "versions": dict(f.versions),
-        "standard_errors": errors,
-    }
-    profile = f.profile
-    return replace(
-        profile,
-        name=o.name or f"{profile.name}-fitted",
-        plants={**profile.plants, f.model: plant},
-        provenance={**profile.provenance, f.model: provenance},
-    )
-
-
-def _named(f: Fitted) -> list[tuple[str, Scores]]:
-    """Return all scores with their names in tables and pictures."""
-    out = []
-    leads = ("", "held out: ", "before, held out: ")
-    for lead, scores in zip(leads, (f.train, f.held_out, f.unfitted), strict=True):
-        for label, s in scores.items():
-            short = shortened(Path(label).name, 32)
-            out.append((f"{lead}{short}", s))
-    return out
-
-
-def _tables(f: Fitted) -> list[Table]:
-    """Return the parameters, the scores on each source, and the errors by horizon of recordings."""
-    named = _named(f)
-    scores = []
-    for name, s in named:
-        row: dict[str, Any] = {"source": name}
-        for key in _SHOWN:
-            row[key] = s.metrics[key]
-        if "torque_rms_N_m" in s.metrics:
-            row["torque_rms_N_m"] = s.metrics["torque_rms_N_m"]
-        scores.append(row)
-    errors = []
-    windows = []
-    for h in HORIZONS:
-        for name, s in named:
-            if h in s.horizons:
-                errors.append({"horizon_s": h, "source": name, **asdict(s.horizons[h])})
-                windows.append((h, name, s.overlapping[h]))
-    return [
-        f.values("parameter", "before"),
-        Table("Scores of the fitted plant", scores),
-        Table(
-            "Error of the relative pose after a horizon",
-            errors,
-            group="horizon_s",
-            headings=_WINDOWS,
-        ),
-        interval_table(windows, "source"),
-    ]
-
-
-def _draw(f: Fitted) -> Figure:
-    """Return the picture: the search, the parameters, and the errors by horizon of recordings."""
-    ink = drawing.ink_of(f.model)
-    marks = []
-    for k, (name, s) in enumerate(_named(f)):
-        if s.horizons:
-            colour = ink if s in f.train.values() else drawing.BESIDE_INK
-            marks.append(drawing.HorizonMarks(name, colour, "osvDP"[k % 5], s.horizons))
-
-    def position(ax: Axes) -> None:
-        drawing.draw_horizons(marks, "position", ax)
-        handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
-        ax.legend(handles, [m.name for m in marks], fontsize=8.5)
-
-    rows = []
-    if marks:
-        yaw = partial(drawing.draw_horizons, marks, "yaw")
-        rows.append(drawing.side_by_side(2.8, [position, yaw]))
-    return search_figure(f, ink, "before", rows)
 
 
 if __name__ == "__main__":

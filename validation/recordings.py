@@ -15,7 +15,7 @@ import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field
-from functools import partial
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -120,16 +120,46 @@ class Convert(LogOptions):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LogReport(Report):
-    """Report on a log: its contents, or its conversion."""
+    """What a log contains."""
 
-    program: str = "recordings"
+    program = "recordings"
+    endings = ()
+    asked: LogOptions
+    """Options."""
     log: Log
     """The log; of a conversion the new one, with its own stamps unless another rate was asked
     for."""
     offsets: Sequence[Offset]
     """Delays between its groups, before anything was changed."""
-    save_as: Callable[[Path], object] | None = None
-    """Function that writes the file that it is for; None for its JSON."""
+
+    @cached_property
+    def faults(self) -> Faults:
+        """Faults of the log."""
+        return find_faults(self.log, self.asked.radius)
+
+    @cached_property
+    def rest(self) -> Rest | None:
+        """The gyro at rest."""
+        return find_rest(self.log)
+
+    def tables(self) -> list[Table]:
+        """Return faults, contents and delays."""
+        rows = [
+            {"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence}
+            for f in self.faults.named
+        ]
+        faults = Table("Faults", rows, "These are not what their names say.")
+        return [faults, _contents(self.log), _offset_table(self.offsets)]
+
+    def notes(self) -> list[str]:
+        """Return remarks on reading, gaps and rest, on faults, and the next step."""
+        notes = [*self.log.remarks, *_sentences(self.log, self.rest)]
+        notes += self.faults.sentences(named=False)
+        return [*notes, _next_step(self.asked, self.log, self.faults)]
+
+    def document(self) -> dict[str, Any]:
+        """Return the findings as the JSON file has them."""
+        return _document(self.log, self.offsets, self.faults, self.rest)
 
     def write(self, path: str | Path) -> None:
         """Write the file that it is for, whole or not at all.
@@ -143,10 +173,44 @@ class LogReport(Report):
         path = Path(path)
         check_apart(path, self.log.path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        if self.save_as is None:
-            write_json(path, self.as_dict())
-        else:
-            self.save_as(path)
+        self._write(path)
+
+    def _write(self, path: Path) -> None:
+        write_json(path, self.as_dict())
+
+
+class Conversion(LogReport):
+    """A log in another form."""
+
+    asked: Convert
+
+    @cached_property
+    def merged(self) -> Log:
+        """The log on one clock, as it is written."""
+        return self.log if self.asked.rate else self.log.on_one_clock()
+
+    def tables(self) -> list[Table]:
+        """Return the delays that it had."""
+        return [_offset_table(self.offsets)]
+
+    def notes(self) -> list[str]:
+        """Return what is written."""
+        t = self.merged.t
+        rate = 1.0 / next(iter(self.merged.groups.values())).period
+        columns = ", ".join(self.merged.columns)
+        notes = [f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {rate:.2f} Hz: {columns}"]
+        if self.asked.sync and self.offsets:
+            notes.append(
+                "the offsets of time were taken out of the measurements; commands stay as they were"
+            )
+        return notes
+
+    def document(self) -> dict[str, Any]:
+        """Return nothing: a conversion has no JSON file."""
+        return {}
+
+    def _write(self, path: Path) -> None:
+        write_log(self.merged, path)
 
 
 # --- programs ---
@@ -162,27 +226,7 @@ def info(o: Info) -> LogReport:
         ValueError: the log cannot be opened.
     """
     log = o.opened()
-    offsets = estimate_offsets(log)
-    rest = find_rest(log)
-    faults = find_faults(log, o.radius)
-    rows = [
-        {"fault": f.kind, "columns": ", ".join(f.columns), "what": f.sentence} for f in faults.named
-    ]
-    tables = [
-        Table("Faults", rows, "These are not what their names say."),
-        _contents(log),
-        _offset_table(offsets),
-    ]
-    sentences = [*log.remarks, *_sentences(log, rest), *faults.sentences(named=False)]
-    sentences.append(_next_step(o, log, faults))
-    return LogReport(
-        title=log.path.name,
-        document=_document(log, offsets, faults, rest),
-        log=log,
-        offsets=offsets,
-        tables=tables,
-        sentences=sentences,
-    )
+    return LogReport(title=log.path.name, asked=o, log=log, offsets=estimate_offsets(log))
 
 
 def _document(
@@ -269,30 +313,18 @@ def convert(o: Convert) -> LogReport:
         changed = unbiased(changed)
     changed = changed.cut(o.start, o.until)
     merged = changed.on_one_clock(o.rate)
-    t = merged.t
-    rate = 1.0 / next(iter(merged.groups.values())).period
-    sentences = [
-        f"{len(t)} samples, {t[0]:.3f} to {t[-1]:.3f} s, {rate:.2f} Hz: {', '.join(merged.columns)}"
-    ]
-    if o.sync and offsets:
-        sentences.append(
-            "the offsets of time were taken out of the measurements; commands stay as they were"
-        )
-    return LogReport(
+    return Conversion(
         title=log.path.name,
-        document={},
+        asked=o,
         log=changed if o.rate is None else merged,
         offsets=offsets,
-        tables=[_offset_table(offsets)],
-        sentences=sentences,
-        save_as=partial(write_log, merged),
     )
 
 
 # --- tables and sentences ---
 
 
-def _next_step(o: Info, log: Log, faults: Faults) -> str:
+def _next_step(o: LogOptions, log: Log, faults: Faults) -> str:
     path = shlex.quote(str(o.source))
     name = getattr(o.robot, "name", o.robot) or "ROBOT"
     columns = []

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
@@ -28,7 +27,7 @@ from validation.descriptions.importing import RobotDraft, draft_robot, import_ro
 from validation.descriptions.loading import load_robot
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
-from validation.report.table import Table
+from validation.report.table import Table, print_tables
 from validation.simulator.checking import (
     Measured,
     SkidTurn,
@@ -115,13 +114,17 @@ class CheckRobot(cli.Common):
 class RobotCheck(Report):
     """Report on whether a robot can be as its file describes it, with the numbers that show it."""
 
+    program = "robot"
     robot: Robot
     """The robot."""
-    loads: Sequence[float]
-    """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics where there is
-    none."""
+    spot: SkidTurn | None
+    """How it turns on the spot by mechanics; None where it does not stand on four wheels."""
+    measured: Measured | None
+    """What its MuJoCo model shows; None where there is none."""
     findings: Sequence[Finding]
     """What is wrong or deserves a look, faults first."""
+    remarks: Sequence[str]
+    """Sentences on how its description was read."""
 
     @property
     def faults(self) -> list[str]:
@@ -132,6 +135,50 @@ class RobotCheck(Report):
     def ok(self) -> bool:
         """Whether no fault was found."""
         return not self.faults
+
+    @property
+    def loads(self) -> list[float]:
+        """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics."""
+        if self.measured is not None:
+            return list(self.measured.loads)
+        weight = self.robot.mass * GRAVITY
+        return [float(share) * weight for share in load_shares(self.robot)]
+
+    def tables(self) -> list[Table]:
+        """Return all numbers with their sources."""
+        return [_numbers(self.robot)]
+
+    def notes(self) -> list[str]:
+        """Return the verdict, faults and questions."""
+        faults = len(self.faults)
+        notes = [_verdict(self.robot, faults, len(self.findings) - faults)]
+        for finding in self.findings:
+            heading = "FAULT" if finding.severity == "fault" else "question"
+            notes.append(f"{heading}: {finding.sentence}")
+        return [*notes, *self.remarks]
+
+    def document(self) -> dict[str, Any]:
+        """Return the contents of robot.json."""
+        return {
+            **_document(self.robot, self.spot, self.measured, self.loads),
+            "ok": self.ok,
+            "findings": [finding._asdict() for finding in self.findings],
+            "advice": [finding.sentence for finding in self.findings],
+            "faults": len(self.faults),
+            "guessed": guessed(self.robot),
+        }
+
+    def figure(self) -> Figure:
+        """Draw the robot from above, with its hull, tyres, their loads, and the centre of mass."""
+        from validation.report.drawing import draw_section, put_together, side_by_side, text_row
+
+        low, high = robot_outline(self.robot)
+        length, width, _ = high - low
+        verdict = "no fault found" if self.ok else "something is wrong"
+        title = f"{abridged(self.title, 60)}: {verdict}"
+        height = min(10.0 * width / length + 1.4, 7.0)
+        panel = side_by_side(height, [partial(_draw_from_above, self)])
+        return put_together([text_row(0.3, partial(draw_section, title)), panel])
 
 
 @cli.program(CheckRobot)
@@ -167,44 +214,16 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         remedy = "look at masses, inertia and gain"
         findings.append(Finding("step", "fault", failed, remedy))
     findings.sort(key=lambda finding: finding.severity)
-    return _report(robot, findings, measured, [] if draft is None else draft.remarks)
-
-
-def _report(
-    robot: Robot, findings: Sequence[Finding], measured: Measured | None, remarks: Sequence[str]
-) -> RobotCheck:
-    """Report on a robot with what was found and measured; None for no model."""
-    spot = spot_turn(robot)
     faults = sum(finding.severity == "fault" for finding in findings)
     verdict = _verdict(robot, faults, len(findings) - faults)
-    if measured is not None:
-        loads = list(measured.loads)
-    else:
-        loads = [float(share) * robot.mass * GRAVITY for share in load_shares(robot)]
-    sentences = [verdict]
-    for finding in findings:
-        heading = "FAULT" if finding.severity == "fault" else "question"
-        sentences.append(f"{heading}: {finding.sentence}")
-    sentences += remarks
-    document = {
-        **_document(robot, spot, measured, loads),
-        "ok": not faults,
-        "findings": [finding._asdict() for finding in findings],
-        "advice": [finding.sentence for finding in findings],
-        "faults": faults,
-        "guessed": guessed(robot),
-    }
     return RobotCheck(
-        program="robot",
         title=one_line(robot.title or robot.name),
-        tables=[_numbers(robot)],
-        sentences=sentences,
-        document=document,
-        draw=_draw,
         failure=SsmrError(verdict) if faults else None,
         robot=robot,
-        loads=loads,
+        spot=spot,
+        measured=measured,
         findings=findings,
+        remarks=[] if draft is None else draft.remarks,
     )
 
 
@@ -298,22 +317,6 @@ def _numbers(robot: Robot) -> Table:
 
 
 # --- the picture ---
-
-
-def _draw(check: RobotCheck) -> Figure:
-    """Draw a robot from above, 1600 px wide.
-
-    The picture has its hull, tyres with their loads at rest, and the centre of mass.
-    """
-    from validation.report.drawing import draw_section, put_together, side_by_side, text_row
-
-    low, high = robot_outline(check.robot)
-    length, width, _ = high - low
-    verdict = "no fault found" if check.ok else "something is wrong"
-    title = f"{abridged(check.title, 60)}: {verdict}"
-    height = min(10.0 * width / length + 1.4, 7.0)
-    panel = side_by_side(height, [partial(_draw_from_above, check)])
-    return put_together([text_row(0.3, partial(draw_section, title)), panel])
 
 
 def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
@@ -428,10 +431,8 @@ def _save(text: str, target: Path) -> None:
     store.write_text(store.make_folder(target.parent) / target.name, text)
 
 
-def _print(tables: Sequence[Table], sentences: Sequence[str] = ()) -> None:
-    grids = [table.grid() for table in tables]
-    shown: Any = SimpleNamespace(grids=lambda: grids, notes=lambda: sentences)
-    cli.report_result(shown)
+def _print(tables: Sequence[Table], notes: Sequence[str] = ()) -> None:
+    print_tables(cli.report_console(), tables, notes)
 
 
 def export_robot(

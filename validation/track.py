@@ -43,7 +43,7 @@ from validation.experiment.user_law import load_user_metric
 from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import Pace, Profile, choose_profile, odometry_of
 from validation.progress import Progress
-from validation.report.tracking import Tracked, tracking_report
+from validation.report.tracking import Tracked
 from validation.simulator.terrain import FLAT, Terrain
 from validation.words import file_name
 
@@ -186,7 +186,9 @@ def track(o: TrackOptions) -> Tracked:
         sentences.insert(0, origin_sentence(gains, profile.name))
     course = waypoints.course()
     sentences += profile.too_fast(Pace.of(course["v"], course["w"]), label)
-    remarks = tuple(sentence for sentence in sentences if sentence is not None)
+    remarks = [sentence for sentence in sentences if sentence is not None]
+    for remark in remarks:
+        cli.warn(remark)
     driven = []
     for k, robot in enumerate(robots):
         o.progress(Progress(k, len(robots), f"{robot.name} drives"))
@@ -197,7 +199,7 @@ def track(o: TrackOptions) -> Tracked:
             metrics = metric.added(tracked.metrics, [tracked.run.motion], [whole])
             tracked = replace(tracked, metrics=metrics)
         driven.append(tracked)
-    return tracking_report(driven, remarks, alarms=remarks)
+    return Tracked.of(driven, remarks=remarks)
 
 
 def _driven(

@@ -11,6 +11,7 @@ import datetime
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -42,9 +43,9 @@ from validation.experiment.waypoint_files import open_reference, split_speed
 from validation.identify.report import (
     SearchReport,
     bound_sentences,
-    ending,
     fitted_parameters,
     search_figure,
+    status_of,
 )
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.tuning import (
@@ -153,10 +154,15 @@ class Tune(Searching):
 class Tuned(SearchReport):
     """Tuned gains, and how they follow references beside the gains of before."""
 
+    program = "tune"
+    name: str
+    """Name of the tuned gains."""
     problem: TuneProblem
     """The problem that was searched, with the profile and the gains of before."""
-    gain_set: GainSet
-    """All gains of the controller, searched or held, with their provenance."""
+    gains: Mapping[str, float]
+    """All gains of the controller by name, searched or held."""
+    least: float
+    """Cost of these gains."""
     baseline_cost: float
     """Cost of the gains of before; infinite where they lose a reference."""
     shipped: GainSet | None
@@ -171,17 +177,127 @@ class Tuned(SearchReport):
     """The same along references that the tuning has not seen."""
 
     @property
-    def gains(self) -> Mapping[str, float]:
-        """All gains by name."""
-        return self.gain_set.values
+    def cost(self) -> float:
+        """Cost of the gains."""
+        return self.least
 
-    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
+    @property
+    def cost_name(self) -> str:
+        """Name of the cost."""
+        return self.problem.cost.cost
+
+    @property
+    def _held(self) -> list[str]:
+        """Names of the gains that were not searched."""
+        searched = [p.name for p in self.parameters]
+        return [name for name in self.gains if name not in searched]
+
+    @cached_property
+    def gain_set(self) -> GainSet:
+        """All gains with their provenance."""
+        followed = {}
+        for label, runs in (*self.train.items(), *self.held_out.items()):
+            r = runs["tuned"]
+            if not r.run.lost:
+                followed[label] = {"d_rms_m": r.metrics["d_rms_m"], "cost": r.cost}
+        kept = ["profile", "robot", "cost_name", "cost", "baseline"]
+        kept += ["baseline_cost"] if math.isfinite(self.baseline_cost) else []
+        kept += ["seed", "evaluations", "generations"]
+        document = self.document()
+        provenance = {
+            "tuned_on": list(self.train),
+            "searched": [p.name for p in self.parameters],
+            "by_hand": self._held,
+            **{key: document[key] for key in kept},
+            "status": self.status,
+            "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+            "options": {key: value for key, value in self.options.items() if value is not None},
+            "versions": dict(self.versions),
+            "followed": followed,
+        }
+        source = f"tuned by validation.tune on {', '.join(self.train)}"
+        return GainSet(self.problem.base.controller, self.name, self.gains, provenance, source)
+
+    def files(self) -> dict[str, Callable[[Path], object]]:
         """Return functions that write its files: gains.toml and tune.png."""
         gains = dump_gains(self.gain_set)
+        return {"gains.toml": lambda path: store.write_text(path, gains), **super().files()}
+
+    def figure(self) -> Figure:
+        """Draw the search."""
+        plant = self.problem.cases[0].robot.name
+        return search_figure(self, drawing.ink_of(plant), "baseline")
+
+    def document(self) -> dict[str, Any]:
+        """Return the document of tune.json without tables; null stands for an infinite number."""
+
+        def runs(cases: Mapping[str, Mapping[str, RatedRun]]) -> dict[str, Any]:
+            out: dict[str, Any] = {}
+            for label, rated in cases.items():
+                out[label] = {
+                    name: {**r.metrics, "cost": r.cost, "lost": r.run.lost}
+                    for name, r in rated.items()
+                }
+            return out
+
         return {
-            "gains.toml": lambda path: store.write_text(path, gains),
-            **super().files(recording),
+            "schema": "ssmr.tune/1",
+            "controller": self.problem.base.controller,
+            "seed": self.seed,
+            "source": ",".join(dict.fromkeys(case.reference for case in self.problem.cases)),
+            "profile": self.problem.profile.name,
+            "robot": self.problem.profile.robot.name,
+            **self.searched(),
+            "baseline": self.problem.base.name,
+            "baseline_cost": self.baseline_cost,
+            "worse_than_start": False,  # the better of both is kept
+            "shipped": "" if self.shipped is None else self.shipped.name,
+            "shipped_cost": self.shipped_cost,
+            "gains": dict(self.gains),
+            "train": runs(self.train),
+            "held_out": runs(self.held_out),
         }
+
+    def tables(self) -> list[Table]:
+        """Return the parameters, and the runs along all references."""
+        base = one_line(self.problem.base.name)
+        held = " · ".join(f"{name} {self.gains[name]:.4g}" for name in self._held)
+        rows: list[Row] = []
+        for lead, cases in (("", self.train), ("held out: ", self.held_out)):
+            for label, runs in cases.items():
+                for name, rated in runs.items():
+                    measures = {"cost": rated.cost, **rated.metrics}
+                    row: dict[str, Any] = {"reference": f"{lead}{label}", "gains": name}
+                    for key in ("cost", *_SHOWN):
+                        row[key] = None if rated.run.lost else measures[key]
+                    rows.append(row)
+        caption = f"{base} costs {self.baseline_cost:.4g}\nheld: {held or 'none'}"
+        return [
+            self.values("gain", "baseline", caption),
+            Table(f"Tuned gains compared with {base}", rows, group="reference", best=True),
+        ]
+
+    def notes(self) -> list[str]:
+        """Return sentences on lost references, on gains that are no better, and the remarks."""
+        out = []
+        worse = []
+        for label, runs in (*self.train.items(), *self.held_out.items()):
+            for name, r in runs.items():
+                if r.run.lost:
+                    out.append(f"The {name} gains lose {label}: {lost_text(r.run)}.")
+            if label in self.held_out and runs["tuned"].cost > _WORSE * runs["baseline"].cost:
+                worse.append(label)
+        if worse:
+            out.append(
+                f"Compared with {self.problem.base.name} these gains are worse on other "
+                f"references: {', '.join(worse)}."
+            )
+        if self.shipped is not None and self.shipped_cost < self.cost:
+            out.append(
+                f"The shipped gains {self.shipped.name} cost less on what these were tuned on: "
+                f"{self.shipped_cost:.4g}."
+            )
+        return [*map(one_line, out), *super().notes()]
 
 
 @cli.program(Tune)
@@ -282,157 +398,28 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
         sets["shipped"] = shipped
     source = ",".join(dict.fromkeys(case.reference for case in problem.cases))
     profile_name = with_robot(profile.name, profile.robot.name)
-    bare = Tuned(
-        program="tune",
+    return Tuned(
         title=f"{base.controller} tuned on {one_line(source)}, profile {profile_name}",
-        tables=(),
-        document={"seed": o.seed, "source": source},
-        draw=_draw,
         options={
             **asdict(problem.cost),
             **o.chosen(search.jde.settings),
             "noise_seed": problem.cost.seed,
         },
-        **ending(search),
+        status=status_of(search),
         course=search,
-        cost=cost,
-        cost_name=problem.cost.cost,
+        seed=o.seed,
         parameters=fitted_parameters(space, point, values),
+        remarks=notes,
+        name=o.name or f"{base.controller}-tuned",
         problem=problem,
-        gain_set=kept,
+        gains=kept.values,
+        least=cost,
         baseline_cost=before,
         shipped=shipped,
         shipped_cost=math.nan if shipped is None else problem.cost_of(shipped, threads),
         train={case.label: problem.rated(case, sets, threads) for case in problem.cases},
         held_out={case.label: problem.rated(case, sets, threads) for case in held_out},
     )
-    whole = replace(
-        bare,
-        document=_document(bare),
-        gain_set=_with_provenance(bare, o.name or f"{base.controller}-tuned"),
-    )
-    sentences = [*_sentences(whole), *map(one_line, notes)]
-    return replace(whole, tables=_tables(whole), sentences=sentences)
-
-
-def _draw(t: Tuned) -> Figure:
-    """Return the picture of the search."""
-    return search_figure(t, drawing.ink_of(t.problem.cases[0].robot.name), "baseline")
-
-
-def _document(t: Tuned) -> dict[str, Any]:
-    """Return the document of tune.json without its tables; null stands for an infinite number."""
-
-    def runs(cases: Mapping[str, Mapping[str, RatedRun]]) -> dict[str, Any]:
-        out: dict[str, Any] = {}
-        for label, rated in cases.items():
-            out[label] = {
-                name: {**r.metrics, "cost": r.cost, "lost": r.run.lost} for name, r in rated.items()
-            }
-        return out
-
-    return {
-        "schema": "ssmr.tune/1",
-        "controller": t.gain_set.controller,
-        **t.document,
-        "profile": t.problem.profile.name,
-        "robot": t.problem.profile.robot.name,
-        **t.searched(),
-        "baseline": t.problem.base.name,
-        "baseline_cost": t.baseline_cost,
-        "worse_than_start": False,  # the better of both is kept
-        "shipped": "" if t.shipped is None else t.shipped.name,
-        "shipped_cost": t.shipped_cost,
-        "gains": dict(t.gains),
-        "train": runs(t.train),
-        "held_out": runs(t.held_out),
-    }
-
-
-def _with_provenance(t: Tuned, name: str) -> GainSet:
-    """Return the tuned gains with their name and their provenance."""
-    searched = [p.name for p in t.parameters]
-    document = _document(t)
-    followed = {}
-    for label, runs in (*t.train.items(), *t.held_out.items()):
-        r = runs["tuned"]
-        if not r.run.lost:
-            followed[label] = {"d_rms_m": r.metrics["d_rms_m"], "cost": r.cost}
-    kept = [
-        "profile",
-        "robot",
-        "cost_name",
-        "cost",
-        "baseline",
-        "baseline_cost",
-        "seed",
-        "evaluations",
-        "generations",
-    ]
-    if not math.isfinite(t.baseline_cost):
-        kept.remove("baseline_cost")
-    provenance = {
-        "tuned_on": list(t.train),
-        "searched": searched,
-        "by_hand": [name for name in t.gains if name not in searched],
-        **{key: document[key] for key in kept},
-        "status": t.status,
-        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
-        "options": {key: value for key, value in t.options.items() if value is not None},
-        "versions": dict(t.versions),
-        "followed": followed,
-    }
-    return GainSet(
-        t.gain_set.controller,
-        name,
-        t.gains,
-        provenance,
-        f"tuned by validation.tune on {', '.join(t.train)}",
-    )
-
-
-def _tables(t: Tuned) -> list[Table]:
-    """Return the parameters, and the runs along all references."""
-    base = one_line(t.problem.base.name)
-    searched = [p.name for p in t.parameters]
-    held = [f"{name} {value:.4g}" for name, value in t.gains.items() if name not in searched]
-    others = " · ".join(held) or "none"
-    rows: list[Row] = []
-    for lead, cases in (("", t.train), ("held out: ", t.held_out)):
-        for label, runs in cases.items():
-            for name, rated in runs.items():
-                measures = {"cost": rated.cost, **rated.metrics}
-                row: dict[str, Any] = {"reference": f"{lead}{label}", "gains": name}
-                for key in ("cost", *_SHOWN):
-                    row[key] = None if rated.run.lost else measures[key]
-                rows.append(row)
-    return [
-        t.values("gain", "baseline", f"{base} costs {t.baseline_cost:.4g}\nheld: {others}"),
-        Table(f"Tuned gains compared with {base}", rows, group="reference", best=True),
-    ]
-
-
-def _sentences(t: Tuned) -> list[str]:
-    """Return sentences on lost references and on gains that are no better than others."""
-    out = []
-    worse = []
-    for label, runs in (*t.train.items(), *t.held_out.items()):
-        for name, r in runs.items():
-            if r.run.lost:
-                out.append(f"The {name} gains lose {label}: {lost_text(r.run)}.")
-        if label in t.held_out and runs["tuned"].cost > _WORSE * runs["baseline"].cost:
-            worse.append(label)
-    if worse:
-        out.append(
-            f"Compared with {t.problem.base.name} these gains are worse on other references: "
-            f"{', '.join(worse)}."
-        )
-    if t.shipped is not None and t.shipped_cost < t.cost:
-        out.append(
-            f"The shipped gains {t.shipped.name} cost less on what these were tuned on: "
-            f"{t.shipped_cost:.4g}."
-        )
-    return list(map(one_line, out))
 
 
 if __name__ == "__main__":

@@ -27,8 +27,8 @@ from validation.cli.options import Options, kinds_of
 from validation.cli.process import run, say
 from validation.files.reading import opened, read_text
 from validation.report.report import INTERRUPTED, Report
-from validation.report.table import rich_table
-from validation.words import each_line, one_line, visible
+from validation.report.table import print_tables
+from validation.words import one_line, visible
 
 P = ParamSpec("P")
 Opts = TypeVar("Opts", bound="Common")
@@ -168,8 +168,6 @@ def finish(report: Report, options: Common, folder: Path) -> None:
     """Save and print a report, show its recording, and raise its failure."""
     film = options if isinstance(options, Filmed) else None
     written = report.save(folder, recording=film is None or not film.no_rerun)
-    for sentence in report.alarms:
-        warn(sentence)
     report_result(report, written)
     if film is not None and film.view:
         from validation.report.viewer import open_viewer
@@ -300,13 +298,10 @@ def report_console() -> Console:
     return _Output(width=_ENDLESS)
 
 
-def report_result(result: Any, written: Iterable[Path] = ()) -> None:
+def report_result(report: Report, written: Iterable[Path] = ()) -> None:
     """Print a report's tables and notes, and the paths of written files, on standard output."""
     console = report_console()
-    for grid in result.grids():
-        console.print(rich_table(grid, console.width))
-    for note in result.notes():
-        console.print(Text(each_line(note)))
+    print_tables(console, report.tables(), report.notes())
     if files := ", ".join(map(visible, written)):
         console.print(Text(f"written: {files}"), soft_wrap=True)
 

@@ -57,6 +57,11 @@ class Scores:
         """Medians over `windows` with their intervals, by horizon [s]."""
         return {horizon: errors.summary() for horizon, errors in self.windows.items()}
 
+    @cached_property
+    def overlapping_by_gyro(self) -> Mapping[float, OverlappingErrors]:
+        """Medians over `by_gyro` with their intervals, by horizon [s]."""
+        return {horizon: errors.summary() for horizon, errors in self.by_gyro.items()}
+
     @property
     def headline(self) -> float | None:
         """The horizon closest to `HEADLINE_HORIZON` [s]; None if there are no horizons."""
@@ -69,7 +74,7 @@ class Scores:
         for horizon, medians in self.overlapping.items():
             overlapping = asdict(medians)
             if horizon in self.by_gyro:
-                by_gyro = asdict(self.by_gyro[horizon].summary())
+                by_gyro = asdict(self.overlapping_by_gyro[horizon])
                 for key in ("yaw_median_rad", "yaw_low_rad", "yaw_high_rad"):
                     overlapping[key.replace("yaw", "yaw_gyro")] = by_gyro[key]
             entry = horizons.setdefault(f"{horizon:g}", {})

@@ -24,7 +24,7 @@ from validation.report import drawing
 from validation.report.drawing import ALARM, Ink, PanelRow
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
-from validation.words import shortened
+from validation.words import one_line, shortened
 
 # a number with a wider interval, as a share of the space between its bounds, is uncertain
 _VAGUE_SHARE = 0.5
@@ -122,14 +122,34 @@ def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
 class SearchReport(Report):
     """The report on a search."""
 
-    cost: float
-    """Cost of the best candidate."""
-    cost_name: str
-    """Name of the cost: `path`, `sync` or `horizon` of a fit, `path` or `time` of a tuning."""
-    parameters: tuple[FittedParameter, ...]
-    """The numbers that were searched, in their order."""
     course: Search
     """The search, with all of its generations."""
+    seed: int
+    """Seed of the search."""
+    parameters: tuple[FittedParameter, ...]
+    """The numbers that were searched, in their order."""
+    remarks: Sequence[str]
+    """Sentences on the sources, the search and the numbers that it found."""
+
+    @property
+    def cost(self) -> float:
+        """Cost of the best candidate."""
+        return self.course.cost
+
+    @property
+    def cost_name(self) -> str:
+        """Name of the cost: `path`, `sync` or `horizon` of a fit, `path` or `time` of a tuning."""
+        raise NotImplementedError
+
+    def notes(self) -> list[str]:
+        """Return how an interrupted search goes on, and the remarks."""
+        notes = [*super().notes()]
+        if self.course.interrupted and self.course.checkpoint:
+            notes.append(
+                f"The search is kept in {self.course.checkpoint}; "
+                "the same command with --resume goes on from there."
+            )
+        return [*notes, *map(one_line, self.remarks)]
 
     @property
     def effort(self) -> str:
@@ -179,18 +199,9 @@ class SearchReport(Report):
         return Table(self.title, rows, f"{self.effort}\n{caption}")
 
 
-def ending(search: Search, alarms: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the fields of a report on how its search ended, and how to go on; alarms first."""
-    status = FINISHED
-    sentences = list(alarms)
-    if search.interrupted:
-        status = INTERRUPTED
-        if search.checkpoint:
-            sentences.append(
-                f"the search is kept in {search.checkpoint}; "
-                "the same command with --resume goes on from there"
-            )
-    return {"status": status, "alarms": tuple(sentences)}
+def status_of(search: Search) -> str:
+    """Return how a report's search ended."""
+    return INTERRUPTED if search.interrupted else FINISHED
 
 
 def search_figure(
@@ -206,7 +217,7 @@ def search_figure(
     # a single generation, as with one start of least squares, has no course to draw
     has_course = len(report.course.jde.history) > 1
     panels = ((0.36, course), (0.64, strips)) if has_course else ((1.0, strips),)
-    foot = f"{report.effort} · seed {report.document['seed']}"
+    foot = f"{report.effort} · seed {report.seed}"
     page = [
         drawing.text_row(0.3, partial(drawing.draw_section, shortened(report.title, 110))),
         drawing.text_row(0.25, partial(drawing.draw_footer, foot)),

@@ -123,10 +123,9 @@ class Chapter(NamedTuple):
         """Return the chapter as lines of markdown."""
         lines = ["", f"## {self.title}", ""]
         for table in self.tables:
-            grid = table.grid()
-            lines += [f"**{markdown(grid.title)}**", "", *markdown_table(grid), ""]
-            lines += [f"- {markdown(line)}" for line in grid.caption.splitlines()]
-            if grid.caption:
+            lines += [f"**{markdown(table.title)}**", "", *markdown_table(table), ""]
+            lines += [f"- {markdown(line)}" for line in table.caption.splitlines()]
+            if table.caption:
                 lines.append("")
         return [*lines, *self.text.splitlines()]
 

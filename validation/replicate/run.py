@@ -72,25 +72,100 @@ class Replicate(cli.Common):
     """Seed of everything random. Equal seeds give equal results."""
 
 
+_Counts = Counter[tuple[Evidence, Status]]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Replication(Report):
     """Every table of the thesis beside ours, with verdicts."""
 
+    program = "replicate"
+    endings = ("png", "md")
     findings: Mapping[str, Findings]
     """Findings by section, in the order of the report."""
     chapters: Sequence[Chapter]
     """The same as the report shows it."""
-    lead: str
-    """Markdown that stands before the chapters."""
 
-    def markdown(self) -> str:
+    @property
+    def rows(self) -> list[JudgedRow]:
+        """All rows with their verdicts."""
+        return list(chain.from_iterable(each.rows for each in self.findings.values()))
+
+    @property
+    def unexplained(self) -> list[str]:
+        """Rows that differ without a known reason, such as `4.5 line_0.25`."""
+        return [f"{row.table} {row.name}" for row in self.rows if _is_unexplained(row)]
+
+    @property
+    def by_evidence(self) -> dict[str, dict[str, int]]:
+        """Number of the thesis' rows by evidence and verdict."""
+        counts = _counts(self.rows)
+        return {str(e): {str(s): counts[e, s] for s in STATUSES} for e in EVIDENCE}
+
+    def tables(self) -> list[Table]:
+        """Return the verdicts by evidence and by section, and the tables of all chapters."""
+        by_evidence: list[Row] = [{"evidence": e, **n} for e, n in self.by_evidence.items()]
+        by_evidence.append({"evidence": "all", **_by_status(_counts(self.rows))})
+        by_section = list[Row]()
+        for chapter, each in zip(self.chapters, self.findings.values(), strict=True):
+            if some := _counts(each.rows):
+                by_section.append({"section": chapter.title, **_by_status(some)})
+        return [
+            Table("Rows that the thesis has, by what their agreement says", by_evidence),
+            Table("The same by section", by_section),
+            *chain.from_iterable(chapter.tables for chapter in self.chapters),
+        ]
+
+    def notes(self) -> list[str]:
+        """Return a sentence on the rows that differ without a known reason."""
+        notes = [*super().notes()]
+        if self.unexplained:
+            notes.append(f"Unexplained: {', '.join(self.unexplained)}.")
+        return notes
+
+    def document(self) -> dict[str, Any]:
+        """Return what replicate.json has besides its notes."""
+        return {
+            "schema": "ssmr.replicate/1",
+            "quick": self.options["quick"],
+            "seed": self.options["seed"],
+            "tables": _tables_of(self.rows),
+            "verdicts": _by_status(_counts(self.rows)),
+            "evidence": self.by_evidence,
+        }
+
+    def to_markdown(self) -> str:
         """Return the page: the meaning of the verdicts, their counts, and every chapter."""
-        lines = [self.lead, "", *markdown_table(self.tables[0].grid())]
+        counts = _counts(self.rows)
+        lead = _lead(self.options["quick"], self.findings, self.unexplained, counts)
+        lines = [lead, "", *markdown_table(self.tables()[0])]
         for chapter in self.chapters:
             lines += chapter.markdown()
         lines += ["", "![Verdicts by section, and tracked references](replicate.png)"]
         lines += ["", self.made_by, ""]
         return "\n".join(lines)
+
+    def figure(self) -> Figure:
+        """Draw the rows by section and verdict, and below them the pictures of the sections."""
+        rows = list(self.tables()[1].rows)
+
+        def bars(ax: Axes) -> None:
+            places = range(len(rows))
+            left = np.zeros(len(rows))
+            for status in STATUSES:
+                counts = [row[status] for row in rows]
+                ax.barh(places, counts, left=left, color=VERDICT_INKS[status], label=status)
+                left += counts
+            inset(ax, left=3.2)
+            ax.set_yticks(places, [row["section"] for row in rows])
+            ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="rows that the thesis prints")
+            ax.legend(
+                loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(STATUSES), frameon=False
+            )
+
+        heading = text_row(0.35, partial(draw_section, self.title))
+        panels = [row for findings in self.findings.values() for row in findings.panels]
+        return put_together([heading, side_by_side(1.1 + 0.3 * len(rows), [bars]), *panels])
 
 
 @cli.program(Replicate)
@@ -106,45 +181,13 @@ def replicate(o: Replicate) -> Replication:
     sections = chosen_sections(ALL_SECTIONS, o.only)
     findings = _run_sections(o, sections)
     done = [section for section in sections if section.key in findings]
-    chapters = [chapter_of(section, findings[section.key]) for section in done]
-    rows = list(chain.from_iterable(each.rows for each in findings.values()))
-    counts = _counts(rows)
-    by_evidence = {str(e): {str(s): counts[e, s] for s in STATUSES} for e in EVIDENCE}
-    evidence_rows: list[Row] = [{"evidence": e, **some} for e, some in by_evidence.items()]
-    evidence_rows.append({"evidence": "all", **_by_status(counts)})
-    summary = list[Row]()
-    for chapter, each in zip(chapters, findings.values(), strict=True):
-        if some := _counts(each.rows):
-            summary.append({"section": chapter.title, **_by_status(some)})
-    unexplained = [f"{row.table} {row.name}" for row in rows if _is_unexplained(row)]
     return Replication(
-        program="replicate",
         title="The thesis' results beside this project's",
-        tables=[
-            Table("Rows that the thesis has, by what their agreement says", evidence_rows),
-            Table("The same by section", summary),
-            *chain.from_iterable(chapter.tables for chapter in chapters),
-        ],
-        sentences=[f"Unexplained: {', '.join(unexplained)}."] if unexplained else [],
-        document={
-            "schema": "ssmr.replicate/1",
-            "quick": o.quick,
-            "seed": o.seed,
-            "tables": _tables_of(rows),
-            "verdicts": _by_status(counts),
-            "evidence": by_evidence,
-        },
         options={"quick": o.quick, "only": o.only, "seed": o.seed},
-        draw=_draw,
-        has_text=True,
         status=FINISHED if len(findings) == len(sections) else INTERRUPTED,
         findings=findings,
-        chapters=chapters,
-        lead=_lead(o.quick, findings, unexplained, counts),
+        chapters=[chapter_of(section, findings[section.key]) for section in done],
     )
-
-
-_Counts = Counter[tuple[Evidence, Status]]
 
 
 def _run_sections(o: Replicate, sections: Sequence[Section]) -> dict[str, Findings]:
@@ -249,24 +292,3 @@ def _entry(row: JudgedRow, metric: str) -> dict[str, Any]:
     if (under := pair.supposed) is not None:
         entry |= {"supposed": under.value, "supposed_spread": under.spread, "if": under.text}
     return entry | _verdict_entry(row.verdicts[metric])
-
-
-def _draw(result: Replication) -> Figure:
-    """The number of rows by section and verdict, and below it the pictures of the sections."""
-    rows = list(result.tables[1].rows)
-
-    def bars(ax: Axes) -> None:
-        places = range(len(rows))
-        left = np.zeros(len(rows))
-        for status in STATUSES:
-            counts = [row[status] for row in rows]
-            ax.barh(places, counts, left=left, color=VERDICT_INKS[status], label=status)
-            left += counts
-        inset(ax, left=3.2)
-        ax.set_yticks(places, [row["section"] for row in rows])
-        ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="rows that the thesis prints")
-        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(STATUSES), frameon=False)
-
-    heading = text_row(0.35, partial(draw_section, result.title))
-    panels = [row for findings in result.findings.values() for row in findings.panels]
-    return put_together([heading, side_by_side(1.1 + 0.3 * len(rows), [bars]), *panels])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import chain, combinations, pairwise, zip_longest
+from functools import cached_property
+from itertools import chain, combinations, pairwise, product, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +17,18 @@ from ssmr.metrics.windows import (
     EVERY_S,
     SHORTEST_BLOCK_S,
     OverlappingErrors,
-    WindowErrors,
 )
 from ssmr.types import FloatArray, Trajectory
+from validation.experiment.gyro import GyroJudge
 from validation.experiment.runs import Run
-from validation.experiment.scores import Scores, headline_horizon
-from validation.experiment.sources import Source
+from validation.experiment.scores import Scores, headline_horizon, standing_sentences
+from validation.experiment.sources import RECORDING, Source
 from validation.plants.profile import Profile
+from validation.plants.table import plant_kind
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
 from validation.report.palette import Rgb
 from validation.report.report import Report
-from validation.report.scene_robots import Track
+from validation.report.scene_robots import Series, Track, shades_of
 from validation.report.table import Row, Table
 from validation.simulator.description import WHEELS, with_robot
 from validation.simulator.terrain import FLAT, Terrain
@@ -76,16 +78,18 @@ _HEALTH_COLUMNS = ("apparent_mass_kg", "peak_torque_N_m", "load_sum_rms_N", "ver
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Comparison(Report):
-    """Every plant against the reference on one source."""
+class Motions(Report):
+    """Every plant beside the reference on one source: all of a comparison but its picture."""
 
+    program = "compare"
+    endings = ("png", "rrd")
     source: Source
-    """What drove the plants."""
+    """Motion that the plants were driven along."""
     profile: Profile
-    """The profile that gave the parameters."""
-    reference_name: str
+    """Profile that gave the parameters."""
+    reference: str
     """Name of the reference plant, or `recording`."""
-    reference: tuple[Trajectory, ...]
+    truth: tuple[Trajectory, ...]
     """The reference's motion, piece by piece."""
     runs: Mapping[str, Run]
     """Runs by plant, in the order of all tables; the reference plant is among them."""
@@ -95,64 +99,188 @@ class Comparison(Report):
     """Seed of noise and disturbance."""
     terrain: Terrain = FLAT
     """The ground that the MuJoCo robot stood on."""
+    gyro: GyroJudge | None = None
+    """The second judge of heading; None where the reference is a plant, or without a useful one."""
+    remarks: Sequence[str] = ()
+    """Sentences on what was known before the plants were compared."""
 
     @property
     def profile_label(self) -> str:
         """Name of the profile, and of the robot where the profile's name does not contain it."""
         return with_robot(self.profile.name, self.profile.robot.name)
 
+    @property
+    def gyro_first(self) -> bool:
+        """Whether the gyro is the first judge of heading."""
+        return self.gyro is not None and self.gyro.first
 
-def comparison_tables(
-    runs: Mapping[str, Run],
-    scores: Mapping[str, Scores],
-    reference: str,
-    title: str,
-    caption: str,
-    gyro_first: bool = False,
-) -> list[Table]:
-    """Return the tables of motions, the most telling one first; those without rows are left out.
+    @property
+    def horizons(self) -> Sequence[float]:
+        """Times after which poses are compared [s]; none where the reference is a plant."""
+        return self.options["horizons"] if self.reference == RECORDING else ()
 
-    Against a recording the errors of the relative pose by horizon and plant come first, then their
-    medians over windows that begin every second, with intervals. Then the metrics of paths, and for
-    MuJoCo's robot loads and health. `gyro_first` says which judge of heading stands first.
-    """
-    errors: list[Row] = []
-    overlapping = []
-    by_gyro = []
-    for h in sorted(set().union(*(r.horizons for r in scores.values()))):
-        for name, r in scores.items():
-            if h in r.horizons:
-                e = asdict(r.horizons[h])
+    @cached_property
+    def alike(self) -> dict[str, Any] | None:
+        """Plants that the recording does not tell apart, see `indistinguishable_pairs`."""
+        return indistinguishable_pairs(self.scores, self.gyro_first)
+
+    def tables(self) -> list[Table]:
+        """Return the errors by horizon of a recording, the metrics of paths, loads and health.
+
+        Errors of the relative pose come first, then their medians over windows that begin every
+        second, with intervals.
+        """
+        errors: list[Row] = []
+        overlapping = []
+        by_gyro = []
+        for h, (name, s) in product(sorted(self.horizons), self.scores.items()):
+            if h in s.horizons:
+                e = asdict(s.horizons[h])
                 counts = {"windows": e.pop("n"), "standing": e.pop("n_standing")}
                 errors.append({"horizon_s": h, "plant": name, **counts, **e})
-            if h in r.overlapping:
-                overlapping.append((h, name, r.overlapping[h]))
-                by_gyro.append(r.by_gyro.get(h))
-    metrics = dict.fromkeys(chain.from_iterable(r.metrics for r in scores.values()))
-    # metrics that no table declares stand last
-    columns = [key for key in dict.fromkeys((*_COLUMNS, *metrics)) if key in metrics]
-    marked = f"{reference} (ref)"
-    rows = []
-    for name, r in scores.items():
-        shown = {key: r.metrics.get(key) for key in columns}
-        shown[REAL_TIME.name] = runs[name].real_time_factor
-        rows.append({"plant": marked if name == reference else name, **shown})
-    tables = [
-        Table(
-            "Error of the relative pose after a horizon",
-            errors,
-            f"compared with {reference} · best value in bold",
-            "horizon_s",
-            best=True,
-            units=_POSES,
-        ),
-        interval_table(overlapping, gyro=by_gyro, gyro_first=gyro_first),
-        _band_table(scores),
-        Table(title, rows, caption, best=True, reference=marked, hidden=_BOTH_WAYS),
-        _load_table(runs),
-        _health_table(runs),
-    ]
-    return [table for table in tables if table.rows]
+            if h in s.overlapping:
+                overlapping.append((h, name, s.overlapping[h]))
+                by_gyro.append(s.overlapping_by_gyro.get(h))
+        tables = [
+            Table(
+                "Error of the relative pose after a horizon",
+                errors,
+                f"compared with {self.reference} · best value in bold",
+                "horizon_s",
+                best=True,
+                units=_POSES,
+            ),
+            interval_table(overlapping, gyro=by_gyro, gyro_first=self.gyro_first),
+            _band_table(self.scores),
+            self._metrics_table(),
+            _load_table(self.runs),
+            _health_table(self.runs),
+        ]
+        return [table for table in tables if table.rows]
+
+    def _metrics_table(self) -> Table:
+        """Metrics of paths, with what one must know to read them below."""
+        metrics = dict.fromkeys(chain.from_iterable(s.metrics for s in self.scores.values()))
+        # metrics that no table declares stand last
+        columns = [key for key in dict.fromkeys((*_COLUMNS, *metrics)) if key in metrics]
+        marked = f"{self.reference} (ref)"
+        rows = []
+        for name, s in self.scores.items():
+            shown = {key: s.metrics.get(key) for key in columns}
+            shown[REAL_TIME.name] = self.runs[name].real_time_factor
+            rows.append({"plant": marked if name == self.reference else name, **shown})
+        title = f"{one_line(self.source.name)} · profile {self.profile_label}"
+        if self.terrain != FLAT:
+            title += f" · mujoco on {self.terrain.words}"
+        caption = [f"compared with {self.reference} · seed {self.seed} · best value in bold"]
+        if self.reference in self.runs:
+            caption += point_sentences(self.runs)
+            caption += self.profile.origins(self.runs, self.source.name)
+            caption += self._unlike_torques()
+        caption += health_warnings(self.runs)
+        return Table(
+            title, rows, "\n".join(caption), best=True, reference=marked, hidden=_BOTH_WAYS
+        )
+
+    def _unlike_torques(self) -> list[str]:
+        """Return a sentence on torques that differ because only one of two is a body's."""
+        of_body = plant_kind(self.reference).torques
+        with_torque = [n for n, s in self.scores.items() if "torque_rms_N_m" in s.metrics]
+        unlike = [name for name in with_torque if plant_kind(name).torques != of_body]
+        if not unlike:
+            return []
+        return [
+            f"torque rms does not compare {', '.join(unlike)} with {self.reference}: a planar "
+            "model's torques come of frictions that were fitted to paths."
+        ]
+
+    def notes(self) -> list[str]:
+        """Return the remarks, the source's faults, the judge of heading, and who is better."""
+        notes = [*self.remarks]
+        headline = headline_horizon(self.horizons)
+        if headline:
+            notes += standing_sentences(self.source, headline)
+        if self.gyro is not None:
+            notes.append(self.gyro.sentence)
+        return [*notes, *self.source.warnings, *alike_sentences(self.scores, self.alike)]
+
+    def document(self) -> dict[str, Any]:
+        """Return the contents of compare.json without options and tables."""
+        plants = {}
+        for name, run in self.runs.items():
+            plants[name] = {**run.as_dict(), **self.scores[name].as_dict()}
+        return {
+            "schema": "ssmr.compare/1",
+            "source": self.source.name,
+            "profile": self.profile.name,
+            "robot": self.profile.robot.name,
+            "reference": self.reference,
+            "seed": self.seed,
+            **({} if self.gyro is None else self.gyro.as_dict()),
+            "alike": self.alike,
+            "plants": plants,
+            "parameters": self.profile.as_dict(self.runs),
+        }
+
+    def tracks(self) -> list[Track]:
+        """Return all robots, the reference first."""
+        # a recording was tracked at the point that every plant's section of the profile says
+        first = self.runs.get(self.reference, next(iter(self.runs.values())))
+        scene = (self.terrain, self.profile.robot)
+        reference = Track(self.reference, self.truth, None, first.localiser, *scene)
+        tracks = [reference]
+        for name, run in self.runs.items():
+            if name != self.reference:
+                tracks.append(Track(name, run.motions, reference, run.localiser, *scene))
+        return tracks
+
+    def given(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Return (N + 1,) instants [s] and (N + 1, 2) commands of every piece.
+
+        The last command stands once more at the end of its piece.
+        """
+        given = []
+        for piece, motion in zip(self.source.pieces, self.truth, strict=True):
+            c = piece.commands
+            t = motion.t[0] + c.dt * np.arange(c.n + 1)
+            given.append((t, np.vstack([c.values, c.values[-1:]])))
+        return given
+
+    def record(self, path: Path) -> None:
+        """Write the robots in motion, and the commands that drove them, as a rerun recording.
+
+        The file is written whole or not at all.
+
+        Raises:
+            OSError: the file cannot be written.
+            RuntimeError: rerun is switched off by `RERUN=off`.
+        """
+        from validation.report.scene import Scene, write_scene  # here: rerun may be missing
+
+        gaps = [0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(self.truth)]
+        scene = Scene(
+            program=self.program,
+            title=f"{self.source.name}, profile {self.profile_label}",
+            tracks=self.tracks(),
+            plots=self._commanded(),
+            report=self.to_markdown(),
+            gaps=np.array(gaps),
+        )
+        write_scene(scene, path)
+
+    def _commanded(self) -> dict[str, Series]:
+        """Commands over time, as a recording's plots have them."""
+        t, values = (np.concatenate(parts) for parts in zip(*self.given(), strict=True))
+        if self.source.pieces[0].commands.kind == "wheels":
+            names = ["left commanded", "right commanded"]
+            inks = shades_of(_COMMANDED)
+            return {"wheel_rate/commanded": Series(names, "rad/s", inks, t, values, held=True)}
+        plots = {}
+        for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
+            plots[f"{quantity}/commanded"] = Series(
+                ["commanded"], unit, [_COMMANDED], t, values[:, column], held=True
+            )
+        return plots
 
 
 _COLUMNS = ("d_rms_m", "sync_rms_m", "yaw_rms_rad", *SIGNALS, *METRICS)
@@ -169,7 +297,7 @@ _POSES = {
 def interval_table(
     overlapping: Sequence[tuple[float, str, OverlappingErrors]],
     who: str = "plant",
-    gyro: Sequence[WindowErrors | None] = (),
+    gyro: Sequence[OverlappingErrors | None] = (),
     gyro_first: bool = False,
 ) -> Table:
     """Return medians over overlapping windows with their intervals, by horizon [s] and name.
@@ -183,7 +311,7 @@ def interval_table(
         row = {"horizon_s": h, who: name, "windows": e.n, "position_median_m": position}
         judges = [("yaw_median_rad", e)]
         if other is not None:
-            judges.insert(0 if gyro_first else 1, ("yaw_gyro_median_rad", other.summary()))
+            judges.insert(0 if gyro_first else 1, ("yaw_gyro_median_rad", other))
         for key, of in judges:
             row[key] = (of.yaw_median_rad, of.yaw_low_rad, of.yaw_high_rad)
         rows.append(row)
@@ -348,73 +476,3 @@ def headline_error(scores: Scores) -> str:
     d_rms = scores.metrics["d_rms_m"]
     length = length_unit([d_rms])
     return f"d_rms {length.text(d_rms)} {length.symbol}"
-
-
-def compared_tracks(comparison: Comparison) -> list[Track]:
-    """Return all robots, the reference first."""
-    runs = comparison.runs
-    name = comparison.reference_name
-    scene = (comparison.terrain, comparison.profile.robot)
-    # a recording was tracked at the point that every plant's section of the profile says
-    localiser = runs.get(name, next(iter(runs.values()))).localiser
-    reference = Track(name, comparison.reference, None, localiser, *scene)
-    tracks = [reference]
-    for r in runs.values():
-        if r.plant != name:
-            tracks.append(Track(r.plant, r.motions, reference, r.localiser, *scene))
-    return tracks
-
-
-def given_commands(comparison: Comparison) -> list[tuple[FloatArray, FloatArray]]:
-    """Return (N + 1,) instants [s] and (N + 1, 2) commands of every piece.
-
-    The last command stands once more at the end of its piece.
-    """
-    given = []
-    for piece, motion in zip(comparison.source.pieces, comparison.reference, strict=True):
-        c = piece.commands
-        t = motion.t[0] + c.dt * np.arange(c.n + 1)
-        given.append((t, np.vstack([c.values, c.values[-1:]])))
-    return given
-
-
-def write_comparison(comparison: Comparison, path: Path) -> None:
-    """Write the robots in motion, and the commands that drove them, as a rerun recording.
-
-    The file is written whole or not at all.
-
-    Raises:
-        OSError: the file cannot be written.
-        RuntimeError: rerun is switched off by `RERUN=off`.
-    """
-    from validation.report.scene import (  # here: rerun may be missing
-        Scene,
-        Series,
-        shades_of,
-        write_scene,
-    )
-
-    c = comparison
-    plots = dict[str, Series]()
-    if c.source.pieces:
-        t, values = (np.concatenate(parts) for parts in zip(*given_commands(c), strict=True))
-        if c.source.pieces[0].commands.kind == "wheels":
-            names = ["left commanded", "right commanded"]
-            plots["wheel_rate/commanded"] = Series(
-                names, "rad/s", shades_of(_COMMANDED), t, values, held=True
-            )
-        else:
-            for column, (quantity, unit) in enumerate((("speed", "m/s"), ("yaw_rate", "rad/s"))):
-                plots[f"{quantity}/commanded"] = Series(
-                    ["commanded"], unit, [_COMMANDED], t, values[:, column], held=True
-                )
-    gaps = [0.5 * (a.t[-1] + b.t[0]) for a, b in pairwise(c.reference)]
-    scene = Scene(
-        program="compare",
-        title=f"{c.source.name}, profile {c.profile_label}",
-        tracks=compared_tracks(c),
-        plots=plots,
-        report=c.markdown(),
-        gaps=np.array(gaps),
-    )
-    write_scene(scene, path)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from validation import store
 from validation.report.columns import legend
-from validation.report.table import Grid, Table, markdown_table, text_tables
+from validation.report.table import Table, markdown_table, text_tables
 from validation.words import code_span, each_line, markdown, one_line, shortened
 
 if TYPE_CHECKING:
@@ -33,52 +32,63 @@ INTERRUPTED = "interrupted"
 class Report:
     """Result of a program.
 
-    A program that gives more than this to Python derives from it and adds fields.
+    Each program derives its own, with what it found as fields, and says by methods what its tables,
+    notes, files and pictures are.
     """
 
-    program: str
+    program: ClassVar[str]
     """Name of the program and of its files: `compare` for compare.json, compare.png and
     compare.rrd."""
+    endings: ClassVar[Sequence[str]] = ("png",)
+    """Files beside its JSON file: `png` for its picture, `md` for its text, `rrd` for its rerun
+    recording."""
     title: str
     """Work of the program, in one line."""
-    tables: Sequence[Table]
-    """Tables, the most important one first."""
-    document: Mapping[str, Any]
-    """Part of the JSON file before its tables: the schema, options and results."""
-    draw: Callable[[Any], Figure] | None = None
-    """Function of the report that draws its picture; None where it has none."""
-    sentences: Sequence[str] = ()
-    """Sentences below the tables."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options that it was made with, by name."""
     versions: Mapping[str, str] = field(default_factory=store.versions)
     """Versions of this project, Python and the packages that decide numbers."""
-    record: Callable[[Any, Path], object] | None = None
-    """Function of the report and a path that writes its rerun recording; None where it has none."""
     status: str = FINISHED
     """`finished`, or `interrupted`: then it holds only the work before that."""
     failure: Exception | None = None
     """Failure although there is something to show, such as a lost robot: the program then fails
     after it saved."""
-    alarms: Sequence[str] = ()
-    """Sentences that the command line says on standard error, too."""
-    has_text: bool = False
-    """Whether the markdown text is one of the files."""
 
-    def grids(self) -> Sequence[Grid]:
-        """Return its tables as they are written; tables without rows are left out."""
-        return [table.grid() for table in self.tables if table.rows]
+    def tables(self) -> Sequence[Table]:
+        """Return its tables, the most important one first; those without rows are not shown."""
+        return ()
 
     def notes(self) -> Sequence[str]:
         """Return the sentences below its tables; the first says that it was interrupted."""
-        notes = list(self.sentences)
         if self.status == INTERRUPTED:
-            notes.insert(0, "It was interrupted; only what was finished before is here.")
-        return notes
+            return ["It was interrupted; only what was finished before is here."]
+        return []
+
+    def document(self) -> Mapping[str, Any]:
+        """Return what its JSON file has besides tables and notes: the schema and results."""
+        return {}
+
+    def figure(self) -> Figure:
+        """Return its picture, drawn anew.
+
+        Raises:
+            ValueError: it has none.
+        """
+        raise ValueError(f"a report of {self.program} has no picture")
+
+    def record(self, path: Path) -> None:
+        """Write its rerun recording, whole or not at all.
+
+        Raises:
+            OSError: the file cannot be written.
+            RuntimeError: rerun is switched off by `RERUN=off`.
+            ValueError: it has none.
+        """
+        raise ValueError(f"a report of {self.program} has no recording")
 
     def table(self, width: int = 110) -> str:
         """Return its tables and notes as text of at most `width` columns."""
-        return text_tables(self.grids(), self.notes(), width)
+        return text_tables(self.tables(), self.notes(), width)
 
     def frame(self, title: str | None = None) -> pandas.DataFrame:
         """Return a table, by default the first one, as a data frame of pandas, in SI units.
@@ -89,58 +99,45 @@ class Report:
         """
         import pandas
 
-        for table in self.tables:
+        tables = self.tables()
+        for table in tables:
             if title in (None, table.title):
                 return pandas.DataFrame(list(table.rows))
-        titles = ", ".join(table.title for table in self.tables)
+        titles = ", ".join(table.title for table in tables)
         raise ValueError(f"there is no table '{title}'; there are: {titles}")
 
-    def figure(self) -> Figure:
-        """Return its picture, drawn anew.
-
-        Raises:
-            ValueError: it has none.
-        """
-        if self.draw is None:
-            raise ValueError(f"a report of {self.program} has no picture")
-        return self.draw(self)
-
-    def markdown(self) -> str:
+    def to_markdown(self) -> str:
         """Return all of it as GitHub-flavoured markdown.
 
         That is its options and versions, tables, notes, and the meanings of the columns.
         """
+        tables = [table for table in self.tables() if table.rows]
         lines = [f"# {markdown(self.title)}", ""]
         for name, values in (("options", self.options), ("versions", self.versions)):
             given = [f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None]
             lines.append(f"- {name}: {code_span(', '.join(given) or 'none')}")
-        for grid in self.grids():
-            lines += ["", f"## {markdown(grid.title)}", "", *markdown_table(grid)]
-            if grid.caption:
-                lines += ["", markdown(grid.caption)]
+        for table in tables:
+            lines += ["", f"## {markdown(table.title)}", "", *markdown_table(table)]
+            if table.caption:
+                lines += ["", markdown(table.caption)]
         if notes := self.notes():
             lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in notes)]
-        keys = chain.from_iterable(table.keys for table in self.tables)
+        keys = chain.from_iterable(table.keys for table in tables)
         if meanings := legend(dict.fromkeys(keys)):
             lines += ["", "## What the metrics mean", ""]
             lines += [f"- {meaning}" for meaning in meanings]
         return "\n".join(lines) + "\n"
 
-    def files(self, recording: bool) -> dict[str, Callable[[Path], object]]:
-        """Return writers of the files beside its JSON file, by name.
+    def _repr_markdown_(self) -> str:
+        return self.to_markdown()
 
-        These are its picture, text and recording.
-        """
-        writers: dict[str, Callable[[Path], object]] = {}
-        if self.draw is not None:
-            writers[f"{self.program}.png"] = self._save_picture
-        if self.has_text:
-            writers[f"{self.program}.md"] = lambda path: store.write_text(
-                path, each_line(self.markdown())
-            )
-        if recording and self.record is not None:
-            writers[f"{self.program}.rrd"] = partial(self.record, self)
-        return writers
+    def files(self) -> dict[str, Callable[[Path], object]]:
+        """Return writers of the files beside its JSON file, by name."""
+        writers = {"png": self._save_picture, "md": self._save_text, "rrd": self.record}
+        return {f"{self.program}.{ending}": writers[ending] for ending in self.endings}
+
+    def _save_text(self, path: Path) -> None:
+        store.write_text(path, each_line(self.to_markdown()))
 
     def _save_picture(self, path: Path) -> None:
         """Write its picture; a warning says that numbers beyond all measure cannot be drawn."""
@@ -171,7 +168,9 @@ class Report:
             OSError: the folder cannot be made or written.
         """
         place = store.make_folder(Path(folder))
-        writers = self.files(recording)
+        writers = self.files()
+        if not recording:
+            writers.pop(f"{self.program}.rrd", None)
         document = place / f"{self.program}.json"
         store.write_json(document, {**self.as_dict(), "files": list(writers)})
         # drawing may take long or fail; the numbers are safe by now
@@ -182,9 +181,9 @@ class Report:
     def as_dict(self) -> dict[str, Any]:
         """Return its JSON file without the names of the other files: plain values, no NaN."""
         document = {
-            "tables": {table.title: list(table.rows) for table in self.tables if table.rows},
+            "tables": {table.title: list(table.rows) for table in self.tables() if table.rows},
             "status": self.status,
-            **self.document,
+            **self.document(),
             "notes": self.notes(),
             "options": self.options,
             "versions": self.versions,
@@ -202,13 +201,6 @@ class Report:
             if name in self.versions:
                 words.append(f"{name} {self.versions[name]}")
         return " · ".join(words)
-
-    def _repr_markdown_(self) -> str:
-        blocks = []
-        for grid in self.grids():
-            lines = [f"**{markdown(grid.title)}**", "", *markdown_table(grid)]
-            blocks.append("\n".join(lines))
-        return "\n\n".join([*blocks, *map(markdown, self.notes())])
 
 
 def option_text(value: object) -> str:

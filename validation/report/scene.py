@@ -21,7 +21,7 @@ import uuid
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -43,11 +43,13 @@ from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
 from validation.report.scene_robots import (
     GROUND,
     Extent,
+    Series,
     Solid,
     Track,
     bright,
     extent_of,
     looks_of,
+    shades_of,
     tinted,
 )
 from validation.simulator.description import WHEELS
@@ -94,22 +96,6 @@ _VIEWS = (
 )
 """Groups of plots above one another, a tab each: titles by the quantity, which is the beginning of
 their entities."""
-
-
-class Series(NamedTuple):
-    """Lines of one entity: k values over the same stamps."""
-
-    names: Sequence[str]
-    """k names."""
-    unit: str
-    """Symbol of their unit."""
-    colours: Sequence[Rgb]
-    t: FloatArray
-    """(M,) [s]."""
-    values: FloatArray
-    """(M,) or (M, k)."""
-    held: bool = False
-    """True where each value holds until the next, as commands do."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -443,11 +429,6 @@ def rotation_centre(track: Track) -> FloatArray:
     twist = track.localiser.body_twist(np.concatenate([p.twist for p in track.pieces]))
     turning = np.where(np.abs(twist[:, 2]) < _LEAST_TURNING, np.nan, twist[:, 2])
     return np.column_stack([-twist[:, 1], twist[:, 0]]) / turning[:, None]
-
-
-def shades_of(ink: Rgb) -> list[Rgb]:
-    """Return a paler and a darker shade of a colour, for the left and the right side."""
-    return [mix(ink, WHITE, 0.35), mix(ink, BLACK, 0.25)]
 
 
 # --- the layout ---

@@ -16,7 +16,7 @@ from ssmr.geometry import integral, relative
 from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, IndexArray, Trajectory
 from validation.descriptions.loading import load_robot
-from validation.report.palette import WHITE, Rgb, colour, mix
+from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
 from validation.simulator.composing import VISUAL_GROUP, compose_robot
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.terrain import FLAT, Terrain
@@ -190,6 +190,27 @@ def bright(name: str) -> Rgb:
     if max(rgb) < 80:
         return mix(rgb, WHITE, 0.5)
     return rgb
+
+
+class Series(NamedTuple):
+    """Lines of one entity: k values over the same stamps."""
+
+    names: Sequence[str]
+    """k names."""
+    unit: str
+    """Symbol of their unit."""
+    colours: Sequence[Rgb]
+    t: FloatArray
+    """(M,) [s]."""
+    values: FloatArray
+    """(M,) or (M, k)."""
+    held: bool = False
+    """True where each value holds until the next, as commands do."""
+
+
+def shades_of(ink: Rgb) -> list[Rgb]:
+    """Return a paler and a darker shade of a colour, for the left and the right side."""
+    return [mix(ink, WHITE, 0.35), mix(ink, BLACK, 0.25)]
 
 
 class Extent(NamedTuple):

@@ -6,8 +6,8 @@ import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, groupby
-from typing import Any
+from itertools import chain
+from typing import Any, NamedTuple
 
 import rich.table
 from rich import box
@@ -16,6 +16,7 @@ from rich.console import Console, Group
 from rich.measure import Measurement
 from rich.text import Text
 
+from ssmr.metrics.declared import Metric
 from validation.report.columns import DECLARED, NOTHING, Unit, heading_of, is_length, unit_of
 from validation.words import each_line, markdown_cell, one_line
 
@@ -24,30 +25,18 @@ Row = Mapping[str, Any]
 number with its interval."""
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One entry as it is written, and whether it is the best of its kind."""
+class TableColumn(NamedTuple):
+    """A column as it is written, a text for each row."""
 
-    text: str
-    best: bool = False
-
-
-@dataclass(frozen=True)
-class Grid:
-    """A table cell by cell, as the terminal and markdown write it."""
-
-    header: tuple[tuple[str, str], ...]
-    """Name and unit of each column; the unit may be empty."""
-    groups: tuple[tuple[tuple[Cell, ...], ...], ...]
-    """Rows, in groups that a line separates."""
-    left: int
-    """Number of first columns that hold words."""
-    title: str = ""
-    """Heading above the table."""
-    caption: str = ""
-    """Explanation below the table."""
-    trailing: int = 0
-    """Number of last columns that hold words too; the very last one may be wrapped."""
+    heading: str
+    """Heading without the unit."""
+    unit: str
+    """Symbol of the unit; empty for words and pure numbers."""
+    texts: Sequence[str]
+    best: frozenset[int]
+    """Rows whose values are the best of their groups."""
+    holds_words: bool
+    """Whether no value is a number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,51 +69,58 @@ class Table:
         keys = dict.fromkeys(chain.from_iterable(self.rows))
         return [key for key in keys if key not in self.hidden]
 
-    def grid(self) -> Grid:
-        """Return the table as it is written, cell by cell."""
-        keys = self.keys
-        words = [all(isinstance(row.get(key), str | None) for row in self.rows) for key in keys]
-        left = words.index(False) if False in words else len(words)
-        numbers = {key: _numbers(row.get(key) for row in self.rows) for key in keys}
-        lengths = list(chain.from_iterable(numbers[key] for key in filter(is_length, keys)))
-        units = {key: self.units.get(key) or unit_of(key, numbers[key], lengths) for key in keys}
-        header = []
-        for key, holds_words in zip(keys, words, strict=True):
+    @property
+    def groups(self) -> list[list[int]]:
+        """Return the indices of the rows of each group."""
+        groups = list[list[int]]()
+        of_group = [row.get(self.group or "") for row in self.rows]
+        for i, name in enumerate(of_group):
+            if i == 0 or name != of_group[i - 1]:
+                groups.append([])
+            groups[-1].append(i)
+        return groups
+
+    def columns(self) -> list[TableColumn]:
+        """Return the table as it is written, column by column."""
+        numbers = {key: _numbers(row.get(key) for row in self.rows) for key in self.keys}
+        lengths = list(chain.from_iterable(numbers[key] for key in filter(is_length, numbers)))
+        columns = []
+        for key, of_key in numbers.items():
+            values = [row.get(key) for row in self.rows]
+            words = all(isinstance(value, str | None) for value in values)
+            unit = self.units.get(key) or unit_of(key, of_key, lengths)
+            texts = [_text(value, unit) for value in values]
+            best = frozenset[int]()
+            if self.best and key in DECLARED:
+                best = self._best_of(DECLARED[key], texts)
             heading = self.headings.get(key, heading_of(key))
-            header.append((heading, "" if holds_words else units[key].symbol))
-        groups = []
-        for _, members in groupby(self.rows, lambda row: row.get(self.group or "")):
-            rows = list(members)
-            columns = [self._column(key, rows, units[key]) for key in keys]
-            groups.append(tuple(zip(*columns, strict=True)))
-        trailing = next((n for n, word in enumerate(reversed(words[left:])) if not word), 0)
-        return Grid(tuple(header), tuple(groups), left, self.title, self.caption, trailing)
+            columns.append(TableColumn(heading, "" if words else unit.symbol, texts, best, words))
+        return columns
 
-    def _column(self, key: str, rows: Sequence[Row], unit: Unit) -> list[Cell]:
-        """A column's cells in a group of rows, the best of two or more emphasised, ties too."""
-        texts = [_text(row.get(key), unit) for row in rows]
-        declared = DECLARED.get(key)
-        if not self.best or declared is None:
-            return [Cell(text) for text in texts]
+    def _best_of(self, metric: Metric, texts: Sequence[str]) -> frozenset[int]:
+        """Rows with the best of two or more values of their group; equal texts are all best."""
+        best = set[int]()
+        for group in self.groups:
+            badness = dict[int, float]()
+            for i in group:
+                row = self.rows[i]
+                value = row.get(metric.name)
+                if not isinstance(value, float) or not math.isfinite(value):
+                    continue
+                if metric.direction == "high" or next(iter(row.values())) != self.reference:
+                    badness[i] = _badness(value, metric.direction)
+            if len(badness) > 1:
+                least = min(badness, key=badness.__getitem__)
+                best.update(i for i in badness if texts[i] == texts[least])
+        return frozenset(best)
 
-        def badness(value: float) -> float:
-            if declared.direction == "one":
-                if value > 0.0:
-                    return abs(math.log(value))
-                return math.inf
-            if declared.direction == "low":
-                return value
-            return -value
 
-        judged = dict[int, float]()
-        for i, row in enumerate(rows):
-            value = row.get(key)
-            if not isinstance(value, float) or not math.isfinite(value):
-                continue
-            if declared.direction == "high" or next(iter(row.values())) != self.reference:
-                judged[i] = badness(value)
-        best = texts[min(judged, key=lambda i: judged[i])] if len(judged) > 1 else None
-        return [Cell(text, i in judged and text == best) for i, text in enumerate(texts)]
+def _badness(value: float, direction: str) -> float:
+    if direction == "low":
+        return value
+    if direction == "high":
+        return -value
+    return abs(math.log(value)) if value > 0.0 else math.inf
 
 
 def _numbers(values: Iterable[Any]) -> list[float]:
@@ -156,99 +152,104 @@ def _text(value: Any, unit: Unit) -> str:
 _LABEL = 16
 """Width down to which a column of labels is wrapped."""
 _PROSE = 30
-"""Width down to which a column of sentences is wrapped."""
+"""Width down to which the last column, if it holds sentences, is wrapped."""
 
 
-def rich_table(grid: Grid, width: int | None = None) -> Group:
-    """Draw a grid for the terminal, its caption below; foreign texts are no markup.
+def rich_table(table: Table, width: int | None = None) -> Group:
+    """Draw a table for the terminal, its caption below; foreign texts are no markup.
 
     Args:
-        grid: what to draw.
+        table: what to draw.
         width: columns of the terminal; where the table has too little room, words are wrapped and
             then the last columns of numbers are left out, which the caption names. None draws all
             columns.
     """
-    n = len(grid.header)
-    columns = list(range(n))
-    missing = list[int]()
-    # The first column of numbers and the last of words stay.
-    droppable = [*range(grid.left + 1, n - grid.trailing), *range(n - grid.trailing, n - 1)]
+    columns = table.columns()
+    last = columns[-1]
+    # The first column of numbers, those before it, and the last one of words stay.
+    first = next((k for k, column in enumerate(columns) if not column.holds_words), len(columns))
+    droppable = [c for c in columns[first + 1 :] if c is not last or not c.holds_words]
+    missing = list[str]()
     console = Console(width=10_000)
+    drawn = _terminal_table(table, columns)
     while width is not None and droppable:
-        table = _terminal_table(grid, columns)
-        if Measurement.get(console, console.options, table).minimum <= width:
+        if Measurement.get(console, console.options, drawn).minimum <= width:
             break
-        missing.insert(0, droppable.pop())
-        columns.remove(missing[0])
-    names = ", ".join(one_line(grid.header[k][0]) for k in missing)
-    left_out = f"left out for want of room: {names}\n" if missing else ""
-    caption = (left_out + grid.caption).rstrip()
-    table = _terminal_table(grid, columns)
+        dropped = droppable.pop()
+        missing.insert(0, one_line(dropped.heading))
+        columns = [column for column in columns if column is not dropped]
+        drawn = _terminal_table(table, columns)
+    caption = table.caption
+    if missing:
+        caption = f"left out for want of room: {', '.join(missing)}\n{caption}".rstrip()
     if not caption:
-        return Group(table)
-    return Group(table, Text(each_line(caption), style="table.caption"))
+        return Group(drawn)
+    return Group(drawn, Text(each_line(caption), style="table.caption"))
 
 
-def _terminal_table(grid: Grid, columns: Iterable[int]) -> rich.table.Table:
-    table = rich.table.Table(
+def _terminal_table(table: Table, columns: Sequence[TableColumn]) -> rich.table.Table:
+    drawn = rich.table.Table(
         box=box.SIMPLE_HEAD,
         show_edge=False,
         pad_edge=False,
         title_justify="left",
-        title=Text(each_line(grid.title), style="bold"),
+        title=Text(each_line(table.title), style="bold"),
     )
-    last = len(grid.header) - 1
-    rows = list(chain.from_iterable(grid.groups))
-    for k in columns:
-        name, unit = map(one_line, grid.header[k])
-        is_text = k < grid.left or k > last - grid.trailing
-        heading = name if k < grid.left else name.replace(" ", "\n")
-        with_unit = f"{heading}\n[{unit}]"
-        cells = [one_line(row[k].text) for row in rows]
-        least = max(map(cell_len, [*with_unit.split("\n"), *cells]))
-        if is_text:
-            least = min(least, _PROSE if k == last else _LABEL)
-        table.add_column(
-            Text(with_unit if unit else heading),
-            justify="left" if is_text else "right",
-            min_width=least,
-            no_wrap=not is_text,
+    for column in columns:
+        heading = one_line(column.heading)
+        most = _PROSE if column is columns[-1] else _LABEL
+        if not column.holds_words:
+            heading = heading.replace(" ", "\n")
+        if column.unit:
+            heading += f"\n[{one_line(column.unit)}]"
+        least = max(map(cell_len, [*heading.split("\n"), *map(one_line, column.texts)]))
+        drawn.add_column(
+            Text(heading),
+            justify="left" if column.holds_words else "right",
+            min_width=min(least, most) if column.holds_words else least,
+            no_wrap=not column.holds_words,
             overflow="fold",
             vertical="bottom",
         )
-    for group in grid.groups:
-        for i, row in enumerate(group):
-            table.add_row(*(_rich_text(row[k]) for k in columns), end_section=i + 1 == len(group))
-    return table
+    for group in table.groups:
+        for i in group:
+            styles = ["bold green" if i in column.best else "" for column in columns]
+            texts = [one_line(column.texts[i]) for column in columns]
+            drawn.add_row(*map(Text, texts, styles), end_section=i == group[-1])
+    return drawn
 
 
-def _rich_text(cell: Cell) -> Text:
-    return Text(one_line(cell.text), style="bold green" if cell.best else "")
-
-
-def text_tables(grids: Iterable[Grid], notes: Iterable[str] = (), width: int = 110) -> str:
-    """Return grids, and sentences below them, as plain text of at most `width` columns."""
+def text_tables(tables: Iterable[Table], notes: Iterable[str] = (), width: int = 110) -> str:
+    """Return tables, and sentences below them, as plain text of at most `width` columns."""
     out = io.StringIO()
     console = Console(file=out, width=width, color_system=None)
-    for grid in grids:
-        console.print(rich_table(grid, width))
+    print_tables(console, tables, notes)
+    return out.getvalue()
+
+
+def print_tables(console: Console, tables: Iterable[Table], notes: Iterable[str]) -> None:
+    """Print tables that have rows, and sentences below them."""
+    for table in tables:
+        if table.rows:
+            console.print(rich_table(table, console.width))
     for note in notes:
         console.print(Text(each_line(note)))
-    return out.getvalue()
 
 
 # --- as markdown ---
 
 
-def markdown_table(grid: Grid) -> list[str]:
-    """Draw a grid as the lines of a table of GitHub-flavoured markdown."""
+def markdown_table(table: Table) -> list[str]:
+    """Draw a table as the lines of a table of GitHub-flavoured markdown."""
 
     def line(cells: Iterable[str]) -> str:
         return "| " + " | ".join(map(markdown_cell, cells)) + " |"
 
-    header = [f"{name} [{unit}]" if unit else name for name, unit in grid.header]
-    sides = [":---" if k < grid.left else "---:" for k in range(len(grid.header))]
+    columns = table.columns()
+    header = [f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in columns]
+    sides = [":---" if c.holds_words else "---:" for c in columns]
     lines = [line(header), line(sides)]
-    for row in chain.from_iterable(grid.groups):
-        lines.append(line(f"**{cell.text}**" if cell.best else cell.text for cell in row))
+    for i in range(len(table.rows)):
+        cells = [f"**{c.texts[i]}**" if i in c.best else c.texts[i] for c in columns]
+        lines.append(line(cells))
     return lines

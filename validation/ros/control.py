@@ -20,7 +20,7 @@ from validation.experiment.tracked import TrackedRobot, reference_of, track_metr
 from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import choose_profile
 from validation.report.report import INTERRUPTED
-from validation.report.tracking import Tracked, tracking_report
+from validation.report.tracking import Tracked
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
 from validation.ros.follower import FRESH, LATE, PathFollower, StoppedError
@@ -310,8 +310,9 @@ def control(options: Control) -> Tracked:
     )
     failure = StoppedError(why) if why else None
     remarks = _remarks(follower, status)
-    report = tracking_report([tracked], remarks, status=status, failure=failure)
-    return replace(report, document={**report.document, "stopped_because": why})
+    return Tracked.of(
+        [tracked], remarks=remarks, status=status, failure=failure, stopped_because=why
+    )
 
 
 def _with_topics(options: Control, robot: str) -> Control:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -13,6 +14,7 @@ from validation import cli
 from validation.plants.profile import Profile, choose_profile
 from validation.report import drawing
 from validation.report.report import Report
+from validation.report.table import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +39,38 @@ class StudyOptions(AnyStudy):
     def robot_profile(self) -> Profile:
         """Return the profile; a ValueError refuses an unknown name, or that of another robot."""
         return choose_profile(self.profile, self.robot, "thesis-lab")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Study(Report):
+    """Result of a study."""
+
+    program = "study"
+    endings = ("png", "md")
+    shown: Sequence[Table]
+    """Tables, the most important one first."""
+    about: Mapping[str, Any]
+    """What study.json has besides its tables."""
+    draw: Callable[[Any], Figure]
+    """Function of the study that draws its picture."""
+    remarks: Sequence[str] = ()
+    """Sentences below the tables."""
+
+    def tables(self) -> Sequence[Table]:
+        """Return its tables."""
+        return self.shown
+
+    def notes(self) -> Sequence[str]:
+        """Return the remarks."""
+        return [*super().notes(), *self.remarks]
+
+    def document(self) -> Mapping[str, Any]:
+        """Return what study.json has besides its tables."""
+        return self.about
+
+    def figure(self) -> Figure:
+        """Return its picture."""
+        return self.draw(self)
 
 
 def picture(study: Report, rows: Sequence[drawing.PanelRow]) -> Figure:

@@ -36,7 +36,6 @@ from validation.plants.profile import PlantProfile, Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.report import drawing
 from validation.report.columns import MILLIMETRES, Unit, heading_of
-from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import Robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
@@ -51,7 +50,7 @@ from validation.simulator.turning import (
     spin,
     surge,
 )
-from validation.study.common import StudyOptions, picture
+from validation.study.common import Study, StudyOptions, picture
 from validation.sweep import sweep
 
 BASELINE = "as shipped"
@@ -352,7 +351,7 @@ for _measures in CONTACT_MEASURES.values():
 
 
 @cli.program(ContactStudy)
-def study_contact(o: ContactStudy) -> Report:
+def study_contact(o: ContactStudy) -> Study:
     """Measure what physics settings of MuJoCo, and other engines, do to the simulated robot.
 
     Raises:
@@ -370,21 +369,19 @@ def study_contact(o: ContactStudy) -> Report:
         rows = [{key: row[key] for key in keys if key in row} for row in swept.rows]
         caption = "\n".join(f"{heading_of(key)}: {meaning}" for key, meaning in columns.items())
         tables.append(Table(title, rows, caption, units=_UNITS))
-    return Report(
-        program="study",
+    return Study(
         title=f"Physics settings, profile {with_robot(lab.name, lab.robot.name)}",
         draw=_draw,
-        tables=tables,
-        sentences=swept.notes,
+        shown=tables,
+        remarks=swept.notes,
         status=swept.status,
-        document={
+        about={
             "schema": "ssmr.study.contact/2",
             "study": "contact",
             "robot": lab.robot.name,
             "profile": lab.name,
             "changes": {name: _changes_of(setting) for name, setting in chosen.items()},
         },
-        has_text=True,
     )
 
 
@@ -394,10 +391,10 @@ def _changes_of(setting: Setting) -> dict[str, Any]:
     return {k: v for k, v in physics.items() if v is not None} | dict(setting.robot)
 
 
-def _draw(study: Report) -> Figure:
+def _draw(study: Study) -> Figure:
     """Picture of the measures that tell settings apart, a bar for each setting."""
     rows = {}
-    for row, more in zip(*(table.rows for table in study.tables), strict=True):
+    for row, more in zip(*(table.rows for table in study.tables()), strict=True):
         rows[row["variant"]] = {**row, **more}
 
     def draw(column: str, title: str, ax: Axes) -> None:

@@ -29,10 +29,10 @@ from validation.identify.motor_logs import (
 from validation.plants.profile import choose_profile
 from validation.progress import Progress
 from validation.report import drawing
-from validation.report.report import FINISHED, INTERRUPTED, Report
+from validation.report.report import FINISHED, INTERRUPTED
 from validation.report.table import Row, Table
 from validation.simulator.description import GRAVITY
-from validation.study.common import StudyOptions, picture
+from validation.study.common import Study, StudyOptions, picture
 from validation.study.drivetrain_fit import (
     LEAST_COMMANDS,
     DriverFit,
@@ -167,7 +167,7 @@ def _judges(
 
 
 @cli.program(DriveTrainStudy)
-def study_drivetrain(o: DriveTrainStudy) -> Report:
+def study_drivetrain(o: DriveTrainStudy) -> Study:
     """Estimate a robot's driver, friction, losses and inertia from its logs.
 
     Raises:
@@ -230,15 +230,13 @@ def study_drivetrain(o: DriveTrainStudy) -> Report:
         "held_out_share": 0.0 if o.held_out else 1.0 - FIT_SHARE,
         "torque_constant_N_m_A": o.torque_constant,
     }
-    return Report(
-        program="study",
+    return Study(
         title=f"Drive train of {chassis.name}: {', '.join(log.name for log in named)}",
-        document=document,
-        tables=_tables(numbers, driver, currents, evidence),
-        sentences=_sentences(o, chassis, currents),
+        about=document,
+        shown=_tables(numbers, driver, currents, evidence),
+        remarks=_sentences(o, chassis, currents),
         status=status,
         draw=partial(_draw, driver, currents),
-        has_text=True,
         options={"seed": o.seed, "robot": chassis.name, "mass": chassis.mass},
     )
 
@@ -289,7 +287,7 @@ def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
     return says
 
 
-def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Report) -> Figure:
+def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Study) -> Figure:
     panels = []
     if driver is not None:
         panels.append(drawing.side_by_side(2.6, [partial(_draw_rates, driver)]))

@@ -32,10 +32,10 @@ from validation.plants.table import PLANTS
 from validation.progress import Progress
 from validation.report import drawing
 from validation.report.columns import DEGREES, METRES, Unit
-from validation.report.motions import Comparison, alike_sentences
-from validation.report.report import Report
+from validation.report.comparison import Comparison
+from validation.report.motions import alike_sentences
 from validation.report.table import Row, Table
-from validation.study.common import AnyStudy, picture
+from validation.study.common import AnyStudy, Study, picture
 from validation.sweep import sweep
 from validation.words import file_name, one_line, shortened
 
@@ -151,7 +151,7 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
         seed=o.seed,
         workers=1,
     )
-    pairs = judged.document["alike"]
+    pairs = judged.alike
     found = {
         "schema": SCHEMA,
         "files": [fitted_profile.name],
@@ -160,7 +160,7 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
         "numbers": numbers,
         "alike": pairs,
         "told": alike_sentences(judged.scores, pairs),
-        "heading_judge": judged.document.get("heading_judge", "localiser"),
+        "heading_judge": "gyro" if judged.gyro_first else "localiser",
     }
     store.write_json(file, found)
     profile.save(fitted_profile)
@@ -214,7 +214,7 @@ def _rows_of(name: str, judged: Comparison) -> Sequence[Row]:
 
 
 @cli.program(RunsStudy)
-def study_runs(o: RunsStudy) -> Report:
+def study_runs(o: RunsStudy) -> Study:
     """Fit every plant to the first half of each log by its wheel rates; judge it on the second.
 
     Halves are those of the time in motion.
@@ -252,13 +252,12 @@ def study_runs(o: RunsStudy) -> Report:
         for note in run["told"]:
             logs_by_note.setdefault(note, []).append(name)
     notes = [f"{', '.join(names)}: {note}" for note, names in logs_by_note.items()]
-    return Report(
-        program="study",
+    return Study(
         title=f"{len(logs)} logs, each fitted on its first half and judged on its second",
-        tables=tables,
-        sentences=[*swept.notes, *notes],
+        shown=tables,
+        remarks=[*swept.notes, *notes],
         status=swept.status,
-        document={
+        about={
             "schema": SCHEMA,
             "study": "runs",
             "rows": rows,
@@ -266,7 +265,6 @@ def study_runs(o: RunsStudy) -> Report:
             "numbers": {name: run["numbers"] for name, run in logs.items()},
         },
         draw=partial(_draw, logs),
-        has_text=True,
     )
 
 
@@ -300,7 +298,7 @@ def _table(name: str, rows: list[Row], judge: str) -> Table:
     return Table(one_line(name), shown, caption, group="horizon_s", units=units)
 
 
-def _draw(logs: dict[str, Any], report: Report) -> Figure:
+def _draw(logs: dict[str, Any], report: Study) -> Figure:
     """Picture of the median error of position over the horizon, a panel for each log."""
     keys = ("horizon_s", *_INTERVAL)
 

@@ -39,10 +39,9 @@ from validation.experiment.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TuneCost, costs_of
 from validation.plants.profile import PLANTS, Profile
 from validation.report import drawing
-from validation.report.report import Report
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
-from validation.study.common import StudyOptions, picture
+from validation.study.common import Study, StudyOptions, picture
 from validation.sweep import sweep
 
 JUDGE = "mujoco"
@@ -347,7 +346,7 @@ def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
 
 
 @cli.program(TransferStudy)
-def study_transfer(o: TransferStudy) -> Report:
+def study_transfer(o: TransferStudy) -> Study:
     """Let every controller follow every reference on every plant, and compare the choices.
 
     Does a model choose the right controller for MuJoCo's robot?
@@ -373,16 +372,14 @@ def study_transfer(o: TransferStudy) -> Report:
     swept = sweep(missions_of(o, robots[JUDGE]), {"drive": follow}, workers=1, progress=o.progress)
     result = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
     label = with_robot(profile.name, profile.robot.name)
-    return Report(
-        program="study",
+    return Study(
         title=f"Transfer, {label}: {len(swept.rows)} references",
-        has_text=True,
-        tables=_tables(label, result),
-        sentences=swept.notes,
+        shown=_tables(label, result),
+        remarks=swept.notes,
         status=swept.status,
         draw=partial(_draw, label, result),
         options={"judge": JUDGE, "seed": o.seed},
-        document={
+        about={
             "schema": "ssmr.study/1",
             "study": "transfer",
             "judge": JUDGE,
@@ -393,7 +390,7 @@ def study_transfer(o: TransferStudy) -> Report:
     )
 
 
-def _draw(label: str, result: Mapping[str, Any], study: Report) -> Figure:
+def _draw(label: str, result: Mapping[str, Any], study: Study) -> Figure:
     order = _ranked(result)
 
     def draw(ax: Axes) -> None:

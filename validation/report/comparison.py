@@ -1,0 +1,411 @@
+"""A comparison: motions with one picture of paths, errors, velocities and wheel loads.
+
+Everything is drawn by matplotlib's objects under a style of its own: no pyplot, and no setting
+outlives a call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from scipy.ndimage import uniform_filter1d
+
+from ssmr.geometry import compose, relative, rotate_body_to_world, wrap_angle
+from ssmr.metrics.windows import horizon_windows, relative_pose_error
+from ssmr.types import FloatArray, Trajectory
+from validation.experiment.scores import HEADLINE_HORIZON
+from validation.report.columns import length_unit
+from validation.report.drawing import (
+    ALARM,
+    BROAD,
+    NARROW,
+    QUIET,
+    Dashes,
+    HorizonMarks,
+    PanelRow,
+    at_least,
+    corner_note,
+    draw_dart,
+    draw_ellipse,
+    draw_header,
+    draw_horizons,
+    draw_ring,
+    draw_section,
+    equal_scales,
+    footer_row,
+    ink_of,
+    joined,
+    note_rows,
+    put_together,
+    side_by_side,
+    text_row,
+)
+from validation.report.motions import Motions, headline_error
+from validation.report.scene_robots import Track
+from validation.simulator.description import WHEELS
+from validation.simulator.wheel_loads import QUASI_STATIC
+from validation.words import shortened
+
+_LONGEST_PATH = 30.0
+"""Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by
+then."""
+_WINDOWS = 4
+"""Number of windows shown; their errors are spread evenly from the least to the greatest."""
+_LEAST_MOTION = 0.05
+"""Way [m] or turn [rad] from which a plant moves in a window."""
+_LONGEST_SHOWN = 60.0
+"""Runs longer than this show velocities over a part only [s]: more would be a smear."""
+_STRETCH = 36.0
+"""Length of that part [s]."""
+_MEAN_TIME = 0.25
+"""Time over which wheel loads are averaged [s]: five periods of the driver's commands."""
+_COMMAND_INK = "0.5"
+_MARKERS = {
+    "mujoco": "o",
+    "improved": "s",
+    "coulomb": "^",
+    "linear": "D",
+    "kinematic": "v",
+    "four_wheel": "p",
+    "ode": "P",
+    "drake": "X",
+}
+_DASHES: dict[str, Dashes] = {
+    "improved": (0.0, (6.0, 1.5)),
+    "coulomb": (0.0, (1.5, 1.0)),
+    "linear": (0.0, (7.0, 1.5, 1.5, 1.5)),
+    "kinematic": (0.0, (3.0, 1.2)),
+    "four_wheel": (0.0, (9.0, 1.2)),
+}
+
+
+def look_of(track: Track) -> dict[str, Any]:
+    """Return the properties of a motion's line: the reference's is broad, and behind the others."""
+    is_reference = track.reference is None
+    return {
+        "color": ink_of(track.name),
+        "linestyle": _DASHES.get(track.name, "solid"),
+        "linewidth": BROAD if is_reference else NARROW,
+        "zorder": 2.0 if is_reference else 2.5,
+        "gid": track.name,
+    }
+
+
+class Comparison(Motions):
+    """Every plant beside the reference on one source."""
+
+    def figure(self) -> Figure:
+        """Return everything that can be seen of it in one look, 1600 px wide.
+
+        It shows paths (or windows of a long run, all from one pose), errors by horizon (or over
+        time), speed and yaw rate, and wheel loads. Panels for which there are no data are left out.
+        Lines carry the name of their motion, or `command`, as gid.
+        """
+        rows = [text_row(0.78, self._draw_header)]
+        start, stop = self._span
+        if stop - start > _LONGEST_PATH or len(self.truth) > 1:
+            words, windows = self._windows()
+            heading = f"Paths over {words} [m]: all start at one pose; from small to large errors"
+            if any(scores.band for scores in self.scores.values()):
+                heading += "; shaded: 90 % band"
+            rows.append(text_row(0.28, partial(draw_section, heading)))
+            panels = [partial(self._draw_window, window) for window in windows]
+            rows.append(side_by_side(3.2, panels))
+        else:
+            path = np.concatenate([piece.xy for piece in self.truth])
+            width, height = np.ptp(path, axis=0) + 0.5
+            tall = float(np.clip(10.0 * height / width, 3.0, 5.5))
+            rows.append(side_by_side(tall, [self._draw_paths]))
+        flags = [name for name, value in self.options.items() if value is True]
+        words_below = [f"reference {self.reference}", f"seed {self.seed}", *flags]
+        foot = footer_row(self.profile_label, self.terrain, words_below, self.versions)
+        return put_together([*rows, *self._panels(), *note_rows(self.notes()), foot])
+
+    def _panels(self) -> list[PanelRow]:
+        """Panels below the paths, row by row; those without data are left out."""
+        tracks = self.tracks()
+        rows = list[PanelRow]()
+        marks = []
+        for name, scores in self.scores.items():
+            if scores.horizons:
+                marker = _MARKERS.get(name, "o")
+                marks.append(
+                    HorizonMarks(name, ink_of(name), marker, scores.horizons, scores.overlapping)
+                )
+        if marks:
+            position = partial(draw_horizons, marks, "position")
+            rows.append(side_by_side(2.3, [position, partial(draw_horizons, marks, "yaw")]))
+        elif len(tracks) > 1:
+            rows.append(self._error_panels(tracks[1:]))
+        command = " and command" if self._by_speed else ""
+        velocities = [
+            partial(self._draw_velocity, f"Speed v_x [m/s]{command}", 0, 0),
+            partial(self._draw_velocity, f"Yaw rate [rad/s]{command}", 2, 1),
+        ]
+        rows.append(side_by_side(2.3, velocities))
+        loaded = [track for track in tracks if track.channel("wheel_load_N") is not None]
+        if loaded:
+            rows.append(side_by_side(2.3, [partial(self._draw_loads, loaded[0])]))
+        return rows
+
+    def _draw_header(self, ax: Axes) -> None:
+        """Draw the title, and the only legend of plants."""
+        kind = "commands" if self._by_speed else "measured wheel rates"
+        n = len(self.runs)
+        title = shortened(Path(self.source.name).name, 48)
+        if n:
+            title += f": {n} plant{'s' * (n > 1)} driven by the same {kind}"
+        marked = any(scores.horizons for scores in self.scores.values())
+        handles = list[Line2D]()
+        labels = list[str]()
+        for track in self.tracks():
+            marker = ""
+            about = "reference"
+            if track.reference is not None:
+                about = headline_error(self.scores[track.name])
+                if marked:
+                    marker = _MARKERS.get(track.name, "o")
+            handles.append(Line2D([], [], marker=marker, **look_of(track)))
+            labels.append(f"{track.name}\n{about}")
+        if self._by_speed:
+            handles.append(Line2D([], [], color=_COMMAND_INK, linewidth=1.0))
+            labels.append("command\nas given")
+        draw_header(ax, title, handles, labels)
+
+    # --- paths ---
+
+    def _draw_paths(self, ax: Axes) -> None:
+        """Draw the paths as they were driven."""
+        for track in self.tracks():
+            first = track.pieces[0]
+            paths = [(piece.pose[:, 0], piece.pose[:, 1]) for piece in track.pieces]
+            ax.plot(*joined(paths), **look_of(track))
+            draw_dart(ax, track.pieces[-1].pose[-1], track.name, 12.0)
+            self._draw_band(track, (0, 0, len(first) - 1), first.pose[0], ax)
+        draw_ring(ax, *map(float, self.truth[0].xy[0]))
+        equal_scales(ax, 1.0)
+        ax.set(title="Paths [m] (ring: start)", xlabel="x [m]", ylabel="y [m]")
+
+    def _draw_window(self, window: tuple[int, int, int], ax: Axes) -> None:
+        """Draw the paths over one window, each seen from its own pose at the window's start."""
+        i, a, b = window
+        for track in self.tracks():
+            pose = track.pieces[i].pose
+            seen = relative(pose[a], pose[a : b + 1])
+            ax.plot(seen[:, 0], seen[:, 1], **look_of(track))
+            self._draw_band(track, window, np.zeros(3), ax)
+            draw_dart(ax, seen[-1], track.name, 12.0)
+        draw_ring(ax, 0.0, 0.0)
+        equal_scales(ax, 0.6)
+        ax.locator_params(axis="x", nbins=5)
+        t = self.truth[i].t
+        ax.set_title(f"{t[a]:.1f} to {t[b]:.1f} s", fontweight="normal")
+        ax.set(xlabel="ahead [m]", ylabel="to the left [m]")
+
+    def _draw_band(
+        self, track: Track, window: tuple[int, int, int], at: FloatArray, ax: Axes
+    ) -> None:
+        """Draw a plant's 90 % ellipses, every second of a window that starts `at` a pose."""
+        scores = self.scores.get(track.name)
+        if scores is None or scores.band is None or track.reference is None:
+            return
+        i, a, b = window
+        t = track.pieces[i].t
+        pose = track.pieces[i].pose
+        ends = np.searchsorted(t, np.arange(t[b], t[a], -1.0))
+        covariance, _ = scores.band.covariance(pose, np.full(len(ends), a), ends)
+        middles = compose(at, relative(pose[a], pose[ends]))[:, :2]
+        axes = rotate_body_to_world(np.eye(2), at[2]).T
+        reach = scores.band.reach_position
+        for middle, one in zip(middles, covariance, strict=True):
+            draw_ellipse(ax, middle, axes @ one @ axes.T, reach, ink_of(track.name))
+
+    def _windows(self) -> tuple[str, list[tuple[int, int, int]]]:
+        """A heading for the windows shown, and (piece, first, last sample) of each by error.
+
+        All windows of the horizon closest to `HEADLINE_HORIZON` in which a plant moves are put in
+        the order of the plants' mean error, and some that are spread evenly are shown. Where none
+        fits, whole pieces serve.
+        """
+        reference, *others = self.tracks()
+        words = "whole pieces"
+        windows = [(i, 0, len(piece) - 1) for i, piece in enumerate(reference.pieces)]
+        horizons = self.horizons or [HEADLINE_HORIZON]
+        for horizon in sorted(horizons, key=lambda h: abs(h - HEADLINE_HORIZON)):
+            pairs = zip(self.source.pieces, reference.pieces, strict=True)
+            cuts = [piece.windows(horizon_windows, motion.t, horizon) for piece, motion in pairs]
+            fitting = list[tuple[int, int, int]]()
+            for i, (first, last) in enumerate(cuts):
+                fitting.extend((i, int(a), int(b)) for a, b in zip(first, last, strict=True))
+            if fitting:
+                words = f"windows of {horizon:g} s"
+                windows = fitting
+                break
+
+        def moves(window: tuple[int, int, int]) -> bool:
+            i, a, b = window
+            paths = [track.pieces[i].pose[a : b + 1] for track in others]
+            return any(np.ptp(path, axis=0).max() > _LEAST_MOTION for path in paths)
+
+        def error(window: tuple[int, int, int]) -> float:
+            i, a, b = window
+            ends = (np.array([a]), np.array([b]))
+            true = reference.pieces[i].pose
+            errors = [relative_pose_error(track.pieces[i].pose, true, *ends) for track in others]
+            return sum(float(position[0]) for position, _ in errors)
+
+        ranked = sorted(list(filter(moves, windows)) or windows, key=error)
+        n = min(_WINDOWS, len(ranked))
+        spread = [ranked[int((k + 0.5) / n * len(ranked))] for k in range(n)]
+        return f"{n} of {len(windows)} {words}", spread
+
+    # --- over time ---
+
+    @property
+    def _by_speed(self) -> bool:
+        """Whether the plants were driven by speed and yaw rate, not by wheel rates."""
+        return all(piece.commands.kind == "twist" for piece in self.source.pieces)
+
+    @property
+    def _span(self) -> tuple[float, float]:
+        return float(self.truth[0].t[0]), float(self.truth[-1].t[-1])
+
+    @cached_property
+    def _shown_span(self) -> tuple[float, float]:
+        """The span over which velocities are shown [s]: the liveliest of the longest piece."""
+        start, stop = self._span
+        if stop - start <= _LONGEST_SHOWN:
+            return start, stop
+        longest = max(self.truth, key=lambda piece: float(piece.t[-1] - piece.t[0]))
+        t = longest.t
+        steps = np.abs(np.diff(longest.pose, axis=0)).sum(axis=1)
+        way = np.concatenate([[0.0], np.cumsum(steps)])
+        begins = np.arange(t[0], max(t[-1] - _STRETCH, t[0] + 0.5), 1.0)
+        ways = np.interp(begins + _STRETCH, t, way) - np.interp(begins, t, way)
+        begin = min(float(begins[np.argmax(ways)]), stop - _STRETCH)
+        return begin, begin + _STRETCH
+
+    def _draw_over_time(
+        self, track: Track, values: Callable[[Trajectory], FloatArray], ax: Axes, **look: Any
+    ) -> None:
+        """Draw a quantity of a motion over the span of velocities; `look` may differ from its."""
+        span = self._shown_span
+        parts = []
+        for piece in track.pieces:
+            k = (piece.t >= span[0]) & (piece.t <= span[1])
+            if k.any():
+                parts.append((piece.t[k], values(piece)[k]))
+        ax.plot(*joined(parts), **look_of(track) | look)
+        ax.set_xlim(*span)
+        label = "time [s]"
+        if span != self._span:
+            label += f", part of {self._span[0]:.0f} to {self._span[1]:.0f} s"
+        ax.set_xlabel(label)
+
+    def _draw_velocity(self, title: str, column: int, command: int, ax: Axes) -> None:
+        """Draw one component of every robot's velocity, and of the command if it is a velocity."""
+        if self._by_speed:
+            parts = [(t, values[:, command]) for t, values in self.given()]
+            ax.plot(
+                *joined(parts),
+                color=_COMMAND_INK,
+                linewidth=1.0,
+                drawstyle="steps-post",
+                zorder=1.8,
+                gid="command",
+            )
+        for track in self.tracks():
+            self._draw_over_time(track, lambda piece: piece.twist[:, column], ax)
+        ax.set_title(title)
+        at_least(ax, 0.1)
+
+    def _error_panels(self, tracks: Sequence[Track]) -> PanelRow:
+        """Return panels of the motions' errors at equal times."""
+
+        def distance(piece: Trajectory, true: Trajectory) -> FloatArray:
+            return np.hypot(*(piece.xy - true.xy).T)
+
+        def yaw_error(piece: Trajectory, true: Trajectory) -> FloatArray:
+            return np.degrees(wrap_angle(piece.yaw - true.yaw))
+
+        greatest = []
+        for track in tracks:
+            pairs = zip(track.pieces, self.truth, strict=True)
+            greatest += [float(distance(piece, true).max()) for piece, true in pairs]
+        unit = length_unit(greatest)
+        panels = [
+            partial(self._draw_error, f"Position error [{unit.symbol}]", distance, unit.scale),
+            partial(self._draw_error, "Yaw error [deg]", yaw_error, 1.0),
+        ]
+        return side_by_side(2.3, panels)
+
+    def _draw_error(
+        self,
+        title: str,
+        error: Callable[[Trajectory, Trajectory], FloatArray],
+        scale: float,
+        ax: Axes,
+    ) -> None:
+        _, *others = self.tracks()
+        for track in others:
+            pairs = zip(track.pieces, self.truth, strict=True)
+            errors = [(true.t, scale * error(piece, true)) for piece, true in pairs]
+            ax.plot(*joined(errors), **look_of(track))
+        ax.set(title=f"{title} at equal times", xlabel="time [s]", xlim=self._span)
+        at_least(ax, 1e-3)
+
+    def _draw_loads(self, track: Track, ax: Axes) -> None:
+        """Draw the loads of the four wheels, averaged over 0.25 s, and the verdict on them."""
+        for k, wheel in enumerate(WHEELS):
+            look: dict[str, Any] = {
+                "color": ink_of(track.name) if wheel.startswith("front") else "0.25",
+                "linestyle": (0.0, (4.0, 1.5)) if wheel.endswith("right") else "solid",
+                "gid": wheel,
+                "label": wheel.replace("_", " "),
+            }
+            self._draw_over_time(track, partial(_mean_load, "wheel_load_N", k), ax, **look)
+            if track.channel(QUASI_STATIC) is not None:
+                look = {
+                    "color": QUIET,
+                    "linewidth": 1.0,
+                    "linestyle": (0.0, (1.0, 1.0)),
+                    "gid": f"{wheel} quasi-static",
+                }
+                self._draw_over_time(track, partial(_mean_load, QUASI_STATIC, k), ax, **look)
+        ax.legend(
+            loc="lower right",
+            bbox_to_anchor=(1.01, 0.98),
+            ncols=4,
+            frameon=False,
+            fontsize=9.0,
+            handlelength=1.8,
+            columnspacing=1.2,
+            borderaxespad=0.0,
+        )
+        ax.set_title(f"Wheel loads [N]: means over {_MEAN_TIME:g} s; dotted: quasi-static")
+        at_least(ax, 10.0)
+        low, high = ax.get_ylim()
+        ax.set_ylim(low - 0.3 * (high - low), high)  # room for the verdict
+        run = self.runs.get(track.name)
+        if run is not None and (health := run.health) is not None:
+            verdict = health.verdict if health.ok else health.verdict.upper()
+            note = (
+                f"{track.name} {verdict}: lowest load {health.lowest_load_share:.0%} "
+                f"of a wheel's mean, deviation {health.load_deviation:.1%}"
+            )
+            corner_note(ax, note, ALARM if health.advice else QUIET)
+
+
+def _mean_load(channel: str, wheel: int, piece: Trajectory) -> FloatArray:
+    size = 1
+    if len(piece) > 1:
+        period = float(np.median(np.diff(piece.t)))
+        size = max(1, round(_MEAN_TIME / period))
+    return np.asarray(uniform_filter1d(piece.channels[channel][:, wheel], size, mode="nearest"))

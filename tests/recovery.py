@@ -107,8 +107,6 @@ def recover(seed: int, way: Way, torque_weight: float | None = None, workers: in
     start = space.points(np.array([profile])) if way.starts == 1 else None
     settings = JdeSettings(way.population, way.generations)
     search = search_for(problem, settings, asked, start, way.starts)
-    if way.starts:
-        search.refine(problem, workers)
     sure = estimate(problem, search.best, workers, search.driven)
     values = zip(space.names, space.values(search.best).tolist(), strict=True)
     errors = dict(zip(space.names, sure.standard_error.tolist(), strict=True))

@@ -143,7 +143,7 @@ def compare(o: Compare) -> Comparison:
         motions = run.motions
         metrics = Metrics({**compare_pieces(motions, truth), **compare_signals(motions, truth)})
         if metric is not None:
-            metrics = metric.added(metrics, motions, truth)
+            metrics = metric(metrics, motions, truth)
         by_gyro = None if gyro is None else gyro.judging(source, run.localiser.yaw_late)
         band = profile.section(name).bands.get(o.input) if o.bands else None
         horizons = o.horizons if recorded else ()

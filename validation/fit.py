@@ -439,8 +439,6 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     sizes = _JAGGED if jagged else _SIZES[o.search, simulated]
     settings = o.settings(*sizes)
     search = search_for(problem, settings, o, start, _STARTS[o.search])
-    if search.starts and not search.interrupted:
-        search.refine(problem, o.threads)
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))
     report = _report(o, problem, base, search, before, held_out)

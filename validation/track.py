@@ -196,7 +196,7 @@ def track(o: TrackOptions) -> Tracked:
         # metrics of users see the reference to its end, also where the robot was lost
         if metric is not None:
             whole = reference_of(tracked.run, waypoints, whole=True)
-            metrics = metric.added(tracked.metrics, [tracked.run.motion], [whole])
+            metrics = metric(tracked.metrics, [tracked.run.motion], [whole])
             tracked = replace(tracked, metrics=metrics)
         driven.append(tracked)
     return Tracked.of(driven, remarks=remarks)

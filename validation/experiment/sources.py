@@ -389,12 +389,11 @@ def unknown_robot_notes(source: Source, robot: Robot) -> list[str]:
         f"{source.title}: taken for a {robot.title or robot.name}, "
         "because neither --robot nor --profile names another"
     )
-    references = [p.reference for p in source.pieces]
-    motions = [m for m in references if m is not None and np.any(m.wheels)]
+    motions = [motion for motion in source.truth if np.any(motion.wheels)]
     if not motions:
         return [note]
-    wheels = np.concatenate([m.wheels for m in motions])
-    twist = np.concatenate([m.twist for m in motions])
+    wheels = np.concatenate([motion.wheels for motion in motions])
+    twist = np.concatenate([motion.twist for motion in motions])
     mean = wheels.mean(axis=1)
     difference = np.diff(wheels)[:, 0]
     radius = float(twist[:, 0] @ mean / max(mean @ mean, 1e-9))
@@ -402,12 +401,12 @@ def unknown_robot_notes(source: Source, robot: Robot) -> list[str]:
     turned = max(abs(twist[:, 2] @ difference), 1e-9)
     width = radius * float(difference @ difference / turned)
     odd = []
-    size = robot.wheel_radius
-    if np.abs(mean).max() > WHEELS_TURN and not 1.0 / _ODD < radius / size < _ODD:
-        odd.append(f"a wheel radius of {radius:.2f} m for its {size:.2f} m")
-    track = robot.track
-    if np.abs(difference).max() > WHEELS_TURN and not 0.9 < width / track < 3.0:
-        odd.append(f"a track of {width:.2f} m for its {track:.2f} m")
+    for what, turns, value, size, least, most in (
+        ("wheel radius", mean, radius, robot.wheel_radius, 1.0 / _ODD, _ODD),
+        ("track", difference, width, robot.track, 0.9, 3.0),
+    ):
+        if np.abs(turns).max() > WHEELS_TURN and not least < value / size < most:
+            odd.append(f"a {what} of {value:.2f} m for its {size:.2f} m")
     if odd:
         return [note, f"{source.title}: the log shows {' and '.join(odd)}. Name the robot"]
     return [note]

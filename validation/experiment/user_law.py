@@ -15,7 +15,9 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -56,11 +58,15 @@ class UserLaw:
         """
         with _errors_as(self.path, f"in {self.name}.__init__"):
             controller = self.kind(mission)
-        if not callable(getattr(controller, "command", None)):
+        command = getattr(controller, "command", None)
+        if not callable(command):
             raise ControllerError(
                 f"{self.place(self.kind)}: {self.name} has no method command(self, now)"
             )
-        return _Guarded(self, controller)
+        guarded = SimpleNamespace(command=partial(self._command, command))
+        if callable(observe := getattr(controller, "observe", None)):
+            guarded.observe = partial(self._observe, observe)
+        return guarded
 
     def place(self, what: Any) -> str:
         """Return file and line of a class or a function of the user's."""
@@ -69,26 +75,16 @@ class UserLaw:
         except (OSError, TypeError):
             return str(self.path)
 
+    def _observe(self, method: Callable[[ControllerInput], object], now: ControllerInput) -> None:
+        with _errors_as(self.path, f"in {self.name}.observe at t = {now.seen_at:.2f} s"):
+            method(now)
 
-class _Guarded:
-    """A user's object: it is called, and its commands are checked."""
-
-    def __init__(self, law: UserLaw, controller: Any) -> None:
-        self._law = law
-        self._controller = controller
-        observe = getattr(controller, "observe", None)
-        if callable(observe):
-            self.observe = lambda now: self._call("observe", observe, now, now.seen_at)
-
-    def _call(
-        self, name: str, method: Callable[[ControllerInput], Any], now: ControllerInput, t: float
-    ) -> Any:
-        with _errors_as(self._law.path, f"in {self._law.name}.{name} at t = {t:.2f} s"):
-            return method(now)
-
-    def command(self, now: ControllerInput) -> tuple[float, float]:
-        method = self._controller.command
-        answer = self._call("command", method, now, now.t)
+    def _command(
+        self, method: Callable[[ControllerInput], Any], now: ControllerInput
+    ) -> tuple[float, float]:
+        """Return the user's command; a ControllerError says that it is none."""
+        with _errors_as(self.path, f"in {self.name}.command at t = {now.t:.2f} s"):
+            answer = method(now)
         try:
             v, w = map(float, answer)
         except (TypeError, ValueError):
@@ -96,8 +92,7 @@ class _Guarded:
         if not (math.isfinite(v) and math.isfinite(w)):
             returned = f"command returned {shortened(one_line(repr(answer)), 60)}"
             need = "wanted speed [m/s] and yaw rate [rad/s], two finite numbers"
-            place = self._law.place(method)
-            raise ControllerError(f"{place}: {returned} at t = {now.t:.2f} s; {need}")
+            raise ControllerError(f"{self.place(method)}: {returned} at t = {now.t:.2f} s; {need}")
         return v, w
 
 
@@ -228,32 +223,9 @@ def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     return [law.name]
 
 
-@dataclass(frozen=True)
-class UserMetric:
-    """A function of the user's that rates a motion against a reference."""
-
-    name: str
-    """Its name, whose ending is the unit."""
-    path: Path
-    """Its file."""
-    rate: Callable[[Trajectory, Trajectory], float]
-    """The function."""
-
-    def added(
-        self, metrics: Metrics, motions: Sequence[Trajectory], references: Sequence[Trajectory]
-    ) -> Metrics:
-        """Return metrics with this one, its mean over all pieces by their samples.
-
-        Raises:
-            SsmrError: the function failed.
-        """
-        with _errors_as(self.path, f"in {self.name}", SsmrError):
-            pairs = zip(motions, references, strict=True)
-            values = [float(self.rate(motion, reference)) for motion, reference in pairs]
-            value = float(np.average(values, weights=[len(r) for r in references]))
-        if not math.isfinite(value):
-            raise SsmrError(f"{self.path}: {self.name} returned {value}, wanted a finite number")
-        return Metrics({**metrics, self.name: value})
+UserMetric = Callable[[Metrics, Sequence[Trajectory], Sequence[Trajectory]], Metrics]
+"""Function of metrics, motions and references that adds a metric of the user's: its mean over all
+pieces by their samples. It raises an SsmrError where that failed."""
 
 
 def load_user_metric(given: Callable[[Trajectory, Trajectory], float] | str) -> UserMetric:
@@ -268,6 +240,19 @@ def load_user_metric(given: Callable[[Trajectory, Trajectory], float] | str) -> 
         raise ValueError(
             f"{path}: {given} is {_shown(rate)}, wanted a function of a motion and its reference"
         )
-    if rate.__name__ in {**METRICS, **SIGNALS}:
-        raise ValueError(f"{path}: there is a metric {rate.__name__} already; take another name")
-    return UserMetric(rate.__name__, path, rate)
+    name = rate.__name__
+    if name in {**METRICS, **SIGNALS}:
+        raise ValueError(f"{path}: there is a metric {name} already; take another name")
+
+    def added(
+        metrics: Metrics, motions: Sequence[Trajectory], references: Sequence[Trajectory]
+    ) -> Metrics:
+        with _errors_as(path, f"in {name}", SsmrError):
+            pairs = zip(motions, references, strict=True)
+            values = [float(rate(motion, reference)) for motion, reference in pairs]
+            value = float(np.average(values, weights=[len(r) for r in references]))
+        if not math.isfinite(value):
+            raise SsmrError(f"{path}: {name} returned {value}, wanted a finite number")
+        return Metrics({**metrics, name: value})
+
+    return added

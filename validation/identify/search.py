@@ -5,6 +5,7 @@ Fits and tunings have these in common.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
@@ -15,7 +16,7 @@ import os
 import time
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -29,7 +30,7 @@ from validation import cli, store
 from validation.identify.problem import FitProblem
 from validation.identify.refine import Remembered, arrivals
 from validation.identify.tuning import TuneProblem
-from validation.progress import Progress, Progressing, silent
+from validation.progress import Progress
 
 CHECKPOINT = "checkpoint.npz"
 """Name of the file in the results' folder that keeps a search's state."""
@@ -139,14 +140,12 @@ class Search:
     """Digests of all that decides the outcome, by name."""
     checkpoint: Path | None = None
     """File that the state is written to after every generation."""
-    progress: Progressing = silent
-    """Called as the search goes on."""
+    starts: int = 0
+    """Number of starts of least squares that follow the optimiser."""
     wall_s: float = 0.0
     """Time that the search took [s], over all its runs."""
     interrupted: bool = False
     """Whether Ctrl-C ended it."""
-    starts: int = 0
-    """Number of starts of least squares that are to follow the optimiser."""
     driven: Remembered = field(default_factory=Remembered)
     """Errors of all candidates that least squares have driven after the optimiser."""
     refined: tuple[FloatArray, float] | None = None
@@ -188,16 +187,14 @@ class Search:
             return "least squares"
         return self.jde.finished
 
-    def run(self, problem: FitProblem | TuneProblem, threads: int, most: int | None = None) -> None:
-        """Search until a stop rule holds, `most` generations are done or Ctrl-C is pressed.
+    def evolve(self, problem: FitProblem | TuneProblem, o: Searching) -> None:
+        """Go on with differential evolution until a stop rule holds or Ctrl-C is pressed.
 
         What was found stays. The checkpoint is written, and the best candidate shown as progress,
-        after every generation.
+        after every generation. A single start of least squares needs no further generation.
         """
         began = time.perf_counter()
         rated = self.jde.evaluations
-        # the clock at which the search would have begun without interruptions
-        zero = began - self.wall_s
 
         def tell(share: float) -> None:
             rate = (self.jde.evaluations - rated) / max(time.perf_counter() - began, 1e-9)
@@ -205,59 +202,61 @@ class Search:
             text = "rates the first candidates"
             if rate:
                 text = f"cost {self.jde.best_cost:.5g}, {rate:.1f} candidates/s"
-            self.progress(Progress(len(self.jde.history) + share, total, text))
+            o.progress(Progress(len(self.jde.history) + share, total, text))
 
-        try:
-            while not self.jde.finished and (most is None or len(self.jde.history) <= most):
-                costs = problem.costs(self.jde.ask(), self.jde.costs, threads, tell)
+        with self._timed() as save:
+            while not (self.jde.finished or (self.starts == 1 and len(self.jde.history))):
+                costs = problem.costs(self.jde.ask(), self.jde.costs, o.threads, tell)
                 self.jde.tell(costs)
-                self._save(zero)
+                save()
                 tell(0.0)
-        except KeyboardInterrupt:
-            self.interrupted = True
-        self.wall_s = time.perf_counter() - zero
 
-    def refine(self, problem: FitProblem, threads: int) -> None:
+    def refine(self, problem: FitProblem, o: Searching) -> None:
         """Go on by least squares from the best candidate and others far from it.
 
-        One start alone begins at the first candidate.
+        One start alone begins at the first candidate, be it the best or not: it is the user's.
         """
-        zero = time.perf_counter() - self.wall_s
         points = self.jde.population
         costs = self.jde.costs
-        before = self.jde.settings.generations + 1
-        # one start alone is the user's: the first candidate, be it the best or not
         if self.starts == 1 and np.isfinite(costs[0]):
             points = points[:1]
             costs = costs[:1]
+        before = self.jde.settings.generations + 1
 
-        def step() -> None:
-            self._save(zero)
-            text = (
-                f"least squares, start {self.ends + 1} of {self.starts}: cost {self.cost:.5g}, "
-                f"{len(self.driven)} motions"
-            )
-            self.progress(Progress(before + self.ends, before + self.starts, text))
+        with self._timed() as save:
 
-        try:
+            def step() -> None:
+                save()
+                start = f"least squares, start {self.ends + 1} of {self.starts}"
+                text = f"{start}: cost {self.cost:.5g}, {len(self.driven)} motions"
+                o.progress(Progress(before + self.ends, before + self.starts, text))
+
             ends = arrivals(
-                problem, points, costs, self.starts, self.driven, workers=threads, on_step=step
+                problem, points, costs, self.starts, self.driven, workers=o.threads, on_step=step
             )
             for end in ends:
                 self.ends += 1
                 # least squares see errors alone; the cost decides between ends
-                cost = float(problem.costs(end[None], None, threads, None)[0])
+                cost = float(problem.costs(end[None], None, o.threads)[0])
                 if cost < self.cost:
                     self.refined = end, cost
+
+    @contextlib.contextmanager
+    def _timed(self) -> Iterator[Callable[[], None]]:
+        """Count the time of a stage, which Ctrl-C ends; the function given writes a checkpoint."""
+        # the clock at which the search would have begun without interruptions
+        zero = time.perf_counter() - self.wall_s
+
+        def save() -> None:
+            self.wall_s = time.perf_counter() - zero
+            if self.checkpoint is not None:
+                self.save(self.checkpoint)
+
+        try:
+            yield save
         except KeyboardInterrupt:
             self.interrupted = True
         self.wall_s = time.perf_counter() - zero
-
-    def _save(self, zero: float) -> None:
-        """Note the time since `zero` on the clock, and write the checkpoint if there is one."""
-        self.wall_s = time.perf_counter() - zero
-        if self.checkpoint is not None:
-            self.save(self.checkpoint)
 
     def save(self, path: Path) -> None:
         """Write a checkpoint, whole or not at all."""
@@ -311,12 +310,10 @@ def search_for(
     start: FloatArray | None = None,
     starts: int = 0,
 ) -> Search:
-    """Return a search, begun anew or from a checkpoint, that has found something.
+    """Search by differential evolution and then by least squares; return what was found.
 
-    A stop rule held, or Ctrl-C came.
-
-    The (k, n) `start` are candidates for the first population. Of so many `starts` of least squares
-    that are to follow, one needs no further generation.
+    It is begun anew or goes on from a checkpoint, and ends by a stop rule or by Ctrl-C. The (k, n)
+    `start` are candidates for the first population. A fit has so many `starts` of least squares.
 
     Raises:
         ValueError: settings that make no sense, or the checkpoint of another search.
@@ -340,8 +337,7 @@ def search_for(
             _log.warning("there is no %s to resume from; the search begins anew", o.checkpoint)
     search.starts = starts
     search.checkpoint = o.checkpoint
-    search.progress = o.progress
-    search.run(problem, o.threads, 0 if starts == 1 else None)
+    search.evolve(problem, o)
     if not math.isfinite(search.jde.best_cost):
         if search.interrupted:
             raise KeyboardInterrupt
@@ -349,4 +345,6 @@ def search_for(
             "every candidate was impossible or failed; "
             "change the bounds, or the values that are held"
         )
+    if starts and not search.interrupted and isinstance(problem, FitProblem):
+        search.refine(problem, o)
     return search

@@ -15,7 +15,7 @@ fitted.profile.save("runs/examples/fit_a_log.toml")
 
 for name, profile in (("husky-tile", "husky-tile"), ("fitted", fitted.profile)):
     judged = compare(
-        LOG, profile, plants=("kinematic",), input="wheels", start=SEEN, horizons=(6.0,)
+        LOG, profile, plants=("kinematic",), input="wheels", since=SEEN, horizons=(6.0,)
     )
     errors = judged.as_dict()["plants"]["kinematic"]["horizons"]["6"]["overlapping"]
     print(

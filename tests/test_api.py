@@ -64,7 +64,7 @@ def test_results_and_profiles_can_be_pickled() -> None:
         validation.compare("traj4", lab, plants="linear", reference="improved"),
         track("pid", "circle", profile=lab, plant="linear"),
         fit("linear", "traj4@linear", profile=lab, search="jde", **small),
-        tune("lqr", "circle@0.5", lab, plants=("linear",), held_out=(), **small),
+        tune("lqr", "circle@0.5", lab, plant=("linear",), held_out=(), **small),
     )
     assert pickle.loads(pickle.dumps(lab)).as_dict() == lab.as_dict()  # noqa: S301 - our own
     for result in results:

@@ -20,13 +20,15 @@ from validation.experiment.gains import (
     GainSet,
     dump_gains,
     load_gains,
-    names,
     origin_sentence,
-    profile_sets,
+    shipped_sets,
 )
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.identify.tuning import TuneCost, costs_of
 from validation.plants.profile import load_profile, odometry_of, shipped
+
+SETS = [(controller, name) for controller in FIELDS for name in shipped_sets(controller)]
+"""Controller and name of every set that is shipped."""
 
 
 def hopeless() -> GainSet:
@@ -64,11 +66,12 @@ def refused(controller: str, name: str | Path) -> str:
 # the shipped
 
 
-@pytest.mark.parametrize("name", names())
-def test_every_shipped_set_is_found_by_both_names_and_suits_its_controller(name: str) -> None:
-    controller, _, short = name.rpartition("-")
-    gains = load_gains(controller, name)
-    assert (gains.controller, gains.name) == (controller, name)
+@pytest.mark.parametrize(("controller", "short"), SETS)
+def test_every_shipped_set_is_found_by_both_names_and_suits_its_controller(
+    controller: str, short: str
+) -> None:
+    gains = load_gains(controller, f"{controller}-{short}")
+    assert (gains.controller, gains.name) == (controller, f"{controller}-{short}")
     assert dump_gains(load_gains(controller, short)) == dump_gains(gains)
     LAWS[controller].gains(**gains.values)
     by_hand = set(gains.provenance["by_hand"])
@@ -113,7 +116,7 @@ MISTAKES: dict[str, tuple[dict[str, Any] | bytes, str]] = {
     "no gains": (document(gains=3), "gains is 3, wanted a table"),
     "unknown": (
         document(gains={**document()["gains"], "q_z": 1.0}),
-        "unknown names q_z; lqr has q_x, q_v,",
+        "gains has unknown keys q_z; there are: k_alpha, k_i_rho",
     ),
     "missing": (
         document(gains={"q_x": 1.0, "q_v": 0.0}),
@@ -136,7 +139,7 @@ def test_a_bad_file_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
     assert str(path) in text
 
 
-OWN = [(controller, profile) for controller in LAWS for profile in profile_sets(controller)]
+OWN = [(controller, name) for controller, name in SETS if name in shipped()]
 """Sets that are shipped for a profile."""
 
 
@@ -145,7 +148,7 @@ def test_every_real_profile_has_gains_of_its_own() -> None:
 
     The other profiles are of the thesis' lab, where those come from.
     """
-    tuned = [name.removesuffix("-tuned") for name in names() if name.endswith("-tuned")]
+    tuned = [controller for controller, name in SETS if name == "tuned"]
     real = [name for name in shipped() if not name.startswith("thesis-")]
     assert {(c, p) for c in tuned for p in real} <= set(OWN)
     assert {p for _, p in OWN} <= set(shipped())

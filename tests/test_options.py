@@ -107,7 +107,7 @@ def test_a_text_is_what_the_command_line_makes_of_it() -> None:
         ({"seed": True}, "seed is True"),
         ({"workers": 0}, "workers must lie within 1"),
         ({"horizons": (6.0, 2.0)}, "horizons is 6.0,2.0, wanted positive numbers that increase"),
-        ({"start": math.nan}, "start is nan, wanted a finite number"),
+        ({"since": math.nan}, "since is nan, wanted a finite number"),
         ({"plants": "linear,linear"}, "a name stands twice"),
         ({"columns": "x"}, r"'x' must be NAME=COLUMN\[:UNIT\]"),
         ({"terrain": "x"}, "terrain 'x' is not understood"),

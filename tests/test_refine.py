@@ -67,7 +67,7 @@ def test_least_squares_alone_begin_with_the_profile(lab: Profile) -> None:
         free=FREE,
         objective="sync",
         search="lsq",
-        start={"delay": 0.3, "gain": 60.0},
+        guess={"delay": 0.3, "gain": 60.0},
     )
     assert away.cost < 1e-4
     assert away.course.stopped_by == "least squares"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 
@@ -16,7 +17,6 @@ from validation import load_robot
 from validation.descriptions.importing import RobotDraft, import_robot
 from validation.robots import check_robot
 from validation.simulator import foreign
-from validation.simulator.description import RobotError
 
 DIGITS = 1e-6
 """Files of robots keep nine digits; a turned frame costs a few."""
@@ -249,8 +249,7 @@ def test_what_is_no_such_robot_is_refused_in_one_line(name: str, tmp_path: Path)
     text, message = REFUSED[name]
     path = tmp_path / "r.urdf"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(RobotError) as refused:
+    with pytest.raises(ValueError, match=re.escape(message)) as refused:
         import_robot(path)
-    assert message in str(refused.value)
     assert str(refused.value).startswith(f"{path}: ")
     assert "\n" not in str(refused.value)

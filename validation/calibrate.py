@@ -303,7 +303,7 @@ def _fits(
         if plant in SIMULATED:
             # a simulated run is dear, and the kinematic fit knows where to begin
             begun = begin_at(plant, settings.get("free", BODY), profile)
-            settings |= {"search": "lsq", "start": begun}
+            settings |= {"search": "lsq", "guess": begun}
         options = Fit(
             plant,
             str(o.log),

@@ -68,7 +68,7 @@ class Compare(cli.Filmed):
     """Signal of the recording that drives the plants: its commands, or its measured wheel rates."""
     horizons: tuple[float, ...] = (2.0, 6.0, 30.0, 60.0)
     """Times after which the poses of plant and recording are compared [s]."""
-    start: Annotated[float | None, tyro.conf.arg(name="from")] = None
+    since: Annotated[float | None, tyro.conf.arg(name="from")] = None
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
@@ -103,8 +103,8 @@ class Compare(cli.Filmed):
         names = ("input", "horizons", "noise", "disturbance")
         options = {name: getattr(self, name) for name in names}
         options["terrain"] = self.terrain.spec
-        if self.start is not None:
-            options["from"] = self.start
+        if self.since is not None:
+            options["from"] = self.since
         if self.until is not None:
             options["until"] = self.until
         return options
@@ -174,9 +174,9 @@ def _opened(o: Compare) -> tuple[Profile, Source]:
     default = "thesis-lab" if is_trajectory else profile_of_log(name)
     profile = choose_profile(o.profile, o.robot, default)
     if isinstance(source, Source):
-        if o.start is not None or o.until is not None:
+        if o.since is not None or o.until is not None:
             raise ValueError(
-                "start and until cut a recording that is given by its path; cut yours before"
+                "since and until cut a recording that is given by its path; cut yours before"
             )
         return profile, source
     radius = None
@@ -184,7 +184,7 @@ def _opened(o: Compare) -> tuple[Profile, Source]:
         radius = profile.robot.wheel_radius
     kind: CommandKind = "wheels" if o.input == "wheels" else "twist"
     reading = ReadOptions({}, o.limits, o.columns, radius)
-    return profile, open_source(name, kind, o.start, o.until, reading)
+    return profile, open_source(name, kind, o.since, o.until, reading)
 
 
 def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> dict[str, Plant]:

@@ -119,7 +119,7 @@ class Fit(Searching):
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
     input: Input = "commands"
     """Input of a recording that drives the plant: its commands, or its measured wheel rates."""
-    start_at: Annotated[float | None, tyro.conf.arg(name="from")] = None
+    since: Annotated[float | None, tyro.conf.arg(name="from")] = None
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
@@ -136,7 +136,7 @@ class Fit(Searching):
     x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s."""
     limits: LogLimits = USUAL
     """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
-    start: Literal["profile"] | Mapping[str, float] | None = None
+    guess: Literal["profile"] | Mapping[str, float] | None = None
     """A candidate of the first population: the profile's numbers, or some that replace them, such
     as friction=0.4. If not given, profile for recordings; for scenarios all are drawn at random."""
     objective: Objective | None = None
@@ -162,13 +162,13 @@ class Fit(Searching):
     """hybrid: a short differential evolution (jDE) finds the region, then bounded least squares go
     to the optimum, from its best candidate and from others far from it. jde: differential evolution
     alone, as in the thesis; ask for it to repeat the thesis, or where different seeds of hybrid end
-    at different places. lsq: least squares alone, from --start, which is the profile's numbers if
+    at different places. lsq: least squares alone, from --guess, which is the profile's numbers if
     it is not given."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for an option that is out of its range."""
         super().__post_init__()
-        require_within(self, ("start_at", "until"), -MOST_TIME, MOST_TIME)
+        require_within(self, ("since", "until"), -MOST_TIME, MOST_TIME)
         require_within(self, ("torque_constant",), 1e-6, 1e4)
 
     def folder(self) -> Path:
@@ -410,7 +410,7 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     radius = None if is_default else base.robot.wheel_radius
     read = ReadOptions({}, o.limits, o.columns, radius)
     sources, held_out = open_sources(
-        o.names, base, o.held_out, o.input, span=(o.start_at, o.until), options=read
+        o.names, base, o.held_out, o.input, span=(o.since, o.until), options=read
     )
     for source in (*sources, *held_out):
         for warning in source.warnings:
@@ -451,12 +451,12 @@ def _first_points(
     o: Fit, space: ParameterSpace, before: FloatArray, occasion: Occasion
 ) -> FloatArray | None:
     """Return the (1, n) candidate to begin with, in the unit cube; None for none."""
-    if o.start is None and o.search != "lsq" and occasion == "scenario":
+    if o.guess is None and o.search != "lsq" and occasion == "scenario":
         return None
-    named = o.start if isinstance(o.start, Mapping) else {}
+    named = o.guess if isinstance(o.guess, Mapping) else {}
     for name in named:
         if name not in space.names:
-            raise ValueError(f"start names {name}, which is not free")
+            raise ValueError(f"guess names {name}, which is not free")
     within = np.clip(before, space.lower, space.upper)
     begun = dict(zip(space.names, within, strict=True))
     values = np.array(list({**begun, **named}.values()))

@@ -49,7 +49,7 @@ _MOST_OURS = 1 << 26
 
 
 @dataclass(frozen=True)
-class LogOptions(cli.Common):
+class LogOptions(cli.Options):
     """Options by which a log is opened, whatever is done with it."""
 
     source: tyro.conf.Positional[str | Path]
@@ -66,8 +66,8 @@ class LogOptions(cli.Common):
     """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml)."""
-    seed: tyro.conf.Suppress[int] = 0
-    workers: tyro.conf.Suppress[None] = None
+    overwrite: bool = False
+    """Replace a file that is there already."""
 
     @property
     def radius(self) -> float | None:
@@ -89,7 +89,6 @@ class LogOptions(cli.Common):
 class Info(LogOptions):
     """Options of `info`."""
 
-    out: tyro.conf.Suppress[None] = None
     json: Path | None = None
     """JSON file to write the findings into as well."""
 
@@ -106,7 +105,7 @@ class Convert(LogOptions):
     """Take out the gyro's mean at rest."""
     sync: bool = False
     """Take estimated offsets of time out of the measurements; commands stay."""
-    start: Annotated[float | None, tyro.conf.arg(name="from")] = None
+    since: Annotated[float | None, tyro.conf.arg(name="from")] = None
     """Leave out what was logged before this time."""
     until: float | None = None
     """Leave out what was logged after this time."""
@@ -311,7 +310,7 @@ def convert(o: Convert) -> LogReport:
         changed = synchronised(changed, offsets)
     if o.unbias:
         changed = unbiased(changed)
-    changed = changed.cut(o.start, o.until)
+    changed = changed.cut(o.since, o.until)
     merged = changed.on_one_clock(o.rate)
     return Conversion(
         title=log.path.name,

@@ -191,7 +191,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     where something is wrong.
 
     Raises:
-        RobotError: there is no such robot, or its file cannot be read. Numbers that can be read
+        ValueError: there is no such robot, or its file cannot be read. Numbers that can be read
             and are impossible are advice.
     """
     draft = None
@@ -452,7 +452,7 @@ def export_robot(
             not given.
 
     Raises:
-        RobotError: there is no such robot, or its file cannot be read.
+        ValueError: there is no such robot, or its file cannot be read.
         ValueError: the profile cannot be read, is another robot's or has no place in the format,
             or the robot cannot turn.
     """

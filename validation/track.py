@@ -74,7 +74,7 @@ class TrackOptions(cli.Filmed):
     speed: float | None = None
     """Mean speed between waypoints [m/s]. It replaces the times of a file; named references have
     0.25 m/s if it is not given."""
-    own: Annotated[str | None, tyro.conf.arg(name="controller")] = None
+    own_controller: Annotated[str | None, tyro.conf.arg(name="controller")] = None
     """A controller of your own instead of CONTROLLER: a class in a Python file, FILE.py:NAME, which
     is run."""
     robot: cli.AnyRobot = None
@@ -84,7 +84,7 @@ class TrackOptions(cli.Filmed):
     estimate of a state filter (EKF) on noisy encoders and gyro."""
     lookahead: float = 0.0
     """Distance at which the robot keeps behind its target (Sec. 4.5) [m]."""
-    start: cli.Pose = (0.0, 0.0, 0.0)
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose at which the robot starts, seen from the start of the reference: ahead [m], to the left
     [m], yaw [rad], such as 0,0.5,0.52."""
     no_noise: bool = False
@@ -131,7 +131,7 @@ class TrackOptions(cli.Filmed):
 
     def names(self) -> tuple[str | type, Waypoints | str | Path]:
         """Return controller and reference, see `controller_and_reference`."""
-        return controller_and_reference(self.controller, self.reference, self.own)
+        return controller_and_reference(self.controller, self.reference, self.own_controller)
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""

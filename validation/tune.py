@@ -13,13 +13,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
 from matplotlib.figure import Figure
 
 from ssmr.control.laws import LAWS
-from ssmr.control.loop import Feedback, LoopSettings
+from ssmr.control.loop import LoopSettings
 from ssmr.parameters import require_within
 from validation import cli, store
 from validation.experiment.gains import (
@@ -27,9 +27,9 @@ from validation.experiment.gains import (
     GainSet,
     dump_gains,
     load_gains,
-    names,
     origin_sentence,
     shipped_gains,
+    shipped_sets,
 )
 from validation.experiment.loops import (
     ClosedLoopRobot,
@@ -81,13 +81,13 @@ class Tune(Searching):
     controller: tyro.conf.Positional[str]
     """Controller to tune: pid, lqr or lqr-scheduled, each also with +predictor behind its name, or
     mpc."""
-    references: Annotated[tuple[str, ...], tyro.conf.arg(name="reference")] = ("generic",)
+    reference: tuple[str, ...] = ("generic",)
     """Paths to follow, separated by commas: line, circle, sine, generic, eight, slalom, square,
     spiral, u-turn, stop-and-go, long-line, circle@0.5 with its speed, or waypoint files."""
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
     another --robot the numbers of its file."""
-    plants: Annotated[tuple[str, ...], tyro.conf.arg(name="plant")] = ("improved",)
+    plant: tuple[str, ...] = ("improved",)
     """Plants that the controller must drive, separated by commas; the cost is the mean over all."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
@@ -96,16 +96,12 @@ class Tune(Searching):
     held_out: tuple[str, ...] | None = None
     """References to judge the gains on, in the form of --reference; others of every kind if not
     given."""
-    feedback: Feedback = "noisy"
-    """Pose and speed that the controller sees: truth, noisy or ekf."""
-    no_noise: bool = False
-    """Turn off noise and disturbances."""
     gains: str | None = None
     """Gain set to begin with, to hold what is not searched, and to compare the outcome with;
     published if not given, where the thesis has any."""
     all: bool = False
     """Search the gains too that the thesis sets by hand: feedforward, K_alpha, K_y, K_I."""
-    from_scratch: bool = False
+    from_scratch: tyro.conf.Suppress[bool] = False
     """Leave the gains it begins with out of the first population."""
     cost: TuneMeasure = "path"
     """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times instead of
@@ -120,14 +116,14 @@ class Tune(Searching):
         """Raise a ValueError for a number out of its range, or no plant or reference."""
         super().__post_init__()
         require_within(self, ("speed",), 1e-3, 100.0)
-        if not self.plants:
-            raise ValueError("plants is empty; name at least one")
-        if not self.references:
+        if not self.plant:
+            raise ValueError("plant is empty; name at least one")
+        if not self.reference:
             raise ValueError("no reference is named; name one such as generic or circle@0.5")
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
-        return Path("runs") / "tune" / f"{self.controller}-{'-'.join(self.plants)}"
+        return Path("runs") / "tune" / f"{self.controller}-{'-'.join(self.plant)}"
 
     def cases(
         self, references: Iterable[tuple[str, float | None]], robots: Sequence[ClosedLoopRobot]
@@ -136,15 +132,12 @@ class Tune(Searching):
 
         The option `speed` stands for None.
         """
-        loop = LoopSettings(
-            "truth" if self.no_noise else self.feedback, disturbance=not self.no_noise
-        )
         out = []
         for name, speed in references:
             label, waypoints = open_reference(name, self.speed if speed is None else speed)
             for robot in robots:
                 require_practicable(waypoints, robot.drive, label)
-                around = replace(loop, filter=odometry_of(robot.drive))
+                around = LoopSettings(filter=odometry_of(robot.drive))
                 title = f"{label} at {waypoints.speed:.3g} m/s, {robot.name}"
                 out.append(TuneCase(title, name, waypoints, robot, around))
         return tuple(out)
@@ -321,10 +314,10 @@ def tune(o: Tune) -> Tuned:
     begun = None if o.from_scratch else base.values
     space = make_tuning_space(o.controller, o.free, o.all, o.bounds, o.fix, begun)
     law = LAWS[o.controller]
-    robots = [make_robot(profile, name) for name in o.plants]
-    simulated = any(name in SIMULATED for name in o.plants)
+    robots = [make_robot(profile, name) for name in o.plant]
+    simulated = any(name in SIMULATED for name in o.plant)
     settings = o.settings(*(_SIMULATED_SIZE if simulated else (law.population, law.generations)))
-    references = list(map(split_speed, o.references))
+    references = list(map(split_speed, o.reference))
     cases = o.cases(references, robots)
     fastest = max(case.waypoints.speed for case in cases)
     tuned_on = [name for name, _ in references]
@@ -348,7 +341,7 @@ def _base_gains(o: Tune, profile: Profile) -> GainSet:
     """
     if o.controller not in LAWS:
         raise ValueError(f"unknown controller '{o.controller}'; there are: {', '.join(LAWS)}")
-    published = f"{o.controller}-published" in names(o.controller)
+    published = "published" in shipped_sets(o.controller)
     base = load_gains(o.controller, o.gains or ("published" if published else DEFAULT))
     for name in o.fix:
         if name not in base.values:

@@ -3,7 +3,6 @@
 from validation.cli.options import AnyProfile as AnyProfile
 from validation.cli.options import AnyRobot as AnyRobot
 from validation.cli.options import Options as Options
-from validation.cli.options import Pose as Pose
 from validation.cli.options import text_of as text_of
 from validation.cli.process import EXIT_FAULT as EXIT_FAULT
 from validation.cli.process import EXIT_INTERRUPTED as EXIT_INTERRUPTED

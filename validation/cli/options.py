@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from typeguard import CollectionCheckStrategy, TypeCheckError, check_type
@@ -71,6 +71,8 @@ def _admitted(value: Any, kind: Any) -> Any:
     members = _members(kind)
     if isinstance(value, str) and str not in members:
         for member in members:
+            if value in typing.get_args(member):  # of a Literal
+                return value
             if member is Path:
                 return Path(value)
             if member in _TEXTS:
@@ -177,17 +179,6 @@ def text_of(value: Any) -> str:
     return str(getattr(value, "spec", value))
 
 
-def _spec(form: str, parse: Callable[[str], Any]) -> PrimitiveConstructorSpec[Any]:
-    """Return what tyro must know of a type whose values are one word."""
-    return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar=form,
-        instance_from_str=lambda texts: parse(texts[0]),
-        is_instance=lambda value: True,
-        str_from_instance=lambda value: [text_of(value)],
-    )
-
-
 REGISTRY = ConstructorRegistry()
 """What tyro must know of our types."""
 
@@ -196,14 +187,20 @@ REGISTRY = ConstructorRegistry()
 def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
     """Read a type of `_TEXTS`; an object that Python may give has its name on the command line."""
     kind: Any = info.type
-    if kind in _TEXTS:
-        return _spec(_TEXTS[kind][0], partial(_read, kind))
+    if typing.get_origin(kind) is tuple:  # which may be typing.Tuple
+        kind = tuple.__class_getitem__(typing.get_args(kind))
     members = _members(kind)
-    if len(members) > 1 and str in members:
-        return _spec("NAME|PATH" if Path in members else "NAME", str)
-    return None
-
-
-_Three = tuple[float, float, float]
-Pose = Annotated[_Three, _spec("X,Y,YAW", partial(_read, _Three))]
-"""A pose [m, m, rad]; tyro would take a tuple of this length as three words."""
+    read: Callable[[str], Any] = str
+    form = "NAME|PATH" if Path in members else "NAME"
+    if kind in _TEXTS:
+        read = partial(_read, kind)
+        form = _TEXTS[kind][0]
+    elif len(members) == 1 or str not in members:
+        return None
+    return PrimitiveConstructorSpec(
+        nargs=1,
+        metavar=form,
+        instance_from_str=lambda texts: read(texts[0]),
+        is_instance=lambda value: True,
+        str_from_instance=lambda value: [text_of(value)],
+    )

@@ -19,6 +19,7 @@ from typing import Annotated, Any, Generic, ParamSpec, TypeVar
 import tyro
 from docstring_parser import parse_from_object
 from rich.console import Console
+from rich.markup import escape
 from rich.text import Text
 
 from ssmr.parameters import MOST_SEED, require_within
@@ -31,7 +32,7 @@ from validation.report.table import print_tables
 from validation.words import one_line, visible
 
 P = ParamSpec("P")
-Opts = TypeVar("Opts", bound="Common")
+Opts = TypeVar("Opts", bound=Options)
 R = TypeVar("R", bound=Report)
 MOST_WORKERS = 4096
 """Greatest number of threads."""
@@ -243,39 +244,23 @@ def _ours_among(there: Sequence[Path]) -> set[str]:
 def shown(title: str) -> Iterator[progress.Progressing]:
     """Within, a progress bar on standard error; yield the callback that moves it.
 
-    Where standard error is no terminal, a line every few seconds says the same: how much is done,
-    what, and the time left.
+    Where standard error is no terminal, a line every few seconds says the same.
     """
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bar
+    from rich.progress import Progress
 
-    began = last = time.perf_counter()
-    first: float | None = None  # steps that were done before, where work is resumed
     console = Console(stderr=True)
-    columns = BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
-    words = TextColumn("{task.description}", markup=False)
-    bar = Bar(words, *columns, console=console, transient=True, disable=not console.is_terminal)
+    last = time.monotonic()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=None)
 
-    def show(now: progress.Progress) -> None:
-        nonlocal last, first
-        first = now.done if first is None else first
-        bar.update(
-            task, completed=now.done, total=now.total, description=one_line(f"{title}: {now.text}")
-        )
-        clock = time.perf_counter()
-        if bar.disable and clock - last > _LOG_EVERY_S and now.done > first:
-            last = clock
-            left = (now.total - now.done) / (now.done - first) * (clock - began)
-            say(f"{title}: {now.done:.0f} of {now.total:.0f}, {now.text}; {left:.0f} s left")
+        def show(now: progress.Progress) -> None:
+            nonlocal last
+            text = one_line(f"{title}: {now.text}")
+            bar.update(task, completed=now.done, total=now.total, description=escape(text))
+            if bar.disable and time.monotonic() - last > _LOG_EVERY_S:
+                last = time.monotonic()
+                say(f"{text}, {now.done:.0f} of {now.total:.0f}")
 
-    with bar:
-        task = bar.add_task(one_line(title), total=None)
         yield show
 
 

@@ -25,7 +25,6 @@ from validation.simulator.description import (
     SECTIONS,
     WHEELS,
     Robot,
-    RobotError,
     parse_robot,
     shipped_robots,
 )
@@ -158,17 +157,17 @@ def import_robot(
         controller: a controller's YAML, whose separation and radius the robot's driver has.
 
     Raises:
-        RobotError: the file cannot be read, is none of these, or describes no robot with four
+        ValueError: the file cannot be read, is none of these, or describes no robot with four
             fixed, plain wheels, or the name is taken.
     """
     try:
         foreign = read_foreign(path, controller)
     except ValueError as error:
-        raise RobotError(_located(path, error)) from error
+        raise ValueError(_located(path, error)) from error
     try:
         return _draft_of(foreign, name, wheel_radius, wheel_width)
     except ValueError as error:
-        raise RobotError(_located(path, error)) from error
+        raise ValueError(_located(path, error)) from error
 
 
 def _located(path: str | Path, error: ValueError) -> str:

@@ -13,7 +13,7 @@ def load_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     """Return a shipped robot by name, or that of a robot's file, a URDF, an SDF or an MJCF.
 
     Raises:
-        RobotError: there is none, or its file says something that cannot be; the message names
+        ValueError: there is none, or its file says something that cannot be; the message names
             file, section and key.
     """
     if str(name_or_path) not in shipped_robots() and is_description(name_or_path):

@@ -7,16 +7,17 @@ make sense is the controllers' to say.
 
 from __future__ import annotations
 
-import math
-import os
-import reprlib
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from importlib import resources
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import tomli_w
+from msgspec import Meta
 
 from ssmr.control.laws import LAWS
 from ssmr.parameters import described
@@ -30,14 +31,14 @@ FIELDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 """Names of the gains of each controller."""
 DEFAULT = "default"
 """Name of the set that every controller has: the defaults of its class."""
-_TOP_LEVEL = {
-    "name": (str, "text"),
-    "source": (str, "text"),
-    "gains": (dict, "a table"),
-    "provenance": (dict, "a table"),
+_KINDS = {
+    "schema": Annotated[Literal["ssmr.gains/1"], Meta(description=f"'{SCHEMA}'")],
+    **dict.fromkeys(("controller", "name", "source"), reading.TomlText),
+    **dict.fromkeys(("gains", "provenance"), reading.TomlTable),
 }
-"""Type of each value at the top level of a file, and its name in messages."""
-_FOLDER = resources.files("validation.experiment").joinpath("gain_sets")
+"""Types of the values at the top level of a file."""
+_FINITE = Annotated[reading.TomlNumber, Meta(le=sys.float_info.max, description="a finite number")]
+_FOLDER = Path(str(resources.files("validation.experiment"))) / "gain_sets"
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,51 +63,32 @@ class GainSet:
             ValueError: an unknown controller, unknown or missing gains, or numbers not finite.
         """
         gains = _gains_of(self.controller)
-        unknown = [name for name in self.values if name not in gains]
-        if unknown:
-            raise ValueError(
-                f"[gains] has unknown names {', '.join(unknown[:5])}; "
-                f"{self.controller} has {', '.join(gains)}"
-            )
+        values = reading.typed(self.values, dict.fromkeys(gains, _FINITE), "gains")
         missing = [name for name in gains if name not in self.values]
         if missing:
             raise ValueError(
                 f"[gains] lacks {', '.join(missing)}; {self.controller} needs {', '.join(gains)}"
             )
-        for name, value in self.values.items():
-            if not reading.is_number(value) or not math.isfinite(value):
-                raise ValueError(f"[gains] {name} is {reprlib.repr(value)}, wanted a finite number")
-        object.__setattr__(self, "values", {name: float(self.values[name]) for name in gains})
+        object.__setattr__(self, "values", {name: values[name] for name in gains})
         object.__setattr__(self, "provenance", dict(self.provenance))
 
 
-def names(controller: str | None = None) -> list[str]:
-    """Return the names of the shipped sets, or of a controller's; CONTROLLER-NAME each."""
-    files = [p.name for p in _FOLDER.iterdir() if p.name.endswith(".toml")]
-    shipped = sorted(name.removesuffix(".toml") for name in files)
-    if controller is None:
-        return shipped
-    return [name for name in shipped if name.rpartition("-")[0] == controller]
+def shipped_sets(controller: str) -> dict[str, Path]:
+    """Return the files of a controller's shipped sets, CONTROLLER-NAME.toml, by NAME.
 
-
-def profile_sets(controller: str) -> list[str]:
-    """Return the names of the profiles with a set of gains, `gain_sets/PROFILE/CONTROLLER.toml`."""
-    folders = [p for p in _FOLDER.iterdir() if p.is_dir()]
-    return sorted(p.name for p in folders if p.joinpath(f"{controller}.toml").is_file())
-
-
-def sets_of(controller: str) -> list[str]:
-    """Return the names of all shipped sets of a controller's gains, without the controller's."""
-    shipped = [name.removeprefix(f"{controller}-") for name in names(controller)]
-    return [*shipped, *profile_sets(controller), DEFAULT]
+    Those of a profile are PROFILE/CONTROLLER.toml, and have the profile's name.
+    """
+    files = [p for p in _FOLDER.glob("*.toml") if p.stem.rpartition("-")[0] == controller]
+    sets = {p.stem.removeprefix(f"{controller}-"): p for p in sorted(files)}
+    return sets | {p.parent.name: p for p in sorted(_FOLDER.glob(f"*/{controller}.toml"))}
 
 
 def shipped_gains(controller: str, profile: str) -> GainSet | None:
     """Return the tuned gains that are shipped for a profile, or else for any; None without any."""
-    if profile in profile_sets(controller):
-        return load_gains(controller, profile)
-    if "tuned" in sets_of(controller):
-        return load_gains(controller, "tuned")
+    sets = shipped_sets(controller)
+    for name in (profile, "tuned"):
+        if name in sets:
+            return load_gains(controller, name)
     return None
 
 
@@ -117,7 +99,7 @@ def origin_sentence(gains: GainSet, profile: str) -> str | None:
     if profile in profiles or not profiles or not isinstance(profiles[0], str):
         return None
     note = f"The gains {gains.name} were found on the profile {profiles[0]}, not on {profile}"
-    if profile in profile_sets(gains.controller):
+    if profile in shipped_sets(gains.controller):
         note += f"; there are {profile} gains of its own"
     return f"{note}."
 
@@ -140,34 +122,16 @@ def load_gains(
             one line that names file and gain.
     """
     _gains_of(controller)
-    profiles = profile_sets(controller)
-    sets = sets_of(controller)
-    if name_or_path is None:
-        tuned = next(name for name in ("published", "tuned", DEFAULT) if name in sets)
-        name_or_path = profile if profile in profiles else tuned
-    if name_or_path == DEFAULT:
+    sets = shipped_sets(controller)
+    usual = [name for name in (profile, "published", "tuned") if name in sets]
+    name = str(name_or_path or (*usual, DEFAULT)[0])
+    if name.removeprefix(f"{controller}-") in (*sets, DEFAULT):
+        name = name.removeprefix(f"{controller}-")
+    if name == DEFAULT:
         values = asdict(LAWS[controller].gains())
         source = "defaults of the controller"
         return GainSet(controller, f"{controller}-{DEFAULT}", values, source=source)
-    shipped = {f"{controller}-{name_or_path}", name_or_path} & set(names())
-    file = next(iter(shipped), None)
-    if name_or_path in profiles:
-        file = f"{name_or_path}/{controller}"
-    if file is None and not os.path.exists(name_or_path):
-        raise ValueError(
-            f"{controller} has no gains '{name_or_path}'; "
-            f"there are: {', '.join(sets)}; or give the path of a TOML file"
-        )
-    if file is None:
-        text = reading.read_text(name_or_path)
-    else:
-        text = _FOLDER.joinpath(f"{file}.toml").read_text(encoding="utf-8")
-    shown = f"gains {name_or_path}"
-    document = reading.parse_toml(text, shown)
-    try:
-        return _parse(document, controller)
-    except ValueError as error:
-        raise ValueError(f"{shown}: {' '.join(str(error).split())}") from error
+    return reading.load_named("gains", name, sets, partial(_parse, controller=controller))
 
 
 def dump_gains(gains: GainSet) -> str:
@@ -191,16 +155,9 @@ def _gains_of(controller: str) -> tuple[str, ...]:
 
 
 def _parse(document: Mapping[str, Any], controller: str) -> GainSet:
-    if document.get("schema") != SCHEMA:
-        raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
-    reading.require_known(document, ("schema", "controller", *_TOP_LEVEL), "the top level")
-    owner = document.get("controller", "no controller")
-    if owner != controller:
-        raise ValueError(f"these are gains of {owner}, wanted {controller}")
-    document = {"provenance": {}, **document}
-    for key, (kind, words) in _TOP_LEVEL.items():
-        value = document.get(key)
-        if not isinstance(value, kind):
-            raise ValueError(f"{key} is {reprlib.repr(value)}, wanted {words}")
-    values = [document[key] for key in ("name", "gains", "provenance", "source")]
+    top = dict.fromkeys(_KINDS)
+    found = reading.typed({**top, "provenance": {}, **document}, _KINDS)
+    if found["controller"] != controller:
+        raise ValueError(f"these are gains of {found['controller']}, wanted {controller}")
+    values = [found[key] for key in ("name", "gains", "provenance", "source")]
     return GainSet(controller, *values)

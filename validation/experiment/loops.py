@@ -25,7 +25,7 @@ from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, Plant, State
 from validation.experiment.gains import GainSet, load_gains
 from validation.experiment.user_law import is_user_law, load_user_law
-from validation.plants.profile import Profile, ProfileError, make_plant
+from validation.plants.profile import Profile, make_plant
 from validation.simulator.loops import MujocoBodies
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
@@ -85,13 +85,13 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
     """Return the plant of that name with the profile's numbers; only MuJoCo has a terrain.
 
     Raises:
-        ProfileError: an unknown name, or numbers that do not go together.
+        ValueError: an unknown name, or numbers that do not go together.
     """
     body = make_plant(profile, plant, terrain)
     if isinstance(body, MujocoPlant | FourWheelPlant):
         return ClosedLoopRobot(plant, body)
     if plant not in (*PLANAR_MODELS, *OWN_MODELS):
-        raise ProfileError(
+        raise ValueError(
             f"plant '{plant}' has no closed loops in populations; "
             "ssmr.control.loop.run_loop drives it"
         )

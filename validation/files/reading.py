@@ -8,12 +8,15 @@ import reprlib
 import stat
 import sys
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Annotated, Any, BinaryIO, TypeVar
+
+import msgspec
 
 from validation.words import one_line
 
+T = TypeVar("T")
 _MOST_TEXT = 1 << 18
 """Greatest size of a text that describes something, such as a profile [bytes]; shipped ones have
 less than ten thousand."""
@@ -27,6 +30,16 @@ _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a so
 _WHOLE = 2**63
 """Whole numbers lie below this in size, as TOML wants it; Python's own have no end, and floats
 cannot hold them."""
+
+
+TomlNumber = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, description="a number")]
+"""A number in a document, which may be infinite."""
+TomlText = Annotated[
+    str, msgspec.Meta(max_length=2000, description="a text of at most 2000 characters")
+]
+"""A text in a document."""
+TomlTable = Annotated[dict[str, Any], msgspec.Meta(description="a table")]
+"""A table in a document."""
 
 
 class FileError(ValueError):
@@ -62,11 +75,6 @@ def exists(path: Path) -> bool:
         return path.exists()
     except (OSError, ValueError):
         return False
-
-
-def is_number(value: object) -> bool:
-    """Return whether a value of a text is a number; true and false are none."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 # ------------------------------------------------------------------------------------------ files
@@ -141,6 +149,30 @@ def read_toml(path: str | Path) -> dict[str, Any]:
     return parse_toml(read_text(path), str(path))
 
 
+def load_named(
+    what: str, name: str, shipped: Mapping[str, Path], parse: Callable[[dict[str, Any]], T]
+) -> T:
+    """Return what `parse` makes of the document of a shipped file by name, or of a file by path.
+
+    A shipped name comes before a file of that name in the current folder.
+
+    Raises:
+        ValueError: there is no such file, or it says something that cannot be; the message names
+            `what` it is for, and the file.
+    """
+    path = shipped.get(name, Path(name))
+    if name not in shipped and not exists(path):
+        raise ValueError(
+            f"no {what} '{one_line(name)}'; there are: {', '.join(shipped)}; "
+            "or give the path of a TOML file"
+        )
+    document = parse_toml(read_text(path), f"{what} {one_line(name)}")
+    try:
+        return parse(document)
+    except ValueError as error:
+        raise ValueError(f"{what} {one_line(name)}: {one_line(error)}") from error
+
+
 def parse_toml(text: str, name: str) -> dict[str, Any]:
     """Return the document of a TOML text, where numbers may be infinite.
 
@@ -165,6 +197,29 @@ def _check(value: Any, depth: int = 0) -> None:
     if isinstance(value, dict | list):
         for part in value.values() if isinstance(value, dict) else value:
             _check(part, depth + 1)
+
+
+def typed(table: Any, kinds: Mapping[str, Any], where: str = "") -> dict[str, Any]:
+    """Return the values of a TOML table, each of the type that its key has.
+
+    Args:
+        table: the table.
+        kinds: for each key that there may be, a type as msgspec has it, with a description.
+        where: the section; the top level if not given.
+
+    Raises:
+        ValueError: this is no table, or it has an unknown key or a value of another type.
+    """
+    require_known(table, kinds, where or "the top level")
+    values = {}
+    for key, value in table.items():
+        try:
+            values[key] = msgspec.convert(value, kinds[key])
+        except msgspec.ValidationError as error:
+            name = f"{where}.{key}".removeprefix(".")
+            wanted = kinds[key].__metadata__[-1].description
+            raise ValueError(f"{name} is {reprlib.repr(value)}, wanted {wanted}") from error
+    return values
 
 
 def require_known(table: Any, known: Iterable[str], where: str) -> None:

@@ -39,7 +39,7 @@ _LEFT_OUT = {
     "model",
     "to",
     "controller",
-    "references",
+    "reference",
     "profile",
     "robot",
     "limits",

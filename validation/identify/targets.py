@@ -73,7 +73,7 @@ def open_sources(
         if len(set(given)) != len(given):
             raise ValueError(f"{option} names a source twice")
     if all(map(is_scenario, names)) and span != (None, None):
-        raise ValueError(f"start_at and until cut recordings; {', '.join(names)} are scenarios")
+        raise ValueError(f"since and until cut recordings; {', '.join(names)} are scenarios")
     kind: CommandKind = "wheels" if input == "wheels" else "twist"
     truth_of = _truth(profile)
     train = []
@@ -105,7 +105,7 @@ def _outside(name: str, span: Span) -> list[Span]:
     spans = [part for part in parts if part != (None, None)]
     if not spans:
         raise ValueError(
-            f"{name} is fitted to as a whole; without start_at or until nothing of it is held out"
+            f"{name} is fitted to as a whole; without since or until nothing of it is held out"
         )
     return spans
 

@@ -11,16 +11,15 @@ thesis' published values, scaled to the robot.
 
 from __future__ import annotations
 
-import os
-import reprlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 import tomli_w
+from msgspec import Meta
 
 from ssmr.errors import ParameterError
 from ssmr.estimation.settings import EkfSettings
@@ -31,7 +30,6 @@ from ssmr.types import FloatArray, Plant
 from validation import store
 from validation.descriptions.loading import load_robot
 from validation.files import reading
-from validation.files.reading import is_number
 from validation.plants.kind import PARTS, PlantProfile
 from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, plant_kind
 from validation.simulator.description import USUAL_ROBOT, Robot, parse_robot
@@ -41,26 +39,17 @@ from validation.words import one_line
 
 SCHEMA = "ssmr.profile/1"
 """Schema of profiles' files."""
-_KEYS = {
-    "schema",
-    "name",
-    "description",
-    "robot",
-    "vehicle",
-    "drive",
-    "plants",
-    "provenance",
-    "fitted_at",
+_KINDS = {
+    "schema": Annotated[Literal["ssmr.profile/1"], Meta(description=f"'{SCHEMA}'")],
+    "robot": Annotated[str | dict[str, Any], Meta(description="a name or a table")],
+    **dict.fromkeys(("name", "description"), reading.TomlText),
+    **dict.fromkeys(("vehicle", "drive", "plants", "provenance", "fitted_at"), reading.TomlTable),
 }
-
+"""Types of the values at the top level of a profile."""
 _MOVES = 0.05  # speed [m/s] and yaw rate [rad/s] from which a robot moves
 _BEYOND = 2.0  # ratio of paces from which a motion is clearly beyond the fitted ones [1]
 
 T = TypeVar("T")
-
-
-class ProfileError(ValueError):
-    """A profile that cannot be found, read or believed."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +115,7 @@ class Profile:
             known = origin.get("d_rms_m") if isinstance(origin, Mapping) else None
             if not isinstance(known, Mapping) or scenario not in known:
                 continue
-            numbers = {at: d for at, d in known.items() if is_number(d)}
+            numbers = {at: d for at, d in known.items() if isinstance(d, int | float)}
             listed = ", ".join(f"{1e3 * d:.1f} mm on {at}" for at, d in numbers.items())
             source = self.provenance[name].get("source")
             fitted = f"{name} was fitted to {source}; its d_rms from there: {listed}."
@@ -195,10 +184,10 @@ def _rounded(numbers: Band | Pace, digits: int) -> dict[str, float]:
     return {name: float(f"{value:.{digits}g}") for name, value in asdict(numbers).items()}
 
 
-def shipped() -> list[str]:
-    """Return the names of the profiles that come with the package."""
-    files = resources.files("validation.plants").joinpath("profiles").iterdir()
-    return sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml"))
+def shipped() -> dict[str, Path]:
+    """Return the files of the profiles that come with the package, by name."""
+    folder = Path(str(resources.files("validation.plants"))) / "profiles"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
 def _defaults(name: str, robot: Robot) -> PlantProfile:
@@ -211,12 +200,12 @@ def bare_profile(robot: Robot) -> Profile:
     """Return the profile of a robot that nothing was fitted to: its file's numbers for all plants.
 
     Raises:
-        ProfileError: numbers that do not go together.
+        ValueError: numbers that do not go together.
     """
     try:
         plants = {name: _defaults(name, robot) for name in PLANTS}
     except ValueError as error:
-        raise ProfileError(f"robot {robot.name}: {error}") from error
+        raise ValueError(f"robot {robot.name}: {error}") from error
     words = f"{robot.title or robot.name} as its file has it; nothing was fitted"
     return Profile(robot.name, words, plants, {})
 
@@ -234,14 +223,10 @@ def choose_profile(
         default: name of the profile without either.
 
     Raises:
-        ProfileError: the profile or the robot cannot be had, or the profile is of another robot.
+        ValueError: the profile or the robot cannot be had, or the profile is of another robot.
     """
     if isinstance(profile, str | Path):
         profile = load_profile(profile)
-    if not isinstance(profile, Profile | None):
-        raise ProfileError(
-            f"profile is {reprlib.repr(profile)}, wanted a name, a path or a Profile"
-        )
     if robot is None:
         return profile or load_profile(default)
     chosen = robot if isinstance(robot, Robot) else load_robot(robot)
@@ -249,7 +234,7 @@ def choose_profile(
         common = load_profile(default)
         return common if common.robot == chosen else bare_profile(chosen)
     if profile.robot != chosen:
-        raise ProfileError(
+        raise ValueError(
             f"profile {profile.name} is of the robot {profile.robot.name}, not of {chosen.name}"
         )
     return profile
@@ -259,65 +244,39 @@ def load_profile(name_or_path: str | Path) -> Profile:
     """Return a shipped profile by name, or the profile of a TOML file by path.
 
     Raises:
-        ProfileError: there is none, or it says something that cannot be; the message names file,
+        ValueError: there is none, or it says something that cannot be; the message names file,
             section and key.
     """
-    name = str(name_or_path)
-    try:
-        # a shipped name comes before a file of that name in the current folder
-        if name in shipped():
-            file = resources.files("validation.plants").joinpath("profiles", f"{name}.toml")
-            document = reading.parse_toml(file.read_text(encoding="utf-8"), name)
-        elif os.path.exists(name):
-            document = reading.read_toml(name)
-        else:
-            raise ProfileError(
-                f"no profile '{name}'; shipped are: {', '.join(shipped())}; "
-                "or give the path of a TOML file"
-            )
-    except ProfileError:
-        raise
-    except ValueError as error:
-        raise ProfileError(f"profile {error}") from error
-    try:
-        return _parse(document)
-    except ValueError as error:
-        raise ProfileError(f"profile {name}: {error}") from error
+    return reading.load_named("profile", str(name_or_path), shipped(), _parse)
 
 
 def _parse(document: Mapping[str, Any]) -> Profile:
     """Return the profile that a file's document holds; a ValueError says where it is wrong."""
-    if document.get("schema") != SCHEMA:
-        raise ValueError(f"schema is {reprlib.repr(document.get('schema'))}, wanted '{SCHEMA}'")
-    reading.require_known(document, _KEYS, "the top level")
-    entry = document.get("robot", USUAL_ROBOT)
-    if not isinstance(entry, str | dict):
-        raise ValueError(f"robot is {reprlib.repr(entry)}, wanted a name or a table")
+    found = reading.typed({"schema": None, **document}, _KINDS)
+    entry = found.get("robot", USUAL_ROBOT)
     try:
         robot = load_robot(entry) if isinstance(entry, str) else parse_robot(entry)
     except ValueError as error:
         raise ValueError(f"[robot] {error}") from error
-    vehicle = _fill(robot.vehicle, document.get("vehicle", {}), "vehicle")
-    sections = document.get("plants", {})
+    vehicle = _fill(robot.vehicle, found.get("vehicle", {}), "vehicle")
+    sections = found.get("plants", {})
     reading.require_known(sections, {*PLANTS, *OWN_MODELS}, "plants")
     plants = {}
     for plant in (*PLANTS, *(model for model in OWN_MODELS if model in sections)):
         section = sections.get(plant, {})
         defaults = replace(_defaults(plant, robot), vehicle=vehicle)
-        drive = _fill(defaults.drive, document.get("drive", {}), "drive")
+        drive = _fill(defaults.drive, found.get("drive", {}), "drive")
         plants[plant] = _parse_plant(replace(defaults, drive=drive), section, f"plants.{plant}")
-    name = document.get("name", "unnamed")
-    description = document.get("description", "")
-    provenance = document.get("provenance", {})
-    for key, value in (("name", name), ("description", description)):
-        if not isinstance(value, str):
-            raise ValueError(f"{key} is {reprlib.repr(value)}, wanted text")
-    if not isinstance(provenance, dict):
-        raise ValueError(f"provenance is {reprlib.repr(provenance)}, wanted a table")
     fitted_at = None
-    if "fitted_at" in document:
-        fitted_at = _fill(Pace(), document["fitted_at"], "fitted_at")
-    return Profile(name, description, plants, provenance, fitted_at)
+    if "fitted_at" in found:
+        fitted_at = _fill(Pace(), found["fitted_at"], "fitted_at")
+    return Profile(
+        found.get("name", "unnamed"),
+        found.get("description", ""),
+        plants,
+        found.get("provenance", {}),
+        fitted_at,
+    )
 
 
 def _parse_plant(common: PlantProfile, section: Mapping[str, Any], where: str) -> PlantProfile:
@@ -334,16 +293,12 @@ def _parse_plant(common: PlantProfile, section: Mapping[str, Any], where: str) -
 
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:
     """Return a copy of `default` with `values` in place, each of the type its field has."""
-    names = [f.name for f in fields(default) if f.name != "robot"]  # type: ignore[arg-type]
-    types = {name: type(getattr(default, name)) for name in names}
-    reading.require_known(values, set(types), where)
-    given = {}
-    for key, value in values.items():
-        is_text = types[key] is str
-        if not (isinstance(value, str) if is_text else is_number(value)):
-            kind = "text" if is_text else "a number"
-            raise ValueError(f"{where}.{key} is {reprlib.repr(value)}, wanted {kind}")
-        given[key] = types[key](value)
+    kinds: dict[str, Any] = {}
+    for f in fields(default):  # type: ignore[arg-type]
+        if f.name != "robot":
+            is_text = isinstance(getattr(default, f.name), str)
+            kinds[f.name] = reading.TomlText if is_text else reading.TomlNumber
+    given = reading.typed(values, kinds, where)
     try:
         return replace(default, **given)  # type: ignore[type-var]
     except ValueError as error:
@@ -368,13 +323,9 @@ def make_plant(
         settings: physics settings of a simulated plant.
 
     Raises:
-        ProfileError: an unknown name, or numbers that do not go together.
+        ValueError: an unknown name, or numbers that do not go together.
     """
     try:
-        kind = plant_kind(name)
-    except ValueError as error:
-        raise ProfileError(str(error)) from None
-    try:
-        return kind.build(profile.section(name), terrain, settings)
+        return plant_kind(name).build(profile.section(name), terrain, settings)
     except ParameterError as error:
-        raise ProfileError(f"profile {profile.name}, plant {name}: {error}") from error
+        raise ValueError(f"profile {profile.name}, plant {name}: {error}") from error

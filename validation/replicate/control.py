@@ -94,7 +94,7 @@ def _tune_gains(controller: str, task: Task) -> Findings:
             controller,
             ("generic@0.25",),
             _PROFILE,
-            plants=("improved",),
+            plant=("improved",),
             held_out=(),
             gains="published",
             from_scratch=True,

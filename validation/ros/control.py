@@ -58,7 +58,7 @@ class Control(Graph):
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
     another --robot the numbers of its file."""
-    own: Annotated[str | None, tyro.conf.arg(name="controller")] = None
+    own_controller: Annotated[str | None, tyro.conf.arg(name="controller")] = None
     """A controller of your own instead of CONTROLLER: a class in a Python file, FILE.py:NAME, which
     is run."""
     gains: str | None = None
@@ -258,7 +258,7 @@ def control(options: Control) -> Tracked:
             there.
         StoppedError, KeyboardInterrupt: the drive ended before the robot had gone anywhere.
     """
-    names = (options.controller, options.reference, options.own)
+    names = (options.controller, options.reference, options.own_controller)
     controller, reference_name = controller_and_reference(*names)
     profile = choose_profile(options.profile, options.robot, "thesis-lab")
     robot = profile.robot.name

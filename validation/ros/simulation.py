@@ -42,7 +42,7 @@ class Sim(Graph):
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab, and for
     another --robot the numbers of its file."""
-    start: cli.Pose = (0.0, 0.0, 0.0)
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Pose of the robot in the tracking system's frame [m, m, rad]."""
     duration: float = math.inf
     """Time after which to end [s]; it runs until Ctrl-C if not given."""

@@ -9,21 +9,21 @@ outside a robot's file knows its numbers. A profile adds numbers fitted to one r
 from __future__ import annotations
 
 import math
-import os
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import resources
 from operator import not_
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
+
+from msgspec import Meta
 
 from ssmr.parameters import check_parameters, declaration, parameter
 from ssmr.robot.vehicle import Drive, Vehicle
 from validation.files import reading
-from validation.files.reading import is_number
 from validation.words import one_line
 
 SCHEMA = "ssmr.robot/1"
@@ -40,8 +40,6 @@ Vector3 = tuple[float, float, float]
 """Coordinates or moments of inertia along x, y and z."""
 GRADES = ("measured", "datasheet", "published", "fitted", "assumed")
 """Grades of the source of a number, best first."""
-_MOST_WORDS = 2000
-"""Greatest length of a text in a robot's file [characters]."""
 
 GRAVITY = 9.81
 """[m/s2]; list of symbols of the thesis, and MuJoCo's default."""
@@ -66,10 +64,6 @@ a Husky's wheel has 1.18 times more about its diameter and 1.23 times more about
 mass is mostly in the tyre."""
 USUAL_ROBOT = "husky"
 """Name of the robot that is meant where none is named."""
-
-
-class RobotError(ValueError):
-    """A robot that cannot be found, read or built."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -303,6 +297,21 @@ SECTIONS: Mapping[str, Mapping[str, Field[Any]]] = MappingProxyType(
 """The sections of a robot's file, and the field that each key fills."""
 _TEXTS = ("name", "title", "description", "mjcf")
 """Keys of the texts at the top level of a robot's file."""
+_KINDS = {
+    "schema": Annotated[Literal["ssmr.robot/1"], Meta(description=f"'{SCHEMA}'")],
+    **dict.fromkeys(_TEXTS, reading.TomlText),
+    **dict.fromkeys((*SECTIONS, "sources"), reading.TomlTable),
+}
+"""Types of the values at the top level of a robot's file."""
+_SOURCE = Annotated[
+    str,
+    Meta(
+        max_length=2000,
+        pattern=rf"^\s*({'|'.join(GRADES)})\s*(:|$)",
+        description=f"'GRADE: source', with GRADE of {', '.join(GRADES)}",
+    ),
+]
+"""Type of the source of a number in a robot's file."""
 
 
 def models_folder() -> Path:
@@ -334,23 +343,15 @@ def read_robot(name_or_path: str | Path = USUAL_ROBOT) -> Robot:
     """Return a shipped robot by name, or the robot of a file by path.
 
     Raises:
-        RobotError: there is none, or its file says something that cannot be; the message names
+        ValueError: there is none, or its file says something that cannot be; the message names
             file, section and key.
     """
     name = str(name_or_path)
     if name in _loaded:
         return _loaded[name]
-    shipped = shipped_robots()
-    path = models_folder() / f"{name}.toml" if name in shipped else Path(name)
-    if name not in shipped and not os.path.exists(name):
-        raise RobotError(
-            f"no robot '{one_line(name)}'; there are: {', '.join(shipped)}; "
-            "or give the path of a robot's file"
-        )
-    try:
-        robot = parse_robot(reading.read_toml(path), path.parent)
-    except ValueError as error:
-        raise RobotError(f"robot {name}: {error}") from error
+    shipped = {known: models_folder() / f"{known}.toml" for known in shipped_robots()}
+    folder = shipped.get(name, Path(name)).parent
+    robot = reading.load_named("robot", name, shipped, partial(parse_robot, folder=folder))
     if name in shipped:
         _loaded[name] = robot
     return robot
@@ -367,17 +368,14 @@ def parse_robot(document: Mapping[str, Any], folder: Path = Path()) -> Robot:
     Raises:
         ValueError: it says something that cannot be; the message names section and key.
     """
-    schema = document.get("schema")
-    if schema != SCHEMA:
-        raise ValueError(f"schema is {reprlib.repr(schema)}, wanted '{SCHEMA}'")
-    reading.require_known(document, {"schema", *_TEXTS, *SECTIONS, "sources"}, "the top level")
-    texts = {key: _text(document, key) for key in _TEXTS}
+    found = reading.typed({"schema": None, **document}, _KINDS)
+    texts: dict[str, Any] = {key: one_line(found.get(key, "")) for key in _TEXTS}
     name = texts["name"]
     if not name.replace("-", "").replace("_", "").isalnum():
         raise ValueError(f"name is '{name}', wanted letters, digits, '-' and '_'")
-    given = {section: _section(document, section) for section in SECTIONS}
+    given = {section: _section(found.get(section, {}), section) for section in SECTIONS}
     texts["mjcf"] = _mjcf_path(texts["mjcf"], folder)
-    own: dict[str, Any] = {"sources": _sources(document.get("sources", {})), **texts}
+    own: dict[str, Any] = {"sources": _sources(found.get("sources", {})), **texts}
     for section in ("geometry", "mass", "simulation"):
         own |= given[section]
     robot = Robot(**own)
@@ -498,48 +496,34 @@ def _complete_motors(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _text(document: Mapping[str, Any], key: str) -> str:
-    """Return a text of the top level in one line; empty if it is not given."""
-    value = document.get(key, "")
-    if not isinstance(value, str) or len(value) > _MOST_WORDS:
-        raise ValueError(
-            f"{key} is {reprlib.repr(value)}, wanted a text of at most {_MOST_WORDS} characters"
-        )
-    return one_line(value)
+def _kind(f: Field[Any]) -> Any:
+    """Return the type of a field's value in a file."""
+    if isinstance(f.default, tuple):
+        # NaN stands for a number to estimate, where the default is NaN
+        kinds = tuple(float if math.isnan(d) else reading.TomlNumber for d in f.default)
+        numbers: Any = tuple.__class_getitem__(kinds)
+        return Annotated[numbers, Meta(description=f"{len(kinds)} numbers")]
+    declared = declaration(f)
+    if declared is None:
+        return reading.TomlText
+    return Annotated[reading.TomlNumber, Meta(description=f"a number [{declared.unit}]")]
 
 
-def _section(document: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _section(section: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Return the numbers of one section by field, each of the type that its field has."""
-    section = document.get(name, {})
-    reading.require_known(section, set(SECTIONS[name]), name)
+    kinds = {key: _kind(f) for key, f in SECTIONS[name].items()}
+    values = reading.typed(section, kinds, name)
     given: dict[str, Any] = {}
     for key, f in SECTIONS[name].items():
-        if key in section:
-            value = section[key]
-            if not _fits(value, f.default):
-                text = reprlib.repr(value)
-                raise ValueError(f"{name}.{key} is {text}, wanted {_form(f)}")
-            given[f.name] = _rounded(value)
-            declared = declaration(f)
+        declared = declaration(f)
+        if key in values:
+            given[f.name] = _rounded(values[key])
             if declared is not None:
                 declared.check(f"[{name}] {key}", given[f.name])
         elif f.default is MISSING:
-            raise ValueError(f"{name}.{key} is missing; wanted {_form(f)}")
+            unit = "" if declared is None else f" [{declared.unit}]"
+            raise ValueError(f"{name}.{key} is missing; wanted a number{unit}")
     return given
-
-
-def _fits(value: Any, default: Any) -> bool:
-    """Return whether a value from a file has the type of the field with this default."""
-    if isinstance(default, str):
-        return isinstance(value, str)
-    if not isinstance(default, tuple):
-        return is_number(value) and not math.isnan(value)
-    if not isinstance(value, list) or len(value) != len(default):
-        return False
-    if not all(map(is_number, value)):
-        return False
-    # NaN stands for a number to estimate, where the default is NaN
-    return all(math.isnan(d) or not math.isnan(v) for v, d in zip(value, default, strict=True))
 
 
 def _rounded(value: Any) -> Any:
@@ -549,35 +533,18 @@ def _rounded(value: Any) -> Any:
     """
     if isinstance(value, str):
         return value
-    if isinstance(value, list):
+    if isinstance(value, tuple):
         return tuple(map(_rounded, value))
-    return round(float(value), 300)
+    return round(value, 300)
 
 
-def _form(f: Field[Any]) -> str:
-    """Return the form of a field's value, for messages."""
-    if isinstance(f.default, tuple):
-        return f"{len(f.default)} numbers"
-    declared = declaration(f)
-    return "a text" if declared is None else f"a number [{declared.unit}]"
-
-
-def _sources(section: Any) -> tuple[tuple[str, str], ...]:
+def _sources(section: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     """Return keys and texts of the sources, checked."""
-    allowed = set(SECTIONS)
+    kinds = dict.fromkeys(SECTIONS, _SOURCE)
     for name, keys in SECTIONS.items():
-        allowed |= {f"{name}.{key}" for key in keys}
-    reading.require_known(section, allowed, "sources")
-    sources = []
-    for key, value in section.items():
-        is_text = isinstance(value, str) and len(value) <= _MOST_WORDS
-        if not is_text or value.partition(":")[0].strip() not in GRADES:
-            raise ValueError(
-                f"sources.{key} is {reprlib.repr(value)}, wanted 'GRADE: source', "
-                f"with GRADE of {', '.join(GRADES)}"
-            )
-        sources.append((key, one_line(value)))
-    return tuple(sources)
+        kinds |= {f"{name}.{key}": _SOURCE for key in keys}
+    texts = reading.typed(section, kinds, "sources")
+    return tuple((key, one_line(text)) for key, text in texts.items())
 
 
 def with_robot(profile: str, robot: str) -> str:

@@ -145,7 +145,7 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
         profile,
         plants=o.plants,
         input="wheels",
-        start=middle,
+        since=middle,
         horizons=_HORIZONS,
         bands=True,
         seed=o.seed,
@@ -190,7 +190,7 @@ def _fit_all(
             seed=o.seed,
             workers=1,
             search="lsq" if heavy else "hybrid",
-            start=begin_at(plant, BODY, profile) if heavy else None,
+            guess=begin_at(plant, BODY, profile) if heavy else None,
             out=folder / plant,
         )
         profile = fitted.profile

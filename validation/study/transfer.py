@@ -25,7 +25,7 @@ from ssmr.control.loop import LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.types import FloatArray
 from validation import cli
-from validation.experiment.gains import DEFAULT, GainSet, load_gains, names, profile_sets
+from validation.experiment.gains import DEFAULT, GainSet, load_gains, shipped_sets
 from validation.experiment.loops import (
     AnyController,
     ClosedLoopRobot,
@@ -119,10 +119,11 @@ def contenders_of(o: TransferStudy, profile: Profile) -> Contenders:
     for named in o.controllers:
         controller, colon, kind_named = named.partition(":")
         kinds = [kind_named]
+        sets = shipped_sets(controller)
         if not colon:
-            kinds = [name.removeprefix(f"{controller}-") for name in names(controller)]
+            kinds = [name for name, path in sets.items() if path.stem != controller]
         for kind in kinds or [DEFAULT]:
-            tuned_here = kind == "tuned" and profile.name in profile_sets(controller)
+            tuned_here = kind == "tuned" and profile.name in sets
             gains = load_gains(controller, profile.name if tuned_here else kind)
             name = controller if kind == DEFAULT else f"{controller} {Path(kind).stem}"
             if name in contenders:

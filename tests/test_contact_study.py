@@ -26,13 +26,12 @@ from validation.study.contact import (
     BASELINE,
     CONTACT_DRIVES,
     CONTACT_MEASURES,
-    Bench,
     Setting,
     Trial,
     all_settings,
     balanced,
     chosen_settings,
-    make_bench,
+    make_trials,
     study_contact,
 )
 
@@ -47,8 +46,8 @@ FORM_ERROR = 0.01
 
 
 @pytest.fixture(scope="module")
-def bench(lab: Profile) -> Bench:
-    return make_bench(lab)
+def trials(lab: Profile) -> dict[str, Trial]:
+    return make_trials(lab, EVERY)
 
 
 @pytest.fixture(scope="module")
@@ -74,11 +73,10 @@ def of(small: Report, name: str) -> dict[str, Any]:
     }
 
 
-def measured(bench: Bench, name: str) -> dict[str, Any]:
+def measured(trials: dict[str, Trial], name: str) -> dict[str, Any]:
     """Return the measures that every drive finds of a setting."""
-    trial = Trial(bench, EVERY[name])
     return {"variant": name} | {
-        k: v for take in CONTACT_DRIVES.values() for k, v in take(trial).items()
+        k: v for take in CONTACT_DRIVES.values() for k, v in take(trials[name]).items()
     }
 
 
@@ -208,8 +206,8 @@ def test_what_cannot_be_driven_says_why(small: Report) -> None:
         assert columns <= set(of(small, name))
 
 
-def test_a_study_repeats_alone_or_beside_others(small: Report, bench: Bench) -> None:
-    assert measured(bench, PYRAMIDAL) == of(small, PYRAMIDAL)
+def test_a_study_repeats_alone_or_beside_others(small: Report, trials: dict[str, Trial]) -> None:
+    assert measured(trials, PYRAMIDAL) == of(small, PYRAMIDAL)
 
 
 def test_d_rms_is_the_comparisons(small: Report, lab: Profile) -> None:
@@ -231,7 +229,7 @@ def test_every_setting_can_be_made(lab: Profile) -> None:
 
 @pytest.mark.slow  # four simulations of 8 s
 def test_gazebo_s_husky_does_not_come_round_and_a_cone_with_the_centre_in_the_middle_does(
-    lab: Profile, bench: Bench
+    lab: Profile, trials: dict[str, Trial]
 ) -> None:
     """The maker's centre of mass alone makes the middle circle a point.
 
@@ -239,7 +237,7 @@ def test_gazebo_s_husky_does_not_come_round_and_a_cone_with_the_centre_in_the_mi
     """
     installed_plant(lab, "ode")
     gazebo, cone, cured, best = (
-        Trial(bench, EVERY[f"ode: {name}"]).spot()
+        trials[f"ode: {name}"].spot()
         for name in (
             "Gazebo's Husky",
             "Gazebo's Husky, emulated cone",

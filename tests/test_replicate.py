@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +47,8 @@ from validation.replicate.verdicts import EVIDENCE, STATUSES
 
 PLACES = {f"Sec. {n}" for n in ("3.7", "4.5, motors")} | {"Fig. 3.33"}
 WANTED = PLACES | {*"3.4 3.8 3.9 3.11 3.12 3.14 3.15 4.4 4.21 4.37".split(), *CONTROL_TABLES}
-SMALL = Task(QUICK._replace(fit=(8, 3), draws=1), 1, 2, silent)
+SMALL = {**QUICK, "fit": (8, 3), "draws": 1}
+TASK = Task(1, 2, silent, **SMALL)
 
 
 def section(key: str) -> Section:
@@ -85,7 +88,7 @@ def test_every_template_has_a_caption_for_each_of_its_tables() -> None:
 def test_files_hold_every_number_beside_ours_with_a_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("validation.replicate.run.QUICK", SMALL.budget)
+    monkeypatch.setattr("validation.replicate.run.QUICK", SMALL)
     report = replicate(quick=True, only=("3.9",), workers=2)
     assert [p.name for p in report.save(tmp_path)] == [
         "replicate.json",
@@ -118,6 +121,11 @@ def test_files_hold_every_number_beside_ours_with_a_verdict(
     assert "{" not in text
 
 
+def test_help_has_every_option_and_what_it_means() -> None:
+    for option in inspect.signature(replicate).parameters:
+        assert re.search(rf"^    {option}: \w", replicate.__doc__, re.MULTILINE), option
+
+
 def test_an_interrupt_keeps_the_sections_that_are_finished() -> None:
     def stop(now: Progress) -> None:
         if "accelerations" in now.text:
@@ -140,7 +148,7 @@ def test_the_noise_of_the_simulated_lab_is_found_by_the_procedure_of_the_thesis(
 
     Wrong stamps are noise of X alone.
     """
-    measured = section("noise").run(SMALL._replace(budget=QUICK._replace(draws=3)))
+    measured = section("noise").run(TASK._replace(draws=3))
     for name, pairs in measured.tables["3.4"].items():
         pair = pairs["variance"]
         assert pair.ours is not None
@@ -231,7 +239,7 @@ def test_without_ode_the_section_on_gazebo_says_how_to_get_it(
         raise EngineMissingError("install it")
 
     monkeypatch.setattr(gazebo, "ode", missing)
-    measured: Findings = section("gazebo").run(SMALL)
+    measured: Findings = section("gazebo").run(TASK)
     assert {row["straight_share"].obstacle for row in measured.tables["Sec. 3.7"].values()} == {
         "install it"
     }

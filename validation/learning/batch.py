@@ -291,7 +291,7 @@ class TrackBatch:
             rows.ticks[i] = 0
             wheels = Sides(episode.start.wheel_left, episode.start.wheel_right)
             rows.held[i] = rolling(wheels, numbers)
-            rows.before[i] = episode.before
+            rows.before[i] = (episode.start.v_x, 0.0)
             rows.targets[i, : len(episode.targets)] = episode.targets
             rows.noise[i, : len(episode.noise)] = episode.noise
             self._lengths[i] = len(episode.pushes)

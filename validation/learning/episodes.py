@@ -112,9 +112,7 @@ class Episode:
     drive: Drive
     """The robot's drive."""
     start: State
-    """The state in which it starts."""
-    before: tuple[float, float]
-    """Command until the beginning: speed [m/s] and yaw rate [rad/s]."""
+    """The state in which it starts: it rolls straight ahead as it was commanded until then."""
     targets: FloatArray
     """(T + 1 + the farthest preview, 5) x, y, heading, speed and yaw rate of the target at each
     tick."""
@@ -220,18 +218,17 @@ class EpisodeSource:
         n = min(self.most_ticks, math.ceil(waypoints.duration / VELOCITY_PERIOD - 1e-9))
         times = VELOCITY_PERIOD * np.arange(n + 1.0 + max(AHEAD_TICKS))
         targets = targets_at(waypoints.course(), times)
-        start, before = self._draw_start(waypoints.start, speed, drive, rng)
+        start = self._draw_start(waypoints.start, speed, drive, rng)
         seed = int(rng.integers(2**32))
+        off = np.zeros((n + 1, 5))
+        pushes = np.zeros((n, self.steps))
         if self.task.noise:
-            deviations = np.array(LoopSettings().deviations())
-            off = np.random.default_rng([seed, 0]).standard_normal((n + 1, 5)) * deviations
+            draws = np.random.default_rng([seed, 0]).standard_normal(off.shape)
+            off = draws * np.array(LoopSettings().deviations())
             push = np.random.default_rng([seed, 1])
             dt = VELOCITY_PERIOD / self.steps
-            pushes = yaw_disturbance(n * VELOCITY_PERIOD, dt, push).reshape(n, self.steps)
-        else:
-            off = np.zeros((n + 1, 5))
-            pushes = np.zeros((n, self.steps))
-        return Episode(calibration, drive, start, before, targets=targets, noise=off, pushes=pushes)
+            pushes = yaw_disturbance(n * VELOCITY_PERIOD, dt, push).reshape(pushes.shape)
+        return Episode(calibration, drive, start, targets, noise=off, pushes=pushes)
 
     def _draw_robot(
         self, section: PlantProfile, rng: np.random.Generator
@@ -253,13 +250,13 @@ class EpisodeSource:
 
     def _draw_start(
         self, first: State, speed: float, drive: Drive, rng: np.random.Generator
-    ) -> tuple[State, tuple[float, float]]:
-        """Return a state near the first waypoint, rolling straight ahead, and its command."""
+    ) -> State:
+        """Return a state near the first waypoint, rolling straight ahead."""
         place = START_PLACE * self.track
         x, y, yaw = self.task.spread * rng.uniform(-1.0, 1.0, 3) * (place, place, START_YAW)
         v = self.task.spread * float(rng.uniform(0.0, speed))
         wheels = wheel_rates(v, 0.0, drive.command_half_track, drive.command_radius)
-        state = State(
+        return State(
             first.x + x,
             first.y + y,
             first.yaw + yaw,
@@ -267,4 +264,3 @@ class EpisodeSource:
             wheel_left=float(wheels.left),
             wheel_right=float(wheels.right),
         )
-        return state, (v, 0.0)

@@ -24,9 +24,15 @@ from validation.report.table import Row, Table, markdown_table
 from validation.words import markdown
 
 
-class Budget(NamedTuple):
-    """Amount of searching and repeating."""
+class Task(NamedTuple):
+    """Inputs of a section: how much it searches and repeats, and what it works with."""
 
+    seed: int
+    """First seed of its searches."""
+    workers: int | None
+    """Number of threads, None for all processors; no result depends on it."""
+    progress: Progressing
+    """Callback for its progress."""
     fit: tuple[int, int] = (50, 300)
     """Candidates and greatest number of generations of a fit (Tab. 3.7, 3.10, 3.13)."""
     tune: tuple[int, int] | None = None
@@ -39,21 +45,14 @@ class Budget(NamedTuple):
     """Starts of each run in ODE."""
 
 
-QUICK = Budget((20, 25), (20, 12), 1, 2, 1)
-"""Reduced budgets, which take under three minutes."""
-
-
-class Task(NamedTuple):
-    """Inputs of a section."""
-
-    budget: Budget
-    """Amount of computing that it may do."""
-    seed: int
-    """First seed of its searches."""
-    workers: int | None
-    """Number of threads, None for all processors; no result depends on it."""
-    progress: Progressing
-    """Callback for its progress."""
+QUICK: Mapping[str, Any] = {
+    "fit": (20, 25),
+    "tune": (20, 12),
+    "searches": 1,
+    "draws": 2,
+    "starts": 1,
+}
+"""Fields of a `Task` that takes less: the whole is under three minutes then."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,9 +87,9 @@ _REAL_SEEDS = 1000
 
 def _tune_gains(controller: str, task: Task) -> Findings:
     """Search a controller's gains as Sec. 4.3.3 and 4.4.3 did."""
-    population, generations = task.budget.tune or (None, None)
+    population, generations = task.tune or (None, None)
     searches = []
-    for seed in range(task.seed, task.seed + task.budget.searches):
+    for seed in range(task.seed, task.seed + task.searches):
         tuned = tune(
             controller,
             ("generic@0.25",),
@@ -268,7 +268,7 @@ def supposition(number: str) -> str:
 
 
 def _track_references(task: Task) -> Findings:
-    runs = TrackedTables(load_profile(_PROFILE), task.budget.draws, task.workers)
+    runs = TrackedTables(load_profile(_PROFILE), task.draws, task.workers)
     tables = dict[str, Rows]()
     for number in CONTROL_TABLES:
         tables[number] = runs.rows(number)
@@ -284,7 +284,7 @@ def _track_references(task: Task) -> Findings:
     for row, printed in published.table("4.37")["rows"].items():
         pairs = real_rows[row]
         repeated[row] = {m: replace(p, published=float(printed[m])) for m, p in pairs.items()}
-    words = {"seeds": task.budget.draws}
+    words = {"seeds": task.draws}
     return Findings({**tables, "4.37": repeated}, words, panels=_panels(judged_rows(tables)))
 
 
@@ -326,7 +326,7 @@ def _panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
 def _saturation(task: Task) -> Findings:
     """Find how often motors are at their limit on the generic reference (Sec. 4.5)."""
     profile = load_profile(_PROFILE)
-    n = task.budget.draws
+    n = task.draws
     rows: dict[str, dict[str, Pair]] = {}
     for plant in ("improved", "mujoco"):
         robot = make_robot(profile, plant)

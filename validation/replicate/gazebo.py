@@ -164,7 +164,7 @@ def _gazebo(task: Task) -> Findings:
     """Drive the runs of Sec. 3.7, each with two friction directions and from several starts."""
     words = {
         "straight": _STRAIGHT,
-        "starts": task.budget.starts,
+        "starts": task.starts,
         "turned": np.degrees(_TURNED),
         "closest": 0,
         "cases": 0,
@@ -174,7 +174,7 @@ def _gazebo(task: Task) -> Findings:
     except EngineMissingError as error:
         obstacle = Pair(None, None, "words", obstacle=str(error))
         return Findings({"Sec. 3.7": {law: {"straight_share": obstacle} for law in _LAWS}}, words)
-    every = starts(task.budget.starts)
+    every = starts(task.starts)
     cases = list(itertools.product(_LAWS, _DIRECTIONS, every))
     runs = []
     for done, (name, direction, start) in enumerate(cases):

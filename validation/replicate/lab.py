@@ -92,7 +92,7 @@ def _noise(task: Task) -> Findings:
 
     Three noises: the lab's as it is, that with wrong stamps, and the one that the thesis simulates.
     """
-    draws = task.budget.draws
+    draws = task.draws
     found = np.empty((3, len(_STRAIGHT), draws, len(_SIGNALS)))
     for case, name in enumerate(_STRAIGHT):
         motion, drive = _drive_case(published.table("3.3")["rows"][name])

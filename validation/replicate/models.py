@@ -34,7 +34,7 @@ _JUDGED = ("coulomb", "improved")
 
 def _fit_model(model: str, task: Task) -> Findings:
     """Fit a model's parameters as Sec. 3.5.4-3.5.6 did."""
-    population, generations = task.budget.fit
+    population, generations = task.fit
     parameters, distances = _FITS[model]
     fitted = fit(
         model,

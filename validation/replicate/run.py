@@ -17,7 +17,6 @@ from validation import cli
 from validation.progress import Progress
 from validation.replicate.chapters import (
     QUICK,
-    Budget,
     Chapter,
     Findings,
     Section,
@@ -212,7 +211,8 @@ def _task(o: Replicate, key: str, done: int, total: int) -> Task:
         o.progress(Progress(done + share, total, f"{key}, {now.text}"))
 
     report_progress(Progress(0.0, 1.0, "begun"))
-    return Task(QUICK if o.quick else Budget(), o.seed, o.workers, report_progress)
+    task = Task(o.seed, o.workers, report_progress)
+    return task._replace(**QUICK) if o.quick else task
 
 
 def _counts(rows: Sequence[JudgedRow]) -> _Counts:

@@ -223,26 +223,6 @@ class ContactStudy(StudyOptions):
         chosen_settings(self.only)
 
 
-class Bench(NamedTuple):
-    """Inputs that all settings have in common."""
-
-    lab: PlantProfile
-    """MuJoCo's robot that stands for the lab's robot."""
-    pieces: Mapping[str, Piece]
-    """Trajectories 1-4."""
-    models: Mapping[str, Mapping[str, Trajectory]]
-    """Motions of the published models, by model and trajectory."""
-
-
-def make_bench(lab: Profile) -> Bench:
-    """Drive the published models, and return the bench."""
-    pieces = {name: open_source(name).pieces[0] for name in TRAJECTORIES}
-    models = {}
-    for model in MODELS:
-        models[model] = _drive_all(make_plant(lab, model), pieces, lab.plants[model].localiser)
-    return Bench(balanced(lab.section("mujoco")), pieces, models)
-
-
 def balanced(section: PlantProfile) -> PlantProfile:
     """Return a robot with its weight in the middle, so that any drift is that of the physics."""
     return replace(section, parameters=replace(section.parameters, com_x=0.0, com_y=0.0))
@@ -259,8 +239,14 @@ def _drive_all(
 class Trial:
     """A setting on the bench, with tyres that roll with the profile's radius."""
 
-    bench: Bench
+    lab: PlantProfile
+    """MuJoCo's robot that stands for the lab's robot."""
+    pieces: Mapping[str, Piece]
+    """Trajectories 1-4."""
+    models: Mapping[str, Mapping[str, Trajectory]]
+    """Motions of the published models, by model and trajectory."""
     setting: Setting
+    """What is tried."""
 
     @cached_property
     def uncorrected(self) -> MujocoPlant | EnginePlant:
@@ -268,7 +254,7 @@ class Trial:
 
         Its numbers have the radius that the corrected robot rolls with.
         """
-        return self.setting.plant(self.bench.lab)
+        return self.setting.plant(self.lab)
 
     @cached_property
     def excess(self) -> float:
@@ -278,7 +264,7 @@ class Trial:
 
     def plant(self, steps: float = 1.0, terrain: Terrain = FLAT) -> MujocoPlant | EnginePlant:
         """The corrected robot."""
-        return self.setting.plant(self.bench.lab, -self.excess, steps, terrain)
+        return self.setting.plant(self.lab, -self.excess, steps, terrain)
 
     def straight(self) -> Row:
         """Deviation of a straight drive."""
@@ -311,8 +297,8 @@ class Trial:
 
     def trajectories(self) -> Row:
         """Distances from the published models, and measures of trajectories 3 and 4."""
-        pieces = self.bench.pieces
-        lab = self.bench.lab
+        pieces = self.pieces
+        lab = self.lab
         plant = self.plant()
         motions = _drive_all(plant, pieces, lab.localiser)
         third = motions["traj3"]
@@ -327,10 +313,20 @@ class Trial:
         in_ground_frame = turned.xy @ np.array([[c, -s], [s, c]])
         row["ground_turned_m"] = _apart(in_ground_frame, third.xy)
         row["step_halved_m"] = _apart(fine.xy, motions["traj4"].xy)
-        for model, paths in self.bench.models.items():
+        for model, paths in self.models.items():
             scores = [compare_paths(motions[name], path) for name, path in paths.items()]
             row[f"to_{model}_m"] = float(np.mean([score["d_rms_m"] for score in scores]))
         return row
+
+
+def make_trials(lab: Profile, settings: Mapping[str, Setting]) -> dict[str, Trial]:
+    """Drive the published models, and return the trial of each setting."""
+    pieces = {name: open_source(name).pieces[0] for name in TRAJECTORIES}
+    models = {}
+    for model in MODELS:
+        models[model] = _drive_all(make_plant(lab, model), pieces, lab.plants[model].localiser)
+    robot = balanced(lab.section("mujoco"))
+    return {name: Trial(robot, pieces, models, setting) for name, setting in settings.items()}
 
 
 def _apart(one: FloatArray, other: FloatArray) -> float:
@@ -359,10 +355,8 @@ def study_contact(o: ContactStudy) -> Study:
         SsmrError: a published model diverged.
     """
     lab = o.robot_profile()
-    bench = make_bench(lab)
     chosen = chosen_settings(o.only, lab.robot)
-    trials = {name: Trial(bench, setting) for name, setting in chosen.items()}
-    swept = sweep(trials, CONTACT_DRIVES, workers=o.workers, progress=o.progress)
+    swept = sweep(make_trials(lab, chosen), CONTACT_DRIVES, workers=o.workers, progress=o.progress)
     tables = []
     for title, columns in CONTACT_MEASURES.items():
         keys = ("variant", *columns)

@@ -413,7 +413,7 @@ PRICES = {
         "these)",
     ),
     "validation/learning": Price(
-        6_300,
+        6_200,
         5,
         14,
         "reinforcement learning on the robot: Gymnasium and dm_control",
@@ -439,9 +439,9 @@ PRICES = {
         "every plant declared once, and profiles",
     ),
     "validation/replicate": Price(
-        13_000,
-        14,
-        46,
+        13_200,
+        13,
+        45,
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
@@ -463,7 +463,7 @@ PRICES = {
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
-        13_500,
+        13_700,
         13,
         39,
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",

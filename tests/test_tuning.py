@@ -200,11 +200,12 @@ def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
     assert tuned.shipped is not None
     assert tuned.shipped.name == "lqr-tuned"
     (trained,), (held,) = tuned.train.values(), tuned.held_out.values()
-    assert tuned.shipped_cost == pytest.approx(trained["shipped"].cost, rel=ROUNDOFF)
+    assert tuned.shipped_cost == pytest.approx(trained["shipped"].metrics["cost"], rel=ROUNDOFF)
     document = tuned.as_dict()
     assert document["shipped_cost"] == tuned.shipped_cost
     assert (
-        document["held_out"]["square at 0.5 m/s, linear"]["shipped"]["cost"] == held["shipped"].cost
+        document["held_out"]["square at 0.5 m/s, linear"]["shipped"]["cost"]
+        == held["shipped"].metrics["cost"]
     )
     own = tune("lqr", ("circle@0.5",), lab, noise=False, gains="tuned", **options)
     assert "shipped" not in next(iter(own.train.values())), (

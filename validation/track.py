@@ -26,7 +26,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import rotate_body_to_world
 from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
-from validation import cli, store
+from validation import cli
 from validation.experiment.gains import GainSet, origin_sentence
 from validation.experiment.loops import (
     AnyController,
@@ -38,10 +38,10 @@ from validation.experiment.loops import (
     require_practicable,
     run_robots,
 )
-from validation.experiment.tracked import MOST_BESIDE, TrackedRobot, reference_of, track_metrics
+from validation.experiment.tracked import MOST_BESIDE, Followed, reference_of, track_metrics
 from validation.experiment.user_law import load_user_metric
 from validation.experiment.waypoint_files import open_reference
-from validation.plants.profile import Pace, Profile, choose_profile, odometry_of
+from validation.plants.profile import Pace, choose_profile, odometry_of
 from validation.progress import Progress
 from validation.report.tracking import Tracked
 from validation.simulator.terrain import FLAT, Terrain
@@ -192,32 +192,39 @@ def track(o: TrackOptions) -> Tracked:
     driven = []
     for k, robot in enumerate(robots):
         o.progress(Progress(k, len(robots), f"{robot.name} drives"))
-        tracked = _driven(o, robot, law, gains, label=label, waypoints=waypoints, profile=profile)
+        tracked = _driven(o, robot, law, waypoints, label)
         # metrics of users see the reference to its end, also where the robot was lost
         if metric is not None:
             whole = reference_of(tracked.run, waypoints, whole=True)
             metrics = metric(tracked.metrics, [tracked.run.motion], [whole])
             tracked = replace(tracked, metrics=metrics)
         driven.append(tracked)
-    return Tracked.of(driven, remarks=remarks)
+    return Tracked.of(
+        driven,
+        law.name,
+        label,
+        waypoints.speed,
+        gains=gains,
+        profile=profile,
+        seed=o.seed,
+        terrain=o.terrain,
+        filter=odometry_of(robots[0].drive) if o.seen == "ekf" else None,
+        remarks=remarks,
+    )
 
 
 def _driven(
     o: TrackOptions,
     robot: ClosedLoopRobot,
     law: AnyController,
-    gains: GainSet | None,
-    *,
-    label: str,
     waypoints: Waypoints,
-    profile: Profile,
-) -> TrackedRobot:
+    label: str,
+) -> Followed:
     """Drive a robot along the reference; one that is lost on the way gives the part it drove."""
-    odometry = odometry_of(robot.drive)
     around = LoopSettings(
         o.seen,
         sensors=o.sensors,
-        filter=odometry,
+        filter=odometry_of(robot.drive),
         disturbance=not (o.no_noise or o.no_disturbance),
         lookahead=o.lookahead,
     )
@@ -232,15 +239,8 @@ def _driven(
     # without a tick there is nothing to report
     if not len(run.t):
         run.require_complete(f"{law.name} on {label} with the plant {robot.name}")
-    return TrackedRobot(
-        controller=law.name,
-        gains_name=gains.name if gains else "none",
-        gains=dict(gains.values) if gains else {},
-        reference=label,
-        speed=waypoints.speed,
+    return Followed(
         plant=robot.name,
-        profile=profile.name,
-        seed=o.seed,
         run=run,
         target=reference_of(run, waypoints),
         metrics=track_metrics(run, waypoints, robot.limits),
@@ -256,10 +256,6 @@ def _driven(
             "velocity_period_s": around.velocity_period,
             "terrain": robot.terrain.spec,
         },
-        versions=store.versions(),
-        terrain=robot.terrain,
-        body=profile.robot,
-        filter=odometry if around.feedback == "ekf" else None,
     )
 
 

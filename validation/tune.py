@@ -38,7 +38,7 @@ from validation.experiment.loops import (
     make_robot,
     require_practicable,
 )
-from validation.experiment.tracked import lost_text
+from validation.experiment.tracked import Followed, lost_text
 from validation.experiment.waypoint_files import open_reference, split_speed
 from validation.identify.report import (
     SearchReport,
@@ -49,7 +49,6 @@ from validation.identify.report import (
 )
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.tuning import (
-    RatedRun,
     TuneCase,
     TuneCost,
     TuneMeasure,
@@ -163,10 +162,10 @@ class Tuned(SearchReport):
     shipped_cost: float
     """Cost of the gains that are shipped; infinite where they lose a reference, NaN where there are
     none."""
-    train: Mapping[str, Mapping[str, RatedRun]]
+    train: Mapping[str, Mapping[str, Followed]]
     """Runs by reference, speed and plant (`generic at 0.25 m/s, improved`), and by gains: `tuned`,
     `baseline` and, where these are others, `shipped`."""
-    held_out: Mapping[str, Mapping[str, RatedRun]]
+    held_out: Mapping[str, Mapping[str, Followed]]
     """The same along references that the tuning has not seen."""
 
     @property
@@ -192,7 +191,7 @@ class Tuned(SearchReport):
         for label, runs in (*self.train.items(), *self.held_out.items()):
             r = runs["tuned"]
             if not r.run.lost:
-                followed[label] = {"d_rms_m": r.metrics["d_rms_m"], "cost": r.cost}
+                followed[label] = {"d_rms_m": r.metrics["d_rms_m"], "cost": r.metrics["cost"]}
         kept = ["profile", "robot", "cost_name", "cost", "baseline"]
         kept += ["baseline_cost"] if math.isfinite(self.baseline_cost) else []
         kept += ["seed", "evaluations", "generations"]
@@ -224,13 +223,10 @@ class Tuned(SearchReport):
     def document(self) -> dict[str, Any]:
         """Return the document of tune.json without tables; null stands for an infinite number."""
 
-        def runs(cases: Mapping[str, Mapping[str, RatedRun]]) -> dict[str, Any]:
+        def runs(cases: Mapping[str, Mapping[str, Followed]]) -> dict[str, Any]:
             out: dict[str, Any] = {}
             for label, rated in cases.items():
-                out[label] = {
-                    name: {**r.metrics, "cost": r.cost, "lost": r.run.lost}
-                    for name, r in rated.items()
-                }
+                out[label] = {name: {**r.metrics, "lost": r.run.lost} for name, r in rated.items()}
             return out
 
         return {
@@ -259,10 +255,9 @@ class Tuned(SearchReport):
         for lead, cases in (("", self.train), ("held out: ", self.held_out)):
             for label, runs in cases.items():
                 for name, rated in runs.items():
-                    measures = {"cost": rated.cost, **rated.metrics}
                     row: dict[str, Any] = {"reference": f"{lead}{label}", "gains": name}
                     for key in ("cost", *_SHOWN):
-                        row[key] = None if rated.run.lost else measures[key]
+                        row[key] = None if rated.run.lost else rated.metrics[key]
                     rows.append(row)
         caption = f"{base} costs {self.baseline_cost:.4g}\nheld: {held or 'none'}"
         return [
@@ -278,7 +273,10 @@ class Tuned(SearchReport):
             for name, r in runs.items():
                 if r.run.lost:
                     out.append(f"The {name} gains lose {label}: {lost_text(r.run)}.")
-            if label in self.held_out and runs["tuned"].cost > _WORSE * runs["baseline"].cost:
+            if (
+                label in self.held_out
+                and runs["tuned"].metrics["cost"] > _WORSE * runs["baseline"].metrics["cost"]
+            ):
                 worse.append(label)
         if worse:
             out.append(

@@ -1,11 +1,10 @@
-"""Data of one robot that followed a reference: its run, the reference, metrics and options."""
+"""One robot that followed a reference: its run, the reference, metrics and options."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,6 @@ from ssmr.control.loop import VELOCITY_PERIOD, ClosedRun
 from ssmr.control.lqr import V_LIMIT, W_LIMIT
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import ALPHA_SWITCH, Waypoints
-from ssmr.errors import SsmrError
-from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.declared import (
     METRICS,
     Metric,
@@ -26,10 +23,6 @@ from ssmr.metrics.declared import (
     cross_track_max,
 )
 from ssmr.types import Trajectory
-from validation.descriptions.loading import load_robot
-from validation.simulator.description import Robot, with_robot
-from validation.simulator.terrain import FLAT, Terrain
-from validation.words import one_line
 
 _AT_LIMIT = 0.999
 """Share of a limit from which a torque or a command counts as saturated."""
@@ -128,48 +121,21 @@ OF_THE_LOOP = (
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedRobot:
+class Followed:
     """One robot that followed a reference under a controller."""
 
-    controller: str
-    """Name of the controller."""
-    gains_name: str
-    """Name or file of the gain set."""
-    gains: Mapping[str, float]
-    """Gains by name."""
-    reference: str
-    """Name or path of the reference, as the user gave it."""
-    speed: float
-    """Mean speed of the reference [m/s]."""
     plant: str
     """Name of the plant that was the robot."""
-    profile: str
-    """Name of the profile that gave its parameters."""
-    seed: int
-    """Seed of noise and disturbance."""
     run: ClosedRun
     """The log of the run, tick by tick."""
     target: Trajectory
     """The reference at the ticks of the run."""
     metrics: Metrics
-    """Metrics by name, see `TRACK_METRICS`."""
-    wall_s: float
-    """Time that simulating took [s]."""
+    """Metrics by name, see `TRACK_METRICS`; of a tuning the `cost`, too."""
     options: Mapping[str, object]
     """Feedback, disturbance, look-ahead, periods and limits."""
-    versions: Mapping[str, str]
-    """Versions of this project, Python and the packages that decide numbers."""
-    terrain: Terrain = FLAT
-    """Ground of a MuJoCo robot."""
-    body: Robot = field(default_factory=load_robot)
-    """The robot that the profile is of."""
-    filter: EkfSettings | None = None
-    """State filter whose estimate the controller saw, if it saw one."""
-
-    @property
-    def profile_label(self) -> str:
-        """Name of the profile, and of the robot where the first does not tell the second."""
-        return with_robot(self.profile, self.body.name)
+    wall_s: float = 0.0
+    """Time that simulating took [s]."""
 
     @property
     def real_time_factor(self) -> float:
@@ -177,7 +143,7 @@ class TrackedRobot:
         simulated = float(self.run.t[-1]) if len(self.run.t) else 0.0
         return simulated / self.wall_s if self.wall_s > 0.0 else math.inf
 
-    def thinned(self) -> TrackedRobot:
+    def thinned(self) -> Followed:
         """Return it as it is shown, with `MOST_SHOWN` ticks and the last one of a long run."""
         n = len(self.run.t)
         if n <= MOST_SHOWN:
@@ -188,15 +154,6 @@ class TrackedRobot:
         kept = rows[rows < len(w)]
         target = Trajectory(w.t[kept], w.pose[kept], w.twist[kept], w.wheels[kept])
         return replace(self, run=run, target=target)
-
-    def failure(self) -> SsmrError | None:
-        """Return the error that says when and where the robot was lost; None if it was not."""
-        name = f"{self.controller} on {self.reference} with the plant {self.plant}"
-        try:
-            self.run.require_complete(name)
-        except SsmrError as error:
-            return error
-        return None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the metrics, whether the robot was lost, and how long simulating took."""
@@ -271,12 +228,6 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
             "command_jerk": jerk,
         }
     )
-
-
-def headline(robot: TrackedRobot) -> str:
-    """Return a title: the controller, the reference and its speed."""
-    reference = Path(one_line(robot.reference)).name
-    return f"{robot.controller} follows {reference} at {robot.speed:.3g} m/s"
 
 
 def lost_text(run: ClosedRun) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from ssmr._jit import jit_alone, share_among_threads
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
-from ssmr.metrics.declared import Metrics
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     bend_ratio_kernel,
@@ -26,7 +25,7 @@ from ssmr.search.space import ParameterSpace, declared
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gains import GainSet
 from validation.experiment.loops import AnyController, ClosedLoopRobot, make_controller, run_robots
-from validation.experiment.tracked import track_metrics
+from validation.experiment.tracked import Followed, reference_of, track_metrics
 from validation.identify.problem import OnShare
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
@@ -191,17 +190,6 @@ class TuneCase:
         return self.waypoints.trajectory(self.settings.position_period)
 
 
-class RatedRun(NamedTuple):
-    """One rated run along a reference."""
-
-    run: ClosedRun
-    """The run."""
-    metrics: Metrics
-    """Its distances from the reference."""
-    cost: float
-    """Its cost; infinite where the robot was lost."""
-
-
 def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
     """Return the same robot in the same place, acting on its commands `more` later [s]."""
     drive = robot.drive
@@ -311,15 +299,18 @@ class TuneProblem:
 
     def rated(
         self, case: TuneCase, sets: Mapping[str, GainSet], workers: int
-    ) -> dict[str, RatedRun]:
+    ) -> dict[str, Followed]:
         """Drive one case with several sets of gains; return their runs by the same names."""
         laws = [make_controller(self.profile, gains) for gains in sets.values()]
         runs = self._runs(case, case.robot, laws, workers)
         costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
         rated = {}
         for name, run, cost in zip(sets, runs, costs, strict=True):
-            metrics = track_metrics(run, case.waypoints, case.robot.limits)
-            rated[name] = RatedRun(run, metrics, float(cost))
+            limits = case.robot.limits
+            metrics = track_metrics(run, case.waypoints, limits)
+            metrics["cost"] = float(cost)
+            target = reference_of(run, case.waypoints)
+            rated[name] = Followed(case.robot.name, run, target, metrics, limits)
         return rated
 
     def identity(self) -> dict[str, object]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.types import FloatArray, Trajectory
-from validation.experiment.tracked import TrackedRobot, headline, lost_text, saturated
+from validation.experiment.tracked import Followed, lost_text, saturated
 from validation.report.columns import DEGREES, Unit, length_unit
 from validation.report.drawing import (
     ALARM,
@@ -25,7 +25,6 @@ from validation.report.drawing import (
     draw_header,
     draw_ring,
     equal_scales,
-    footer_row,
     ink_of,
     note_rows,
     put_together,
@@ -44,16 +43,16 @@ _COMMAND = "0.65"
 _SATURATED = "#d9534f"
 
 
-def longest_target(robots: Sequence[TrackedRobot]) -> Trajectory:
+def longest_target(robots: Sequence[Followed]) -> Trajectory:
     """Return the target that was followed for the longest time."""
     return max((robot.target for robot in robots), key=len)
 
 
-def _draw_header(robots: Sequence[TrackedRobot], ax: Axes) -> None:
+def _draw_header(robots: Sequence[Followed], headline: str, ax: Axes) -> None:
     first = robots[0]
     alone = len(robots) == 1
     plants = f"plant {first.plant}" if alone else f"{len(robots)} plants"
-    title = f"{headline(first)} · {plants}"
+    title = f"{headline} · {plants}"
     if lost := [r for r in robots if r.run.lost]:
         title += f" · LOST: {', '.join(r.plant for r in lost)}"
     handles = [Line2D([], [], color=ink_of(r.plant), linewidth=2.4) for r in robots]
@@ -69,7 +68,7 @@ def _draw_header(robots: Sequence[TrackedRobot], ax: Axes) -> None:
     draw_header(ax, shortened(title, 100), handles, labels, ALARM if lost else "0.0")
 
 
-def _finish_time(robots: Sequence[TrackedRobot], ax: Axes) -> None:
+def _finish_time(robots: Sequence[Followed], ax: Axes) -> None:
     """Set the time axis, and mark where robots were lost, or the only one at its limits."""
     last = max((float(r.run.t[-1]) for r in robots if len(r.run.t)), default=0.0)
     ax.set(xlim=(0.0, max(last, 0.5)), xlabel="time [s]")
@@ -104,14 +103,14 @@ def _finish_time(robots: Sequence[TrackedRobot], ax: Axes) -> None:
         )
 
 
-def _marker(robot: TrackedRobot) -> str:  # of a robot that was lost before there is a line to show
+def _marker(robot: Followed) -> str:  # of a robot that was lost before there is a line to show
     if len(robot.run.t) < 2:
         return "o"
     return ""
 
 
 def _draw_speed(
-    robots: Sequence[TrackedRobot], title: str, names: tuple[str, str, str], column: int, ax: Axes
+    robots: Sequence[Followed], title: str, names: tuple[str, str, str], column: int, ax: Axes
 ) -> None:
     """Draw the actual, wanted and commanded velocity, and that of the reference."""
     done, wanted, commanded = names
@@ -161,7 +160,7 @@ def _draw_speed(
 
 
 def _draw_error(
-    robots: Sequence[TrackedRobot], title: str, column: str, unit: Unit, least: float, ax: Axes
+    robots: Sequence[Followed], title: str, column: str, unit: Unit, least: float, ax: Axes
 ) -> None:
     """Draw one of the errors that the controller sees, and the value that it should reach."""
     lookahead = robots[0].options.get("lookahead_m")
@@ -190,7 +189,7 @@ def _draw_error(
     _finish_time(robots, ax)
 
 
-def _draw_paths(robots: Sequence[TrackedRobot], ax: Axes) -> None:
+def _draw_paths(robots: Sequence[Followed], ax: Axes) -> None:
     """Draw the reference, from its ring to its square, and the robots' paths, ended by darts."""
     reference = longest_target(robots).xy
     ax.plot(
@@ -231,26 +230,32 @@ def _draw_paths(robots: Sequence[TrackedRobot], ax: Axes) -> None:
     ax.set(title="Paths [m] (ring: start; square: end)", xlabel="x [m]", ylabel="y [m]")
 
 
-def error_units(robots: Sequence[TrackedRobot]) -> dict[str, Unit]:
+def error_units(robots: Sequence[Followed]) -> dict[str, Unit]:
     """Return the units of the errors that controllers see, by column, for picture and recording."""
     reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in robots if len(r.run.t)]
     length = length_unit([float(max(reach, default=0.0))])
     return {"e_rho": length, "e_y": length, "e_alpha": DEGREES}
 
 
-def draw_track(robots: Sequence[TrackedRobot]) -> Figure:
+def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: PanelRow) -> Figure:
     """Return the picture of robots that followed one reference, 1600 px wide.
 
     It shows paths, speed and yaw rate with what the position loop wanted and what was commanded,
     and the three errors of up to five robots. Lines carry their plant as gid, or `PLANT wanted`,
     `reference`.
+
+    Args:
+        robots: the robots.
+        title: what they did.
+        gains: the controller's gains, in words.
+        foot: the last row.
     """
     titles = ("distance to the target", "offset to the left", "heading")
     units = error_units(robots)
     panels = []
-    for title, (column, unit) in zip(titles, units.items(), strict=True):
+    for error, (column, unit) in zip(titles, units.items(), strict=True):
         least = math.radians(1.0) if unit is DEGREES else 0.01
-        panels.append(partial(_draw_error, robots, f"{column}: {title}", column, unit, least))
+        panels.append(partial(_draw_error, robots, f"{column}: {error}", column, unit, least))
     errors = side_by_side(2.0, panels)
     speeds = [partial(_draw_speed, robots, *speed) for speed in _SPEEDS]
     paths = partial(_draw_paths, robots)
@@ -264,12 +269,5 @@ def draw_track(robots: Sequence[TrackedRobot]) -> Figure:
     else:
         above = [PanelRow(3.6, ((0.3, paths), (0.35, speeds[0]), (0.35, speeds[1])))]
     lost = [f"{r.plant} was {lost_text(r.run)}" for r in robots if r.run.lost]
-    first = robots[0]
-    gains = " · ".join(f"{name} {value:.4g}" for name, value in first.gains.items())
-    notes = note_rows([*lost, f"gains {shortened(first.gains_name, 40)}: {gains}"])
-    words = [f"seed {first.seed}"]
-    if "feedback" in first.options:
-        words.append(f"feedback {first.options['feedback']}")
-    foot = footer_row(first.profile_label, first.terrain, words, first.versions)
-    head = text_row(0.85, partial(_draw_header, robots))
-    return put_together([head, *above, errors, *notes, foot])
+    head = text_row(0.85, partial(_draw_header, robots, title))
+    return put_together([head, *above, errors, *note_rows([*lost, gains]), foot])

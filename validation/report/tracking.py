@@ -12,23 +12,28 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ssmr.control.waypoints import ALPHA_SWITCH
+from ssmr.errors import SsmrError
+from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.declared import Metrics
+from validation.experiment.gains import GainSet
 from validation.experiment.tracked import (
     OF_THE_LOOP,
     OF_THE_PATH,
     TRACK_METRICS,
-    TrackedRobot,
-    headline,
+    Followed,
     lost_text,
 )
+from validation.plants.profile import Profile
 from validation.report.columns import REAL_TIME, declare
+from validation.report.drawing import footer_row
 from validation.report.palette import BLACK, GREY, WHITE, mix
 from validation.report.report import Report
 from validation.report.scene_robots import Series, Track, bright
 from validation.report.table import Row, Table
 from validation.report.track_panels import draw_track, error_units, longest_target
-from validation.simulator.terrain import FLAT
-from validation.words import one_line
+from validation.simulator.description import with_robot
+from validation.simulator.terrain import FLAT, Terrain
+from validation.words import one_line, shortened
 
 _MUCH_SATURATED = 0.05
 """Share of time at its limits above which a robot follows these rather than its controller."""
@@ -43,25 +48,62 @@ class Tracked(Report):
 
     program = "track"
     endings = ("png", "rrd")
-    robots: tuple[TrackedRobot, ...]
+    robots: tuple[Followed, ...]
     """The robots, each another plant."""
+    controller: str
+    """Name of the controller."""
+    gains: GainSet | None
+    """Its gains; None for a controller of the user's own."""
+    reference: str
+    """Name or path of the reference, as the user gave it."""
+    speed: float
+    """Mean speed of the reference [m/s]."""
+    profile: Profile
+    """The profile that gave the plants' parameters."""
+    seed: int = 0
+    """Seed of noise and disturbance."""
+    terrain: Terrain = FLAT
+    """Ground of a MuJoCo robot."""
+    filter: EkfSettings | None = None
+    """State filter whose estimate the controller saw, if it saw one."""
     remarks: Sequence[str] = ()
     """Sentences on what was known before the run."""
     stopped_because: str | None = None
     """Reason why a robot on ROS was stopped, empty where it arrived; None for a simulation."""
 
     @classmethod
-    def of(cls, robots: Sequence[TrackedRobot], **more: Any) -> Tracked:
+    def of(
+        cls, robots: Sequence[Followed], controller: str, reference: str, speed: float, **more: Any
+    ) -> Tracked:
         """Return the report on robots that followed one reference; `more` are other fields."""
-        first = robots[0]
-        lost = next((r for r in robots if r.run.lost), None)
-        about = {
-            "title": headline(first),
-            "options": first.options,
-            "versions": first.versions,
-            "failure": None if lost is None else lost.failure(),
+        name = Path(one_line(reference)).name
+        about: dict[str, Any] = {
+            "title": f"{controller} follows {name} at {speed:.3g} m/s",
+            "options": robots[0].options,
+            "failure": None,
         }
+        for r in robots:
+            try:
+                r.run.require_complete(f"{controller} on {reference} with the plant {r.plant}")
+            except SsmrError as error:
+                about["failure"] = about["failure"] or error
+        about |= {"controller": controller, "reference": reference, "speed": speed}
         return cls(robots=tuple(robots), **(about | more))
+
+    @property
+    def profile_label(self) -> str:
+        """Name of the profile, and of the robot where the first does not tell the second."""
+        return with_robot(self.profile.name, self.profile.robot.name)
+
+    @property
+    def gains_name(self) -> str:
+        """Name or file of the gain set."""
+        return "none" if self.gains is None else self.gains.name
+
+    @property
+    def gain_values(self) -> dict[str, float]:
+        """Gains by name."""
+        return {} if self.gains is None else dict(self.gains.values)
 
     @property
     def metrics(self) -> Metrics:
@@ -79,11 +121,10 @@ class Tracked(Report):
 
     def tables(self) -> list[Table]:
         """Return the metrics of the paths, and of the errors to the moving target."""
-        first = self.robots[0]
-        caption = f"gains {one_line(first.gains_name)} · seed {first.seed}"
-        if (feedback := first.options.get("feedback")) is not None:
+        caption = f"gains {one_line(self.gains_name)} · seed {self.seed}"
+        if (feedback := self.options.get("feedback")) is not None:
             caption += f" · feedback {one_line(feedback)}"
-        if first.filter is not None:
+        if self.filter is not None:
             caption += " · the thesis' filter"
         path = list[Row]()
         loop = list[Row]()
@@ -95,7 +136,7 @@ class Tracked(Report):
             of_the_loop = {name: r.metrics[name] for name in OF_THE_LOOP}
             loop.append({"plant": label, **of_the_loop, REAL_TIME.name: r.real_time_factor})
         return [
-            Table(f"{self.title} · profile {one_line(first.profile_label)}", path),
+            Table(f"{self.title} · profile {one_line(self.profile_label)}", path),
             Table("Errors to the moving target", loop, caption),
         ]
 
@@ -106,20 +147,20 @@ class Tracked(Report):
         metrics = {name: fields.pop(name) for name in first.metrics}
         document = {
             "schema": "ssmr.track/1",
-            "controller": first.controller,
-            "reference": first.reference,
-            "speed_m_s": first.speed,
+            "controller": self.controller,
+            "reference": self.reference,
+            "speed_m_s": self.speed,
             "plant": first.plant,
-            "profile": first.profile,
-            "robot": first.body.name,
-            "gains_name": first.gains_name,
-            "gains": dict(first.gains),
-            "seed": first.seed,
+            "profile": self.profile.name,
+            "robot": self.profile.robot.name,
+            "gains_name": self.gains_name,
+            "gains": self.gain_values,
+            "seed": self.seed,
             "metrics": {**metrics, "lost": first.run.lost},
             **fields,
         }
-        if first.filter is not None:
-            document["filter"] = {"name": "thesis", **asdict(first.filter)}
+        if self.filter is not None:
+            document["filter"] = {"name": "thesis", **asdict(self.filter)}
         if others:
             document["beside"] = {r.plant: r.as_dict() for r in others}
         if self.stopped_because is not None:
@@ -148,7 +189,14 @@ class Tracked(Report):
 
     def figure(self) -> Figure:
         """Draw paths, velocities and errors, see `draw_track`."""
-        return draw_track([robot.thinned() for robot in self.robots])
+        gains = " · ".join(f"{name} {value:.4g}" for name, value in self.gain_values.items())
+        words = [f"seed {self.seed}"]
+        if "feedback" in self.options:
+            words.append(f"feedback {self.options['feedback']}")
+        foot = footer_row(self.profile_label, self.terrain, words, self.versions)
+        shown = [robot.thinned() for robot in self.robots]
+        name = shortened(self.gains_name, 40)
+        return draw_track(shown, self.title, f"gains {name}: {gains}", foot)
 
     def record(self, path: Path) -> None:
         """Write robots, moving target and signals as a rerun recording, whole or not at all.
@@ -159,21 +207,18 @@ class Tracked(Report):
         """
         from validation.report.scene import Scene, write_scene
 
-        first = self.robots[0]
-        # Planar models stand on no ground.
-        ground = next((r.terrain for r in self.robots if r.terrain != FLAT), FLAT)
         thinned = [robot.thinned() for robot in self.robots]
         motions = [
             *((r.plant, r.run.motion) for r in thinned),
             ("reference", longest_target(thinned)),
         ]
         *tracks, target = (
-            Track(name, (motion,), None, terrain=ground, robot=first.body)
+            Track(name, (motion,), None, terrain=self.terrain, robot=self.profile.robot)
             for name, motion in motions
         )
         scene = Scene(
             program=self.program,
-            title=f"{self.title}, profile {first.profile_label}",
+            title=f"{self.title}, profile {self.profile_label}",
             tracks=tracks,
             report=self.to_markdown(),
             plots=_plots(thinned),
@@ -182,7 +227,7 @@ class Tracked(Report):
         write_scene(scene, path)
 
 
-def _striking(r: TrackedRobot) -> list[str]:
+def _striking(r: Followed) -> list[str]:
     """Return sentences on numbers of a robot that a reader should not miss."""
     notes = []
     m = r.metrics
@@ -211,7 +256,7 @@ def _striking(r: TrackedRobot) -> list[str]:
     return notes
 
 
-def _plots(robots: Sequence[TrackedRobot]) -> dict[str, Series]:
+def _plots(robots: Sequence[Followed]) -> dict[str, Series]:
     """Return velocities, wanted and commanded, and errors over time, by entity."""
     plots = dict[str, Series]()
     target = longest_target(robots)

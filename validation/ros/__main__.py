@@ -36,8 +36,7 @@ def _control(options: Annotated[Control, tyro.conf.arg(name="")]) -> None:
         cli.require_apart(options, folder, ("track.json", "track.png"))
         report = control(options)
         ignore_signals()
-        robot = report.robots[0]
-        name = file_name(f"{robot.controller}-{robot.reference}")
+        name = file_name(f"{report.controller}-{report.reference}")
         folder = options.out or Path("runs") / "ros" / name
         cli.report_result(report, report.save(store.make_folder(folder), recording=False))
     report.require_complete()

@@ -14,9 +14,9 @@ import tyro
 
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.errors import SsmrError
-from validation import cli, store
+from validation import cli
 from validation.experiment.loops import chosen_controller, controller_and_reference
-from validation.experiment.tracked import TrackedRobot, reference_of, track_metrics
+from validation.experiment.tracked import Followed, reference_of, track_metrics
 from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import choose_profile
 from validation.report.report import INTERRUPTED
@@ -291,27 +291,25 @@ def control(options: Control) -> Tracked:
         node.close()
     run = follower.run()
     conditions = _conditions(o, follower)
-    tracked = TrackedRobot(
-        controller=law.name,
-        gains_name=gains.name if gains else "none",
-        gains=dict(gains.values) if gains else {},
-        reference=reference,
-        speed=waypoints.speed,
+    followed = Followed(
         plant="ros",
-        profile=profile.name,
-        seed=0,
         run=run,
         target=reference_of(run, waypoints),
         metrics=track_metrics(run, waypoints, conditions),
-        wall_s=loop.drove,
         options=conditions,
-        versions=store.versions(),
-        body=profile.robot,
+        wall_s=loop.drove,
     )
-    failure = StoppedError(why) if why else None
-    remarks = _remarks(follower, status)
+    about: dict[str, Any] = {"status": status, "failure": StoppedError(why) if why else None}
     return Tracked.of(
-        [tracked], remarks=remarks, status=status, failure=failure, stopped_because=why
+        [followed],
+        law.name,
+        reference,
+        waypoints.speed,
+        gains=gains,
+        profile=profile,
+        remarks=_remarks(follower, status),
+        stopped_because=why,
+        **about,
     )
 
 

@@ -46,6 +46,7 @@ _MOTION = State().motion
 _SIDES = Sides(0.0, 0.0)
 _DRIVER = DriveState(0.0, 0.0, 0.0, 0.0)
 """Templates of the rows of a group that change: motion, integral parts and driver."""
+_YAW_RATE = _MOTION._fields.index("w")
 _INTEGRAL = len(_MOTION)
 _LAST = _INTEGRAL + len(_SIDES)
 _HELD = _LAST + len(_DRIVER)
@@ -153,8 +154,9 @@ def _step(
     integral = _lane(_SIDES, rows, _INTEGRAL, i)
     robot = _robot(kind, plain, rows, i)
     then, integral = move(now, integral, Sides(held.left, held.right), 0.0, dt, robot)
-    for k, number in enumerate(then):
+    for k, number in enumerate((then.x, then.y, then.yaw, then.v)):
         rows[i + k * LANES] = number
+    rows[i + _YAW_RATE * LANES] = then.w  # a step needs no more of a motion
     for k, number in enumerate(integral):
         rows[i + (_INTEGRAL + k) * LANES] = number
     for k, number in enumerate(held):

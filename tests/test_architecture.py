@@ -457,9 +457,9 @@ PRICES = {
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(
-        26_400,
+        25_200,
         10,
-        72,
+        75,
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(

@@ -37,7 +37,7 @@ from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import ReadOptions
 from validation.plants.profile import Profile, choose_profile, make_plant
-from validation.plants.table import PLANTS, USUAL_PLANTS, known_plants
+from validation.plants.table import PLANTS, USUAL_PLANTS, is_plant, known_plants
 from validation.report.comparison import Comparison
 from validation.report.motions import health_warnings
 from validation.simulator.description import with_robot
@@ -196,9 +196,12 @@ def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> d
     driven = {*plants, *own, o.reference or source.reference}
     if source.reference == RECORDING:
         driven.discard(RECORDING)
-    if unknown := sorted(driven - set(names)):
-        raise ValueError(f"unknown plant '{', '.join(unknown)}'; there are: {', '.join(names)}")
-    return {name: make_plant(profile, name, o.terrain) for name in names if name in driven}
+    if unknown := ", ".join(sorted(name for name in driven if not is_plant(name))):
+        raise ValueError(f"unknown plant '{unknown}'; there are: {', '.join(names)}")
+    # in the order of tables, and then the robots of others
+    ordered = [name for name in names if name in driven]
+    ordered += sorted(driven - set(ordered))
+    return {name: make_plant(profile, name, o.terrain) for name in ordered}
 
 
 def _unknown_robot(o: Compare, source: Source, profile: Profile) -> list[str]:

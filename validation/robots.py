@@ -21,6 +21,7 @@ import tyro
 from ssmr.errors import DivergedError, SsmrError
 from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, store
+from validation.descriptions.examination import Examined, examine_foreign
 from validation.descriptions.findings import Finding, model_findings, static_findings
 from validation.descriptions.foreign_robot import is_description
 from validation.descriptions.importing import RobotDraft, draft_robot, import_robot, unit_of_key
@@ -55,6 +56,8 @@ if TYPE_CHECKING:
 
 ExportFormat = Literal["urdf", "sdf", "mjcf", "diff-drive"]
 """Formats of `export`."""
+_MOST_FINDINGS = 5
+"""Number of findings that are printed; all are in robot.json."""
 _ALWAYS = {"drive.torque_limit", "drive.v_max", "drive.w_max", "drive.command_half_track"}
 """Numbers of the drive that are shown even where the file does not say them."""
 
@@ -98,6 +101,9 @@ class CheckRobot(cli.Common):
     controller: Path | None = None
     """YAML of the controller that drives a URDF, an SDF or an MJCF; the file's plugins if not
     given."""
+    write: Path | None = None
+    """File for an MJCF with the changes that help, and no other; there must be none of that
+    name."""
 
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
@@ -120,7 +126,9 @@ class RobotCheck(Report):
     spot: SkidTurn | None
     """How it turns on the spot by mechanics; None where it does not stand on four wheels."""
     measured: Measured | None
-    """What its MuJoCo model shows; None where there is none."""
+    """What our MuJoCo model of it shows; None where there is none."""
+    examined: Examined | None
+    """What it does with its own physics; None for what is no MJCF of others."""
     findings: Sequence[Finding]
     """What is wrong or deserves a look, faults first."""
     remarks: Sequence[str]
@@ -141,6 +149,8 @@ class RobotCheck(Report):
         """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics."""
         if self.measured is not None:
             return list(self.measured.loads)
+        if self.examined is not None and self.examined.loads:
+            return self.examined.loads
         weight = self.robot.mass * GRAVITY
         return [float(share) * weight for share in load_shares(self.robot)]
 
@@ -152,15 +162,36 @@ class RobotCheck(Report):
         """Return the verdict, faults and questions."""
         faults = len(self.faults)
         notes = [_verdict(self.robot, faults, len(self.findings) - faults)]
-        for finding in self.findings:
+        sentences = [] if self.examined is None else self.examined.sentences
+        notes = [*sentences[:1], *notes]
+        for finding in self.findings[:_MOST_FINDINGS]:
             heading = "FAULT" if finding.severity == "fault" else "question"
             notes.append(f"{heading}: {finding.sentence}")
-        return [*notes, *self.remarks]
+        if len(self.findings) > _MOST_FINDINGS:
+            notes.append(f"and {len(self.findings) - _MOST_FINDINGS} more, in robot.json")
+        notes += [*sentences[1:], *self.remarks]
+        if self.remarks and self.spot is not None and not self._is_off():
+            notes.append(
+                "last of all: a diff_drive_controller turns it as told with wheel_separation "
+                f"{self.robot.track:.4g} and wheel_separation_multiplier "
+                f"{self.spot.multiplier:.3f}, by mechanics"
+            )
+        return notes
+
+    def _is_off(self) -> bool:
+        """Return whether the weight is off the middle, which no multiplier mends."""
+        return any(finding.kind == "weight_off" for finding in self.findings)
 
     def document(self) -> dict[str, Any]:
         """Return the contents of robot.json."""
+        document = _document(self.robot, self.spot, self.measured, self.loads)
+        if self.examined is not None:
+            own = self.examined.numbers
+            document["own_physics"] = own
+            document["turning_multiplier"] = own["multiplier"]
+            document["closed_form"] = own["closed_form"]
         return {
-            **_document(self.robot, self.spot, self.measured, self.loads),
+            **document,
             "ok": self.ok,
             "findings": [finding._asdict() for finding in self.findings],
             "advice": [finding.sentence for finding in self.findings],
@@ -185,7 +216,8 @@ class RobotCheck(Report):
 def check_robot(o: CheckRobot) -> RobotCheck:
     """Check a robot: what is wrong with its file, and what would be right.
 
-    Builds it in MuJoCo, turns it on the spot and weighs its wheels.
+    Builds it in MuJoCo, turns it on the spot and weighs its wheels. An MJCF of others is driven
+    with its own physics, and changes are tried before they are named.
 
     Prints every number with its source, and writes robot.json and robot.png. The exit status is 1
     where something is wrong.
@@ -199,20 +231,22 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         draft = import_robot(o.robot, controller=o.controller)
     elif o.controller is not None:
         raise ValueError("--controller goes with a URDF, an SDF or an MJCF; ROBOT is none")
+    foreign = None if draft is None else draft.foreign
     robot = _loaded(o.robot) if draft is None else draft.robot
-    findings = static_findings(robot, None if draft is None else draft.foreign)
-    spot = spot_turn(robot)
+    findings = static_findings(robot, foreign)
     measured = None
-    try:
-        measured = measure_robot(robot)
-        findings += model_findings(spot, measured)
-    except ValueError as error:
-        failed = f"no model can be built of it: {one_line(error)}"
-        findings.append(Finding("model", "fault", failed))
-    except DivergedError as error:
-        failed = f"its simulation fails: {one_line(error)}"
-        remedy = "look at masses, inertia and gain"
-        findings.append(Finding("step", "fault", failed, remedy))
+    examined = None
+    if foreign is not None and foreign.kind == "mjcf":
+        examined = examine_foreign(foreign)
+        _save_mended(examined.mended, o.write)
+        kinds = {finding.kind for finding in examined.findings}
+        # trials know better than numbers alone
+        findings = [f for f in findings if f.kind not in kinds and f.kind != "motor_weak"]
+        findings += examined.findings
+    elif o.write is not None:
+        raise ValueError("--write goes with an MJCF, whose physics are in its file; ROBOT is none")
+    else:
+        measured = _measured(robot, findings)
     findings.sort(key=lambda finding: finding.severity)
     faults = sum(finding.severity == "fault" for finding in findings)
     verdict = _verdict(robot, faults, len(findings) - faults)
@@ -220,11 +254,37 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         title=one_line(robot.title or robot.name),
         failure=SsmrError(verdict) if faults else None,
         robot=robot,
-        spot=spot,
+        spot=spot_turn(robot),
         measured=measured,
+        examined=examined,
         findings=findings,
         remarks=[] if draft is None else draft.remarks,
     )
+
+
+def _measured(robot: Robot, findings: list[Finding]) -> Measured | None:
+    """Return measurements on our model of a robot, and add what they find; None without a model."""
+    try:
+        measured = measure_robot(robot)
+    except ValueError as error:
+        failed = f"no model can be built of it: {one_line(error)}"
+        findings.append(Finding("model", "fault", failed))
+        return None
+    except DivergedError as error:
+        failed = f"its simulation fails: {one_line(error)}"
+        findings.append(Finding("step", "fault", failed, "look at masses, inertia and gain"))
+        return None
+    findings += model_findings(spot_turn(robot), measured)
+    return measured
+
+
+def _save_mended(text: str | None, target: Path | None) -> None:
+    """Write an MJCF with the changes that help."""
+    if target is None:
+        return
+    if text is None:
+        raise ValueError(f"--write {target}: no change helps, so there is nothing to write")
+    _save(text, target, "--write")
 
 
 def _verdict(robot: Robot, faults: int, questions: int) -> str:
@@ -423,10 +483,11 @@ def _write(draft: RobotDraft, out: Path | None) -> None:
     _print([_numbers(draft.robot)], [*draft.remarks, f"written: {visible(target)}", check])
 
 
-def _save(text: str, target: Path) -> None:
+def _save(text: str, target: Path, option: str = "--out") -> None:
     if target.exists() or target.is_symlink():
         raise ValueError(
-            f"--out {target}: there is such a file already, and it is not overwritten; name another"
+            f"{option} {target}: there is such a file already, and it is not overwritten; "
+            "name another"
         )
     store.write_text(store.make_folder(target.parent) / target.name, text)
 

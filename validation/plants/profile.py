@@ -31,7 +31,7 @@ from validation import store
 from validation.descriptions.loading import load_robot
 from validation.files import reading
 from validation.plants.kind import PARTS, PlantProfile
-from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, plant_kind
+from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, is_foreign, plant_kind
 from validation.simulator.description import USUAL_ROBOT, Robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
@@ -136,7 +136,7 @@ class Profile:
         Raises:
             KeyError: there is no such plant.
         """
-        if plant in OWN_MODELS and plant not in self.plants:
+        if (plant in OWN_MODELS or is_foreign(plant)) and plant not in self.plants:
             return _defaults(plant, self.robot)
         return self.plants[STANDARD if plant in SECOND_OPINIONS else plant]
 
@@ -260,9 +260,10 @@ def _parse(document: Mapping[str, Any]) -> Profile:
         raise ValueError(f"[robot] {error}") from error
     vehicle = _fill(robot.vehicle, found.get("vehicle", {}), "vehicle")
     sections = found.get("plants", {})
-    reading.require_known(sections, {*PLANTS, *OWN_MODELS}, "plants")
+    foreign = {name for name in sections if is_foreign(name)}
+    reading.require_known(sections, {*PLANTS, *OWN_MODELS, *foreign}, "plants")
     plants = {}
-    for plant in (*PLANTS, *(model for model in OWN_MODELS if model in sections)):
+    for plant in (*PLANTS, *(model for model in (*OWN_MODELS, *foreign) if model in sections)):
         section = sections.get(plant, {})
         defaults = replace(_defaults(plant, robot), vehicle=vehicle)
         drive = _fill(defaults.drive, found.get("drive", {}), "drive")

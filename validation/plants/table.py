@@ -40,6 +40,16 @@ def known_plants() -> tuple[str, ...]:
     return (*ALL_PLANTS, *OWN_MODELS)
 
 
+def is_plant(name: str) -> bool:
+    """Return whether a plant has this name, or it is the path of an MJCF."""
+    return name in known_plants() or is_foreign(name)
+
+
+def is_foreign(name: str) -> bool:
+    """Return whether a plant's name is the path of an MJCF of others."""
+    return name.lower().endswith((".xml", ".mjcf"))
+
+
 def add_model(law: PlanarLaw) -> None:
     """Make a planar model of the user's own a plant of this process.
 
@@ -65,9 +75,14 @@ def plant_kind(name: str) -> PlantKind:
     Raises:
         ValueError: there is no such plant; the message lists the names.
     """
-    if name not in known_plants():
-        raise ValueError(f"unknown plant '{name}'; there are: {', '.join(known_plants())}")
+    if not is_plant(name):
+        raise ValueError(
+            f"unknown plant '{name}'; there are: {', '.join(known_plants())}; or give the path of "
+            "an MJCF (.xml)"
+        )
     modules = {**_SIMULATED, **dict.fromkeys(SECOND_OPINIONS, "validation.plants.simulated")}
     module = modules.get(name, "validation.plants.planar")
+    if is_foreign(name):
+        module = "validation.plants.foreign"
     kind: PlantKind = import_module(module).declare(name)
     return kind

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from validation.plants.table import known_plants, plant_kind
+from validation.plants.table import is_plant, plant_kind
 
 Rgb = tuple[int, int, int]
 
@@ -25,7 +25,7 @@ _REFERENCES: Mapping[str, Rgb] = {
 
 def colour(name: str) -> Rgb:
     """The colour of a plant as it declares it, of `recording` or `truth`; grey for others."""
-    if name not in known_plants():
+    if not is_plant(name):
         return _REFERENCES.get(name, GREY)
     red, green, blue = bytes.fromhex(plant_kind(name).colour.removeprefix("#"))
     return red, green, blue

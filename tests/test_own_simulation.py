@@ -1,0 +1,337 @@
+"""Other people's MJCFs: diseases planted into a sound model are found by name, and cured."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssmr.types import Commands, State
+from validation import cli, load_robot
+from validation.descriptions.findings import static_findings
+from validation.descriptions.foreign_robot import read_foreign
+from validation.descriptions.importing import import_robot
+from validation.descriptions.own_robot import OwnRobot
+from validation.descriptions.trials import examine, mechanical_turn
+from validation.plants.profile import bare_profile, make_plant
+from validation.robots import PROGRAM, check_robot
+from validation.simulator.description import RobotError
+
+OPTION = '<option cone="elliptic" impratio="100" timestep="0.002" integrator="implicitfast"/>'
+SOFT = 'solimp="0.1 0.95 0.005 0.5 2" priority="1"'
+WHEEL = (
+    '<body name="{name}" pos="{x} {y} 0"><joint name="{name}_j" axis="{axis}" armature="0.05"/>\n'
+    '<geom type="{shape}" size="{size}" pos="{at}" mass="2.5" friction="{mu} .005 .0001" {soft}/>'
+    "</body>\n"
+)
+CORNERS = {
+    "front_left": (1, 1),
+    "front_right": (1, -1),
+    "rear_left": (-1, 1),
+    "rear_right": (-1, -1),
+}
+SOUND: Mapping[str, str] = {
+    "option": OPTION,
+    "soft": SOFT,
+    "shape": "ellipsoid",
+    "size": "0.15 0.04 0.15",
+    "kv": "400",
+    "force": "",
+    "com": "0 0 0.05",
+    "mu": "1",
+    "at": "0 0 0",
+    "axis": "0 1 0",
+    "ground": '<geom type="plane" size="20 20 .1"/>',
+    "joint": "<freejoint/>",
+    "more": "",
+}
+
+
+def model(odd: Mapping[str, str] | None = None, **changes: str) -> str:
+    """Return the text of a sound cart with changes, and others of its first wheel."""
+    n = {**SOUND, **changes}
+    wheels = ""
+    motors = ""
+    for k, (name, (front, left)) in enumerate(CORNERS.items()):
+        own = {**n, **(odd or {})} if k == 0 else n
+        place = {"name": name, "x": 0.2 * front, "y": 0.25 * left}
+        wheels += WHEEL.format(**{**own, **place})
+        motors += f'<velocity joint="{name}_j" kv="{n["kv"]}" {n["force"]}/>\n'
+    return (
+        f'<mujoco model="cart"><!-- a -- b -->\n{n["option"]}\n<worldbody>{n["ground"]}'
+        f'<body name="hull" pos="0 0 0.152">{n["joint"]}'
+        f'<inertial pos="{n["com"]}" mass="30" diaginertia="0.4 0.9 1.2"/>\n{wheels}'
+        f"</body></worldbody>\n<actuator>{motors}</actuator>{n['more']}</mujoco>"
+    )
+
+
+DISEASES: Mapping[str, tuple[str, bool]] = {
+    "pyramid": (model(option=OPTION.replace("elliptic", "pyramidal")), True),
+    "hopping": (model(soft=""), True),
+    "soft_on_one_geom": (model(soft=SOFT.replace('priority="1"', "")), True),
+    "servo_soft": (model(kv="20"), True),
+    "motor_weak": (model(force='forcerange="-6 6"'), True),
+    "creep": (model(option=OPTION.replace('"100"', '"1"')), True),
+    "rolls": (model(kv="40"), True),
+    "step": (model(option=OPTION.replace("0.002", "0.01")), True),
+    "unlike_wheels": (model({"size": "0.156 0.04 0.156"}), True),
+    "wheel_shape": (model({"at": "0.01 0 0"}), True),
+    "axes": (model({"axis": "0 -1 0"}), True),
+    "weight_off": (model(com="-0.1 0 0.05"), False),
+}
+"""A model for each kind of finding, and whether the file that is written has it no more."""
+
+
+@pytest.mark.parametrize("kind", DISEASES)
+def test_a_planted_disease_is_found_by_name_and_cured(kind: str, tmp_path: Path) -> None:
+    text, is_cured = DISEASES[kind]
+    path = tmp_path / "theirs.xml"
+    path.write_text(text)
+    began = time.process_time()
+    fixed = tmp_path / "fixed.xml"
+    check = check_robot(path, write=fixed if is_cured else None)
+    assert kind in {finding.kind for finding in check.findings}
+    assert path.read_text() == text
+    if is_cured:
+        again = check_robot(fixed)
+        assert kind not in {finding.kind for finding in again.findings}
+        own = again.document()["own_physics"]
+        assert own["multiplier"] == pytest.approx(own["closed_form"], rel=0.03)
+    assert time.process_time() - began < 60.0
+    json.dumps(check.as_dict(), allow_nan=False)
+
+
+def test_a_sound_model_has_no_finding_and_turns_as_by_hand(tmp_path: Path) -> None:
+    path = tmp_path / "cart.xml"
+    path.write_text(model())
+    check = check_robot(path)
+    assert not check.findings
+    assert check.ok
+    own = check.document()["own_physics"]
+    assert own["multiplier"] == pytest.approx(1.0 + (0.4 / 0.5) ** 2, rel=0.01)
+    assert sum(check.loads) == pytest.approx(40.0 * 9.81, rel=1e-3)
+    with pytest.raises(ValueError, match="nothing to write"):
+        check_robot(path, write=tmp_path / "fixed.xml")
+    assert not (tmp_path / "fixed.xml").exists()
+
+
+def test_only_attributes_are_written(tmp_path: Path) -> None:
+    """The comment with two dashes and every line stay as they are."""
+    path = tmp_path / "theirs.xml"
+    path.write_text(model(option=""))
+    fixed = tmp_path / "fixed.xml"
+    check_robot(path, write=fixed)
+    before = path.read_text().splitlines()
+    after = fixed.read_text().splitlines()
+    assert len(after) == len(before)
+    assert "<!-- a -- b -->" in after[0]
+    same = [a == b for a, b in zip(before, after, strict=True)]
+    assert sum(same) >= len(same) - 9
+
+
+FRAMES: Mapping[str, Mapping[str, str]] = {
+    "without ground": {"ground": ""},
+    "without a free joint": {"joint": ""},
+    "a keyframe of a scene": {"more": '<keyframe><key qpos="1 2 3"/></keyframe>'},
+    "a mesh that is missing": {
+        "more": '<asset><mesh name="m" file="no.stl"/></asset>',
+        "joint": '<freejoint/><geom type="mesh" mesh="m" contype="0" conaffinity="0"/>',
+    },
+}
+
+
+@pytest.mark.parametrize("name", FRAMES)
+def test_what_simulators_read_is_read(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "theirs.xml"
+    path.write_text(model(**FRAMES[name]))
+    check = check_robot(path)
+    own = check.document()["own_physics"]
+    assert own["multiplier"] == pytest.approx(1.64, rel=0.02)
+    kinds = {finding.kind for finding in check.findings}
+    assert kinds <= {"effort"}
+
+
+def test_parts_may_stand_in_other_files_and_pairs_may_name_a_floor_elsewhere(
+    tmp_path: Path,
+) -> None:
+    unlike = 'friction="1 0.5 .005 .0001 .0001"'
+    pairs = "".join(f'<pair geom1="{name}_g" geom2="floor" {unlike}/>' for name in CORNERS)
+    text = model(ground="", more=f"<contact>{pairs}</contact>")
+    for name in CORNERS:
+        head, tail = text.split(f'<joint name="{name}_j"', 1)
+        text = head + f'<joint name="{name}_j"' + tail.replace("<geom", f'<geom name="{name}_g"', 1)
+    body = text[text.index("<worldbody>") : text.index("</worldbody>") + len("</worldbody>")]
+    (tmp_path / "body.xml").write_text(f"<mujocoinclude>{body}</mujocoinclude>")
+    path = tmp_path / "theirs.xml"
+    path.write_text(text.replace(body, '<include file="body.xml"/>'))
+    check = check_robot(path, write=tmp_path / "fixed.xml")
+    assert "friction_by_heading" in {finding.kind for finding in check.findings}
+    written = (tmp_path / "fixed.xml").read_text()
+    assert "<include" not in written
+    assert written.count('friction="1 1 0.005 0.0001 0.0001"') == 4
+    assert "friction_by_heading" not in {
+        f.kind for f in check_robot(tmp_path / "fixed.xml").findings
+    }
+
+
+def test_the_closed_form_holds_with_the_weight_off_the_middle(tmp_path: Path) -> None:
+    robot = OwnRobot(model(com="0.05 -0.04 0.05"), {})
+    measures = examine(robot)
+    turn = mechanical_turn(robot)
+    assert measures["multiplier"] == pytest.approx(turn.multiplier, rel=0.02)
+    assert turn.multiplier != pytest.approx(1.64, rel=0.02)
+
+
+def test_it_may_drive_along_y(tmp_path: Path) -> None:
+    """The body is turned by 90 degrees, and its names say which side is left."""
+    text = model().replace(
+        '<body name="hull" pos="0 0 0.152">', '<body name="hull" euler="0 0 90">'
+    )
+    robot = OwnRobot(text, {})
+    assert robot.wheeled.names == [f"{name}_j" for name in CORNERS]
+    assert examine(robot)["multiplier"] == pytest.approx(1.64, rel=0.01)
+
+
+def test_torque_motors_are_driven_by_rates_and_that_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.xml"
+    path.write_text(model().replace("<velocity", "<motor").replace('kv="400"', ""))
+    check = check_robot(path)
+    assert any("turn at given rates" in sentence for sentence in check.notes())
+    assert check.document()["own_physics"]["droop"] < 0.05
+    assert not check.findings
+
+
+# ------------------------------------------------------------------------------------ as a plant
+def test_an_mjcf_is_a_plant_by_its_path(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.xml"
+    path.write_text(model())
+    robot = load_robot(path)
+    assert robot.wheelbase == pytest.approx(0.4)
+    profile = bare_profile(robot)
+    plant = make_plant(profile, str(path))
+    commands = Commands(0.05, np.tile([0.3, 0.4], (80, 1)))
+    start = State(x=1.0, y=-2.0, yaw=2.5)
+    theirs = plant.run(commands, start, 0.05)
+    np.testing.assert_allclose(theirs.pose[0], [1.0, -2.0, 2.5], atol=1e-6)
+    ours = make_plant(profile, "mujoco").run(commands, start, 0.05)
+    # both turn as mechanics says, however they set off
+    np.testing.assert_allclose(theirs.twist[-1, ::2], ours.twist[-1, ::2], rtol=0.05)
+    # stepwise as at once
+    plant.reset(start)
+    for v, w in commands.values:
+        state = plant.step((v, w), commands.dt)
+    np.testing.assert_allclose([state.x, state.y, state.yaw], theirs.pose[-1], atol=1e-4)
+
+
+def test_given_rates_are_had_whatever_the_servos(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.xml"
+    path.write_text(model(kv="20"))
+    profile = bare_profile(load_robot(path))
+    rates = Commands(0.05, np.tile([1.0, 3.0], (60, 1)), "wheels")
+    motion = make_plant(profile, str(path)).run(rates, State(), 0.05)
+    np.testing.assert_allclose(motion.wheels[-1], [1.0, 3.0], rtol=2e-3)
+
+
+# ------------------------------------------------------------------------------------ other files
+URDF_OF_ANOTHER = {
+    "tracks": ('link name="base_link"', 'link name="left_track"', "tracks"),
+    "mecanum": ('robot name="testcart"', 'robot name="mecanum_bot"', "mecanum"),
+    "fixed": ('type="continuous"', 'type="fixed"', "fixed: make their joints continuous"),
+    "about x": ('<axis xyz="0 1 0"/>', '<axis xyz="1 0 0"/>', "turn about the x axis"),
+    "xacro": ('value="30"', 'value="${mass}"', "xacro"),
+    "limited": (
+        'type="continuous"',
+        'type="revolute"',
+        "revolute, from -0.5 to 0.5 rad: make them continuous",
+    ),
+}
+LINK = (
+    '<link name="{0}"><collision><origin rpy="1.570796 0 0"/><geometry><cylinder radius=".15" '
+    'length=".08"/></geometry></collision><inertial><mass value="2.5"/><inertia ixx=".0154" '
+    'iyy=".028" izz=".0154"/></inertial></link>\n<joint name="{0}_joint" type="continuous">'
+    '<parent link="base_link"/><child link="{0}"/><origin xyz="{1} {2} 0"/><axis xyz="0 1 0"/>'
+    '<limit lower="-0.5" upper="0.5" effort="12" velocity="9"/></joint>\n'
+)
+URDF = (
+    '<robot name="testcart"><!-- ${x} -- --><link name="base_link"><inertial><mass value="30"/>'
+    '<inertia ixx=".4" iyy=".9" izz="1.2"/></inertial><collision><geometry><box size=".5 .36 .16"/>'
+    "</geometry></collision></link>"
+    + "".join(LINK.format(f"{n}_wheel", 0.2 * x, 0.25 * y) for n, (x, y) in CORNERS.items())
+    + '<gazebo><gz:odd z:a="1"/></gazebo></robot>'
+)
+
+
+def test_a_urdf_is_read_as_tolerantly_as_simulators_do(tmp_path: Path) -> None:
+    path = tmp_path / "a.urdf"
+    path.write_text(URDF)
+    robot = import_robot(path).robot
+    assert robot.drive.torque_limit == pytest.approx(12.0)
+    assert robot.drive.v_max == pytest.approx(9.0 * 0.15)
+    assert robot.source("drive.torque_limit")[0] == "published"
+    assert load_robot(path) == robot
+
+
+@pytest.mark.parametrize("name", URDF_OF_ANOTHER)
+def test_what_is_not_four_fixed_wheels_is_said_by_name(name: str, tmp_path: Path) -> None:
+    old, new, words = URDF_OF_ANOTHER[name]
+    path = tmp_path / "a.urdf"
+    path.write_text(URDF.replace(old, new))
+    with pytest.raises(RobotError) as refused:
+        import_robot(path)
+    assert words in str(refused.value)
+
+
+SDF_LINK = (
+    '<link name="{0}"><pose relative_to="chassis">{1} {2} 0 0 0 0</pose><inertial><mass>2.5</mass>'
+    "<inertia><ixx>.0154</ixx><iyy>.028</iyy><izz>.0154</izz></inertia></inertial>"
+    '<collision name="c"><pose>0 0 0 1.5707963 0 0</pose><geometry><cylinder><radius>.15</radius>'
+    "<length>.08</length></cylinder></geometry><surface><friction><ode><mu>0.8</mu><mu2>0.8</mu2>"
+    '</ode></friction></surface></collision></link><joint name="{0}_joint" type="revolute"><parent>'
+    "chassis</parent><child>{0}</child><axis><xyz>0 1 0</xyz></axis></joint>"
+)
+
+
+def test_an_sdf_is_a_robot_with_friction_and_controller(tmp_path: Path) -> None:
+    wheels = "".join(SDF_LINK.format(f"{n}_w", 0.2 * x, 0.25 * y) for n, (x, y) in CORNERS.items())
+    path = tmp_path / "a.sdf"
+    path.write_text(
+        '<sdf version="1.9"><world name="w"><model name="cart"><link name="chassis"><pose>1 2 .15 '
+        "0 0 0.7</pose><inertial><pose>0 0 .05 0 0 0</pose><mass>30</mass><inertia><ixx>.4</ixx>"
+        f"<iyy>.9</iyy><izz>1.2</izz></inertia></inertial></link>{wheels}"
+        '<plugin name="p" filename="gz-sim-diff-drive-system"><wheel_separation>0.5'
+        "</wheel_separation><wheel_radius>0.15</wheel_radius></plugin></model></world></sdf>"
+    )
+    draft = import_robot(path)
+    robot = draft.robot
+    assert robot.wheelbase == pytest.approx(0.4)
+    assert robot.track == pytest.approx(0.5)
+    assert robot.friction == pytest.approx(0.8)
+    assert robot.com == pytest.approx((0.0, 0.0, 0.05))
+    assert robot.drive.command_half_track == pytest.approx(0.25)
+    kinds = {finding.kind for finding in static_findings(robot, draft.foreign)}
+    assert kinds == {"controller"}
+    yaml = tmp_path / "diff_drive.yaml"
+    yaml.write_text("a:\n  wheel_separation: 0.5\n  wheel_separation_multiplier: 1.64\n")
+    draft = import_robot(path, controller=yaml)
+    assert draft.robot.drive.command_half_track == pytest.approx(0.41)
+    assert not static_findings(draft.robot, draft.foreign)
+
+
+def test_a_mistake_ends_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "a.urdf"
+    path.write_text(URDF)
+    for arguments in (
+        ("check", str(path), "--write", str(tmp_path / "x.xml")),
+        ("check", "husky", "--controller", str(path)),
+        ("check", str(path), "--controller", str(path)),
+    ):
+        with pytest.raises(SystemExit) as left:
+            cli.run(PROGRAM, "robots", (*arguments, "--out", str(tmp_path / "out")))
+        assert left.value.code == cli.EXIT_USER_ERROR
+        assert "Traceback" not in capsys.readouterr().err
+    assert not (tmp_path / "x.xml").exists()
+    assert read_foreign(path).kind == "urdf"

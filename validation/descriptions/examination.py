@@ -1,0 +1,74 @@
+"""A robot of others, examined with its own physics: what it does, why, and what would mend it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from validation.descriptions.findings import Finding
+from validation.descriptions.foreign_robot import ForeignRobot
+from validation.descriptions.ladder import climb
+from validation.descriptions.mjcf_text import MjcfText
+from validation.descriptions.own_findings import own_findings
+from validation.descriptions.trials import in_words
+
+_KEYS = (
+    "multiplier",
+    "multiplier_min",
+    "multiplier_max",
+    "closed_form",
+    "droop",
+    "creep_m_s",
+    "rolls_m_s",
+    "surge_share",
+    "sideways_m",
+    "step_halved_m",
+    "load_ripple_share",
+    "lifted_share",
+)
+"""Measures that robot.json has."""
+
+
+class Examined(NamedTuple):
+    """What an examination found."""
+
+    sentences: list[str]
+    """What the robot does, in the words of people who ask, and what was assumed."""
+    findings: list[Finding]
+    """What is wrong with it by its own physics, with changes that were tried."""
+    numbers: dict[str, Any]
+    """`own_physics` of robot.json; None for a number that no trial could show."""
+    loads: list[float]
+    """Loads of the four wheels at rest [N]; empty where it does not stand."""
+    mended: str | None
+    """The file with the changes that help; None where there are none."""
+
+
+def examine_foreign(foreign: ForeignRobot) -> Examined:
+    """Drive an MJCF of others with its own physics, and try what would mend it.
+
+    Raises:
+        ValueError: it cannot be compiled on a ground.
+        SsmrError: the simulator gave up for good.
+    """
+    text = None
+    notes = []
+    try:
+        text = MjcfText(foreign.text, foreign.files)
+    except ValueError as error:
+        notes.append(f"no change was tried: {error}")
+    result = climb(foreign.text if text is None else text, foreign.files)
+    before = result.before
+    notes = [*result.robot.notes, *notes]
+    if result.robot.given_rates:
+        notes.append(
+            "it has no servos that hold wheel rates on both sides: here its wheels turn at given "
+            "rates, whatever torque that takes"
+        )
+    loads = [before[f"load_{wheel}"] for wheel in ("fl", "fr", "rl", "rr") if "load_fl" in before]
+    return Examined(
+        sentences=[in_words(before), *notes],
+        findings=own_findings(result, text),
+        numbers={key: before.get(key) for key in _KEYS},
+        loads=loads,
+        mended=result.text if result.rungs else None,
+    )

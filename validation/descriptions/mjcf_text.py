@@ -1,0 +1,127 @@
+"""An MJCF as text: single attributes are changed, and every other byte stays."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree  # nosec B405 # of trees that were parsed before
+from collections.abc import Iterator, Mapping
+from typing import Any
+from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads nothing
+
+import mujoco
+
+from validation.simulator import foreign
+
+Edits = Mapping[tuple[str, str, str], str]
+"""New values of attributes, by the kind of a part, its name and the attribute."""
+
+
+class MjcfText:
+    """A text whose parts are known by the names that they have in the model.
+
+    Parts without a name have one by `foreign.complete`. Kinds are `option`, `geom`, `joint`,
+    `inertial` (by its body's name), `actuator` and `pair` (by its number).
+    """
+
+    def __init__(self, text: str, files: Mapping[str, bytes]) -> None:
+        """Find every part.
+
+        Raises:
+            ValueError: parts are made by others, such as `<replicate>`: text and model differ.
+        """
+        tags = foreign.xml_tags(text)
+        self._plain = text
+        if all(tag.element.tag != "option" for tag in tags):
+            raw = text.encode()
+            at = tags[0].inside
+            text = (raw[:at] + b"<option/>" + raw[at:]).decode()
+            tags = foreign.xml_tags(text)
+        self.raw = text.encode()
+        self._tags = tags
+        self._numbers = {id(tag.element): number for number, tag in enumerate(tags)}
+        self._parts = dict[tuple[str, str], int]()
+        spec = mujoco.MjSpec.from_string(text, assets=dict(files))
+        foreign.name_parts(spec)
+        root = tags[0].element
+        for option in root.findall("option"):
+            self._parts["option", ""] = self._numbers[id(option)]
+        bodies = [child for world in root.findall("worldbody") for child in _flat(world)]
+        self._walk(spec.worldbody, bodies)
+        acting = [part for section in root.findall("actuator") for part in section]
+        self._pair_up("actuator", spec.actuators, acting)
+        pairs = [pair for section in root.findall("contact") for pair in section.findall("pair")]
+        for number, pair in enumerate(pairs):
+            self._parts["pair", str(number)] = self._numbers[id(pair)]
+
+    def _pair_up(self, kind: str, parts: Any, elements: list[ElementTree.Element]) -> None:
+        """Note which elements the parts of a model are."""
+        parts = list(parts)
+        if len(parts) != len(elements):
+            raise ValueError(
+                f"its {kind}s are not all written one by one, so that none can be changed in place"
+            )
+        for part, element in zip(parts, elements, strict=True):
+            self._parts[kind, part.name] = self._numbers[id(element)]
+
+    def _walk(self, body: Any, inside: list[ElementTree.Element]) -> None:
+        """Note the parts of a body and of all that hang on it."""
+        for kind in ("geom", "joint"):
+            tags = (kind, "freejoint") if kind == "joint" else (kind,)
+            own = [element for element in inside if element.tag in tags]
+            self._pair_up(kind, getattr(body, f"{kind}s"), own)
+        for element in inside:
+            if element.tag == "inertial":
+                self._parts["inertial", body.name] = self._numbers[id(element)]
+        children = [element for element in inside if element.tag == "body"]
+        if len(children) != len(list(body.bodies)):
+            raise ValueError("its bodies are not all written one by one")
+        for child, element in zip(body.bodies, children, strict=True):
+            self._walk(child, list(_flat(element)))
+
+    def tag(self, kind: str, name: str) -> str:
+        """Return the tag of a part, such as `velocity` of an actuator."""
+        return self._tags[self._parts[kind, name]].element.tag
+
+    def has(self, kind: str, name: str) -> bool:
+        """Return whether a part is written in the text."""
+        return (kind, name) in self._parts
+
+    def line(self, kind: str, name: str) -> int:
+        """Return the number of the line in which a part begins, from 1."""
+        start = self._tags[self._parts[kind, name]].start
+        return 1 + self.raw[:start].count(b"\n")
+
+    def edited(self, edits: Edits) -> str:
+        """Return the text with attributes changed or added."""
+        if not edits:
+            return self._plain
+        by_part = dict[int, dict[str, str]]()
+        for (kind, name, attribute), value in edits.items():
+            by_part.setdefault(self._parts[kind, name], {})[attribute] = value
+        raw = self.raw
+        for number in sorted(by_part, reverse=True):
+            tag = self._tags[number]
+            opening = raw[tag.start : tag.inside].decode()
+            for attribute, value in by_part[number].items():
+                opening = _with_attribute(opening, attribute, value)
+            raw = raw[: tag.start] + opening.encode() + raw[tag.inside :]
+        return raw.decode()
+
+
+def _with_attribute(opening: str, attribute: str, value: str) -> str:
+    """Return a start tag with one attribute changed or added."""
+    pattern = re.compile(rf"""(\s{re.escape(attribute)}\s*=\s*)("[^"]*"|'[^']*')""")
+    quoted = quoteattr(value)
+    if pattern.search(opening):
+        return pattern.sub(lambda match: match[1] + quoted, opening, count=1)
+    end = "/>" if opening.endswith("/>") else ">"
+    return f"{opening[: -len(end)].rstrip()} {attribute}={quoted}{end}"
+
+
+def _flat(element: ElementTree.Element) -> Iterator[ElementTree.Element]:
+    """Yield the elements inside one, also those in its frames."""
+    for child in element:
+        if child.tag == "frame":
+            yield from _flat(child)
+        else:
+            yield child

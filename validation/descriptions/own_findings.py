@@ -1,0 +1,337 @@
+"""What is wrong with a robot of others by its own physics, with changes that were tried."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from validation.descriptions.findings import Finding
+from validation.descriptions.ladder import (
+    OFF_AXLE,
+    UNLIKE,
+    Climb,
+    exceeds,
+    pairs_of,
+)
+from validation.descriptions.mjcf_text import MjcfText
+from validation.descriptions.trials import Measures
+
+_HARD = 0.05
+"""Difference of two impedances or time constants that are not one [1]."""
+
+
+def own_findings(climb: Climb, text: MjcfText | None) -> list[Finding]:
+    """Return what is wrong with a robot of others by its own physics, faults first.
+
+    Each has what it measured before and after all changes together.
+    """
+    found = []
+    for look in _LOOKS:
+        finding = look(climb)
+        if finding is not None:
+            found.append(_with_change(finding, climb, text))
+    return sorted(found, key=lambda finding: finding.severity)
+
+
+def _with_change(finding: Finding, climb: Climb, text: MjcfText | None) -> Finding:
+    """Return a finding with the change that was kept for it, and what it did."""
+    rungs = [rung for rung in climb.rungs if finding.kind in rung.kinds]
+    show = _SHOWN.get(finding.kind, _ratio)
+    before = show(climb.before)
+    if finding.kind == "step" and climb.rescue is not None:
+        before = "it diverges"
+    if text is None or not rungs:
+        return finding._replace(before=before)
+    edits = dict[tuple[str, str, str], str]()
+    for rung in rungs:
+        edits |= rung.edits
+    words = _in_lines(edits, text)
+    return finding._replace(change=words, before=before, after=show(climb.after))
+
+
+def _in_lines(edits: dict[tuple[str, str, str], str], text: MjcfText) -> str:
+    """Return edits as lines of the file and what to write there."""
+    by_part = dict[tuple[str, str], list[str]]()
+    for (kind, name, attribute), value in edits.items():
+        by_part.setdefault((kind, name), []).append(f'{attribute}="{value}"')
+    lines = dict[str, list[int]]()
+    for (kind, name), words in by_part.items():
+        wanted = f"<{text.tag(kind, name)} {' '.join(words)}>"
+        lines.setdefault(wanted, []).append(text.line(kind, name))
+    parts = []
+    for wanted, numbers in lines.items():
+        each = ", ".join(str(number) for number in sorted(set(numbers)))
+        parts.append(f"line {each}: {wanted}")
+    return "; ".join(parts)
+
+
+# ------------------------------------------------------------------------- what is shown
+def _ratio(measures: Measures) -> str:
+    if "multiplier" not in measures:
+        return "it does not turn"
+    low = measures.get("multiplier_min", measures["multiplier"])
+    high = measures.get("multiplier_max", measures["multiplier"])
+    text = f"turning ratio {measures['multiplier']:.2f}"
+    return text if high - low < 0.02 else f"{text}, {low:.2f} to {high:.2f} over heading"
+
+
+def _hops(measures: Measures) -> str:
+    lifted = 100.0 * measures.get("lifted_share", 0.0)
+    return f"{_ratio(measures)}, a wheel off the ground {lifted:.0f} %"
+
+
+def _reached(measures: Measures) -> str:
+    slow = 100.0 * (1.0 - measures.get("droop", 1.0))
+    faster = 100.0 * (1.0 - measures.get("droop_at_speed", 1.0))
+    return f"wheels reach {slow:.0f} % of a slow turn's rate, {faster:.0f} % of a faster one's"
+
+
+def _creeps(measures: Measures) -> str:
+    return f"{1e3 * measures.get('creep_m_s', math.nan):.2g} mm/s"
+
+
+def _rolls_at(measures: Measures) -> str:
+    return f"{1e3 * measures.get('rolls_m_s', math.nan):.2g} mm/s"
+
+
+def _steps(measures: Measures) -> str:
+    if measures["diverged"] > 0.0 or "step_halved_m" not in measures:
+        return "it diverges"
+    return f"half the step moves the end of a curve by {1e3 * measures['step_halved_m']:.0f} mm"
+
+
+def _loads(measures: Measures) -> str:
+    loads = [measures.get(f"load_{wheel}", math.nan) for wheel in ("fl", "fr", "rl", "rr")]
+    return f"wheels carry {', '.join(f'{load:.0f}' for load in loads)} N"
+
+
+_SHOWN: dict[str, Callable[[Measures], str]] = {
+    "hopping": _hops,
+    "soft_on_one_geom": _hops,
+    "servo_soft": _reached,
+    "motor_weak": _reached,
+    "creep": _creeps,
+    "rolls": _rolls_at,
+    "step": _steps,
+    "unlike_wheels": _loads,
+}
+
+
+# ------------------------------------------------------------------------- looks
+def _step(climb: Climb) -> Finding | None:
+    step = 1e3 * float(climb.robot.model.opt.timestep)
+    if climb.rescue is not None or climb.before["diverged"] > 0.0:
+        return Finding(
+            "step",
+            "fault",
+            f"the simulation diverges with its step of {step:g} ms: servos or contacts are too "
+            "stiff for it",
+            "halve timestep until it does not, or set integrator to implicitfast",
+        )
+    if exceeds(climb.before, climb.robot, "lifted_share"):
+        return None
+    if not exceeds(climb.before, climb.robot, "step"):
+        return None
+    return Finding(
+        "step", "fault", f"the motion depends on the step of {step:g} ms", "halve timestep"
+    )
+
+
+def _pyramid(climb: Climb) -> Finding | None:
+    if climb.robot.model.opt.cone == 1:
+        return None
+    return Finding(
+        "pyramid",
+        "fault",
+        "friction is bounded by a pyramid along the world's axes, so the robot turns faster at "
+        "some headings than at others, and drifts",
+        'set cone="elliptic"',
+    )
+
+
+def _hopping(climb: Climb) -> Finding | None:
+    if not exceeds(climb.before, climb.robot, "lifted_share"):
+        return None
+    share = 100.0 * climb.before["lifted_share"]
+    return Finding(
+        "hopping",
+        "fault",
+        f"wheels hop in a turn: one is off the ground {share:.0f} % of the time, because the "
+        "contact is hard",
+        "make the contact soft on tyres and ground, or on the tyres with a higher priority",
+    )
+
+
+def _soft_on_one(climb: Climb) -> Finding | None:
+    robot = climb.robot
+    model = robot.wheeled.model
+    ground = robot.model.geom(robot.ground)
+    for drum in robot.tyres:
+        if drum is None or pairs_of(robot, drum.geom):
+            continue
+        tyre = model.geom(drum.geom)
+        if int(tyre.priority[0]) != int(ground.priority[0]):
+            continue
+        impedance = float(abs(tyre.solimp[0] - ground.solimp[0]))
+        times = np.abs([tyre.solref[0], ground.solref[0]])
+        if impedance > _HARD or float(np.ptp(times)) > _HARD * float(times.max()):
+            return Finding(
+                "soft_on_one_geom",
+                "fault" if exceeds(climb.before, robot, "lifted_share") else "question",
+                f"the tyres' solimp starts at {tyre.solimp[0]:g} and the ground's at "
+                f"{ground.solimp[0]:g}, and MuJoCo takes the mean of both geoms",
+                "give the ground the same solimp and solref, or the tyres a higher priority",
+            )
+    return None
+
+
+def _which_friction(climb: Climb) -> Finding | None:
+    robot = climb.robot
+    ground = robot.model.geom(robot.ground)
+    for drum in robot.tyres:
+        if drum is None or pairs_of(robot, drum.geom):
+            continue
+        tyre = robot.wheeled.model.geom(drum.geom)
+        own = float(tyre.friction[0])
+        other = float(ground.friction[0])
+        if int(tyre.priority[0]) == int(ground.priority[0]) and own < other - 1e-3:
+            return Finding(
+                "which_friction",
+                "question",
+                f"tyres have a friction of {own:g} and the ground of {other:g}: MuJoCo takes the "
+                "larger one of the two",
+                "give the tyres a higher priority, or the ground a smaller friction",
+            )
+    return None
+
+
+def _friction_by_heading(climb: Climb) -> Finding | None:
+    robot = climb.robot
+    for drum in robot.tyres:
+        for pair in [] if drum is None else pairs_of(robot, drum.geom):
+            one, other = (float(value) for value in robot.wheeled.model.pair_friction[pair, :2])
+            if abs(one - other) > 1e-3:
+                return Finding(
+                    "friction_by_heading",
+                    "fault",
+                    f"a contact pair has the frictions {one:g} and {other:g} along two directions "
+                    "that do not turn with the robot",
+                    "give it one friction",
+                )
+    return None
+
+
+def _servo_soft(climb: Climb) -> Finding | None:
+    robot = climb.robot
+    before = climb.before
+    is_soft = exceeds(before, robot, "droop") or exceeds(before, robot, "droop_at_speed")
+    if robot.given_rates or not is_soft or exceeds(before, robot, "saturated"):
+        return None
+    gains = [-float(robot.model.actuator(name).biasprm[2]) for name in robot.servos]
+    return Finding(
+        "servo_soft",
+        "fault",
+        f"the wheels' servos are too soft (kv is {min(gains):g}): they give way to the ground, "
+        "which is no skidding, and no multiplier mends it at all speeds",
+        "raise kv, with an armature that lets it be stiff",
+    )
+
+
+def _motor_weak(climb: Climb) -> Finding | None:
+    before = climb.before
+    robot = climb.robot
+    is_slow = exceeds(before, robot, "droop") or "multiplier" not in before
+    if not exceeds(before, robot, "saturated") or not is_slow:
+        return None
+    return Finding(
+        "motor_weak",
+        "fault",
+        f"the motors are at their limit of force {100.0 * before['saturated']:.0f} % of the time "
+        "in a turn on the spot",
+        "raise forcerange, or lower the friction",
+    )
+
+
+def _creep(climb: Climb) -> Finding | None:
+    if not exceeds(climb.before, climb.robot, "creep"):
+        return None
+    return Finding(
+        "creep",
+        "fault",
+        "at rest it slides down a slope of 8° though its wheels stand: the contact lets it slide",
+        'raise impratio, with cone="elliptic"',
+    )
+
+
+def _rolls(climb: Climb) -> Finding | None:
+    if climb.robot.given_rates or not exceeds(climb.before, climb.robot, "rolls"):
+        return None
+    return Finding(
+        "rolls",
+        "question",
+        "at rest it rolls down a slope of 8°: its wheels turn, for a servo of rates holds a rate "
+        "and not a place",
+        "raise kv, or give the joints a frictionloss; impratio does not help",
+    )
+
+
+def _unlike(climb: Climb) -> Finding | None:
+    drums = [drum for drum in climb.robot.tyres if drum is not None]
+    radii = [drum.radius for drum in drums]
+    middle = float(np.median(radii))
+    if not middle or max(abs(radius / middle - 1.0) for radius in radii) <= UNLIKE:
+        return None
+    rows = ", ".join(
+        f"{name} {1e3 * radius:.1f} mm"
+        for name, radius in zip(climb.robot.names, radii, strict=False)
+    )
+    return Finding(
+        "unlike_wheels",
+        "fault",
+        f"wheels differ in their radius ({rows}): the robot veers, and stands on some of them",
+        "give all four one radius",
+    )
+
+
+def _wheel_shape(climb: Climb) -> Finding | None:
+    words = {
+        "box": "is a box",
+        "mesh": "is a mesh, of which MuJoCo takes the hull with its corners",
+        "lying": "is a cylinder or capsule across the axle",
+        "oval": "is not round",
+    }
+    robot = climb.robot
+    for name, drum in zip(robot.names, robot.tyres, strict=True):
+        if drum is None:
+            continue
+        if drum.off_axle > OFF_AXLE * drum.radius:
+            text = f"is {1e3 * drum.off_axle:.1f} mm off its axle"
+        elif drum.kind in words:
+            text = words[drum.kind]
+        else:
+            continue
+        return Finding(
+            "wheel_shape",
+            "question" if drum.kind == "mesh" else "fault",
+            f"the shape of wheel {name} {text}, so that the robot hops and turns unevenly",
+            "take an ellipsoid or a cylinder about the axle",
+        )
+    return None
+
+
+_LOOKS: Sequence[Callable[[Climb], Finding | None]] = (
+    _step,
+    _pyramid,
+    _hopping,
+    _soft_on_one,
+    _which_friction,
+    _friction_by_heading,
+    _wheel_shape,
+    _unlike,
+    _servo_soft,
+    _motor_weak,
+    _creep,
+    _rolls,
+)

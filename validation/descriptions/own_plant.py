@@ -1,0 +1,210 @@
+"""A robot of others as a `Plant`: its own physics and servos behind our driver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import mujoco
+import numpy as np
+
+from ssmr.errors import ParameterError
+from ssmr.geometry import rotate_body_to_world, yaw_to_quat_wxyz
+from ssmr.parameters import check_parameters, parameter
+from ssmr.robot.drive import Driver, wheel_references, whole_steps
+from ssmr.robot.vehicle import Drive
+from ssmr.types import Commands, FloatArray, State, Trajectory
+from validation.descriptions.own_robot import OwnRobot, Ride
+from validation.simulator.parts import mujoco_failures
+from validation.simulator.terrain import FLAT, Terrain
+
+_SAMPLE = 0.01
+"""Period that the physics step divides [s]: of samples, commands and logs it is a part."""
+
+
+@dataclass(frozen=True)
+class OwnNumbers:
+    """Numbers of a robot of others that a fit may move, against those of its file."""
+
+    friction: float = parameter(
+        1.0, unit="1", low=0.0, high=50.0, open_low=True, search=(0.2, 5.0), scale="log"
+    )
+    """Friction of tyres and ground over the file's [1]."""
+    rolling: float = parameter(1.0, unit="1", low=0.1, high=10.0, search=(0.85, 1.15))
+    """Rolling radius of the wheels over the file's [1]: wheels turn that much faster than told."""
+    com_x: float = parameter(
+        0.0, unit="m", low=-10.0, high=10.0, search=(-0.59, 0.59), of="half_wheelbase"
+    )
+    """How far the base's centre of mass is ahead of where the file has it [m]."""
+    com_y: float = parameter(
+        0.0, unit="m", low=-10.0, high=10.0, search=(-0.53, 0.53), of="half_track"
+    )
+    """How far the base's centre of mass is to the left of where the file has it [m]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        check_parameters(self)
+
+
+class OwnPlant:
+    """An MJCF of others that is driven by commands or by wheel rates."""
+
+    @mujoco_failures()
+    def __init__(
+        self,
+        name: str,
+        content: tuple[str, Mapping[str, bytes]],
+        numbers: OwnNumbers,
+        drive: Drive,
+        terrain: Terrain = FLAT,
+    ) -> None:
+        """Build the robot and let it come to rest.
+
+        Args:
+            name: name of the plant.
+            content: the MJCF, with all that it includes, and its other files by name.
+            numbers: what differs from the file.
+            drive: saturation, delays and conversions between command and wheels.
+            terrain: level ground or a ramp.
+
+        Raises:
+            ParameterError: it cannot be built, or its base does not move freely.
+        """
+        self.name = name
+        self.drive = drive
+        self.terrain = terrain
+        self._content = content
+        self._numbers = numbers
+        self._robot = self._built(given_rates=False)
+        self._driver: Driver | None = None
+
+    def _built(self, *, given_rates: bool) -> OwnRobot:
+        """Return the robot at rest with the numbers of a fit."""
+        try:
+            robot = OwnRobot(*self._content, given_rates=given_rates)
+        except ValueError as error:
+            raise ParameterError(f"{self.name}: {error}") from error
+        model = robot.model
+        root = robot.wheeled.root
+        if model.jnt_type[model.body_jntadr[root]] != mujoco.mjtJoint.mjJNT_FREE:
+            raise ParameterError(f"{self.name}: its base is held by joints; give it a <freejoint/>")
+        # samples need a whole number of steps
+        model.opt.timestep = _SAMPLE / math.ceil(_SAMPLE / model.opt.timestep - 1e-9)
+        numbers = self._numbers
+        model.geom_friction[:, 0] *= numbers.friction
+        model.pair_friction[:, :2] *= numbers.friction
+        shift = robot.wheeled.turn.T @ [numbers.com_x, numbers.com_y, 0.0]
+        model.body_ipos[root] += robot.wheeled.data.xmat[root].reshape(3, 3).T @ shift
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        robot.settle()
+        model.opt.gravity = self.terrain.gravity(robot.gravity)
+        return robot
+
+    @cached_property
+    def _given(self) -> OwnRobot:
+        """The robot whose wheels turn at given rates."""
+        return self._built(given_rates=True)
+
+    @property
+    def dt(self) -> float:
+        """Physics step [s]."""
+        return float(self._robot.model.opt.timestep)
+
+    def run(
+        self,
+        commands: Commands,
+        state: State,
+        sample_dt: float,
+        disturbance: FloatArray | None = None,
+    ) -> Trajectory:
+        """Drive `commands` at once.
+
+        Returns:
+            The motion of the middle between the axles, with the channel `wheel_load_N` (M, 4; front
+            left, front right, rear left, rear right).
+
+        Raises:
+            DivergedError: the simulator gave up.
+        """
+        stride = whole_steps(sample_dt, self.dt, "the sample period")
+        rates = wheel_references(commands, self.drive, self.dt, state)
+        robot = self._given if commands.kind == "wheels" else self._robot
+        # one step more, which tells the end of the last one
+        rates = self._numbers.rolling * np.vstack([rates, rates[-1:]])
+        push = None
+        if disturbance is not None:
+            push = np.append(disturbance, 0.0)
+        ride = robot.follow(rates, self._placed(robot, state), stride=stride, push=push)
+        yaw = ride.pose[:, 2] + state.yaw - ride.pose[0, 2]
+        pose = np.column_stack([ride.pose[:, :2], yaw])
+        sides = 0.5 * (ride.wheels[:, :2] + ride.wheels[:, 2:]) / self._numbers.rolling
+        times = sample_dt * np.arange(len(pose), dtype=np.float64)
+        return Trajectory(times, pose, ride.twist, sides, {"wheel_load_N": ride.loads})
+
+    def reset(self, state: State) -> State:
+        """Start from `state`, at rest on its tyres, with empty delay lines and no memory."""
+        self._driver = Driver(self.drive, self.dt, state)
+        self._now = self._placed(self._robot, state)
+        self._state = state
+        return state
+
+    def step(self, command: tuple[float, float], dt: float, yaw_acceleration: float = 0.0) -> State:
+        """Hold a twist command for `dt` [s].
+
+        Raises:
+            DivergedError: the simulator gave up.
+        """
+        if self._driver is None:
+            self.reset(State())
+        assert self._driver is not None  # by `reset`
+        steps = whole_steps(dt, self.dt, "the step")
+        rates = self._numbers.rolling * self._driver.references(command, steps)
+        push = np.full(steps, yaw_acceleration)
+        ride = self._robot.follow(rates, self._now, push=push)
+        self._now = ride.end
+        self._state = self._read(ride)
+        return self._state
+
+    def _read(self, ride: Ride) -> State:
+        """Return the state at the end of a ride; its yaw goes on from the last one."""
+        x, y, yaw = self._robot.pose_of(ride.end)
+        turn = yaw - self._state.yaw
+        yaw = self._state.yaw + float(np.arctan2(np.sin(turn), np.cos(turn)))
+        v_x, v_y, rate = ride.twist[-1].tolist()
+        left, right = (0.5 * (ride.wheels[-1, :2] + ride.wheels[-1, 2:])).tolist()
+        scale = 1.0 / self._numbers.rolling
+        return State(
+            x=x,
+            y=y,
+            yaw=yaw,
+            v_x=v_x,
+            v_y=v_y,
+            yaw_rate=rate,
+            wheel_left=scale * left,
+            wheel_right=scale * right,
+        )
+
+    def _placed(self, robot: OwnRobot, state: State) -> FloatArray:
+        """Return the simulator's state of a robot that rests in `state`."""
+        model = robot.model
+        joint = int(model.body_jntadr[robot.wheeled.root])
+        at = 1 + int(model.jnt_qposadr[joint])
+        moving = 1 + model.nq + int(model.jnt_dofadr[joint])
+        placed = robot.rest.copy()
+        placed[0] = 0.0
+        x, y, yaw = robot.pose_of(placed)
+        turned = state.yaw - yaw
+        away = rotate_body_to_world(placed[at : at + 2] - [x, y], turned)
+        placed[at : at + 2] = away + np.array([state.x, state.y])
+        quat = placed[at + 3 : at + 7].copy()
+        mujoco.mju_mulQuat(placed[at + 3 : at + 7], yaw_to_quat_wxyz(turned), quat)
+        velocity = rotate_body_to_world([state.v_x, state.v_y], state.yaw)
+        placed[moving : moving + 6] = 0.0
+        # the root moves about the middle
+        placed[moving : moving + 2] = velocity + state.yaw_rate * np.array([-away[1], away[0]])
+        placed[moving + 5] = state.yaw_rate
+        rates = self._numbers.rolling * np.tile([state.wheel_left, state.wheel_right], 2)
+        placed[1 + model.nq + np.array(robot.dofs)] = rates * robot.signs
+        return placed

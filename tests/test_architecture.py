@@ -445,9 +445,9 @@ PRICES = {
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
-        24_600,
+        24_300,
         15,
-        72,
+        64,
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(

@@ -43,9 +43,8 @@ def interrupt(now: Progress) -> None:
 
 SMALL: dict[str, Any] = {"population": 8, "generations": 3, "seed": 1}
 TUNED: dict[str, Any] = {
-    "plants": ("linear",),
+    "plant": ("linear",),
     "free": ("q_x", "r_v"),
-    "noise": False,
     "held_out": ("line@0.5",),
     **SMALL,
 }

@@ -220,14 +220,11 @@ class Calibrated(Report):
                         name, inks[when], marker, scored.horizons, scored.overlapping
                     )
                 )
-        handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
-        header = partial(
-            drawing.draw_header, title=self.title, handles=handles, labels=[m.name for m in marks]
-        )
+        legend = [Line2D([], [], color=m.ink, marker=m.marker, label=m.name) for m in marks]
         panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
-        rows = [drawing.text_row(0.6, header), drawing.side_by_side(3.6, panels)]
-        rows += drawing.note_rows(list(map(_verdict, self.fits)))
-        return drawing.put_together(rows)
+        verdicts = list(map(_verdict, self.fits))
+        row = drawing.PanelRow(3.6, panels)
+        return drawing.draw_page(self.title, [row], legend=legend, notes=verdicts)
 
 
 @cli.program(Calibrate)

@@ -372,7 +372,7 @@ class Fitted(SearchReport):
         rows = []
         if marks:
             yaw = partial(drawing.draw_horizons, marks, "yaw")
-            rows.append(drawing.side_by_side(2.8, [position, yaw]))
+            rows.append(drawing.PanelRow(2.8, [position, yaw]))
         return search_figure(self, ink, "before", rows)
 
 

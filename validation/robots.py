@@ -201,15 +201,14 @@ class RobotCheck(Report):
 
     def figure(self) -> Figure:
         """Draw the robot from above, with its hull, tyres, their loads, and the centre of mass."""
-        from validation.report.drawing import draw_section, put_together, side_by_side, text_row
+        from validation.report.drawing import PanelRow, draw_page
 
         low, high = robot_outline(self.robot)
         length, width, _ = high - low
         verdict = "no fault found" if self.ok else "something is wrong"
         title = f"{abridged(self.title, 60)}: {verdict}"
         height = min(10.0 * width / length + 1.4, 7.0)
-        panel = side_by_side(height, [partial(_draw_from_above, self)])
-        return put_together([text_row(0.3, partial(draw_section, title)), panel])
+        return draw_page(title, [PanelRow(height, [partial(_draw_from_above, self)])])
 
 
 @cli.program(CheckRobot)

@@ -212,20 +212,14 @@ def search_figure(
     The found values are drawn in `ink`; `before` names the values of before.
     """
     height = max(_LEAST_IN, _STRIPS_IN + _STRIP_IN * len(report.parameters))
-    course = partial(_draw_course, report, ink)
     strips = partial(_draw_strips, report, ink, before)
+    first = PanelRow(height, [strips])
     # a single generation, as with one start of least squares, has no course to draw
-    has_course = len(report.course.jde.history) > 1
-    panels = ((0.36, course), (0.64, strips)) if has_course else ((1.0, strips),)
+    if len(report.course.jde.history) > 1:
+        first = PanelRow(height, [partial(_draw_course, report, ink), strips], (0.36, 0.64))
     foot = f"{report.effort} · seed {report.seed}"
-    page = [
-        drawing.text_row(0.3, partial(drawing.draw_section, shortened(report.title, 110))),
-        drawing.text_row(0.25, partial(drawing.draw_footer, foot)),
-        PanelRow(height, panels),
-        *rows,
-        *drawing.note_rows(report.notes()),
-    ]
-    return drawing.put_together(page)
+    title = shortened(report.title, 110)
+    return drawing.draw_page(title, [first, *rows], notes=report.notes(), foot=foot)
 
 
 def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
@@ -249,7 +243,6 @@ def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
 
 def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
     """Draw the parameters within their bounds: value, 95 % interval and value of before."""
-    drawing.inset(ax, left=1.3, right=1.0)
     ax.set(xlim=(0.0, 1.0), ylim=(len(report.parameters) - 0.45, -0.6), xticks=[])
     ax.set_title(f"Values within their bounds, 95 % intervals (bars) and {before} (ticks)")
     ax.set_yticks(range(len(report.parameters)), [p.name for p in report.parameters])

@@ -50,11 +50,7 @@ from validation.replicate.verdicts import (
 )
 from validation.report.drawing import (
     PanelRow,
-    draw_section,
-    inset,
     plain_ticks,
-    side_by_side,
-    text_row,
 )
 from validation.report.palette import VERDICT_INKS
 from validation.tune import tune
@@ -308,7 +304,6 @@ def _panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
                 ax.plot(1e3 * pair.published, k, "|", color="black", ms=14, mew=2)
         ax.set(xscale="log", xlabel="d_rms [mm]", ylim=(len(labels) - 0.5, -0.5), title=title)
         ax.set_yticks(range(len(labels)), labels)
-        inset(ax, left=1.4)
         plain_ticks(ax.xaxis)
 
     heading = (
@@ -320,7 +315,7 @@ def _panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
         "simulated_vs_real": "Simulated against real",
     }
     panels = [partial(draw, comparison, title) for comparison, title in names.items()]
-    return [text_row(0.3, partial(draw_section, heading)), side_by_side(5.2, panels)]
+    return [PanelRow(5.5, panels, heading=heading)]
 
 
 def _saturation(task: Task) -> Findings:

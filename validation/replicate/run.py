@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -44,7 +43,7 @@ from validation.replicate.verdicts import (
     Status,
     Verdict,
 )
-from validation.report.drawing import draw_section, inset, put_together, side_by_side, text_row
+from validation.report.drawing import PanelRow, draw_page
 from validation.report.palette import VERDICT_INKS
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Row, Table, markdown_table
@@ -155,16 +154,15 @@ class Replication(Report):
                 counts = [row[status] for row in rows]
                 ax.barh(places, counts, left=left, color=VERDICT_INKS[status], label=status)
                 left += counts
-            inset(ax, left=3.2)
             ax.set_yticks(places, [row["section"] for row in rows])
             ax.set(ylim=(len(rows) - 0.5, -0.5), xlabel="rows that the thesis prints")
             ax.legend(
                 loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(STATUSES), frameon=False
             )
 
-        heading = text_row(0.35, partial(draw_section, self.title))
-        panels = [row for findings in self.findings.values() for row in findings.panels]
-        return put_together([heading, side_by_side(1.1 + 0.3 * len(rows), [bars]), *panels])
+        first = PanelRow(1.1 + 0.3 * len(rows), [bars])
+        others = chain.from_iterable(each.panels for each in self.findings.values())
+        return draw_page(self.title, [first, *others], foot=self.made_by)
 
 
 @cli.program(Replicate)

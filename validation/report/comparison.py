@@ -34,18 +34,13 @@ from validation.report.drawing import (
     corner_note,
     draw_dart,
     draw_ellipse,
-    draw_header,
     draw_horizons,
+    draw_page,
     draw_ring,
-    draw_section,
     equal_scales,
-    footer_row,
+    how_driven,
     ink_of,
     joined,
-    note_rows,
-    put_together,
-    side_by_side,
-    text_row,
 )
 from validation.report.motions import Motions, headline_error
 from validation.report.scene_robots import Track
@@ -108,25 +103,32 @@ class Comparison(Motions):
         time), speed and yaw rate, and wheel loads. Panels for which there are no data are left out.
         Lines carry the name of their motion, or `command`, as gid.
         """
-        rows = [text_row(0.78, self._draw_header)]
+        rows = list[PanelRow]()
         start, stop = self._span
         if stop - start > _LONGEST_PATH or len(self.truth) > 1:
             words, windows = self._windows()
             heading = f"Paths over {words} [m]: all start at one pose; from small to large errors"
             if any(scores.band for scores in self.scores.values()):
                 heading += "; shaded: 90 % band"
-            rows.append(text_row(0.28, partial(draw_section, heading)))
             panels = [partial(self._draw_window, window) for window in windows]
-            rows.append(side_by_side(3.2, panels))
+            rows.append(PanelRow(3.5, panels, heading=heading))
         else:
             path = np.concatenate([piece.xy for piece in self.truth])
             width, height = np.ptp(path, axis=0) + 0.5
             tall = float(np.clip(10.0 * height / width, 3.0, 5.5))
-            rows.append(side_by_side(tall, [self._draw_paths]))
+            rows.append(PanelRow(tall, [self._draw_paths]))
         flags = [name for name, value in self.options.items() if value is True]
-        words_below = [f"reference {self.reference}", f"seed {self.seed}", *flags]
-        foot = footer_row(self.profile_label, self.terrain, words_below, self.versions)
-        return put_together([*rows, *self._panels(), *note_rows(self.notes()), foot])
+        made = [f"reference {self.reference}", f"seed {self.seed}", *flags]
+        kind = "commands" if self._by_speed else "measured wheel rates"
+        n = len(self.runs)
+        title = shortened(Path(self.source.name).name, 48)
+        return draw_page(
+            f"{title}: {n} plant{'s' * (n > 1)} driven by the same {kind}",
+            [*rows, *self._panels()],
+            legend=self._legend(),
+            notes=self.notes(),
+            foot=how_driven(self.profile_label, self.terrain, made, self.versions),
+        )
 
     def _panels(self) -> list[PanelRow]:
         """Panels below the paths, row by row; those without data are left out."""
@@ -141,7 +143,7 @@ class Comparison(Motions):
                 )
         if marks:
             position = partial(draw_horizons, marks, "position")
-            rows.append(side_by_side(2.3, [position, partial(draw_horizons, marks, "yaw")]))
+            rows.append(PanelRow(2.3, [position, partial(draw_horizons, marks, "yaw")]))
         elif len(tracks) > 1:
             rows.append(self._error_panels(tracks[1:]))
         command = " and command" if self._by_speed else ""
@@ -149,22 +151,16 @@ class Comparison(Motions):
             partial(self._draw_velocity, f"Speed v_x [m/s]{command}", 0, 0),
             partial(self._draw_velocity, f"Yaw rate [rad/s]{command}", 2, 1),
         ]
-        rows.append(side_by_side(2.3, velocities))
+        rows.append(PanelRow(2.3, velocities))
         loaded = [track for track in tracks if track.channel("wheel_load_N") is not None]
         if loaded:
-            rows.append(side_by_side(2.3, [partial(self._draw_loads, loaded[0])]))
+            rows.append(PanelRow(2.3, [partial(self._draw_loads, loaded[0])]))
         return rows
 
-    def _draw_header(self, ax: Axes) -> None:
-        """Draw the title, and the only legend of plants."""
-        kind = "commands" if self._by_speed else "measured wheel rates"
-        n = len(self.runs)
-        title = shortened(Path(self.source.name).name, 48)
-        if n:
-            title += f": {n} plant{'s' * (n > 1)} driven by the same {kind}"
+    def _legend(self) -> list[Line2D]:
+        """Return the only legend of plants."""
         marked = any(scores.horizons for scores in self.scores.values())
-        handles = list[Line2D]()
-        labels = list[str]()
+        legend = []
         for track in self.tracks():
             marker = ""
             about = "reference"
@@ -172,12 +168,12 @@ class Comparison(Motions):
                 about = headline_error(self.scores[track.name])
                 if marked:
                     marker = _MARKERS.get(track.name, "o")
-            handles.append(Line2D([], [], marker=marker, **look_of(track)))
-            labels.append(f"{track.name}\n{about}")
+            label = f"{track.name}\n{about}"
+            legend.append(Line2D([], [], marker=marker, label=label, **look_of(track)))
         if self._by_speed:
-            handles.append(Line2D([], [], color=_COMMAND_INK, linewidth=1.0))
-            labels.append("command\nas given")
-        draw_header(ax, title, handles, labels)
+            label = "command\nas given"
+            legend.append(Line2D([], [], color=_COMMAND_INK, linewidth=1.0, label=label))
+        return legend
 
     # --- paths ---
 
@@ -344,7 +340,7 @@ class Comparison(Motions):
             partial(self._draw_error, f"Position error [{unit.symbol}]", distance, unit.scale),
             partial(self._draw_error, "Yaw error [deg]", yaw_error, 1.0),
         ]
-        return side_by_side(2.3, panels)
+        return PanelRow(2.3, panels)
 
     def _draw_error(
         self,

@@ -10,19 +10,17 @@ import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import matplotlib.style
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
-from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from PIL import Image
 
@@ -37,7 +35,6 @@ from validation.words import shortened
 WIDTH_IN = 12.8
 DPI = 125
 EDGE_IN = 0.12
-MARGINS_IN = (0.66, 0.12, 0.52, 0.3)  # left, right, below and above a panel, for its labels
 STYLE = Path(__file__).with_name("style.mplstyle")
 
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
@@ -54,9 +51,21 @@ BESIDE_INK: Ink = "0.45"
 REFERENCE_INK: Ink = "0.1"
 REFERENCE_DASHES: Dashes = (0.0, (5.0, 2.5))
 """Ink of the reference that a controller follows."""
-_SECTION_IN = 0.3  # height of a heading
-_LINE_IN = 0.185  # height of a line of notes
+_TITLE_IN = 0.42  # height of a title
+_FOOT_IN = 0.26  # height of the line below all
+_LINE_IN = 0.185  # height of a line of words
 _WRAP = 160  # most characters in such a line
+_KEY_IN = 0.75  # width of an entry of a legend without its words
+_CHARACTER_IN = 0.077  # width of a character there
+_TITLE: Mapping[str, Any] = {"fontsize": 14.0, "fontweight": "bold"}
+_HEADING: Mapping[str, Any] = {"fontsize": 10.5, "fontweight": "bold"}
+_KEY: Mapping[str, Any] = {
+    "frameon": False,
+    "fontsize": 9.0,
+    "borderaxespad": 0.4,
+    "handlelength": 2.8,
+    "columnspacing": 1.4,
+}
 
 
 def ink_of(name: str) -> tuple[float, float, float]:
@@ -166,51 +175,6 @@ def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def draw_header(
-    ax: Axes, title: str, handles: Sequence[Artist], labels: Sequence[str], ink: str = "0.0"
-) -> None:
-    """Write a picture's title, and below it the legend in one line, as small as it must be."""
-    ax.set_axis_off()
-    ax.text(
-        0.0,
-        1.0,
-        title,
-        transform=ax.transAxes,
-        fontsize=14.0,
-        fontweight="bold",
-        va="top",
-        color=ink,
-    )
-    for size in (9.5, 9.0, 8.5, 8.0, 7.5, 7.0):
-        legend = ax.legend(
-            handles,
-            labels,
-            loc="lower left",
-            bbox_to_anchor=(0.0, 0.0),
-            ncols=len(labels),
-            frameon=False,
-            fontsize=size,
-            borderaxespad=0.0,
-            borderpad=0.0,
-            handlelength=2.8,
-            columnspacing=1.4,
-            handletextpad=0.6,
-        )
-        if legend.get_window_extent().width <= ax.get_window_extent().width:
-            break
-
-
-def narrow(text: Text, most: float) -> None:
-    """Shorten a text that is wider than `most` [in]: its end says more than its beginning."""
-    whole = text.get_text()
-    figure = text.get_figure(root=True)
-    assert figure is not None
-    n = len(whole)
-    while text.get_window_extent().width / figure.dpi > most and n > 2:
-        n -= 1
-        text.set_text(f"…{whole[1 - n :]}")
-
-
 # --- errors by horizon ---
 
 
@@ -270,8 +234,7 @@ def draw_horizons(
             smallest = min(smallest, float(low.min()))
     if smallest > 0.0:
         ax.set_yscale("log")
-        ax.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{y:g}"))
-        ax.yaxis.set_minor_formatter(NullFormatter())
+        plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
     ax.margins(y=0.15)
     ax.set_xticks(range(len(horizons)), [_horizon_label(h, marks) for h in horizons])
     ax.grid(visible=False, axis="x")
@@ -287,29 +250,7 @@ def _horizon_label(horizon: float, marks: Sequence[HorizonMarks]) -> str:
     return f"{horizon:g} s\n{count} window{'s' * (count != '1')}"
 
 
-# --- rows of panels ---
-
-
-def inset(ax: Axes, left: float = 0.0, right: float = 0.0) -> None:
-    """Give a panel more room beside it [in], taken from its own."""
-    figure = ax.get_figure(root=True)
-    box = ax.get_position()
-    assert figure is not None
-    total = figure.get_figwidth()
-    width = box.width - (left + right) / total
-    ax.set_position((box.x0 + left / total, box.y0, width, box.height))
-
-
-def draw_section(text: str, ax: Axes) -> None:
-    """Write a heading over a row of panels."""
-    ax.set_axis_off()
-    ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=10.5, fontweight="bold", va="bottom")
-
-
-def draw_footer(text: str, ax: Axes) -> None:
-    """Write in one line how a result was made."""
-    ax.set_axis_off()
-    ax.text(0.0, 0.0, text, transform=ax.transAxes, fontsize=8.5, color=QUIET, va="bottom")
+# --- pages ---
 
 
 @dataclass(frozen=True)
@@ -318,80 +259,89 @@ class PanelRow:
 
     height: float
     """[in], labels included."""
-    panels: tuple[tuple[float, Panel], ...]
-    """Each with its share of the width."""
-    bare: bool = False
-    """Texts only, which need no room for labels."""
-
-    def place(self, figure: Figure, top: float) -> None:
-        """Draw the panels, from `top` [in] above the figure's lower edge downwards."""
-        left, right, bottom, above = (0.0, 0.0, 0.0, 0.0) if self.bare else MARGINS_IN
-        wide, tall = figure.get_size_inches()
-        x = EDGE_IN
-        room = wide - 2.0 * EDGE_IN
-        y = top - self.height + bottom
-        height = self.height - bottom - above
-        for share, panel in self.panels:
-            width = share * room - left - right
-            box = ((x + left) / wide, y / tall, width / wide, height / tall)
-            panel(figure.add_axes(box))
-            x += share * room
+    panels: Sequence[Panel]
+    """Functions that each draw into axes."""
+    shares: Sequence[float] | None = None
+    """Shares of the width; equal ones if not given."""
+    heading: str = ""
+    """Words over all of them."""
 
 
-def side_by_side(height: float, panels: Sequence[Panel]) -> PanelRow:
-    """Return a row of panels of equal width."""
-    return PanelRow(height, tuple((1.0 / len(panels), panel) for panel in panels))
-
-
-def text_row(height: float, panel: Panel) -> PanelRow:
-    """Return a row without axes."""
-    return PanelRow(height, ((1.0, panel),), bare=True)
-
-
-def footer_row(
-    profile: str, terrain: Terrain, words: Iterable[str], versions: Mapping[str, str]
-) -> PanelRow:
-    """A line that says how robots were driven: by which profile, ground and versions."""
-    ground = [] if terrain == FLAT else [f"terrain {terrain.spec}"]
-    used = [f"{name} {versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in versions]
-    parts = [f"profile {shortened(profile, 32)}", *words, *ground, *used]
-    return text_row(0.22, partial(draw_footer, shortened(" · ".join(parts), 170)))
-
-
-def note_rows(notes: Sequence[str]) -> list[PanelRow]:
-    """Sentences below a heading, each behind a bullet, in as many lines as they need."""
-    lines = list[str]()
-    for note in notes:
-        lines += textwrap.wrap(note, _WRAP, initial_indent="• ", subsequent_indent="   ")
-    if not lines:
-        return []
-
-    def draw(ax: Axes) -> None:
-        ax.set_axis_off()
-        for k, line in enumerate(lines):
-            y = 1.0 - (k + 0.5) / len(lines)
-            ax.text(0.0, y, line, transform=ax.transAxes, fontsize=9.0, va="center", color="0.2")
-
-    heading = text_row(_SECTION_IN, partial(draw_section, "Notes"))
-    return [heading, text_row(0.08 + _LINE_IN * len(lines), draw)]
-
-
-def put_together(rows: Sequence[PanelRow]) -> Figure:
-    """Draw rows from top to bottom into a figure 1600 px wide.
+def draw_page(
+    title: str,
+    rows: Sequence[PanelRow],
+    *,
+    legend: Sequence[Line2D] = (),
+    notes: Sequence[str] = (),
+    foot: str = "",
+    ink: str = "0.0",
+) -> Figure:
+    """Draw rows of panels from top to bottom into a figure 1600 px wide.
 
     The figure is drawn once, so that its ticks have this style too; `save_figure` writes that
     drawing.
+
+    Args:
+        title: its heading.
+        rows: rows of panels, each as high as it says.
+        legend: lines with their labels, below the title.
+        notes: sentences below the panels, each behind a bullet.
+        foot: how it was made, in one line below all.
+        ink: colour of the title.
     """
-    height = 2.0 * EDGE_IN + sum(row.height for row in rows)
+    labels = [str(line.get_label()) for line in legend]
+    longest = max((len(line) for label in labels for line in label.split("\n")), default=1)
+    across = max(1, min(len(labels), int(WIDTH_IN / (_KEY_IN + _CHARACTER_IN * longest))))
+    lines_of_label = max((1 + label.count("\n") for label in labels), default=0)
+    deep = math.ceil(len(labels) / across) * lines_of_label
+    text = "\n".join(map(_wrapped, notes))
+    below = _LINE_IN * (text.count("\n") + 2.2) if notes else 0.0
+    heights = [_TITLE_IN + _LINE_IN * deep, *(row.height for row in rows)]
     with matplotlib.style.context(["default", STYLE]):
-        figure = Figure(figsize=(WIDTH_IN, height), dpi=DPI)
+        tall = sum(heights) + below + _FOOT_IN
+        figure = Figure(figsize=(WIDTH_IN, tall), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
-        top = float(figure.get_size_inches()[1]) - EDGE_IN
-        for row in rows:
-            row.place(figure, top)
-            top -= row.height
+        heights.append(below + _FOOT_IN)
+        head, *parts, tail = figure.subfigures(
+            len(heights), 1, height_ratios=heights, squeeze=False
+        ).flat
+        edge = EDGE_IN / WIDTH_IN
+        head.text(edge, 1.0 - EDGE_IN / heights[0], title, va="top", color=ink, **_TITLE)
+        if legend:
+            head.legend(handles=legend, loc="lower left", ncols=across, **_KEY)
+        for part, row in zip(parts, rows, strict=True):
+            if row.heading:
+                part.suptitle(row.heading, x=edge, ha="left", **_HEADING)
+            axes = part.subplots(1, len(row.panels), width_ratios=row.shares, squeeze=False)
+            for ax, panel in zip(axes.flat, row.panels, strict=True):
+                panel(ax)
+        if notes:
+            tail.text(edge, 1.0, "Notes", va="top", **_HEADING)
+            top = 1.0 - 1.3 * _LINE_IN / heights[-1]
+            tail.text(edge, top, text, va="top", fontsize=9.0, linespacing=1.35, color="0.2")
+        tail.text(edge, 0.06 / heights[-1], foot, fontsize=8.5, color=QUIET, va="bottom")
+        figure.draw_without_rendering()
+        # the layout's solver errs by rounding, and equal reports are to give equal pixels
+        figure.set_layout_engine("none")
+        for ax in figure.axes:
+            left, lower, width, height = np.round(ax.get_position().bounds, 6)
+            ax.set_position((left, lower, width, height))
         figure.canvas.draw()
     return figure
+
+
+def _wrapped(note: str) -> str:
+    return textwrap.fill(note, _WRAP, initial_indent="• ", subsequent_indent="   ")
+
+
+def how_driven(
+    profile: str, terrain: Terrain, words: Iterable[str], versions: Mapping[str, str]
+) -> str:
+    """Return a line that says how robots were driven: by which profile, ground and versions."""
+    ground = [] if terrain == FLAT else [f"terrain {terrain.spec}"]
+    used = [f"{name} {versions[name]}" for name in ("ssmr-testbed", "mujoco") if name in versions]
+    parts = [f"profile {shortened(profile, 32)}", *words, *ground, *used]
+    return shortened(" · ".join(parts), 170)
 
 
 def save_figure(figure: Figure, path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,14 +23,10 @@ from validation.report.drawing import (
     PanelRow,
     at_least,
     draw_dart,
-    draw_header,
+    draw_page,
     draw_ring,
     equal_scales,
     ink_of,
-    note_rows,
-    put_together,
-    side_by_side,
-    text_row,
 )
 from validation.words import shortened
 
@@ -41,6 +38,11 @@ _SPEEDS = (
 _WANTED = "0.2"
 _COMMAND = "0.65"
 _SATURATED = "#d9534f"
+_REFERENCE: dict[str, Any] = {
+    "color": REFERENCE_INK,
+    "linewidth": 1.0,
+    "linestyle": REFERENCE_DASHES,
+}
 
 
 def longest_target(robots: Sequence[Followed]) -> Trajectory:
@@ -48,24 +50,19 @@ def longest_target(robots: Sequence[Followed]) -> Trajectory:
     return max((robot.target for robot in robots), key=len)
 
 
-def _draw_header(robots: Sequence[Followed], headline: str, ax: Axes) -> None:
-    first = robots[0]
-    alone = len(robots) == 1
-    plants = f"plant {first.plant}" if alone else f"{len(robots)} plants"
-    title = f"{headline} · {plants}"
-    if lost := [r for r in robots if r.run.lost]:
-        title += f" · LOST: {', '.join(r.plant for r in lost)}"
-    handles = [Line2D([], [], color=ink_of(r.plant), linewidth=2.4) for r in robots]
+def _legend(robots: Sequence[Followed]) -> list[Line2D]:
     unit = length_unit([r.metrics["d_rms_m"] for r in robots])
-    labels = [f"{r.plant}\nd_rms {unit.text(r.metrics['d_rms_m'])} {unit.symbol}" for r in robots]
-    handles.append(Line2D([], [], color=REFERENCE_INK, linewidth=0.9, linestyle=REFERENCE_DASHES))
-    handles.append(Line2D([], [], color=_WANTED, linewidth=0.8, alpha=0.6))
-    labels += ["reference\n", "wanted by the\nposition loop"]
-    if alone:
-        handles.append(Line2D([], [], color=_COMMAND))
-        handles.append(Line2D([], [], color=_SATURATED, linewidth=7.0, alpha=0.2))
-        labels += ["command to\nthe drive", "a torque or the\ncommand at its limit"]
-    draw_header(ax, shortened(title, 100), handles, labels, ALARM if lost else "0.0")
+    looks: dict[str, dict[str, Any]] = {}
+    for r in robots:
+        d_rms = f"d_rms {unit.text(r.metrics['d_rms_m'])} {unit.symbol}"
+        looks[f"{r.plant}\n{d_rms}"] = {"color": ink_of(r.plant), "linewidth": 2.4}
+    looks["reference\n"] = _REFERENCE
+    looks["wanted by the\nposition loop"] = {"color": _WANTED, "linewidth": 0.8, "alpha": 0.6}
+    if len(robots) == 1:
+        looks["command to\nthe drive"] = {"color": _COMMAND}
+        saturated = {"color": _SATURATED, "linewidth": 7.0, "alpha": 0.2}
+        looks["a torque or the\ncommand at its limit"] = saturated
+    return [Line2D([], [], label=label, **look) for label, look in looks.items()]
 
 
 def _finish_time(robots: Sequence[Followed], ax: Axes) -> None:
@@ -118,9 +115,7 @@ def _draw_speed(
     ax.plot(
         target.t[:-1],
         target.twist[:-1, column],
-        color=REFERENCE_INK,
-        linewidth=0.9,
-        linestyle=REFERENCE_DASHES,
+        **_REFERENCE,
         zorder=2.2,
         gid="reference",
     )
@@ -167,9 +162,7 @@ def _draw_error(
     goal = float(lookahead) if column == "e_rho" and isinstance(lookahead, int | float) else 0.0
     ax.axhline(
         goal * unit.scale,
-        color=REFERENCE_INK,
-        linewidth=0.9,
-        linestyle=REFERENCE_DASHES,
+        **_REFERENCE,
         zorder=1.8,
         gid="goal",
     )
@@ -194,9 +187,7 @@ def _draw_paths(robots: Sequence[Followed], ax: Axes) -> None:
     reference = longest_target(robots).xy
     ax.plot(
         *reference.T,
-        color=REFERENCE_INK,
-        linewidth=1.1,
-        linestyle=REFERENCE_DASHES,
+        **_REFERENCE,
         zorder=2.8,
         gid="reference",
     )
@@ -237,7 +228,7 @@ def error_units(robots: Sequence[Followed]) -> dict[str, Unit]:
     return {"e_rho": length, "e_y": length, "e_alpha": DEGREES}
 
 
-def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: PanelRow) -> Figure:
+def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: str) -> Figure:
     """Return the picture of robots that followed one reference, 1600 px wide.
 
     It shows paths, speed and yaw rate with what the position loop wanted and what was commanded,
@@ -248,7 +239,7 @@ def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: PanelRo
         robots: the robots.
         title: what they did.
         gains: the controller's gains, in words.
-        foot: the last row.
+        foot: how they were driven.
     """
     titles = ("distance to the target", "offset to the left", "heading")
     units = error_units(robots)
@@ -256,7 +247,6 @@ def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: PanelRo
     for error, (column, unit) in zip(titles, units.items(), strict=True):
         least = math.radians(1.0) if unit is DEGREES else 0.01
         panels.append(partial(_draw_error, robots, f"{column}: {error}", column, unit, least))
-    errors = side_by_side(2.0, panels)
     speeds = [partial(_draw_speed, robots, *speed) for speed in _SPEEDS]
     paths = partial(_draw_paths, robots)
     places = list[FloatArray]()
@@ -265,9 +255,19 @@ def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: PanelRo
     width, height = np.ptp(np.concatenate(places), axis=0) + 0.3
     if width > _WIDE * height:
         tall = float(np.clip(12.0 * height / width + 0.75, 1.5, 2.25))
-        above = [side_by_side(tall, [paths]), side_by_side(2.0, speeds)]
+        rows = [PanelRow(tall, [paths]), PanelRow(2.0, speeds)]
     else:
-        above = [PanelRow(3.6, ((0.3, paths), (0.35, speeds[0]), (0.35, speeds[1])))]
-    lost = [f"{r.plant} was {lost_text(r.run)}" for r in robots if r.run.lost]
-    head = text_row(0.85, partial(_draw_header, robots, title))
-    return put_together([head, *above, errors, *note_rows([*lost, gains]), foot])
+        rows = [PanelRow(3.6, [paths, *speeds], (0.3, 0.35, 0.35))]
+    plants = f"plant {robots[0].plant}" if len(robots) == 1 else f"{len(robots)} plants"
+    heading = f"{title} · {plants}"
+    lost = [r for r in robots if r.run.lost]
+    if lost:
+        heading += f" · LOST: {', '.join(r.plant for r in lost)}"
+    return draw_page(
+        shortened(heading, 100),
+        [*rows, PanelRow(2.0, panels)],
+        legend=_legend(robots),
+        notes=[*(f"{r.plant} was {lost_text(r.run)}" for r in lost), gains],
+        foot=foot,
+        ink=ALARM if lost else "0.0",
+    )

@@ -25,7 +25,7 @@ from validation.experiment.tracked import (
 )
 from validation.plants.profile import Profile
 from validation.report.columns import REAL_TIME, declare
-from validation.report.drawing import footer_row
+from validation.report.drawing import how_driven
 from validation.report.palette import BLACK, GREY, WHITE, mix
 from validation.report.report import Report
 from validation.report.scene_robots import Series, Track, bright
@@ -193,7 +193,7 @@ class Tracked(Report):
         words = [f"seed {self.seed}"]
         if "feedback" in self.options:
             words.append(f"feedback {self.options['feedback']}")
-        foot = footer_row(self.profile_label, self.terrain, words, self.versions)
+        foot = how_driven(self.profile_label, self.terrain, words, self.versions)
         shown = [robot.thinned() for robot in self.robots]
         name = shortened(self.gains_name, 40)
         return draw_track(shown, self.title, f"gains {name}: {gains}", foot)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +74,4 @@ class Study(Report):
 
 def picture(study: Report, rows: Sequence[drawing.PanelRow]) -> Figure:
     """Return rows of panels as a figure, with the title, the notes and the footer of a study."""
-    title = drawing.text_row(0.3, partial(drawing.draw_section, study.title))
-    footer = drawing.text_row(0.26, partial(drawing.draw_footer, study.made_by))
-    return drawing.put_together([title, *rows, *drawing.note_rows(study.notes()), footer])
+    return drawing.draw_page(study.title, rows, notes=study.notes(), foot=study.made_by)

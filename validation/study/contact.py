@@ -398,17 +398,15 @@ def _draw(study: Study) -> Figure:
         ax.barh(range(len(rows)), lengths, gid=column)
         ax.set(xscale="log", title=title, ylim=(len(rows) - 0.4, -0.6))
         drawing.plain_ticks(ax.xaxis)
-        # the first panel has the names, and room for them
-        first = column == "ripple_share"
-        names = list(rows) if first else [""] * len(rows)
+        # the first panel has the names
+        names = list(rows) if column == "ripple_share" else [""] * len(rows)
         ax.set_yticks(range(len(rows)), names, fontsize=8.0)
-        if first:
-            drawing.inset(ax, left=1.6)
 
-    panels = (
-        (0.4, partial(draw, "ripple_share", "ripple of the yaw rate [1]")),
-        (0.2, partial(draw, "wander_m", "wander [m]")),
-        (0.2, partial(draw, "ground_turned_m", "ground turned [m]")),
-        (0.2, partial(draw, "to_improved_m", "to improved [m]")),
-    )
+    titles = {
+        "ripple_share": "ripple of the yaw rate [1]",
+        "wander_m": "wander [m]",
+        "ground_turned_m": "ground turned [m]",
+        "to_improved_m": "to improved [m]",
+    }
+    panels = [partial(draw, column, title) for column, title in titles.items()]
     return picture(study, [drawing.PanelRow(1.2 + 0.22 * len(rows), panels)])

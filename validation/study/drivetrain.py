@@ -290,9 +290,9 @@ def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
 def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Study) -> Figure:
     panels = []
     if driver is not None:
-        panels.append(drawing.side_by_side(2.6, [partial(_draw_rates, driver)]))
+        panels.append(drawing.PanelRow(2.6, [partial(_draw_rates, driver)]))
     if currents is not None:
-        panels.append(drawing.side_by_side(3.4, [partial(_draw_currents, currents)]))
+        panels.append(drawing.PanelRow(3.4, [partial(_draw_currents, currents)]))
     return picture(study, panels)
 
 

@@ -325,5 +325,5 @@ def _draw(logs: dict[str, Any], report: Study) -> Figure:
     panels = [partial(panel, name) for name in logs]
     rows = []
     for k in range(0, len(panels), _ACROSS):
-        rows.append(drawing.side_by_side(3.0, panels[k : k + _ACROSS]))
+        rows.append(drawing.PanelRow(3.0, panels[k : k + _ACROSS]))
     return picture(report, rows)

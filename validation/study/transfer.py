@@ -43,6 +43,7 @@ from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
 from validation.study.common import Study, StudyOptions, picture
 from validation.sweep import sweep
+from validation.words import shortened
 
 JUDGE = "mujoco"
 """Plant that stands for the robot: the others are to choose the right controller for it."""
@@ -395,7 +396,6 @@ def _draw(label: str, result: Mapping[str, Any], study: Study) -> Figure:
     order = _ranked(result)
 
     def draw(ax: Axes) -> None:
-        drawing.inset(ax, left=1.15)
         for plant, found in result["plants"].items():
             ink = drawing.ink_of(plant)
             marker = "D" if plant == JUDGE else "o"
@@ -407,10 +407,8 @@ def _draw(label: str, result: Mapping[str, Any], study: Study) -> Figure:
         ax.set(xscale="log", xlabel="mean cost (Sec. 4.3.3; a cross lost a run)")
         ax.set_title(f"{label}: the best on {JUDGE} at the top")
         ax.set_ylim(len(order) - 0.4, -0.6)
-        ax.set_yticks(range(len(order)), order, fontsize=9.0)
-        for tick in ax.get_yticklabels():
-            drawing.narrow(tick, 1.65)
+        ax.set_yticks(range(len(order)), [shortened(name, 30) for name in order], fontsize=9.0)
         drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0))
         ax.legend(fontsize=8.0)
 
-    return picture(study, [drawing.side_by_side(1.2 + 0.25 * len(order), [draw])])
+    return picture(study, [drawing.PanelRow(1.2 + 0.25 * len(order), [draw])])

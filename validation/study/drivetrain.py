@@ -125,11 +125,11 @@ def _numbers(
     if inertia is not None:
         found["inertia_current"] = inertia.value
     if constant is not None:
-        torques = {_SCALED[name]: constant * found[name] for name in _SCALED if name in found}
-        amperes = {
-            name: found[_SCALED[name]] / constant for name in _SCALED if _SCALED[name] in found
-        }
-        found |= torques | amperes
+        for current, torque in _SCALED.items():
+            if current in found:
+                found[torque] = constant * found[current]
+            elif torque in found:
+                found[current] = found[torque] / constant
     if "friction_torque" in found:
         most = 0.5 * chassis.mass * GRAVITY * chassis.geometry.radius
         found["friction"] = found["friction_torque"] / most
@@ -147,19 +147,13 @@ def _judges(
     held_out: Sequence[DriveLog], commanded: DriveLog | None, ground: DriveLog | None
 ) -> tuple[list[DriveLog], list[DriveLog]]:
     """Return what judges the driver, and the currents; a ValueError names a log of no use."""
-    alike = [
-        log for log in held_out if commanded is not None and log.on_ground == commanded.on_ground
-    ]
-    driven = [
-        log for log in held_out if ground is not None and log.on_ground and log.currents is not None
-    ]
+    alike = [log for log in held_out if commanded and log.on_ground == commanded.on_ground]
+    driven = [log for log in held_out if ground and log.on_ground and log.currents is not None]
     for log in held_out:
         if log not in (*alike, *driven):
-            where = (
-                "on the ground"
-                if log.on_ground
-                else "with its wheels in the air (it has no heading)"
-            )
+            where = "with its wheels in the air (it has no heading)"
+            if log.on_ground:
+                where = "on the ground"
             raise ValueError(
                 f"held_out {log.name} was taken {where}, and no log of that kind is studied"
             )
@@ -174,9 +168,8 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
         ValueError: there is no log or no such robot, a log cannot be read, or one lacks what is
         needed.
     """
-    up, ground = (
-        None if source is None else drive_log(source) for source in (o.recording, o.ground)
-    )
+    up = None if o.recording is None else drive_log(o.recording)
+    ground = None if o.ground is None else drive_log(o.ground)
     named = [log for log in (up, ground) if log is not None]
     if not named:
         raise ValueError(
@@ -200,17 +193,12 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
         if ground is not None:
             currents = fit_currents(ground, driven, chassis)
             o.progress(Progress(2, 3, "currents on the ground"))
-        if (
-            driver is not None
-            and up is not None
-            and up.currents is not None
-            and not (up.on_ground or up.signed)
-        ):
+        if driver and up and up.currents is not None and not (up.on_ground or up.signed):
             rho = _USUAL_RHO if currents is None else currents.found.values.get("rho", _USUAL_RHO)
             inertia = fit_inertia(driver, rho)
             o.progress(Progress(3, 3, "inertia"))
     except KeyboardInterrupt:
-        if driver is None and currents is None:
+        if not (driver or currents):
             raise
         status = INTERRUPTED
     numbers = _numbers(driver, currents, inertia, chassis, o.torque_constant)

@@ -15,6 +15,7 @@ from validation.files.formats import read_log
 from validation.files.log import Log
 from validation.plants.kind import PlantProfile
 from validation.plants.profile import Profile
+from validation.simulator.description import GRAVITY
 
 FIT_SHARE = 2.0 / 3.0
 """Share of a log that is fitted where no other log is held out."""
@@ -62,7 +63,9 @@ def chassis_of(profile: Profile, mass: float | None = None) -> Chassis:
 
 def loss_of(plant: PlantProfile) -> float:
     """Return what gear and rolling take of a side's torque in a plant on wheels [N m]."""
-    return float(plant.drive.gear_loss + plant.parameters.rolling_torque)
+    body = plant.parameters
+    side = 0.5 * body.mass * GRAVITY
+    return float(plant.drive.gear_loss + body.rolling_resistance * side * body.wheel_radius)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from rich.table import Table
 
-from validation import cli, store
+from validation import cli, output
 
 T = TypeVar("T")
 Row = Mapping[str, Any]
@@ -68,11 +68,11 @@ def report(title: str, rows: Sequence[Row], out: Path) -> None:
         numbers = row.values()
         table.add_row(*(f"{x:.3g}" if isinstance(x, float) else str(x) for x in numbers))
     cli.report_console().print(table)
-    store.make_folder(out.parent)
+    output.make_folder(out.parent)
     document = {
         "schema": "ssmr.benchmark/1",
-        "versions": store.versions(),
+        "versions": output.versions(),
         "cores": os.cpu_count(),
         "rows": [*rows],
     }
-    store.write_json(out, store.plain(document))
+    output.write_json(out, output.plain(document))

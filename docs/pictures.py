@@ -22,7 +22,7 @@ from pathlib import Path
 from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
-from validation import store
+from validation import output
 
 DOCS = Path(__file__).resolve().parent
 IMAGES = DOCS / "img"
@@ -105,7 +105,7 @@ PICTURES = {
 
 def sign(picture: Path) -> None:
     """Add a line with the versions below a picture."""
-    measured = store.versions()
+    measured = output.versions()
     text = " · ".join(f"{name} {measured[name]}" for name in ("ssmr-testbed", "mujoco"))
     drawn = Image.open(picture).convert("RGB")
     size = max(11, drawn.width // 120)

@@ -10,8 +10,8 @@ from ssmr.metrics.declared import compare_paths, compare_signals
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import State
 from validation import load_profile
+from validation.output import silent
 from validation.plants.profile import make_plant
-from validation.progress import silent
 from validation.report.table import Table, text_tables
 from validation.sweep import sweep
 

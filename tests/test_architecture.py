@@ -25,9 +25,7 @@ ROOMS = (
     {"ssmr.control", "ssmr.lanes"},
     {
         "validation.interrupts",
-        "validation.store",
-        "validation.progress",
-        "validation.words",
+        "validation.output",
     },
     {"validation.files"},
     {"validation.simulator"},

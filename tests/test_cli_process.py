@@ -14,19 +14,19 @@ import pytest
 from ssmr import _jit
 from ssmr.errors import SsmrError
 from tests.conftest import Launch
-from validation import cli, store
+from validation import cli, output
 
 ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = """
 import sys, time
 from pathlib import Path
-from validation import cli, store
+from validation import cli, output
 def main(out: Path, /) -> None:
     try:
         print("ready", flush=True)
         time.sleep(60)
     except KeyboardInterrupt:
-        store.write_text(out, "kept")
+        output.write_text(out, "kept")
         raise
 cli.run(main, "program")
 """
@@ -117,14 +117,14 @@ def test_failed_runs_have_their_status(
 # ------------------------------------------------------------------------------------------- files
 def test_a_failure_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
-    store.write_text(path, "old")
+    output.write_text(path, "old")
 
     def fail(temporary: Path) -> None:
         temporary.write_text("half")
         raise OSError(28, "disk is full")
 
     with pytest.raises(OSError, match="disk is full"):
-        store.write_atomic(path, fail)
+        output.write_atomic(path, fail)
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
     assert path.read_text() == "old"
 

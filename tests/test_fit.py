@@ -20,8 +20,8 @@ from validation.files.csv_logs import write_csv
 from validation.files.log import Log
 from validation.fit import fit
 from validation.identify.uncertainty import VAGUE
+from validation.output import Progress
 from validation.plants.profile import Profile, load_profile
-from validation.progress import Progress
 
 QUICK = ("--population", "16", "--generations", "12")
 

@@ -17,8 +17,8 @@ from tests.conftest import ROUNDOFF, exit_status, installed_plant
 from validation.engines.body import EngineMissingError
 from validation.experiment.gains import FIELDS, load_gains
 from validation.experiment.loops import make_controller
+from validation.output import Progress, silent
 from validation.plants.profile import Profile
-from validation.progress import Progress, silent
 from validation.replicate import gazebo, published, replicate
 from validation.replicate.chapters import (
     QUICK,

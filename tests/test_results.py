@@ -27,8 +27,8 @@ from tests.test_rerun_log import run_rerun
 from validation.compare import compare
 from validation.files.csv_logs import write_csv
 from validation.fit import fit
+from validation.output import Progress
 from validation.plants.profile import Profile
-from validation.progress import Progress
 from validation.report.drawing import save_figure
 from validation.robots import check_robot
 from validation.track import track

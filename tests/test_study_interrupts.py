@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tests.drive_train_logs import in_the_air, on_grass
-from validation.progress import Progress
+from validation.output import Progress
 from validation.study.__main__ import STUDIES, study_named
 from validation.study.contact import ContactStudy
 from validation.study.drivetrain import DriveTrainStudy

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from ssmr.errors import SsmrError
-from validation.progress import Progress
+from validation.output import Progress
 from validation.sweep import sweep
 
 VARIANTS = {f"v{k}": k for k in range(6)}

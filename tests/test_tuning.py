@@ -29,8 +29,8 @@ from validation.identify.tuning import (
     delayed,
     make_tuning_space,
 )
+from validation.output import Progress
 from validation.plants.profile import Profile
-from validation.progress import Progress
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import parse_terrain

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 
-from validation import words
+from validation import output
 from validation.report.table import Table, markdown_table
 
 NASTY = (
@@ -49,29 +49,29 @@ def harmful(text: str, breaks: str = "") -> list[str]:
 
 @given(texts)
 def test_one_line_is_printable_and_stays_what_it_is(text: str) -> None:
-    line = words.one_line(text)
+    line = output.one_line(text)
     assert not harmful(line)
-    assert words.one_line(line) == line
+    assert output.one_line(line) == line
     line.encode()
-    assert not harmful(words.each_line(text), "\n")
-    assert not harmful(words.code_span(text))
-    assert len(words.shortened(text, 20)) <= 20
+    assert not harmful(output.each_line(text), "\n")
+    assert not harmful(output.code_span(text))
+    assert len(output.shortened(text, 20)) <= 20
 
 
 def test_what_is_not_shown_as_it_is_can_still_be_told_apart() -> None:
-    assert words.one_line(os.fsdecode(b"o\xff4.csv")) == r"o\xff4.csv"
-    assert words.one_line("a\x1b[2J\u202eb\U000e0041") == r"a\x1b[2J\u202eb\U000e0041"
-    assert words.one_line("ü – é 日本") == "ü – é 日本"
-    assert words.each_line("a\n  b\x1b\r\nc") == "a\n  b\\x1b\nc"
+    assert output.one_line(os.fsdecode(b"o\xff4.csv")) == r"o\xff4.csv"
+    assert output.one_line("a\x1b[2J\u202eb\U000e0041") == r"a\x1b[2J\u202eb\U000e0041"
+    assert output.one_line("ü – é 日本") == "ü – é 日本"
+    assert output.each_line("a\n  b\x1b\r\nc") == "a\n  b\\x1b\nc"
 
 
 @given(texts, texts)
 def test_markdown_shows_foreign_text_as_text(text: str, other: str) -> None:
     page = "\n".join(
         [
-            f"# {words.markdown(text)}",
+            f"# {output.markdown(text)}",
             "",
-            f"- {words.markdown(other)}",
+            f"- {output.markdown(other)}",
             "",
             *markdown_table(
                 Table("", [{"a": text, "b": other}], headings={"a": "name", "b": text})
@@ -91,21 +91,21 @@ def test_markdown_shows_foreign_text_as_text(text: str, other: str) -> None:
 
 @given(texts)
 def test_names_of_files_are_no_paths_and_no_options(text: str) -> None:
-    name = words.file_name(text)
+    name = output.file_name(text)
     assert Path(name).name == name
     assert name not in {"", ".", ".."}
     assert name[0] not in ".-~ "
-    assert len(os.fsencode(name)) <= words.LONGEST_FILE_NAME
+    assert len(os.fsencode(name)) <= output.LONGEST_FILE_NAME
     assert not harmful(name)
-    assert words.file_name(name) == name
+    assert output.file_name(name) == name
 
 
 @given(st.text(max_size=80), st.integers(8, 40))
 def test_what_is_too_long_loses_its_middle(text: str, most: int) -> None:
-    line = words.abridged(text, most)
+    line = output.abridged(text, most)
     assert len(line) <= most
     assert not harmful(line, "")
-    whole = words.one_line(text)
+    whole = output.one_line(text)
     assert (
         line == whole
         if len(whole) <= most

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.types import CommandKind
-from validation import cli, store
+from validation import cli, output
 from validation.experiment.scores import Scores
 from validation.experiment.sources import open_source, unknown_robot_notes
 from validation.files.faults import Faults, find_faults
@@ -31,17 +31,16 @@ from validation.files.formats import log_path, profile_of_log, read_log
 from validation.files.log import COMMAND_COLUMNS, Log, LogFault, ReadOptions
 from validation.fit import Fit, Fitted, run_fit
 from validation.identify.targets import Input
+from validation.output import Progress, file_name, one_line
 from validation.plants.kind import SEEN
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import find
 from validation.plants.table import PLANTS, SIMULATED
-from validation.progress import Progress
 from validation.report import drawing
 from validation.report.motions import interval_table
 from validation.report.report import FINISHED, Report
 from validation.report.table import Table
 from validation.robots import export_robot
-from validation.words import file_name, one_line
 
 REFUSED = ("sign", "swapped", "scale", "handedness", "circular")
 """Kinds of faults with which no fit makes sense."""
@@ -164,7 +163,7 @@ class Calibrated(Report):
         drive = export_robot(self.profile.robot, "diff-drive", self.profile)
         return {
             "profile.toml": self.profile.save,
-            "diff_drive.yaml": lambda path: store.write_text(path, drive),
+            "diff_drive.yaml": lambda path: output.write_text(path, drive),
             **super().files(),
         }
 

@@ -36,13 +36,13 @@ from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import ReadOptions
+from validation.output import file_name, one_line
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import PLANTS, USUAL_PLANTS, is_plant, known_plants
 from validation.report.comparison import Comparison
 from validation.report.motions import health_warnings
 from validation.simulator.description import with_robot
 from validation.simulator.terrain import FLAT, Terrain
-from validation.words import file_name, one_line
 
 
 @dataclass(frozen=True)

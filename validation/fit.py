@@ -64,18 +64,17 @@ from validation.identify.targets import (
     worse_sentences,
 )
 from validation.identify.uncertainty import Uncertainty, estimate, sentences
+from validation.output import Progress, file_name, one_line, shortened
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import find, make_space, with_values
 from validation.plants.table import SIMULATED, plant_kind
-from validation.progress import Progress
 from validation.report import drawing
 from validation.report.motions import interval_table
 from validation.report.table import Table
 from validation.simulator.description import with_robot
 from validation.simulator.physics import SHIPPED
 from validation.simulator.terrain import FLAT
-from validation.words import file_name, one_line, shortened
 
 Method = Literal["jde", "hybrid", "lsq"]
 """Searches of a fit: differential evolution; a short one, then least squares; or least squares from

@@ -32,12 +32,11 @@ from validation.files.limits import USUAL, LogLimits
 from validation.files.log import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
 from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.reading import FileError, exists, read_file
+from validation.output import file_name, write_json
 from validation.report.columns import DEGREES, Unit
 from validation.report.report import Report
 from validation.report.table import Table
 from validation.simulator.description import Robot
-from validation.store import write_json
-from validation.words import file_name
 
 _OURS = b'"ssmr.info/1"'
 """Text in files that are replaced unasked, for this program wrote them."""

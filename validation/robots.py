@@ -20,12 +20,13 @@ import tyro
 
 from ssmr.errors import DivergedError, SsmrError
 from ssmr.robot.ground import FRONT, LEFT
-from validation import cli, store
+from validation import cli, output
 from validation.descriptions.examination import Examined, examine_foreign
 from validation.descriptions.findings import Finding, model_findings, static_findings
 from validation.descriptions.foreign_robot import is_description
 from validation.descriptions.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.descriptions.loading import load_robot
+from validation.output import abridged, file_name, one_line, visible
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
 from validation.report.table import Table, print_tables
@@ -48,7 +49,6 @@ from validation.simulator.description import (
     shipped_robots,
 )
 from validation.simulator.exporting import diff_drive_yaml, mjcf_text, sdf_text, urdf_text
-from validation.words import abridged, file_name, one_line, visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -488,7 +488,7 @@ def _save(text: str, target: Path, option: str = "--out") -> None:
             f"{option} {target}: there is such a file already, and it is not overwritten; "
             "name another"
         )
-    store.write_text(store.make_folder(target.parent) / target.name, text)
+    output.write_text(output.make_folder(target.parent) / target.name, text)
 
 
 def _print(tables: Sequence[Table], notes: Sequence[str] = ()) -> None:

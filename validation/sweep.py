@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from ssmr.errors import SsmrError
-from validation.progress import Progress, Progressing, silent
+from validation.output import Progress, Progressing, one_line, silent
 from validation.report.report import FINISHED, INTERRUPTED
-from validation.words import one_line
 
 Variant = TypeVar("Variant")
 Measure = Callable[[Variant], Mapping[str, Any]]

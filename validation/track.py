@@ -41,11 +41,10 @@ from validation.experiment.loops import (
 from validation.experiment.tracked import MOST_BESIDE, Followed, reference_of, track_metrics
 from validation.experiment.user_law import load_user_metric
 from validation.experiment.waypoint_files import open_reference
+from validation.output import Progress, file_name
 from validation.plants.profile import Pace, choose_profile, odometry_of
-from validation.progress import Progress
 from validation.report.tracking import Tracked
 from validation.simulator.terrain import FLAT, Terrain
-from validation.words import file_name
 
 
 @dataclass(frozen=True)

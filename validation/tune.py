@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
 from ssmr.parameters import require_within
-from validation import cli, store
+from validation import cli, output
 from validation.experiment.gains import (
     DEFAULT,
     GainSet,
@@ -55,13 +55,12 @@ from validation.identify.tuning import (
     TuneProblem,
     make_tuning_space,
 )
+from validation.output import Progress, one_line
 from validation.plants.profile import Profile, choose_profile, odometry_of
 from validation.plants.table import SIMULATED
-from validation.progress import Progress
 from validation.report import drawing
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
-from validation.words import one_line
 
 # population and generations: a simulated run costs a hundred times that of a planar model
 _SIMULATED_SIZE = (24, 20)
@@ -213,7 +212,7 @@ class Tuned(SearchReport):
     def files(self) -> dict[str, Callable[[Path], object]]:
         """Return functions that write its files: gains.toml and tune.png."""
         gains = dump_gains(self.gain_set)
-        return {"gains.toml": lambda path: store.write_text(path, gains), **super().files()}
+        return {"gains.toml": lambda path: output.write_text(path, gains), **super().files()}
 
     def figure(self) -> Figure:
         """Draw the search."""

@@ -16,7 +16,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
-from validation import cli, store
+from validation import cli, output
 
 _EVERY: Mapping[str, str] = {
     "compare": "Drive every simulation with the same commands and compare them, "
@@ -60,7 +60,7 @@ def main() -> None:
     """Run the program that the command line names first; see `PROGRAMS`."""
     first, *rest = sys.argv[1:] or ["--help"]
     if first == "--version":
-        print(f"ssmr-testbed {store.versions()['ssmr-testbed']}")
+        print(f"ssmr-testbed {output.versions()['ssmr-testbed']}")
     elif first in PROGRAMS:
         cli.run(program_named(first), f"ssmr {first}", rest)
     elif first.startswith("--tyro-"):

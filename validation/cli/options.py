@@ -24,10 +24,10 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import Log
+from validation.output import shortened
 from validation.plants.profile import Profile
 from validation.simulator.description import Robot
 from validation.simulator.terrain import Terrain, parse_terrain
-from validation.words import shortened
 
 T = TypeVar("T")
 AnyRobot = Robot | str | Path | None

@@ -25,9 +25,9 @@ import tyro
 from tyro.extras import SubcommandApp
 
 from ssmr.errors import SsmrError
-from validation import store
+from validation import output
 from validation.cli.options import REGISTRY
-from validation.words import abridged, each_line, one_line, shortened
+from validation.output import abridged, each_line, one_line, shortened
 
 EXIT_FAILED_RUN = 1
 """The work was begun, and cannot be ended."""
@@ -91,7 +91,7 @@ def run(command: Any, program: str, arguments: Sequence[str] | None = None) -> N
             message = f"run failed: {reason}{where}; what was written before is whole"
         else:
             traceback.print_exc()
-            versions = ", ".join(f"{name} {at}" for name, at in store.versions().items())
+            versions = ", ".join(f"{name} {at}" for name, at in output.versions().items())
             message = f"{program} has a fault; please send its makers the lines above ({versions})"
             status = EXIT_FAULT
     if message:

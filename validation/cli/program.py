@@ -23,13 +23,13 @@ from rich.markup import escape
 from rich.text import Text
 
 from ssmr.parameters import MOST_SEED, require_within
-from validation import progress, store
+from validation import output
 from validation.cli.options import Options, kinds_of
 from validation.cli.process import run, say
 from validation.files.reading import opened, read_text
+from validation.output import one_line, visible
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import print_tables
-from validation.words import one_line, visible
 
 P = ParamSpec("P")
 Opts = TypeVar("Opts", bound=Options)
@@ -61,7 +61,7 @@ class Common(Options):
     """Folder for the files; runs/PROGRAM/... if not given."""
     overwrite: bool = False
     """Replace files that are there already."""
-    progress: tyro.conf.Suppress[progress.Progressing] = progress.silent
+    progress: tyro.conf.Suppress[output.Progressing] = output.silent
     """Called as the work goes on."""
 
     def __post_init__(self) -> None:
@@ -138,7 +138,7 @@ class Program(Generic[P, R]):
             require_apart(options, folder, options.writes())
             with shown(self.__name__) as show:
                 report = self.function(replace(options, progress=show, out=folder))
-            finish(report, options, store.make_folder(folder))
+            finish(report, options, output.make_folder(folder))
 
         main.__doc__ = inspect.getdoc(self.function)
         main.__annotations__ = {"options": Annotated[self.options, tyro.conf.arg(name="")]}
@@ -241,7 +241,7 @@ def _ours_among(there: Sequence[Path]) -> set[str]:
 
 
 @contextlib.contextmanager
-def shown(title: str) -> Iterator[progress.Progressing]:
+def shown(title: str) -> Iterator[output.Progressing]:
     """Within, a progress bar on standard error; yield the callback that moves it.
 
     Where standard error is no terminal, a line every few seconds says the same.
@@ -253,7 +253,7 @@ def shown(title: str) -> Iterator[progress.Progressing]:
     with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(title, total=None)
 
-        def show(now: progress.Progress) -> None:
+        def show(now: output.Progress) -> None:
             nonlocal last
             text = one_line(f"{title}: {now.text}")
             bar.update(task, completed=now.done, total=now.total, description=escape(text))

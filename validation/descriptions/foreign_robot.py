@@ -23,8 +23,8 @@ from validation.descriptions.gazebo import NumbersByName
 from validation.descriptions.sdf import urdf_of_sdf
 from validation.descriptions.wheels import Drum, WheeledRobot
 from validation.files import guarded, reading
+from validation.output import one_line
 from validation.simulator import foreign
-from validation.words import one_line
 
 _ROOT = "ssmr_world"
 """Name of a link that the robot stands on, and of its joint: MuJoCo merges the first link of all

@@ -16,9 +16,10 @@ import tomli_w
 
 from ssmr.parameters import declaration
 from ssmr.types import FloatArray
-from validation import store
+from validation import output
 from validation.descriptions.foreign_robot import LEAST_MASS, ForeignRobot, read_foreign
 from validation.descriptions.gazebo import driver_sizes
+from validation.output import one_line
 from validation.simulator.checking import spot_turn, turning_torque
 from validation.simulator.description import (
     SCHEMA,
@@ -28,7 +29,6 @@ from validation.simulator.description import (
     parse_robot,
     shipped_robots,
 )
-from validation.words import one_line
 
 _SAME_SIZE = 0.02
 """Greatest difference of two tyres of one size, over the larger [1]."""
@@ -118,7 +118,7 @@ def _drafted(name: str, description: str, entries: Entries, remarks: Sequence[st
         document = _document(name, description, {**entries, "drive.torque_limit": (torque, source)})
         robot = parse_robot(document)
     heading = "".join(f"# {line}\n" for line in textwrap.wrap(_HEADING, 120))
-    text = tomli_w.dumps(store.encodable(document))
+    text = tomli_w.dumps(output.encodable(document))
     return RobotDraft(robot, heading + text, remarks)
 
 

@@ -12,7 +12,7 @@ from mujoco import mjtGeom, mjtJoint
 
 from ssmr.robot.ground import FRONT, LEFT
 from ssmr.types import FloatArray
-from validation.words import one_line
+from validation.output import one_line
 
 _LEVEL = 0.17
 """Greatest share of z in the axis of a wheel [1]: ten degrees."""

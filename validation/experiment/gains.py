@@ -21,7 +21,7 @@ from msgspec import Meta
 
 from ssmr.control.laws import LAWS
 from ssmr.parameters import described
-from validation import store
+from validation import output
 from validation.files import reading
 
 SCHEMA = "ssmr.gains/1"
@@ -145,7 +145,7 @@ def dump_gains(gains: GainSet) -> str:
     document["gains"] = dict(gains.values)
     if gains.provenance:
         document["provenance"] = dict(gains.provenance)
-    return tomli_w.dumps(store.encodable(document))
+    return tomli_w.dumps(output.encodable(document))
 
 
 def _gains_of(controller: str) -> tuple[str, ...]:

@@ -25,12 +25,12 @@ from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, Plant, State
 from validation.experiment.gains import GainSet, load_gains
 from validation.experiment.user_law import is_user_law, load_user_law
+from validation.output import shortened
 from validation.plants.profile import Profile, make_plant
 from validation.simulator.loops import MujocoBodies
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
-from validation.words import shortened
 
 _SECONDS = 6.0
 """Time for which a command is driven [s]."""

@@ -16,7 +16,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.robot.sensors import yaw_disturbance
 from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from validation.experiment.sources import Piece, Source
-from validation.progress import Progress, Progressing, silent
+from validation.output import Progress, Progressing, silent
 from validation.simulator.description import WHEELS
 from validation.simulator.health import Health, run_health
 from validation.simulator.plant import MujocoPlant

@@ -26,9 +26,9 @@ from validation.files.signals import (
     moving_mean,
     refreshed,
 )
+from validation.output import one_line
 from validation.plants.table import ALL_PLANTS, STANDARD
 from validation.simulator.description import Robot
-from validation.words import one_line
 
 RECORDING_GRID = 0.01
 """Period at which a log's inputs are held for the plants [s]: a whole number of every plant's

@@ -29,8 +29,8 @@ from ssmr.models.law import PlanarLaw
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, State, Trajectory
+from validation.output import one_line, shortened
 from validation.plants.table import add_model
-from validation.words import one_line, shortened
 
 
 def is_user_law(name: str) -> bool:

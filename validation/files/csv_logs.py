@@ -27,7 +27,7 @@ from validation.files.log import (
     unwrapped,
 )
 from validation.files.reading import FileError, opened, quoted
-from validation.store import write_atomic
+from validation.output import write_atomic
 
 _SEPARATORS = {
     ";": "semicolons separate",

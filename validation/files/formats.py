@@ -13,7 +13,7 @@ from validation.files.bags import read_bag
 from validation.files.csv_logs import read_csv, write_csv
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions, check_group
 from validation.files.reading import FileError, exists
-from validation.store import write_atomic
+from validation.output import write_atomic
 
 
 def write_tum(log: Log, path: Path) -> None:

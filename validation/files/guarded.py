@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from validation.words import shortened
+from validation.output import shortened
 
 _CALL = """
 import json, sys

@@ -14,7 +14,7 @@ from typing import Annotated, Any, BinaryIO, TypeVar
 
 import msgspec
 
-from validation.words import one_line
+from validation.output import one_line
 
 T = TypeVar("T")
 _MOST_TEXT = 1 << 18

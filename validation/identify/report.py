@@ -20,11 +20,11 @@ from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.identify.search import Search
 from validation.identify.uncertainty import Uncertainty
+from validation.output import one_line, shortened
 from validation.report import drawing
 from validation.report.drawing import ALARM, Ink, PanelRow
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
-from validation.words import one_line, shortened
 
 # a number with a wider interval, as a share of the space between its bounds, is uncertain
 _VAGUE_SHARE = 0.5

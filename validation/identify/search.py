@@ -26,11 +26,11 @@ import numpy as np
 from ssmr.errors import SsmrError
 from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
-from validation import cli, store
+from validation import cli, output
 from validation.identify.problem import FitProblem
 from validation.identify.refine import Remembered, arrivals
 from validation.identify.tuning import TuneProblem
-from validation.progress import Progress
+from validation.output import Progress
 
 CHECKPOINT = "checkpoint.npz"
 """Name of the file in the results' folder that keeps a search's state."""
@@ -268,7 +268,7 @@ class Search:
         if len(self.driven):
             points = np.array([np.frombuffer(point) for point in self.driven])
             arrays |= {"lsq_points": points, "lsq_errors": np.array(list(self.driven.values()))}
-        store.write_atomic(
+        output.write_atomic(
             path, lambda temporary: np.savez(temporary, allow_pickle=False, **arrays)
         )
 
@@ -330,7 +330,7 @@ def search_for(
     if o.resume and o.checkpoint is None:
         raise ValueError("resume needs the folder out, with a checkpoint to continue from")
     if o.checkpoint is not None:
-        store.make_folder(o.checkpoint.parent)
+        output.make_folder(o.checkpoint.parent)
         if o.resume and o.checkpoint.is_file():
             search = Search.load(o.checkpoint, identity)
         elif o.resume:

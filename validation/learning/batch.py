@@ -21,9 +21,9 @@ from ssmr.control.waypoints import Target, position_errors
 from ssmr.robot.drive import DRIVE_TEMPLATE, DriveState, Sides, drive_numbers, follow, rolling
 from ssmr.types import FloatArray
 from validation.learning.episodes import AHEAD_TICKS, ERRORS, EpisodeSource, TrackTask
+from validation.output import shortened
 from validation.simulator.loops import MujocoBodies
 from validation.simulator.parts import mujoco_failures
-from validation.words import shortened
 
 WIDTH = 0.1
 """Distance from the target at which the reward has fallen to a half [m]."""

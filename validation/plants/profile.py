@@ -27,15 +27,15 @@ from ssmr.metrics.bands import Band
 from ssmr.models.law import OWN_MODELS
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray, Plant
-from validation import store
+from validation import output
 from validation.descriptions.loading import load_robot
 from validation.files import reading
+from validation.output import one_line
 from validation.plants.kind import PARTS, PlantProfile
 from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, is_foreign, plant_kind
 from validation.simulator.description import USUAL_ROBOT, Robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
-from validation.words import one_line
 
 SCHEMA = "ssmr.profile/1"
 """Schema of profiles' files."""
@@ -143,7 +143,7 @@ class Profile:
     def as_dict(self, plants: Iterable[str] | None = None) -> dict[str, Any]:
         """Return all numbers, or those of some plants, for a result to record."""
         names = self.plants if plants is None else plants
-        return {name: store.plain(self.section(name).numbers()) for name in names}
+        return {name: output.plain(self.section(name).numbers()) for name in names}
 
     def save(self, path: str | Path) -> Path:
         """Write a TOML file without the numbers that the robot has anyway; return its path.
@@ -172,10 +172,10 @@ class Profile:
         if self.fitted_at is not None:
             document["fitted_at"] = _rounded(self.fitted_at, 3)
         document["provenance"] = dict(self.provenance)
-        text = tomli_w.dumps(store.encodable(document))
+        text = tomli_w.dumps(output.encodable(document))
         path = Path(path)
-        store.make_folder(path.parent)
-        store.write_text(path, text)
+        output.make_folder(path.parent)
+        output.write_text(path, text)
         return path
 
 

@@ -15,13 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.progress import Progressing
+from validation.output import Progressing, markdown
 from validation.replicate.verdicts import JudgedRow, Rows, judged_rows
 from validation.report.columns import Unit, ending_of
 from validation.report.drawing import PanelRow
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import Row, Table, markdown_table
-from validation.words import markdown
 
 
 class Task(NamedTuple):

@@ -28,8 +28,8 @@ from validation.experiment.gains import GainSet, load_gains
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.experiment.tracked import reference_of, saturated
 from validation.experiment.waypoint_files import open_reference
+from validation.output import Progress
 from validation.plants.profile import Profile, load_profile
-from validation.progress import Progress
 from validation.replicate import published
 from validation.replicate.chapters import (
     Findings,

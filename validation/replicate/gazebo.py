@@ -24,8 +24,8 @@ from validation.engines.ode_library import ode
 from validation.engines.plant import EnginePlant
 from validation.experiment.runs import drive
 from validation.experiment.sources import open_source
+from validation.output import Progress
 from validation.plants.profile import load_profile, make_plant
-from validation.progress import Progress
 from validation.replicate import published
 from validation.replicate.chapters import Findings, Section, Task, deviation
 from validation.replicate.verdicts import Pair, Rule

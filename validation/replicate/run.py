@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from validation import cli
-from validation.progress import Progress
+from validation.output import Progress
 from validation.replicate.chapters import (
     QUICK,
     Chapter,

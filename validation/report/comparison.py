@@ -21,6 +21,7 @@ from ssmr.geometry import compose, relative, rotate_body_to_world, wrap_angle
 from ssmr.metrics.windows import horizon_windows, relative_pose_error
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.scores import HEADLINE_HORIZON
+from validation.output import shortened
 from validation.report.columns import length_unit
 from validation.report.drawing import (
     ALARM,
@@ -46,7 +47,6 @@ from validation.report.motions import Motions, headline_error
 from validation.report.scene_robots import Track
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
-from validation.words import shortened
 
 _LONGEST_PATH = 30.0
 """Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by

@@ -26,10 +26,9 @@ from PIL import Image
 
 from ssmr.metrics.windows import HorizonErrors, OverlappingErrors
 from ssmr.types import FloatArray
+from validation.output import shortened, write_atomic
 from validation.report.palette import BLACK, colour, mix
 from validation.simulator.terrain import FLAT, Terrain
-from validation.store import write_atomic
-from validation.words import shortened
 
 # A figure is 1600 px wide.
 WIDTH_IN = 12.8

@@ -23,6 +23,7 @@ from validation.experiment.gyro import GyroJudge
 from validation.experiment.runs import Run
 from validation.experiment.scores import Scores, headline_horizon, standing_sentences
 from validation.experiment.sources import RECORDING, Source
+from validation.output import one_line
 from validation.plants.profile import Profile
 from validation.plants.table import plant_kind
 from validation.report.columns import DEGREES, METRES, REAL_TIME, Unit, declare, length_unit
@@ -32,7 +33,6 @@ from validation.report.scene_robots import Series, Track, shades_of
 from validation.report.table import Row, Table
 from validation.simulator.description import WHEELS, with_robot
 from validation.simulator.terrain import FLAT, Terrain
-from validation.words import one_line
 
 _COMMANDED: Rgb = (86, 180, 233)
 _WINDOWS = (

@@ -9,10 +9,10 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from validation import store
+from validation import output
+from validation.output import code_span, each_line, markdown, one_line, shortened
 from validation.report.columns import legend
 from validation.report.table import Table, markdown_table, text_tables
-from validation.words import code_span, each_line, markdown, one_line, shortened
 
 if TYPE_CHECKING:
     import pandas
@@ -46,7 +46,7 @@ class Report:
     """Work of the program, in one line."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options that it was made with, by name."""
-    versions: Mapping[str, str] = field(default_factory=store.versions)
+    versions: Mapping[str, str] = field(default_factory=output.versions)
     """Versions of this project, Python and the packages that decide numbers."""
     status: str = FINISHED
     """`finished`, or `interrupted`: then it holds only the work before that."""
@@ -137,7 +137,7 @@ class Report:
         return {f"{self.program}.{ending}": writers[ending] for ending in self.endings}
 
     def _save_text(self, path: Path) -> None:
-        store.write_text(path, each_line(self.to_markdown()))
+        output.write_text(path, each_line(self.to_markdown()))
 
     def _save_picture(self, path: Path) -> None:
         """Write its picture; a warning says that numbers beyond all measure cannot be drawn."""
@@ -167,12 +167,12 @@ class Report:
         Raises:
             OSError: the folder cannot be made or written.
         """
-        place = store.make_folder(Path(folder))
+        place = output.make_folder(Path(folder))
         writers = self.files()
         if not recording:
             writers.pop(f"{self.program}.rrd", None)
         document = place / f"{self.program}.json"
-        store.write_json(document, {**self.as_dict(), "files": list(writers)})
+        output.write_json(document, {**self.as_dict(), "files": list(writers)})
         # drawing may take long or fail; the numbers are safe by now
         for name, write in writers.items():
             write(place / name)
@@ -188,7 +188,7 @@ class Report:
             "options": self.options,
             "versions": self.versions,
         }
-        return dict(store.plain(document))
+        return dict(output.plain(document))
 
     @property
     def made_by(self) -> str:

@@ -38,6 +38,7 @@ except ImportError as missing:
 from ssmr.geometry import quat_wxyz_to_xyzw, shift_reference, wrap_angle, yaw_to_quat_wxyz
 from ssmr.robot.ground import LEFT
 from ssmr.types import FloatArray
+from validation.output import each_line, one_line, write_atomic
 from validation.report.columns import Unit, length_unit
 from validation.report.palette import BLACK, WHITE, Rgb, colour, mix
 from validation.report.scene_robots import (
@@ -54,8 +55,6 @@ from validation.report.scene_robots import (
 )
 from validation.simulator.description import WHEELS
 from validation.simulator.wheel_loads import QUASI_STATIC
-from validation.store import write_atomic
-from validation.words import each_line, one_line
 
 _TIMELINE = "sim_time"
 _GRID: Rgb = (186, 191, 198)

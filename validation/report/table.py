@@ -17,8 +17,8 @@ from rich.measure import Measurement
 from rich.text import Text
 
 from ssmr.metrics.declared import Metric
+from validation.output import each_line, markdown_cell, one_line
 from validation.report.columns import DECLARED, NOTHING, Unit, heading_of, is_length, unit_of
-from validation.words import each_line, markdown_cell, one_line
 
 Row = Mapping[str, Any]
 """A row by key: texts, numbers [SI], None for what there is not, or (median, low, high) for a

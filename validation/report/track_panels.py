@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.tracked import Followed, lost_text, saturated
+from validation.output import shortened
 from validation.report.columns import DEGREES, Unit, length_unit
 from validation.report.drawing import (
     ALARM,
@@ -28,7 +29,6 @@ from validation.report.drawing import (
     equal_scales,
     ink_of,
 )
-from validation.words import shortened
 
 _WIDE = 2.6  # a reference wider than so many times its height has a row of its own
 _SPEEDS = (

@@ -23,6 +23,7 @@ from validation.experiment.tracked import (
     Followed,
     lost_text,
 )
+from validation.output import one_line, shortened
 from validation.plants.profile import Profile
 from validation.report.columns import REAL_TIME, declare
 from validation.report.drawing import how_driven
@@ -33,7 +34,6 @@ from validation.report.table import Row, Table
 from validation.report.track_panels import draw_track, error_units, longest_target
 from validation.simulator.description import with_robot
 from validation.simulator.terrain import FLAT, Terrain
-from validation.words import one_line, shortened
 
 _MUCH_SATURATED = 0.05
 """Share of time at its limits above which a robot follows these rather than its controller."""

@@ -17,11 +17,11 @@ from typing import Annotated, Any
 
 import tyro
 
-from validation import cli, store
+from validation import cli, output
+from validation.output import file_name
 from validation.report.report import INTERRUPTED
 from validation.ros.control import Control, control
 from validation.ros.simulation import Sim, sim
-from validation.words import file_name
 
 
 def _sim(options: Annotated[Sim, tyro.conf.arg(name="")]) -> None:
@@ -38,7 +38,7 @@ def _control(options: Annotated[Control, tyro.conf.arg(name="")]) -> None:
         ignore_signals()
         name = file_name(f"{report.controller}-{report.reference}")
         folder = options.out or Path("runs") / "ros" / name
-        cli.report_result(report, report.save(store.make_folder(folder), recording=False))
+        cli.report_result(report, report.save(output.make_folder(folder), recording=False))
     report.require_complete()
     if report.status == INTERRUPTED:
         raise KeyboardInterrupt

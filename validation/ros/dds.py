@@ -27,8 +27,8 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from validation import cli
+from validation.output import shortened
 from validation.ros.messages import Fields
-from validation.words import shortened
 
 _logger = logging.getLogger(__name__)
 

@@ -24,7 +24,7 @@ from msgspec import Meta
 from ssmr.parameters import check_parameters, declaration, parameter
 from ssmr.robot.vehicle import Drive, Vehicle
 from validation.files import reading
-from validation.words import one_line
+from validation.output import one_line
 
 SCHEMA = "ssmr.robot/1"
 """Kind and version of a robot's file."""

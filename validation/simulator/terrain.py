@@ -15,7 +15,7 @@ import numpy as np
 from ssmr.geometry import rotate_world_to_body
 from ssmr.parameters import require_in_range
 from ssmr.types import FloatArray
-from validation.words import shortened
+from validation.output import shortened
 
 USAGE = "flat, ramp:slope_deg=NUMBER,toward_deg=0"
 """The forms in which terrains are written."""

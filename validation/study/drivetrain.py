@@ -26,8 +26,8 @@ from validation.identify.motor_logs import (
     drive_log,
     require_currents,
 )
+from validation.output import Progress
 from validation.plants.profile import choose_profile
-from validation.progress import Progress
 from validation.report import drawing
 from validation.report.report import FINISHED, INTERRUPTED
 from validation.report.table import Row, Table

@@ -20,16 +20,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ssmr.models.law import PLANAR_MODELS
-from validation import cli, store
+from validation import cli, output
 from validation.calibrate import BODY, FIRST_FITTED, begin_at
 from validation.compare import compare
 from validation.experiment.runs import warm_up
 from validation.experiment.sources import open_source
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.fit import Fitted, fit
+from validation.output import Progress, file_name, one_line, shortened
 from validation.plants.profile import Profile, bare_profile, choose_profile, make_plant
 from validation.plants.table import PLANTS
-from validation.progress import Progress
 from validation.report import drawing
 from validation.report.columns import DEGREES, METRES, Unit
 from validation.report.comparison import Comparison
@@ -37,7 +37,6 @@ from validation.report.motions import alike_sentences
 from validation.report.table import Row, Table
 from validation.study.common import AnyStudy, Study, picture
 from validation.sweep import sweep
-from validation.words import file_name, one_line, shortened
 
 SCHEMA = "ssmr.study.runs/1"
 """Schema of study.json and of the file of each run."""
@@ -117,14 +116,14 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
     Files of a finished run lie in the study's folder: `NAME.json`, and then `NAME.toml`, the
     profile with all fits. A run that was finished before is read back.
     """
-    folder = store.make_folder(o.out or o.folder())
+    folder = output.make_folder(o.out or o.folder())
     file = folder / f"{name}.json"
     fitted_profile = folder / f"{name}.toml"
     request = {
         "schema": SCHEMA,
         "plants": list(o.plants),
         "seed": o.seed,
-        "versions": dict(store.versions()),
+        "versions": dict(output.versions()),
         "log": hashlib.sha256(log_path(log).read_bytes()).hexdigest(),
         "robot": profile.robot.name,
     }
@@ -162,7 +161,7 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
         "told": alike_sentences(judged.scores, pairs),
         "heading_judge": "gyro" if judged.gyro_first else "localiser",
     }
-    store.write_json(file, found)
+    output.write_json(file, found)
     profile.save(fitted_profile)
     return {"found": found}
 

@@ -37,13 +37,13 @@ from validation.experiment.loops import (
 from validation.experiment.tracked import track_metrics
 from validation.experiment.waypoint_files import REFERENCES, split_speed
 from validation.identify.tuning import TuneCost, costs_of
+from validation.output import shortened
 from validation.plants.profile import PLANTS, Profile
 from validation.report import drawing
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
 from validation.study.common import Study, StudyOptions, picture
 from validation.sweep import sweep
-from validation.words import shortened
 
 JUDGE = "mujoco"
 """Plant that stands for the robot: the others are to choose the right controller for it."""

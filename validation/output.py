@@ -1,0 +1,248 @@
+r"""What leaves this project: harmless words, files that are whole, and progress.
+
+Foreign text (names of files, topics, columns, profiles) is made harmless where it leaves.
+Each medium has one function. None loses a character: what could move a cursor, start an escape
+sequence, turn the reading direction around or break an encoding is written as the escape that
+Python has for it, such as `\x1b` or `\u202e`, and a byte of a file name that is no text as `\xff`.
+
+- terminal and HTML (whose template escapes its marks besides): `one_line`, and `each_line` for
+  several lines;
+- markdown: `markdown` for prose, `markdown_cell` for tables, `code_span` for names;
+- names of files that are made from foreign text: `file_name`;
+- a line on standard error, which may quote what was given: `abridged`;
+- titles: `shortened`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import json
+import math
+import os
+import platform
+import re
+import secrets
+import unicodedata
+from collections.abc import Callable, Mapping
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any, NamedTuple
+
+# --- words ---
+
+_HARMFUL = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""Unicode categories that move a cursor, start an escape sequence or turn the reading direction
+around."""
+LONGEST_FILE_NAME = 100
+"""Length of a name made from foreign text, at most [bytes]: file systems take 255, and endings and
+marks are put to it."""
+_OF_SHELLS = "/\\:*?\"<>|$&;'`!"
+"""Printable characters that file systems or shells read as something else than a part of a name."""
+
+
+def _escape(character: str) -> str:
+    if unicodedata.category(character) not in _HARMFUL:
+        return character
+    # How Python carries a byte of a file name that is no text.
+    if "\udc80" <= character <= "\udcff":
+        return f"\\x{ord(character) - 0xDC00:02x}"
+    return character.encode("unicode_escape").decode("ascii")
+
+
+def visible(text: object) -> str:
+    """Return text in which characters that are not to be shown, line breaks too, are escapes."""
+    whole = str(text)
+    if whole.isprintable():
+        return whole
+    return "".join(map(_escape, whole))
+
+
+def one_line(text: object) -> str:
+    """Foreign text in one harmless line: white space is a space, control characters visible."""
+    return visible(" ".join(str(text).split()))
+
+
+def each_line(text: object) -> str:
+    """Foreign text of several lines, each of them harmless; spaces at their beginnings stay."""
+    return "\n".join(map(visible, str(text).expandtabs().replace("\r\n", "\n").split("\n")))
+
+
+def shortened(text: object, most: int) -> str:
+    """Foreign text in one line of at most `most` characters; the end, which says more, is kept."""
+    line = one_line(text)
+    if len(line) <= most:
+        return line
+    return f"…{line[1 - most :]}"
+
+
+def abridged(text: object, most: int) -> str:
+    """Foreign text in one line of at most `most` characters; a longer one loses its middle."""
+    line = one_line(text)
+    half = most // 2
+    if len(line) <= most:
+        return line
+    return f"{line[: most - half]} … {line[3 - half :]}"
+
+
+def code_span(text: object) -> str:
+    """Return foreign text as a code span of markdown."""
+    return "`" + one_line(text).replace("`", "'") + "`"
+
+
+def markdown(text: object) -> str:
+    """Foreign text for the prose of markdown, in one line: no HTML, link or picture comes of it."""
+    return re.sub(r"<(?=[A-Za-z/!?])", "&lt;", one_line(text)).replace("](", "]&#40;")
+
+
+def markdown_cell(text: object) -> str:
+    """Foreign text for a cell of a markdown table: as `markdown`, and it begins no other cell."""
+    # A backslash before the mark would take its own away.
+    return re.sub(r"(\\*)\|", r"\1\1\\|", markdown(text))
+
+
+def file_name(text: object) -> str:
+    """Foreign text as the name of a file or folder: no path, no option, and short enough.
+
+    It has at most `LONGEST_FILE_NAME` bytes.
+    Usual names stay as they are. Others end with a digest, so that two that differ stay two.
+    """
+    whole = str(text)
+    name = "".join(c if c.isprintable() and c not in _OF_SHELLS else "_" for c in whole).strip(" ")
+    name = re.sub(r"^[.\-~]+", "_", name).rstrip(".") or "_"
+    if name == whole and len(name.encode()) <= LONGEST_FILE_NAME:
+        return name
+    digest = hashlib.sha256(whole.encode(errors="surrogatepass")).hexdigest()[:8]
+    return f"{name.encode()[: LONGEST_FILE_NAME - 9].decode(errors='ignore')}-{digest}"
+
+
+# --- files ---
+
+PACKAGES = ("ssmr-testbed", "mujoco", "numpy", "scipy", "numba", "control", "rerun-sdk")
+"""Packages whose versions a result records."""
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this project, Python and the packages that decide numbers."""
+    packages = {package: _version(package) for package in PACKAGES}
+    return {"python": platform.python_version(), **packages}
+
+
+@cache
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def write_atomic(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` make a file beside `path`, then move it there; a failure leaves the old one.
+
+    The file and its folder are synchronised with the disk, so that after a power cut there is the
+    old file or the new one, whole.
+
+    Args:
+        path: where the file shall be; its folder must exist.
+        write: gets the temporary path, whose suffix is that of `path`; there is no file there yet.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    # Hidden, and nothing is there.
+    temporary = path.with_name(f".ssmr-{secrets.token_hex(8)}.part{path.suffix}")
+    try:
+        write(temporary)
+        _synchronise(temporary, os.O_RDWR)
+        os.replace(temporary, path)
+        _synchronise(path.parent, os.O_RDONLY)
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _synchronise(path: Path, how: int) -> None:
+    """Wait until a file or folder is on the disk; not every file system can do that for folders."""
+    try:
+        descriptor = os.open(path, how)
+    except PermissionError:
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EBADF):
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text as UTF-8, whole or not at all; half a surrogate pair becomes an escape."""
+    data = text.encode("utf-8", "backslashreplace")
+    write_atomic(path, lambda temporary: temporary.write_bytes(data))
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it: mappings and sequences throughout, null for a non-finite number."""
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def write_json(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a document as JSON, or nothing and a ValueError if a number is not finite."""
+    write_text(path, json.dumps(encodable(document), indent=2, allow_nan=False) + "\n")
+
+
+def encodable(value: Any) -> Any:
+    """A document of Unicode texts throughout: half a surrogate pair is a byte of no text."""
+    if isinstance(value, Mapping):
+        return {encodable(k): encodable(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [encodable(v) for v in value]
+    if isinstance(value, str):
+        return value.encode("utf-8", "backslashreplace").decode()
+    return value
+
+
+class UnusableFolder(OSError, ValueError):
+    """A folder cannot be made or written: first its namer's mistake, later a failed run."""
+
+
+def make_folder(path: Path) -> Path:
+    """Make a folder to write into, and return it; an UnusableFolder says why it cannot be."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UnusableFolder(f"{path}: the folder cannot be made ({error.strerror})") from error
+    if not os.access(path, os.W_OK):
+        raise UnusableFolder(f"{path}: the folder cannot be written; name another")
+    return path
+
+
+# --- progress of long work: a callback, so that no library knows of terminals ---
+
+
+class Progress(NamedTuple):
+    """Progress of a long computation."""
+
+    done: float
+    """Number of finished steps; with a fraction while a step is under way."""
+    total: float
+    """Number of all steps."""
+    text: str
+    """The step under way in a few words, such as `traj4, mujoco` or `cost 0.0031`."""
+
+
+Progressing = Callable[[Progress], object]
+"""A callback that takes each `Progress` as it happens. It is called from one thread at a time."""
+
+
+def silent(progress: Progress) -> None:
+    """Ignore `progress`; the default where nobody asks for reports."""

@@ -402,9 +402,9 @@ PRICES = {
         "second opinions by ODE and Drake",
     ),
     "validation/identify": Price(
-        22_300,
-        19,
-        67,
+        21_600,
+        16,
+        65,
         "what finds a plant's parameters and a controller's gains, with their uncertainty; "
         "the better judge of turns; "
         "friction: torques from a simulation or a log's currents (what study drivetrain knew of "
@@ -467,9 +467,9 @@ PRICES = {
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(
-        15_000,
-        11,
-        60,
+        14_600,
+        10,
+        57,
         "scenarios and logs that plants are driven along, their runs and scores (what comparison, "
         "fit and pictures each had); references, gains, controllers in loops",
     ),

@@ -78,9 +78,9 @@ def open_sources(
     truth_of = _truth(profile)
     train = []
     for name in names:
-        recorded = not is_scenario(name)
-        source = _recorded(name, kind, [span], options) if recorded else open_source(name, kind)
-        train.append(truth_of(with_gyro(source), name))
+        ends = (None, None) if is_scenario(name) else span
+        source = with_gyro(open_source(name, kind, *ends, options))
+        train.append(truth_of(source, name))
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
     judged = []
     for name in held_out:
@@ -91,28 +91,23 @@ def open_sources(
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
             judged.append(truth_of(open_source(full), name))
             continue
-        spans: list[Span] = [(None, None)]
         # unlike Path.resolve, it takes a link that leads to itself
         if realpath(name) in map(realpath, names):
-            spans = _outside(name, span)
-        judged.append(truth_of(_recorded(name, kind, spans, options), name))
+            source = _outside(name, kind, span, options)
+        else:
+            source = open_source(name, kind, options=options)
+        judged.append(truth_of(source, name))
     return train, judged
 
 
-def _outside(name: str, span: Span) -> list[Span]:
-    """Return the parts of a recording outside a span; a ValueError says that there is none."""
-    parts: list[Span] = [(None, span[0]), (span[1], None)]
-    spans = [part for part in parts if part != (None, None)]
-    if not spans:
+def _outside(name: str, kind: CommandKind, span: Span, options: ReadOptions) -> Source:
+    """Return the parts of a recording outside a span as one source."""
+    spans: list[Span] = [(None, span[0]), (span[1], None)]
+    parts = [open_source(name, kind, *s, options) for s in spans if s != (None, None)]
+    if not parts:
         raise ValueError(
             f"{name} is fitted to as a whole; without since or until nothing of it is held out"
         )
-    return spans
-
-
-def _recorded(name: str, kind: CommandKind, spans: Sequence[Span], options: ReadOptions) -> Source:
-    """Return some parts of a recording as one source."""
-    parts = [open_source(name, kind, *span, options) for span in spans]
     pieces = tuple(chain(*(part.pieces for part in parts)))
     warnings = tuple(chain(*(part.warnings for part in parts)))
     title = " and ".join(part.title for part in parts)

@@ -111,6 +111,12 @@ def _soft(errors: FloatArray, robust: bool) -> tuple[FloatArray, FloatArray]:
     return errors / np.sqrt(q), q**-1.5
 
 
+def _newton(slopes: FloatArray, stiffness: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Return the (n,) step of Newton's method down an (n,) gradient in the unit cube."""
+    curvature = (slopes * stiffness[:, None]).T @ slopes
+    return np.asarray(np.linalg.lstsq(curvature, -gradient)[0])
+
+
 def _still_to_go(
     point: FloatArray, errors: FloatArray, slopes: FloatArray, problem: FitProblem
 ) -> FloatArray:
@@ -121,9 +127,8 @@ def _still_to_go(
     pull, stiffness = _soft(errors, problem.robust)
     inside = np.abs(point - 0.5) < 0.5 - NEAR_BOUND
     free = np.nan_to_num(slopes[:, inside])
-    curvature = (free * stiffness[:, None]).T @ free
     step = np.zeros(len(point))
-    step[inside] = np.linalg.lstsq(curvature, -free.T @ pull)[0]
+    step[inside] = _newton(free, stiffness, free.T @ pull)
     return np.clip(point + step, 0.0, 1.0) - point
 
 
@@ -141,14 +146,12 @@ def _without(
     prior = len(errors) - len(part)
     part = np.pad(part, (0, prior), constant_values=-1)  # the prior is in no part
     gradients = slopes * pull[:, None]
-    points = []
     # nothing at an optimum; where a bound holds a number, no reason to go
     gradients -= gradients.mean(axis=0)
+    points = []
     for k in range(QUARTERS):
-        rest = slopes[part != k]
-        curvature = (rest * stiffness[part != k, None]).T @ rest
-        gradient = gradients[part == k].sum(axis=0)
-        points.append(point + np.linalg.lstsq(curvature, gradient)[0])
+        rest = part != k
+        points.append(point + _newton(slopes[rest], stiffness[rest], -gradients[~rest].sum(axis=0)))
     return np.clip(points, 0.0, 1.0)
 
 

@@ -489,7 +489,7 @@ PRICES = {
 """The price of each room. A feature buys its room: what needs more takes it from something else in
 the same commit, or the table changes with a sentence on what users get for it. Lines are not
 counted, so that plain layout costs nothing."""
-OPTIONS = {"compare": 24, "fit": 33, "calibrate": 12, "track": 23, "tune": 26}
+OPTIONS = {"compare": 24, "fit": 33, "calibrate": 12, "track": 23, "tune": 27}
 """Options of each program's command line, its positional arguments among them.
 
 A fit has two for torques: their weight, and the constant that makes them of currents.

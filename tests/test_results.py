@@ -45,6 +45,7 @@ SMALL: dict[str, Any] = {"population": 8, "generations": 3, "seed": 1}
 TUNED: dict[str, Any] = {
     "plant": ("linear",),
     "free": ("q_x", "r_v"),
+    "no_noise": True,
     "held_out": ("line@0.5",),
     **SMALL,
 }

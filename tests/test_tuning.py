@@ -175,12 +175,12 @@ def test_a_tuning_that_finds_nothing_better_keeps_what_it_began_with(
     """One gain, in bounds that hold the start at their end and beyond it only what is worse."""
     start = load_gains("lqr", "published").values["r_v"]
     options = {
-        "plants": ("linear",),
+        "plant": ("linear",),
         "free": ("r_v",),
         "bounds": {"r_v": (start, 400.0)},
         "held_out": ("line@0.5",),
     }
-    tuned = tune("lqr", "circle@0.5", lab, noise=False, population=8, generations=1, **options)
+    tuned = tune("lqr", "circle@0.5", lab, no_noise=True, population=8, generations=1, **options)
     assert dict(tuned.gains) == dict(load_gains("lqr", "published").values)
     assert tuned.cost == tuned.baseline_cost
     assert tuned.as_dict()["worse_than_start"] is False
@@ -190,13 +190,13 @@ def test_a_tuning_that_finds_nothing_better_keeps_what_it_began_with(
 
 def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
     options = {
-        "plants": ("linear",),
+        "plant": ("linear",),
         "free": ("q_x",),
         "population": 5,
         "generations": 1,
         "held_out": ("square@0.5",),
     }
-    tuned = tune("lqr", "circle@0.5", lab, noise=False, **options)
+    tuned = tune("lqr", "circle@0.5", lab, no_noise=True, **options)
     assert tuned.shipped is not None
     assert tuned.shipped.name == "lqr-tuned"
     (trained,), (held,) = tuned.train.values(), tuned.held_out.values()
@@ -207,7 +207,7 @@ def test_the_shipped_gains_stand_beside_the_tuned_ones(lab: Profile) -> None:
         document["held_out"]["square at 0.5 m/s, linear"]["shipped"]["cost"]
         == held["shipped"].metrics["cost"]
     )
-    own = tune("lqr", ("circle@0.5",), lab, noise=False, gains="tuned", **options)
+    own = tune("lqr", ("circle@0.5",), lab, no_noise=True, gains="tuned", **options)
     assert "shipped" not in next(iter(own.train.values())), (
         "the shipped gains are what it began with"
     )
@@ -231,7 +231,7 @@ def test_tune_beats_what_it_began_with_and_resumes(lab: Profile, tmp_path: Path)
 
     def tuned(folder: Path, **more: Any) -> Tuned:
         few = {
-            "plants": ("linear",),
+            "plant": ("linear",),
             "held_out": ("line@0.5",),
             "population": 8,
             "generations": 4,

@@ -94,6 +94,8 @@ class Tune(Searching):
     held_out: tuple[str, ...] | None = None
     """References to judge the gains on, in the form of --reference; others of every kind if not
     given."""
+    no_noise: bool = False
+    """Switch noise and disturbance off."""
     gains: str | None = None
     """Gain set to begin with, to hold what is not searched, and to compare the outcome with;
     published if not given, where the thesis has any."""
@@ -130,12 +132,13 @@ class Tune(Searching):
 
         The option `speed` stands for None.
         """
+        loop = LoopSettings("truth" if self.no_noise else "noisy", disturbance=not self.no_noise)
         out = []
         for name, speed in references:
             label, waypoints = open_reference(name, self.speed if speed is None else speed)
             for robot in robots:
                 require_practicable(waypoints, robot.drive, label)
-                around = LoopSettings(filter=odometry_of(robot.drive))
+                around = replace(loop, filter=odometry_of(robot.drive))
                 title = f"{label} at {waypoints.speed:.3g} m/s, {robot.name}"
                 out.append(TuneCase(title, name, waypoints, robot, around))
         return tuple(out)

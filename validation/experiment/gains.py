@@ -131,7 +131,9 @@ def load_gains(
         values = asdict(LAWS[controller].gains())
         source = "defaults of the controller"
         return GainSet(controller, f"{controller}-{DEFAULT}", values, source=source)
-    return reading.load_named(f"{controller} gains", name, sets, partial(_parse, controller=controller))
+    return reading.load_named(
+        f"{controller} gains", name, sets, partial(_parse, controller=controller)
+    )
 
 
 def dump_gains(gains: GainSet) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from validation import cli
 from validation.plants.profile import Profile, choose_profile
-from validation.report import drawing
+from validation.report.drawing import PanelRow, draw_page
 from validation.report.report import Report
 from validation.report.table import Table
 
@@ -50,8 +50,8 @@ class Study(Report):
     """Tables, the most important one first."""
     about: Mapping[str, Any]
     """What study.json has besides its tables."""
-    draw: Callable[[Any], Figure]
-    """Function of the study that draws its picture."""
+    panels: Sequence[PanelRow]
+    """Panels of its picture, row by row."""
     remarks: Sequence[str] = ()
     """Sentences below the tables."""
 
@@ -68,10 +68,5 @@ class Study(Report):
         return self.about
 
     def figure(self) -> Figure:
-        """Return its picture."""
-        return self.draw(self)
-
-
-def picture(study: Report, rows: Sequence[drawing.PanelRow]) -> Figure:
-    """Return rows of panels as a figure, with the title, the notes and the footer of a study."""
-    return drawing.draw_page(study.title, rows, notes=study.notes(), foot=study.made_by)
+        """Draw its panels, with notes and options."""
+        return draw_page(self.title, self.panels, notes=self.notes(), foot=self.made_by)

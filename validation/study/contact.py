@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ssmr.metrics.declared import compare_paths
 from ssmr.robot.localiser import Localiser
@@ -50,7 +49,7 @@ from validation.simulator.turning import (
     spin,
     surge,
 )
-from validation.study.common import Study, StudyOptions, picture
+from validation.study.common import Study, StudyOptions
 from validation.sweep import sweep
 
 BASELINE = "as shipped"
@@ -365,7 +364,7 @@ def study_contact(o: ContactStudy) -> Study:
         tables.append(Table(title, rows, caption, units=_UNITS))
     return Study(
         title=f"Physics settings, profile {with_robot(lab.name, lab.robot.name)}",
-        draw=_draw,
+        panels=_panels(tables),
         shown=tables,
         remarks=swept.notes,
         status=swept.status,
@@ -385,10 +384,10 @@ def _changes_of(setting: Setting) -> dict[str, Any]:
     return {k: v for k, v in physics.items() if v is not None} | dict(setting.robot)
 
 
-def _draw(study: Study) -> Figure:
-    """Picture of the measures that tell settings apart, a bar for each setting."""
+def _panels(tables: Sequence[Table]) -> list[drawing.PanelRow]:
+    """Return panels of the measures that tell settings apart, a bar for each setting."""
     rows = {}
-    for row, more in zip(*(table.rows for table in study.tables()), strict=True):
+    for row, more in zip(*(table.rows for table in tables), strict=True):
         rows[row["variant"]] = {**row, **more}
 
     def draw(column: str, title: str, ax: Axes) -> None:
@@ -409,4 +408,4 @@ def _draw(study: Study) -> Figure:
         "to_improved_m": "to improved [m]",
     }
     panels = [partial(draw, column, title) for column, title in titles.items()]
-    return picture(study, [drawing.PanelRow(1.2 + 0.22 * len(rows), panels)])
+    return [drawing.PanelRow(1.2 + 0.22 * len(rows), panels)]

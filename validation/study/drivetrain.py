@@ -12,7 +12,6 @@ from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ssmr.parameters import require_within
 from validation import cli
@@ -32,7 +31,7 @@ from validation.report import drawing
 from validation.report.report import FINISHED, INTERRUPTED
 from validation.report.table import Row, Table
 from validation.simulator.description import GRAVITY
-from validation.study.common import Study, StudyOptions, picture
+from validation.study.common import Study, StudyOptions
 from validation.study.drivetrain_fit import (
     LEAST_COMMANDS,
     DriverFit,
@@ -224,7 +223,7 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
         shown=_tables(numbers, driver, currents, evidence),
         remarks=_sentences(o, chassis, currents),
         status=status,
-        draw=partial(_draw, driver, currents),
+        panels=_panels(driver, currents),
         options={"seed": o.seed, "robot": chassis.name, "mass": chassis.mass},
     )
 
@@ -275,13 +274,13 @@ def _sentences(o: DriveTrainStudy, chassis: Chassis, currents: CurrentFit | None
     return says
 
 
-def _draw(driver: DriverFit | None, currents: CurrentFit | None, study: Study) -> Figure:
+def _panels(driver: DriverFit | None, currents: CurrentFit | None) -> list[drawing.PanelRow]:
     panels = []
     if driver is not None:
         panels.append(drawing.PanelRow(2.6, [partial(_draw_rates, driver)]))
     if currents is not None:
         panels.append(drawing.PanelRow(3.4, [partial(_draw_currents, currents)]))
-    return picture(study, panels)
+    return panels
 
 
 def _draw_rates(driver: DriverFit, ax: Axes) -> None:

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import tyro
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from ssmr.models.law import PLANAR_MODELS
 from validation import cli, output
@@ -35,7 +34,7 @@ from validation.report.columns import DEGREES, METRES, Unit
 from validation.report.comparison import Comparison
 from validation.report.motions import alike_sentences
 from validation.report.table import Row, Table
-from validation.study.common import AnyStudy, Study, picture
+from validation.study.common import AnyStudy, Study
 from validation.sweep import sweep
 
 SCHEMA = "ssmr.study.runs/1"
@@ -263,7 +262,7 @@ def study_runs(o: RunsStudy) -> Study:
             "winners": {name: run["alike"] for name, run in logs.items()},
             "numbers": {name: run["numbers"] for name, run in logs.items()},
         },
-        draw=partial(_draw, logs),
+        panels=_panels(logs),
     )
 
 
@@ -297,8 +296,8 @@ def _table(name: str, rows: list[Row], judge: str) -> Table:
     return Table(one_line(name), shown, caption, group="horizon_s", units=units)
 
 
-def _draw(logs: dict[str, Any], report: Study) -> Figure:
-    """Picture of the median error of position over the horizon, a panel for each log."""
+def _panels(logs: dict[str, Any]) -> list[drawing.PanelRow]:
+    """Return panels of the median error of position over the horizon, a panel for each log."""
     keys = ("horizon_s", *_INTERVAL)
 
     def panel(name: str, ax: Axes) -> None:
@@ -325,4 +324,4 @@ def _draw(logs: dict[str, Any], report: Study) -> Figure:
     rows = []
     for k in range(0, len(panels), _ACROSS):
         rows.append(drawing.PanelRow(3.0, panels[k : k + _ACROSS]))
-    return picture(report, rows)
+    return rows

@@ -10,13 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import kendalltau
 
@@ -42,7 +40,7 @@ from validation.plants.profile import PLANTS, Profile
 from validation.report import drawing
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
-from validation.study.common import Study, StudyOptions, picture
+from validation.study.common import Study, StudyOptions
 from validation.sweep import sweep
 
 JUDGE = "mujoco"
@@ -379,7 +377,7 @@ def study_transfer(o: TransferStudy) -> Study:
         shown=_tables(label, result),
         remarks=swept.notes,
         status=swept.status,
-        draw=partial(_draw, label, result),
+        panels=_panels(label, result),
         options={"judge": JUDGE, "seed": o.seed},
         about={
             "schema": "ssmr.study/1",
@@ -392,7 +390,7 @@ def study_transfer(o: TransferStudy) -> Study:
     )
 
 
-def _draw(label: str, result: Mapping[str, Any], study: Study) -> Figure:
+def _panels(label: str, result: Mapping[str, Any]) -> list[drawing.PanelRow]:
     order = _ranked(result)
 
     def draw(ax: Axes) -> None:
@@ -411,4 +409,4 @@ def _draw(label: str, result: Mapping[str, Any], study: Study) -> Figure:
         drawing.plain_ticks(ax.xaxis, (1.0, 2.0, 5.0))
         ax.legend(fontsize=8.0)
 
-    return picture(study, [drawing.PanelRow(1.2 + 0.25 * len(order), [draw])])
+    return [drawing.PanelRow(1.2 + 0.25 * len(order), [draw])]

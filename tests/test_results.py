@@ -172,7 +172,7 @@ def test_a_picture_shows_the_paths_that_were_driven(
 
 def test_no_line_over_time_bridges_a_gap(result: Callable[[str], Any]) -> None:
     made = result("compare on a log")
-    (before, after) = made.reference
+    (before, after) = made.truth
     for ax in made.figure().axes:
         for curve in ax.lines:
             x, y = np.asarray(curve.get_xydata(), dtype=np.float64).T

@@ -12,6 +12,7 @@ import numpy as np
 from ssmr.lanes import run_population
 from ssmr.models.four_wheel import FourWheelParameters
 from ssmr.models.four_wheel_plant import FourWheelPlant
+from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import planar_law
 from ssmr.parameters import described
 from ssmr.robot.vehicle import Drive, Vehicle
@@ -26,6 +27,7 @@ from validation.plants.kind import (
     Stretch,
     sample_count,
 )
+from validation.simulator.checking import spot_turn, whole_com
 from validation.simulator.description import Robot
 
 _READ_OFF = ("effective_half_track", "delay", "acceleration_v")
@@ -39,6 +41,8 @@ _ROLLING = ("wheel_radius", "radius_difference", "effective_half_track")
 """Numbers that are left of a dynamic model whose wheel rates are given."""
 _CENTRES = ("alpha_l", "alpha_r", "y_l", "y_r")
 """Numbers of the kinematic model's centres of rotation."""
+_CENTRAL = 1e-6
+"""Distance of the weight from the middle over the wheelbase, up to which it is in the middle [1]."""
 _KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": (*_CENTRES, "x_icr"),
     # x_icr and tracked_x are one number to a recording
@@ -96,6 +100,28 @@ def defaults(kind: type, robot: Robot) -> Any:
     return replace(numbers, **scaled)
 
 
+def kinematic_defaults(robot: Robot) -> KinematicParameters:
+    """Return the kinematic model of a robot by mechanics.
+
+    Where the robot's weight is off the middle, its centres of rotation are those of the turn on the
+    spot in closed form: the sides' rims move at -1 and 1 m/s, the middle at (forward, across), and
+    v - omega y is a side's rim speed at its centre of rotation.
+    """
+    numbers: KinematicParameters = defaults(KinematicParameters, robot)
+    x, y, _ = whole_com(robot)
+    turn = spot_turn(robot)
+    is_central = max(abs(x), abs(y)) < _CENTRAL * robot.wheelbase
+    is_given = "vehicle.effective_half_track" in robot.given
+    if is_central or is_given or turn is None or turn.yaw_rate <= 0.0:
+        return numbers
+    return replace(
+        numbers,
+        x_icr=-turn.across / turn.yaw_rate,
+        y_l=(1.0 + turn.forward) / turn.yaw_rate,
+        y_r=-(1.0 - turn.forward) / turn.yaw_rate,
+    )
+
+
 def tyred_defaults(robot: Robot) -> FourWheelParameters:
     """Return the numbers of a robot's file, with the tyres of the drive-train study."""
     share = robot.base_mass / robot.mass
@@ -151,7 +177,7 @@ def declare(name: str) -> PlantKind:
     return PlantKind(
         name,
         law.parameters,
-        partial(defaults, law.parameters),
+        kinematic_defaults if name == "kinematic" else partial(defaults, law.parameters),
         lambda section, *_: PlanarPlant(model_of(section)),
         _KINEMATIC if law.ideal else free,
         colour=law.colour,

@@ -428,6 +428,22 @@ def _friction_by_heading(case: Case) -> Finding | None:
     )
 
 
+def _unlike_friction(case: Case) -> Finding | None:
+    if case.foreign is None:
+        return None
+    frictions = [numbers.get("mu1", math.nan) for numbers in case.foreign.contacts]
+    if math.isnan(sum(frictions)) or max(frictions) - min(frictions) <= _EQUAL_FRICTION:
+        return None
+    pairs = zip(case.foreign.wheeled.names, frictions, strict=True)
+    rows = ", ".join(f"{name} {friction:g}" for name, friction in pairs)
+    return Finding(
+        "unlike_wheels",
+        "fault",
+        f"wheels differ in their friction ({rows}): it turns about those that hold",
+        "give all four one friction",
+    )
+
+
 def _controller(case: Case) -> Finding | None:
     robot = case.robot
     drive = robot.drive
@@ -495,6 +511,7 @@ _LOOKS: Sequence[Callable[[Case], Finding | None]] = (
     _hull_unlike,
     _mass_in_wheels,
     _friction_by_heading,
+    _unlike_friction,
     _effort,
     _motor_weak,
     _guessed_radius,

@@ -187,7 +187,10 @@ def _draft_of(
     work.add_masses()
     work.add_hull()
     work.add_drive()
-    return work.finished(name or foreign.name or "robot")
+    usual = foreign.name or "robot"
+    if usual in shipped_robots():
+        usual = f"{usual}_imported"
+    return work.finished(name or usual)
 
 
 class _Import:
@@ -241,6 +244,12 @@ class _Import:
                 continue
             if not sizes:
                 raise ValueError(self._missing_size())
+            if key == "wheel_width" and drums[0].kind in ("sphere", "capsule"):
+                each = 0.6 * np.array([drum.radius for drum in drums])
+                source = "assumed: a Husky's share of the radius, for these shapes have no tread"
+                self.entries["geometry.wheel_width"] = float(each.mean()), source
+                self.guesses.append("the width of the tyres is estimated: they are round")
+                continue
             each = np.array(sizes)
             if np.ptp(each) > _SAME_SIZE * each.max() and self.foreign.kind != "mjcf":
                 option = key.replace("_", "-")

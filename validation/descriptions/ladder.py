@@ -175,7 +175,7 @@ def _rescued(text: MjcfText, files: Mapping[str, bytes]) -> tuple[OwnRobot, Meas
 def _cone(robot: OwnRobot, _text: MjcfText, _: Measures) -> Rung | None:
     if robot.model.opt.cone == 1:
         return None
-    return Rung("cone", ("pyramid",), {("option", "", "cone"): "elliptic"})
+    return Rung("cone", ("pyramid", "creep"), {("option", "", "cone"): "elliptic"})
 
 
 def _impratio(robot: OwnRobot, _text: MjcfText, _: Measures) -> Rung | None:

@@ -42,7 +42,7 @@ _ROLLING = ("wheel_radius", "radius_difference", "effective_half_track")
 _CENTRES = ("alpha_l", "alpha_r", "y_l", "y_r")
 """Numbers of the kinematic model's centres of rotation."""
 _CENTRAL = 1e-6
-"""Distance of the weight from the middle over the wheelbase, up to which it is in the middle [1]."""
+"""Distance of the weight from the middle over the wheelbase, up to which it is in the middle."""
 _KINEMATIC: Mapping[Occasion, tuple[str, ...]] = {
     "scenario": (*_CENTRES, "x_icr"),
     # x_icr and tracked_x are one number to a recording

@@ -495,8 +495,7 @@ OPTIONS = {"compare": 24, "fit": 33, "calibrate": 12, "track": 23, "tune": 27}
 A fit has two for torques: their weight, and the constant that makes them of currents.
 """
 MOST_FILES = 212
-MOST_FILES = 212
-MOST_WORDS_OF_PAGES = 55_000
+MOST_WORDS_OF_PAGES = 55_600
 MOST_WORDS_OF_README = 1_100
 
 

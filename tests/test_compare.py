@@ -148,7 +148,7 @@ def test_a_recording_of_ones_own_from_another_folder(
     recorded(lab, "improved", tmp_path)
     monkeypatch.chdir(tmp_path)
     words = "drive.csv --plants improved,kinematic --profile thesis-lab --horizons 2,6 --no-rerun"
-    assert exit_status(compare.command(), *words.split()) == 0
+    assert exit_status(compare.command, *words.split()) == 0
     document: dict[str, Any] = json.loads(
         (tmp_path / "runs/compare/drive/compare.json").read_text()
     )
@@ -171,7 +171,7 @@ def test_an_interrupt_in_mid_run_leaves_nothing(
     monkeypatch.setattr(
         program, "drive", lambda *a: (os.kill(os.getpid(), signal.SIGINT), real(*a))[1]
     )
-    assert exit_status(compare.command(), "drive.csv", "--out", "out") == cli.EXIT_INTERRUPTED
+    assert exit_status(compare.command, "drive.csv", "--out", "out") == cli.EXIT_INTERRUPTED
     assert capsys.readouterr().err.splitlines()[-1] == "interrupted"
     assert not (tmp_path / "out").exists()
 
@@ -181,9 +181,9 @@ def test_a_program_replaces_its_own_files_and_no_others(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     words = shlex.split("traj2 --plants linear --reference linear --no-rerun")
-    assert [exit_status(compare.command(), *words, "--out", "named") for _ in range(2)] == [0, 0]
+    assert [exit_status(compare.command, *words, "--out", "named") for _ in range(2)] == [0, 0]
     # which says whose the picture is
     for name, status in (("compare.png", 0), ("compare.json", 2)):
         (tmp_path / "named" / name).write_text("of somebody else")
-        assert exit_status(compare.command(), *words, "--out", "named") == status
-    assert exit_status(compare.command(), *words, "--out", "named", "--overwrite") == 0
+        assert exit_status(compare.command, *words, "--out", "named") == status
+    assert exit_status(compare.command, *words, "--out", "named", "--overwrite") == 0

@@ -97,9 +97,13 @@ T = 0.05 * np.arange(1200)
         ((1.7e9 + T) * 1e3, 2, "t looks like milliseconds: divide it by 1000"),
         (T * 1e300, 2, "the median step is 5e+298 s"),
         (T * 1e-300, 2, "the median step is 5e-302 s, but the limit rate is 100000 Hz"),
-        (np.append(T, 1e9), 1202, "time jumps from 59.95 to 1e+09 s, but the limit gap is 3600 s"),
+        (
+            np.append(T, 1e9),
+            1202,
+            "time jumps from 59.95 to 1000000000 s, but the limit gap is 3600 s",
+        ),
         (np.append(T, 1e300), 1202, "time jumps from 59.95 to 1e+300 s"),
-        (np.append(-1e9, T), 3, "time jumps from -1e+09 to 0 s"),
+        (np.append(-1e9, T), 3, "time jumps from -1000000000 to 0 s"),
         (np.sort(np.append(T, 5e-324)), 3, "the step from the sample before is 4.94e-324 s"),
         (
             4.0 * np.arange(250_000),

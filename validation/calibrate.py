@@ -11,24 +11,26 @@ if __name__ == "__main__":
     end_quietly()
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tyro
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ssmr.types import CommandKind
 from validation import cli, output
-from validation.experiment.scores import Scores
+from validation.experiment.scores import HEADLINE_HORIZON, Scores
 from validation.experiment.sources import open_source, unknown_robot_notes
+from validation.files.abilities import FATAL, lacks
 from validation.files.faults import Faults, find_faults
 from validation.files.formats import log_path, profile_of_log, read_log
-from validation.files.log import COMMAND_COLUMNS, Log, LogFault, ReadOptions
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
 from validation.fit import Fit, Fitted, run_fit
 from validation.identify.targets import Input
 from validation.output import Progress, file_name, one_line
@@ -42,8 +44,15 @@ from validation.report.report import FINISHED, Report
 from validation.report.table import Table
 from validation.robots import export_robot
 
-REFUSED = ("sign", "swapped", "scale", "handedness", "circular")
-"""Kinds of faults with which no fit makes sense."""
+_ESSENTIAL = (
+    *("alpha_l", "alpha_r", "y_l", "y_r", "wheel_radius", "command_radius"),
+    *("command_half_track", "tracked_x", "tracked_y", "tracked_yaw"),
+)
+"""Sizes of a robot and the place of its localiser: at a bound they stand for something else."""
+_WIDENED = 0.5
+"""Share of the bounds' width by which a bound that is hit is moved once [1]."""
+_EXPLAINED = 0.5
+"""Share of the way at which an error says that the inputs do not explain the motion [1]."""
 TRAINED = 2.0 / 3.0
 """Share of a log that is fitted to, from its beginning, where no other log is held out [1]."""
 FIRST_FITTED = "kinematic"
@@ -63,7 +72,7 @@ BODY = (*SEEN, "wheel_radius", "radius_difference")
 
 
 @dataclass(frozen=True)
-class Calibrate(cli.Common):
+class Calibrate(cli.Common, cli.LogReading):
     """Options of `calibrate`."""
 
     log: tyro.conf.Positional[str | Path]
@@ -78,9 +87,6 @@ class Calibrate(cli.Common):
     held_out: str | Path | None = None
     """Log to judge on; then the first one is fitted as a whole. The last third of the log if not
     given."""
-    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Columns of a CSV file with other names or units:
-    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s."""
     trust: bool = False
     """Fit even where columns seem to have a wrong sign, place, unit or frame."""
 
@@ -126,13 +132,63 @@ def _verdict(f: Fitted) -> str:
         horizon = scored.headline
         e = scored.overlapping[horizon]
         errors.append(f"{e.position_median_m:.3f} m and {math.degrees(e.yaw_median_rad):.2f} deg")
-    kept = "keeps the old numbers: the fit is no better"
-    if f.better:
-        kept = "has the new numbers"
+    kept = "has the new numbers"
+    if not f.better:
+        kept = f"keeps the old numbers: {f.worse[0].rstrip('.')}"
     return (
         f"{_label(f)}: {errors[1]} off after {horizon:g} s of new data, {errors[0]} before. "
         f"profile.toml {kept}."
     )
+
+
+def _objections(f: Fitted, way: float) -> list[str]:
+    """Return why the numbers of a fit are not to be used; `way` is that of the robot in 6 s [m]."""
+    before, after = _scores(f).values()
+    assert after.headline is not None
+    was = before.overlapping[after.headline]
+    now = after.overlapping[after.headline]
+    objections = [] if f.better else ["the fit is no better"]
+    if now.position_median_m > was.position_high_m and now.position_low_m > was.position_median_m:
+        objections.append("positions are worse, by more than chance")
+    if now.yaw_median_rad > was.yaw_high_rad and now.yaw_low_rad > was.yaw_median_rad:
+        objections.append("headings are worse, by more than chance")
+    if now.position_median_m > _EXPLAINED * way:
+        objections.append(
+            f"its {f.options['input']} do not explain the motion: the error is "
+            f"{now.position_median_m:.2f} m on a way of {way:.2f} m"
+        )
+    at_bound = [p.name for p in f.parameters if p.at_bound and p.name in _ESSENTIAL]
+    if at_bound:
+        objections.append(f"{' and '.join(at_bound)} ended at a bound, and stand for another cause")
+    return objections
+
+
+def _wider(f: Fitted) -> dict[str, tuple[float, float]]:
+    """Return wider bounds of the sizes that ended at one, as far as physics allows."""
+    bounds = {}
+    for p in f.parameters:
+        more = _WIDENED * (p.upper - p.lower)
+        if not p.at_bound or p.name not in _ESSENTIAL or p.name == "tracked_yaw":
+            continue
+        low = p.lower - more
+        high = p.upper + more
+        # a size keeps its sign
+        if p.lower >= 0.0:
+            low = max(low, 0.5 * p.lower)
+        if p.upper <= 0.0:
+            high = min(high, 0.5 * p.upper)
+        bounds[p.name] = low, high
+    return bounds
+
+
+def _usual_way(log: Log) -> float:
+    """Return the median way of a robot that moves in the time of the headline's horizon [m]."""
+    x, y, _ = log.table(POSE_COLUMNS).T
+    grid = np.arange(log.t[0], log.t[-1], 1.0)
+    steps = np.hypot(*(np.diff(np.interp(grid, log.t, values)) for values in (x, y)))
+    sums = np.convolve(steps, np.ones(round(HEADLINE_HORIZON)), mode="valid")
+    moves = sums[sums > 0.1]
+    return float(np.median(moves)) if len(moves) else 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -240,11 +296,12 @@ def calibrate(o: Calibrate) -> Calibrated:
         raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")
     name = str(o.log)
     profile = choose_profile(o.profile, o.robot, profile_of_log(name))
-    read = ReadOptions(columns=o.columns, radius=profile.robot.wheel_radius)
+    read = o.reading(profile.robot.wheel_radius)
     log = read_log(log_path(o.log), read)
     faults = find_faults(log, read.radius)
     inputs, notes = _inputs(o, log, faults)
-    t = log.on_one_clock().t
+    common = log.on_one_clock()
+    t = common.t
     until = None
     if o.held_out is None:
         until = float(t[0] + TRAINED * (t[-1] - t[0]))
@@ -255,7 +312,8 @@ def calibrate(o: Calibrate) -> Calibrated:
         for warning in unknown[1:]:
             cli.warn(warning)
         notes += unknown
-    fits = _fits(o, profile, inputs, until)
+    judged = common if o.held_out is None else read_log(log_path(o.held_out), read).on_one_clock()
+    fits = _fits(o, profile, inputs, until, _usual_way(judged))
     robot = profile.robot
     return Calibrated(
         title=one_line(f"{robot.title or robot.name}, calibrated with {Path(o.log).name}"),
@@ -274,11 +332,12 @@ def calibrate(o: Calibrate) -> Calibrated:
 
 
 def _fits(
-    o: Calibrate, profile: Profile, inputs: Sequence[Input], until: float | None
+    o: Calibrate, profile: Profile, inputs: Sequence[Input], until: float | None, way: float
 ) -> list[Fitted]:
     """Return the fits, each begun with the profile of the one before.
 
-    The last one may have been interrupted.
+    A fit that ends at a bound of a size is tried once more with wider ones. The last one may have
+    been interrupted. `way` is that of the robot in 6 s [m].
     """
     fits = []
     track = profile.robot.track
@@ -310,7 +369,10 @@ def _fits(
             seed=o.seed,
             workers=o.workers,
             progress=show,
+            topics=o.topics,
             columns=o.columns,
+            ticks_per_turn=o.ticks_per_turn,
+            limits=o.limits,
             **settings,
         )
         # the report names the log's faults once
@@ -319,6 +381,11 @@ def _fits(
             raise ValueError(
                 f"{o.log}: nothing is left to judge on; name another log with --held-out"
             )
+        if wider := _wider(done):
+            options = replace(options, bounds={**options.bounds, **wider})
+            done = run_fit(options, lambda warning: None)
+        if objections := _objections(done, way):
+            done = replace(done, objections=[f"{'; '.join(objections)}."])
         fits.append(done)
         profile = done.profile
         if done.status != FINISHED:
@@ -332,23 +399,29 @@ def _inputs(o: Calibrate, log: Log, faults: Faults) -> tuple[list[Input], list[s
     Raises:
         ValueError: the columns contradict one another, or nothing drives a plant.
     """
-    refused = [fault for fault in faults.named if fault.kind in REFUSED]
-    if refused and not o.trust:
-        for fault in faults.named:
-            cli.warn(f"{log.name}: {fault.sentence}")
-        named = dict.fromkeys(chain(*(fault.columns for fault in refused)))
-        raise ValueError(
-            f"{log.name}: look at {', '.join(named)} first; --trust calibrates all the same"
-        )
+    refused = [f for f in faults.named if f.kind in FATAL and f not in log.faults]
+    named = dict.fromkeys(chain(*(fault.columns for fault in refused)))
+    notes = []
+    by_wheels = log.has(COMMAND_COLUMNS["wheels"])
+    only_commands = by_wheels and set(named) <= {*COMMAND_COLUMNS["twist"]}
+    missing = list(lacks(log))
+    if refused and only_commands and not o.trust:
+        notes = ["The commands are not to be trusted, so the driver was not fitted."]
+    elif (refused or missing) and not o.trust:
+        for sentence in (*(fault.sentence for fault in faults.named), *missing):
+            cli.warn(f"{log.name}: {sentence}")
+        first = f"look at {', '.join(named)} first" if refused else f"{missing[0]}"
+        raise ValueError(f"{log.name}: {first}; --trust calibrates all the same")
     often = (faults.uncommanded_share or 0.0) > _UNCOMMANDED
     inputs = list[Input]()
-    if log.has(COMMAND_COLUMNS["wheels"]):
+    if by_wheels:
         inputs.append("wheels")
-    if log.has(COMMAND_COLUMNS["twist"]) and not often:
+    if log.has(COMMAND_COLUMNS["twist"]) and not often and not notes:
         inputs.append("commands")
     if inputs:
-        note = "The wheels often turn without a command, so the driver was not fitted."
-        return inputs, [note] * often
+        if often:
+            notes.append("The wheels often turn without a command, so the driver was not fitted.")
+        return inputs, notes
     raise ValueError(
         f"{log.name} has neither wheel rates, enc_left and enc_right, nor commands that drive it"
     )

@@ -11,7 +11,7 @@ if __name__ == "__main__":
     end_quietly()
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -34,8 +34,6 @@ from validation.experiment.scores import (
 from validation.experiment.sources import RECORDING, Source, open_source, unknown_robot_notes
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
-from validation.files.limits import USUAL, LogLimits
-from validation.files.log import ReadOptions
 from validation.output import file_name, one_line
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import PLANTS, USUAL_PLANTS, is_plant, known_plants
@@ -46,7 +44,7 @@ from validation.simulator.terrain import FLAT, Terrain
 
 
 @dataclass(frozen=True)
-class Compare(cli.Filmed):
+class Compare(cli.Filmed, cli.LogReading):
     """Options of `compare`."""
 
     source: tyro.conf.Positional[str | Path | Source]
@@ -72,11 +70,6 @@ class Compare(cli.Filmed):
     """Leave out what was recorded before this time [s]."""
     until: float | None = None
     """Leave out what was recorded after this time [s]."""
-    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Columns of a CSV file with other names or units:
-    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s."""
-    limits: LogLimits = USUAL
-    """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
     bands: bool = False
     """Draw where each plant says that the robot will be with 90 %, and count how often it is
     there."""
@@ -183,7 +176,7 @@ def _opened(o: Compare) -> tuple[Profile, Source]:
     if o.profile is not None or o.robot is not None:
         radius = profile.robot.wheel_radius
     kind: CommandKind = "wheels" if o.input == "wheels" else "twist"
-    reading = ReadOptions({}, o.limits, o.columns, radius)
+    reading = o.reading(radius)
     return profile, open_source(name, kind, o.since, o.until, reading)
 
 

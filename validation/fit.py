@@ -9,7 +9,7 @@ if __name__ == "__main__":
 
 import datetime
 from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
@@ -39,8 +39,6 @@ from validation.experiment.scores import (
 from validation.experiment.sources import RECORDING, Piece, Source, unknown_robot_notes
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
-from validation.files.limits import USUAL, LogLimits
-from validation.files.log import ReadOptions
 from validation.identify.currents import with_torques
 from validation.identify.motor_logs import chassis_of, loss_of
 from validation.identify.objective import FitCost, Objective, true_motion
@@ -101,7 +99,7 @@ _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")
 
 
 @dataclass(frozen=True)
-class Fit(Searching):
+class Fit(Searching, cli.LogReading):
     """Options of `fit`."""
 
     model: tyro.conf.Positional[str]
@@ -130,11 +128,6 @@ class Fit(Searching):
     than before the fit."""
     own_model: Annotated[PlanarLaw | str | None, tyro.conf.arg(name="model")] = None
     """A plant of your own: a PlanarLaw in a Python file, FILE.py:NAME, which is run."""
-    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Columns of a CSV file with other names or units:
-    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s."""
-    limits: LogLimits = USUAL
-    """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
     guess: Literal["profile"] | Mapping[str, float] | None = None
     """A candidate of the first population: the profile's numbers, or some that replace them, such
     as friction=0.4. If not given, profile for recordings; for scenarios all are drawn at random."""
@@ -222,6 +215,8 @@ class Fitted(SearchReport):
     """Scores on each source that the fit has not seen."""
     unfitted: Mapping[str, Scores]
     """Scores of the plant before the fit on the same sources."""
+    objections: Sequence[str] = ()
+    """Sentences on why its numbers are not to be used, by whoever asked for the fit."""
 
     @property
     def model(self) -> str:
@@ -240,7 +235,9 @@ class Fitted(SearchReport):
 
     @cached_property
     def worse(self) -> list[str]:
-        """A sentence where the error on held-out sources is larger than before the fit."""
+        """What speaks against its numbers: objections, or a larger error on held-out sources."""
+        if self.objections:
+            return list(self.objections)
         before = [*self.unfitted.values()]
         after = [*self.held_out.values()]
         return worse_sentences(self.problem.cost, self.asked.even_if_worse, before, after)
@@ -407,7 +404,7 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
     radius = None if is_default else base.robot.wheel_radius
-    read = ReadOptions({}, o.limits, o.columns, radius)
+    read = o.reading(radius)
     sources, held_out = open_sources(
         o.names, base, o.held_out, o.input, span=(o.since, o.until), options=read
     )

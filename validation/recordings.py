@@ -14,7 +14,7 @@ import inspect
 import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass, field
+from dataclasses import KW_ONLY, asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,11 +25,11 @@ import tyro
 from ssmr.types import FloatArray
 from validation import cli
 from validation.descriptions.loading import load_robot
-from validation.files.agreement import channels
+from validation.files.abilities import good_for, lacks
+from validation.files.channels import channels
 from validation.files.faults import REST_LEAST, Faults, Rest, find_faults, find_rest, unbiased
 from validation.files.formats import check_apart, format_of_target, read_log, write_log
-from validation.files.limits import USUAL, LogLimits
-from validation.files.log import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions
+from validation.files.log import COLUMNS, COMMAND_COLUMNS, POSE_COLUMNS, Log
 from validation.files.offsets import Offset, estimate_offsets, synchronised
 from validation.files.reading import FileError, exists, read_file
 from validation.output import file_name, write_json
@@ -48,21 +48,13 @@ _MOST_OURS = 1 << 26
 
 
 @dataclass(frozen=True)
-class LogOptions(cli.Options):
+class LogOptions(cli.LogReading):
     """Options by which a log is opened, whatever is done with it."""
 
     source: tyro.conf.Positional[str | Path]
     """Path of a log (.csv, .bag, .mcap, or the folder of a ROS 2 bag), or a shipped one: sample,
     husky or warthog."""
     _: KW_ONLY
-    topics: Mapping[str, str] = field(default_factory=dict)
-    """Topic of each role, such as cmd=/cmd_vel,odom=/odom,gps=none; guessed from the message types
-    if not given. Roles are cmd, odom, wheels, imu, pose and gps."""
-    columns: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Columns of a CSV file with other names or units:
-    x=pos_x,yaw=heading:deg,t=stamp:ms,enc_left=wl:m/s."""
-    limits: LogLimits = USUAL
-    """Other limits of a recording, such as span=1e7,gap=1e4. A wrong name lists all."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml)."""
     overwrite: bool = False
@@ -80,8 +72,7 @@ class LogOptions(cli.Options):
 
     def opened(self) -> Log:
         """Return the log."""
-        reading = ReadOptions(self.topics, self.limits, self.columns, self.radius)
-        return read_log(self.source, reading)
+        return read_log(self.source, self.reading(self.radius))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +143,7 @@ class LogReport(Report):
     def notes(self) -> list[str]:
         """Return remarks on reading, gaps and rest, on faults, and the next step."""
         notes = [*self.log.remarks, *_sentences(self.log, self.rest)]
-        notes += self.faults.sentences(named=False)
+        notes += [*self.faults.sentences(named=False), *lacks(self.log)]
         return [*notes, _next_step(self.asked, self.log, self.faults)]
 
     def document(self) -> dict[str, Any]:
@@ -256,6 +247,8 @@ def _document(
         "source": str(log.path),
         "groups": groups,
         "chosen": _chosen(log),
+        "good_for": good_for(log, faults.named),
+        "lacks": list(lacks(log)),
         "clock": clock,
         "offsets_s": {name: seconds.get(name) for name in ("wheels", "pose_yaw", "position")},
         "offsets": [asdict(offset) for offset in offsets],
@@ -323,14 +316,12 @@ def convert(o: Convert) -> LogReport:
 
 
 def _next_step(o: LogOptions, log: Log, faults: Faults) -> str:
-    path = shlex.quote(str(o.source))
+    path = shlex.quote(str(o.source)) + o.words()
     name = getattr(o.robot, "name", o.robot) or "ROBOT"
-    columns = []
-    for ours, (theirs, unit) in o.columns.items():
-        columns.append(f"{ours}={theirs}:{unit}" if unit else f"{ours}={theirs}")
-    if columns:
-        path += f" --columns {shlex.quote(','.join(columns))}"
-    if set(faults.named) - set(log.faults):  # those were put right
+    open_faults = [fault for fault in faults.named if fault not in log.faults]
+    if any(fault.kind == "circular" for fault in open_faults):
+        return "next: take the pose of a localiser, by --topics pose=/NAME or --columns"
+    if open_faults:
         return (
             "next: correct the faults in the log, for every comparison and fit believes its columns"
         )
@@ -343,6 +334,8 @@ def _next_step(o: LogOptions, log: Log, faults: Faults) -> str:
             f"there is no {', '.join(missing)}, so no prediction of a pose can be judged"
             f"{remedy}; {_without_pose(log)}"
         )
+    if any(lacks(log)):
+        return "next: drive what is missing, for a fit to this log would not be determined"
     if log.has(COMMAND_COLUMNS["wheels"]):
         return f"next: python -m validation.calibrate {path} --robot {name}"
     if not log.has(COMMAND_COLUMNS["twist"]) and not log.has(("odom_v", "odom_w")):

@@ -11,29 +11,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain, combinations
+from itertools import chain, combinations, permutations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ssmr.geometry import integral
 from ssmr.types import FloatArray
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, UNITS, Group, Log, LogFault
-from validation.files.signals import fresh_poses, refreshed
+from validation.files.channels import FEWEST_WINDOWS, RATES, Channels, correlation
+from validation.files.log import (
+    COMMAND_COLUMNS,
+    POSE_COLUMNS,
+    UNITS,
+    LogFault,
+    column_of,
+)
 
-_WINDOW_S = 1.0
-"""Length of the windows over which signals are averaged [s]."""
-_STEP_S = 0.5
-"""Time between the middles of two windows [s]."""
-_LAGS = np.arange(-1.5, 1.51, 0.1)
-"""Delays of a sensor or a command that are tried [s]."""
-_SHORT_S = 60.0
-"""Length of a log from which the times above hold [s]; of a shorter one they are parts."""
-_FEWEST = 20
-"""Number of windows from which they say anything of signals."""
-_MOST = 4000
-"""Number of windows that suffices."""
 _SIMILAR = 0.65
 """Size of a correlation from which two signals tell of the same motion."""
 _SURE = 0.8
@@ -42,8 +35,8 @@ _UNRELATED_LOSS = 0.3
 """Correlation that a signal lacks, compared with the others, if it tells of no motion."""
 _SLIP_LOSS = 0.7
 """Correlation that wheels may lack, compared with the other signals, because they slip."""
-_SAME = 0.9
-"""Correlation of signals that differ by noise alone."""
+_SAME_SHAPE = 0.85
+"""The same about their means, from which a command differs from a motion by a factor."""
 _SUM = 0.97
 """Correlation of a signal with a sum of others that explains it."""
 _CLEARLY = 0.2
@@ -52,10 +45,6 @@ _SIDES_DIFFER = 1.5
 """Factor by which one side of wheels may turn the robot more than the other; 1.1 on ice."""
 _TOGETHER = 8.0
 """Ratio of the singular values of the sides' rates from which they turn too much together."""
-_MOST_LAG = 120
-"""Longest difference of two clocks that is looked for, in steps."""
-_CLOCKS_GAIN = 0.1
-"""Correlation that a difference of clocks must gain [1]."""
 _FAR = math.log(3.0)
 """Logarithm of the factor beyond the possible ones from which similar signals contradict."""
 _SHARES = 60.0, 85.0
@@ -76,13 +65,7 @@ localisers stall for less."""
 _RADIUS = 0.165
 """Radius of a wheel where nobody says it [m], a Husky's."""
 _WHEELS = COMMAND_COLUMNS["wheels"]
-_RATES = (*_WHEELS, "odom_v", "odom_w", "gyro_z", *COMMAND_COLUMNS["twist"])
 
-Channels = Mapping[str, FloatArray]
-"""(N,) means over windows by column: rates; of x, y and yaw their rates of change, and `heading`,
-the yaw itself [rad]."""
-_Ways = dict[str, tuple[FloatArray, FloatArray]]
-"""By column, (K,) stamps [s] and the way since the first of them."""
 _Sources = dict[str, tuple[str, float]]
 """Channels that change: the channel that each is made of, and the factor [1]."""
 
@@ -118,11 +101,11 @@ def _scaled(factor: float, *names: str) -> _Sources:
     return sources
 
 
-def _corrections(radius: float) -> Iterator[_Correction]:
-    """Yield every correction that is tried; `radius` is that of the wheels [m]."""
+def _corrections() -> Iterator[_Correction]:
+    """Yield every correction of signs, places and frames that is tried."""
     left, right = _WHEELS
     yield _Correction("sign", _WHEELS, "have the wrong sign", _scaled(-1.0, *_WHEELS))
-    for name in (*_RATES, "yaw"):
+    for name in (*RATES, "yaw"):
         yield _Correction("sign", (name,), "have the wrong sign", _scaled(-1.0, name))
     backwards = "be half a turn apart: the robot drives backwards"
     yield _Correction("sign", POSE_COLUMNS, backwards, _scaled(-1.0, "x", "y"))
@@ -139,170 +122,87 @@ def _corrections(radius: float) -> Iterator[_Correction]:
     for turn in (-quarter, quarter):
         what = "be a quarter turn off"
         yield _Correction("handedness", ("yaw",), what, _scaled(1.0, "yaw"), turn)
-    yield from _unit_corrections(radius)
     for unit in ("min", "ms"):
         slower = {name: (name, 1.0 / UNITS[unit][1]) for name in POSE_COLUMNS}
         yield _Correction("clock", ("t",), f"be in {unit}", slower)
 
 
-def _unit_corrections(radius: float) -> Iterator[_Correction]:
-    """Yield the corrections of columns in another unit; wheels may be in speeds of their rims."""
-    rates = _factors("rad/s")
-    speeds = _factors("m/s")
-    rims = {unit: factor / radius for unit, factor in {"m/s": 1.0, **speeds}.items()} | rates
-    del rims["m/min"]  # nobody logs it, and of a Husky it is rpm within 4 %
-    for names in (_WHEELS, *((name,) for name in _WHEELS)):
-        yield from _in_units(names, rims)
-    for name in ("gyro_z", "cmd_w", "odom_w"):
-        yield from _in_units((name,), rates)
-    for name in ("cmd_v", "odom_v"):
-        yield from _in_units((name,), speeds)
-    yield from _in_units(("x", "y"), _factors("m"))
-    yield from _in_units(("yaw",), _factors("rad"))
+_SCALED: Mapping[tuple[str, ...], float] = {
+    _WHEELS: 0.08,
+    ("x", "y"): 0.08,
+    ("yaw",): 0.03,
+    ("gyro_z",): 0.03,
+    ("odom_w",): 0.1,
+    ("odom_v",): 0.1,
+    ("cmd_w",): 0.2,
+    ("cmd_v",): 0.12,
+}
+"""Columns that may be in another unit, together, and how well their factor is known [1]."""
 
 
-def _factors(unit: str) -> dict[str, float]:
-    """Return the other units of a quantity, and the factor of each to `unit`."""
-    return {name: factor for name, (base, factor) in UNITS.items() if base == unit}
+def _scale_corrections(signals: Channels, radius: float | None) -> Iterator[_Correction]:
+    """Yield a correction for each of `_SCALED`, by the factor that its surest partner shows."""
+    for names in _SCALED:
+        told = list(_factors(signals, names, radius))
+        if not told or not all(name in signals for name in names):
+            continue
+        _, factor, partner, what = min(told)
+        verb = "tell" + "s" * (len(names) == 1)
+        appearance = f"{verb} {factor:.3g} times the {what} that {partner} say"
+        hint, exact = _unit_of(names, factor, radius)
+        factor = exact or factor
+        yield _Correction("scale", names, f"{appearance}: {hint}", _scaled(1.0 / factor, *names))
 
 
-def _in_units(names: tuple[str, ...], factors: Mapping[str, float]) -> Iterator[_Correction]:
-    for unit, factor in factors.items():
-        yield _Correction("scale", names, f"be in {unit}", _scaled(factor, *names))
+def _factors(
+    signals: Channels, names: tuple[str, ...], radius: float | None
+) -> Iterator[tuple[float, float, str, str]]:
+    """Yield how unsure a factor of columns is, the factor, and by what and of what it is told."""
+    for measures, what in zip(_measures(signals, radius), ("turn", "way"), strict=True):
+        for m, other in permutations(measures, 2):
+            if not set(names) <= set(m.columns) or set(names) & set(other.columns):
+                continue
+            both = np.isfinite(m.values) & np.isfinite(other.values)
+            x = m.values[both] / m.typical
+            y = other.values[both] / other.typical
+            if len(x) < FEWEST_WINDOWS or abs(correlation(x, y)) < _SIMILAR:
+                continue
+            clipped = abs(correlation(x - x.mean(), y - y.mean())) < _SAME_SHAPE
+            if not (clipped and {*COMMAND_COLUMNS["twist"]} & {*m.columns, *other.columns}):
+                factor = float(np.linalg.norm(x) / np.linalg.norm(y))
+                unsure = math.log(m.most / m.least) + math.log(other.most / other.least)
+                yield unsure, factor, " and ".join(other.columns), what
 
 
-# ------------------------------------------------------------------------------------------
-# signals of the columns
-def channels(log: Log) -> Channels | None:
-    """Return the channels of a log on the clock of the first; None where there are too few.
+def _unit_of(
+    names: tuple[str, ...], factor: float, radius: float | None
+) -> tuple[str, float | None]:
+    """Return the unit that a factor fits to its precision, as no other does, and its own factor.
 
-    Each group is brought to the time of the first. At least two groups must overlap for `_FEWEST`
-    windows outside their gaps.
+    Without such a unit, return hints and None.
     """
-    names = ("wheels", "odom", "imu", "cmd", "pose")
-    groups = [log.groups[name] for name in names if name in log.groups]
-    if len(groups) < 2:
-        return None
-    start = max(g.t[0] for g in groups)
-    stop = min(g.t[-1] for g in groups)
-    period = min(g.period for g in groups)
-    unit = max(min(1.0, max(0.0, stop - start) / _SHORT_S), 2.0 * period / _STEP_S)
-    # windows that are moved by the longest lag stay within all groups
-    margin = unit * (_WINDOW_S + float(_LAGS[-1]))
-    step = unit * _STEP_S
-    length = stop - start - 2.0 * margin
-    if length < _FEWEST * step:
-        return None
-    n = min(_MOST, math.floor(length / step))
-    middles = start + margin + step * np.arange(n)
-    means = dict[str, FloatArray]()
-    usable = np.ones(n, dtype=bool)
-    bases = list[FloatArray]()
-    for group in groups:
-        sums = _sums(group)
-        lag = unit * _lag(sums, middles, bases, unit) if means else 0.0
-        at = middles + lag
-        means |= _means(sums, at, unit)
-        for edge in (-0.5, 0.0, 0.5):
-            usable &= ~group.in_gaps(at + edge * unit)
-        if means and not bases:
-            rates = np.column_stack(list(means.values()))
-            products = np.einsum("ni,nj->nij", rates, rates).reshape(n, -1)
-            bases = [np.linalg.qr(basis)[0] for basis in (rates, products)]
-    if np.count_nonzero(usable) < _FEWEST:
-        return None
-    return {name: values[usable] for name, values in means.items()}
-
-
-def _sums(group: Group) -> _Ways:
-    """Return the ways of a group's columns, of new samples: integrals of rates; x, y and yaw."""
-    sums = {}
-    pose = group.table(POSE_COLUMNS)
-    for name, values in group.columns.items():
-        column = values[:, None]
-        if name in POSE_COLUMNS:
-            new = fresh_poses(group.t, column if pose is None else pose)
-            sums[name] = group.t[new], values[new]
-        elif name in _RATES:
-            new = refreshed(group.t, column)
-            t = group.t[new]
-            sums[name] = t, integral(t, values[new])
-    return sums
-
-
-def _means(sums: _Ways, middles: FloatArray, window: float) -> dict[str, FloatArray]:
-    """Return the channels over a `window` [s] around the (N,) middles [s]."""
-    low = middles - 0.5 * window
-    high = middles + 0.5 * window
-    means = {}
-    for name, (t, way) in sums.items():
-        means[name] = (np.interp(high, t, way) - np.interp(low, t, way)) / window
-    if "yaw" in sums:
-        means["heading"] = np.interp(middles, *sums["yaw"])
-    return means
-
-
-def _lag(sums: _Ways, middles: FloatArray, bases: Sequence[FloatArray], unit: float) -> float:
-    """Return the delay of a group's columns [`unit`] at which the others explain most of them.
-
-    Signs and units do not matter. Rates are explained by the rates of another group, the square of
-    a speed of positions by their products; `bases` has an orthonormal basis of each.
-    """
-
-    def share(values: FloatArray, basis: FloatArray) -> float:
-        return float(np.sum((values @ basis) ** 2)) / max(float(values @ values), 1e-12)
-
-    best = 0.0
-    most = 0.0
-    for lag in _LAGS:
-        means = _means(sums, middles + unit * lag, unit)
-        rates = [means[name] for name in means if name not in ("x", "y", "heading")]
-        explained = sum(share(values, bases[0]) for values in rates)
-        if "x" in means and "y" in means:
-            explained += share(means["x"] ** 2 + means["y"] ** 2, bases[1])
-        if explained > most:
-            best = float(lag)
-            most = explained
-    return best
-
-
-def apart(log: Log) -> Iterator[LogFault]:
-    """Yield a fault if headings are so far from gyro or wheels that no delay can be taken out."""
-    sums = _Ways()
-    for group in log.groups.values():
-        sums |= _sums(group)
-    left, right = (sums.get(name) for name in _WHEELS)
-    if left and right:
-        sums["wheels"] = left[0], np.interp(left[0], *right) - left[1]
-    clock = next((name for name in ("gyro_z", "wheels") if name in sums), "")
-    yaw = sums.get("yaw")
-    if not clock or not yaw:
-        return
-    t, way = sums[clock]
-    start = max(t[0], yaw[0][0])
-    stop = min(t[-1], yaw[0][-1], start + _MOST)
-    grid = np.arange(start, stop, _STEP_S)
-    a = np.diff(np.interp(grid, t, way))
-    b = np.diff(np.interp(grid, *yaw))
-    n = len(a)
-    most = min(_MOST_LAG, n // 3)
-    correlations = []
-    for k in range(-most, most + 1):
-        x = a[max(0, -k) : n - max(0, k)]
-        y = b[max(0, k) : n + min(0, k)]
-        correlations.append(abs(_correlation(x, y)))
-    # lags that `channels` takes out are no fault
-    near = round(_LAGS[-1] / _STEP_S)
-    nearest = max(correlations[max(0, most - near) : most + near + 1])
-    if max(correlations) <= max(_SAME, nearest + _CLOCKS_GAIN):
-        return
-    late = _STEP_S * (int(np.argmax(correlations)) - most)
-    order = "after" if late > 0.0 else "before"
-    sentence = (
-        f"yaw tells of turns about {abs(late):.1f} s {order} {clock}: "
-        "their clocks differ, and no delay so long is taken out"
-    )
-    yield LogFault("clock", ("t",), sentence)
+    precision = _SCALED[names]
+    unit = column_of(names[0]).unit
+    units = {u: 1.0 / size for u, (base, size) in UNITS.items() if base == unit}
+    known = True
+    if names == _WHEELS and radius is not None:
+        units |= {u: radius / size for u, (base, size) in UNITS.items() if base == "m/s"}
+        units["m/s"] = radius
+    elif {*_WHEELS, "x"} & {*names} and radius is None:
+        known = factor > 10.0 or factor < 0.1
+        known &= names != _WHEELS
+        precision = 0.3
+    away = sorted((abs(math.log(factor / size)), u) for u, size in units.items())
+    alone = len(away) < 2 or away[1][0] > 2.0 * precision
+    if known and away and away[0][0] < precision and alone:
+        seem = "it seems" if len(names) == 1 else "they seem"
+        return f"{seem} to be in {away[0][1]}", units[away[0][1]]
+    if names != _WHEELS:
+        return "is it in another unit?", None
+    gear = max(factor, 1.0 / factor)
+    than = "" if radius is None else f" than {radius:.3g} m"
+    about = float(f"{gear:.1g}")
+    return f"ticks, a gear of about {about:g}, or wheels of another radius{than}?", None
 
 
 # ------------------------------------------------------------------------------------------
@@ -386,14 +286,6 @@ def _alignment(way: NDArray[np.complex128], heading: FloatArray) -> float:
     return along if max(along, mirrored) > _SIMILAR else 0.0
 
 
-def _correlation(x: FloatArray, y: FloatArray) -> float:
-    """Return the correlation of two rates about zero [1]; 0 where one of them is zero."""
-    size = float(np.sqrt((x @ x) * (y @ y)))
-    if size <= 1e-9:
-        return 0.0
-    return float(x @ y) / size
-
-
 def _percentile(values: FloatArray, percent: float) -> float:
     """Return a percentile of (N,) finite numbers, linear between ranks."""
     # numpy's own takes ten times as long for so few
@@ -410,8 +302,8 @@ def _compared(a: _Measure, b: _Measure, percent: float) -> tuple[float, float, f
     both = np.isfinite(a.values) & np.isfinite(b.values)
     x = a.values[both]
     y = b.values[both]
-    correlation = _correlation(x, y)
-    if abs(correlation) < _SIMILAR or len(x) < _FEWEST:
+    alike = correlation(x, y)
+    if abs(alike) < _SIMILAR or len(x) < FEWEST_WINDOWS:
         return 0.0, 0.0, 0.0
     size = np.abs(y)
     moving = (size >= _percentile(size, 60.0)) & (size > 0.0)
@@ -419,7 +311,7 @@ def _compared(a: _Measure, b: _Measure, percent: float) -> tuple[float, float, f
     ratio = math.log(max(_percentile(ratios, percent), 1e-9))
     below = math.log(a.least / b.most) - ratio
     above = ratio - math.log(a.most / b.least)
-    return correlation, ratio, max(0.0, below, above)
+    return alike, ratio, max(0.0, below, above)
 
 
 def _agree(a: _Measure, b: _Measure, percent: float) -> float:
@@ -427,16 +319,16 @@ def _agree(a: _Measure, b: _Measure, percent: float) -> float:
 
     That is their correlation, less 1 if this percentile of their ratio is impossible.
     """
-    correlation, ratio, beyond = _compared(a, b, percent)
-    if not correlation:
+    alike, ratio, beyond = _compared(a, b, percent)
+    if not alike:
         return 0.0
     # so that of several units the most usual one is taken
     unusual = abs(ratio - math.log(a.typical / b.typical))
     impossible = 0.0
     # units change no correlation
-    if abs(correlation) > _SURE or beyond > _FAR:
+    if abs(alike) > _SURE or beyond > _FAR:
         impossible = min(1.0, 20.0 * beyond)
-    return correlation - impossible - 0.02 * min(5.0, unusual)
+    return alike - impossible - 0.02 * min(5.0, unusual)
 
 
 # ------------------------------------------------------------------------------------------
@@ -447,13 +339,9 @@ def contradictions(signals: Channels, radius: float | None = None) -> list[LogFa
     `radius` is that of the wheels [m]; None where nobody knows it, as then their unit shows in how
     they turn alone.
     """
-    turns = np.abs(signals.get("yaw", signals.get("gyro_z", 0.0))) > _MOVES
-    left, right = (signals.get(name) for name in _WHEELS)
-    if left is not None and right is not None:
-        if np.array_equal(left, right) and np.mean(turns) > 0.1:
-            what = "enc_left and enc_right are the same numbers, although the robot turns"
-            return [LogFault("swapped", _WHEELS, what)]
-    faults = []
+    faults = list(_unlike_sides(signals))
+    if faults:
+        signals = {name: values for name, values in signals.items() if name not in _WHEELS}
     for _ in range(_MOST_FAULTS):
         corrections = _best_corrections(signals, radius)
         if not corrections:
@@ -461,12 +349,10 @@ def contradictions(signals: Channels, radius: float | None = None) -> list[LogFa
         best = corrections[0]
         signals = best.applied(signals)
         columns = tuple(dict.fromkeys(chain.from_iterable(c.columns for c in corrections)))
-        words = ", or ".join(f"{_seem(c.columns)} to {c.appearance}" for c in corrections)
-        if radius is not None and best.kind == "scale" and {*_WHEELS, "x"} & set(columns):
-            words += f", or its wheels to be others than those of {radius:.3g} m"
+        words = ", or ".join(map(_words, corrections))
         sentence = f"{words}; as it stands, the log contradicts itself"
         faults.append(LogFault(best.kind, columns, sentence))
-    return [*faults, *_unrelated(signals, radius), *_unlike_sides(signals)]
+    return [*faults, *_unrelated(signals, radius)]
 
 
 def _best_corrections(signals: Channels, radius: float | None) -> list[_Correction]:
@@ -476,7 +362,7 @@ def _best_corrections(signals: Channels, radius: float | None) -> list[_Correcti
     """
     now = _agreement(signals, radius)
     corrected = []
-    for correction in _corrections(radius or _RADIUS):
+    for correction in (*_corrections(), *_scale_corrections(signals, radius)):
         if not all(name in signals for name in correction.sources):
             continue
         gain = _agreement(correction.applied(signals), radius) - now
@@ -495,19 +381,19 @@ def _unrelated(signals: Channels, radius: float | None) -> Iterator[LogFault]:
         measured = [m for m in measures if not set(m.columns) <= set(COMMAND_COLUMNS["twist"])]
         for m in measured:
             others = [o.values for o in measured if o is not m]
-            sure = min((_correlation(a, b) for a, b in combinations(others, 2)), default=0.0)
+            sure = min((correlation(a, b) for a, b in combinations(others, 2)), default=0.0)
             if sure <= _SURE or not np.any(m.values):
                 continue
             loss = _SLIP_LOSS if m.columns == _WHEELS else _UNRELATED_LOSS
-            if all(abs(_correlation(m.values, o)) < sure - loss for o in others):
+            if all(abs(correlation(m.values, o)) < sure - loss for o in others):
                 sentence = (
                     f"{_seem(m.columns)} to be another axis or quantity: "
                     "the other columns resemble one another, and not this"
                 )
                 yield LogFault("swapped", m.columns, sentence)
         for a, b in combinations(measured, 2):
-            correlation, ratio, beyond = _compared(a, b, percent)
-            if abs(correlation) <= _SURE or beyond <= _CLEARLY:
+            alike, ratio, beyond = _compared(a, b, percent)
+            if abs(alike) <= _SURE or beyond <= _CLEARLY:
                 continue
             if max(_percentile(np.abs(m.values) / m.typical, 60.0) for m in (a, b)) <= _MOVES:
                 continue
@@ -526,17 +412,27 @@ def _unlike_sides(signals: Channels) -> Iterator[LogFault]:
     if turning is None or not set(_WHEELS) <= set(signals):
         return
     rates = np.column_stack([signals[name] for name in _WHEELS])
+    sizes = np.linalg.norm(rates, axis=0)
+    if not np.all(sizes):
+        return
+    rates = rates / sizes
     (left, right), _, _, (most, least) = np.linalg.lstsq(rates, turning)
-    explained = _correlation(rates @ (left, right), turning) > _SUM
+    explained = correlation(rates @ (left, right), turning) > _SUM
     if not explained or least * _TOGETHER <= most or not left < 0.0 < right:
         return
-    ratio = -left / right
+    ratio = -left / right * sizes[1] / sizes[0]
     if not 1.0 / _SIDES_DIFFER < ratio < _SIDES_DIFFER:
         sentence = (
             f"a rate of enc_left turns the robot {ratio:.2g} times as much as one of enc_right: "
             "one of them is in another unit, or loses samples"
         )
         yield LogFault("scale", _WHEELS, sentence)
+
+
+def _words(c: _Correction) -> str:
+    if c.kind == "scale":
+        return f"{' and '.join(c.columns)} {c.appearance}"
+    return f"{_seem(c.columns)} to {c.appearance}"
 
 
 def _seem(columns: Sequence[str]) -> str:
@@ -572,7 +468,7 @@ def frozen(signals: Channels) -> Iterator[LogFault]:
             kept &= _changes(other) > 1e-12
         n = np.count_nonzero(kept)
         moving = np.count_nonzero(moves)
-        if n > max(_FEWEST // 4, _FROZEN * moving):
+        if n > max(FEWEST_WINDOWS // 4, _FROZEN * moving):
             shares[name] = 100.0 * n / moving
     if shares:
         words = ", ".join(f"{name} for {share:.0f} %" for name, share in shares.items())

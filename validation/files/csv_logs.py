@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import logging
 import math
+import re
+import shlex
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,10 +17,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ssmr.geometry import quat_wxyz_to_yaw
 from ssmr.types import FloatArray
 from validation.files.limits import USUAL, LogLimits, find_time_fault
 from validation.files.log import (
+    COLUMNS,
+    COMMAND_COLUMNS,
+    POSITIONS,
     RECORDED,
+    UNITS,
     Column,
     Group,
     Log,
@@ -26,7 +34,9 @@ from validation.files.log import (
     is_column_name,
     unwrapped,
 )
+from validation.files.names import ECHOED, as_option, has_other_names, taken_by_name, without_unit
 from validation.files.reading import FileError, opened, quoted
+from validation.files.topics import rates_of_positions
 from validation.output import write_atomic
 
 _SEPARATORS = {
@@ -36,6 +46,16 @@ _SEPARATORS = {
     " ": "spaces separate",
 }
 """Signs in a first line without a comma, and their effect there."""
+
+_NOTHING = ("", "nan", "na", "n/a", "null", "none")
+"""Words, in lower case, of cells in which there is no number."""
+_FEWEST = 3
+"""Numbers that a column has at least where such a word, which is not blank, is a gap in it."""
+_DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[ T]")
+_LARGE = {"ns": 1e17, "us": 1e14, "ms": 1e11}
+"""Units of Unix time, and the number from which a time is in them."""
+_ZONE = re.compile(r"(Z|[+-]\d\d:?\d\d)$")
+"""Beginning of a date with a time, and the zone at its end, which all rows share."""
 
 _logger = logging.getLogger(__name__)
 
@@ -85,9 +105,58 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
         FileError: the file is no CSV file, is empty, has rows that differ in length or is beyond
             the limits.
     """
+    header_line, header, rows = _header(path, limits)
+    width = len(header)
+    most = min(limits.samples, limits.cells // width)
+    columns = [array("d") for _ in header]
+    lines = array("q")
+    bad: list[tuple[int, str] | None] = [None] * width
+    words: dict[int, tuple[int, str]] = {}
+    for line, row in rows:
+        if len(row) != width:
+            raise FileError(
+                path, f"there are {len(row)} fields, wanted {width} as in the header", line
+            )
+        if len(lines) >= most:
+            what = limits.says("samples" if most == limits.samples else "cells")
+            raise FileError(path, f"there are too many rows: {what}", line)
+        for place, cell in enumerate(row):
+            value = _number(cell)
+            columns[place].append(value)
+            if math.isfinite(value) or bad[place] is not None:
+                continue
+            word = cell.strip().lower()
+            if word not in _NOTHING:
+                bad[place] = (len(lines), cell)
+            elif word:
+                words.setdefault(place, (len(lines), cell))
+        lines.append(line)
+    for place, word_at in words.items():
+        if np.count_nonzero(np.isfinite(columns[place])) < _FEWEST and bad[place] is None:
+            bad[place] = word_at
+    return CsvTable(
+        path=path,
+        header=[name.strip() for name in header],
+        header_line=header_line,
+        lines=lines,
+        columns=[np.array(column, dtype=np.float64) for column in columns],
+        bad=bad,
+    )
+
+
+def _header(
+    path: Path, limits: LogLimits
+) -> tuple[int, list[str], Iterator[tuple[int, list[str]]]]:
+    """Return the line and the names of the header, and an iterator of the rows below it.
+
+    What `ros2 topic echo --csv` writes has no header; the number of columns tells the message.
+    """
     rows = _rows(path, limits)
     header_line, header = next(rows, (0, []))
     width = len(header)
+    if width in ECHOED and not math.isnan(_number(header[0])):
+        rows = itertools.chain([(header_line, header)], rows)
+        header = [name or f"_{k}" for k, name in enumerate(ECHOED[width])]
     if not width:
         raise FileError(
             path,
@@ -110,39 +179,21 @@ def read_csv_table(path: Path, limits: LogLimits = USUAL) -> CsvTable:
         raise FileError(
             path, f"there are {width} columns, but {limits.says('columns')}", header_line
         )
-    most = min(limits.samples, limits.cells // width)
-    columns = [array("d") for _ in header]
-    lines = array("q")
-    bad: list[tuple[int, str] | None] = [None] * width
-    for line, row in rows:
-        if len(row) != width:
-            raise FileError(
-                path, f"there are {len(row)} fields, wanted {width} as in the header", line
-            )
-        if len(lines) >= most:
-            what = limits.says("samples" if most == limits.samples else "cells")
-            raise FileError(path, f"there are too many rows: {what}", line)
-        for place, cell in enumerate(row):
-            value = _number(cell)
-            columns[place].append(value)
-            # a cell of blanks is no number, but no fault either
-            if not math.isfinite(value) and bad[place] is None and cell.strip():
-                bad[place] = (len(lines), cell)
-        lines.append(line)
-    return CsvTable(
-        path=path,
-        header=[name.strip() for name in header],
-        header_line=header_line,
-        lines=lines,
-        columns=[np.array(column, dtype=np.float64) for column in columns],
-        bad=bad,
-    )
+    return header_line, header, rows
 
 
 def _number(cell: str) -> float:
     try:
         # Python reads 1_0 as 10, which no logger writes
         return math.nan if "_" in cell else float(cell)
+    except ValueError:
+        return _date(cell) if _DATE.match(cell) else math.nan
+
+
+def _date(cell: str) -> float:
+    """Return a date as pandas and ISO 8601 write it, in seconds of Unix time; NaN for none."""
+    try:
+        return float(np.datetime64(_ZONE.sub("", cell.strip()), "ns").astype(np.int64)) * 1e-9
     except ValueError:
         return math.nan
 
@@ -179,7 +230,8 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
         raise FileError(
             path, "topics names the topics of a bag; this is a CSV file, whose columns have names"
         )
-    table = _renamed(read_csv_table(path, options.limits), options)
+    table = read_csv_table(path, options.limits)
+    table, remarks = _renamed(table, options)
     _check_names(table)
     columns: dict[str, FloatArray] = {}
     for place, name in enumerate(table.header):
@@ -198,35 +250,121 @@ def read_csv(path: str | Path, options: ReadOptions | None = None) -> Log:
             if name == "t" or name in RECORDED:
                 raise
             _logger.warning("%s; the column is left out", fault)
-    if len(table.lines) < 2:
-        some = "is one sample" if table.lines else "are no samples"
+    lines = np.asarray(table.lines)
+    if len(lines) < 2:
+        some = "is one sample" if len(lines) else "are no samples"
         raise FileError(path, f"there {some} after the header; a log needs at least two")
+    cells = np.column_stack(list(columns.values()))
+    same = (cells[1:] == cells[:-1]) | (np.isnan(cells[1:]) & np.isnan(cells[:-1]))
+    anew = np.append(True, ~np.all(same, axis=1))
+    if not np.all(anew):
+        remarks.append(f"{np.count_nonzero(~anew)} rows repeat the one before, and are left out")
+    columns = {name: values[anew] for name, values in columns.items()}
+    log = _of_columns(path, columns, lines[anew], options.limits)
+    return replace(log, remarks=remarks)
+
+
+def _of_columns(
+    path: Path, columns: Mapping[str, FloatArray], lines: FloatArray, limits: LogLimits
+) -> Log:
+    """Return a log of columns, NaN where they have no sample; `lines` are those of its rows."""
     if any(np.any(np.isnan(values)) for values in columns.values()):
-        return _with_own_clocks(path, columns, options.limits)
-    late = find_time_fault(columns["t"], options.limits)
+        return _with_own_clocks(path, columns, limits)
+    late = find_time_fault(columns["t"], limits)
     if late is not None:
-        raise FileError(path, late.what, table.lines[late.row], "t")
-    return Log.of_columns(path, columns, options.limits)
+        raise FileError(path, late.what, int(lines[late.row]), "t")
+    return Log.of_columns(path, columns, limits)
 
 
-def _renamed(table: CsvTable, options: ReadOptions) -> CsvTable:
-    """Return a table whose columns have our names and units, as far as the options map them."""
-    header = list(table.header)
-    columns = list(table.columns)
-    if len({theirs for theirs, _ in options.columns.values()}) < len(options.columns):
-        raise FileError(table.path, "--columns takes one column for two")
-    for name, (theirs, unit) in options.columns.items():
-        if theirs not in table.header:
-            raise FileError(
-                table.path, f"there is no column {quoted([theirs])} among {quoted(table.header)}"
-            )
-        place = table.header.index(theirs)
+def _renamed(table: CsvTable, options: ReadOptions) -> tuple[CsvTable, list[str]]:
+    """Return a table whose columns have our names and units, and sentences on what was guessed.
+
+    The options say what they are; of a foreign table, the names do that themselves.
+    """
+    tidy = [without_unit(name) for name in table.header]
+    header = [name for name, _ in tidy]
+    _check_twice(table, header)
+    wanted, remarks = _wanted(table, header, options)
+    places = {name: k for k, name in enumerate(header)}
+    places |= {name: k for k, name in enumerate(table.header)}
+    taken = {}
+    for name, (theirs, unit) in wanted.items():
+        parts = [theirs] if theirs in places else theirs.split("+")
+        missing = [part for part in parts if part not in places]
+        if missing:
+            what = f"there is no column {quoted(missing)} among {quoted(table.header)}"
+            raise FileError(table.path, what)
+        at = [places[part] for part in parts]
+        unit = unit or tidy[at[0]][1]
+        if name == "t" and not unit:
+            most = float(np.nanmax(table.columns[at[0]], initial=0.0))
+            unit = next((unit for unit, least in _LARGE.items() if most > least), "")
+        taken[name] = at, unit
+    used = set[int]().union(*(at for at, _ in taken.values()))
+    for k, (name, unit) in enumerate(tidy):
+        if k not in used and name not in wanted:
+            known = name == "t" or name in COLUMNS
+            taken[name if known else table.header[k]] = [k], unit * known
+    columns = dict[str, FloatArray]()
+    bad = []
+    for name in sorted(taken, key=lambda name: name != "t"):
+        at, unit = taken[name]
+        parts_of = [table.columns[k] for k in at]
         try:
-            header[place] = name
-            columns[place] = columns[place] * options.factor(name, unit)
+            columns[name] = _in_our_unit(name, parts_of, unit, columns.get("t"), options)
         except ValueError as error:
             raise FileError(table.path, f"--columns: {error}") from error
-    return replace(table, header=header, columns=columns)
+        bad.append(next((table.bad[k] for k in at if table.bad[k] is not None), None))
+    ours = replace(table, header=list(columns), columns=list(columns.values()), bad=bad)
+    return ours, remarks
+
+
+def _wanted(
+    table: CsvTable, header: Sequence[str], options: ReadOptions
+) -> tuple[dict[str, tuple[str, str]], list[str]]:
+    """Return the columns that are taken for ours, by the options or by their names; and why."""
+    guessed = taken_by_name(header)
+    guessed = {name: theirs for name, theirs in guessed.items() if name not in options.columns}
+    wheels = {name: guessed[name] for name in COMMAND_COLUMNS["wheels"] if name in guessed}
+    wanted = dict(options.columns)
+    remarks = []
+    if has_other_names([*header, *wanted]):
+        wanted = guessed | wanted
+        if guessed:
+            option = shlex.quote(as_option(wanted))
+            remarks.append(f"columns were taken by their names: --columns {option}")
+    else:
+        wanted |= {name: guessed[name] for name in ("t", "yaw") if name in guessed}
+        if wheels:
+            remarks.append(f"it may have wheels: --columns {as_option(wheels)} takes their means")
+    if len(set(wanted.values())) < len(wanted):
+        raise FileError(table.path, "--columns takes one column for two")
+    return wanted, remarks
+
+
+def _in_our_unit(
+    name: str, parts: Sequence[FloatArray], unit: str, t: FloatArray | None, options: ReadOptions
+) -> FloatArray:
+    """Return the (M,) numbers of a column of ours from those of one or more of theirs.
+
+    Four are a quaternion, two of a time are seconds and nanoseconds, others are averaged. Positions
+    of wheels become rates. A ValueError says which units there are.
+    """
+    if name == "yaw" and len(parts) == 4:
+        return quat_wxyz_to_yaw(np.column_stack([parts[3], *parts[:3]]))
+    if name == "t":
+        if len(parts) == 2:
+            return parts[0] + 1e-9 * parts[1]
+        return parts[0] * options.factor("t", unit if unit in UNITS else "")
+    values = parts[0] if len(parts) == 1 else np.mean(parts, axis=0)
+    if unit not in UNITS and unit not in ("ticks", "rad") and name not in options.columns:
+        return values  # a header may say anything in brackets
+    if name in COMMAND_COLUMNS["wheels"] and unit in ("ticks", *POSITIONS):
+        angles = values * options.angle(unit)
+        if t is None:
+            raise ValueError("positions of wheels need a column t")
+        return rates_of_positions(t, angles)
+    return values * options.factor(name, unit)
 
 
 def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogLimits) -> Log:
@@ -267,7 +405,7 @@ def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogL
 
 
 def _check_names(table: CsvTable) -> None:
-    """Refuse a header without `t` or any of `RECORDED`, or with names that are bad or repeated."""
+    """Refuse a header without `t` or any of `RECORDED`."""
     names = table.header
     path = table.path
     line = table.header_line
@@ -280,6 +418,12 @@ def _check_names(table: CsvTable) -> None:
                 f"{what}; {need}; --columns t=NAME,x=NAME says which columns have other names",
                 line,
             )
+
+
+def _check_twice(table: CsvTable, names: Sequence[str]) -> None:
+    """Refuse names of columns that are bad or repeated."""
+    path = table.path
+    line = table.header_line
     for k, name in enumerate(names):
         if not name:
             continue

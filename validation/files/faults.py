@@ -18,7 +18,9 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import integral
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
-from validation.files.agreement import apart, channels, contradictions, frozen
+from validation.files.agreement import contradictions, frozen
+from validation.files.channels import apart, channels
+from validation.files.checks import checked
 from validation.files.circular import find_circle
 from validation.files.log import (
     ANY_COLUMN,
@@ -422,10 +424,16 @@ def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
             )
             yield LogFault("clock", ("t",), what)
             return
+    faults = list(checked(log))
+    yield from faults
+    spoiled = {name for fault in faults for name in fault.columns}
     signals = channels(log)
-    faults = list[LogFault]()
     if signals is not None:
-        faults = [*apart(log), *contradictions(signals, radius), *frozen(signals)]
+        sound = {name: values for name, values in signals.items() if name not in spoiled}
+        faults = []
+        if not spoiled & {"x", "y", "yaw", "t"}:
+            faults += apart(log)
+        faults += [*contradictions(sound, radius), *frozen(sound)]
     # joysticks command nothing
     dead = [name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"]]
     unnamed = _unnamed(dead, faults)

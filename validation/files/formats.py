@@ -6,32 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from ssmr.geometry import quat_wxyz_to_xyzw, yaw_to_quat_wxyz
 from validation.files.bags import read_bag
 from validation.files.csv_logs import read_csv, write_csv
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, ReadOptions, check_group
+from validation.files.log import COMMAND_COLUMNS, Log, ReadOptions, check_group
 from validation.files.reading import FileError, exists
-from validation.output import write_atomic
-
-
-def write_tum(log: Log, path: Path) -> None:
-    """Write the poses of a log as evo reads them, whole or not at all.
-
-    Each line is `t x y z qx qy qz qw`.
-
-    Raises:
-        FileError: there is no pose.
-        OSError: the file cannot be written.
-    """
-    common = log.on_one_clock()
-    if not common.has(POSE_COLUMNS):
-        raise FileError(log.path, f"there is no pose for {path.name}")
-    x, y, yaw = common.table(POSE_COLUMNS).T
-    quaternions = quat_wxyz_to_xyzw(yaw_to_quat_wxyz(yaw))
-    table = np.column_stack([common.t, x, y, np.zeros(len(x)), quaternions])
-    write_atomic(path, lambda beside: np.savetxt(beside, table, fmt="%.9f"))
+from validation.files.trajectories import read_trajectory, write_tum
 
 
 @dataclass(frozen=True)
@@ -59,7 +38,7 @@ class LogFormat:
 
 FORMATS = (
     LogFormat((".csv",), read_csv, write_csv),
-    LogFormat((".tum",), None, write_tum),
+    LogFormat((".tum", ".txt", ".kitti"), read_trajectory, write_tum),
     LogFormat((".bag",), read_bag),
     LogFormat((".mcap", ".db3"), read_bag, None, "the folder of a ROS 2 bag"),
 )

@@ -20,6 +20,8 @@ _USUAL_PERIOD = 0.02
 near to this."""
 _PLAUSIBLE = math.log(1000.0)
 """Logarithm of the greatest ratio of a step to `_USUAL_PERIOD` that a unit is recognised by."""
+_COARSE = 1e6
+"""Time from which numbers of 32 bits have steps of a sixteenth of a second or more [s]."""
 _UNITS = {"seconds": 1.0, "milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
@@ -102,7 +104,12 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
     back = np.flatnonzero(steps <= 0.0)
     if len(back):
         k = int(back[0])
-        return TimeFault(k + 1, f"time must increase, but {t[k + 1]:.9g} s follows {t[k]:.9g} s")
+        what = f"time must increase, but {t[k + 1]:.16g} s follows {t[k]:.16g} s"
+        with np.errstate(over="ignore"):
+            single = t.astype(np.float32).astype(np.float64)
+        if abs(t[k]) > _COARSE and np.array_equal(single, t):
+            what += ": t has lost its fraction, for these are 32-bit floats; write it in full"
+        return TimeFault(k + 1, what)
     median = f"the median step is {usual:.6g} s"
     if usual > limits.period:
         return TimeFault(0, f"{median}, but {limits.says('period')}{_other_unit(usual)}")
@@ -118,7 +125,7 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
     if steps[long] > limits.gap:
         return TimeFault(
             long + 1,
-            f"time jumps from {t[long]:.9g} to {t[long + 1]:.9g} s, "
+            f"time jumps from {t[long]:.16g} to {t[long + 1]:.16g} s, "
             f"but {limits.says('gap')}: cut the log there",
         )
     if span > limits.span:

@@ -120,6 +120,11 @@ UNITS: Mapping[str, tuple[str, float]] = MappingProxyType(
 )
 """Units that loggers write: the unit in `COLUMNS` of the same quantity, and the factor to it."""
 
+POSITIONS: Mapping[str, float] = MappingProxyType(
+    {"rad": 1.0, "deg": math.pi / 180.0, "turns": 2.0 * math.pi}
+)
+"""Units of the positions of wheels, and the angle of each [rad]; ticks are another."""
+
 _GAP_FACTOR = 2.5
 """A step longer than this many periods is a gap: one dropped sample is tolerated, two are not."""
 
@@ -218,6 +223,17 @@ class ReadOptions:
     radius: float | None = None
     """Radius of the wheels [m], which some units and faults need; None where nobody knows it."""
 
+    ticks_per_turn: float | None = None
+    """Ticks of an encoder in a turn of its wheel, for columns in ticks; None where nobody says."""
+
+    def angle(self, unit: str) -> float:
+        """Return the angle of a unit of wheels' positions [rad]; a ValueError asks for ticks."""
+        if unit in POSITIONS:
+            return POSITIONS[unit]
+        if not self.ticks_per_turn:
+            raise ValueError("ticks need their number in a turn of the wheel: --ticks-per-turn N")
+        return 2.0 * math.pi / self.ticks_per_turn
+
     def factor(self, name: str, unit: str) -> float:
         """Return the factor from a unit to that of a column; a ValueError lists the units."""
         column_unit = "s" if name == "t" else column_of(name).unit
@@ -267,6 +283,9 @@ def unwrapped(angles: FloatArray) -> FloatArray:
     steps = np.abs(np.diff(angles))
     if np.any((steps > 300.0) & (steps < 361.0)):
         return np.unwrap(angles, period=360.0)
+    far = steps[steps > math.pi]
+    if np.ptp(angles) > 4.0 * math.pi and np.any((far < 5.0) | (far > 7.0)):
+        return angles
     return np.unwrap(angles)
 
 

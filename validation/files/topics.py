@@ -301,7 +301,7 @@ def wheels_of(topic: Topic, named: Mapping[str, tuple[str, str]]) -> Topic:
         if column in named:
             members = named[column][0].split("+")
         else:
-            members = [name for name in joints if _side_of(name) == side]
+            members = [name for name in joints if side_of(name) == side]
             wheels = [name for name in members if "wheel" in name.lower()]
             members = wheels or members
         rates = [_rate(topic, name) for name in members if name in joints]
@@ -316,7 +316,7 @@ def wheels_of(topic: Topic, named: Mapping[str, tuple[str, str]]) -> Topic:
     return replace(topic, columns=columns, unread=remark)
 
 
-def _side_of(name: str) -> str:
+def side_of(name: str) -> str:
     """Return the side that the name of a joint says; nothing for none, or for no wheel."""
     plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower()
     if _NO_WHEELS.search(plain):

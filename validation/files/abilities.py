@@ -1,0 +1,101 @@
+"""What a log can tell, and what to drive where it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ssmr.types import FloatArray
+from validation.files.circular import new_poses
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
+
+FATAL = (
+    *("sign", "swapped", "scale", "handedness", "circular", "positions", "setpoints"),
+    *("unrelated", "same", "frame", "counter"),
+)
+"""Kinds of faults with which no fit makes sense, as long as they are not put right."""
+WINDOW_S = 6.0
+"""Length of the windows over which predictions are judged [s]."""
+_PARTS = 3.0
+"""A log is fitted on all but one of so many parts of it, and judged on that."""
+_STEP_S = 0.5
+"""Time between the poses that are compared [s]."""
+_STANDS = 0.3
+"""Way [m] and turn [rad] of a whole log below which the robot stands."""
+_TURNED = 0.4
+"""Change of heading below which a log hardly turns [rad]."""
+_SLOW = 0.03
+"""Speed below which wheels and localisers tell little but noise [m/s]."""
+_STEADY = 0.05
+"""Deviation of speed and yaw rate, over their means, of a constant circle [1]."""
+
+
+def lacks(log: Log) -> Iterator[str]:
+    """Yield a sentence for each thing that a log with poses cannot tell, and what to drive."""
+    group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
+    poses = new_poses(group)
+    if group is None or poses is None or len(poses[0]) < 3:
+        return
+    t, pose = poses
+    edges = [float(t[0]), *np.ravel(group.gaps()), float(t[-1])]
+    longest = float(np.max(np.diff(edges)[::2]))
+    whole = float(t[-1] - t[0])
+    if longest < WINDOW_S:
+        yield (
+            f"{longest:.3g} s without a gap are too short for a window of {WINDOW_S:g} s: "
+            "drive for a minute or more"
+        )
+        return
+    if whole < _PARTS * WINDOW_S:
+        yield (
+            f"the last third of {whole:.3g} s is too short to judge on: drive for a minute or more"
+        )
+    grid = np.arange(t[0], t[-1], _STEP_S)
+    x, y, yaw = (np.interp(grid, t, column) for column in pose.T)
+    speed = np.hypot(np.diff(x), np.diff(y)) / _STEP_S
+    rate = np.diff(yaw) / _STEP_S
+    extent = max(np.ptp(x), np.ptp(y))
+    turned = np.ptp(yaw)
+    if extent < _STANDS and turned < _STANDS:
+        yield "the robot stands: drive ahead, back, and curves to both sides"
+    elif turned < _TURNED:
+        yield (
+            "the log never turns, so how the robot turns cannot be determined: "
+            "drive curves to both sides, and turn on the spot"
+        )
+    elif extent < _STANDS:
+        yield "the robot only turns on the spot: drive ahead and curves too"
+    else:
+        yield from _monotonous(speed, rate)
+
+
+def _monotonous(speed: FloatArray, rate: FloatArray) -> Iterator[str]:
+    """Yield what is too uniform in (N,) speeds [m/s] and yaw rates [rad/s] of a log."""
+    moving = speed > _SLOW
+    if np.mean(moving) < 0.2 and np.percentile(speed, 98.0) < 2.0 * _SLOW:
+        yield f"the robot is slower than {_SLOW:g} m/s, so noise hides its motion: drive faster"
+        return
+    v = speed[moving]
+    w = rate[moving]
+    turns = float(np.mean(np.abs(w)))
+    if turns > 0.02 and np.std(v) < _STEADY * np.mean(v) and np.std(w) < _STEADY * turns:
+        yield "the robot drives one constant circle: change speed and radius, and turn both ways"
+        return
+    sides = [float(np.sum(w[w > 0.0])), -float(np.sum(w[w < 0.0]))]
+    if min(sides) < 0.02 * max(sides):
+        yield "the robot turns to one side only, so left and right wheels are mixed: turn both ways"
+
+
+def good_for(log: Log, faults: Sequence[LogFault]) -> dict[str, bool]:
+    """Return whether a fit by `wheels`, by `commands`, and a look at the `gyro` make sense."""
+    spoiled = set[str]()
+    for fault in faults:
+        if fault.kind in FATAL and fault not in log.faults:
+            spoiled.update(fault.columns)
+    sound = log.has(POSE_COLUMNS) and not spoiled & {*POSE_COLUMNS} and not any(lacks(log))
+    needs = {"commands": COMMAND_COLUMNS["twist"], "wheels": COMMAND_COLUMNS["wheels"]}
+    good = {"gyro": bool(sound and log.has(("gyro_z",)) and "gyro_z" not in spoiled)}
+    for name, columns in needs.items():
+        good[name] = bool(sound and log.has(columns) and not spoiled & {*columns})
+    return good

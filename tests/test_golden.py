@@ -31,7 +31,7 @@ from typing import Any
 from unittest import mock
 
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from threadpoolctl import threadpool_info
 
 from tests.conftest import data_folder
@@ -129,15 +129,6 @@ READERS: Mapping[str, Callable[[str], Any]] = {
 """What reads a file, by its ending."""
 
 
-def _touch(canvas: FigureCanvasAgg, target: Any, **_: Any) -> None:
-    if isinstance(target, str | Path):
-        Path(target).touch()
-
-
-UNDRAWN = {"draw": lambda canvas: None, "print_png": _touch}
-"""What a canvas does instead of drawing, which takes most of the time of a short program."""
-
-
 def said_by(command: Sequence[str], out: Path) -> dict[str, Any]:
     """The numbers of a command line, which is run in this process."""
     program, *arguments = (
@@ -146,7 +137,8 @@ def said_by(command: Sequence[str], out: Path) -> dict[str, Any]:
     status = 0
     with (
         mock.patch.object(sys, "argv", [program, *arguments]),
-        mock.patch.multiple(FigureCanvasAgg, **UNDRAWN),
+        # drawing takes most of the time of a short program
+        mock.patch.object(Figure, "draw", return_value=None),
     ):
         try:
             runpy.run_module(f"validation.{program}", run_name="__main__", alter_sys=True)

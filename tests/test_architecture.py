@@ -396,10 +396,10 @@ PRICES = {
         "tyro has the rest",
     ),
     "validation/engines": Price(
-        8_500,
+        9_200,
         4,
         14,
-        "second opinions by ODE and Drake",
+        "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
         21_600,

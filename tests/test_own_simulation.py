@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping
+from ctypes.util import find_library
 from pathlib import Path
 
 import numpy as np
@@ -346,3 +347,21 @@ def test_a_mistake_ends_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert "Traceback" not in capsys.readouterr().err
     assert not (tmp_path / "x.xml").exists()
     assert read_foreign(path).kind == "urdf"
+
+
+@pytest.mark.skipif(find_library("ode") is None, reason="ODE is not installed")
+def test_gazebos_friction_is_tried_in_ode_against_a_cone(tmp_path: Path) -> None:
+    contact = "<mu1>0.8</mu1><mu2>0.4</mu2><fdir1>1 0 0</fdir1>"
+    wheels = "".join(f'<gazebo reference="{name}_wheel">{contact}</gazebo>' for name in CORNERS)
+    path = tmp_path / "a.urdf"
+    path.write_text(URDF.replace("</robot>", f"{wheels}</robot>"))
+    check = check_robot(path, engine="ode")
+    (finding,) = [f for f in check.findings if f.kind == "friction_by_heading"]
+    assert finding.before is not None
+    assert finding.after is not None
+    assert "turning ratio 1.6" in finding.after
+    assert "turning ratio 1.6" not in finding.before
+    theirs = tmp_path / "theirs.xml"
+    theirs.write_text(model())
+    with pytest.raises(ValueError, match="engine that it is of"):
+        check_robot(theirs, engine="ode")

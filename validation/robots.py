@@ -26,6 +26,7 @@ from validation.descriptions.findings import Finding, model_findings, static_fin
 from validation.descriptions.foreign_robot import is_description
 from validation.descriptions.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.descriptions.loading import load_robot
+from validation.engines.trial import examine_in_engine
 from validation.output import abridged, file_name, one_line, visible
 from validation.plants.profile import Profile, bare_profile, choose_profile, load_profile, shipped
 from validation.report.report import Report
@@ -101,6 +102,9 @@ class CheckRobot(cli.Common):
     controller: Path | None = None
     """YAML of the controller that drives a URDF, an SDF or an MJCF; the file's plugins if not
     given."""
+    engine: Literal["mujoco", "ode", "drake"] = "mujoco"
+    """Engine that turns a URDF, an SDF or a robot's file: ode has Gazebo's settings and the file's
+    contacts. An MJCF has its own."""
     write: Path | None = None
     """File for an MJCF with the changes that help, and no other; there must be none of that
     name."""
@@ -235,17 +239,25 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     findings = static_findings(robot, foreign)
     measured = None
     examined = None
-    if foreign is not None and foreign.kind == "mjcf":
+    is_mjcf = foreign is not None and foreign.kind == "mjcf"
+    if o.write is not None and not is_mjcf:
+        raise ValueError("--write goes with an MJCF, whose physics are in its file; ROBOT is none")
+    if is_mjcf and o.engine != "mujoco":
+        raise ValueError(f"--engine {o.engine}: an MJCF is driven by the engine that it is of")
+    if foreign is not None and is_mjcf:
         examined = examine_foreign(foreign)
         _save_mended(examined.mended, o.write)
-        kinds = {finding.kind for finding in examined.findings}
-        # trials know better than numbers alone
-        findings = [f for f in findings if f.kind not in kinds and f.kind != "motor_weak"]
-        findings += examined.findings
-    elif o.write is not None:
-        raise ValueError("--write goes with an MJCF, whose physics are in its file; ROBOT is none")
+    elif o.engine != "mujoco":
+        examined = examine_in_engine(robot, foreign, o.engine)
     else:
         measured = _measured(robot, findings)
+    if examined is not None:
+        kinds = {finding.kind for finding in examined.findings}
+        # trials know better than numbers alone
+        findings = [f for f in findings if f.kind not in kinds]
+        findings += examined.findings
+    if is_mjcf:
+        findings = [f for f in findings if f.kind != "motor_weak" or f.before is not None]
     findings.sort(key=lambda finding: finding.severity)
     faults = sum(finding.severity == "fault" for finding in findings)
     verdict = _verdict(robot, faults, len(findings) - faults)

@@ -261,6 +261,11 @@ class _Import:
 
     def _missing_size(self) -> str:
         """Return why the size of the wheels is needed, and what else deserves a look."""
+        if self.foreign.kind == "mjcf":
+            return (
+                "its wheels have no shape that touches the ground: contype and conaffinity are 0, "
+                "or their mesh is missing"
+            )
         text = (
             "its tyres are no cylinders: measure their radius and width, and give --wheel-radius "
             "and --wheel-width to `import`"

@@ -194,6 +194,15 @@ def _which_friction(climb: Climb) -> Finding | None:
         if drum is None or pairs_of(robot, drum.geom):
             continue
         tyre = robot.wheeled.model.geom(drum.geom)
+        sides = [tyre, ground]
+        first = max(int(side.priority[0]) for side in sides)
+        if max(int(side.condim[0]) for side in sides if int(side.priority[0]) == first) == 1:
+            return Finding(
+                "which_friction",
+                "fault",
+                "tyres and ground have condim 1: they touch without friction",
+                'set condim="3" on the tyres',
+            )
         own = float(tyre.friction[0])
         other = float(ground.friction[0])
         if int(tyre.priority[0]) == int(ground.priority[0]) and own < other - 1e-3:

@@ -24,6 +24,8 @@ RAMP = 0.4
 """Time in which wheels are brought to their rate [s]: a step would let tyres jump."""
 _SAMPLE = 0.01
 """Period of samples [s], about."""
+_LEAST_GRAVITY = 1e-3
+"""Gravity below which a robot does not stand [m/s2]."""
 _LARGE = 3.0
 """Extent of a fixed shape that is ground, over that of the robot's wheels [1]."""
 _NET_FORCE = [1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1]
@@ -84,6 +86,8 @@ class OwnRobot:
         if self.given_rates:
             self._give_rates(spec)
         self.model = spec.compile()
+        if self.gravity < _LEAST_GRAVITY:
+            raise ValueError("its gravity is 0, so no wheel touches the ground")
         self.dofs = [int(self.model.joint(name).dofadr[0]) for name in self.names]
         self.signs = wheeled.signs
         self._gains = self._inputs_per_rate(self.model)

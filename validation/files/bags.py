@@ -219,7 +219,8 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
     topics, clock = read_topics(path, options)
     chosen, sentences = choose_topics(path, topics, options.topics)
     remarks = [clock] if clock else []
-    remarks += [f"{t.name}: {t.remark}, so the times of writing count" for t in topics if t.remark]
+    for t in chosen.values():
+        remarks += [f"{t.name}: {t.remark}, so the times of writing count"] * bool(t.remark)
     remarks += [*sentences, *filter(None, [topic.unread for topic in topics])]
     if not chosen:
         there = ", ".join(f"{s.name} ({s.type})" for s in topics if s.columns is not None)

@@ -16,6 +16,7 @@ import numpy as np
 from ssmr.types import FloatArray
 from validation.files.channels import Channels, channels, correlation, delays
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
+from validation.files.signals import moving_mean
 from validation.files.topics import rates_of_positions
 
 _WHEELS = COMMAND_COLUMNS["wheels"]
@@ -83,18 +84,29 @@ def positions(e: LogSignals) -> Iterator[LogFault]:
     table = None if group is None else group.table(_WHEELS)
     if group is None or table is None:
         return
+    # a counter wraps by its whole range
+    span = np.ptp(table, axis=0)
+    wraps = np.abs(np.diff(table, axis=0)) > 0.5 * span
+    wrapped = bool(np.any(wraps)) and np.mean(wraps) < 0.05
+    if wrapped:
+        table = np.column_stack(
+            [np.unwrap(c, period=p) for c, p in zip(table.T, span, strict=True)]
+        )
     steps = np.abs(np.diff(table, axis=0))
     smooth = np.percentile(steps, 90.0, axis=0) < 0.05 * np.ptp(table, axis=0)
     if not np.all(smooth & (np.ptp(table, axis=0) > 10.0)):
         return
-    slopes = {name: rates_of_positions(group.t, group.columns[name]) for name in _WHEELS}
+    sides = zip(_WHEELS, table.T, strict=True)
+    slopes = {name: rates_of_positions(group.t, values) for name, values in sides}
     turned = LogSignals(e.log, channels(e.log.changed("wheels", slopes)) or {})
     if _likeness(turned) > max(0.8, _likeness(e) + 0.2):
         sentence = (
             "enc_left and enc_right are positions, which add up, and not rates: their slopes tell "
             "the motion; --columns enc_left=NAME:rad (or :turns, :deg, :ticks) takes those"
         )
-        yield LogFault("positions", _WHEELS, sentence)
+        if wrapped:
+            sentence += "; and they wrap: count on instead"
+        yield LogFault("counter" if wrapped else "positions", _WHEELS, sentence)
 
 
 def counters(e: LogSignals) -> Iterator[LogFault]:
@@ -291,7 +303,7 @@ def smoothed(e: LogSignals) -> Iterator[LogFault]:
     now = abs(correlation(fast, s["yaw"]))
     best = now
     width = 0
-    for windows in (3, 5, 7, 9, 13):  # half a second each
+    for windows in (3, 5, 7, 9, 13, 17):  # half a second each
         mean = np.convolve(fast, np.full(windows, 1.0 / windows), mode="same")
         alike = abs(correlation(mean, s["yaw"]))
         if alike > best:
@@ -311,7 +323,8 @@ def turned_path(e: LogSignals) -> Iterator[LogFault]:
     if not {*POSE_COLUMNS} <= s.keys():
         return
     step = s["x"] + 1j * s["y"]
-    moves = np.abs(step) > _MOVES
+    # a localiser ahead of the middle moves sideways in turns
+    moves = (np.abs(step) > _MOVES) & (np.abs(s["yaw"]) < 2.0 * np.abs(step))
     if np.count_nonzero(moves) < 2 * _FEW or not np.all([np.any(s["x"]), np.any(s["y"])]):
         return
     step = step[moves]
@@ -322,13 +335,13 @@ def turned_path(e: LogSignals) -> Iterator[LogFault]:
     to_robot = complex(np.sum(doubled * np.exp(-2j * heading))) / size
     to_world = complex(np.sum(doubled)) / size
     angle = 0.5 * math.degrees(math.atan2(to_robot.imag, to_robot.real))
-    if abs(to_robot) > 0.9 and 8.0 < abs(angle) < 80.0:
+    if abs(to_robot) > 0.85 and 8.0 < abs(angle) < 80.0:
         sentence = (
             f"path and heading are {abs(angle):.0f} deg apart: the localiser is mounted at an "
             "angle, or x, y and yaw are of different frames"
         )
         yield LogFault("frame", POSE_COLUMNS, sentence)
-    elif to_world.real > 0.9 and abs(to_robot) < 0.7 and np.std(heading) > 0.7:
+    elif to_world.real > 0.9 and abs(to_robot) < 0.7 and np.ptp(heading) > 1.5:
         sentence = (
             "x grows and y does not, wherever the robot heads: they are counted along the robot, "
             "not in a fixed frame"
@@ -343,8 +356,8 @@ def speeds_for_places(e: LogSignals) -> Iterator[LogFault]:
     if pose is None or wheels is None or not e.log.has((*_WHEELS, "x", "y")):
         return
     rates = [np.interp(pose.t, wheels.t, wheels.columns[name]) for name in _WHEELS]
-    size = np.hypot(pose.columns["x"], pose.columns["y"])
-    mean = np.abs(0.5 * (rates[0] + rates[1]))
+    size = moving_mean(pose.t, np.hypot(pose.columns["x"], pose.columns["y"]), 0.5)
+    mean = moving_mean(pose.t, np.abs(0.5 * (rates[0] + rates[1])), 0.5)
     if np.std(mean) > 0.1 and _centred(size, mean) > 0.85:
         sentence = "the size of x and y follows the speed of the wheels: they are speeds"
         yield LogFault("swapped", ("x", "y"), sentence)
@@ -356,7 +369,10 @@ def pushed(e: LogSignals) -> Iterator[LogFault]:
     along = e.along()
     if wheels is None or along is None:
         return
-    stand = np.maximum(np.abs(wheels[0]), np.abs(wheels[1])) < _MOVES
+    fastest = np.maximum(np.abs(wheels[0]), np.abs(wheels[1]))
+    if np.percentile(fastest, 90.0) < 10.0 * _MOVES:
+        return  # they are in another unit
+    stand = fastest < _MOVES
     n = np.count_nonzero(stand & (np.hypot(e.signals["x"], e.signals["y"]) > 2.0 * _MOVES))
     if n > max(2 * _FEW, 0.05 * len(along)):
         share = 100.0 * n / len(along)

@@ -21,6 +21,8 @@ _SAME_CLOCK = 1.0
 [s]: writing is late by less."""
 _STEADY = 0.5
 """Change of such a difference below which only the clocks' origins differ [s]."""
+_LATE_SHARE = 0.1
+"""Share of messages that may be written that late, as those are that are kept for later [1]."""
 _PAIRS = 4
 """Pairs of samples that are this part of a topic apart tell the rate of its clock."""
 
@@ -84,7 +86,7 @@ def on_one_clock(
             remark = "the messages have no stamps"
             all_of_them = np.ones(len(written), dtype=bool)
             timed.append(Timed(all_of_them, _brought(written, *clock), remark))
-        elif k in sharing[lead] and _steps_from(clock, *stamped[k]) < _SAME_CLOCK:
+        elif k in sharing[lead] and _goes_with(clock, *stamped[k]):
             timed.append(Timed(header != 0, stamped[k][1]))
         else:
             timed.append(_corrected(names[k], header != 0, stamped[k], clock))
@@ -133,10 +135,11 @@ def _believed(written: Stamps, header: Stamps, sharing: int) -> bool:
     return not _jumps(written, header)
 
 
-def _steps_from(clock: tuple[Stamps, Stamps], written: Stamps, header: Stamps) -> float:
-    """Return the greatest step of a topic's clock that another topic's does not make [s]."""
+def _goes_with(clock: tuple[Stamps, Stamps], written: Stamps, header: Stamps) -> bool:
+    """Return whether a topic's clock stays with another one; single messages may be late."""
     ahead = (header - written).astype(np.float64) * 1e-9 - _ahead(*clock, written)
-    return float(np.max(np.abs(np.diff(ahead)), initial=0.0))
+    off = np.abs(ahead - np.median(ahead)) > _SAME_CLOCK
+    return bool(np.mean(off) < _LATE_SHARE)
 
 
 def _brought(at: Stamps, written: Stamps, header: Stamps) -> Stamps:
@@ -164,10 +167,7 @@ def _corrected(
     others = _ahead(*clock, written)
     difference = ahead - others
     usual = float(np.median(difference))
-    if (
-        np.ptp(np.percentile(difference, (2.0, 98.0))) < _STEADY
-        and _steps_from(clock, *stamps) < 1.0
-    ):
+    if np.ptp(np.percentile(difference, (2.0, 98.0))) < _STEADY and _goes_with(clock, *stamps):
         way = "ahead of" if usual > 0.0 else "behind"
         fault = (
             f"the stamps of {name} are {abs(usual):.4g} s {way} those of the other topics: header "

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -246,8 +246,14 @@ def _unnamed(columns: Iterable[str], faults: Iterable[LogFault]) -> tuple[str, .
 def find_faults(log: Log, radius: float | None = None) -> Faults:
     """Return the faults of a log; `radius` is that of the wheels [m], None where it is unknown."""
     circle = find_circle(log)
-    named = (*([circle] if circle else ()), *log.faults, *_named(log, radius))
-    return Faults(named, find_jumps(log), _uncommanded_share(log), _dead_columns(log))
+    named = [*([circle] if circle else ()), *log.faults]
+    if circle is not None:  # such a pose is one more odometry, which may say too much of turns
+        gone = {name: g for name, g in log.groups.items() if "x" not in g.columns}
+        others = replace(log, groups=gone) if gone else log
+        named += _named(others, radius)
+    else:
+        named += _named(log, radius)
+    return Faults(tuple(named), find_jumps(log), _uncommanded_share(log), _dead_columns(log))
 
 
 def find_jumps(log: Log) -> Jumps | None:
@@ -425,12 +431,10 @@ def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
             yield LogFault("clock", ("t",), what)
             return
     faults = list(checked(log))
-    yield from faults
     spoiled = {name for fault in faults for name in fault.columns}
     signals = channels(log)
     if signals is not None:
         sound = {name: values for name, values in signals.items() if name not in spoiled}
-        faults = []
         if not spoiled & {"x", "y", "yaw", "t"}:
             faults += apart(log)
         faults += [*contradictions(sound, radius), *frozen(sound)]

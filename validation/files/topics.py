@@ -152,7 +152,7 @@ def _best_pose(
     moves = max(extents, default=0.0) > _MOVED_M
     judged = []
     for topic, extent in zip(poses, extents, strict=True):
-        trust = trust_in(topic.name)
+        trust = float(trust_in(topic.name))
         against = ""
         if _GOALS.search(topic.name.lower()):
             against = "is a goal by its name"
@@ -160,10 +160,13 @@ def _best_pose(
             against = "stands still"
         elif _alike(topic, chosen) < _ALIKE:
             against = "tells another motion than the wheels"
-        elif trust > 1 and _is_circular(topic, chosen.get("wheels")):
+        elif trust > 1.0 and _is_circular(topic, chosen.get("wheels")):
             against = "follows from the wheels alone"
-            trust += 5
-        judged.append((bool(against) and trust < 5, trust, -len(topic.t), topic.name, against))
+            trust += 5.0
+        # what lies between transforms is odometry
+        trust += 0.5 * topic.name.startswith(TRANSFORM)
+        left_out = bool(against) and trust < 5.0
+        judged.append((left_out, trust, -len(topic.t), topic.name, against))
     order = sorted(range(len(poses)), key=judged.__getitem__)
     if not order or judged[order[0]][0]:
         return None, []

@@ -37,15 +37,20 @@ def read_trajectory(path: Path, options: ReadOptions) -> Log:
     if table.shape[1] not in (8, 12) or len(table) < 2 or not np.all(np.isfinite(table)):
         what = f"there are {len(table)} lines of {table.shape[1]} numbers; {wanted}, all finite"
         raise FileError(path, what)
+    remarks = list[str]()
     if table.shape[1] == 8:
+        anew = np.append(True, np.diff(table[:, 0]) != 0.0)
+        if not np.all(anew):
+            many = np.count_nonzero(~anew)
+            remarks.append(f"poses with the stamp of the one before, left out: {many}")
+        table = table[anew]
         t = table[:, 0]
         pose = [*table[:, 1:3].T, quat_wxyz_to_yaw(table[:, [7, 4, 5, 6]])]
-        remarks = list[str]()
     else:
         t = np.asarray(_KITTI_DT * np.arange(len(table)), dtype=np.float64)
         x, y, z = table[:, [3, 7, 11]].T
         pose = [x, y, np.arctan2(table[:, 4], table[:, 0])]
-        remarks = ["there are no stamps in KITTI's poses: ten a second are taken"]
+        remarks.append("there are no stamps in KITTI's poses: ten a second are taken")
         if np.ptp(y) < np.ptp(z):
             pose = [z, -x, np.arctan2(-table[:, 2], table[:, 10])]
             remarks.append("they are taken for those of a camera: z ahead, x to the right")

@@ -263,6 +263,15 @@ def test_stretches_span_no_gap_and_lose_only_lone_samples(steps: list[float]) ->
     assert np.array_equal(inside, (step[:-1] <= limit) | (step[1:] <= limit))
 
 
+def test_bursts_are_no_gaps() -> None:
+    """A logger that writes ten samples at once, ten times a second."""
+    t = (0.1 * np.arange(60)[:, None] + 0.001 * np.arange(10)).ravel()
+    log = timed(t.tolist())
+    assert len(log.stretches()) == 1
+    broken = timed(t[(t < 2.0) | (t > 3.0)].tolist())
+    assert len(broken.stretches()) == 2
+
+
 def test_a_cut_keeps_both_ends_and_moves_no_gap() -> None:
     log = timed([0.0, 1.0, 2.0, 6.0, 7.0], x=list(np.arange(5.0)), a=list(np.arange(5.0)))
     part = log.cut(1.0, 6.0)

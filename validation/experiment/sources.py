@@ -13,6 +13,7 @@ from ssmr.geometry import rotate_body_to_world, rotate_world_to_body
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, State, Trajectory
+from validation.files.abilities import too_short
 from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
 from validation.files.inspection import Inspected, inspect
@@ -260,7 +261,8 @@ def source_of(
         )
         pieces.append(piece)
     title = title or log.name
-    sentences = [*faults.sentences(), *sentences]
+    short = too_short(log.own_group("x"))
+    sentences = [*faults.sentences(), *[short] * bool(short), *sentences]
     warnings = tuple(one_line(f"{title}: {sentence}") for sentence in sentences)
     return Source(
         name, tuple(pieces), RECORDING, RECORDING_GRID, warnings, title=title, inspected=inspected

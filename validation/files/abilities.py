@@ -8,7 +8,7 @@ import numpy as np
 
 from ssmr.types import FloatArray
 from validation.files.circular import new_poses
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, LogFault
 
 FATAL = (
     *("sign", "swapped", "scale", "handedness", "circular", "positions", "setpoints"),
@@ -31,6 +31,18 @@ _STEADY = 0.05
 """Deviation of speed and yaw rate, over their means, of a constant circle [1]."""
 
 
+def too_short(group: Group) -> str:
+    """Return a sentence on a group of poses that has no window between its gaps; else nothing."""
+    edges = [float(group.t[0]), *np.ravel(group.gaps()), float(group.t[-1])]
+    longest = float(np.max(np.diff(edges)[::2]))
+    if longest >= WINDOW_S:
+        return ""
+    return (
+        f"{longest:.3g} s without a gap are too short for a window of {WINDOW_S:g} s: "
+        "drive for a minute or more"
+    )
+
+
 def lacks(log: Log) -> Iterator[str]:
     """Yield a sentence for each thing that a log with poses cannot tell, and what to drive."""
     group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
@@ -38,14 +50,10 @@ def lacks(log: Log) -> Iterator[str]:
     if group is None or poses is None or len(poses[0]) < 3:
         return
     t, pose = poses
-    edges = [float(t[0]), *np.ravel(group.gaps()), float(t[-1])]
-    longest = float(np.max(np.diff(edges)[::2]))
     whole = float(t[-1] - t[0])
-    if longest < WINDOW_S:
-        yield (
-            f"{longest:.3g} s without a gap are too short for a window of {WINDOW_S:g} s: "
-            "drive for a minute or more"
-        )
+    short = too_short(group)
+    if short:
+        yield short
         return
     if whole < _PARTS * WINDOW_S:
         yield (

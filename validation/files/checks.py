@@ -355,6 +355,11 @@ def speeds_for_places(e: LogSignals) -> Iterator[LogFault]:
     wheels = e.log.groups.get("wheels")
     if pose is None or wheels is None or not e.log.has((*_WHEELS, "x", "y")):
         return
+    means = e.wheels()
+    along = e.along()
+    if means is not None and along is not None:
+        if abs(correlation(along, means[0] + means[1])) > 0.5:
+            return  # their slopes are the speeds
     rates = [np.interp(pose.t, wheels.t, wheels.columns[name]) for name in _WHEELS]
     size = moving_mean(pose.t, np.hypot(pose.columns["x"], pose.columns["y"]), 0.5)
     mean = moving_mean(pose.t, np.abs(0.5 * (rates[0] + rates[1])), 0.5)

@@ -129,6 +129,12 @@ _GAP_FACTOR = 2.5
 """A step longer than this many periods is a gap: one dropped sample is tolerated, two are not."""
 
 
+_BURSTS = 5.0
+"""Ratio of the pauses between bursts of samples and the steps inside them, at least [1]."""
+_FEW_STEPS = 100
+"""Number of steps from which pauses are told from gaps."""
+
+
 def column_of(name: str) -> Column:
     """Return the properties of a column."""
     return COLUMNS.get(name, ANY_COLUMN)
@@ -137,6 +143,15 @@ def column_of(name: str) -> Column:
 def is_column_name(name: str) -> bool:
     """Return whether a file's header can hold this name and give it back."""
     return bool(name) and name.isprintable() and name == name.strip()
+
+
+def _usual_step(t: FloatArray) -> float:
+    """Return the median step of (M,) stamps [s]; of bursts with equal pauses, the pause."""
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    pause, longest = np.percentile(steps, (97.0, 99.5))
+    bursts = len(steps) > _FEW_STEPS and pause > _BURSTS * usual and longest < 2.0 * pause
+    return float(pause if bursts else usual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,13 +165,13 @@ class Group:
     columns: Mapping[str, FloatArray]
     """Columns by name, each (M,), finite; angles are unwrapped."""
     period: float = math.nan
-    """Median step of time [s], that of `t` unless it is given; a cut keeps it, so that it moves no
-    gap."""
+    """Median step of time [s], or the step between bursts of samples; that of `t` unless it is
+    given. A cut keeps it, so that it moves no gap."""
 
     def __post_init__(self) -> None:
         """Take the period from the stamps where it is not given."""
         if math.isnan(self.period):
-            object.__setattr__(self, "period", float(np.median(np.diff(self.t))))
+            object.__setattr__(self, "period", _usual_step(self.t))
 
     def table(self, names: Sequence[str]) -> FloatArray | None:
         """Return (M, len(names)) columns side by side; None where one is missing."""
@@ -474,7 +489,7 @@ class Log:
         first = self.groups[min(self.groups, key=[*GROUPS, *self.groups].index)]
         if rate is None and all(np.array_equal(g.t, first.t) for g in measured):
             return first.t
-        dt = float(np.median(np.diff(first.t))) if rate is None else 1.0 / rate
+        dt = _usual_step(first.t) if rate is None else 1.0 / rate
         start = max(float(g.t[0]) for g in measured)
         stop = min(float(g.t[-1]) for g in measured)
         span = stop - start

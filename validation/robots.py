@@ -167,6 +167,9 @@ class RobotCheck(Report):
         faults = len(self.faults)
         notes = [_verdict(self.robot, faults, len(self.findings) - faults)]
         sentences = [] if self.examined is None else self.examined.sentences
+        if self.examined is None and self.remarks and self.spot is not None:
+            turned = 90.0 / self.spot.multiplier
+            sentences = [f"By mechanics it turns {turned:.0f}° for 90° on its wheels, which skid."]
         notes = [*sentences[:1], *notes]
         for finding in self.findings[:_MOST_FINDINGS]:
             heading = "FAULT" if finding.severity == "fault" else "question"

@@ -478,25 +478,16 @@ def _controller(case: Case) -> Finding | None:
     )
 
 
-def _guessed_radius(case: Case) -> Finding | None:
-    if "geometry.wheel_radius" not in guessed(case.robot):
-        return None
-    return Finding(
-        "guess",
-        "question",
-        "geometry.wheel_radius is a guess: count the wheels' turns over a straight metre, "
-        "for every speed scales with it",
-    )
-
-
-def _guessed_mass(case: Case) -> Finding | None:
-    if "mass.total" not in guessed(case.robot):
-        return None
-    return Finding(
-        "guess",
-        "question",
-        "mass.total is a guess: weigh the robot, for every force scales with it",
-    )
+def _guess(case: Case) -> Finding | None:
+    reasons = {
+        "geometry.wheel_radius": "count the wheels' turns over a straight metre, for every speed "
+        "scales with it",
+        "mass.total": "weigh the robot, for every force scales with it",
+    }
+    for key, reason in reasons.items():
+        if key in guessed(case.robot):
+            return Finding("guess", "question", f"{key} is a guess: {reason}")
+    return None
 
 
 _LOOKS: Sequence[Callable[[Case], Finding | None]] = (
@@ -514,8 +505,7 @@ _LOOKS: Sequence[Callable[[Case], Finding | None]] = (
     _unlike_friction,
     _effort,
     _motor_weak,
-    _guessed_radius,
-    _guessed_mass,
+    _guess,
     _controller,
 )
 

@@ -28,6 +28,8 @@ from validation.simulator.description import GRAVITY, WHEELS, Robot
 
 DRIVER_LIMIT = 0.25
 """Deviation of the body's yaw rate from the commanded one that raises no question [1]."""
+_CONTROLLER_LIMIT = 0.08
+"""The same deviation for a controller that stands beside a description by others [1]."""
 DENSITIES = (30.0, 6000.0)
 """Masses a cubic metre of hull between which robots are [kg/m³]: an empty box of sheet, and steel
 that fills most of it."""
@@ -453,7 +455,7 @@ def _controller(case: Case) -> Finding | None:
     if not given or spot is None:
         return None
     # the maker's radius may be that of a loaded tyre
-    if abs(drive.command_radius / robot.wheel_radius - 1.0) > 3.0 * _SAME:
+    if abs(drive.command_radius / robot.wheel_radius - 1.0) > 2.0 * _SAME:
         return Finding(
             "controller",
             "question",
@@ -465,7 +467,8 @@ def _controller(case: Case) -> Finding | None:
     # yaw rate of the body over the difference of the commanded rim speeds
     response = robot.wheel_radius / drive.command_radius * spot.yaw_rate
     reached = drive.command_half_track * response
-    if response <= 0.0 or abs(reached - 1.0) <= DRIVER_LIMIT or off > OFF_SHARE:
+    limit = DRIVER_LIMIT if case.foreign is None else _CONTROLLER_LIMIT
+    if response <= 0.0 or abs(reached - 1.0) <= limit or off > OFF_SHARE:
         return None
     return Finding(
         "controller",

@@ -187,7 +187,7 @@ def _expanded(path: Path) -> str:
     except ValueError as error:
         raise ValueError(
             f"this is a xacro file that cannot be expanded here ({one_line(error)}); "
-            f"expand it where its packages are: {command}"
+            f"expand it first, where its packages are: {command}"
         ) from error
     return str(text)
 

@@ -133,8 +133,9 @@ class WheeledRobot:
             crosswise = [j for j in spinning if abs(axes[j, 0]) > _PARALLEL]
             if len(crosswise) == 4:
                 raise ValueError(
-                    f"joints {self._names(crosswise)} turn about the x axis, so it drives along "
-                    "y; a robot drives along x: turn it by 90 degrees"
+                    f"joints {self._names(crosswise)} turn about the x axis, which is meant where "
+                    "none is said, and a robot drives along x: give them the axis 0 1 0, or turn "
+                    "the robot by 90 degrees"
                 )
         four = spinning if any_direction else along_y
         if len(four) > 4:

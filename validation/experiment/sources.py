@@ -28,7 +28,7 @@ from validation.files.signals import (
     refreshed,
 )
 from validation.output import one_line
-from validation.plants.table import ALL_PLANTS, STANDARD
+from validation.plants.table import ALL_PLANTS, STANDARD, is_plant
 from validation.simulator.description import Robot
 
 RECORDING_GRID = 0.01
@@ -153,7 +153,7 @@ def open_source(
     """
     scenario, _, plant = name.partition("@")
     if scenario in TRAJECTORIES:
-        if plant and plant not in ALL_PLANTS:
+        if plant and not is_plant(plant):
             raise ValueError(
                 f"unknown plant '{plant}' in '{name}'; there are: {', '.join(ALL_PLANTS)}"
             )

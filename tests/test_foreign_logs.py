@@ -1,0 +1,191 @@
+"""Tables and trajectories of others, read as they come; what small tests say; what a log lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ssmr.types import FloatArray
+from validation.files.abilities import good_for, lacks
+from validation.files.csv_logs import read_csv
+from validation.files.faults import find_faults
+from validation.files.formats import read_log, write_log
+from validation.files.log import COMMAND_COLUMNS, Log, ReadOptions
+from validation.files.reading import FileError
+
+T = 0.1 * np.arange(200)
+YAW = 0.5 * np.sin(0.4 * T)
+WHEELS = COMMAND_COLUMNS["wheels"]
+Columns = dict[str, FloatArray]
+
+
+def table(path: Path, columns: dict[str, object]) -> Path:
+    rows = zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
+    lines = [",".join(columns), *(",".join(map(str, row)) for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def dates() -> list[str]:
+    start = np.datetime64("2026-01-02T03:04:05", "ns")
+    return [str(start + np.timedelta64(round(1e9 * t), "ns")).replace("T", " ") for t in T]
+
+
+FOREIGN: dict[str, dict[str, object]] = {
+    "PlotJuggler": {
+        "__time": 1.7e9 + T,
+        "/odom/pose/pose/position/x": T,
+        "/odom/pose/pose/position/y": 0.0 * T,
+        "/odom/pose/pose/orientation/yaw": YAW,
+    },
+    "rostopic": {
+        "%time": np.int64(1_700_000_000_000_000_000) + np.rint(1e9 * T).astype(np.int64),
+        "field.pose.pose.position.x": T,
+        "field.pose.pose.position.y": 0.0 * T,
+        "field.pose.pose.orientation.x": 0.0 * T,
+        "field.pose.pose.orientation.y": 0.0 * T,
+        "field.pose.pose.orientation.z": np.sin(0.5 * YAW),
+        "field.pose.pose.orientation.w": np.cos(0.5 * YAW),
+    },
+    "seconds and nanoseconds": {
+        "sec": 1_700_000_000 + T.astype(int),
+        "nanosec": np.rint(1e9 * (T % 1.0)).astype(int),
+        "position.x": T,
+        "position.y": 0.0 * T,
+        "yaw": YAW,
+    },
+    "units in the header": {
+        "t [ms]": 1e3 * T,
+        "x [m]": T,
+        "y": 0.0 * T,
+        "yaw [deg]": np.degrees(YAW),
+    },
+    "dates": {"t": dates(), "x": T, "y": 0.0 * T, "yaw": YAW},
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_a_table_of_others_is_the_motion_that_it_tells(tmp_path: Path, name: str) -> None:
+    log = read_csv(table(tmp_path / "log.csv", FOREIGN[name]))
+    since = log.t - log.t[0]
+    np.testing.assert_allclose(since, T, atol=1e-5)
+    np.testing.assert_allclose(log.columns["x"], T, atol=1e-9)
+    np.testing.assert_allclose(log.columns["yaw"], YAW, atol=1e-9)
+
+
+def test_columns_can_be_means_and_positions(tmp_path: Path) -> None:
+    ticks = np.round(4096 * 0.3 * T)
+    columns = {"t": T, "x": T, "fl": 1.0 + T, "rl": 3.0 + T, "fr": ticks, "rr": ticks}
+    path = table(tmp_path / "log.csv", columns)
+    named = {"enc_left": ("fl+rl", ""), "enc_right": ("fr+rr", "ticks")}
+    log = read_csv(path, ReadOptions(columns=named, ticks_per_turn=4096))
+    np.testing.assert_allclose(log.columns["enc_left"], 2.0 + T)
+    np.testing.assert_allclose(log.columns["enc_right"], 0.6 * np.pi, atol=0.02)
+    with pytest.raises(FileError, match="--ticks-per-turn N"):
+        read_csv(path, ReadOptions(columns=named))
+
+
+def test_repeated_rows_are_left_out_and_words_for_nothing_are_gaps(tmp_path: Path) -> None:
+    x: list[object] = [*T]
+    x[50] = "NaN"
+    path = table(tmp_path / "log.csv", {"t": np.repeat(T, 2), "x": np.repeat(x, 2)})
+    log = read_csv(path)
+    assert len(log.groups["pose"].t) == len(T) - 1
+    assert any("200 rows repeat" in remark for remark in log.remarks)
+
+
+def test_time_that_lost_its_fraction_is_said_so(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", {"t": (1.7e9 + T).astype(np.float32), "x": T})
+    with pytest.raises(FileError, match="t has lost its fraction"):
+        read_csv(path)
+
+
+def test_a_trajectory_comes_back(tmp_path: Path) -> None:
+    write_log(Log.of_columns("a", {"t": T, "x": T, "y": -T, "yaw": YAW}), tmp_path / "a.tum")
+    log = read_log(tmp_path / "a.tum")
+    np.testing.assert_allclose(log.columns["yaw"], YAW, atol=1e-8)
+    # of a camera: x to the right, y down, z ahead
+    rows = np.zeros((len(T), 12))
+    rows[:, 0] = rows[:, 10] = np.cos(YAW)
+    rows[:, 8] = np.sin(YAW)
+    rows[:, 2] = -np.sin(YAW)
+    rows[:, 5] = 1.0
+    rows[:, 3] = T
+    rows[:, 11] = 2.0 * T
+    np.savetxt(tmp_path / "kitti.txt", rows)
+    log = read_log(tmp_path / "kitti.txt")
+    np.testing.assert_allclose(log.columns["x"], 2.0 * T)
+    np.testing.assert_allclose(log.columns["y"], -T)
+    np.testing.assert_allclose(log.columns["yaw"], YAW, atol=1e-9)
+
+
+def spiked(c: Columns) -> Columns:
+    values = c["enc_left"].copy()
+    values[100::150] += 60.0
+    return {**c, "enc_left": values}
+
+
+def added_up(c: Columns) -> Columns:
+    dt = np.diff(c["t"], prepend=c["t"][0])
+    return {**c, **{name: np.cumsum(c[name] * dt) for name in WHEELS}}
+
+
+def turned(c: Columns) -> Columns:
+    way = np.exp(0.5j) * (c["x"] + 1j * c["y"])
+    return {**c, "x": way.real, "y": way.imag}
+
+
+INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
+    "a gyro's offset": ("offset", lambda c: {**c, "gyro_z": c["gyro_z"] + 0.1}),
+    "a gyro's drift": (
+        "drift",
+        lambda c: {**c, "gyro_z": c["gyro_z"] + np.linspace(-0.1, 0.1, len(c["t"]))},
+    ),
+    "spikes": ("spikes", spiked),
+    "positions": ("positions", added_up),
+    "a path at an angle": ("frame", turned),
+    "one column twice": ("same", lambda c: {**c, "enc_right": c["enc_left"]}),
+    "rows for t": ("clock", lambda c: {**c, "t": np.arange(float(len(c["t"])))}),
+    "a gear of 22": ("scale", lambda c: {**c, **{name: 22.0 * c[name] for name in WHEELS}}),
+}
+
+
+@pytest.mark.parametrize("name", INVENTED)
+def test_a_fault_has_its_kind_and_its_numbers(name: str) -> None:
+    kind, spoil = INVENTED[name]
+    log = read_log("husky").on_one_clock()
+    columns = spoil({"t": log.t, **log.columns})
+    found = find_faults(Log.of_columns("log.csv", columns), 0.165).named
+    assert kind in [fault.kind for fault in found]
+    assert len(found) <= 2
+    if name == "a gear of 22":
+        assert "a gear of about 20" in found[0].sentence
+
+
+DRIVES: dict[str, tuple[FloatArray, FloatArray, str]] = {
+    "standing": (0.0 * T, 0.0 * T, "stands"),
+    "straight": (0.5 + 0.1 * np.sin(T), 0.0 * T, "never turns"),
+    "on the spot": (0.0 * T, 0.5 * np.sin(0.4 * T), "on the spot"),
+    "a circle": (0.5 + 0.0 * T, 0.4 + 0.0 * T, "one constant circle"),
+    "to one side": (0.5 + 0.1 * np.sin(T), 0.3 + 0.2 * np.sin(T), "to one side only"),
+    "well": (0.5 + 0.1 * np.sin(T), 0.5 * np.sin(0.4 * T), ""),
+}
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_log_says_what_it_cannot_tell(name: str) -> None:
+    v, w, wanted = DRIVES[name]
+    yaw = 0.1 * np.cumsum(w)
+    x = 0.1 * np.cumsum(v * np.cos(yaw))
+    y = 0.1 * np.cumsum(v * np.sin(yaw))
+    sides = {"enc_left": (v - 0.5 * w) / 0.165, "enc_right": (v + 0.5 * w) / 0.165}
+    log = Log.of_columns("log.csv", {"t": T, "x": x, "y": y, "yaw": yaw, **sides})
+    said = list(lacks(log))
+    assert len(said) == bool(wanted)
+    assert not wanted or wanted in said[0]
+    assert good_for(log, ())["wheels"] == (not wanted)
+    (short,) = lacks(log.cut(0.0, 5.0))
+    assert "too short for a window of 6 s" in short

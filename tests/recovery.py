@@ -50,7 +50,7 @@ class Way:
     """Greatest number of starts of least squares after jDE; one begins with the profile."""
 
 
-JDE = Way(20, 60)
+JDE = Way(20, 90)
 HYBRID = Way(20, 4, starts=3)
 LEAST_SQUARES = Way(5, 1, starts=1)
 

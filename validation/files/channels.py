@@ -6,7 +6,7 @@ What the columns tell of the yaw rate says how late one group is behind another.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -32,9 +32,11 @@ _FINE_S = 0.1
 _LONGEST_S = 60.0
 """Longest difference of two clocks that is looked for [s]."""
 _PARTS = 6
-"""Number of parts of a log whose delays are compared."""
+"""Least number of parts of a log whose delays are compared."""
 _PART_S = 8.0
 """Shortest of them [s]."""
+_LONG_PART_S = 20.0
+"""Usual length of those of a long log [s]."""
 _CLOCKS_GAIN = 0.1
 """Correlation that a difference of clocks must gain [1]."""
 FEWEST_WINDOWS = 20
@@ -150,7 +152,7 @@ def _lag(sums: _Ways, middles: FloatArray, bases: Sequence[FloatArray], unit: fl
     return best
 
 
-def _headings_and_clock(log: Log) -> tuple[FloatArray, FloatArray, FloatArray, str] | None:
+def headings_and_turns(log: Log) -> tuple[FloatArray, FloatArray, FloatArray, str] | None:
     """Return instants, headings and turns by gyro or wheels at them, and which these are."""
     sums = _Ways()
     for group in log.groups.values():
@@ -178,7 +180,7 @@ def _delay(yaw: FloatArray, way: FloatArray, longest: float) -> tuple[float, flo
     a = way[wide:] - way[:-wide]
     b = yaw[wide:] - yaw[:-wide]
     n = len(a)
-    most = min(round(longest / _FINE_S), n // 3)
+    most = min(round(longest / _FINE_S), n // 2)
     correlations = []
     for k in range(-most, most + 1):
         x = a[max(0, -k) : n - max(0, k)]
@@ -190,21 +192,24 @@ def _delay(yaw: FloatArray, way: FloatArray, longest: float) -> tuple[float, flo
     return _FINE_S * (best - most), correlations[best], nearest
 
 
-def apart(log: Log) -> Iterator[LogFault]:
-    """Yield a fault if headings are so far from gyro or wheels that no delay can be taken out."""
-    found = _headings_and_clock(log)
+def apart(log: Log) -> tuple[LogFault, float] | None:
+    """Return a fault, and the delay of headings behind gyro or wheels [s], if no lag explains it.
+
+    None where their clocks go together.
+    """
+    found = headings_and_turns(log)
     if found is None or len(found[0]) < 2 * FEWEST_WINDOWS:
-        return
+        return None
     _, yaw, way, clock = found
     late, best, nearest = _delay(yaw, way, _LONGEST_S)
     if best <= max(_SAME, nearest + _CLOCKS_GAIN):
-        return
+        return None
     order = "after" if late > 0.0 else "before"
     sentence = (
         f"yaw tells of turns about {abs(late):.1f} s {order} {clock}: "
         "their clocks differ, and no delay so long is taken out"
     )
-    yield LogFault("clock", ("t",), sentence)
+    return LogFault("clock", ("t",), sentence), late
 
 
 def delays(log: Log) -> tuple[FloatArray, FloatArray, str] | None:
@@ -212,17 +217,19 @@ def delays(log: Log) -> tuple[FloatArray, FloatArray, str] | None:
 
     None where there are too few parts in which gyro or wheels and headings resemble one another.
     """
-    found = _headings_and_clock(log)
+    found = headings_and_turns(log)
     if found is None or len(found[0]) * _FINE_S < _PARTS * _PART_S:
         return None
     grid, yaw, way, clock = found
     times = []
     late = []
-    for part in np.array_split(np.arange(len(grid)), _PARTS):
-        delay, best, _ = _delay(yaw[part], way[part], 2.0 * float(_LAGS[-1]))
+    # in a longer part, a delay that grows would blur what is compared
+    parts = max(_PARTS, round(len(grid) * _FINE_S / _LONG_PART_S))
+    for part in np.array_split(np.arange(len(grid)), parts):
+        delay, best, _ = _delay(yaw[part], way[part], _LONGEST_S)
         if best > _SAME:
             times.append(float(np.mean(grid[part])))
             late.append(delay)
-    if len(times) < _PARTS - 1:
+    if len(times) < max(_PARTS - 1, parts // 2):
         return None
     return np.array(times), np.array(late), clock

@@ -14,9 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.files.channels import Channels, channels, correlation, delays
+from validation.files.channels import (
+    Channels,
+    channels,
+    correlation,
+    delays,
+    headings_and_turns,
+)
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
-from validation.files.signals import moving_mean
+from validation.files.signals import fresh_poses, moving_mean
 from validation.files.topics import rates_of_positions
 
 _WHEELS = COMMAND_COLUMNS["wheels"]
@@ -25,6 +31,16 @@ _FEW = 5
 """Number of windows or samples from which something is no accident."""
 _MOVES = 0.1
 """Speed [m/s] and yaw rate [rad/s] from which a robot moves."""
+_OFFSET = 0.025
+"""Offset of a gyro from which it is a fault: a sound one on tile has 0.016 [rad/s]."""
+_PARTS = 4
+"""Parts of a log in which an offset must show."""
+_SIGMAS = 5.0
+"""Standard errors from which a number is no accident."""
+_WIDTHS_S = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""Times over which a smoothed pose may be averaged [s]."""
+_EXPLAINED = 0.99
+"""Correlation from which smoothing explains what a heading tells: noise makes it smaller."""
 
 
 class LogSignals(NamedTuple):
@@ -254,21 +270,31 @@ def gyro_offset(e: LogSignals) -> Iterator[LogFault]:
     s = e.signals
     if not {"gyro_z", "yaw"} <= s.keys() or correlation(s["gyro_z"], s["yaw"]) < 0.3:
         return
-    if not 0.5 < np.linalg.norm(s["gyro_z"]) / np.linalg.norm(s["yaw"]) < 2.0:
+    if np.mean(np.abs(np.diff(s["gyro_z"])) < 1e-12) > 0.2:
+        return  # it is frozen
+    turning = s["yaw"]
+    if not 0.5 < np.linalg.norm(s["gyro_z"]) / np.linalg.norm(turning) < 2.0:
         return  # they are in two units
-    less = s["gyro_z"] - s["yaw"]
-    time = np.linspace(-0.5, 0.5, len(less))
-    design = np.column_stack([np.ones(len(less)), time, s["yaw"]])
-    offset, drift, _ = np.linalg.lstsq(design, less)[0]
-    noise = float(np.median(np.abs(less - design @ np.linalg.lstsq(design, less)[0])))
-    if abs(drift) > max(0.04, 4.0 * noise):
+    less = s["gyro_z"] - turning
+    design = [np.ones(len(less)), np.linspace(-0.5, 0.5, len(less))]
+    if np.std(turning) > 0.3 * abs(np.mean(turning)):
+        design.append(turning)  # else a scale cannot be told from an offset
+    told = np.column_stack(design)
+    best = np.linalg.lstsq(told, less)[0]
+    rest = less - told @ best
+    # windows overlap by half
+    errors = np.sqrt(2.0 * np.mean(rest**2) * np.diag(np.linalg.inv(told.T @ told)))
+    offset, drift = best[:2]
+    noise = float(np.median(np.abs(rest)))
+    parts = np.array([np.median(part) for part in np.array_split(rest + offset, _PARTS)])
+    if abs(drift) > max(0.04, 4.0 * noise, _SIGMAS * errors[1]):
         sentence = (
             f"gyro_z less the yaw rate grows by {drift:.2f} rad/s through the log: the gyro drifts"
         )
         yield LogFault("drift", ("gyro_z",), sentence)
-    elif abs(offset) > max(0.04, 3.0 * noise):
+    elif abs(offset) > max(_OFFSET, _SIGMAS * errors[0]) and min(parts / offset) > 0.5:
         sentence = (
-            f"gyro_z less the yaw rate is {offset:.2f} rad/s throughout: the gyro has an offset; "
+            f"gyro_z less the yaw rate is {offset:.2g} rad/s throughout: the gyro has an offset; "
             "where the robot stands, `recordings convert --unbias` takes it out"
         )
         yield LogFault("offset", ("gyro_z",), sentence)
@@ -276,16 +302,21 @@ def gyro_offset(e: LogSignals) -> Iterator[LogFault]:
 
 def growing_delay(e: LogSignals) -> Iterator[LogFault]:
     """A clock that runs at another rate: the delay of headings grows through the log."""
+    from scipy import stats  # here: it takes a tenth of a second to import
+
     found = delays(e.log)
     if found is None:
         return
     times, late, name = found
-    slope, start = np.polyfit(times, late, 1)
-    rest = float(np.max(np.abs(late - slope * times - start)))
-    grown = float(slope * (times[-1] - times[0]))
+    # Theil and Sen's: one part may tell nonsense
+    slope = float(stats.theilslopes(late, times).slope)
+    start = float(np.median(late - slope * times))
+    rest = float(np.percentile(np.abs(late - slope * times - start), 80.0))
+    grown = slope * (times[-1] - times[0])
     if abs(grown) > max(0.3, 4.0 * rest):
         sentence = (
-            f"yaw is {late[0]:.2f} s behind {name} at first and {late[-1]:.2f} s at last: one of "
+            f"yaw is {start + slope * times[0]:.2f} s behind {name} at first and "
+            f"{start + slope * times[-1]:.2f} s at last: one of "
             f"their clocks runs {100.0 * abs(slope):.1f} % faster"
         )
         yield LogFault("clock", POSE_COLUMNS, sentence)
@@ -293,28 +324,44 @@ def growing_delay(e: LogSignals) -> Iterator[LogFault]:
 
 def smoothed(e: LogSignals) -> Iterator[LogFault]:
     """A heading that is averaged over seconds: the mean of the gyro or the wheels tells it."""
-    s = e.signals
-    wheels = e.wheels()
-    fast = s.get("gyro_z")
-    if fast is None and wheels is not None:
-        fast = wheels[1] - wheels[0]
-    if fast is None or "yaw" not in s or len(fast) < 8 * _FEW:
+    found = headings_and_turns(e.log)
+    if found is None or "yaw" not in e.signals:
         return
-    now = abs(correlation(fast, s["yaw"]))
-    best = now
-    width = 0
-    for windows in (3, 5, 7, 9, 13, 17):  # half a second each
-        mean = np.convolve(fast, np.full(windows, 1.0 / windows), mode="same")
-        alike = abs(correlation(mean, s["yaw"]))
-        if alike > best:
-            best = alike
-            width = windows
-    if width and best > 0.9 and 1.0 - best < 0.4 * (1.0 - now) and now < 0.985:
+    grid, yaw, way, clock = found
+    dt = float(grid[1] - grid[0])
+    pose = next(group for group in e.log.groups.values() if "yaw" in group.columns)
+    changes = pose.t[fresh_poses(pose.t, pose.columns["yaw"][:, None])]
+    now = _alike_at_some_delay(yaw, way, round(0.5 / dt))
+    alike = {}
+    for width in _WIDTHS_S:
+        samples = round(width / dt)
+        # between rare poses, headings are means as well
+        if width > 2.0 * float(np.median(np.diff(changes))) and len(grid) > 8 * samples:
+            sums = np.cumulative_sum(way, include_initial=True)
+            mean = (sums[samples:] - sums[:-samples]) / samples
+            start = (samples - 1) // 2
+            cut = yaw[start : start + len(mean)]
+            alike[width] = _alike_at_some_delay(cut, mean, round(0.5 / dt))
+    width = max(alike, key=lambda width: alike[width], default=0.0)
+    # the mean of a steady swing is one as well
+    if now < _EXPLAINED < alike.get(width, 0.0) and 1.0 - alike[width] < 0.4 * (1.0 - now):
         sentence = (
-            f"yaw follows the mean of the yaw rate over some {0.5 * (width + 1):.0f} s: "
+            f"yaw follows the mean of {clock} over some {width:g} s: "
             "the pose is smoothed, and fast turns are lost in it"
         )
         yield LogFault("smoothed", POSE_COLUMNS, sentence)
+
+
+def _alike_at_some_delay(yaw: FloatArray, way: FloatArray, step: int) -> float:
+    """Return the correlation of the changes of (N,) angles in `step` samples, at the best delay."""
+    a = way[step:] - way[:-step]
+    b = yaw[step:] - yaw[:-step]
+    n = len(a)
+    best = 0.0
+    for k in range(-3 * step, 3 * step + 1):
+        x = a[max(0, -k) : n - max(0, k)]
+        best = max(best, abs(correlation(x, b[max(0, k) : n + min(0, k)])))
+    return best
 
 
 def turned_path(e: LogSignals) -> Iterator[LogFault]:
@@ -410,14 +457,16 @@ _LONG_S = 20.0
 """Length of a log from which means say anything [s]."""
 
 
-def checked(log: Log) -> Iterator[LogFault]:
-    """Yield what the tests say of a log."""
-    signals = dict(channels(log) or {})
+def checked(log: Log) -> Iterator[tuple[LogFault, Log]]:
+    """Yield what the tests say of a log, each with the log without the columns that it names."""
+    e = LogSignals(log, channels(log) or {})
     span = min(float(group.t[-1] - group.t[0]) for group in log.groups.values())
     for check in CHECKS:
         if check in _OF_LONG and span < _LONG_S:
             continue
-        for fault in check(LogSignals(log, signals)):
-            yield fault
-            for name in fault.columns:
-                signals.pop(name, None)
+        found = list(check(e))
+        for fault in found:
+            e = LogSignals(e.log.without(fault.columns), {})
+            yield fault, e.log
+        if found:  # what is wrong told the delays of the others
+            e = LogSignals(e.log, channels(e.log) or {})

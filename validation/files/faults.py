@@ -419,6 +419,14 @@ def _dead_columns(log: Log) -> tuple[str, ...]:
     return tuple(dead)
 
 
+def _moved(log: Log, late: float) -> Log:
+    """Return the log with its poses earlier by `late` [s]."""
+    groups = {}
+    for name, group in log.groups.items():
+        groups[name] = replace(group, t=group.t - late) if "yaw" in group.columns else group
+    return replace(log, groups=groups)
+
+
 def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
     """Yield faults of columns: wrong clocks, contradictions, dead columns, and large numbers."""
     for name in _MEASURED:
@@ -430,14 +438,17 @@ def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
             )
             yield LogFault("clock", ("t",), what)
             return
-    faults = list(checked(log))
-    spoiled = {name for fault in faults for name in fault.columns}
+    faults = list[LogFault]()
+    clocks = apart(log)
+    if clocks is not None:
+        faults.append(clocks[0])
+        log = _moved(log, clocks[1])
+    for fault, others in checked(log):
+        faults.append(fault)
+        log = others
     signals = channels(log)
     if signals is not None:
-        sound = {name: values for name, values in signals.items() if name not in spoiled}
-        if not spoiled & {"x", "y", "yaw", "t"}:
-            faults += apart(log)
-        faults += [*contradictions(sound, radius), *frozen(sound)]
+        faults += [*contradictions(signals, radius), *frozen(signals)]
     # joysticks command nothing
     dead = [name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"]]
     unnamed = _unnamed(dead, faults)

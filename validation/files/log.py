@@ -382,6 +382,15 @@ class Log:
         recorded = {other: g for other, g in self.recorded.items() if other != name}
         return replace(self, groups={**self.groups, name: changed}, recorded=recorded)
 
+    def without(self, names: Iterable[str]) -> Log:
+        """Return the log without these columns, and without groups that have no others."""
+        groups = {}
+        for name, group in self.groups.items():
+            left = {n: values for n, values in group.columns.items() if n not in names}
+            if left:
+                groups[name] = replace(group, columns=left)
+        return replace(self, groups=groups, recorded={})
+
     def own_group(self, column: str) -> Group:
         """Return the group of a column that the log has, with stamps of its own."""
         name = column_of(column).group

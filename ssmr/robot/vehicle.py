@@ -158,12 +158,11 @@ class Drive:
     )
     """Wheel radius that the driver uses to turn v into wheel rates [m]."""
     acceleration_v: float = parameter(
-        math.inf, unit="m/s2", low=0.0, open_low=True, search=(0.3, 15.0), scale="log"
+        math.inf, unit="m/s2", low=0.0, open_low=True, search=(0.3, 60.0), scale="log"
     )
     """Greatest rate of change of the linear velocity that the driver asks of its wheels [m/s2]; off
     (infinite) by default. ROS' diff_drive_controller, which drives a Husky, limits v and omega one
-    by one. A search ends at 1.5 g, the most that a friction of 1.5 can follow: beyond, motions are
-    alike, and a search would get lost there."""
+    by one."""
     acceleration_w: float = parameter(
         math.inf, unit="rad/s2", low=0.0, open_low=True, search=(0.5, 60.0), scale="log"
     )

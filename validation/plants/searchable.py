@@ -53,6 +53,18 @@ def _declared(
     return tuple(out)
 
 
+FOLLOWED = 15.0
+"""Greatest acceleration that a search tries for a body on tyres [m/s2]: 1.5 g, the most that a
+friction of 1.5 can follow. Beyond some 20 m/s2 its motions are alike, and searches end on that
+plain. A planar model without limits of its motors follows any."""
+
+
+def _followed(number: Searchable) -> Searchable:
+    if number.name != "acceleration_v":
+        return number
+    return replace(number, upper=min(number.upper, FOLLOWED))
+
+
 @lru_cache(maxsize=64)
 def searchable(plant: str, robot: Robot) -> tuple[Searchable, ...]:
     """Return every number of a plant that a fit may move; default bounds scale with the robot.
@@ -61,10 +73,13 @@ def searchable(plant: str, robot: Robot) -> tuple[Searchable, ...]:
         ValueError: there is no such plant.
     """
     kind = plant_kind(plant)
+    drive = _declared("drive", Drive, kind.drive, robot)
+    if kind.torques:
+        drive = tuple(map(_followed, drive))
     return (
         *_declared("parameters", kind.parameters, described(kind.parameters), robot),
         *_declared("vehicle", Vehicle, kind.vehicle, robot),
-        *_declared("drive", Drive, kind.drive, robot),
+        *drive,
         _BOTH_DELAYS,
         *_declared("localiser", Localiser, described(Localiser), robot),
     )

@@ -24,7 +24,7 @@ from validation.experiment.scores import Scores
 from validation.experiment.sources import open_source
 from validation.plants.profile import Profile, load_profile
 from validation.replicate import published
-from validation.report.motions import Comparison
+from validation.report.comparison import Comparison
 from validation.simulator.plant import MujocoPlant
 
 TRAJECTORIES = ("traj1", "traj2", "traj3", "traj4")

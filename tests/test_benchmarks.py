@@ -40,16 +40,17 @@ def test_a_quick_run_ends_well(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("option", "message"),
-    [("--foo", "Unrecognized options: --foo"), ("--repeats=x", "'x' must be a whole")],
+    [("--foo", "Unrecognized options: --foo"), ("--repeats=x", "Error parsing --repeats")],
 )
-def test_a_mistyped_option_is_one_line(
+def test_a_mistyped_option_is_a_users_mistake(
     option: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as left:
         cli.run(simulate.main, "python -m benchmarks.simulate", [option])
     assert left.value.code == cli.EXIT_USER_ERROR
-    (line,) = capsys.readouterr().err.splitlines()
-    assert message in line
+    errors = capsys.readouterr().err
+    assert message in errors
+    assert "Traceback" not in errors
 
 
 def test_only_a_quick_run_goes_on_without_what_is_missing() -> None:

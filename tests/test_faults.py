@@ -122,7 +122,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     load_profile("thesis-lab").save(folder / "lab.toml")
     source = Path(__file__).resolve().parents[1]
     shutil.copy(
-        source / "validation" / "bench" / "gain_sets" / "pid-tuned.toml", folder / "pid.toml"
+        source / "validation" / "experiment" / "gain_sets" / "pid-tuned.toml", folder / "pid.toml"
     )
     shutil.copy(source / "models" / "husky.toml", folder / "robot.toml")
     for log, name in ((in_the_air(commands=18), "up.csv"), (on_grass(commands=24), "grass.csv")):

@@ -278,7 +278,7 @@ def test_a_broken_off_fit_resumes_to_the_same_end(
 ) -> None:
     broken = tmp_path / "broken"
     command = [sys.executable, "-m", "validation.fit", *LONG, "--out", str(broken)]
-    child = launch(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    child = launch(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120.0
     while (
         not (broken / "checkpoint.npz").exists()
@@ -287,10 +287,10 @@ def test_a_broken_off_fit_resumes_to_the_same_end(
     ):
         time.sleep(0.01)
     child.send_signal(how)
-    _, errors = child.communicate(timeout=60)
+    said, errors = child.communicate(timeout=60)
     if how == signal.SIGINT and child.returncode != 0:  # 0: it was done before the signal came
         assert child.returncode == 130, errors
-        assert "the same command with --resume goes on from there" in errors
+        assert "the same command with --resume goes on from there" in " ".join(said.split())
         stopped = document(broken)
         assert stopped["status"] == "interrupted"
         assert stopped["parameters"]["gain"]["standard_error"] is None

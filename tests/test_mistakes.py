@@ -91,7 +91,7 @@ MISTAKES = {
     ),
     "recordings convert drive.bag --unbias": "unbias needs a gyro",
     "recordings convert cut.bag": "no bag that can be read, or a damaged one",
-    "recordings convert log.txt": "logs are .csv, .bag, .mcap, .db3 or the folder of a ROS 2 bag",
+    "recordings convert log.txt": "there are no numbers; wanted lines of 8 numbers",
     "robots check nowhere": "no robot 'nowhere'; there are: husky, jackal",
     "robots check bad.toml": "bad.toml",
     "robots check .": "this is a folder",

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 
 from validation.files.circular import trust_in
-from validation.files.log import COMMAND_COLUMNS, RECORDED
+from validation.files.log import COMMAND_COLUMNS, RECORDED, column_of
 from validation.files.topics import side_of
 
 Columns = Mapping[str, tuple[str, str]]
@@ -61,9 +61,11 @@ def taken_by_name(header: Sequence[str]) -> dict[str, tuple[str, str]]:
     Of several the one from the most independent source is taken.
     """
     plain = {name: _plain(name) for name in header}
+    # odom_yaw, say, is a column of ours, and no yaw of a pose
+    foreign = [name for name in header if column_of(name).group == "channels"]
     found = {}
     for ours, pattern in _NAMES.items():
-        able = [name for name in header if re.search(pattern, plain[name])]
+        able = [name for name in foreign if re.search(pattern, plain[name])]
         if ours not in header and able:
             found[ours] = (min(able, key=trust_in), "")
     found |= _clock_of_parts(header, plain)

@@ -35,7 +35,8 @@ def read_trajectory(path: Path, options: ReadOptions) -> Log:
         except (ValueError, UnicodeDecodeError) as error:
             raise FileError(path, f"this is no trajectory: {error}; {wanted}") from error
     if table.shape[1] not in (8, 12) or len(table) < 2 or not np.all(np.isfinite(table)):
-        what = f"there are {len(table)} lines of {table.shape[1]} numbers; {wanted}, all finite"
+        there = f"{len(table)} lines of {table.shape[1]} numbers" if table.size else "no numbers"
+        what = f"there are {there}; {wanted}, all finite"
         raise FileError(path, what)
     remarks = list[str]()
     if table.shape[1] == 8:

@@ -134,9 +134,9 @@ def problems(status: int, error: str, before: set[Path], folder: Path) -> list[s
     """Return what is wrong with the end of a program that began with these files in its folder."""
     measured = [f"status {status}"] if status not in (0, 1, 2, *STOPPED) else []
     lines = [line for line in error.splitlines() if line.startswith(("error: ", "run failed: "))]
-    if "Traceback" in error or (
-        status in (1, 2) and (len(lines) != 1 or not error.rstrip().endswith(lines[0]))
-    ):
+    ours = len(lines) == 1 and error.rstrip().endswith(lines[0])
+    tyros = not lines and error.count("\u256d") == 1 and error.rstrip().endswith("\u256f")
+    if "Traceback" in error or (status in (1, 2) and not (ours or tyros)):
         measured.append(f"no clear line: {error[-300:]}")
     written = {path for path in folder.rglob("*") if path.is_file()} - before
     if status == 2 and written:

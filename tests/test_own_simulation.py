@@ -25,7 +25,8 @@ OPTION = '<option cone="elliptic" impratio="100" timestep="0.002" integrator="im
 SOFT = 'solimp="0.1 0.95 0.005 0.5 2" priority="1"'
 WHEEL = (
     '<body name="{name}" pos="{x} {y} 0"><joint name="{name}_j" axis="{axis}" armature="0.05"/>\n'
-    '<geom type="{shape}" size="{size}" pos="{at}" mass="2.5" friction="{mu} .005 .0001" {soft}/>'
+    '<geom type="{shape}" size="{size}" pos="{at}" mass="2.5" friction="{mu} .005 .0001" {soft} '
+    'condim="{condim}"/>'
     "</body>\n"
 )
 CORNERS = {
@@ -43,6 +44,7 @@ SOUND: Mapping[str, str] = {
     "force": "",
     "com": "0 0 0.05",
     "mu": "1",
+    "condim": "3",
     "at": "0 0 0",
     "axis": "0 1 0",
     "ground": '<geom type="plane" size="20 20 .1"/>',
@@ -70,6 +72,8 @@ def model(odd: Mapping[str, str] | None = None, **changes: str) -> str:
 
 
 DISEASES: Mapping[str, tuple[str, bool]] = {
+    "unlike_wheels by friction": (model({"mu": "0.3"}), True),
+    "which_friction": (model(condim="1"), True),
     "pyramid": (model(option=OPTION.replace("elliptic", "pyramidal")), True),
     "hopping": (model(soft=""), True),
     "soft_on_one_geom": (model(soft=SOFT.replace('priority="1"', "")), True),
@@ -89,6 +93,7 @@ DISEASES: Mapping[str, tuple[str, bool]] = {
 @pytest.mark.parametrize("kind", DISEASES)
 def test_a_planted_disease_is_found_by_name_and_cured(kind: str, tmp_path: Path) -> None:
     text, is_cured = DISEASES[kind]
+    kind = kind.partition(" ")[0]
     path = tmp_path / "theirs.xml"
     path.write_text(text)
     began = time.process_time()
@@ -281,6 +286,50 @@ def test_what_is_not_four_fixed_wheels_is_said_by_name(name: str, tmp_path: Path
     path = tmp_path / "a.urdf"
     path.write_text(URDF.replace(old, new))
     with pytest.raises(ValueError, match=words):
+        import_robot(path)
+
+
+SPREAD = 'ixx=".4" iyy=".9" izz="1.2"'
+SAME = "".join(
+    f'<gazebo reference="{name}_wheel"><mu1 value="1"/><mu2 value="0.4"/></gazebo>'
+    for name in CORNERS
+)
+URDF_DISEASES = {
+    "negative inertia": (SPREAD, SPREAD.replace('".4"', '"-.4"'), {"inertia"}),
+    "large products": (SPREAD, f'{SPREAD} ixy="2" ixz="2" iyz="2"', {"inertia"}),
+    "no such inertia": (SPREAD, SPREAD.replace("1.2", "2.4"), {"inertia"}),
+    "values as attributes": ("</robot>", f"{SAME}</robot>", {"friction_by_heading"}),
+    "a cylinder that lies": ('rpy="1.570796 0 0"', 'rpy="0 0 0"', {"wheel_shape"}),
+    "one larger wheel": ('radius=".15"', 'radius=".153"', {"unlike_wheels"}),
+    "a box": (
+        '<cylinder radius=".15" length=".08"/>',
+        '<box size=".3 .3 .08"/>',
+        {"wheel_shape"},
+    ),
+    "a lidar that turns": (
+        "</robot>",
+        '<link name="eye"><inertial><mass value=".1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4"/>'
+        '</inertial></link><joint name="spin" type="continuous"><parent link="base_link"/><child '
+        'link="eye"/><origin xyz="0 0 .3"/><axis xyz="0 1 0"/></joint></robot>',
+        set(),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", URDF_DISEASES)
+def test_what_is_wrong_with_a_urdf_is_a_finding(name: str, tmp_path: Path) -> None:
+    old, new, kinds = URDF_DISEASES[name]
+    path = tmp_path / "a.urdf"
+    path.write_text(URDF.replace(old, new, 1))
+    draft = import_robot(path)
+    assert kinds == {finding.kind for finding in static_findings(draft.robot, draft.foreign)}
+
+
+def test_wheels_of_any_name_are_named_where_they_do_not_turn(tmp_path: Path) -> None:
+    path = tmp_path / "a.urdf"
+    text = URDF.replace("_wheel", "").replace("_joint", "").replace("continuous", "revolute")
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"front_left, .* are revolute, from -0\.5 to 0\.5 rad"):
         import_robot(path)
 
 

@@ -248,7 +248,7 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     if is_mjcf and o.engine != "mujoco":
         raise ValueError(f"--engine {o.engine}: an MJCF is driven by the engine that it is of")
     if foreign is not None and is_mjcf:
-        examined = examine_foreign(foreign)
+        examined = examine_foreign(foreign, findings)
         _save_mended(examined.mended, o.write)
     elif o.engine != "mujoco":
         examined = examine_in_engine(robot, foreign, o.engine)

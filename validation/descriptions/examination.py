@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from validation.descriptions.findings import Finding
@@ -43,8 +44,12 @@ class Examined(NamedTuple):
     """The file with the changes that help; None where there are none."""
 
 
-def examine_foreign(foreign: ForeignRobot) -> Examined:
+def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Examined:
     """Drive an MJCF of others with its own physics, and try what would mend it.
+
+    Args:
+        foreign: the robot.
+        known: what is wrong by its numbers alone.
 
     Raises:
         ValueError: it cannot be compiled on a ground.
@@ -67,7 +72,7 @@ def examine_foreign(foreign: ForeignRobot) -> Examined:
     loads = [before[f"load_{wheel}"] for wheel in ("fl", "fr", "rl", "rr") if "load_fl" in before]
     return Examined(
         sentences=[in_words(before), *notes],
-        findings=own_findings(result, text),
+        findings=own_findings(result, text, known),
         numbers={key: before.get(key) for key in _KEYS},
         loads=loads,
         mended=result.text if result.rungs else None,

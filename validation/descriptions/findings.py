@@ -47,6 +47,10 @@ _MOST_IN_WHEELS = 0.5
 """Share of the mass in the wheels beyond which it raises a question [1]."""
 _SAME = 0.02
 """Deviation of two lengths that are one [1]."""
+UNLIKE = 0.004
+"""Deviation of a wheel's radius from the others' from which wheels are unlike [1]."""
+OFF_AXLE = 0.01
+"""Distance of a tyre's middle from its axle over its radius, from which it is off [1]."""
 _EQUAL_FRICTION = 1e-3
 """Deviation of two frictions that are one [1]."""
 
@@ -259,15 +263,17 @@ def _too_much_spin(mass: float, radius: float, spin: float) -> Finding | None:
 def _impossible(body: str, tensor: FloatArray) -> Finding | None:
     """Return a finding where no rigid body has an inertia [kg m2]."""
     moments = np.linalg.eigvalsh(tensor)
-    total = float(moments.sum())
-    if total <= 0.0 or (moments[0] >= 0.0 and 2.0 * moments[2] <= total * (1.0 + 1e-3)):
+    if moments[0] >= 0.0 and 2.0 * moments[2] <= moments.sum() * (1.0 + 1e-3):
         return None
     row = ", ".join(f"{moment:.4g}" for moment in np.diag(tensor))
+    reason = "about one axis it is more than about the two others together"
+    if moments[0] < 0.0:
+        reason = f"with its products, it is {moments[0]:.4g} about one axis"
     return Finding(
         "inertia",
         "fault",
-        f"{row} kg m2 is the inertia of no body, and {body} has it: about one axis it is more than "
-        "about the two others together; the mean of the three stands in",
+        f"{row} kg m2 is the inertia of no body, and {body} has it: {reason}; "
+        "the mean of the three stands in",
         "compute it from size and mass",
     )
 
@@ -430,14 +436,67 @@ def _friction_by_heading(case: Case) -> Finding | None:
     )
 
 
+def _unlike_sizes(case: Case) -> Finding | None:
+    if case.foreign is None:
+        return None
+    drums = [drum for drum in case.foreign.drums if drum is not None]
+    radii = [drum.radius for drum in drums]
+    middle = float(np.median(radii)) if radii else 1.0
+    if max((abs(radius / middle - 1.0) for radius in radii), default=0.0) <= UNLIKE:
+        return None
+    rows = ", ".join(
+        f"{name} {1e3 * radius:.1f} mm"
+        for name, radius in zip(case.foreign.wheeled.names, radii, strict=False)
+    )
+    return Finding(
+        "unlike_wheels",
+        "fault",
+        f"wheels differ in their radius ({rows}): the robot veers, and stands on some of them",
+        "give all four one radius",
+    )
+
+
+def _wheel_shape(case: Case) -> Finding | None:
+    words = {
+        "box": "is a box",
+        "mesh": "is a mesh, of which MuJoCo takes the hull with its corners",
+        "lying": "is a cylinder or capsule across the axle",
+        "oval": "is not round",
+    }
+    if case.foreign is None:
+        return None
+    for name, drum in zip(case.foreign.wheeled.names, case.foreign.drums, strict=True):
+        if drum is None:
+            continue
+        if drum.off_axle > OFF_AXLE * drum.radius:
+            text = f"is {1e3 * drum.off_axle:.1f} mm off its axle"
+        elif drum.kind in words:
+            text = words[drum.kind]
+        else:
+            continue
+        return Finding(
+            "wheel_shape",
+            "question" if drum.kind == "mesh" else "fault",
+            f"the shape of wheel {name} {text}, so that the robot hops and turns unevenly",
+            "take an ellipsoid or a cylinder about the axle",
+        )
+    return None
+
+
 def _unlike_friction(case: Case) -> Finding | None:
     if case.foreign is None:
         return None
     frictions = [numbers.get("mu1", math.nan) for numbers in case.foreign.contacts]
+    return unlike_friction(case.foreign.wheeled.names, frictions)
+
+
+def unlike_friction(names: Sequence[str], frictions: Sequence[float]) -> Finding | None:
+    """Return a finding where wheels of these names have unlike frictions; NaN is one unknown."""
     if math.isnan(sum(frictions)) or max(frictions) - min(frictions) <= _EQUAL_FRICTION:
         return None
-    pairs = zip(case.foreign.wheeled.names, frictions, strict=True)
-    rows = ", ".join(f"{name} {friction:g}" for name, friction in pairs)
+    rows = ", ".join(
+        f"{name} {friction:g}" for name, friction in zip(names, frictions, strict=True)
+    )
     return Finding(
         "unlike_wheels",
         "fault",
@@ -504,6 +563,8 @@ _LOOKS: Sequence[Callable[[Case], Finding | None]] = (
     _hull_in_ground,
     _hull_unlike,
     _mass_in_wheels,
+    _wheel_shape,
+    _unlike_sizes,
     _friction_by_heading,
     _unlike_friction,
     _effort,

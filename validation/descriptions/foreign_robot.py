@@ -131,6 +131,8 @@ def read_foreign(path: str | Path, controller: str | Path | None = None) -> Fore
     motors = _motorised(root)
     limits = _limits(root)
     spec = _readable(root)
+    tensors = _tensors(spec)
+    foreign.mend_inertia(spec)
     wheeled = WheeledRobot(spec.compile())
     surfaces = []
     for body in wheeled.bodies:
@@ -147,7 +149,7 @@ def read_foreign(path: str | Path, controller: str | Path | None = None) -> Fore
         contacts=surfaces,
         limits=[limits.get(joint, NumbersByName()) for joint in joints],
         motorised=all(joint in motors for joint in joints),
-        tensors=_tensors(spec),
+        tensors=tensors,
         controller=numbers,
         text=text,
         files={},
@@ -239,9 +241,16 @@ def _plain_joints(root: ElementTree.Element) -> list[ElementTree.Element]:
 
 def _turns(limit: ElementTree.Element) -> float:
     """Return the range of a joint [rad]; SDF's default is endless, that of a URDF is 0."""
-    low = float(limit.get("lower", "0"))
-    high = float(limit.get("upper", "0"))
-    return high - low
+    return _limit(limit, "upper") - _limit(limit, "lower")
+
+
+def _limit(limit: ElementTree.Element, key: str) -> float:
+    """Return a number of a <limit>; 0 where there is none."""
+    word = limit.get(key, "").strip() or "0"
+    try:
+        return float(word)
+    except ValueError:
+        raise ValueError(f"a <limit> has {key}='{one_line(word)}', wanted a number") from None
 
 
 def _motorised(root: ElementTree.Element) -> set[str | None]:
@@ -263,9 +272,9 @@ def _limits(root: ElementTree.Element) -> dict[str, NumbersByName]:
         limit = joint.find("limit")
         numbers = NumbersByName()
         for key in ("effort", "velocity"):
-            word = "" if limit is None else limit.get(key, "")
-            if word and 0.0 < float(word) < np.inf:
-                numbers[key] = float(word)
+            value = 0.0 if limit is None else _limit(limit, key)
+            if 0.0 < value < np.inf:
+                numbers[key] = value
         limits[joint.get("name", "")] = numbers
     return limits
 
@@ -300,12 +309,11 @@ def _readable(root: ElementTree.Element) -> mujoco.MjSpec:
         inertiafromgeom="false",
         boundmass=repr(LEAST_MASS),
         boundinertia="1e-12",
-        balanceinertia="true",
     )
     plain.extend([ElementTree.Element("link", name=_ROOT), *links, *joints, standing])
     try:
         text = ElementTree.tostring(plain, encoding="unicode")
-        foreign.tried(text)
+        foreign.tried(text, tolerant=True)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"MuJoCo cannot read this URDF: {one_line(error)}") from error
     return mujoco.MjSpec.from_string(text)
@@ -317,12 +325,7 @@ def _tensors(spec: mujoco.MjSpec) -> dict[str, tuple[float, FloatArray]]:
     for body in spec.bodies:
         if not body.explicitinertial or not body.name:
             continue
-        full = np.asarray(body.fullinertia)
-        tensor = np.diag(np.asarray(body.inertia, dtype=np.float64))
-        if np.isfinite(full[0]):
-            xx, yy, zz, xy, xz, yz = full.tolist()
-            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        tensors[body.name] = float(body.mass), tensor
+        tensors[body.name] = float(body.mass), foreign.inertia_tensor(body)
     return tensors
 
 
@@ -340,8 +343,9 @@ def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
     root = foreign.xml_tree(text)
     gazebo.require_plain_wheels(root)
     spec = mujoco.MjSpec.from_string(text, assets=files)
-    foreign.complete(spec, files)
+    foreign.name_parts(spec)
     tensors = _tensors(spec)
+    foreign.complete(spec, files)
     wheeled = WheeledRobot(spec.compile(), any_direction=True)
     return ForeignRobot(
         file=one_line(path.name),

@@ -29,7 +29,8 @@ _CONTROLLER = {
     "left_wheel_radius_multiplier": ("radius_multiplier", 1.0),
 }
 """Names of a controller's numbers, with the names and the factors here."""
-_LINE = re.compile(r"^\s*[\"']?(\w+)[\"']?\s*:\s*([-+.\deE]+)\s*(?:#.*)?$")
+_ENTRY = re.compile(r"(\w+)[\"']?\s*:\s*(?:!!\w+\s+)?[\"']?([-+.\deE]+)")
+_YAML_COMMENT = re.compile(r"#.*")
 NumbersByName = dict[str, float]
 """Numbers by name [SI]."""
 
@@ -51,7 +52,7 @@ def contact_numbers(root: ElementTree.Element) -> dict[str, NumbersByName]:
         numbers = contacts.setdefault(name, {})
         for part in owner.iter():
             key = _CONTACT.get(part.tag.rpartition(":")[2])
-            words = (part.text or "").split()
+            words = part.get("value", part.text or "").split()
             if key == "fdir1":
                 numbers[key] = float(any(_number(word) for word in words))
             elif key is not None and len(words) == 1:
@@ -82,12 +83,7 @@ def controller_numbers(text: str) -> NumbersByName:
     Raises:
         ValueError: there are none.
     """
-    pairs = []
-    for line in text.splitlines():
-        match = _LINE.match(line)
-        if match:
-            pairs.append((match[1], match[2]))
-    numbers = _controller(pairs)
+    numbers = _controller(_ENTRY.findall(_YAML_COMMENT.sub("", text)))
     if not numbers:
         raise ValueError(
             "there is no wheel_separation and no wheel_radius in it; wanted the parameters of a "
@@ -122,28 +118,28 @@ def driver_sizes(controller: Mapping[str, float]) -> tuple[float | None, float |
 _SIDEWAYS = re.compile(r"mecanum|omni_?wheel|swedish", re.IGNORECASE)
 _STEERED = re.compile(r"ackermann", re.IGNORECASE)
 _TRACKS = re.compile(
-    r"(^|[_\W])(tracks?|crawlers?|caterpillars?|flippers?)([_\W\d]|$)|tracked|trackcontroller",
+    r"(^|[_\W])(tracks?|crawlers?|caterpillars?|flippers?)([_\W\d](?!cam|width|sensor)|$)"
+    r"|tracked|trackcontroller",
     re.IGNORECASE,
 )
-_PARTS = ("link", "joint", "body", "geom")
+_PARTS = ("link", "joint", "body", "geom", "plugin")
 _WHOLES = ("robot", "model", "mujoco")
 
 
 def require_plain_wheels(root: ElementTree.Element) -> None:
     """Raise a ValueError that says what stands in place of four plain wheels, by name."""
-    parts = []
-    wholes = []
+    parts = list[str]()
+    wholes = list[str]()
     for element in root.iter():
-        if element.tag in _PARTS:
-            parts.append(element.get("name", ""))
-        elif element.tag in _WHOLES:
-            wholes.append(element.get("name", element.get("model", "")))
-        elif element.tag == "plugin":
-            parts += [element.get("name", ""), element.get("filename", "")]
+        names = parts if element.tag in _PARTS else wholes
+        if element.tag in (*_PARTS, *_WHOLES):
+            names += [element.get(key, "") for key in ("name", "model", "filename")]
+    tracked = [name for name in wholes if "tracked" in name.lower()]
     for pattern, words, names in (
         (_SIDEWAYS, "wheels are mecanum or omni wheels, which roll sideways", parts + wholes),
         (_STEERED, "wheels are steered, as a car's are (Ackermann)", parts + wholes),
-        (_TRACKS, "ground is touched by tracks, not by wheels", parts),
+        # a world may have a race track
+        (_TRACKS, "ground is touched by tracks, not by wheels", parts + tracked),
     ):
         found = next((name for name in names if pattern.search(name)), None)
         if found is not None:

@@ -232,7 +232,7 @@ class _Import:
         """Add radius and width of the tyres: given, or those of their shapes.
 
         Raises:
-            ValueError: neither, or shapes of different sizes.
+            ValueError: neither.
         """
         drums = [drum for drum in self.foreign.drums if drum is not None]
         for key, given, sizes in (
@@ -251,11 +251,10 @@ class _Import:
                 self.guesses.append("the width of the tyres is estimated: they are round")
                 continue
             each = np.array(sizes)
-            if np.ptp(each) > _SAME_SIZE * each.max() and self.foreign.kind != "mjcf":
-                option = key.replace("_", "-")
-                raise ValueError(
-                    f"its tyres have a {key} from {each.min():.4g} to {each.max():.4g} m; "
-                    f"here all four have the same: give --{option}"
+            if np.ptp(each) > _SAME_SIZE * each.max():
+                self.guesses.append(
+                    f"its tyres have a {key} from {each.min():.4g} to {each.max():.4g} m; here all "
+                    "four have the same, the mean"
                 )
             self.add(f"geometry.{key}", float(each.mean()), "shapes of the tyres")
 

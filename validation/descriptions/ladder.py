@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ssmr.errors import SsmrError
+from validation.descriptions.findings import OFF_AXLE, UNLIKE
 from validation.descriptions.mjcf_text import Edits, MjcfText
 from validation.descriptions.own_robot import OwnRobot
 from validation.descriptions.trials import SPEEDS, Measures, examine, mechanical_turn
@@ -120,12 +121,16 @@ def climb(text: MjcfText | str, files: Mapping[str, bytes]) -> Climb:
     rungs = [rung for make in _RUNGS if (rung := make(robot, text, before)) is not None]
     if rescue is not None:
         rungs.insert(0, rescue)
-    kept = list(rungs)
-    if not kept:
+    if not rungs:
         return Climb(robot, before, before, rescue, (), text.edited({}))
+    kept = list(rungs)
     after = _tried(text, files, kept)
+    if exceeds(after, robot, "step"):
+        step = min(float(robot.model.opt.timestep), _LONGEST_STEP)
+        kept.append(Rung("step", ("step",), {("option", "", "timestep"): f"{0.5 * step:g}"}))
+        after = _tried(text, files, kept)
     badness = _badness(after, robot)
-    for rung in reversed(rungs):
+    for rung in reversed(list(kept)):
         fewer = [other for other in kept if other is not rung]
         without = _tried(text, files, fewer)
         worse = _badness(without, robot) - badness
@@ -231,7 +236,7 @@ def _soft(robot: OwnRobot, _text: MjcfText, _: Measures) -> Rung | None:
 
 def needed_torque(robot: OwnRobot) -> float:
     """Return the torque of a wheel in a turn on the spot on its ground, with its dry friction."""
-    friction = float(np.max([_sliding(robot, drum.geom) for drum in robot.tyres if drum]))
+    friction = float(np.max([sliding(robot, drum.geom) for drum in robot.tyres if drum]))
     slip = mechanical_turn(robot).slip
     model = robot.model
     dofs = [int(model.joint(name).dofadr[0]) for name in robot.names]
@@ -239,7 +244,7 @@ def needed_torque(robot: OwnRobot) -> float:
     return 0.25 * friction * robot.mass * robot.gravity * robot.radius * slip + dry
 
 
-def _sliding(robot: OwnRobot, geom: int) -> float:
+def sliding(robot: OwnRobot, geom: int) -> float:
     """Return the friction with which a tyre slides on the ground [1]."""
     model = robot.wheeled.model
     pairs = pairs_of(robot, geom)
@@ -301,8 +306,7 @@ def _motor(robot: OwnRobot, text: MjcfText, before: Measures) -> Rung | None:
 
 
 def _step(robot: OwnRobot, _text: MjcfText, _: Measures) -> Rung | None:
-    step = float(robot.model.opt.timestep)
-    if step <= _LONGEST_STEP:
+    if robot.model.opt.timestep <= _LONGEST_STEP:
         return None
     edits = {("option", "", "timestep"): f"{_LONGEST_STEP:g}"}
     return Rung("step", ("step",), edits)
@@ -337,12 +341,6 @@ def _shape(robot: OwnRobot, text: MjcfText, _: Measures) -> Rung | None:
     return Rung("shape", ("wheel_shape", "unlike_wheels"), edits) if edits else None
 
 
-UNLIKE = 0.004
-"""Deviation of a wheel's radius from the others' from which wheels are unlike [1]."""
-OFF_AXLE = 0.01
-"""Distance of a tyre's middle from its axle over its radius, from which it is off [1]."""
-
-
 def _on_axle(robot: OwnRobot, geom: int, joint: int) -> list[float]:
     """Return the place of a shape in its body that is nearest to its own and on the axle."""
     data = robot.wheeled.data
@@ -366,14 +364,26 @@ def _axes(robot: OwnRobot, text: MjcfText, _: Measures) -> Rung | None:
     return Rung("axes", ("axes",), edits) if edits else None
 
 
-def _pair_friction(robot: OwnRobot, text: MjcfText, _: Measures) -> Rung | None:
-    """Give contact pairs one sliding friction in all directions."""
+def _friction(robot: OwnRobot, text: MjcfText, _: Measures) -> Rung | None:
+    """Give tyres, or their contact pairs, one sliding friction in all directions."""
+    model = robot.wheeled.model
+    parts = [part for part in tyre_parts(robot) if text.has(*part)]
+    rows = []
+    for kind, name in parts:
+        row = model.pair_friction[int(name)] if kind == "pair" else model.geom(name).friction
+        if kind == "geom":
+            row = np.append(sliding(robot, model.geom(name).id), row[1:])
+        rows.append(row)
+    usual = sorted(float(row[0]) for row in rows)[len(rows) // 2] if rows else 0.0
     edits = {}
-    for pair, friction in enumerate(robot.wheeled.model.pair_friction):
-        if abs(friction[0] - friction[1]) > 1e-3 and text.has("pair", str(pair)):
-            most = max(friction[:2])
-            edits["pair", str(pair), "friction"] = _row(most, most, *friction[2:])
-    return Rung("pairs", ("friction_by_heading",), edits) if edits else None
+    for (kind, name), row in zip(parts, rows, strict=True):
+        ways = 2 if kind == "pair" else 1
+        if np.abs(row[:ways] - usual).max() > 1e-3:
+            edits[kind, name, "friction"] = _row(*[usual] * ways, *row[ways:])
+        if kind == "geom" and int(model.geom(name).condim[0]) == 1:
+            edits[kind, name, "condim"] = "3"
+    kinds = ("friction_by_heading", "unlike_wheels", "which_friction")
+    return Rung("friction", kinds, edits) if edits else None
 
 
 _RUNGS: Sequence[Callable[[OwnRobot, MjcfText, Measures], Rung | None]] = (
@@ -385,7 +395,7 @@ _RUNGS: Sequence[Callable[[OwnRobot, MjcfText, Measures], Rung | None]] = (
     _step,
     _shape,
     _axes,
-    _pair_friction,
+    _friction,
 )
-_CORRECTIONS = ("shape", "axes", "pairs", "cone")
+_CORRECTIONS = ("shape", "axes", "friction", "cone")
 """Changes of what is wrong by the file alone; they stay whatever the trials say."""

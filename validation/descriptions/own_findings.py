@@ -7,14 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from validation.descriptions.findings import Finding
-from validation.descriptions.ladder import (
-    OFF_AXLE,
-    UNLIKE,
-    Climb,
-    exceeds,
-    pairs_of,
-)
+from validation.descriptions.findings import Finding, unlike_friction
+from validation.descriptions.ladder import Climb, exceeds, pairs_of, sliding
 from validation.descriptions.mjcf_text import MjcfText
 from validation.descriptions.trials import Measures
 
@@ -22,12 +16,16 @@ _HARD = 0.05
 """Difference of two impedances or time constants that are not one [1]."""
 
 
-def own_findings(climb: Climb, text: MjcfText | None) -> list[Finding]:
+def own_findings(
+    climb: Climb, text: MjcfText | None, known: Sequence[Finding] = ()
+) -> list[Finding]:
     """Return what is wrong with a robot of others by its own physics, faults first.
 
-    Each has what it measured before and after all changes together.
+    Each has what it measured before and after all changes together; findings that are `known` by
+    numbers alone are among them where a change was kept for them.
     """
-    found = []
+    changed = {kind for rung in climb.rungs for kind in rung.kinds}
+    found = [_with_change(finding, climb, text) for finding in known if finding.kind in changed]
     for look in _LOOKS:
         finding = look(climb)
         if finding is not None:
@@ -232,6 +230,12 @@ def _friction_by_heading(climb: Climb) -> Finding | None:
     return None
 
 
+def _unlike_friction(climb: Climb) -> Finding | None:
+    robot = climb.robot
+    frictions = [math.nan if d is None else sliding(robot, d.geom) for d in robot.tyres]
+    return unlike_friction(robot.names, frictions)
+
+
 def _servo_soft(climb: Climb) -> Finding | None:
     robot = climb.robot
     before = climb.before
@@ -286,50 +290,6 @@ def _rolls(climb: Climb) -> Finding | None:
     )
 
 
-def _unlike(climb: Climb) -> Finding | None:
-    drums = [drum for drum in climb.robot.tyres if drum is not None]
-    radii = [drum.radius for drum in drums]
-    middle = float(np.median(radii))
-    if not middle or max(abs(radius / middle - 1.0) for radius in radii) <= UNLIKE:
-        return None
-    rows = ", ".join(
-        f"{name} {1e3 * radius:.1f} mm"
-        for name, radius in zip(climb.robot.names, radii, strict=False)
-    )
-    return Finding(
-        "unlike_wheels",
-        "fault",
-        f"wheels differ in their radius ({rows}): the robot veers, and stands on some of them",
-        "give all four one radius",
-    )
-
-
-def _wheel_shape(climb: Climb) -> Finding | None:
-    words = {
-        "box": "is a box",
-        "mesh": "is a mesh, of which MuJoCo takes the hull with its corners",
-        "lying": "is a cylinder or capsule across the axle",
-        "oval": "is not round",
-    }
-    robot = climb.robot
-    for name, drum in zip(robot.names, robot.tyres, strict=True):
-        if drum is None:
-            continue
-        if drum.off_axle > OFF_AXLE * drum.radius:
-            text = f"is {1e3 * drum.off_axle:.1f} mm off its axle"
-        elif drum.kind in words:
-            text = words[drum.kind]
-        else:
-            continue
-        return Finding(
-            "wheel_shape",
-            "question" if drum.kind == "mesh" else "fault",
-            f"the shape of wheel {name} {text}, so that the robot hops and turns unevenly",
-            "take an ellipsoid or a cylinder about the axle",
-        )
-    return None
-
-
 _LOOKS: Sequence[Callable[[Climb], Finding | None]] = (
     _step,
     _pyramid,
@@ -337,8 +297,7 @@ _LOOKS: Sequence[Callable[[Climb], Finding | None]] = (
     _soft_on_one,
     _which_friction,
     _friction_by_heading,
-    _wheel_shape,
-    _unlike,
+    _unlike_friction,
     _servo_soft,
     _motor_weak,
     _creep,

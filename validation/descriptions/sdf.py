@@ -9,6 +9,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ssmr.types import FloatArray
+from validation.output import one_line
 
 _MODEL = "__model__"
 _TURNING = ("revolute", "continuous")
@@ -100,13 +101,22 @@ def _pose(pose: ElementTree.Element | None) -> FloatArray:
     text = "" if pose is None else (pose.text or "").strip()
     if pose is None or not text:
         return transform
-    numbers = np.array([float(word) for word in text.split()])
-    if len(numbers) != 6 or not np.isfinite(numbers).all():
-        raise ValueError(f"a pose is '{text}', wanted six numbers: x y z roll pitch yaw")
+    numbers = _numbers(text, 6, "a pose", "x y z roll pitch yaw")
     roll, pitch, yaw = np.radians(numbers[3:]) if _is_true(pose.get("degrees")) else numbers[3:]
     transform[:3, :3] = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
     transform[:3, 3] = numbers[:3]
     return transform
+
+
+def _numbers(text: str, count: int, what: str, order: str) -> FloatArray:
+    """Return the numbers of a text; a ValueError where they are others than wanted."""
+    try:
+        numbers = np.array([float(word) for word in text.split()])
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise ValueError(f"{what} is '{one_line(text)}', wanted {count} numbers: {order}")
+    return numbers
 
 
 def _is_true(word: str | None) -> bool:
@@ -167,13 +177,19 @@ def _link(link: ElementTree.Element, shift: FloatArray) -> ElementTree.Element:
 
 
 def _shape(geometry: ElementTree.Element | None) -> ElementTree.Element | None:
-    """Return the shape of a URDF; None for one that it does not have."""
+    """Return the shape of a URDF; None for one that it does not have.
+
+    An ellipsoid becomes the sphere around it: a wheel's radius stays.
+    """
     if geometry is None:
         return None
     for shape in geometry:
         size = {child.tag: (child.text or "").strip() for child in shape}
-        if shape.tag in ("box", "cylinder", "sphere"):
+        if shape.tag in ("box", "cylinder", "sphere", "capsule"):
             return ElementTree.Element(shape.tag, size)
+        if shape.tag == "ellipsoid":
+            radii = _numbers(size.get("radii", ""), 3, "the radii of an ellipsoid", "x y z")
+            return ElementTree.Element("sphere", radius=repr(float(radii.max())))
     return None
 
 
@@ -188,7 +204,7 @@ def _joint(joint: ElementTree.Element, place: FloatArray, frames: _Frames) -> El
     axis = joint.find("axis")
     if axis is None:
         return out
-    direction = np.array([float(word) for word in _text(axis, "xyz", "0 0 1").split()])
+    direction = _numbers(_text(axis, "xyz", "0 0 1"), 3, f"the axis of joint '{name}'", "x y z")
     xyz = axis.find("xyz")
     base = name if xyz is None else xyz.get("expressed_in", name)
     if _is_true(axis.findtext("use_parent_model_frame")):

@@ -28,6 +28,9 @@ _REACH = 0.25
 """Greatest height of a wheel's lowest point above that of the lowest wheel, over its radius [1]."""
 _WHEEL_WORDS = re.compile(r"wheel|tire|tyre|rueda|roue|rad(?![a-z])", re.IGNORECASE)
 
+_ROUND = (mjtGeom.mjGEOM_CYLINDER, mjtGeom.mjGEOM_ELLIPSOID)
+"""Shapes of wheels; spheres are those of casters."""
+
 
 class Drum(NamedTuple):
     """The shape with which a wheel touches the ground."""
@@ -165,15 +168,19 @@ class WheeledRobot:
             )
 
     def _touching(self, joints: Sequence[int]) -> list[int]:
-        """Return the joints whose wheels come about as low as the lowest; all without shapes."""
-        lowest = {}
-        for joint in joints:
-            drum = self.drum(joint)
-            if drum is None:
-                return list(joints)
-            lowest[joint] = float(self.data.xanchor[joint, 2]) - drum.radius, drum.radius
-        bottom, radius = min(lowest.values())
-        return [joint for joint, (low, _) in lowest.items() if low - bottom < _REACH * radius]
+        """Return the joints whose wheels come about as low as the lowest; all without shapes.
+
+        A wheel without a shape is as large as the lowest one.
+        """
+        drums = {joint: self.drum(joint) for joint in joints}
+        heights = {joint: float(self.data.xanchor[joint, 2]) for joint in joints}
+        lows = [(heights[j] - drum.radius, drum.radius) for j, drum in drums.items() if drum]
+        if not lows:
+            return list(joints)
+        bottom, usual = min(lows)
+        most = bottom + _REACH * usual
+        radii = {j: usual if drum is None else drum.radius for j, drum in drums.items()}
+        return [joint for joint in joints if heights[joint] - radii[joint] < most]
 
     def _require_fixed(self, joint: int) -> None:
         """Raise a ValueError where a wheel can be steered by a joint above it."""
@@ -189,8 +196,9 @@ class WheeledRobot:
                 )
 
     def _others(self, wheels: Sequence[int]) -> str:
-        """Return why other parts that are called wheels are none, by name; empty without any."""
+        """Return why other parts that are called wheels, or are round, are none; empty without."""
         model = self.model
+        is_round = np.isin(model.geom_type, _ROUND)
         by_reason = dict[str, list[str]]()
         taken = {int(model.jnt_bodyid[j]) for j in wheels}
         for body in range(1, model.nbody):
@@ -198,7 +206,9 @@ class WheeledRobot:
             name = model.body(body).name
             if joint >= 0:
                 name = f"{name} {model.joint(joint).name}"
-            if body in taken or not _WHEEL_WORDS.search(name):
+            has_round = is_round[model.geom_bodyid == body].any()
+            is_leaf = not np.any(model.body_parentid == body)
+            if body in taken or not (_WHEEL_WORDS.search(name) or (has_round and is_leaf)):
                 continue
             if joint < 0:
                 reason = "fixed: make their joints continuous"

@@ -11,11 +11,13 @@ import re
 import xml.etree.ElementTree as ElementTree  # nosec B405 # of texts that declare no entities
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.parsers import expat  # nosec B407 # of texts that declare no entities
 
 import mujoco
+import numpy as np
 
+from ssmr.types import FloatArray
 from validation.files import guarded
 
 ALLOWANCE = guarded.Allowance(seconds=10.0, memory=2 << 30)
@@ -165,29 +167,51 @@ def _found(name: str, folder: Path, places: Iterable[str]) -> Path | None:
     return None
 
 
-def complete(spec: mujoco.MjSpec, files: Mapping[str, bytes]) -> None:
+def complete(spec: mujoco.MjSpec, files: Mapping[str, bytes]) -> set[str]:
     """Take out of an MJCF whatever would keep a robot from being compiled, and tells nothing of it.
+
+    Returns the names of files of meshes that are not there.
 
     These are shapes whose file is not there, looks, keyframes, and inertia that no body has, which
     becomes its mean. A floor that only contact pairs know of is added, and parts get names.
     """
-    spec.compiler.balanceinertia = True
     name_parts(spec)
+    mend_inertia(spec)
     for key in list(spec.keys):
         spec.delete(key)
-    lost = {mesh.name for mesh in spec.meshes if mesh.file and mesh.file not in files}
+    away = [mesh for mesh in spec.meshes if mesh.file and mesh.file not in files]
+    lost = {mesh.name for mesh in away}
+    missing = {mesh.file for mesh in away}
     for geom in list(spec.geoms):
         geom.material = ""
         if geom.meshname in lost:
             spec.delete(geom)
-    for mesh in list(spec.meshes):
-        if mesh.name in lost:
-            spec.delete(mesh)
+    for mesh in away:
+        spec.delete(mesh)
     for look in (*spec.skins, *spec.materials, *spec.textures):
         spec.delete(look)
     for part in (*spec.sites, *spec.tendons):
         part.material = ""
     _add_floors(spec)
+    return missing
+
+
+def mend_inertia(spec: mujoco.MjSpec) -> None:
+    """Let inertia that no body has be its mean about every axis."""
+    spec.compiler.balanceinertia = True
+    for body in spec.bodies:
+        tensor = inertia_tensor(body)
+        if body.explicitinertial and np.linalg.eigvalsh(tensor)[0] < 0.0:
+            body.fullinertia = np.full(6, np.nan)
+            body.inertia = np.full(3, np.abs(np.diag(tensor)).mean())
+
+
+def inertia_tensor(body: Any) -> FloatArray:
+    """Return the (3, 3) inertia that a file says of a body [kg m2]."""
+    xx, yy, zz, xy, xz, yz = np.asarray(body.fullinertia).tolist()
+    if np.isnan(xx):
+        return np.diag(np.asarray(body.inertia, dtype=np.float64))
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def name_parts(spec: mujoco.MjSpec) -> None:
@@ -242,9 +266,13 @@ def compile_foreign(text: str, folder: str | None, tolerant: bool) -> guarded.An
     warnings = list[str]()
     mujoco.set_mju_user_warning(warnings.append)
     spec = mujoco.MjSpec.from_string(text, include=files, assets=files)
-    if tolerant:
-        complete(spec, files)
-    spec.compile()
+    lost = complete(spec, files) if tolerant else set[str]()
+    try:
+        spec.compile()
+    except ValueError as error:
+        if lost:
+            raise ValueError(f"{error}; it lacks the files {', '.join(sorted(lost))}") from error
+        raise
     if any("NaN" in warning for warning in warnings):
         raise ValueError("it contains a NaN, but every number must be finite")
     return [text, list(files)], list(files.values())

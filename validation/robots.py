@@ -21,8 +21,8 @@ import tyro
 from ssmr.errors import DivergedError, SsmrError
 from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, output
-from validation.descriptions.examination import Examined, examine_foreign
-from validation.descriptions.findings import Finding, model_findings, static_findings
+from validation.descriptions.examination import Examined, examine_foreign, model_findings
+from validation.descriptions.findings import Finding, static_findings
 from validation.descriptions.foreign_robot import is_description
 from validation.descriptions.importing import RobotDraft, draft_robot, import_robot, unit_of_key
 from validation.descriptions.loading import load_robot

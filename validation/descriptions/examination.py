@@ -1,16 +1,21 @@
-"""A robot of others, examined with its own physics: what it does, why, and what would mend it."""
+"""A robot, examined with its physics: what it does, why, and what would mend it.
+
+A robot of others has its own physics; one of ours those of our model.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from ssmr.robot.ground import SkidTurn
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
 from validation.descriptions.ladder import climb
 from validation.descriptions.mjcf_text import MjcfText
 from validation.descriptions.own_findings import own_findings
 from validation.descriptions.trials import in_words
+from validation.simulator.checking import Measured
 
 _KEYS = (
     "multiplier",
@@ -77,3 +82,49 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
         loads=loads,
         mended=result.text if result.rungs else None,
     )
+
+
+# ------------------------------------------------------------------------- of our own model
+MULTIPLIER_LIMIT = 0.02
+"""Deviation of the multiplier from its closed form that a robot may have [1]."""
+
+
+def model_findings(spot: SkidTurn | None, measured: Measured) -> list[Finding]:
+    """Return what is wrong with a robot's MuJoCo model, by a slow turn on the spot.
+
+    Args:
+        spot: the turn by mechanics; None where its wheels do not carry it.
+        measured: measurements on the model.
+    """
+    found = []
+    multiplier = measured.multiplier
+    if multiplier is None:
+        found.append(
+            Finding(
+                "motor_weak",
+                "fault",
+                "the simulated robot did not turn once on the spot in twice the time that "
+                "mechanics allows it",
+            )
+        )
+    elif spot is not None and abs(multiplier / spot.multiplier - 1.0) > MULTIPLIER_LIMIT:
+        found.append(
+            Finding(
+                "wheel_shape",
+                "fault",
+                f"the simulated robot turns with a multiplier of {multiplier:.3f}, and mechanics "
+                f"says {spot.multiplier:.3f}",
+                "keep the usual wheel_shape and timestep",
+            )
+        )
+    if measured.lifted_share > 0.0:
+        found.append(
+            Finding(
+                "hopping",
+                "fault",
+                f"a wheel leaves the ground in {100.0 * measured.lifted_share:.0f} % of a slow "
+                "turn on the spot",
+                "move the centre of mass to the middle and down, or lower the friction",
+            )
+        )
+    return found

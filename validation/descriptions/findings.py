@@ -11,12 +11,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ssmr.robot.ground import FRONT, LEFT, SkidTurn, turn_on_the_spot
+from ssmr.robot.ground import FRONT, LEFT, turn_on_the_spot
 from ssmr.types import FloatArray
 from validation.descriptions.foreign_robot import ForeignRobot
 from validation.descriptions.wheels import named_end, named_side
 from validation.simulator.checking import (
-    Measured,
     guessed,
     load_shares,
     robot_outline,
@@ -99,8 +98,11 @@ class Case(NamedTuple):
 def static_findings(robot: Robot, foreign: ForeignRobot | None = None) -> list[Finding]:
     """Return what is wrong with a robot by its numbers alone, faults first."""
     case = Case(robot, foreign)
-    found = [finding for look in _LOOKS if (finding := look(case)) is not None]
-    return sorted(found, key=lambda finding: finding.severity)
+    found = [look(case) for look in _LOOKS]
+    if foreign is not None:
+        found += [look(foreign) for look in _FOREIGN_LOOKS]
+    findings = [finding for finding in found if finding is not None]
+    return sorted(findings, key=lambda finding: finding.severity)
 
 
 def shares_of_axles_and_sides(robot: Robot) -> tuple[float, float]:
@@ -187,13 +189,11 @@ def _wheel_without_load(case: Case) -> Finding | None:
     )
 
 
-def _axes(case: Case) -> Finding | None:
-    if case.foreign is None:
-        return None
-    signs = case.foreign.wheeled.signs
+def _axes(foreign: ForeignRobot) -> Finding | None:
+    signs = foreign.wheeled.signs
     if np.all(signs == signs[0]):
         return None
-    names = np.array(case.foreign.wheeled.names)
+    names = np.array(foreign.wheeled.names)
     backward = ", ".join(names[signs < 0.0])
     forward = ", ".join(names[signs > 0.0])
     sides = "wheels"
@@ -209,10 +209,8 @@ def _axes(case: Case) -> Finding | None:
     )
 
 
-def _names(case: Case) -> Finding | None:
-    if case.foreign is None:
-        return None
-    wheeled = case.foreign.wheeled
+def _names(foreign: ForeignRobot) -> Finding | None:
+    wheeled = foreign.wheeled
     wrong = []
     for name, front, left in zip(wheeled.names, FRONT, LEFT, strict=True):
         if named_side(name) * left < 0.0:
@@ -411,12 +409,10 @@ def _motor_weak(case: Case) -> Finding | None:
     )
 
 
-def _friction_by_heading(case: Case) -> Finding | None:
-    if case.foreign is None:
-        return None
+def _friction_by_heading(foreign: ForeignRobot) -> Finding | None:
     unequal = []
     directed = False
-    for numbers in case.foreign.contacts:
+    for numbers in foreign.contacts:
         mu1 = numbers.get("mu1")
         mu2 = numbers.get("mu2", mu1)
         if mu1 is not None and mu2 is not None and abs(mu1 - mu2) > _EQUAL_FRICTION:
@@ -436,17 +432,15 @@ def _friction_by_heading(case: Case) -> Finding | None:
     )
 
 
-def _unlike_sizes(case: Case) -> Finding | None:
-    if case.foreign is None:
-        return None
-    drums = [drum for drum in case.foreign.drums if drum is not None]
+def _unlike_sizes(foreign: ForeignRobot) -> Finding | None:
+    drums = [drum for drum in foreign.drums if drum is not None]
     radii = [drum.radius for drum in drums]
     middle = float(np.median(radii)) if radii else 1.0
     if max((abs(radius / middle - 1.0) for radius in radii), default=0.0) <= UNLIKE:
         return None
     rows = ", ".join(
         f"{name} {1e3 * radius:.1f} mm"
-        for name, radius in zip(case.foreign.wheeled.names, radii, strict=False)
+        for name, radius in zip(foreign.wheeled.names, radii, strict=False)
     )
     return Finding(
         "unlike_wheels",
@@ -456,16 +450,14 @@ def _unlike_sizes(case: Case) -> Finding | None:
     )
 
 
-def _wheel_shape(case: Case) -> Finding | None:
+def _wheel_shape(foreign: ForeignRobot) -> Finding | None:
     words = {
         "box": "is a box",
         "mesh": "is a mesh, of which MuJoCo takes the hull with its corners",
         "lying": "is a cylinder or capsule across the axle",
         "oval": "is not round",
     }
-    if case.foreign is None:
-        return None
-    for name, drum in zip(case.foreign.wheeled.names, case.foreign.drums, strict=True):
+    for name, drum in zip(foreign.wheeled.names, foreign.drums, strict=True):
         if drum is None:
             continue
         if drum.off_axle > OFF_AXLE * drum.radius:
@@ -483,11 +475,9 @@ def _wheel_shape(case: Case) -> Finding | None:
     return None
 
 
-def _unlike_friction(case: Case) -> Finding | None:
-    if case.foreign is None:
-        return None
-    frictions = [numbers.get("mu1", math.nan) for numbers in case.foreign.contacts]
-    return unlike_friction(case.foreign.wheeled.names, frictions)
+def _unlike_friction(foreign: ForeignRobot) -> Finding | None:
+    frictions = [numbers.get("mu1", math.nan) for numbers in foreign.contacts]
+    return unlike_friction(foreign.wheeled.names, frictions)
 
 
 def unlike_friction(names: Sequence[str], frictions: Sequence[float]) -> Finding | None:
@@ -556,65 +546,21 @@ _LOOKS: Sequence[Callable[[Case], Finding | None]] = (
     _weight_outside,
     _wheel_without_load,
     _weight_off,
-    _axes,
-    _names,
     _wheel_inertia,
     _body_inertia,
     _hull_in_ground,
     _hull_unlike,
     _mass_in_wheels,
-    _wheel_shape,
-    _unlike_sizes,
-    _friction_by_heading,
-    _unlike_friction,
     _effort,
     _motor_weak,
     _guess,
     _controller,
 )
-
-
-# ------------------------------------------------------------------------- of our own model
-MULTIPLIER_LIMIT = 0.02
-"""Deviation of the multiplier from its closed form that a robot may have [1]."""
-
-
-def model_findings(spot: SkidTurn | None, measured: Measured) -> list[Finding]:
-    """Return what is wrong with a robot's MuJoCo model, by a slow turn on the spot.
-
-    Args:
-        spot: the turn by mechanics; None where its wheels do not carry it.
-        measured: measurements on the model.
-    """
-    found = []
-    multiplier = measured.multiplier
-    if multiplier is None:
-        found.append(
-            Finding(
-                "motor_weak",
-                "fault",
-                "the simulated robot did not turn once on the spot in twice the time that "
-                "mechanics allows it",
-            )
-        )
-    elif spot is not None and abs(multiplier / spot.multiplier - 1.0) > MULTIPLIER_LIMIT:
-        found.append(
-            Finding(
-                "wheel_shape",
-                "fault",
-                f"the simulated robot turns with a multiplier of {multiplier:.3f}, and mechanics "
-                f"says {spot.multiplier:.3f}",
-                "keep the usual wheel_shape and timestep",
-            )
-        )
-    if measured.lifted_share > 0.0:
-        found.append(
-            Finding(
-                "hopping",
-                "fault",
-                f"a wheel leaves the ground in {100.0 * measured.lifted_share:.0f} % of a slow "
-                "turn on the spot",
-                "move the centre of mass to the middle and down, or lower the friction",
-            )
-        )
-    return found
+_FOREIGN_LOOKS: Sequence[Callable[[ForeignRobot], Finding | None]] = (
+    _axes,
+    _names,
+    _wheel_shape,
+    _unlike_sizes,
+    _friction_by_heading,
+    _unlike_friction,
+)

@@ -24,13 +24,12 @@ def own_findings(
     Each has what it measured before and after all changes together; findings that are `known` by
     numbers alone are among them where a change was kept for them.
     """
-    changed = {kind for rung in climb.rungs for kind in rung.kinds}
-    found = [_with_change(finding, climb, text) for finding in known if finding.kind in changed]
-    for look in _LOOKS:
-        finding = look(climb)
-        if finding is not None:
-            found.append(_with_change(finding, climb, text))
-    return sorted(found, key=lambda finding: finding.severity)
+    cured = set().union(*[rung.kinds for rung in climb.rungs])
+    looked = [look(climb) for look in _LOOKS]
+    found = [finding for finding in known if finding.kind in cured]
+    found += [finding for finding in looked if finding is not None]
+    changed = [_with_change(finding, climb, text) for finding in found]
+    return sorted(changed, key=lambda finding: finding.severity)
 
 
 def _with_change(finding: Finding, climb: Climb, text: MjcfText | None) -> Finding:

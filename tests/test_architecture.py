@@ -424,11 +424,11 @@ PRICES = {
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
     "validation/files": Price(
-        43_700,
+        44_600,
         26,
         135,
         "any log is read as one form, of bags on one clock with the most independent pose; "
-        "its faults are named; it is written",
+        "its faults are named, a slipping side among them; it is written",
     ),
     "validation/plants": Price(
         6_300,

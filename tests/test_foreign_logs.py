@@ -138,12 +138,38 @@ def turned(c: Columns) -> Columns:
     return {**c, "x": way.real, "y": way.imag}
 
 
+def moved_poses(warp: Callable[[FloatArray], FloatArray]) -> Callable[[Columns], Columns]:
+    """Poses of other instants."""
+    return lambda c: {**c, **{n: np.interp(warp(c["t"]), c["t"], c[n]) for n in ("x", "y", "yaw")}}
+
+
+def averaged(c: Columns) -> Columns:
+    """Poses averaged over 2 s."""
+    width = round(2.0 / float(np.median(np.diff(c["t"]))))
+    mean = np.full(width, 1.0 / width)
+    return {**c, **{n: np.convolve(c[n], mean, mode="same") for n in ("x", "y", "yaw")}}
+
+
+def on_a_stone(c: Columns) -> Columns:
+    """The left wheels turn three times as fast in a third of the time."""
+    third = len(c["t"]) // 3
+    faster = np.ones(len(c["t"]))
+    faster[third : 2 * third] = 3.0
+    return {**c, "enc_left": faster * c["enc_left"]}
+
+
 INVENTED: dict[str, tuple[str, Callable[[Columns], Columns]]] = {
     "a gyro's offset": ("offset", lambda c: {**c, "gyro_z": c["gyro_z"] + 0.1}),
     "a gyro's drift": (
         "drift",
         lambda c: {**c, "gyro_z": c["gyro_z"] + np.linspace(-0.1, 0.1, len(c["t"]))},
     ),
+    "a small offset": ("offset", lambda c: {**c, "gyro_z": c["gyro_z"] - 0.04}),
+    "poses of 5 s later": ("clock", moved_poses(lambda t: t + 5.0)),
+    "a clock that is fast": ("clock", moved_poses(lambda t: 1.03 * t)),
+    "poses averaged": ("smoothed", averaged),
+    "a side that slips": ("slip", on_a_stone),
+    "encoders without a sign": ("sign", lambda c: {**c, **{n: abs(c[n]) for n in WHEELS}}),
     "spikes": ("spikes", spiked),
     "positions": ("positions", added_up),
     "a path at an angle": ("frame", turned),

@@ -45,6 +45,8 @@ _SIDES_DIFFER = 1.5
 """Factor by which one side of wheels may turn the robot more than the other; 1.1 on ice."""
 _TOGETHER = 8.0
 """Ratio of the singular values of the sides' rates from which they turn too much together."""
+_LEAST_FACTOR = 0.05
+"""Logarithm of a factor below which two signals are in one unit."""
 _FAR = math.log(3.0)
 """Logarithm of the factor beyond the possible ones from which similar signals contradict."""
 _SHARES = 60.0, 85.0
@@ -147,9 +149,15 @@ def _scale_corrections(signals: Channels, radius: float | None) -> Iterator[_Cor
         if not told or not all(name in signals for name in names):
             continue
         _, factor, partner, what = min(told)
+        if abs(math.log(factor)) < _LEAST_FACTOR:
+            continue
         verb = "tell" + "s" * (len(names) == 1)
         appearance = f"{verb} {factor:.3g} times the {what} that {partner} say"
         hint, exact = _unit_of(names, factor, radius)
+        ways = [each for each in told if each[3] == "way"]
+        if names == _WHEELS and exact is None and what == "turn" and ways:
+            appearance += f", and {min(ways)[1]:.3g} times the way that {min(ways)[2]} say"
+            appearance += f" of wheels of {radius or _RADIUS:.3g} m"
         factor = exact or factor
         yield _Correction("scale", names, f"{appearance}: {hint}", _scaled(1.0 / factor, *names))
 
@@ -167,11 +175,23 @@ def _factors(
             y = other.values[both] / other.typical
             if len(x) < FEWEST_WINDOWS or abs(correlation(x, y)) < _SIMILAR:
                 continue
+            commands = {*COMMAND_COLUMNS["twist"]}
             clipped = abs(correlation(x - x.mean(), y - y.mean())) < _SAME_SHAPE
-            if not (clipped and {*COMMAND_COLUMNS["twist"]} & {*m.columns, *other.columns}):
+            clipped |= _is_clipped(x, y) if commands & {*m.columns} else _is_clipped(y, x)
+            if not (clipped and commands & {*m.columns, *other.columns}):
                 factor = float(np.linalg.norm(x) / np.linalg.norm(y))
                 unsure = math.log(m.most / m.least) + math.log(other.most / other.least)
                 yield unsure, factor, " and ".join(other.columns), what
+
+
+def _is_clipped(command: FloatArray, motion: FloatArray) -> bool:
+    """Return whether (N,) commands are often at their bound, where the (N,) motion still varies."""
+    size = np.abs(command)
+    if not np.any(size):
+        return False
+    at_bound = size > 0.99 * np.max(size)
+    there = np.abs(motion[at_bound])
+    return bool(np.mean(at_bound) > 0.2 and np.std(there) > 0.25 * np.mean(there))
 
 
 def _unit_of(
@@ -258,7 +278,10 @@ def _measures(signals: Channels, radius: float | None) -> tuple[list[_Measure], 
         turning.append(_Measure(("cmd_w",), yaw_rate, 0.6, 2.3, 15.0))
     if "cmd_v" in signals:
         speed = np.where(commanded, signals["cmd_v"], math.nan)
-        forward.append(_Measure(("cmd_v",), speed, 0.6, 1.05, 2.7))
+        driven = [m.values[commanded] for m in forward]
+        clipped = any(_is_clipped(speed[commanded], motion) for motion in driven)
+        least = 0.02 if clipped else 0.6
+        forward.append(_Measure(("cmd_v",), speed, least, 1.05, 2.7))
     return turning, forward
 
 

@@ -217,7 +217,9 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
             cannot be used.
     """
     topics, clock = read_topics(path, options)
-    chosen, sentences = choose_topics(path, topics, options.topics)
+    finite = {topic.name: _finite(topic) for topic in topics}
+    able = [topic for topic, _ in finite.values()]
+    chosen, sentences = choose_topics(path, able, options.topics)
     remarks = [clock] if clock else []
     for t in chosen.values():
         remarks += [f"{t.name}: {t.remark}, so the times of writing count"] * bool(t.remark)
@@ -232,15 +234,15 @@ def read_bag(path: Path, options: ReadOptions) -> Log:
     groups = {}
     faults = []
     for role, topic in chosen.items():
-        finite, remark = _finite(topic)
+        _, remark = finite.get(topic.name, (topic, ""))
         remarks += [remark] * bool(remark)
         if role == "odom":
-            finite, sentence = _in_the_body(finite)
+            topic, sentence = _in_the_body(topic)
             if sentence:
                 faults.append(LogFault("frame", ("odom_v",), sentence))
         # a pose takes the names x, y and yaw from the odometry
         prefix = "odom_" if role == "odom" and "pose" in chosen else ""
-        groups[role] = _group(path, role, finite, prefix, options.limits)
+        groups[role] = _group(path, role, topic, prefix, options.limits)
         if topic.fault:
             faults.append(LogFault("clock", tuple(groups[role].columns), topic.fault))
     roles = {topic.name: role for role, topic in chosen.items()}
@@ -255,12 +257,14 @@ def _finite(topic: Topic) -> tuple[Topic, str]:
 
     Where that leaves less than half, it stays as it is.
     """
-    table = np.column_stack(list((topic.columns or {}).values()))
+    if not topic.columns:
+        return topic, ""
+    table = np.column_stack(list(topic.columns.values()))
     finite = np.all(np.isfinite(table), axis=1)
     lost = np.count_nonzero(~finite)
     if not 0 < 2 * lost < len(finite):
         return topic, ""
-    columns = {name: values[finite] for name, values in (topic.columns or {}).items()}
+    columns = {name: values[finite] for name, values in topic.columns.items()}
     sentence = f"{topic.name}: {lost} samples have something that is no number, and are left out"
     return replace(topic, t=topic.t[finite], columns=columns), sentence
 

@@ -33,6 +33,10 @@ _MOVES = 0.1
 """Speed [m/s] and yaw rate [rad/s] from which a robot moves."""
 _OFFSET = 0.025
 """Offset of a gyro from which it is a fault: a sound one on tile has 0.016 [rad/s]."""
+_ALIKE = 0.6
+"""Correlation from which encoders tell the speeds of the wheels' rims."""
+_SLIPS = 1.5
+"""Rate by which wheels that slip are faster than the others say [rad/s]."""
 _PARTS = 4
 """Parts of a log in which an offset must show."""
 _SIGMAS = 5.0
@@ -181,18 +185,19 @@ def unsigned_wheels(e: LogSignals) -> Iterator[LogFault]:
     raw = [e.log.columns[name] for name in _WHEELS]
     if any(values.min() < -0.01 * values.max() for values in raw):
         return
-    left, right = wheels
     turning = e.signals["yaw"]
-    # where both sides surely turn ahead they tell the sizes
-    ahead = np.abs(right - left) < 0.5 * (left + right)
-    if np.count_nonzero(ahead) < 2 * _FEW:
-        return
-    mean = 0.5 * (left + right)
-    radius = float(along[ahead] @ mean[ahead]) / float(mean[ahead] @ mean[ahead])
-    more = float((right - left)[ahead] @ turning[ahead])
-    more /= max(float(turning[ahead] @ turning[ahead]), 1e-9)
-    slower = along / max(radius, 1e-3) - 0.5 * np.abs(more * turning)
-    n = np.count_nonzero((slower < -0.2) & (np.minimum(left, right) > -0.5 * slower))
+    sides = np.array(wheels)
+    best = _ALIKE
+    n = 0
+    for half_track in np.geomspace(0.05, 2.0, 25):
+        rims = np.array([along - half_track * turning, along + half_track * turning])
+        sizes = np.abs(rims)
+        alike = min(map(_centred, sizes, sides))
+        if alike > best:
+            best = alike
+            radius = float(np.sum(sizes * sides) / np.sum(sides**2))
+            backwards = (rims < -0.2 * radius) & (radius * sides > 0.5 * sizes)
+            n = int(np.count_nonzero(np.any(backwards, axis=0)))
     if n >= _FEW:
         sentence = (
             "enc_left and enc_right are never negative, although the pose says that wheels turned "
@@ -313,7 +318,7 @@ def growing_delay(e: LogSignals) -> Iterator[LogFault]:
     start = float(np.median(late - slope * times))
     rest = float(np.percentile(np.abs(late - slope * times - start), 80.0))
     grown = slope * (times[-1] - times[0])
-    if abs(grown) > max(0.3, 4.0 * rest):
+    if abs(grown) > max(0.5, 4.0 * rest):
         sentence = (
             f"yaw is {start + slope * times[0]:.2f} s behind {name} at first and "
             f"{start + slope * times[-1]:.2f} s at last: one of "
@@ -435,6 +440,43 @@ def pushed(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("slip", _WHEELS, sentence)
 
 
+def slipping_side(e: LogSignals) -> Iterator[LogFault]:
+    """Wheels of one side that turn faster than the robot moves, while the other's do not."""
+    wheels = e.wheels()
+    along = e.along()
+    if wheels is None or along is None:
+        return
+    moved = np.column_stack([along, e.signals["yaw"]])
+    fast = []
+    sound = []
+    for side in wheels:
+        told = moved @ _sturdy_fit(moved, side)
+        more = np.abs(side) - np.abs(told)
+        kept = np.abs(np.diff(side, prepend=0.0)) < 1e-12  # it is frozen
+        fast.append((more > 0.5 * np.abs(told)) & (more > _SLIPS) & ~kept)
+        sound.append(np.abs(side - told) < 0.3 * np.maximum(np.abs(told), 1.0))
+    for name, one, other in ((_WHEELS[0], 0, 1), (_WHEELS[1], 1, 0)):
+        n = int(np.count_nonzero(fast[one] & sound[other]))
+        both = int(np.count_nonzero(fast[other]))
+        if n > max(2.0 * _FEW, 0.05 * len(along), 5.0 * both):
+            sentence = (
+                f"{name} turns faster than the robot moves in {100.0 * n / len(along):.0f} % of "
+                "the time, and the other side does not: its wheels slip, or are lifted"
+            )
+            yield LogFault("slip", (name,), sentence)
+
+
+def _sturdy_fit(of: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the factors of (N, k) columns that sum up to (N,) values, by least absolute errors."""
+    weights: FloatArray = np.ones(len(values))
+    factors: FloatArray = np.zeros(of.shape[1])
+    for _ in range(15):  # of weighted least squares
+        factors = np.asarray(np.linalg.lstsq(of * weights[:, None], values * weights)[0])
+        errors = np.abs(values - of @ factors)
+        weights = 1.0 / np.sqrt(np.maximum(errors, np.median(errors) + 1e-6))
+    return factors
+
+
 CHECKS: tuple[Check, ...] = (
     rows_for_time,
     positions,
@@ -449,6 +491,7 @@ CHECKS: tuple[Check, ...] = (
     turned_path,
     speeds_for_places,
     pushed,
+    slipping_side,
 )
 """The tests, in their order. A new one is a function and its name here."""
 _OF_LONG = (smoothed, gyro_offset, turned_path, other_commands)

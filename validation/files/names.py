@@ -23,7 +23,7 @@ _NAMES: Mapping[str, str] = {
     "odom_w": r"twist\.twist\.angular\.z$",
 }
 """By our name, what the names of such columns match, in lower case and with points for slashes."""
-_QUATERNION = r"(orientation|rotation)\.{0}$|^q_rs_{0}(_?\[\])?$|^q_?{0}$"
+_QUATERNION = r"(orientation|rotation|quat|quaternion)[._]{0}$|^q_rs_{0}(_?\[\])?$|^q[._]?{0}$"
 _WHEEL = re.compile(r"veloc|vel$|rate|speed|wheel|rad_s|enc|motor|^[frmb][lr]$|^[lr][frmb]$")
 """Parts of the names of columns of wheels."""
 _UNIT = re.compile(r"\s*[\[(]([^\])]*)[\])]\s*$")

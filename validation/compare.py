@@ -190,7 +190,10 @@ def _made(o: Compare, profile: Profile, source: Source, own: Sequence[str]) -> d
     if source.reference == RECORDING:
         driven.discard(RECORDING)
     if unknown := ", ".join(sorted(name for name in driven if not is_plant(name))):
-        raise ValueError(f"unknown plant '{unknown}'; there are: {', '.join(names)}")
+        raise ValueError(
+            f"unknown plant '{unknown}'; there are: {', '.join(names)}; or give the path of an "
+            "MJCF (.xml)"
+        )
     # in the order of tables, and then the robots of others
     ordered = [name for name in names if name in driven]
     ordered += sorted(driven - set(ordered))

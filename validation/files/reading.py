@@ -164,7 +164,7 @@ def load_named(
     if name not in shipped and not exists(path):
         raise ValueError(
             f"no {what} '{one_line(name)}'; there are: {', '.join(shipped)}; "
-            "or give the path of a TOML file"
+            "or give the path of a file"
         )
     document = parse_toml(read_text(path), f"{what} {one_line(name)}")
     try:

@@ -369,6 +369,24 @@ def test_an_sdf_is_a_robot_with_friction_and_controller(tmp_path: Path) -> None:
     assert not static_findings(draft.robot, draft.foreign)
 
 
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ("<include><uri>model://lidar</uri></include>", "includes model://lidar"),
+        ('<model name="mast"><link name="pole"/></model>', "holds the model 'mast'"),
+    ],
+)
+def test_what_an_sdf_takes_from_elsewhere_is_not_left_out(
+    more: str, message: str, tmp_path: Path
+) -> None:
+    wheels = "".join(SDF_LINK.format(f"{n}_w", 0.2 * x, 0.25 * y) for n, (x, y) in CORNERS.items())
+    path = tmp_path / "a.sdf"
+    model = f'<model name="cart"><link name="chassis"/>{wheels}{more}</model>'
+    path.write_text(f'<sdf version="1.9">{model}</sdf>')
+    with pytest.raises(ValueError, match=message):
+        import_robot(path)
+
+
 def test_the_kinematic_plant_turns_about_where_the_weight_says(tmp_path: Path) -> None:
     path = tmp_path / "a.urdf"
     for origin in ("-0.125 0 0", "0.05 -0.06 0"):

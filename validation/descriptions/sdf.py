@@ -23,7 +23,8 @@ def urdf_of_sdf(root: ElementTree.Element) -> ElementTree.Element:
     Surfaces and plugins are left where they stand; links and joints are in the model's frame.
 
     Raises:
-        ValueError: there is no model with a link, it holds other models, or a pose is no pose.
+        ValueError: there is no model with a link, it holds or includes other models, or a pose is
+            no pose.
     """
     models = [model for model in root.iter("model") if model.find("link") is not None]
     if not models:
@@ -34,6 +35,12 @@ def urdf_of_sdf(root: ElementTree.Element) -> ElementTree.Element:
         raise ValueError(
             f"its model '{model.get('name')}' holds the model '{inner.get('name')}'; "
             "write the links and joints of both into one"
+        )
+    included = model.findtext("include/uri")
+    if included is not None:
+        raise ValueError(
+            f"its model '{model.get('name')}' includes {included}; "
+            "write the links and joints of that into the file"
         )
     robot = ElementTree.Element("robot", name=model.get("name", "robot"))
     frames = _Frames(model)

@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ssmr.control.loop import LoopSettings
+from ssmr.control.references import line
 from ssmr.types import Commands, State
 from validation import cli, load_robot
 from validation.descriptions.findings import static_findings
@@ -18,6 +20,8 @@ from validation.descriptions.foreign_robot import read_foreign
 from validation.descriptions.importing import import_robot
 from validation.descriptions.own_robot import OwnRobot
 from validation.descriptions.trials import examine, mechanical_turn
+from validation.experiment.gains import load_gains
+from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.plants.profile import bare_profile, make_plant
 from validation.robots import PROGRAM, check_robot
 
@@ -211,6 +215,22 @@ def test_torque_motors_are_driven_by_rates_and_that_is_said(tmp_path: Path) -> N
 
 
 # ------------------------------------------------------------------------------------ as a plant
+def test_a_controller_drives_a_description_of_others_as_it_drives_ours(tmp_path: Path) -> None:
+    """Along a straight line of two metres, beside our own model of the same robot."""
+    path = tmp_path / "theirs.xml"
+    path.write_text(model())
+    profile = bare_profile(load_robot(path))
+    law = make_controller(profile, load_gains("pid"))
+    quiet = LoopSettings("truth", disturbance=False)
+    ends = []
+    for plant in (str(path), "mujoco"):
+        robot = make_robot(profile, plant)
+        (run,) = run_robots([robot], [law], [quiet], line(0.4, 2.0), [0])
+        assert not run.lost
+        ends.append(run.motion.xy[-1])
+    np.testing.assert_allclose(ends[0], ends[1], atol=0.02)
+
+
 def test_an_mjcf_is_a_plant_by_its_path(tmp_path: Path) -> None:
     path = tmp_path / "theirs.xml"
     path.write_text(model())

@@ -13,16 +13,17 @@ from typing import Any
 import numpy as np
 
 from ssmr.control.laws import AnyController, design
-from ssmr.control.loop import ClosedRun, LoopSettings
+from ssmr.control.loop import ClosedRun, LoopSettings, run_loop
 from ssmr.control.mission import PythonController
 from ssmr.control.population import Bodies, run_bodies, run_loops
 from ssmr.control.waypoints import Waypoints
 from ssmr.models.four_wheel_plant import FourWheelBodies, FourWheelPlant
-from ssmr.models.law import OWN_MODELS, PLANAR_MODELS
 from ssmr.models.linear import matrices
 from ssmr.robot.vehicle import Drive
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import Commands, Plant, State
+from validation.descriptions.own_plant import OwnPlant
+from validation.engines.plant import EnginePlant
 from validation.experiment.gains import GainSet, load_gains
 from validation.experiment.user_law import is_user_law, load_user_law
 from validation.output import shortened
@@ -51,7 +52,7 @@ class ClosedLoopRobot:
 
     name: str
     """Name of the plant."""
-    body: PlanarModel | FourWheelPlant | MujocoPlant
+    body: PlanarModel | FourWheelPlant | MujocoPlant | EnginePlant | OwnPlant
     """The planar model, or the robot itself."""
     known: Drive | None = None
     """The drive as controllers know it, where that is not the robot's own."""
@@ -88,13 +89,8 @@ def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedL
         ValueError: an unknown name, or numbers that do not go together.
     """
     body = make_plant(profile, plant, terrain)
-    if isinstance(body, MujocoPlant | FourWheelPlant):
+    if isinstance(body, MujocoPlant | FourWheelPlant | EnginePlant | OwnPlant):
         return ClosedLoopRobot(plant, body)
-    if plant not in (*PLANAR_MODELS, *OWN_MODELS):
-        raise ValueError(
-            f"plant '{plant}' has no closed loops in populations; "
-            "ssmr.control.loop.run_loop drives it"
-        )
     section = profile.section(plant)
     return ClosedLoopRobot(plant, PlanarModel(section.parameters, section.vehicle, section.drive))
 
@@ -185,8 +181,15 @@ def run_robots(
     planar = [r.body for r in robots if isinstance(r.body, PlanarModel)]
     simulated = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
     tyred = [r.body for r in robots if isinstance(r.body, FourWheelPlant)]
-    if len(robots) not in (len(planar), len(simulated), len(tyred)):
+    others = [r.body for r in robots if isinstance(r.body, EnginePlant | OwnPlant)]
+    if len(robots) not in (len(planar), len(simulated), len(tyred), len(others)):
         raise ValueError("a population is one kind of plant")
+    if others:
+        # they have no compiled population: the slow loop drives one after another
+        return [
+            run_loop(body, law, waypoints, how, seeds[i % len(seeds)], start)
+            for i, (body, law, how) in enumerate(zip(others, designed, settings, strict=True))
+        ]
     make: Callable[[State], Bodies]
     if simulated:
         make = partial(MujocoBodies, simulated, threads)

@@ -22,6 +22,7 @@ from ssmr.metrics.paths import (
 from ssmr.models.four_wheel_plant import FourWheelPlant
 from ssmr.parameters import MOST_SEED, described, require_within
 from ssmr.search.space import ParameterSpace, declared
+from ssmr.simulation import PlanarModel
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.gains import GainSet
 from validation.experiment.loops import AnyController, ClosedLoopRobot, make_controller, run_robots
@@ -187,7 +188,11 @@ class TuneCase:
 
 
 def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
-    """Return the same robot in the same place, acting on its commands `more` later [s]."""
+    """Return the same robot in the same place, acting on its commands `more` later [s].
+
+    Raises:
+        ValueError: its plant is another engine's or a description by others.
+    """
     drive = robot.drive
     late = replace(drive, delay_v=drive.delay_v + more, delay_w=drive.delay_w + more)
     body = robot.body
@@ -195,8 +200,10 @@ def delayed(robot: ClosedLoopRobot, more: float) -> ClosedLoopRobot:
         body = MujocoPlant(body.calibration, late, terrain=body.terrain, settings=body.settings)
     elif isinstance(body, FourWheelPlant):
         body = FourWheelPlant(body.parameters, late)
-    else:
+    elif isinstance(body, PlanarModel):
         body = replace(body, drive=late)
+    else:
+        raise ValueError(f"plant '{robot.name}' cannot be made to answer later")
     return replace(robot, body=body, known=robot.known or drive)  # no controller knows of the delay
 
 

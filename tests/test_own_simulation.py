@@ -22,6 +22,7 @@ from validation.descriptions.own_robot import OwnRobot
 from validation.descriptions.trials import examine, mechanical_turn
 from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller, make_robot, run_robots
+from validation.experiment.sources import driver_warnings
 from validation.plants.profile import bare_profile, make_plant
 from validation.robots import PROGRAM, check_robot
 
@@ -215,6 +216,14 @@ def test_torque_motors_are_driven_by_rates_and_that_is_said(tmp_path: Path) -> N
 
 
 # ------------------------------------------------------------------------------------ as a plant
+def test_another_robots_driver_before_a_description_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.xml"
+    path.write_text(model())
+    (warning,) = driver_warnings(["mujoco", str(path)], load_robot("husky"))
+    assert "its driver is that of husky" in warning
+    assert not driver_warnings([str(path)], load_robot(path))
+
+
 def test_a_controller_drives_a_description_of_others_as_it_drives_ours(tmp_path: Path) -> None:
     """Along a straight line of two metres, beside our own model of the same robot."""
     path = tmp_path / "theirs.xml"

@@ -31,7 +31,13 @@ from validation.experiment.scores import (
     pace_of,
     score,
 )
-from validation.experiment.sources import RECORDING, Source, open_source, unknown_robot_notes
+from validation.experiment.sources import (
+    RECORDING,
+    Source,
+    driver_warnings,
+    open_source,
+    unknown_robot_notes,
+)
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
 from validation.output import file_name, one_line
@@ -121,7 +127,8 @@ def compare(o: Compare) -> Comparison:
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
     unknown = _unknown_robot(o, source, profile)
     too_fast = _too_fast(profile, source)
-    for warning in (*source.warnings, *unknown[1:], *too_fast):
+    foreign = driver_warnings(plants, profile.robot)
+    for warning in (*source.warnings, *unknown[1:], *too_fast, *foreign):
         cli.warn(warning)
     localisers = {name: profile.section(name).localiser for name in plants}
     push_seed = o.seed if o.disturbance else None

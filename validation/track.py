@@ -38,6 +38,7 @@ from validation.experiment.loops import (
     require_practicable,
     run_robots,
 )
+from validation.experiment.sources import driver_warnings
 from validation.experiment.tracked import MOST_BESIDE, Followed, reference_of, track_metrics
 from validation.experiment.user_law import load_user_metric
 from validation.experiment.waypoint_files import open_reference
@@ -185,6 +186,7 @@ def track(o: TrackOptions) -> Tracked:
         sentences.insert(0, origin_sentence(gains, profile.name))
     course = waypoints.course()
     sentences += profile.too_fast(Pace.of(course["v"], course["w"]), label)
+    sentences += driver_warnings(plants, profile.robot)
     remarks = [sentence for sentence in sentences if sentence is not None]
     for remark in remarks:
         cli.warn(remark)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -13,6 +13,7 @@ from ssmr.geometry import rotate_body_to_world, rotate_world_to_body
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, State, Trajectory
+from validation.descriptions.loading import load_robot
 from validation.files.abilities import too_short
 from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
@@ -28,7 +29,7 @@ from validation.files.signals import (
     refreshed,
 )
 from validation.output import one_line
-from validation.plants.table import ALL_PLANTS, STANDARD, is_plant
+from validation.plants.table import ALL_PLANTS, STANDARD, is_foreign, is_plant
 from validation.simulator.description import Robot
 
 RECORDING_GRID = 0.01
@@ -378,6 +379,10 @@ def _recorded_motion(
     return Trajectory(t, pose, np.column_stack([speeds, turning]), wheels)
 
 
+_SAME_SIZE = 0.1
+"""Greatest relative difference of sizes at which one robot's driver still suits another."""
+
+
 def unknown_robot_notes(source: Source, robot: Robot) -> list[str]:
     """Return the notes on a log of a robot that nobody named; it is taken for `robot`.
 
@@ -412,3 +417,25 @@ def unknown_robot_notes(source: Source, robot: Robot) -> list[str]:
     if odd:
         return [note, f"{source.title}: the log shows {' and '.join(odd)}. Name the robot"]
     return [note]
+
+
+def driver_warnings(plants: Iterable[str], robot: Robot) -> list[str]:
+    """Return a sentence for each MJCF among `plants` that is not as large as the profile's robot.
+
+    The driver that makes wheel rates of commands is that of the profile.
+    """
+    sentences = []
+    for name in filter(is_foreign, plants):
+        theirs = load_robot(name)
+        sizes = {
+            "track": (theirs.track, robot.track),
+            "wheel radius": (theirs.wheel_radius, robot.wheel_radius),
+        }
+        for what, (size, known) in sizes.items():
+            if abs(size / known - 1.0) > _SAME_SIZE:
+                sentences.append(
+                    f"{name} has a {what} of {size:.3g} m, but its driver is that of {robot.name}, "
+                    f"with {known:.3g} m; --robot {name} gives it its own"
+                )
+                break
+    return sentences

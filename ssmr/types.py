@@ -139,7 +139,7 @@ class State:
 
     @property
     def motion(self) -> Motion:
-        """The same numbers for compiled functions; motors give no torque."""
+        """Return the state for compiled functions, with motors that give no torque."""
         return Motion(*map(float, vars(self).values()))
 
 

@@ -1,4 +1,4 @@
-"""What the core has from the thesis is what the thesis prints: gains, a switch, a line."""
+"""Numbers of the core that come from the thesis are printed there: gains, a switch, a line."""
 
 from __future__ import annotations
 

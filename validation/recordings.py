@@ -109,7 +109,7 @@ class Convert(LogOptions):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LogReport(Report):
-    """What a log contains."""
+    """Contents of a log."""
 
     program = "recordings"
     endings = ()

@@ -130,11 +130,11 @@ class RobotCheck(Report):
     spot: SkidTurn | None
     """How it turns on the spot by mechanics; None where it does not stand on four wheels."""
     measured: Measured | None
-    """What our MuJoCo model of it shows; None where there is none."""
+    """Result of our MuJoCo model of it; None where there is none."""
     examined: Examined | None
-    """What it does with its own physics; None for what is no MJCF of others."""
+    """Result of the trials with its own physics; None where the file is no MJCF of others."""
     findings: Sequence[Finding]
-    """What is wrong or deserves a look, faults first."""
+    """Findings, faults first."""
     remarks: Sequence[str]
     """Sentences on how its description was read."""
 

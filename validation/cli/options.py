@@ -180,7 +180,7 @@ def text_of(value: Any) -> str:
 
 
 REGISTRY = ConstructorRegistry()
-"""What tyro must know of our types."""
+"""How tyro reads and prints the types of our options."""
 
 
 @REGISTRY.primitive_rule

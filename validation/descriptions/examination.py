@@ -35,12 +35,12 @@ _KEYS = (
 
 
 class Examined(NamedTuple):
-    """What an examination found."""
+    """Result of an examination of a robot."""
 
     sentences: list[str]
-    """What the robot does, in the words of people who ask, and what was assumed."""
+    """Sentences on how the robot moves, and on what the examination assumed."""
     findings: list[Finding]
-    """What is wrong with it by its own physics, with changes that were tried."""
+    """Faults and questions that its own physics show, with the changes that were tried."""
     numbers: dict[str, Any]
     """`own_physics` of robot.json; None for a number that no trial could show."""
     loads: list[float]

@@ -1,4 +1,4 @@
-"""What is wrong with a robot's numbers: findings from its file alone, without any drive.
+"""Findings on a robot's numbers from its file alone: nothing is driven.
 
 Each function looks for one cause and returns what it found, or None.
 """
@@ -28,7 +28,7 @@ from validation.simulator.description import GRAVITY, WHEELS, Robot
 DRIVER_LIMIT = 0.25
 """Deviation of the body's yaw rate from the commanded one that raises no question [1]."""
 _CONTROLLER_LIMIT = 0.08
-"""The same deviation for a controller that stands beside a description by others [1]."""
+"""Greatest relative deviation of a controller's number that stands beside a description [1]."""
 DENSITIES = (30.0, 6000.0)
 """Masses a cubic metre of hull between which robots are [kg/m³]: an empty box of sheet, and steel
 that fills most of it."""
@@ -39,7 +39,7 @@ OFF_SHARE = 0.12
 """Difference of the loads of two axles or sides over the weight from which the weight is off the
 middle [1]."""
 _FAR_OFF = 0.25
-"""The same difference from which it is a fault [1]."""
+"""Relative difference from which it is a fault and no question [1]."""
 _ROUNDED = 1.1
 """Moment of inertia over the greatest that a body can have, up to which it is rounded [1]."""
 _MOST_IN_WHEELS = 0.5
@@ -64,11 +64,11 @@ class Finding(NamedTuple):
     cause: str
     """Sentence that says what is wrong."""
     change: str | None = None
-    """What to change, and to what; None where only a look or a measurement tells it."""
+    """The change that helps; None where only a look or a measurement tells it."""
     before: str | None = None
-    """What was measured before the change; None where it was not tried."""
+    """Measurement before the change; None where the change was not tried."""
     after: str | None = None
-    """The same after the change."""
+    """Measurement after the change."""
 
     @property
     def sentence(self) -> str:

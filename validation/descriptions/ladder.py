@@ -80,7 +80,7 @@ class Rung(NamedTuple):
     """A change that may help."""
 
     name: str
-    """What it changes."""
+    """The change that it makes."""
     kinds: tuple[str, ...]
     """Kinds of findings that it may cure."""
     edits: Edits
@@ -93,9 +93,9 @@ class Climb(NamedTuple):
     robot: OwnRobot
     """The robot before any change but the rescue."""
     before: Measures
-    """What it measured before."""
+    """Measurements before the changes."""
     after: Measures
-    """What it measured with the changes."""
+    """Measurements with the changes."""
     rescue: Rung | None
     """The change without which its simulation does not even run; None where it does."""
     rungs: Sequence[Rung]

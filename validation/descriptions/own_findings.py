@@ -1,4 +1,4 @@
-"""What is wrong with a robot of others by its own physics, with changes that were tried."""
+"""Findings on a robot of others by its own physics, with changes that were tried."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ _LOADED = 0.6
 _LONGEST = 12.0
 """Greatest duration of a turn [s]."""
 Measures = dict[str, float]
-"""What trials measured [SI], by name."""
+"""Measurements of the trials [SI], by name."""
 
 
 def mechanical_turn(robot: OwnRobot, *, in_the_middle: bool = False) -> SkidTurn:

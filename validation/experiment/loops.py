@@ -43,7 +43,7 @@ _EASY_TURN = 0.25
 """Share of the greatest yaw rate up to which a reference asks for so little that nothing is
 measured."""
 _EASY_SPEED = 0.8
-"""The same share of the greatest speed."""
+"""Share of the greatest speed up to which nothing is measured either."""
 
 
 @dataclass(frozen=True, eq=False)

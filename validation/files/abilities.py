@@ -1,4 +1,4 @@
-"""What a log can tell, and what to drive where it cannot."""
+"""The signals for which a log is good enough, and what to drive where it is not."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
@@ -104,7 +105,7 @@ def _stride(t: FloatArray) -> int:
     return max(1, round(_SYNC_STRIDE_S / period))
 
 
-class Rater:
+class Rater(ABC):
     """Rates candidates along one piece of motion; a subclass defines the errors of their poses."""
 
     def __init__(self, piece: Piece, cost: FitCost, weight: FloatArray, blocks: FloatArray) -> None:
@@ -145,13 +146,13 @@ class Rater:
         columns = 2 * (self._cost.position_weight > 0.0) + (self._cost.yaw_weight > 0.0)
         return np.tile(self._blocks, columns)
 
+    @abstractmethod
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (S, K, 2) errors of positions [m] and (S, K) of yaw [rad] of (S, M, 3) poses."""
-        raise NotImplementedError
 
+    @abstractmethod
     def pose_cost(self, poses: FloatArray, workers: int) -> FloatArray:
         """Return the (S,) terms of the cost of (S, M, 3) poses."""
-        raise NotImplementedError
 
     def pose_residuals(self, poses: FloatArray, workers: int) -> FloatArray:
         """Return the weighted errors of (S, M, 3) poses; those that weigh nothing are left out."""

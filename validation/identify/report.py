@@ -6,6 +6,7 @@ It has the numbers within their bounds, the course of the search, and its pictur
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -119,7 +120,7 @@ def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SearchReport(Report):
+class SearchReport(Report, ABC):
     """The report on a search."""
 
     course: Search
@@ -137,9 +138,9 @@ class SearchReport(Report):
         return self.course.cost
 
     @property
+    @abstractmethod
     def cost_name(self) -> str:
         """Name of the cost: `path`, `sync` or `horizon` of a fit, `path` or `time` of a tuning."""
-        raise NotImplementedError
 
     def notes(self) -> list[str]:
         """Return how an interrupted search goes on, and the remarks."""

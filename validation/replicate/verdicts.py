@@ -161,7 +161,7 @@ class JudgedRow(NamedTuple):
     whole: Verdict
     """The verdict on the row."""
     criterion: Entry
-    """What it is evidence of."""
+    """The kind of evidence that a row is."""
 
     @property
     def is_printed(self) -> bool:

@@ -49,7 +49,7 @@ class Study(Report):
     shown: Sequence[Table]
     """Tables, the most important one first."""
     about: Mapping[str, Any]
-    """What study.json has besides its tables."""
+    """Values that study.json has besides its tables."""
     panels: Sequence[PanelRow]
     """Panels of its picture, row by row."""
     remarks: Sequence[str] = ()

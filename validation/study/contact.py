@@ -245,7 +245,7 @@ class Trial:
     models: Mapping[str, Mapping[str, Trajectory]]
     """Motions of the published models, by model and trajectory."""
     setting: Setting
-    """What is tried."""
+    """The setting that is tried."""
 
     @cached_property
     def uncorrected(self) -> MujocoPlant | EnginePlant:

@@ -56,6 +56,7 @@ LEFT_OUT = {
     "real_time_factor",
     "versions",
     "options",
+    "config",
     "settings",
     "limits",
     "published",

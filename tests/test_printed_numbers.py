@@ -43,7 +43,7 @@ def test_shipped_gains_are_the_printed_ones(name: str) -> None:
     gains = load_gains(controller, name)
     theirs = PRINTED[controller]
     assert list(gains.values.values()) == [published.value(number, each, column) for each in theirs]
-    assert set(theirs) == set(published.table(number)["rows"])
+    assert set(theirs) == set(published.printed(number)["rows"])
     assert gains.provenance["table"] == number
     assert f"Tab. {number}" in gains.source
     assert (
@@ -88,7 +88,7 @@ def lengths_by(number: str) -> tuple[float, float]:
 
     A robot short by d_haus lacks the share 1 - d_ratio.
     """
-    (row,) = published.table(number)["rows"]
+    (row,) = published.printed(number)["rows"]
     gap = published.value(number, row, "d_haus_m")
     missing = 1.0 - published.value(number, row, "d_ratio")
     return (gap - LAST_DIGIT) / (missing + LAST_DIGIT), (gap + LAST_DIGIT) / (missing - LAST_DIGIT)

@@ -35,7 +35,7 @@ ERRATA_4_38_WRONG = {
 
 def rows_in_all_tables() -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     for number in (*NUMBERS, "text"):
-        for name, row in published.table(number)["rows"].items():
+        for name, row in published.printed(number)["rows"].items():
             yield number, name, row
 
 
@@ -79,12 +79,14 @@ def test_every_table_of_the_thesis_is_present_in_order():
 
 
 def test_erratum_4_8_copies_4_7():
-    slow = published.table("4.7")["rows"]["circle_0.25"]
-    fast = published.table("4.8")["rows"]["circle_0.50"]
+    slow = published.printed("4.7")["rows"]["circle_0.25"]
+    fast = published.printed("4.8")["rows"]["circle_0.50"]
     assert dict(slow) == dict(fast)
-    assert published.table("4.8")["suspect"]
+    assert published.printed("4.8")["suspect"]
     # no other pair of tables shares its three numbers
-    rows = {n: dict(row) for n in SINGLE_ROW_TABLES for row in published.table(n)["rows"].values()}
+    rows = {
+        n: dict(row) for n in SINGLE_ROW_TABLES for row in published.printed(n)["rows"].values()
+    }
     assert [(a, b) for a, b in itertools.combinations(rows, 2) if rows[a] == rows[b]] == [
         ("4.7", "4.8")
     ]
@@ -94,7 +96,7 @@ def test_table_4_37_repeats_the_single_tables():
     compared: list[str] = []
     covered: set[str] = set()
     for number in SINGLE_ROW_TABLES:
-        content = published.table(number)
+        content = published.printed(number)
         if content["comparison"] != "simulated_vs_real":
             continue
         ((name, row),) = content["rows"].items()
@@ -103,7 +105,7 @@ def test_table_4_37_repeats_the_single_tables():
         assert {m: published.value("4.37", repeated, m) for m in METRICS} == dict(row)
         if "taken_from" not in content:
             compared.append(number)
-    assert covered == set(published.table("4.37")["rows"])
+    assert covered == set(published.printed("4.37")["rows"])
     # independent prints of the same three numbers; the other five tables were taken from 4.37
     # itself
     assert compared == ["4.13", "4.15", "4.16", "4.19", "4.30", "4.32", "4.33", "4.35", "4.36"]
@@ -112,7 +114,7 @@ def test_table_4_37_repeats_the_single_tables():
 def test_table_4_38_follows_from_4_37():
     errata = ERRATA_4_38_LAST_DIGIT | ERRATA_4_38_WRONG
     disagree: dict[tuple[str, str], tuple[float, float]] = {}
-    for row in published.table("4.38")["rows"]:
+    for row in published.printed("4.38")["rows"]:
         for metric in ("d_rms", "d_haus", "d_ratio"):
             printed = published.value("4.38", row, f"{metric}_change_percent")
             computed = change_percent(row, metric)
@@ -122,7 +124,7 @@ def test_table_4_38_follows_from_4_37():
 
 
 def test_erratum_4_38_only_the_sine_is_beyond_rounding():
-    for row in published.table("4.38")["rows"]:
+    for row in published.printed("4.38")["rows"]:
         for metric in ("d_rms", "d_haus", "d_ratio"):
             lower, upper = change_percent_bounds(row, metric)
             inside = lower <= published.value("4.38", row, f"{metric}_change_percent") <= upper
@@ -130,7 +132,7 @@ def test_erratum_4_38_only_the_sine_is_beyond_rounding():
 
 
 def test_pid_gains_searched_and_set_by_hand():
-    rows = published.table("4.4")["rows"]
+    rows = published.printed("4.4")["rows"]
     searched = [name for name, row in rows.items() if "search" in row]
     assert len(searched) == published.value("text", "pid_gains_searched")  # Sec. 4.3.3
     assert len(rows) == published.value("text", "pid_parameters_in_all")  # Sec. 4.5
@@ -138,14 +140,14 @@ def test_pid_gains_searched_and_set_by_hand():
     # printed as "="
     assert all(rows[name]["value"] == rows[name]["optimised"] for name in searched)
     branches = [
-        row for number in ("4.1", "4.2") for row in published.table(number)["rows"].values()
+        row for number in ("4.1", "4.2") for row in published.printed(number)["rows"].values()
     ]
     used = [gain for row in branches for gain in row["gains"]]
     assert used == list(rows)
 
 
 def test_lqr_parameters_searched_and_set_by_hand():
-    rows = published.table("4.21")["rows"]
+    rows = published.printed("4.21")["rows"]
     searched = [name for name, row in rows.items() if "search" in row]
     assert len(searched) == published.value("text", "lqr_parameters_searched")  # Sec. 4.4.3 and 4.5
     assert len(rows) - len(searched) == published.value("text", "lqr_parameters_by_hand")
@@ -162,13 +164,13 @@ def test_erratum_3_8_only_mu_c_lies_outside_its_search_bounds():
         if "search" in row and not is_inside(row.get("value", row.get("optimised")), row["search"])
     ]
     assert outside == [("3.8", "mu_c")]
-    row = published.table("3.8")["rows"]["mu_c"]
+    row = published.printed("3.8")["rows"]["mu_c"]
     assert (row["value"], row["search"]) == (0.0254, [0.10, 0.20])
     assert row["suspect"]
 
 
 def test_erratum_4_21_every_manual_q_lies_outside_the_search_bounds():
-    rows = published.table("4.21")["rows"]
+    rows = published.printed("4.21")["rows"]
     outside = [
         n
         for n, row in rows.items()
@@ -179,5 +181,5 @@ def test_erratum_4_21_every_manual_q_lies_outside_the_search_bounds():
 
 def test_erratum_4_21_optimised_q_is_not_positive_definite():
     # Sec. 4.4.1 asks for it; Q_44 prints as 0.00, the lower end of its search range
-    row = published.table("4.21")["rows"]["Q_44"]
+    row = published.printed("4.21")["rows"]["Q_44"]
     assert row["optimised"] == row["search"][0] == 0.0

@@ -105,7 +105,7 @@ def test_files_hold_every_number_beside_ours_with_a_verdict(
             for metric, pair in metrics.items():
                 assert {"published", "ours"} <= set(pair)
                 assert pair["verdict"] == "agrees" or pair["reason"], (number, row, metric)
-    for row, printed in published.table("3.9")["rows"].items():
+    for row, printed in published.printed("3.9")["rows"].items():
         assert {
             m: document["tables"]["3.9"]["rows"][row][m]["published"] for m in printed
         } == printed
@@ -117,7 +117,7 @@ def test_files_hold_every_number_beside_ours_with_a_verdict(
         s: sum(some[s] for some in document["evidence"].values()) for s in STATUSES
     }
     text = (tmp_path / "replicate.md").read_text(encoding="utf-8")
-    assert all(f"| {row} |" in text for row in published.table("3.8")["rows"])
+    assert all(f"| {row} |" in text for row in published.printed("3.8")["rows"])
     assert "{" not in text
 
 
@@ -166,7 +166,7 @@ def test_alternations_are_samples_of_another_sign_than_both_neighbours() -> None
 
 def test_every_searched_gain_of_the_thesis_is_one_of_ours() -> None:
     for controller, number in TUNED_TABLES.items():
-        assert {row["ours"] for row in published.table(number)["rows"].values()} == {
+        assert {row["ours"] for row in published.printed(number)["rows"].values()} == {
             *FIELDS[controller]
         }
 

@@ -59,6 +59,8 @@ class LogOptions(cli.LogReading):
     """Name of a shipped robot, or path of a robot's file (.toml)."""
     overwrite: bool = False
     """Replace a file that is there already."""
+    config: Path | None = None
+    """JSON file of a run of this program: its options hold where no others are given."""
 
     @property
     def radius(self) -> float | None:
@@ -447,12 +449,13 @@ def _command(
             check_apart(named, o.source)
             _require_free(named, o.overwrite)
             cli.require_writable(named.parent)
-        info: LogReport = program.function(o)
+        info: LogReport = program.run(o)
         if target is not None:
             info.write(target)
         cli.report_result(info, [] if target is None else [target])
 
     main.__doc__ = inspect.getdoc(program.function)
+    main.__name__ = program.__name__
     main.__annotations__ = {"o": Annotated[program.options, tyro.conf.arg(name="")]}
     return main
 

@@ -1,5 +1,7 @@
 """Everything that the command lines of the programs share; only programs import it."""
 
+from validation.cli.config import config_of as config_of
+from validation.cli.config import read_result as read_result
 from validation.cli.options import AnyProfile as AnyProfile
 from validation.cli.options import AnyRobot as AnyRobot
 from validation.cli.options import Options as Options

@@ -27,6 +27,7 @@ _EVERY: Mapping[str, str] = {
     "track": "Let a controller follow a path.",
     "tune": "Search for the gains of a controller.",
     "study": "Answer a question with a table and a picture: contact, transfer or drive train.",
+    "table": "Lay results of several runs side by side, as text, Markdown and CSV.",
     "replicate": "Repeat everything that the thesis reports, with a verdict for each row.",
     "recordings": "Say what a log contains, clean it, convert it.",
     "robots": "List and check robots, write the file of a new one, import one from a URDF.",

@@ -13,7 +13,7 @@ import reprlib
 import types
 import typing
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -68,6 +68,9 @@ def _admitted(value: Any, kind: Any) -> Any:
         return value.item()
     if isinstance(value, list):
         return tuple(value)
+    if isinstance(value, Mapping):
+        # JSON has no tuples
+        return {name: _admitted(part, Any) for name, part in value.items()}
     members = _members(kind)
     if isinstance(value, str) and str not in members:
         for member in members:
@@ -174,8 +177,10 @@ def text_of(value: Any) -> str:
         return ",".join(f"{name}={text_of(part)}" for name, part in value.items())
     if isinstance(value, tuple):
         return ",".join(map(text_of, value))
-    if isinstance(value, LogLimits):
+    if value == USUAL:
         return "those of docs/logs.md"
+    if isinstance(value, LogLimits):
+        return text_of({name: x for name, x in asdict(value).items() if x != getattr(USUAL, name)})
     return str(getattr(value, "spec", value))
 
 

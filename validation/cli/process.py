@@ -6,10 +6,12 @@ is one line on standard error.
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import errno
 import functools
 import gc
+import inspect
 import io
 import logging
 import os
@@ -17,6 +19,7 @@ import signal
 import sys
 import threading
 import traceback
+import typing
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -26,7 +29,8 @@ from tyro.extras import SubcommandApp
 
 from ssmr.errors import SsmrError
 from validation import output
-from validation.cli.options import REGISTRY
+from validation.cli.config import options_from
+from validation.cli.options import REGISTRY, Options
 from validation.output import abridged, each_line, one_line, shortened
 
 EXIT_FAILED_RUN = 1
@@ -111,28 +115,43 @@ def parse(command: Any, program: str, arguments: Sequence[str] | None = None) ->
     Raises:
         SystemExit: it asked for help, or tyro has said what is wrong with it.
     """
+    given = sys.argv[1:] if arguments is None else arguments
     if isinstance(command, Mapping):
-        read: Callable[..., Any] = _subcommands(command).cli
+        read: Callable[..., Any] = _subcommands(command, given).cli
     else:
-        read = functools.partial(tyro.cli, _deferred(command))
-    call: Callable[[], Any] = read(prog=program, args=arguments, config=_STYLE, registry=REGISTRY)
+        read = functools.partial(tyro.cli, _deferred(command, given))
+    call: Callable[[], Any] = read(prog=program, args=given, config=_STYLE, registry=REGISTRY)
     return call
 
 
-def _subcommands(commands: Mapping[str, Any]) -> SubcommandApp:
+def _subcommands(commands: Mapping[str, Any], given: Sequence[str]) -> SubcommandApp:
     app = SubcommandApp()
     for name, command in commands.items():
+        its = given[1:] if name in given[:1] else ()
         if isinstance(command, Mapping):
-            app.command(_subcommands(command), name=name)
+            app.command(_subcommands(command, its), name=name)
         else:
-            app.command(name=name)(_deferred(command))
+            app.command(name=name)(_deferred(command, its))
     return app
 
 
-def _deferred(command: Any) -> Callable[..., Any]:
-    """Return a function of the same options that returns the call itself."""
+def _deferred(command: Any, given: Sequence[str]) -> Callable[..., Any]:
+    """Return a function of the same options that returns the call itself.
+
+    Options of the file that --config names are its defaults.
+    """
     main = getattr(command, "command", command)
-    return functools.wraps(main)(lambda *given, **named: functools.partial(main, *given, **named))
+    call = functools.wraps(main)(lambda *its, **named: functools.partial(main, *its, **named))
+    found = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    found.add_argument("--config", nargs="?")
+    path = found.parse_known_args(given)[0].config
+    for name, hint in typing.get_type_hints(main, include_extras=True).items() if path else ():
+        kind = next(iter(typing.get_args(hint)), None)
+        if inspect.isclass(kind) and issubclass(kind, Options):
+            made = options_from(path, main.__name__, kind)
+            options = inspect.signature(main).parameters[name].replace(default=made)
+            call.__signature__ = inspect.Signature([options])  # type: ignore[attr-defined]
+    return call
 
 
 def say(text: str) -> None:

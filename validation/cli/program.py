@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import inspect
-import json
 import os
 import shlex
 import time
@@ -25,12 +24,13 @@ from rich.text import Text
 
 from ssmr.parameters import MOST_SEED, require_within
 from validation import output
+from validation.cli.config import config_of, options_in, read_result
 from validation.cli.options import Options, kinds_of
 from validation.cli.process import run, say
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import ReadOptions
 from validation.files.names import as_option
-from validation.files.reading import opened, read_text
+from validation.files.reading import opened
 from validation.output import one_line, visible
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import print_tables
@@ -44,8 +44,6 @@ _LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
 _ENDLESS = 10_000
 """Width of an output that is no terminal."""
-_MOST_JSON = 1 << 26
-"""Greatest size of a JSON file that is asked for the names of our files [bytes]."""
 _CHECKPOINT = b"identity.npy"
 """Name of the first array of a checkpoint."""
 _HEAD = 64
@@ -65,6 +63,8 @@ class Common(Options):
     """Folder for the files; runs/PROGRAM/... if not given."""
     overwrite: bool = False
     """Replace files that are there already."""
+    config: Path | None = None
+    """JSON file of a run of this program: its options hold where no others are given."""
     progress: tyro.conf.Suppress[output.Progressing] = output.silent
     """Called as the work goes on."""
 
@@ -155,8 +155,16 @@ class Program(Generic[P, R]):
         return "\n".join(lines)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Return the report of a run with these options."""
-        return self.function(self.options(*args, **kwargs))
+        """Return the report of a run with these options, or those of the file `config`."""
+        given = inspect.signature(self.options).bind_partial(*args, **kwargs).arguments
+        path = given.get("config")
+        kept = {} if path is None else options_in(path, self.__name__, self.options)
+        return self.run(self.options(**{**kept, **given}))
+
+    def run(self, options: Any) -> R:
+        """Return the report of a run with these options, which it then holds."""
+        report = self.function(options)
+        return replace(report, config=config_of(self.__name__, options))
 
     @property
     def command(self) -> Callable[[Any], None]:
@@ -172,10 +180,11 @@ class Program(Generic[P, R]):
             require_writable(folder)
             require_apart(options, folder, options.writes())
             with shown(self.__name__) as show:
-                report = self.function(replace(options, progress=show, out=folder))
+                report = self.run(replace(options, progress=show, out=folder))
             finish(report, options, output.make_folder(folder))
 
         main.__doc__ = inspect.getdoc(self.function)
+        main.__name__ = self.__name__
         main.__annotations__ = {"options": Annotated[self.options, tyro.conf.arg(name="")]}
         return main
 
@@ -258,17 +267,14 @@ def _ours_among(there: Sequence[Path]) -> set[str]:
     ours = set[str]()
     for path in there:
         # a file that cannot be read so is not ours
-        with contextlib.suppress(
-            ValueError, TypeError, LookupError, AttributeError, RecursionError
-        ):
+        with contextlib.suppress(ValueError, TypeError):
             if path.suffix == ".npz":
                 with opened(path) as stream:
                     ours |= {path.name} if _CHECKPOINT in stream.read(_HEAD) else set()
             elif path.suffix == ".json":
-                document = json.loads(read_text(path, _MOST_JSON))
-                if document["schema"].startswith("ssmr."):
-                    # 2.0 named none
-                    ours |= {path.name, *document.get("files", [other.name for other in there])}
+                # 2.0 named none
+                every = [other.name for other in there]
+                ours |= {path.name, *read_result(path).get("files", every)}
     return ours
 
 

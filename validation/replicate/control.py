@@ -119,7 +119,7 @@ def _tune_gains(controller: str, task: Task) -> Findings:
 def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping[str, Any]) -> Rows:
     """The thesis' gains beside those of the best search, as tune.json has them, and its cost."""
     rows: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.table(number)["rows"].items():
+    for row, printed in published.printed(number)["rows"].items():
         name = printed["ours"]
         spread = deviation([search["gains"][name] for search in searches])
         obstacle = "" if spread is not None else "a single search has no spread"
@@ -186,7 +186,7 @@ class TrackedTables:
             supposed: whether under the supposition about what the thesis does not print, see
                 `supposition`.
         """
-        theirs = published.table(number)
+        theirs = published.printed(number)
         gains = load_gains(theirs["controller"], theirs.get("gains", "published"))
         if supposed and theirs["controller"] == "lqr":
             gains = supposed_gains(gains)
@@ -207,7 +207,7 @@ class TrackedTables:
 
     def rows(self, number: str) -> Rows:
         """A table of the thesis beside ours, which are means over the seeds that kept to it."""
-        theirs = published.table(number)
+        theirs = published.printed(number)
         ours = self._means(self.compared(number))
         text = supposition(number)
         under = self._means(self.compared(number, supposed=True)) if text else {}
@@ -253,7 +253,7 @@ def supposed_path(motion: Trajectory) -> Trajectory:
 
 def supposition(number: str) -> str:
     """The supposition for a table of the thesis, without a full stop; empty if there is none."""
-    theirs = published.table(number)
+    theirs = published.printed(number)
     if theirs["comparison"] != "reference_vs_simulated":
         return ""
     if theirs["trajectory"] not in _KNOWN_GEOMETRY or theirs.get("suspect"):
@@ -272,12 +272,12 @@ def _track_references(task: Task) -> Findings:
     # Tab. 4.37 repeats the rows of the tables against the real robot, with numbers of its own.
     real_rows: dict[str, Mapping[str, Pair]] = {}
     for number, rows in tables.items():
-        theirs = published.table(number)
+        theirs = published.printed(number)
         if theirs["comparison"] == "simulated_vs_real":
             for row, pairs in rows.items():
                 real_rows[f"{theirs['controller']}_{row}"] = pairs
     repeated = {}
-    for row, printed in published.table("4.37")["rows"].items():
+    for row, printed in published.printed("4.37")["rows"].items():
         pairs = real_rows[row]
         repeated[row] = {m: replace(p, published=float(printed[m])) for m, p in pairs.items()}
     words = {"seeds": task.draws}
@@ -288,7 +288,7 @@ def _panels(rows: Sequence[JudgedRow]) -> list[PanelRow]:
     def draw(comparison: str, title: str, ax: Axes) -> None:
         labels = list[str]()
         for row in rows:
-            theirs = published.table(row.table)
+            theirs = published.printed(row.table)
             if theirs["comparison"] != comparison:
                 continue
             k = len(labels)

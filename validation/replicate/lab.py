@@ -95,7 +95,7 @@ def _noise(task: Task) -> Findings:
     draws = task.draws
     found = np.empty((3, len(_STRAIGHT), draws, len(_SIGNALS)))
     for case, name in enumerate(_STRAIGHT):
-        motion, drive = _drive_case(published.table("3.3")["rows"][name])
+        motion, drive = _drive_case(published.printed("3.3")["rows"][name])
         x, y, yaw = motion.pose[0].tolist()
         v, _, w = motion.twist[0].tolist()
         start = State(x, y, yaw, v_x=v, yaw_rate=w)
@@ -110,7 +110,7 @@ def _noise(task: Task) -> Findings:
                 found[way, case, seed] = [variance_above(each, _RATE) for each in signals]
     means = dict(zip(_SIGNALS, np.moveaxis(found.mean(axis=1), 2, 0), strict=True))
     rows = {}
-    for name, printed in published.table("3.4")["rows"].items():
+    for name, printed in published.printed("3.4")["rows"].items():
         exact, wrong, added = means[name]
         beside = {"with jitter": float(wrong.mean()), "of what is simulated": float(added.mean())}
         ours = float(exact.mean())

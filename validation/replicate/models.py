@@ -68,7 +68,7 @@ def _parameter_rows(number: str, model: str, fitted: Mapping[str, Any]) -> Rows:
     """Return the thesis' parameters beside those of fit.json."""
     limit = load_profile(_PROFILE).plants[model].drive.torque_limit
     rows: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.table(number)["rows"].items():
+    for row, printed in published.printed(number)["rows"].items():
         value = float(printed["value"])
         unit = printed["unit"]
         pair = Pair(value, limit, "spread", unit, obstacle="taken from the thesis, not searched")
@@ -94,7 +94,7 @@ def _distance_rows(number: str, fitted: Mapping[str, Any]) -> Rows:
     scores = {**fitted["held_out"], "traj4": fitted["train"]}
     by_trajectory = {name.partition("@")[0]: metrics for name, metrics in scores.items()}
     rows: dict[str, dict[str, Pair]] = {}
-    for row, printed in published.table(number)["rows"].items():
+    for row, printed in published.printed(number)["rows"].items():
         rows[row] = {}
         for metric, rule in RULE_OF.items():
             ours = by_trajectory[row][metric]

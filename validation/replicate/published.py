@@ -22,7 +22,7 @@ def published_tables() -> Mapping[str, Any]:
     return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
-def table(number: str) -> Mapping[str, Any]:
+def printed(number: str) -> Mapping[str, Any]:
     """Return a table such as "3.9": its `caption`, `rows` (numbers by row) and remarks."""
     content: Mapping[str, Any] = published_tables()[number]
     return content
@@ -37,4 +37,4 @@ def value(number: str, row: str, key: str = "value") -> float:
         key: which of the row's numbers: "value" for a parameter, "d_rms_m" and its like for a
             metric.
     """
-    return float(table(number)["rows"][row][key])
+    return float(printed(number)["rows"][row][key])

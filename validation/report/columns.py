@@ -102,10 +102,12 @@ def ending_of(key: str) -> str:
 
 
 def heading_of(key: str) -> str:
-    """Return the heading of a column without its unit."""
-    if key in DECLARED:
-        return DECLARED[key].label
-    return key.removesuffix(ending_of(key)).replace("_", " ")
+    """Return the heading of a column without its unit; a dotted key has those of its parts."""
+    *parts, last = key.split(".")
+    label = last.removesuffix(ending_of(last)).replace("_", " ")
+    if last in DECLARED:
+        label = DECLARED[last].label
+    return " ".join([*parts, label])
 
 
 def unit_of(key: str, values: Sequence[float], lengths: Sequence[float] = ()) -> Unit:
@@ -116,6 +118,7 @@ def unit_of(key: str, values: Sequence[float], lengths: Sequence[float] = ()) ->
         values: its numbers [SI].
         lengths: all lengths of the table [m]; all have one unit.
     """
+    key = key.rpartition(".")[2]
     if is_length(key):
         return length_unit(lengths)
     kind = DECLARED[key].unit if key in DECLARED else None

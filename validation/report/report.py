@@ -45,7 +45,9 @@ class Report:
     title: str
     """Work of the program, in one line."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Options that it was made with, by name."""
+    """Options that it was made with, by name, as its text and its picture say them."""
+    config: Mapping[str, Any] = field(default_factory=dict)
+    """Program and options of the call, from which `--config` repeats it."""
     versions: Mapping[str, str] = field(default_factory=output.versions)
     """Versions of this project, Python and the packages that decide numbers."""
     status: str = FINISHED
@@ -94,7 +96,6 @@ class Report:
         """Return a table, by default the first one, as a data frame of pandas, in SI units.
 
         Raises:
-            ImportError: pandas is not installed.
             ValueError: there is no such table.
         """
         import pandas
@@ -186,6 +187,7 @@ class Report:
             **self.document(),
             "notes": self.notes(),
             "options": self.options,
+            "config": self.config,
             "versions": self.versions,
         }
         return dict(output.plain(document))

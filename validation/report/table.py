@@ -248,7 +248,7 @@ def markdown_table(table: Table) -> list[str]:
     columns = table.columns()
     header = [f"{c.heading} [{c.unit}]" if c.unit else c.heading for c in columns]
     sides = [":---" if c.holds_words else "---:" for c in columns]
-    lines = [line(header), line(sides)]
+    lines = [line(header), "|" + "|".join(sides) + "|"]
     for i in range(len(table.rows)):
         cells = [f"**{c.texts[i]}**" if i in c.best else c.texts[i] for c in columns]
         lines.append(line(cells))

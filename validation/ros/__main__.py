@@ -11,6 +11,7 @@ import contextlib
 import inspect
 import signal
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any
@@ -34,7 +35,7 @@ def _control(options: Annotated[Control, tyro.conf.arg(name="")]) -> None:
         folder = options.out or Path("runs") / "ros"
         cli.require_writable(folder)
         cli.require_apart(options, folder, ("track.json", "track.png"))
-        report = control(options)
+        report = replace(control(options), config=cli.config_of("control", options))
         ignore_signals()
         name = file_name(f"{report.controller}-{report.reference}")
         folder = options.out or Path("runs") / "ros" / name
@@ -75,6 +76,7 @@ def _one_signal_ends() -> Iterator[Callable[[], None]]:
 
 for _command, _node in ((_sim, sim), (_control, control)):
     _command.__doc__ = inspect.getdoc(_node)
+    _command.__name__ = _node.__name__
 PROGRAM: Mapping[str, Callable[[Any], None]] = {"sim": _sim, "control": _control}
 
 if __name__ == "__main__":

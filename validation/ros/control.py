@@ -90,6 +90,8 @@ class Control(Graph):
     """Folder for the files; runs/ros/CONTROLLER-REFERENCE if not given."""
     overwrite: bool = False
     """Replace files that are there already."""
+    config: Path | None = None
+    """JSON file of a run of this program: its options hold where no others are given."""
 
 
 class ControlNode:

@@ -1,0 +1,141 @@
+"""Lay results of several runs side by side: `python -m validation.table FILE.json …`."""
+
+from __future__ import annotations
+
+if __name__ == "__main__":
+    from validation.interrupts import end_quietly
+
+    end_quietly()
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from validation import cli
+from validation.output import write_text
+from validation.report.report import Report
+from validation.report.table import Row, Table
+
+_SHOWN = (
+    *("source", "robot", "profile", "controller", "reference", "model"),
+    *("cost", "train.d_rms_m", "d_rms_m", "sync_rms_m", "yaw_rms_rad"),
+    *("metrics.d_rms_m", "metrics.e_y_rms_m", "metrics.cross_track_max_m"),
+    *("horizons.6.position_median_m", "horizons.6.yaw_median_rad"),
+    *("before.6.position_median_m", "after.6.position_median_m", "after.6.yaw_median_rad"),
+)
+"""Columns that are shown where none are named, those of them that the results have."""
+_NO_RESULT = ("tables", "options", "config", "versions", "schema", "notes", "files")
+"""Keys that every file has and that no column comes from."""
+
+
+@dataclass(frozen=True)
+class Side(cli.Common):
+    """Options of `table`."""
+
+    files: tyro.conf.Positional[Sequence[Path]]
+    """JSON files of runs, of one program or of several."""
+    columns: tuple[str, ...] = ()
+    """Keys of the columns, such as d_rms_m or horizons.6.position_median_m; the usual ones of the
+    program if not given. A key's beginning may be left out; a wrong one lists all."""
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError where there is no file, or one twice."""
+        super().__post_init__()
+        if not 1 <= len(set(self.files)) == len(self.files):
+            raise ValueError("name one or more different files, such as runs/fit/a/fit.json")
+
+    def writes(self) -> tuple[str, ...]:
+        """Return the names of the files that it writes into its folder."""
+        return "table.json", "table.md", "table.csv"
+
+    def folder(self) -> Path:
+        """Return the folder that the files are written to."""
+        return Path("runs") / "table"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SideBySide(Report):
+    """Results of several runs in one table."""
+
+    program = "table"
+    endings = ("md",)
+    rows: Sequence[Row]
+    """A row for each run, or for each plant of a run: its name, and its values by column."""
+
+    def tables(self) -> list[Table]:
+        """Return the table."""
+        return [Table(self.title, self.rows)]
+
+    def document(self) -> dict[str, Any]:
+        """Return the schema."""
+        return {"schema": "ssmr.table/1"}
+
+    def files(self) -> dict[str, Callable[[Path], object]]:
+        """Return writers of the text and of the table as CSV, in SI units."""
+        text = self.frame().to_csv(index=False, lineterminator="\n")
+        return {**super().files(), "table.csv": lambda path: write_text(path, text)}
+
+
+@cli.program(Side)
+def table(o: Side) -> SideBySide:
+    """Lay results of several runs side by side.
+
+    Prints one table, with a row for each run, or for each plant of a run, and writes table.json,
+    table.md and table.csv.
+
+    Raises:
+        ValueError: a file is no result, or no result has a column that is named.
+    """
+    # a run is named after its folder, as far as folders differ
+    whole = [Path(os.path.abspath(path)) for path in o.files]
+    if len({path.parent for path in whole}) == len(whole):
+        whole = [path.parent for path in whole]
+    common = os.path.commonpath([path.parent for path in whole])
+    rows = list[dict[str, Any]]()
+    for path, place in zip(o.files, whole, strict=True):
+        run = place.relative_to(common).as_posix()
+        rows += [{"run": run, **_flat(values)} for values in _parts(cli.read_result(path))]
+    there = list(dict.fromkeys(key for row in rows for key in row))
+    columns = o.columns or tuple(name for name in _SHOWN if name in there)
+    heads = [name for name in ("run", "plant") if name in there and name not in columns]
+    chosen = [dict[str, Any]() for _ in rows]
+    for name in (*heads, *columns):
+        named = {name} if name in there else {key for key in there if key.endswith(f".{name}")}
+        if not named:
+            raise ValueError(f"no result has a '{name}'; there are: {', '.join(there)}")
+        for row, shown in zip(rows, chosen, strict=True):
+            keys = sorted(named & row.keys())
+            if len(keys) > 1:
+                raise ValueError(f"'{name}' may be {', '.join(keys)}; write one of them")
+            shown[name] = row[keys[0]] if keys else None
+    return SideBySide(title="Results side by side", rows=chosen)
+
+
+def _parts(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return what a result has of each of its plants; the whole of one without plants."""
+    for key in _NO_RESULT:
+        document.pop(key, None)
+    plants = document.pop("plants", None)
+    if not plants:
+        return [document]
+    document.pop("parameters", None)  # of all plants
+    return [{**document, "plant": name, **values} for name, values in plants.items()]
+
+
+def _flat(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return words and numbers by dotted key."""
+    flat = dict[str, Any]()
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= {f"{name}.{key}": part for key, part in _flat(value).items()}
+        elif isinstance(value, str | int | float):
+            flat[name] = value
+    return flat
+
+
+if __name__ == "__main__":
+    table.main()

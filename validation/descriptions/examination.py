@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 from ssmr.robot.ground import SkidTurn
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
-from validation.descriptions.ladder import climb
+from validation.descriptions.ladder import Rung, climb, together
 from validation.descriptions.mjcf_text import MjcfText
 from validation.descriptions.own_findings import own_findings
-from validation.descriptions.trials import in_words
+from validation.descriptions.own_robot import LOADS, OwnRobot
+from validation.descriptions.trials import examine, in_words
 from validation.simulator.checking import Measured
 
 _KEYS = (
@@ -66,21 +67,24 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
         text = MjcfText(foreign.text, foreign.files)
     except ValueError as error:
         notes.append(f"no change was tried: {error}")
-    result = climb(foreign.text if text is None else text, foreign.files)
-    before = result.before
-    notes = [*result.robot.notes, *notes]
-    if result.robot.given_rates:
+    robot = OwnRobot(foreign.text if text is None else text.edited({}), foreign.files)
+    after = before = examine(robot)
+    rungs = list[Rung]()
+    if text is not None:
+        robot, rungs, after = climb(robot, text, foreign.files)
+        before = robot.measures
+    notes = [*robot.notes, *notes]
+    if robot.given_rates:
         notes.append(
             "it has no servos that hold wheel rates on both sides: here its wheels turn at given "
             "rates, whatever torque that takes"
         )
-    loads = [before[f"load_{wheel}"] for wheel in ("fl", "fr", "rl", "rr") if "load_fl" in before]
     return Examined(
         sentences=[in_words(before), *notes],
-        findings=own_findings(result, text, known),
+        findings=own_findings(robot, rungs, after, text, known),
         numbers={key: before.get(key) for key in _KEYS},
-        loads=loads,
-        mended=result.text if result.rungs else None,
+        loads=[before[load] for load in LOADS if load in before],
+        mended=text.edited(together(rungs)) if text is not None and rungs else None,
     )
 
 

@@ -81,28 +81,22 @@ class Finding(NamedTuple):
         return text
 
 
-class Case(NamedTuple):
-    """A robot whose numbers are examined."""
-
-    robot: Robot
-    """The robot."""
-    foreign: ForeignRobot | None
-    """Its description by others; None for a file of ours."""
-
-    @property
-    def hull_is_guessed(self) -> bool:
-        """Whether nobody said the size of the hull, so that nothing follows from it."""
-        return self.robot.source("geometry.body_size")[0] == "assumed"
+Others = ForeignRobot | None
+"""Description of a robot by others; None for a file of ours."""
 
 
 def static_findings(robot: Robot, foreign: ForeignRobot | None = None) -> list[Finding]:
     """Return what is wrong with a robot by its numbers alone, faults first."""
-    case = Case(robot, foreign)
-    found = [look(case) for look in _LOOKS]
+    found = [look(robot, foreign) for look in _LOOKS]
     if foreign is not None:
         found += [look(foreign) for look in _FOREIGN_LOOKS]
     findings = [finding for finding in found if finding is not None]
     return sorted(findings, key=lambda finding: finding.severity)
+
+
+def _hull_is_guessed(robot: Robot) -> bool:
+    """Return whether nobody said the size of the hull, so that nothing follows from it."""
+    return robot.source("geometry.body_size")[0] == "assumed"
 
 
 def shares_of_axles_and_sides(robot: Robot) -> tuple[float, float]:
@@ -111,13 +105,12 @@ def shares_of_axles_and_sides(robot: Robot) -> tuple[float, float]:
     return float(shares @ FRONT), float(shares @ LEFT)
 
 
-def _weight_off(case: Case) -> Finding | None:
-    ahead, aside = shares_of_axles_and_sides(case.robot)
+def _weight_off(robot: Robot, _: Others) -> Finding | None:
+    ahead, aside = shares_of_axles_and_sides(robot)
     off = abs(ahead) + abs(aside)
     if off < OFF_SHARE or off >= 1.0:
         return None
-    robot = case.robot
-    x, y, _ = whole_com(robot)
+    x, y = whole_com(robot)[:2]
     words = []
     loads = []
     weight = robot.mass * GRAVITY
@@ -157,11 +150,11 @@ def _centre_words(x: float, y: float, wheelbase: float) -> str:
     return f"a point {' and '.join(parts)} its middle" if parts else "its middle"
 
 
-def _weight_outside(case: Case) -> Finding | None:
-    if case.hull_is_guessed:
+def _weight_outside(robot: Robot, _: Others) -> Finding | None:
+    if _hull_is_guessed(robot):
         return None
-    lowest, highest = robot_outline(case.robot)
-    for axis, com, low, high in zip("xyz", case.robot.com, lowest, highest, strict=True):
+    lowest, highest = robot_outline(robot)
+    for axis, com, low, high in zip("xyz", robot.com, lowest, highest, strict=True):
         if not low <= com <= high:
             return Finding(
                 "weight_off",
@@ -172,12 +165,11 @@ def _weight_outside(case: Case) -> Finding | None:
     return None
 
 
-def _wheel_without_load(case: Case) -> Finding | None:
-    shares = load_shares(case.robot)
+def _wheel_without_load(robot: Robot, _: Others) -> Finding | None:
+    shares = load_shares(robot)
     if shares.min() > 0.0:
         return None
-    robot = case.robot
-    x, y, _ = whole_com(case.robot)
+    x, y = whole_com(robot)[:2]
     wheel = WHEELS[int(np.argmin(shares))].replace("_", " ")
     used = 2.0 * abs(x) / robot.wheelbase + 2.0 * abs(y) / robot.track
     return Finding(
@@ -228,10 +220,9 @@ def _names(foreign: ForeignRobot) -> Finding | None:
     )
 
 
-def _wheel_inertia(case: Case) -> Finding | None:
-    robot = case.robot
-    if case.foreign is not None:
-        for mass, tensor in case.foreign.wheel_tensors():
+def _wheel_inertia(robot: Robot, foreign: Others) -> Finding | None:
+    if foreign is not None:
+        for mass, tensor in foreign.wheel_tensors():
             finding = _impossible("a wheel", tensor)
             if finding is None:
                 greatest = float(np.linalg.eigvalsh(tensor)[-1])
@@ -276,20 +267,19 @@ def _impossible(body: str, tensor: FloatArray) -> Finding | None:
     )
 
 
-def _body_inertia(case: Case) -> Finding | None:
-    robot = case.robot
-    if case.foreign is not None:
-        wheeled = case.foreign.wheeled
+def _body_inertia(robot: Robot, foreign: Others) -> Finding | None:
+    if foreign is not None:
+        wheeled = foreign.wheeled
         for body in wheeled.base:
             name = wheeled.model.body(body).name
-            if name in case.foreign.tensors:
-                finding = _impossible(f"'{name}'", case.foreign.tensors[name][1])
+            if name in foreign.tensors:
+                finding = _impossible(f"'{name}'", foreign.tensors[name][1])
                 if finding is not None:
                     return finding
     lowest, highest = robot_outline(robot)
     total = sum(robot.inertia)
     for k, axis in enumerate("xyz"):
-        if case.hull_is_guessed and axis == "z":
+        if _hull_is_guessed(robot) and axis == "z":
             continue
         # mean square distance of the mass from the centre along this axis
         spread = math.sqrt(max(0.5 * total - robot.inertia[k], 0.0) / robot.base_mass)
@@ -306,10 +296,9 @@ def _body_inertia(case: Case) -> Finding | None:
     return None
 
 
-def _hull_in_ground(case: Case) -> Finding | None:
-    robot = case.robot
+def _hull_in_ground(robot: Robot, _: Others) -> Finding | None:
     bottom = robot.body_centre[2] - 0.5 * robot.body_size[2] + robot.base_height
-    if bottom >= -1e-6 or case.hull_is_guessed:
+    if bottom >= -1e-6 or _hull_is_guessed(robot):
         return None
     return Finding(
         "hull",
@@ -321,10 +310,9 @@ def _hull_in_ground(case: Case) -> Finding | None:
     )
 
 
-def _hull_unlike(case: Case) -> Finding | None:
-    if case.hull_is_guessed:
+def _hull_unlike(robot: Robot, _: Others) -> Finding | None:
+    if _hull_is_guessed(robot):
         return None
-    robot = case.robot
     length, width, height = robot.body_size
     if (
         length < 2.0 * robot.wheel_radius
@@ -349,8 +337,7 @@ def _hull_unlike(case: Case) -> Finding | None:
     )
 
 
-def _mass_in_wheels(case: Case) -> Finding | None:
-    robot = case.robot
+def _mass_in_wheels(robot: Robot, _: Others) -> Finding | None:
     share = len(WHEELS) * robot.wheel_mass / robot.mass
     if share <= _MOST_IN_WHEELS:
         return None
@@ -363,8 +350,8 @@ def _mass_in_wheels(case: Case) -> Finding | None:
     )
 
 
-def _effort(case: Case) -> Finding | None:
-    drive = case.robot.drive
+def _effort(robot: Robot, _: Others) -> Finding | None:
+    drive = robot.drive
     limit = drive.torque_limit
     if math.isinf(limit):
         return Finding(
@@ -372,10 +359,10 @@ def _effort(case: Case) -> Finding | None:
             "question",
             "no torque_limit is given, so it can turn on any ground: say that of one wheel [N m]",
         )
-    spot = spot_turn(case.robot)
+    spot = spot_turn(robot)
     if spot is None:
         return None
-    torque = turning_torque(case.robot, spot)
+    torque = turning_torque(robot, spot)
     if 2.0 * limit <= MOST_SPARE * torque or torque <= 0.0:
         return None
     return Finding(
@@ -387,8 +374,7 @@ def _effort(case: Case) -> Finding | None:
     )
 
 
-def _motor_weak(case: Case) -> Finding | None:
-    robot = case.robot
+def _motor_weak(robot: Robot, _: Others) -> Finding | None:
     spot = spot_turn(robot)
     if spot is None:
         return None
@@ -495,8 +481,7 @@ def unlike_friction(names: Sequence[str], frictions: Sequence[float]) -> Finding
     )
 
 
-def _controller(case: Case) -> Finding | None:
-    robot = case.robot
+def _controller(robot: Robot, foreign: Others) -> Finding | None:
     drive = robot.drive
     given = "drive.command_half_track" in robot.given or "drive.command_radius" in robot.given
     spot = spot_turn(robot)
@@ -516,7 +501,7 @@ def _controller(case: Case) -> Finding | None:
     # yaw rate of the body over the difference of the commanded rim speeds
     response = robot.wheel_radius / drive.command_radius * spot.yaw_rate
     reached = drive.command_half_track * response
-    limit = DRIVER_LIMIT if case.foreign is None else _CONTROLLER_LIMIT
+    limit = DRIVER_LIMIT if foreign is None else _CONTROLLER_LIMIT
     if response <= 0.0 or abs(reached - 1.0) <= limit or off > OFF_SHARE:
         return None
     return Finding(
@@ -530,19 +515,19 @@ def _controller(case: Case) -> Finding | None:
     )
 
 
-def _guess(case: Case) -> Finding | None:
+def _guess(robot: Robot, _: Others) -> Finding | None:
     reasons = {
         "geometry.wheel_radius": "count the wheels' turns over a straight metre, for every speed "
         "scales with it",
         "mass.total": "weigh the robot, for every force scales with it",
     }
     for key, reason in reasons.items():
-        if key in guessed(case.robot):
+        if key in guessed(robot):
             return Finding("guess", "question", f"{key} is a guess: {reason}")
     return None
 
 
-_LOOKS: Sequence[Callable[[Case], Finding | None]] = (
+_LOOKS: Sequence[Callable[[Robot, Others], Finding | None]] = (
     _weight_outside,
     _wheel_without_load,
     _weight_off,

@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ssmr.errors import SsmrError
+from ssmr.types import FloatArray
 from validation.descriptions.findings import OFF_AXLE, UNLIKE
-from validation.descriptions.mjcf_text import Edits, MjcfText
-from validation.descriptions.own_robot import OwnRobot
-from validation.descriptions.trials import SPEEDS, Measures, examine, mechanical_turn
+from validation.descriptions.mjcf_text import Edits, MjcfText, Part
+from validation.descriptions.own_robot import Measures, OwnRobot
+from validation.descriptions.trials import SPEEDS, examine, mechanical_turn
 from validation.simulator.composing import CONTACT_DEPTH, CONTACT_TIME, IMPEDANCE
 
 _LIMITS: Mapping[str, float] = {
@@ -41,37 +42,37 @@ _SPARE = 1.5
 """Torque of motors over that of a turn on the spot [1]."""
 _LONGEST_STEP = 0.002
 """Greatest physics step that is proposed [s]."""
+_OPTION = ("option", "")
 
 
-def deviations(measures: Measures, robot: OwnRobot) -> Measures:
+def _deviations(measures: Measures) -> Measures:
     """Return how far each number is from where it should be, as `_LIMITS` has them."""
-    unit = math.sqrt(robot.gravity * robot.radius)
-    out = Measures()
-    for name in ("lifted_share", "droop", "droop_at_speed", "saturated", "diverged"):
-        out[name] = measures.get(name, 0.0)
-    out["veer_share"] = abs(measures.get("veer_share", 0.0))
-    out["rolls"] = measures.get("rolls_m_s", 0.0) / unit
-    out["creep"] = measures.get("creep_m_s", 0.0) / unit
-    out["step"] = measures.get("step_halved_m", 0.0) / max(measures.get("curve_m", 1.0), 0.05)
-    if "multiplier" in measures:
-        ratio = measures["multiplier"]
-        out["ratio"] = abs(ratio / measures["closed_form"] - 1.0)
-        spread = measures.get("multiplier_max", ratio) - measures.get("multiplier_min", ratio)
-        out["ripple"] = spread / ratio
-    else:
+    get = measures.get
+    unit = get("speed_unit_m_s", 1.0)
+    out = {name: get(name, 0.0) for name in _LIMITS}
+    out["veer_share"] = abs(out["veer_share"])
+    out["rolls"] = get("rolls_m_s", 0.0) / unit
+    out["creep"] = get("creep_m_s", 0.0) / unit
+    out["step"] = get("step_halved_m", 0.0) / max(get("curve_m", 1.0), 0.05)
+    if "multiplier" not in measures:
         out["ratio"] = _WORST * _LIMITS["ratio"]
+        return out
+    ratio = measures["multiplier"]
+    out["ratio"] = abs(ratio / measures["closed_form"] - 1.0)
+    spread = get("multiplier_max", ratio) - get("multiplier_min", ratio)
+    out["ripple"] = spread / ratio
     return out
 
 
-def exceeds(measures: Measures, robot: OwnRobot, name: str) -> bool:
-    """Return whether a number of `deviations` is more than a sound model has."""
-    return deviations(measures, robot).get(name, 0.0) > _LIMITS[name]
+def exceeds(robot: OwnRobot, name: str) -> bool:
+    """Return whether a number of a robot's trials, see `_LIMITS`, is more than a sound one has."""
+    return _deviations(robot.measures)[name] > _LIMITS[name]
 
 
-def _badness(measures: Measures, robot: OwnRobot) -> float:
+def _badness(measures: Measures) -> float:
     """Return how bad a robot is: a sum over all numbers beyond their limits, 0 for a sound one."""
     total = 0.0
-    for name, value in deviations(measures, robot).items():
+    for name, value in _deviations(measures).items():
         total += min(max(value / _LIMITS[name] - 1.0, 0.0), _WORST)
     return total
 
@@ -87,107 +88,93 @@ class Rung(NamedTuple):
     """The attributes, and their values."""
 
 
-class Climb(NamedTuple):
-    """A model of others with as few changes as help."""
-
-    robot: OwnRobot
-    """The robot before any change but the rescue."""
-    before: Measures
-    """Measurements before the changes."""
-    after: Measures
-    """Measurements with the changes."""
-    rescue: Rung | None
-    """The change without which its simulation does not even run; None where it does."""
-    rungs: Sequence[Rung]
-    """The changes that help, with the rescue."""
-    text: str
-    """The file with these changes."""
-
-
-def climb(text: MjcfText | str, files: Mapping[str, bytes]) -> Climb:
+def climb(
+    robot: OwnRobot, text: MjcfText, files: Mapping[str, bytes]
+) -> tuple[OwnRobot, list[Rung], Measures]:
     """Try changes of a model: all that apply, and then take away each that is not needed.
 
-    A plain text is of a model whose parts cannot be changed one by one: it is only examined.
+    Args:
+        robot: the model as it is, after its trials.
+        text: its file.
+        files: the files that this names.
+
+    Returns:
+        The robot, with the change without which its simulation does not even run; the changes that
+        help, with that one; and what the trials say with all of these.
 
     Raises:
-        ValueError: the model cannot be compiled.
         SsmrError: its simulation fails whatever is changed.
     """
-    if isinstance(text, str):
-        robot = OwnRobot(text, files)
-        before = examine(robot)
-        return Climb(robot, before, before, None, (), text)
-    robot, before, rescue = _rescued(text, files)
-    rungs = [rung for make in _RUNGS if (rung := make(robot, text, before)) is not None]
-    if rescue is not None:
-        rungs.insert(0, rescue)
-    if not rungs:
-        return Climb(robot, before, before, rescue, (), text.edited({}))
-    kept = list(rungs)
+    robot, kept = _rescued(robot, text, files)
+    rescued = len(kept)
+    kept += [rung for make in _RUNGS if (rung := make(robot, text)) is not None]
+    if not kept:
+        return robot, kept, robot.measures
     after = _tried(text, files, kept)
-    if exceeds(after, robot, "step"):
-        step = min(float(robot.model.opt.timestep), _LONGEST_STEP)
-        kept.append(Rung("step", ("step",), {("option", "", "timestep"): f"{0.5 * step:g}"}))
+    if _deviations(after)["step"] > _LIMITS["step"]:
+        step = min(robot.timestep, _LONGEST_STEP)
+        kept.append(Rung("step", ("step",), {_OPTION: {"timestep": f"{0.5 * step:g}"}}))
         after = _tried(text, files, kept)
-    badness = _badness(after, robot)
-    for rung in reversed(list(kept)):
+    badness = _badness(after)
+    for rung in reversed(kept[rescued:]):
+        if rung.name in _CORRECTIONS:
+            continue
         fewer = [other for other in kept if other is not rung]
         without = _tried(text, files, fewer)
-        worse = _badness(without, robot) - badness
-        if rung is not rescue and rung.name not in _CORRECTIONS and worse < _WORTH:
+        worse = _badness(without) - badness
+        if worse < _WORTH:
             kept = fewer
             after = without
-            badness = _badness(after, robot)
-    return Climb(robot, before, after, rescue, kept, text.edited(_together(kept)))
+            badness = _badness(after)
+    return robot, kept, after
 
 
-def _together(rungs: Sequence[Rung]) -> Edits:
-    edits = dict[tuple[str, str, str], str]()
+def together(rungs: Sequence[Rung]) -> Edits:
+    """Return the edits of several changes; of one attribute the last one counts."""
+    edits = dict[Part, Mapping[str, str]]()
     for rung in rungs:
-        edits |= rung.edits
+        for part, values in rung.edits.items():
+            edits[part] = {**edits.get(part, {}), **values}
     return edits
 
 
 def _tried(text: MjcfText, files: Mapping[str, bytes], rungs: Sequence[Rung]) -> Measures:
     """Return what the trials say of a model with some changes."""
     try:
-        return examine(OwnRobot(text.edited(_together(rungs)), files))
+        return examine(OwnRobot(text.edited(together(rungs)), files))
     except (ValueError, SsmrError):
         return Measures(diverged=_WORST)
 
 
-def _rescued(text: MjcfText, files: Mapping[str, bytes]) -> tuple[OwnRobot, Measures, Rung | None]:
-    """Return a robot that runs, what it measured, and the change that it needs to run at all."""
-    robot = OwnRobot(text.edited({}), files)
-    before = examine(robot)
-    step = float(robot.model.opt.timestep)
-    option = ("option", "", "integrator")
-    ways: list[dict[tuple[str, str, str], str]] = [{option: "implicitfast"}]
-    for halvings in (1, 2, 3, 4):
-        ways.append({option: "implicitfast", ("option", "", "timestep"): f"{step / 2**halvings:g}"})
-    for edits in ways:
-        if before["diverged"] == 0.0:
+def _rescued(
+    robot: OwnRobot, text: MjcfText, files: Mapping[str, bytes]
+) -> tuple[OwnRobot, list[Rung]]:
+    """Return a robot that runs, and the change that it needs to run at all, if any does."""
+    for halvings in range(5):
+        if robot.measures["diverged"] == 0.0:
             break
-        rescue = Rung("step", ("step",), edits)
-        mended = OwnRobot(text.edited(edits), files)
-        measures = examine(mended)
-        if measures["diverged"] == 0.0:
-            return mended, measures, rescue
-    return robot, before, None
+        values = {"integrator": "implicitfast"}
+        if halvings > 0:
+            values["timestep"] = f"{robot.timestep / 2**halvings:g}"
+        rescue = Rung("step", ("step",), {_OPTION: values})
+        mended = OwnRobot(text.edited(rescue.edits), files)
+        if examine(mended)["diverged"] == 0.0:
+            mended.rescued = True
+            return mended, [rescue]
+    return robot, []
 
 
 # ------------------------------------------------------------------------------- the rungs
-def _cone(robot: OwnRobot, _text: MjcfText, _: Measures) -> Rung | None:
+def _cone(robot: OwnRobot, _: MjcfText) -> Rung | None:
     if robot.model.opt.cone == 1:
         return None
-    return Rung("cone", ("pyramid", "creep"), {("option", "", "cone"): "elliptic"})
+    return Rung("cone", ("pyramid", "creep"), {_OPTION: {"cone": "elliptic"}})
 
 
-def _impratio(robot: OwnRobot, _text: MjcfText, _: Measures) -> Rung | None:
+def _impratio(robot: OwnRobot, _: MjcfText) -> Rung | None:
     if robot.model.opt.impratio >= 0.5 * _IMPRATIO:
         return None
-    edits = {("option", "", "impratio"): f"{_IMPRATIO:g}"}
-    return Rung("impratio", ("creep", "pyramid"), edits)
+    return Rung("impratio", ("creep", "pyramid"), {_OPTION: {"impratio": f"{_IMPRATIO:g}"}})
 
 
 def _row(*numbers: float) -> str:
@@ -198,15 +185,13 @@ def pairs_of(robot: OwnRobot, geom: int) -> list[int]:
     """Return the numbers of the contact pairs of a shape."""
     model = robot.wheeled.model
     hit = (model.pair_geom1 == geom) | (model.pair_geom2 == geom)
-    return [int(pair) for pair in np.flatnonzero(hit)]
+    return np.flatnonzero(hit).tolist()
 
 
-def tyre_parts(robot: OwnRobot) -> list[tuple[str, str]]:
-    """Return kind and name of what says the contact of each tyre: its pairs, else its shape."""
-    parts = []
-    for drum in robot.tyres:
-        if drum is None:
-            continue
+def _tyre_parts(robot: OwnRobot) -> list[Part]:
+    """Return what says the contact of each tyre: its pairs, else its shape."""
+    parts = list[Part]()
+    for drum in filter(None, robot.tyres):
         pairs = pairs_of(robot, drum.geom)
         parts += [("pair", str(pair)) for pair in pairs]
         if not pairs:
@@ -214,33 +199,35 @@ def tyre_parts(robot: OwnRobot) -> list[tuple[str, str]]:
     return parts
 
 
-def _soft(robot: OwnRobot, _text: MjcfText, _: Measures) -> Rung | None:
+def _soft(robot: OwnRobot, _: MjcfText) -> Rung | None:
     """Make the contact soft on the tyres alone, which then count alone."""
     model = robot.wheeled.model
     ground = robot.model.geom(robot.ground)
-    solimp = _row(*IMPEDANCE, CONTACT_DEPTH * robot.radius, 0.5, 2.0)
+    first = int(ground.priority[0])
     time = CONTACT_TIME * math.sqrt(robot.radius / robot.gravity)
+    soft = {
+        "solimp": _row(*IMPEDANCE, CONTACT_DEPTH * robot.radius, 0.5, 2.0),
+        "solref": _row(max(time, 2.0 * model.opt.timestep), 1.0),
+    }
     edits = {}
-    for kind, name in tyre_parts(robot):
-        edits[kind, name, "solimp"] = solimp
-        edits[kind, name, "solref"] = _row(max(time, 2.0 * model.opt.timestep), 1.0)
+    for part in _tyre_parts(robot):
+        kind, name = part
+        edits[part] = dict(soft)
         if kind == "geom":
             tyre = model.geom(name)
-            edits[kind, name, "priority"] = str(int(max(tyre.priority[0], ground.priority[0] + 1)))
-            friction = np.maximum(tyre.friction, ground.friction)
-            if int(tyre.priority[0]) <= int(ground.priority[0]):
+            priority = int(tyre.priority[0])
+            edits[part]["priority"] = str(max(priority, first + 1))
+            if priority <= first:
                 # the tyre's alone counts from now on: it keeps what the larger one was
-                edits[kind, name, "friction"] = _row(*friction)
+                edits[part]["friction"] = _row(*np.maximum(tyre.friction, ground.friction))
     return Rung("contact", ("hopping", "soft_on_one_geom", "which_friction"), edits)
 
 
-def needed_torque(robot: OwnRobot) -> float:
+def _needed_torque(robot: OwnRobot) -> float:
     """Return the torque of a wheel in a turn on the spot on its ground, with its dry friction."""
-    friction = float(np.max([sliding(robot, drum.geom) for drum in robot.tyres if drum]))
+    friction = max(sliding(robot, drum.geom) for drum in filter(None, robot.tyres))
     slip = mechanical_turn(robot).slip
-    model = robot.model
-    dofs = [int(model.joint(name).dofadr[0]) for name in robot.names]
-    dry = float(model.dof_frictionloss[dofs].max())
+    dry = float(robot.model.dof_frictionloss[robot.dofs].max())
     return 0.25 * friction * robot.mass * robot.gravity * robot.radius * slip + dry
 
 
@@ -250,143 +237,146 @@ def sliding(robot: OwnRobot, geom: int) -> float:
     pairs = pairs_of(robot, geom)
     if pairs:
         return float(model.pair_friction[pairs[0], :2].max())
-    tyre = model.geom(geom)
-    ground = robot.model.geom(robot.ground)
-    if tyre.priority[0] > ground.priority[0]:
-        return float(tyre.friction[0])
-    if tyre.priority[0] < ground.priority[0]:
-        return float(ground.friction[0])
-    return float(max(tyre.friction[0], ground.friction[0]))
+    sides = [model.geom(geom), robot.model.geom(robot.ground)]
+    first = max(int(side.priority[0]) for side in sides)
+    return max(float(side.friction[0]) for side in sides if int(side.priority[0]) == first)
 
 
-def _servo(robot: OwnRobot, text: MjcfText, _: Measures) -> Rung | None:
+def _servo(robot: OwnRobot, text: MjcfText) -> Rung | None:
     """Stiffen the servos, with rotors that let them be stiff."""
     if robot.given_rates:
         return None
+    model = robot.model
     slow = SPEEDS[0] * math.sqrt(robot.gravity / robot.radius)
-    gain = float(f"{needed_torque(robot) / (_FIRM * slow):.2g}")
-    edits: dict[tuple[str, str, str], str] = {}
+    gain = float(f"{_needed_torque(robot) / (_FIRM * slow):.2g}")
+    edits = dict[Part, Mapping[str, str]]()
     for name in robot.servos:
-        number = robot.model.actuator(name).id
-        own = -float(robot.model.actuator_biasprm[number, 2])
-        gear = float(robot.model.actuator_gear[number, 0]) or 1.0
-        if own * gear**2 >= gain:
+        servo = model.actuator(name)
+        part = ("actuator", name)
+        gear2 = (float(servo.gear[0]) or 1.0) ** 2
+        if -float(servo.biasprm[2]) * gear2 >= gain:
             continue
-        kv = f"{gain / gear**2:.4g}"
-        if text.tag("actuator", name) == "velocity":
-            edits["actuator", name, "kv"] = kv
-        elif text.tag("actuator", name) == "general":
-            edits["actuator", name, "gainprm"] = kv
-            edits["actuator", name, "biasprm"] = f"0 0 -{kv}"
+        kv = f"{gain / gear2:.4g}"
+        if text.tag(part) == "velocity":
+            edits[part] = {"kv": kv}
+        elif text.tag(part) == "general":
+            edits[part] = {"gainprm": kv, "biasprm": f"0 0 -{kv}"}
     if not edits:
         return None
-    edits["option", "", "integrator"] = "implicitfast"
+    edits[_OPTION] = {"integrator": "implicitfast"}
     least = 0.025 * robot.mass * robot.radius**2
-    for name in robot.names:
-        dof = int(robot.model.joint(name).dofadr[0])
-        if robot.model.dof_armature[dof] < least and text.has("joint", name):
-            edits["joint", name, "armature"] = f"{least:.3g}"
+    for name, dof in zip(robot.names, robot.dofs, strict=True):
+        if model.dof_armature[dof] < least and ("joint", name) in text:
+            edits["joint", name] = {"armature": f"{least:.3g}"}
     return Rung("servo", ("servo_soft", "rolls"), edits)
 
 
-def _motor(robot: OwnRobot, text: MjcfText, before: Measures) -> Rung | None:
+def _motor(robot: OwnRobot, text: MjcfText) -> Rung | None:
     """Raise the limits of motors that cannot turn the robot."""
-    if before.get("saturated", 0.0) <= _LIMITS["saturated"]:
+    if not exceeds(robot, "saturated"):
         return None
-    torque = float(f"{_SPARE * needed_torque(robot):.2g}")
+    torque = float(f"{_SPARE * _needed_torque(robot):.2g}")
+    limits = _row(-torque, torque)
+    model = robot.model
     edits = {}
     for name in robot.servos:
-        number = robot.model.actuator(name).id
-        if robot.model.actuator_forcelimited[number]:
-            edits["actuator", name, "forcerange"] = _row(-torque, torque)
+        if model.actuator_forcelimited[model.actuator(name).id]:
+            edits["actuator", name] = {"forcerange": limits}
     for name in robot.names:
-        if robot.model.jnt_actfrclimited[robot.model.joint(name).id] and text.has("joint", name):
-            edits["joint", name, "actuatorfrcrange"] = _row(-torque, torque)
+        if model.jnt_actfrclimited[model.joint(name).id] and ("joint", name) in text:
+            edits["joint", name] = {"actuatorfrcrange": limits}
     return Rung("motor", ("motor_weak",), edits) if edits else None
 
 
-def _step(robot: OwnRobot, _text: MjcfText, _: Measures) -> Rung | None:
-    if robot.model.opt.timestep <= _LONGEST_STEP:
+def _step(robot: OwnRobot, _: MjcfText) -> Rung | None:
+    if robot.timestep <= _LONGEST_STEP:
         return None
-    edits = {("option", "", "timestep"): f"{_LONGEST_STEP:g}"}
-    return Rung("step", ("step",), edits)
+    return Rung("step", ("step",), {_OPTION: {"timestep": f"{_LONGEST_STEP:g}"}})
 
 
-def _shape(robot: OwnRobot, text: MjcfText, _: Measures) -> Rung | None:
+def _shape(robot: OwnRobot, text: MjcfText) -> Rung | None:
     """Make boxes and ovals round, on their axles, and of one size."""
-    model = robot.wheeled.model
-    drums = [drum for drum in robot.tyres if drum is not None]
+    wheeled = robot.wheeled
+    drums = list(filter(None, robot.tyres))
     radius = float(np.median([drum.radius for drum in drums]))
     width = float(np.median([drum.half_width for drum in drums]))
     edits = {}
-    for drum, joint in zip(drums, robot.wheeled.joints, strict=False):
-        name = model.geom(drum.geom).name
-        if not text.has("geom", name):
+    for drum, joint in zip(drums, wheeled.joints, strict=False):
+        part = ("geom", wheeled.model.geom(drum.geom).name)
+        if part not in text:
             continue
-        turn = robot.wheeled.data.geom_xmat[drum.geom].reshape(3, 3)
-        along = int(np.argmax(np.abs(turn.T @ robot.wheeled.data.xaxis[joint])))
-        if drum.kind in ("box", "oval") or abs(drum.radius / radius - 1.0) > UNLIKE:
+        values = dict[str, str]()
+        is_angular = drum.kind in ("box", "oval")
+        if is_angular or abs(drum.radius / radius - 1.0) > UNLIKE:
+            turn = wheeled.data.geom_xmat[drum.geom].reshape(3, 3)
+            along = int(np.argmax(np.abs(turn.T @ wheeled.data.xaxis[joint])))
             size = np.full(3, radius)
             size[along] = width
-            if drum.kind in ("box", "oval"):
-                edits["geom", name, "type"] = "ellipsoid"
+            if is_angular:
+                values["type"] = "ellipsoid"
             elif drum.kind in ("cylinder", "capsule"):
                 size = np.array([radius, width])
             elif drum.kind != "ellipsoid":
                 size = np.array([radius])
             if drum.kind not in ("mesh", "lying"):
-                edits["geom", name, "size"] = _row(*size)
+                values["size"] = _row(*size)
         if drum.off_axle > OFF_AXLE * drum.radius:
-            edits["geom", name, "pos"] = _row(*_on_axle(robot, drum.geom, joint))
+            values["pos"] = _row(*_on_axle(robot, drum.geom, joint))
+        if values:
+            edits[part] = values
     return Rung("shape", ("wheel_shape", "unlike_wheels"), edits) if edits else None
 
 
-def _on_axle(robot: OwnRobot, geom: int, joint: int) -> list[float]:
-    """Return the place of a shape in its body that is nearest to its own and on the axle."""
+def _on_axle(robot: OwnRobot, geom: int, joint: int) -> FloatArray:
+    """Return the (3,) place of a shape in its body that is nearest to its own and on the axle."""
     data = robot.wheeled.data
     axis = data.xaxis[joint]
-    away = data.geom_xpos[geom] - data.xanchor[joint]
-    place = data.xanchor[joint] + axis * (away @ axis)
+    anchor = data.xanchor[joint]
+    place = anchor + axis * ((data.geom_xpos[geom] - anchor) @ axis)
     body = int(robot.wheeled.model.geom_bodyid[geom])
-    turn = data.xmat[body].reshape(3, 3)
-    local = turn.T @ (place - data.xpos[body])
-    return [float(number) for number in np.round(local, 6) + 0.0]
+    local = data.xmat[body].reshape(3, 3).T @ (place - data.xpos[body])
+    return np.asarray(np.round(local, 6) + 0.0)
 
 
-def _axes(robot: OwnRobot, text: MjcfText, _: Measures) -> Rung | None:
+def _axes(robot: OwnRobot, text: MjcfText) -> Rung | None:
     """Turn the axes of wheels whose sign differs from that of the others."""
-    model = robot.wheeled.model
     edits = {}
-    for joint, sign in zip(robot.wheeled.joints, robot.wheeled.signs, strict=True):
-        name = model.joint(joint).name
-        if sign < 0.0 < robot.wheeled.signs.max() and text.has("joint", name):
-            edits["joint", name, "axis"] = _row(*(-model.jnt_axis[joint] + 0.0))
+    for name, joint, sign in zip(robot.names, robot.wheeled.joints, robot.signs, strict=True):
+        if sign < 0.0 < robot.signs.max() and ("joint", name) in text:
+            axis = -robot.wheeled.model.jnt_axis[joint] + 0.0
+            edits["joint", name] = {"axis": _row(*axis)}
     return Rung("axes", ("axes",), edits) if edits else None
 
 
-def _friction(robot: OwnRobot, text: MjcfText, _: Measures) -> Rung | None:
+def _friction(robot: OwnRobot, text: MjcfText) -> Rung | None:
     """Give tyres, or their contact pairs, one sliding friction in all directions."""
     model = robot.wheeled.model
-    parts = [part for part in tyre_parts(robot) if text.has(*part)]
-    rows = []
-    for kind, name in parts:
-        row = model.pair_friction[int(name)] if kind == "pair" else model.geom(name).friction
-        if kind == "geom":
-            row = np.append(sliding(robot, model.geom(name).id), row[1:])
-        rows.append(row)
-    usual = sorted(float(row[0]) for row in rows)[len(rows) // 2] if rows else 0.0
+    rows = {}
+    for part in _tyre_parts(robot):
+        kind, name = part
+        if part not in text:
+            continue
+        if kind == "pair":
+            rows[part] = np.split(model.pair_friction[int(name)], [2])
+        else:
+            geom = model.geom(name)
+            rows[part] = [np.array([sliding(robot, geom.id)]), geom.friction[1:]]
+    known = sorted(float(ways[0]) for ways, _ in rows.values())
     edits = {}
-    for (kind, name), row in zip(parts, rows, strict=True):
-        ways = 2 if kind == "pair" else 1
-        if np.abs(row[:ways] - usual).max() > 1e-3:
-            edits[kind, name, "friction"] = _row(*[usual] * ways, *row[ways:])
-        if kind == "geom" and int(model.geom(name).condim[0]) == 1:
-            edits[kind, name, "condim"] = "3"
+    for part, (ways, rest) in rows.items():
+        usual = known[len(known) // 2]
+        values = dict[str, str]()
+        if np.abs(ways - usual).max() > 1e-3:
+            values["friction"] = _row(*[usual] * len(ways), *rest)
+        if part[0] == "geom" and int(model.geom(part[1]).condim[0]) == 1:
+            values["condim"] = "3"
+        if values:
+            edits[part] = values
     kinds = ("friction_by_heading", "unlike_wheels", "which_friction")
     return Rung("friction", kinds, edits) if edits else None
 
 
-_RUNGS: Sequence[Callable[[OwnRobot, MjcfText, Measures], Rung | None]] = (
+_RUNGS: Sequence[Callable[[OwnRobot, MjcfText], Rung | None]] = (
     _cone,
     _impratio,
     _soft,

@@ -12,8 +12,10 @@ import mujoco
 
 from validation.simulator import foreign
 
-Edits = Mapping[tuple[str, str, str], str]
-"""New values of attributes, by the kind of a part, its name and the attribute."""
+Part = tuple[str, str]
+"""Kind and name of a part."""
+Edits = Mapping[Part, Mapping[str, str]]
+"""New values of attributes by part."""
 
 
 class MjcfText:
@@ -39,7 +41,7 @@ class MjcfText:
         self.raw = text.encode()
         self._tags = tags
         self._numbers = {id(tag.element): number for number, tag in enumerate(tags)}
-        self._parts = dict[tuple[str, str], int]()
+        self._parts = dict[Part, int]()
         spec = mujoco.MjSpec.from_string(text, assets=dict(files))
         foreign.name_parts(spec)
         root = tags[0].element
@@ -78,31 +80,28 @@ class MjcfText:
         for child, element in zip(body.bodies, children, strict=True):
             self._walk(child, list(_flat(element)))
 
-    def tag(self, kind: str, name: str) -> str:
-        """Return the tag of a part, such as `velocity` of an actuator."""
-        return self._tags[self._parts[kind, name]].element.tag
-
-    def has(self, kind: str, name: str) -> bool:
+    def __contains__(self, part: Part) -> bool:
         """Return whether a part is written in the text."""
-        return (kind, name) in self._parts
+        return part in self._parts
 
-    def line(self, kind: str, name: str) -> int:
+    def tag(self, part: Part) -> str:
+        """Return the tag of a part, such as `velocity` of an actuator."""
+        return self._tags[self._parts[part]].element.tag
+
+    def line(self, part: Part) -> int:
         """Return the number of the line in which a part begins, from 1."""
-        start = self._tags[self._parts[kind, name]].start
+        start = self._tags[self._parts[part]].start
         return 1 + self.raw[:start].count(b"\n")
 
     def edited(self, edits: Edits) -> str:
         """Return the text with attributes changed or added."""
         if not edits:
             return self._plain
-        by_part = dict[int, dict[str, str]]()
-        for (kind, name, attribute), value in edits.items():
-            by_part.setdefault(self._parts[kind, name], {})[attribute] = value
         raw = self.raw
-        for number in sorted(by_part, reverse=True):
-            tag = self._tags[number]
+        for part in sorted(edits, key=self._parts.__getitem__, reverse=True):
+            tag = self._tags[self._parts[part]]
             opening = raw[tag.start : tag.inside].decode()
-            for attribute, value in by_part[number].items():
+            for attribute, value in edits[part].items():
                 opening = _with_attribute(opening, attribute, value)
             raw = raw[: tag.start] + opening.encode() + raw[tag.inside :]
         return raw.decode()

@@ -4,63 +4,65 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from validation.descriptions.findings import Finding, unlike_friction
-from validation.descriptions.ladder import Climb, exceeds, pairs_of, sliding
-from validation.descriptions.mjcf_text import MjcfText
-from validation.descriptions.trials import Measures
+from validation.descriptions.ladder import Rung, exceeds, pairs_of, sliding, together
+from validation.descriptions.mjcf_text import Edits, MjcfText
+from validation.descriptions.own_robot import LOADS, Measures, OwnRobot
 
 _HARD = 0.05
 """Difference of two impedances or time constants that are not one [1]."""
 
 
 def own_findings(
-    climb: Climb, text: MjcfText | None, known: Sequence[Finding] = ()
+    robot: OwnRobot,
+    rungs: Sequence[Rung],
+    after: Measures,
+    text: MjcfText | None,
+    known: Sequence[Finding] = (),
 ) -> list[Finding]:
     """Return what is wrong with a robot of others by its own physics, faults first.
 
-    Each has what it measured before and after all changes together; findings that are `known` by
-    numbers alone are among them where a change was kept for them.
+    Args:
+        robot: the robot after its trials.
+        rungs: the changes that help.
+        after: what the trials say with all of these together.
+        text: its file, in which they stand; None where nothing can be changed.
+        known: what is wrong by numbers alone; it is returned where a change was kept for it.
     """
-    cured = set().union(*[rung.kinds for rung in climb.rungs])
-    looked = [look(climb) for look in _LOOKS]
+    cured = set().union(*[rung.kinds for rung in rungs])
+    looked = [look(robot) for look in _LOOKS]
     found = [finding for finding in known if finding.kind in cured]
     found += [finding for finding in looked if finding is not None]
-    changed = [_with_change(finding, climb, text) for finding in found]
-    return sorted(changed, key=lambda finding: finding.severity)
+    tried = []
+    for finding in found:
+        show = _SHOWN.get(finding.kind, _ratio)
+        before = show(robot.measures)
+        if finding.kind == "step" and robot.rescued:
+            before = "it diverges"
+        finding = finding._replace(before=before)
+        kept = [rung for rung in rungs if finding.kind in rung.kinds]
+        if kept and text is not None:
+            change = _in_lines(together(kept), text)
+            finding = finding._replace(change=change, after=show(after))
+        tried.append(finding)
+    return sorted(tried, key=lambda finding: finding.severity)
 
 
-def _with_change(finding: Finding, climb: Climb, text: MjcfText | None) -> Finding:
-    """Return a finding with the change that was kept for it, and what it did."""
-    rungs = [rung for rung in climb.rungs if finding.kind in rung.kinds]
-    show = _SHOWN.get(finding.kind, _ratio)
-    before = show(climb.before)
-    if finding.kind == "step" and climb.rescue is not None:
-        before = "it diverges"
-    if text is None or not rungs:
-        return finding._replace(before=before)
-    edits = dict[tuple[str, str, str], str]()
-    for rung in rungs:
-        edits |= rung.edits
-    words = _in_lines(edits, text)
-    return finding._replace(change=words, before=before, after=show(climb.after))
-
-
-def _in_lines(edits: dict[tuple[str, str, str], str], text: MjcfText) -> str:
+def _in_lines(edits: Edits, text: MjcfText) -> str:
     """Return edits as lines of the file and what to write there."""
-    by_part = dict[tuple[str, str], list[str]]()
-    for (kind, name, attribute), value in edits.items():
-        by_part.setdefault((kind, name), []).append(f'{attribute}="{value}"')
-    lines = dict[str, list[int]]()
-    for (kind, name), words in by_part.items():
-        wanted = f"<{text.tag(kind, name)} {' '.join(words)}>"
-        lines.setdefault(wanted, []).append(text.line(kind, name))
+    lines = dict[str, set[int]]()
+    for part, values in edits.items():
+        words = [f'{attribute}="{value}"' for attribute, value in values.items()]
+        wanted = f"<{text.tag(part)} {' '.join(words)}>"
+        lines.setdefault(wanted, set()).add(text.line(part))
     parts = []
     for wanted, numbers in lines.items():
-        each = ", ".join(str(number) for number in sorted(set(numbers)))
-        parts.append(f"line {each}: {wanted}")
+        parts.append(f"line {', '.join(map(str, sorted(numbers)))}: {wanted}")
     return "; ".join(parts)
 
 
@@ -85,12 +87,8 @@ def _reached(measures: Measures) -> str:
     return f"wheels reach {slow:.0f} % of a slow turn's rate, {faster:.0f} % of a faster one's"
 
 
-def _creeps(measures: Measures) -> str:
-    return f"{1e3 * measures.get('creep_m_s', math.nan):.2g} mm/s"
-
-
-def _rolls_at(measures: Measures) -> str:
-    return f"{1e3 * measures.get('rolls_m_s', math.nan):.2g} mm/s"
+def _speed(name: str, measures: Measures) -> str:
+    return f"{1e3 * measures.get(name, math.nan):.2g} mm/s"
 
 
 def _steps(measures: Measures) -> str:
@@ -100,7 +98,7 @@ def _steps(measures: Measures) -> str:
 
 
 def _loads(measures: Measures) -> str:
-    loads = [measures.get(f"load_{wheel}", math.nan) for wheel in ("fl", "fr", "rl", "rr")]
+    loads = [measures.get(name, math.nan) for name in LOADS]
     return f"wheels carry {', '.join(f'{load:.0f}' for load in loads)} N"
 
 
@@ -109,17 +107,17 @@ _SHOWN: dict[str, Callable[[Measures], str]] = {
     "soft_on_one_geom": _hops,
     "servo_soft": _reached,
     "motor_weak": _reached,
-    "creep": _creeps,
-    "rolls": _rolls_at,
+    "creep": partial(_speed, "creep_m_s"),
+    "rolls": partial(_speed, "rolls_m_s"),
     "step": _steps,
     "unlike_wheels": _loads,
 }
 
 
 # ------------------------------------------------------------------------- looks
-def _step(climb: Climb) -> Finding | None:
-    step = 1e3 * float(climb.robot.model.opt.timestep)
-    if climb.rescue is not None or climb.before["diverged"] > 0.0:
+def _step(robot: OwnRobot) -> Finding | None:
+    step = 1e3 * robot.timestep
+    if robot.rescued or robot.measures["diverged"] > 0.0:
         return Finding(
             "step",
             "fault",
@@ -127,17 +125,15 @@ def _step(climb: Climb) -> Finding | None:
             "stiff for it",
             "halve timestep until it does not, or set integrator to implicitfast",
         )
-    if exceeds(climb.before, climb.robot, "lifted_share"):
-        return None
-    if not exceeds(climb.before, climb.robot, "step"):
+    if exceeds(robot, "lifted_share") or not exceeds(robot, "step"):
         return None
     return Finding(
         "step", "fault", f"the motion depends on the step of {step:g} ms", "halve timestep"
     )
 
 
-def _pyramid(climb: Climb) -> Finding | None:
-    if climb.robot.model.opt.cone == 1:
+def _pyramid(robot: OwnRobot) -> Finding | None:
+    if robot.model.opt.cone == 1:
         return None
     return Finding(
         "pyramid",
@@ -148,10 +144,10 @@ def _pyramid(climb: Climb) -> Finding | None:
     )
 
 
-def _hopping(climb: Climb) -> Finding | None:
-    if not exceeds(climb.before, climb.robot, "lifted_share"):
+def _hopping(robot: OwnRobot) -> Finding | None:
+    if not exceeds(robot, "lifted_share"):
         return None
-    share = 100.0 * climb.before["lifted_share"]
+    share = 100.0 * robot.measures["lifted_share"]
     return Finding(
         "hopping",
         "fault",
@@ -161,14 +157,15 @@ def _hopping(climb: Climb) -> Finding | None:
     )
 
 
-def _soft_on_one(climb: Climb) -> Finding | None:
-    robot = climb.robot
-    model = robot.wheeled.model
+def _bare_tyres(robot: OwnRobot) -> list[Any]:
+    """Return the shapes of tyres whose contact no pair says."""
+    geoms = [drum.geom for drum in filter(None, robot.tyres)]
+    return [robot.wheeled.model.geom(geom) for geom in geoms if not pairs_of(robot, geom)]
+
+
+def _soft_on_one(robot: OwnRobot) -> Finding | None:
     ground = robot.model.geom(robot.ground)
-    for drum in robot.tyres:
-        if drum is None or pairs_of(robot, drum.geom):
-            continue
-        tyre = model.geom(drum.geom)
+    for tyre in _bare_tyres(robot):
         if int(tyre.priority[0]) != int(ground.priority[0]):
             continue
         impedance = float(abs(tyre.solimp[0] - ground.solimp[0]))
@@ -176,7 +173,7 @@ def _soft_on_one(climb: Climb) -> Finding | None:
         if impedance > _HARD or float(np.ptp(times)) > _HARD * float(times.max()):
             return Finding(
                 "soft_on_one_geom",
-                "fault" if exceeds(climb.before, robot, "lifted_share") else "question",
+                "fault" if exceeds(robot, "lifted_share") else "question",
                 f"the tyres' solimp starts at {tyre.solimp[0]:g} and the ground's at "
                 f"{ground.solimp[0]:g}, and MuJoCo takes the mean of both geoms",
                 "give the ground the same solimp and solref, or the tyres a higher priority",
@@ -184,13 +181,9 @@ def _soft_on_one(climb: Climb) -> Finding | None:
     return None
 
 
-def _which_friction(climb: Climb) -> Finding | None:
-    robot = climb.robot
+def _which_friction(robot: OwnRobot) -> Finding | None:
     ground = robot.model.geom(robot.ground)
-    for drum in robot.tyres:
-        if drum is None or pairs_of(robot, drum.geom):
-            continue
-        tyre = robot.wheeled.model.geom(drum.geom)
+    for tyre in _bare_tyres(robot):
         sides = [tyre, ground]
         first = max(int(side.priority[0]) for side in sides)
         if max(int(side.condim[0]) for side in sides if int(side.priority[0]) == first) == 1:
@@ -213,11 +206,10 @@ def _which_friction(climb: Climb) -> Finding | None:
     return None
 
 
-def _friction_by_heading(climb: Climb) -> Finding | None:
-    robot = climb.robot
-    for drum in robot.tyres:
-        for pair in [] if drum is None else pairs_of(robot, drum.geom):
-            one, other = (float(value) for value in robot.wheeled.model.pair_friction[pair, :2])
+def _friction_by_heading(robot: OwnRobot) -> Finding | None:
+    for drum in filter(None, robot.tyres):
+        for pair in pairs_of(robot, drum.geom):
+            one, other = robot.wheeled.model.pair_friction[pair, :2].tolist()
             if abs(one - other) > 1e-3:
                 return Finding(
                     "friction_by_heading",
@@ -229,17 +221,14 @@ def _friction_by_heading(climb: Climb) -> Finding | None:
     return None
 
 
-def _unlike_friction(climb: Climb) -> Finding | None:
-    robot = climb.robot
+def _unlike_friction(robot: OwnRobot) -> Finding | None:
     frictions = [math.nan if d is None else sliding(robot, d.geom) for d in robot.tyres]
     return unlike_friction(robot.names, frictions)
 
 
-def _servo_soft(climb: Climb) -> Finding | None:
-    robot = climb.robot
-    before = climb.before
-    is_soft = exceeds(before, robot, "droop") or exceeds(before, robot, "droop_at_speed")
-    if robot.given_rates or not is_soft or exceeds(before, robot, "saturated"):
+def _servo_soft(robot: OwnRobot) -> Finding | None:
+    is_soft = exceeds(robot, "droop") or exceeds(robot, "droop_at_speed")
+    if robot.given_rates or not is_soft or exceeds(robot, "saturated"):
         return None
     gains = [-float(robot.model.actuator(name).biasprm[2]) for name in robot.servos]
     return Finding(
@@ -251,23 +240,21 @@ def _servo_soft(climb: Climb) -> Finding | None:
     )
 
 
-def _motor_weak(climb: Climb) -> Finding | None:
-    before = climb.before
-    robot = climb.robot
-    is_slow = exceeds(before, robot, "droop") or "multiplier" not in before
-    if not exceeds(before, robot, "saturated") or not is_slow:
+def _motor_weak(robot: OwnRobot) -> Finding | None:
+    is_slow = exceeds(robot, "droop") or "multiplier" not in robot.measures
+    if not exceeds(robot, "saturated") or not is_slow:
         return None
+    share = 100.0 * robot.measures["saturated"]
     return Finding(
         "motor_weak",
         "fault",
-        f"the motors are at their limit of force {100.0 * before['saturated']:.0f} % of the time "
-        "in a turn on the spot",
+        f"the motors are at their limit of force {share:.0f} % of the time in a turn on the spot",
         "raise forcerange, or lower the friction",
     )
 
 
-def _creep(climb: Climb) -> Finding | None:
-    if not exceeds(climb.before, climb.robot, "creep"):
+def _creep(robot: OwnRobot) -> Finding | None:
+    if not exceeds(robot, "creep"):
         return None
     return Finding(
         "creep",
@@ -277,8 +264,8 @@ def _creep(climb: Climb) -> Finding | None:
     )
 
 
-def _rolls(climb: Climb) -> Finding | None:
-    if climb.robot.given_rates or not exceeds(climb.before, climb.robot, "rolls"):
+def _rolls(robot: OwnRobot) -> Finding | None:
+    if robot.given_rates or not exceeds(robot, "rolls"):
         return None
     return Finding(
         "rolls",
@@ -289,7 +276,7 @@ def _rolls(climb: Climb) -> Finding | None:
     )
 
 
-_LOOKS: Sequence[Callable[[Climb], Finding | None]] = (
+_LOOKS: Sequence[Callable[[OwnRobot], Finding | None]] = (
     _step,
     _pyramid,
     _hopping,

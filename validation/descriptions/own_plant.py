@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import mujoco
@@ -16,7 +16,7 @@ from ssmr.parameters import check_parameters, parameter
 from ssmr.robot.drive import Driver, wheel_references, whole_steps
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
-from validation.descriptions.own_robot import OwnRobot, Ride
+from validation.descriptions.own_robot import OwnRobot
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -91,7 +91,7 @@ class OwnPlant:
         if model.jnt_type[model.body_jntadr[root]] != mujoco.mjtJoint.mjJNT_FREE:
             raise ParameterError(f"{self.name}: its base is held by joints; give it a <freejoint/>")
         # samples need a whole number of steps
-        model.opt.timestep = _SAMPLE / math.ceil(_SAMPLE / model.opt.timestep - 1e-9)
+        model.opt.timestep = _SAMPLE / math.ceil(_SAMPLE / robot.timestep - 1e-9)
         numbers = self._numbers
         model.geom_friction[:, 0] *= numbers.friction
         model.pair_friction[:, :2] *= numbers.friction
@@ -110,7 +110,7 @@ class OwnPlant:
     @property
     def dt(self) -> float:
         """Physics step [s]."""
-        return float(self._robot.model.opt.timestep)
+        return self._robot.timestep
 
     def run(
         self,
@@ -133,15 +133,15 @@ class OwnPlant:
         robot = self._given if commands.kind == "wheels" else self._robot
         # one step more, which tells the end of the last one
         rates = self._numbers.rolling * np.vstack([rates, rates[-1:]])
-        push = None
-        if disturbance is not None:
-            push = np.append(disturbance, 0.0)
-        ride = robot.follow(rates, self._placed(robot, state), stride=stride, push=push)
-        yaw = ride.pose[:, 2] + state.yaw - ride.pose[0, 2]
-        pose = np.column_stack([ride.pose[:, :2], yaw])
-        sides = 0.5 * (ride.wheels[:, :2] + ride.wheels[:, 2:]) / self._numbers.rolling
-        times = sample_dt * np.arange(len(pose), dtype=np.float64)
-        return Trajectory(times, pose, ride.twist, sides, {"wheel_load_N": ride.loads})
+        push = None if disturbance is None else np.append(disturbance, 0.0)
+        motion, _ = robot.follow(rates, self._placed(robot, state), stride=stride, push=push)
+        return replace(
+            motion,
+            t=sample_dt * np.arange(len(motion.t), dtype=np.float64),
+            pose=motion.pose + np.array([0.0, 0.0, state.yaw - motion.pose[0, 2]]),
+            wheels=motion.wheels / self._numbers.rolling,
+            channels={"wheel_load_N": motion.channels["wheel_load_N"]},
+        )
 
     def reset(self, state: State) -> State:
         """Start from `state`, at rest on its tyres, with empty delay lines and no memory."""
@@ -162,48 +162,33 @@ class OwnPlant:
         steps = whole_steps(dt, self.dt, "the step")
         rates = self._numbers.rolling * self._driver.references(command, steps)
         push = np.full(steps, yaw_acceleration)
-        ride = self._robot.follow(rates, self._now, push=push)
-        self._now = ride.end
-        self._state = self._read(ride)
-        return self._state
-
-    def _read(self, ride: Ride) -> State:
-        """Return the state at the end of a ride; its yaw goes on from the last one."""
-        x, y, yaw = self._robot.pose_of(ride.end)
+        motion, self._now = self._robot.follow(rates, self._now, push=push)
+        x, y, yaw = self._robot.pose_of(self._now)
+        # goes on from the last one
         turn = yaw - self._state.yaw
-        yaw = self._state.yaw + float(np.arctan2(np.sin(turn), np.cos(turn)))
-        v_x, v_y, rate = ride.twist[-1].tolist()
-        left, right = (0.5 * (ride.wheels[-1, :2] + ride.wheels[-1, 2:])).tolist()
-        scale = 1.0 / self._numbers.rolling
-        return State(
-            x=x,
-            y=y,
-            yaw=yaw,
-            v_x=v_x,
-            v_y=v_y,
-            yaw_rate=rate,
-            wheel_left=scale * left,
-            wheel_right=scale * right,
-        )
+        yaw = self._state.yaw + math.atan2(math.sin(turn), math.cos(turn))
+        wheels = motion.wheels[-1] * (1.0 / self._numbers.rolling)
+        self._state = State(x, y, yaw, *motion.twist[-1].tolist(), *wheels.tolist())
+        return self._state
 
     def _placed(self, robot: OwnRobot, state: State) -> FloatArray:
         """Return the simulator's state of a robot that rests in `state`."""
         model = robot.model
-        joint = int(model.body_jntadr[robot.wheeled.root])
-        at = 1 + int(model.jnt_qposadr[joint])
-        moving = 1 + model.nq + int(model.jnt_dofadr[joint])
+        joint = model.body_jntadr[robot.wheeled.root]
+        at = 1 + model.jnt_qposadr[joint]
+        moving = 1 + model.nq + model.jnt_dofadr[joint]
         placed = robot.rest.copy()
         placed[0] = 0.0
         x, y, yaw = robot.pose_of(placed)
         turned = state.yaw - yaw
         away = rotate_body_to_world(placed[at : at + 2] - [x, y], turned)
         placed[at : at + 2] = away + np.array([state.x, state.y])
-        quat = placed[at + 3 : at + 7].copy()
-        mujoco.mju_mulQuat(placed[at + 3 : at + 7], yaw_to_quat_wxyz(turned), quat)
+        quat = placed[at + 3 : at + 7]
+        mujoco.mju_mulQuat(quat, yaw_to_quat_wxyz(turned), quat.copy())
         velocity = rotate_body_to_world([state.v_x, state.v_y], state.yaw)
         placed[moving : moving + 6] = 0.0
         # the root moves about the middle
-        placed[moving : moving + 2] = velocity + state.yaw_rate * np.array([-away[1], away[0]])
+        placed[moving : moving + 2] = velocity + state.yaw_rate * (away[::-1] * [-1.0, 1.0])
         placed[moving + 5] = state.yaw_rate
         rates = self._numbers.rolling * np.tile([state.wheel_left, state.wheel_right], 2)
         placed[1 + model.nq + np.array(robot.dofs)] = rates * robot.signs

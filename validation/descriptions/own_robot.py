@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco import mjtDyn, mjtGeom, mjtObj, mjtSensor, rollout
+from mujoco import mjtDyn, mjtGeom, mjtJoint, mjtObj, mjtSensor, rollout
 
 from ssmr.errors import DivergedError
 from ssmr.geometry import quat_wxyz_to_yaw, rotate_world_to_body
-from ssmr.types import FloatArray
+from ssmr.types import FloatArray, Trajectory
 from validation.descriptions.wheels import WheeledRobot
 from validation.simulator import foreign
 from validation.simulator.parts import mujoco_failures
@@ -31,30 +31,18 @@ _LARGE = 3.0
 _NET_FORCE = [1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1]
 """Output of a sensor of contacts: the force, of all contacts together (`netforce`), as one."""
 _SITE = "ssmr_middle"
-_TURN = 2.0 * math.pi
-
-
-class Ride(NamedTuple):
-    """A motion of the middle between the axles; wheels are in the order of `WHEELS`."""
-
-    t: FloatArray
-    """(M,) instants [s]."""
-    pose: FloatArray
-    """(M, 3) x, y [m] and yaw [rad], unwrapped."""
-    twist: FloatArray
-    """(M, 3) speed ahead and to the left [m/s], and yaw rate [rad/s]."""
-    wheels: FloatArray
-    """(M, 4) wheel rates [rad/s], positive ahead."""
-    loads: FloatArray
-    """(M, 4) normal forces on the wheels [N]."""
-    saturated: float
-    """Greatest share of the time in which a servo is at the limit of its force [1]."""
-    end: FloatArray
-    """(n,) state of the simulator at the end."""
+_STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
+Measures = dict[str, float]
+"""Measurements of trials [SI], by name."""
+LOADS = ("load_fl", "load_fr", "load_rl", "load_rr")
+"""Names of the loads at rest among measurements [N]."""
 
 
 class OwnRobot:
     """A compiled robot of others on its ground, and how its wheels are told their rates."""
+
+    rescued = False
+    """Whether its simulation runs only with a change."""
 
     @mujoco_failures()
     def __init__(self, text: str, files: Mapping[str, bytes], *, given_rates: bool = False) -> None:
@@ -73,6 +61,7 @@ class OwnRobot:
         for sensor in list(spec.sensors):
             spec.delete(sensor)
         self.wheeled = wheeled = WheeledRobot(spec.compile(), any_direction=True)
+        self.measures = Measures()
         self.notes = list[str]()
         self.names = [wheeled.model.joint(joint).name for joint in wheeled.joints]
         self.tyres = [wheeled.drum(joint) for joint in wheeled.joints]
@@ -82,7 +71,9 @@ class OwnRobot:
             self.notes.append("its base is fixed to the world; here it is free")
         self.ground = self._ground(spec)
         self._add_sensors(spec, root)
-        self.given_rates = given_rates or not self._has_servos(wheeled.model)
+        left, right = np.abs(self._inputs(wheeled.model)).sum(axis=0).reshape(2, 2).sum(axis=0)
+        # without a servo of its rate on each side the robot is driven by rates
+        self.given_rates = given_rates or not (left > 0.0 and right > 0.0)
         if self.given_rates:
             self._give_rates(spec)
         self.model = spec.compile()
@@ -90,7 +81,8 @@ class OwnRobot:
             raise ValueError("its gravity is 0, so no wheel touches the ground")
         self.dofs = [int(self.model.joint(name).dofadr[0]) for name in self.names]
         self.signs = wheeled.signs
-        self._gains = self._inputs_per_rate(self.model)
+        self._gains = self._inputs(self.model)
+        self.driven = self._gains.any(axis=0)
         self._start = self._placed()
         self.rest: FloatArray = self._start
 
@@ -98,14 +90,13 @@ class OwnRobot:
     def _ground(self, spec: Any) -> str:
         """Return the name of the ground, which is added where there is none."""
         model = self.wheeled.model
-        extent = self.wheeled.wheelbase + self.wheeled.track
-        for g in range(model.ngeom):
-            if model.body_weldid[model.geom_bodyid[g]] != 0:
-                continue
-            kind = model.geom_type[g]
-            flat = kind in (mjtGeom.mjGEOM_PLANE, mjtGeom.mjGEOM_HFIELD)
-            if flat or model.geom_size[g, :2].min() > _LARGE * extent:
-                return str(model.geom(g).name)
+        most = _LARGE * (self.wheeled.wheelbase + self.wheeled.track)
+        is_flat = np.isin(model.geom_type, (mjtGeom.mjGEOM_PLANE, mjtGeom.mjGEOM_HFIELD))
+        is_large = model.geom_size[:, :2].min(axis=1) > most
+        is_fixed = model.body_weldid[model.geom_bodyid] == 0
+        grounds = np.flatnonzero(is_fixed & (is_flat | is_large))
+        if len(grounds):
+            return str(model.geom(int(grounds[0])).name)
         self.notes.append("its file has no ground; here it stands on a plane of MuJoCo's defaults")
         plane = {"type": mjtGeom.mjGEOM_PLANE, "size": [0, 0, 1], "pos": [0, 0, self.bottom]}
         spec.worldbody.add_geom(name="ssmr_ground", **plane)
@@ -115,11 +106,10 @@ class OwnRobot:
     def bottom(self) -> float:
         """Height of the lowest point of the wheels as the file places them [m]."""
         heights = []
-        for joint, drum in zip(self.wheeled.joints, self.tyres, strict=True):
+        for name, joint, drum in zip(self.names, self.wheeled.joints, self.tyres, strict=True):
             if drum is None:
                 raise ValueError(
-                    f"wheel '{self.wheeled.model.joint(joint).name}' has no shape that touches the "
-                    "ground (is its mesh missing?)"
+                    f"wheel '{name}' has no shape that touches the ground (is its mesh missing?)"
                 )
             heights.append(float(self.wheeled.data.xanchor[joint, 2]) - drum.radius)
         return min(heights)
@@ -127,39 +117,35 @@ class OwnRobot:
     def _add_sensors(self, spec: Any, root: Any) -> None:
         """Add a site between the axles, and sensors of its motion and of the wheels' loads."""
         wheeled = self.wheeled
-        turn = wheeled.data.xmat[wheeled.root].reshape(3, 3)
-        middle = wheeled.data.xanchor[wheeled.joints].mean(axis=0)
+        data = wheeled.data
+        turn = data.xmat[wheeled.root].reshape(3, 3)
+        middle = data.xanchor[wheeled.joints].mean(axis=0)
         quat = np.empty(4)
         mujoco.mju_mat2Quat(quat, (turn.T @ wheeled.turn.T).ravel())
-        place = turn.T @ (middle - wheeled.data.xpos[wheeled.root])
-        root.add_site(name=_SITE, pos=place, quat=quat)
-        for kind in ("FRAMEPOS", "FRAMEQUAT", "FRAMELINVEL", "FRAMEANGVEL"):
-            sensor = spec.add_sensor(name=f"{_SITE}_{kind}", type=_sensor(kind))
-            sensor.objtype = mjtObj.mjOBJ_SITE
-            sensor.objname = _SITE
-        for name in self.names:
-            sensor = spec.add_sensor(name=f"ssmr_rate_{name}", type=_sensor("JOINTVEL"))
-            sensor.objtype = mjtObj.mjOBJ_JOINT
-            sensor.objname = name
-        for body in wheeled.bodies:
-            name = wheeled.model.body(body).name
-            sensor = spec.add_sensor(name=f"ssmr_load_{name}", type=_sensor("CONTACT"))
-            sensor.objtype = mjtObj.mjOBJ_XBODY
-            sensor.objname = name
-            sensor.intprm = _NET_FORCE
+        root.add_site(name=_SITE, pos=turn.T @ (middle - data.xpos[wheeled.root]), quat=quat)
+        bodies = [wheeled.model.body(body).name for body in wheeled.bodies]
+        kinds = ("FRAMEPOS", "FRAMEQUAT", "FRAMELINVEL", "FRAMEANGVEL")
+        sensors = [(kind, mjtObj.mjOBJ_SITE, _SITE) for kind in kinds]
+        sensors += [("JOINTVEL", mjtObj.mjOBJ_JOINT, name) for name in self.names]
+        sensors += [("CONTACT", mjtObj.mjOBJ_XBODY, name) for name in bodies]
+        for kind, part, name in sensors:
+            sensor = spec.add_sensor(name=f"ssmr_{kind}_{name}", objtype=part, objname=name)
+            sensor.type = getattr(mjtSensor, f"mjSENS_{kind}")
+            if kind == "CONTACT":
+                sensor.intprm = _NET_FORCE
 
     def _give_rates(self, spec: Any) -> None:
         """Let heavy rotors turn the wheels; these do not push the body."""
         model = self.wheeled.model
         moving = np.flatnonzero(self._moments(model).any(axis=1))
-        for a in sorted(moving.tolist(), reverse=True):
+        for a in reversed(moving.tolist()):
             spec.delete(spec.actuators[a])
         mass = float(model.body_subtreemass[self.wheeled.root])
         for name, drum in zip(self.names, self.tyres, strict=True):
             radius = 0.1 if drum is None else drum.radius
-            armature = PRESCRIBED_SHARE * mass * radius**2
-            spec.joint(name).armature = armature
-            spec.joint(name).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+            joint = spec.joint(name)
+            joint.armature = armature = PRESCRIBED_SHARE * mass * radius**2
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
             servo = spec.add_actuator(name=f"ssmr_{name}", target=name)
             servo.trntype = mujoco.mjtTrn.mjTRN_JOINT
             servo.set_to_velocity(kv=armature / ((PRESCRIBED_LAG + 1.0) * model.opt.timestep))
@@ -170,38 +156,32 @@ class OwnRobot:
         mujoco.mj_forward(model, data)
         moments = np.zeros((model.nu, model.nv))
         if model.nu:
-            mujoco.mju_sparse2dense(
-                moments,
-                data.actuator_moment,
-                data.moment_rownnz,
-                data.moment_rowadr,
-                data.moment_colind,
-            )
-        dofs = [int(model.joint(name).dofadr[0]) for name in self.names]
-        return moments[:, dofs]
+            rows = (data.moment_rownnz, data.moment_rowadr, data.moment_colind)
+            mujoco.mju_sparse2dense(moments, data.actuator_moment, *rows)
+        return moments[:, [int(model.joint(name).dofadr[0]) for name in self.names]]
 
-    def _inputs_per_rate(self, model: mujoco.MjModel) -> FloatArray:
+    def _inputs(self, model: mujoco.MjModel) -> FloatArray:
         """Return the (nu, 4) inputs of the servos over the rates of the wheels [s/rad]."""
+        gain = model.actuator_gainprm[:, 0]
+        stiffness = model.actuator_biasprm[:, 1]
+        damping = model.actuator_biasprm[:, 2]
+        integrates = model.actuator_dyntype == mjtDyn.mjDYN_INTEGRATOR
         scales = np.zeros(model.nu)
-        for a in range(model.nu):
-            gain = float(model.actuator_gainprm[a, 0])
-            _, stiffness, damping = model.actuator_biasprm[a, :3]
-            integrates = model.actuator_dyntype[a] == mjtDyn.mjDYN_INTEGRATOR
-            if gain > 0.0 and integrates and stiffness < 0.0:
-                scales[a] = -stiffness / gain
-            elif gain > 0.0 and not integrates and stiffness == 0.0 and damping < 0.0:
-                scales[a] = -damping / gain
+        holds_rate = (gain > 0.0) & ~integrates & (stiffness == 0.0) & (damping < 0.0)
+        np.divide(-damping, gain, out=scales, where=holds_rate)
+        holds_angle = (gain > 0.0) & integrates & (stiffness < 0.0)
+        np.divide(-stiffness, gain, out=scales, where=holds_angle)
         return np.asarray(scales[:, None] * self._moments(model))
-
-    def _has_servos(self, model: mujoco.MjModel) -> bool:
-        """Return whether each side has a servo of its rate; else the robot is driven by rates."""
-        left, right = np.abs(self._inputs_per_rate(model)).sum(axis=0).reshape(2, 2).sum(axis=0)
-        return bool(left > 0.0 and right > 0.0)
 
     @property
     def servos(self) -> list[str]:
         """Names of the actuators that drive the wheels."""
         return [self.model.actuator(int(a)).name for a in np.flatnonzero(self._gains.any(axis=1))]
+
+    @property
+    def timestep(self) -> float:
+        """Physics step [s]."""
+        return float(self.model.opt.timestep)
 
     @property
     def mass(self) -> float:
@@ -221,59 +201,55 @@ class OwnRobot:
     @property
     def top_rate(self) -> float:
         """Greatest wheel rate that the inputs of its servos allow [rad/s]."""
-        most = math.inf
-        for a in range(self.model.nu):
-            per_rate = float(np.abs(self._gains[a]).sum())
-            if per_rate > 0.0 and self.model.actuator_ctrllimited[a]:
-                most = min(most, float(self.model.actuator_ctrlrange[a].max()) / per_rate)
-        return most
+        model = self.model
+        per_rate = np.abs(self._gains).sum(axis=1)
+        limited = (per_rate > 0.0) & model.actuator_ctrllimited.astype(bool)
+        most = model.actuator_ctrlrange[limited].max(axis=1) / per_rate[limited]
+        return float(most.min(initial=math.inf))
 
     def _placed(self) -> FloatArray:
         """Return the state in which the wheels just touch level ground."""
-        data = mujoco.MjData(self.model)
-        ground = self.model.geom(self.ground)
-        root = int(self.model.body_jntadr[self.wheeled.root])
-        is_free = self.model.jnt_type[root] == mujoco.mjtJoint.mjJNT_FREE
+        model = self.model
+        data = mujoco.MjData(model)
+        ground = model.geom(self.ground)
+        root = model.body_jntadr[self.wheeled.root]
+        is_free = model.jnt_type[root] == mjtJoint.mjJNT_FREE
         if is_free and ground.type[0] == mjtGeom.mjGEOM_PLANE:
-            at = int(self.model.jnt_qposadr[root]) + 2
-            data.qpos[at] += float(ground.pos[2]) - self.bottom
-        return self._state(data)
-
-    def _state(self, data: mujoco.MjData) -> FloatArray:
-        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        state = np.empty(mujoco.mj_stateSize(self.model, kind))
-        mujoco.mj_getState(self.model, data, state, kind)
+            data.qpos[model.jnt_qposadr[root] + 2] += float(ground.pos[2]) - self.bottom
+        state = np.empty(mujoco.mj_stateSize(model, _STATE))
+        mujoco.mj_getState(model, data, state, _STATE)
         return state
 
     # ------------------------------------------------------------------------- driving
-    def settle(self, model: mujoco.MjModel | None = None) -> Ride:
+    def settle(self) -> Trajectory:
         """Let the robot stand from where its wheels just touch the ground; keep how it rests."""
-        ride = self.ride((0.0, 0.0), _SETTLE_TIME, model, self._start)
-        self.rest = ride.end
-        return ride
+        motion, self.rest = self._ramped((0.0, 0.0), _SETTLE_TIME, self.model, self._start)
+        return motion
 
     def ride(
-        self,
-        rates: tuple[float, float],
-        seconds: float,
-        model: mujoco.MjModel | None = None,
-        start: FloatArray | None = None,
-    ) -> Ride:
-        """Drive with constant wheel rates of the left and right side, reached in `RAMP`.
+        self, rates: tuple[float, float], seconds: float, model: mujoco.MjModel | None = None
+    ) -> Trajectory:
+        """Drive from rest with constant wheel rates of the sides, reached in `RAMP`.
 
         Args:
             rates: rates of the left and the right wheels [rad/s].
             seconds: duration [s].
             model: the model with other settings, of the same structure; its own if not given.
-            start: state of the simulator; at rest if not given.
 
         Raises:
             DivergedError: the simulator gave up.
         """
-        model = self.model if model is None else model
+        return self._ramped(rates, seconds, model or self.model, self.rest)[0]
+
+    def _ramped(
+        self,
+        rates: tuple[float, float],
+        seconds: float,
+        model: mujoco.MjModel,
+        start: FloatArray,
+    ) -> tuple[Trajectory, FloatArray]:
         dt = float(model.opt.timestep)
         share = np.minimum(dt * np.arange(max(round(seconds / dt), 2)) / RAMP, 1.0)
-        start = self.rest if start is None else start
         stride = max(round(_SAMPLE / dt), 1)
         return self.follow(np.outer(share, rates), start, model, stride=stride)
 
@@ -285,7 +261,7 @@ class OwnRobot:
         *,
         stride: int = 1,
         push: FloatArray | None = None,
-    ) -> Ride:
+    ) -> tuple[Trajectory, FloatArray]:
         """Drive with wheel rates of each step.
 
         Args:
@@ -295,10 +271,15 @@ class OwnRobot:
             stride: steps from one sample to the next; the first step is one.
             push: (n,) yaw accelerations [rad/s2] that disturb it; none if not given.
 
+        Returns:
+            The motion of the middle between the axles, and the simulator's state at the end. Its
+            channels have the rates and loads of the wheels in the order of `WHEELS`,
+            `wheel_rad_s` and `wheel_load_N` (M, 4), and the inputs of the actuators (M, nu).
+
         Raises:
             DivergedError: the simulator gave up.
         """
-        model = self.model if model is None else model
+        model = model or self.model
         dt = float(model.opt.timestep)
         control = (np.tile(rates, 2) * self.signs) @ self._gains.T
         limited = model.actuator_ctrllimited.astype(bool)
@@ -308,9 +289,10 @@ class OwnRobot:
         inputs = control
         spec = mujoco.mjtState.mjSTATE_CTRL
         if push is not None:
-            _, _, tensor = self.wheeled.lump(self.wheeled.group(self.wheeled.root))
+            root = self.wheeled.root
+            _, _, tensor = self.wheeled.lump(self.wheeled.group(root))
             forces = np.zeros((len(rates), model.nv))
-            forces[:, model.jnt_dofadr[model.body_jntadr[self.wheeled.root]] + 5] = push
+            forces[:, model.jnt_dofadr[model.body_jntadr[root]] + 5] = push
             inputs = np.hstack([control, float(tensor[2, 2]) * forces])
             spec |= mujoco.mjtState.mjSTATE_QFRC_APPLIED
         data = mujoco.MjData(model)
@@ -327,59 +309,54 @@ class OwnRobot:
         if len(bad):
             t = float(bad[0]) * dt
             raise DivergedError(f"mujoco gave up at t = {t:.3f} s: no finite state", t=t)
-        sampled = sensors[0][::stride]
-        saturated = self._saturated(control[::stride], sampled[:, 13:17])
-        return self._read(sampled, stride * dt, states[0, -1], saturated)
+        sampled = sensors[0, ::stride]
+        parts = np.split(sampled[:, :17], [3, 7, 10, 13], axis=1)
+        place, quat, velocity, spin, turning = parts
+        yaw = np.unwrap(np.atleast_1d(quat_wxyz_to_yaw(quat)))
+        ahead = rotate_world_to_body(velocity[:, :2], yaw)
+        wheels = turning * self.signs
+        channels = {
+            "wheel_rad_s": wheels,
+            "wheel_load_N": -sampled[:, 19:29:3],
+            "inputs": control[::stride],
+        }
+        motion = Trajectory(
+            stride * dt * np.arange(len(sampled), dtype=np.float64),
+            np.column_stack([place[:, :2], yaw]),
+            np.column_stack([ahead, spin[:, 2]]),
+            0.5 * (wheels[:, :2] + wheels[:, 2:]),
+            channels,
+        )
+        return motion, states[0, -1]
 
     def pose_of(self, state: FloatArray) -> tuple[float, float, float]:
         """Return x, y [m] and yaw [rad] of the middle between the axles in a simulator's state."""
         data = mujoco.MjData(self.model)
-        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        mujoco.mj_setState(self.model, data, state, kind)
+        mujoco.mj_setState(self.model, data, state, _STATE)
         mujoco.mj_kinematics(self.model, data)
         site = data.site(_SITE)
-        ahead = site.xmat.reshape(3, 3)[:, 0]
-        x, y, _ = site.xpos
-        return float(x), float(y), math.atan2(float(ahead[1]), float(ahead[0]))
+        x, y, _ = site.xpos.tolist()
+        return x, y, math.atan2(site.xmat[3], site.xmat[0])
 
-    def _saturated(self, inputs: FloatArray, rates: FloatArray) -> float:
-        """Return the greatest share of the time in which a servo's force is at its limit."""
+    def saturated(self, motion: Trajectory) -> float:
+        """Return the greatest share of a motion's time in which a servo's force is at its limit."""
         model = self.model
         limits = np.where(
             model.actuator_forcelimited, np.abs(model.actuator_forcerange).max(axis=1), np.inf
         )
-        for joint, moments in zip(self.names, self._moments(model).T, strict=True):
-            number = model.joint(joint).id
-            if model.jnt_actfrclimited[number]:
-                most = float(np.abs(model.jnt_actfrcrange[number]).max())
-                acting = moments != 0.0
-                limits[acting] = np.minimum(limits[acting], most / np.abs(moments[acting]))
-        forces = model.actuator_gainprm[:, 0] * inputs
-        forces = forces + model.actuator_biasprm[:, 2] * (rates @ self._moments(model).T)
+        joints = [model.joint(name).id for name in self.names]
+        ranges = np.abs(model.jnt_actfrcrange[joints]).max(axis=1)
+        most = np.where(model.jnt_actfrclimited[joints], ranges, np.inf)
+        moments = self._moments(model)
+        of_joints = np.full(moments.shape, np.inf)
+        np.divide(most, np.abs(moments), out=of_joints, where=moments != 0.0)
+        limits = np.minimum(limits, of_joints.min(axis=1, initial=np.inf))
+        rates = motion.channels["wheel_rad_s"] * self.signs
+        forces = model.actuator_gainprm[:, 0] * motion.channels["inputs"]
+        forces = forces + model.actuator_biasprm[:, 2] * (rates @ moments.T)
         at_limit = (np.abs(forces) > 0.999 * limits).mean(axis=0)
         return float(at_limit[self._gains.any(axis=1)].max(initial=0.0))
-
-    def _read(self, sensors: FloatArray, period: float, end: FloatArray, saturated: float) -> Ride:
-        """Return the motion that sensors tell."""
-        place, quat, velocity, spin, rates = np.split(sensors[:, :17], [3, 7, 10, 13], axis=1)
-        yaw = np.unwrap(np.atleast_1d(quat_wxyz_to_yaw(quat)))
-        ahead = rotate_world_to_body(velocity[:, :2], yaw)
-        loads = -sensors[:, 17:29].reshape(-1, 4, 3)[:, :, 2]
-        return Ride(
-            t=period * np.arange(len(sensors), dtype=np.float64),
-            pose=np.column_stack([place[:, :2], yaw]),
-            twist=np.column_stack([ahead, spin[:, 2]]),
-            wheels=rates * self.signs,
-            loads=loads,
-            saturated=saturated,
-            end=end,
-        )
 
 
 def _say_nothing(message: str) -> None:
     """Take a warning of MuJoCo."""
-
-
-def _sensor(kind: str) -> mjtSensor:
-    sensor: mjtSensor = getattr(mjtSensor, f"mjSENS_{kind}")
-    return sensor

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from ssmr.errors import DivergedError
 from ssmr.robot.ground import SkidTurn, turn_on_the_spot
-from ssmr.types import FloatArray
-from validation.descriptions.own_robot import OwnRobot, Ride
+from ssmr.types import FloatArray, Trajectory
+from validation.descriptions.own_robot import LOADS, Measures, OwnRobot
 from validation.simulator.health import LIFT_SHARE
 
 SPEEDS = (0.08, 0.25, 0.5)
@@ -34,8 +35,6 @@ _LOADED = 0.6
 """Load at rest over a quarter of the weight below which a wheel may lift [1]."""
 _LONGEST = 12.0
 """Greatest duration of a turn [s]."""
-Measures = dict[str, float]
-"""Measurements of the trials [SI], by name."""
 
 
 def mechanical_turn(robot: OwnRobot, *, in_the_middle: bool = False) -> SkidTurn:
@@ -56,26 +55,29 @@ def examine(robot: OwnRobot) -> Measures:
 
     A trial in which the simulator gives up leaves its numbers out, and counts as `diverged`.
     """
-    measures = Measures(diverged=0.0)
-    try:
-        standing = robot.settle()
-        tail = standing.t > 0.5 * standing.t[-1]
-        loads = standing.loads[tail].mean(axis=0)
-        for name, load in zip(("fl", "fr", "rl", "rr"), loads, strict=True):
-            measures[f"load_{name}"] = float(load)
-    except DivergedError:
-        return Measures(diverged=1.0)
-    for trial in (_straight, _turns, _curve, _slopes):
+    measures = robot.measures
+    measures["diverged"] = 0.0
+    measures["speed_unit_m_s"] = math.sqrt(robot.gravity * robot.radius)
+    for trial in (_stand, _straight, _turns, _curve, _slopes):
         try:
             measures |= trial(robot, measures)
         except DivergedError:
             measures["diverged"] += 1.0
+            if trial is _stand:
+                break
     return measures
+
+
+def _stand(robot: OwnRobot, _: Measures) -> Measures:
+    """Stand on level ground: the loads of the wheels."""
+    standing = robot.settle()
+    loads = standing.channels["wheel_load_N"][standing.t > 0.5 * standing.t[-1]].mean(axis=0)
+    return dict(zip(LOADS, loads.tolist(), strict=True))
 
 
 def _speed(robot: OwnRobot, froude: float) -> float:
     """Return a rim speed [m/s] that the inputs of the servos allow."""
-    unit = math.sqrt(robot.gravity * robot.radius)
+    unit = robot.measures["speed_unit_m_s"]
     return min(froude * unit, 0.95 * robot.top_rate * robot.radius)
 
 
@@ -88,13 +90,19 @@ def _straight(robot: OwnRobot, _: Measures) -> Measures:
     yaw = float(ride.pose[tail][0, 2])
     ahead = float(way @ [math.cos(yaw), math.sin(yaw)])
     aside = float(way @ [-math.sin(yaw), math.cos(yaw)])
-    turned = float(ride.wheels[tail].mean()) * float(ride.t[-1] - ride.t[tail][0])
+    turned = _mean_rate(ride, tail) * float(ride.t[-1] - ride.t[tail][0])
     weight = robot.mass * robot.gravity
-    measures = Measures(load_ripple_share=float(ride.loads[tail].sum(axis=1).std()) / weight)
+    loads = ride.channels["wheel_load_N"][tail].sum(axis=1)
+    measures = Measures(load_ripple_share=float(loads.std()) / weight)
     if ahead > 0.2 * robot.radius and turned > 0.0:
         measures["rolling_radius_m"] = ahead / turned
         measures["veer_share"] = aside / ahead
     return measures
+
+
+def _mean_rate(motion: Trajectory, tail: Any) -> float:
+    """Return the mean rate of all wheels over a part of a motion [rad/s]."""
+    return float(motion.channels["wheel_rad_s"][tail].mean())
 
 
 def _turns(robot: OwnRobot, known: Measures) -> Measures:
@@ -111,19 +119,22 @@ def _turns(robot: OwnRobot, known: Measures) -> Measures:
         seconds = min(_LEAD + 1.1 * yaw * 0.5 * track * turn.multiplier / speed, _LONGEST)
         ride = robot.ride((-rate, rate), seconds)
         tail = ride.t > _LEAD
-        wheels = 0.5 * (ride.wheels[tail][:, [1, 3]] - ride.wheels[tail][:, [0, 2]]).mean(axis=1)
+        turning = ride.channels["wheel_rad_s"][tail]
+        wheels = 0.5 * (turning[:, [1, 3]] - turning[:, [0, 2]]).mean(axis=1)
         label = f"droop_{name}".rstrip("_")
         measures[label] = 1.0 - float(wheels.mean()) / rate
-        measures["saturated"] = max(measures.get("saturated", 0.0), ride.saturated)
+        measures["saturated"] = max(measures.get("saturated", 0.0), robot.saturated(ride))
         if name == "":
-            resting = [known[f"load_{wheel}"] for wheel in ("fl", "fr", "rl", "rr")]
+            resting = [known[load] for load in LOADS]
             measures |= _turn_measures(robot, ride, radius * wheels, np.array(resting))
     measures["droop_at_speed"] = measures["droop"]
     measures["droop"] = max(measures["droop"], measures.pop("droop_slow"))
     return measures
 
 
-def _turn_measures(robot: OwnRobot, ride: Ride, rims: FloatArray, resting: FloatArray) -> Measures:
+def _turn_measures(
+    robot: OwnRobot, ride: Trajectory, rims: FloatArray, resting: FloatArray
+) -> Measures:
     """Return the turning ratio over all headings, hopping, and how far the middle goes.
 
     Args:
@@ -134,7 +145,7 @@ def _turn_measures(robot: OwnRobot, ride: Ride, rims: FloatArray, resting: Float
     """
     tail = ride.t > _LEAD
     quarter = 0.25 * robot.mass * robot.gravity
-    lifted = (ride.loads[tail] < LIFT_SHARE * quarter).mean(axis=0)
+    lifted = (ride.channels["wheel_load_N"][tail] < LIFT_SHARE * quarter).mean(axis=0)
     yaw = ride.pose[tail, 2]
     xy = ride.pose[tail, :2]
     measures = Measures(
@@ -165,7 +176,7 @@ def _curve(robot: OwnRobot, known: Measures) -> Measures:
     rates = (_INSIDE * rate, rate)
     ride = robot.ride(rates, _DRIVE_TIME)
     tail = ride.t > _LEAD
-    rims = known.get("rolling_radius_m", robot.radius) * float(ride.wheels[tail].mean())
+    rims = known.get("rolling_radius_m", robot.radius) * _mean_rate(ride, tail)
     measures = Measures()
     if rims > 0.0:
         speeds = np.convolve(ride.twist[tail, 0], np.full(10, 0.1), "valid")
@@ -193,7 +204,7 @@ def _slopes(robot: OwnRobot, known: Measures) -> Measures:
         tail = ride.t > 0.5 * _SLOPE_TIME
         seconds = float(ride.t[-1] - ride.t[tail][0])
         moved = float(np.hypot(*(ride.pose[-1] - ride.pose[tail][0])[:2])) / seconds
-        rolled = radius * abs(float(ride.wheels[tail].mean()))
+        rolled = radius * abs(_mean_rate(ride, tail))
         if name == "rolls_m_s":
             measures[name] = rolled
             measures["creep_m_s"] = max(moved - rolled, 0.0)

@@ -15,7 +15,7 @@ import numpy as np
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
-from validation.simulator.model import GRAVITY, robot_model, static_shares
+from validation.simulator.model import GRAVITY, robot_model
 from validation.simulator.motors import controls
 from validation.simulator.parts import robot_parts
 from validation.simulator.physics import PhysicsSettings
@@ -141,7 +141,7 @@ def turn(calibration: Calibration, time: float = TURN_TIME) -> Turned:
         load_sensitivity(calibration),
         float(np.ptp(rates) / np.mean(rates)),
         float((carried.std(axis=0) / carried.mean(axis=0)).max()),
-        4.0 * float(np.abs(carried[-1] - static_shares(calibration)).max()),
+        4.0 * float(np.abs(carried[-1] - calibration.static_shares).max()),
     )
 
 
@@ -152,7 +152,7 @@ def resting_error(calibration: Calibration) -> tuple[float, float]:
     """
     loads = Bench(calibration).loads()
     return abs(float(loads.sum()) - 1.0), 4.0 * float(
-        np.abs(loads - static_shares(calibration)).max()
+        np.abs(loads - calibration.static_shares).max()
     )
 
 

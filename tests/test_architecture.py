@@ -397,8 +397,8 @@ PRICES = {
         "a run is repeated by its file; tyro has the rest",
     ),
     "validation/engines": Price(
-        9_200,
-        4,
+        8_700,
+        3,
         14,
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
@@ -418,8 +418,8 @@ PRICES = {
         "reinforcement learning on the robot: Gymnasium and dm_control",
     ),
     "validation/descriptions": Price(
-        30_700,
-        19,
+        30_300,
+        16,
         58,
         "robots of others are read (URDF, xacro, SDF, MJCF), driven with their own physics, and "
         "what is wrong is said with changes that were tried; each is a plant by its path",
@@ -456,8 +456,8 @@ PRICES = {
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(
-        25_200,
-        10,
+        23_800,
+        9,
         75,
         "a robot's description becomes a MuJoCo model that moves",
     ),

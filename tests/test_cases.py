@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -330,7 +331,7 @@ def plant_of(plant: str, name: str, drive: Drive, dt: float, gain: float) -> Pla
     try:
         return EnginePlant(
             plant,
-            (lambda n: OdeBody(n, law)) if plant == "ode" else DrakeBody,
+            partial(OdeBody, settings=law) if plant == "ode" else DrakeBody,
             calibration,
             drive,
             slope,

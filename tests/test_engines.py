@@ -5,8 +5,8 @@ The laws of all plants are in test_plant_conformance.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,13 +15,12 @@ from ssmr.robot.ground import turn_on_the_spot
 from ssmr.types import Commands, State
 from tests.conftest import installed_plant
 from validation.engines import ode_library
-from validation.engines.body import EngineBody, EngineMissingError, RigidNumbers
+from validation.engines.body import EngineMissingError, MakeBody
 from validation.engines.ode import OdeBody, OdeSettings
 from validation.engines.plant import EnginePlant
 from validation.plants.profile import Profile, make_plant
 from validation.plants.table import SECOND_OPINIONS
 from validation.simulator.description import GRAVITY
-from validation.simulator.terrain import Terrain
 
 SPIN = Commands(0.05, np.tile([-4.0, 4.0], (80, 1)), "wheels")
 """Four seconds of wheels that turn against each other at given rates."""
@@ -35,9 +34,7 @@ def lab(lab: Profile) -> Profile:
     return replace(lab, plants={**lab.plants, "mujoco": centred})
 
 
-def made(
-    profile: Profile, name: str, body: Callable[[RigidNumbers], EngineBody], **changes: object
-) -> EnginePlant:
+def made(profile: Profile, name: str, body: MakeBody, **changes: object) -> EnginePlant:
     installed_plant(profile, name)
     section = profile.section(name)
     calibration = replace(section.parameters, **changes)  # type: ignore[arg-type]
@@ -57,7 +54,7 @@ def multiplier(plant: EnginePlant) -> tuple[float, float]:
 def test_gazebo_s_cone_turns_as_a_cone_does(lab: Profile) -> None:
     """Its bounds split Coulomb's friction by the slip's direction, whatever axes they refer to."""
     settings = OdeSettings("gazebo_cone", "world", "quick", 50)
-    measured, ripple = multiplier(made(lab, "ode", lambda n: OdeBody(n, settings)))
+    measured, ripple = multiplier(made(lab, "ode", partial(OdeBody, settings=settings)))
     expected = turn_on_the_spot(lab.robot.wheelbase, lab.robot.track).multiplier
     assert measured == pytest.approx(expected, rel=1e-2)
     assert ripple < 1e-2
@@ -65,7 +62,9 @@ def test_gazebo_s_cone_turns_as_a_cone_does(lab: Profile) -> None:
 
 def test_gazebo_s_box_bounds_friction_in_newtons(lab: Profile) -> None:
     """Four contacts push with at most mu newtons each, so the robot gains at most 4 mu t / m."""
-    plant = made(lab, "ode", lambda n: OdeBody(n, OdeSettings("gazebo_box", "world", "quick", 50)))
+    plant = made(
+        lab, "ode", partial(OdeBody, settings=OdeSettings("gazebo_box", "world", "quick", 50))
+    )
     ahead = Commands(0.05, np.tile([4.0, 4.0], (40, 1)), "wheels")
     speed = float(plant.run(ahead, State(), 0.01).twist[-1, 0])
     assert speed == pytest.approx(
@@ -80,9 +79,7 @@ def test_load_transfer_speeds_the_robot_up_in_a_bend_whatever_the_step(lab: Prof
     the normal forces without friction, as dWorldStep has them, give 0.70 at 2 ms and 0.91 at 1 ms.
     """
     bend = Commands(0.05, np.tile([2.0, 4.0], (60, 1)), "wheels")
-    plants = [
-        made(lab, "ode", lambda n: OdeBody(n, OdeSettings()), timestep=dt) for dt in (2e-3, 1e-3)
-    ]
+    plants = [made(lab, "ode", OdeBody, timestep=dt) for dt in (2e-3, 1e-3)]
     rims = 3.0 * plants[0].calibration.wheel_radius
     coarse, fine, mujoco = (
         float(p.run(bend, State(), 0.01).twist[-1, 0]) - rims
@@ -124,7 +121,7 @@ def test_what_an_engine_cannot_have_is_refused(lab: Profile) -> None:
     section = lab.section("ode")
     capsules = replace(section.parameters, wheel_shape="capsule", friction_ratio=1.2)
     with pytest.raises(ValueError, match=r"friction_ratio 1\.2"):
-        RigidNumbers.of(capsules, section.drive, Terrain())
+        EnginePlant("ode", OdeBody, capsules, section.drive)
     light = replace(section.parameters, armature=1e-6, gain=1e4)
     with pytest.raises(ValueError, match="too long for a gain of 10000"):
-        EnginePlant("ode", lambda n: OdeBody(n, OdeSettings()), light, section.drive)
+        EnginePlant("ode", OdeBody, light, section.drive)

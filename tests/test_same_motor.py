@@ -37,7 +37,7 @@ from ssmr.types import Commands, FloatArray, Plant, State, Trajectory
 from tests.robots import HUSKY, husky
 from validation.engines.body import EngineMissingError
 from validation.engines.drake import DrakeBody
-from validation.engines.ode import OdeBody, OdeSettings
+from validation.engines.ode import OdeBody
 from validation.engines.plant import EnginePlant
 from validation.plants.profile import Profile
 from validation.simulator.loops import MujocoBodies
@@ -99,7 +99,7 @@ PLANTS: dict[str, Callable[[Drive], Plant]] = {
     "linear": planar(LinearParameters(0.0, 0.0, GAIN / RADIUS)),
     "four_wheel": four_wheels,
     "mujoco": lambda d: MujocoPlant(CALIBRATION, d),
-    "ode": lambda d: EnginePlant("ode", lambda n: OdeBody(n, OdeSettings()), CALIBRATION, d),
+    "ode": lambda d: EnginePlant("ode", OdeBody, CALIBRATION, d),
     "drake": lambda d: EnginePlant("drake", DrakeBody, CALIBRATION, d),
 }
 

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from ssmr.errors import DivergedError, SsmrError
+from ssmr.errors import SsmrError
 from ssmr.robot.ground import FRONT, LEFT
 from validation import cli, output
-from validation.descriptions.examination import Examined, examine_foreign, model_findings
+from validation.descriptions.examination import Examined, examine_foreign, examine_model
 from validation.descriptions.findings import Finding, static_findings
 from validation.descriptions.foreign_robot import is_description
 from validation.descriptions.importing import RobotDraft, draft_robot, import_robot, unit_of_key
@@ -32,11 +32,9 @@ from validation.plants.profile import Profile, bare_profile, choose_profile, loa
 from validation.report.report import Report
 from validation.report.table import Table, print_tables
 from validation.simulator.checking import (
-    Measured,
     SkidTurn,
     guessed,
     load_shares,
-    measure_robot,
     robot_outline,
     spot_turn,
     turning_torque,
@@ -129,10 +127,8 @@ class RobotCheck(Report):
     """The robot."""
     spot: SkidTurn | None
     """How it turns on the spot by mechanics; None where it does not stand on four wheels."""
-    measured: Measured | None
-    """Result of our MuJoCo model of it; None where there is none."""
-    examined: Examined | None
-    """Result of the trials with its own physics; None where the file is no MJCF of others."""
+    examined: Examined
+    """Result of its trials: with its own physics, in an engine, or of our MuJoCo model of it."""
     findings: Sequence[Finding]
     """Findings, faults first."""
     remarks: Sequence[str]
@@ -151,10 +147,8 @@ class RobotCheck(Report):
     @property
     def loads(self) -> list[float]:
         """Loads of the four wheels at rest [N]: of the MuJoCo model, or by mechanics."""
-        if self.measured is not None:
-            return list(self.measured.loads)
-        if self.examined is not None and self.examined.loads:
-            return self.examined.loads
+        if self.examined.loads:
+            return list(self.examined.loads)
         weight = self.robot.mass * GRAVITY
         return [float(share) * weight for share in load_shares(self.robot)]
 
@@ -166,8 +160,8 @@ class RobotCheck(Report):
         """Return the verdict, faults and questions."""
         faults = len(self.faults)
         notes = [_verdict(self.robot, faults, len(self.findings) - faults)]
-        sentences = [] if self.examined is None else self.examined.sentences
-        if self.examined is None and self.remarks and self.spot is not None:
+        sentences = self.examined.sentences
+        if not sentences and self.remarks and self.spot is not None:
             turned = 90.0 / self.spot.multiplier
             sentences = [f"By mechanics it turns {turned:.0f}° for 90° on its wheels, which skid."]
         notes = [*sentences[:1], *notes]
@@ -191,14 +185,9 @@ class RobotCheck(Report):
 
     def document(self) -> dict[str, Any]:
         """Return the contents of robot.json."""
-        document = _document(self.robot, self.spot, self.measured, self.loads)
-        if self.examined is not None:
-            own = self.examined.numbers
-            document["own_physics"] = own
-            document["turning_multiplier"] = own["multiplier"]
-            document["closed_form"] = own["closed_form"]
         return {
-            **document,
+            **_document(self.robot, self.spot, self.loads),
+            **self.examined.numbers,
             "ok": self.ok,
             "findings": [finding._asdict() for finding in self.findings],
             "advice": [finding.sentence for finding in self.findings],
@@ -240,8 +229,6 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     foreign = None if draft is None else draft.foreign
     robot = _loaded(o.robot) if draft is None else draft.robot
     findings = static_findings(robot, foreign)
-    measured = None
-    examined = None
     is_mjcf = foreign is not None and foreign.kind == "mjcf"
     if o.write is not None and not is_mjcf:
         raise ValueError("--write goes with an MJCF, whose physics are in its file; ROBOT is none")
@@ -253,12 +240,11 @@ def check_robot(o: CheckRobot) -> RobotCheck:
     elif o.engine != "mujoco":
         examined = examine_in_engine(robot, foreign, o.engine)
     else:
-        measured = _measured(robot, findings)
-    if examined is not None:
-        kinds = {finding.kind for finding in examined.findings}
-        # trials know better than numbers alone
-        findings = [f for f in findings if f.kind not in kinds]
-        findings += examined.findings
+        examined = examine_model(robot)
+    # trials of changes know better than numbers alone
+    kinds = {finding.kind for finding in examined.findings if finding.before is not None}
+    findings = [f for f in findings if f.kind not in kinds]
+    findings += examined.findings
     if is_mjcf:
         findings = [f for f in findings if f.kind != "motor_weak" or f.before is not None]
     findings.sort(key=lambda finding: finding.severity)
@@ -269,27 +255,10 @@ def check_robot(o: CheckRobot) -> RobotCheck:
         failure=SsmrError(verdict) if faults else None,
         robot=robot,
         spot=spot_turn(robot),
-        measured=measured,
         examined=examined,
         findings=findings,
         remarks=[] if draft is None else draft.remarks,
     )
-
-
-def _measured(robot: Robot, findings: list[Finding]) -> Measured | None:
-    """Return measurements on our model of a robot, and add what they find; None without a model."""
-    try:
-        measured = measure_robot(robot)
-    except ValueError as error:
-        failed = f"no model can be built of it: {one_line(error)}"
-        findings.append(Finding("model", "fault", failed))
-        return None
-    except DivergedError as error:
-        failed = f"its simulation fails: {one_line(error)}"
-        findings.append(Finding("step", "fault", failed, "look at masses, inertia and gain"))
-        return None
-    findings += model_findings(spot_turn(robot), measured)
-    return measured
 
 
 def _save_mended(text: str | None, target: Path | None) -> None:
@@ -316,9 +285,7 @@ def _loaded(robot: str | Path | Robot) -> Robot:
     return robot if isinstance(robot, Robot) else load_robot(robot)
 
 
-def _document(
-    robot: Robot, spot: SkidTurn | None, measured: Measured | None, loads: Sequence[float]
-) -> dict[str, Any]:
+def _document(robot: Robot, spot: SkidTurn | None, loads: Sequence[float]) -> dict[str, Any]:
     """Contents of robot.json; None stands for a number that no model could show."""
     mu = robot.friction
     drive = robot.drive
@@ -336,11 +303,11 @@ def _document(
         "wheelbase_m": robot.wheelbase,
         "track_m": robot.track,
         "wheel_radius_m": robot.wheel_radius,
-        "turning_multiplier": None if measured is None else measured.multiplier,
+        "turning_multiplier": None,
         "closed_form": None if spot is None else spot.multiplier,
-        "yaw_ripple": None if measured is None else measured.ripple,
+        "yaw_ripple": None,
         "static_loads_N": loads,
-        "apparent_mass_kg": None if measured is None else measured.apparent_mass,
+        "apparent_mass_kg": None,
         "friction": mu,
         "side_torque_needed_N_m": torque,
         "side_torque_N_m": 2.0 * drive.torque_limit,

@@ -5,10 +5,16 @@ A robot of others has its own physics; one of ours those of our model.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from ssmr.robot.ground import SkidTurn
+import numpy as np
+
+from ssmr.errors import DivergedError
+from ssmr.types import Commands, State
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
 from validation.descriptions.ladder import Rung, climb, together
@@ -16,7 +22,13 @@ from validation.descriptions.mjcf_text import MjcfText
 from validation.descriptions.own_findings import own_findings
 from validation.descriptions.own_robot import LOADS, OwnRobot
 from validation.descriptions.trials import examine, in_words
-from validation.simulator.checking import Measured
+from validation.output import one_line
+from validation.simulator.calibration import Calibration
+from validation.simulator.checking import spot_turn
+from validation.simulator.description import GRAVITY, ROTOR_SHARE, Robot, free_drive
+from validation.simulator.health import apparent_mass
+from validation.simulator.plant import MujocoPlant
+from validation.simulator.turning import SAMPLE, SPIN_LEAD, closed_form, measure_spin, spin
 
 _KEYS = (
     "multiplier",
@@ -42,12 +54,22 @@ class Examined(NamedTuple):
     """Sentences on how the robot moves, and on what the examination assumed."""
     findings: list[Finding]
     """Faults and questions that its own physics show, with the changes that were tried."""
-    numbers: dict[str, Any]
-    """`own_physics` of robot.json; None for a number that no trial could show."""
-    loads: list[float]
+    numbers: Mapping[str, Any] = MappingProxyType({})
+    """What robot.json says of it; None for a number that no trial could show."""
+    loads: Sequence[float] = ()
     """Loads of the four wheels at rest [N]; empty where it does not stand."""
-    mended: str | None
+    mended: str | None = None
     """The file with the changes that help; None where there are none."""
+
+
+def own_physics(measures: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what robot.json says of a robot with its own physics or in another engine."""
+    numbers = {key: measures.get(key) for key in _KEYS}
+    return {
+        "own_physics": numbers,
+        "turning_multiplier": numbers["multiplier"],
+        "closed_form": numbers["closed_form"],
+    }
 
 
 def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Examined:
@@ -82,7 +104,7 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
     return Examined(
         sentences=[in_words(before), *notes],
         findings=own_findings(robot, rungs, after, text, known),
-        numbers={key: before.get(key) for key in _KEYS},
+        numbers=own_physics(before),
         loads=[before[load] for load in LOADS if load in before],
         mended=text.edited(together(rungs)) if text is not None and rungs else None,
     )
@@ -91,18 +113,77 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
 # ------------------------------------------------------------------------- of our own model
 MULTIPLIER_LIMIT = 0.02
 """Deviation of the multiplier from its closed form that a robot may have [1]."""
+_RIM_SPEED = 0.13
+"""Speed of the rims in the measured turn over sqrt(g r) [1]: slow enough for mechanics without
+inertia, and similar for robots of every size (Froude's similarity)."""
+_TURNS = 2.2
+"""Turns that mechanics expects in the measured time [1]; the motors lag a little behind."""
+_STIFF_TIME = 2e-4
+"""Time constant of the measuring motors [s]: a seventieth of that of robots. Wheels that have a
+motor each, of which one skids and the other rolls, then turn equally to within half a percent."""
+_STAND_TIME = 2.0
+"""Time for which the robot stands before its loads are read [s]; the simulator has let it settle
+before."""
 
 
-def model_findings(spot: SkidTurn | None, measured: Measured) -> list[Finding]:
-    """Return what is wrong with a robot's MuJoCo model, by a slow turn on the spot.
+def examine_model(robot: Robot) -> Examined:
+    """Stand and turn our MuJoCo model of a robot on the spot; there may be none of its numbers."""
+    try:
+        calibration = Calibration.of(robot)
+        plant = MujocoPlant(calibration, robot.motor_drive)
+        loads = _standing_loads(plant)
+        turn = _slow_spin(calibration)
+    except DivergedError as error:
+        failed = f"its simulation fails: {one_line(error)}"
+        return Examined([], [Finding("step", "fault", failed, "look at masses, inertia and gain")])
+    except ValueError as error:
+        failed = f"no model can be built of it: {one_line(error)}"
+        return Examined([], [Finding("model", "fault", failed)])
+    numbers = {
+        "turning_multiplier": turn.get("multiplier"),
+        "yaw_ripple": turn.get("ripple"),
+        "apparent_mass_kg": apparent_mass(plant.model),
+    }
+    return Examined([], _model_findings(robot, turn), numbers, loads)
 
-    Args:
-        spot: the turn by mechanics; None where its wheels do not carry it.
-        measured: measurements on the model.
+
+def _standing_loads(plant: MujocoPlant) -> list[float]:
+    """Return the mean loads of the four wheels of a robot that stands [N]."""
+    period = plant.dt * max(round(SAMPLE / plant.dt), 1)
+    zeros = np.zeros((round(_STAND_TIME / period), 2))
+    loads = plant.run(Commands(period, zeros), State(), period).channels["wheel_load_N"]
+    means: list[float] = loads[len(loads) // 2 :].mean(axis=0).tolist()
+    return means
+
+
+def _slow_spin(calibration: Calibration) -> dict[str, float]:
+    """Return the measures of a slow turn on the spot, by name.
+
+    The motors have no limit and delay, and are much stiffer than the robot's own, with rotors that
+    are not light: the turn shows the robot, not them.
     """
+    radius = calibration.wheel_radius
+    size = calibration.mass * radius**2
+    # a stiff motor makes a light wheel tremble
+    armature = max(calibration.armature, ROTOR_SHARE * size)
+    side_inertia = 0.5 * size + 2.0 * armature
+    gain = max(calibration.gain, side_inertia / _STIFF_TIME)
+    # the step must divide the period of samples
+    step = SAMPLE / math.ceil(SAMPLE / calibration.timestep - 1e-9)
+    stiff = replace(calibration, timestep=step, armature=armature, gain=gain)
+    rate = _RIM_SPEED * math.sqrt(GRAVITY * radius) / calibration.half_track
+    multiplier = min(closed_form(calibration).multiplier, 10.0)
+    turn_time = _TURNS * 2.0 * math.pi * multiplier / rate
+    seconds = 0.05 * math.ceil((SPIN_LEAD + turn_time) / 0.05)
+    motion = spin(MujocoPlant(stiff, free_drive(calibration.robot)), seconds, rate)
+    return measure_spin(motion, stiff)
+
+
+def _model_findings(robot: Robot, turn: Mapping[str, float]) -> list[Finding]:
+    """Return what is wrong with a robot's MuJoCo model, by the measures of its slow turn."""
     found = []
-    multiplier = measured.multiplier
-    if multiplier is None:
+    spot = spot_turn(robot)
+    if "multiplier" not in turn:
         found.append(
             Finding(
                 "motor_weak",
@@ -111,22 +192,22 @@ def model_findings(spot: SkidTurn | None, measured: Measured) -> list[Finding]:
                 "mechanics allows it",
             )
         )
-    elif spot is not None and abs(multiplier / spot.multiplier - 1.0) > MULTIPLIER_LIMIT:
+    elif spot is not None and abs(turn["multiplier"] / spot.multiplier - 1.0) > MULTIPLIER_LIMIT:
         found.append(
             Finding(
                 "wheel_shape",
                 "fault",
-                f"the simulated robot turns with a multiplier of {multiplier:.3f}, and mechanics "
-                f"says {spot.multiplier:.3f}",
+                f"the simulated robot turns with a multiplier of {turn['multiplier']:.3f}, and "
+                f"mechanics says {spot.multiplier:.3f}",
                 "keep the usual wheel_shape and timestep",
             )
         )
-    if measured.lifted_share > 0.0:
+    if turn["lifted_share"] > 0.0:
         found.append(
             Finding(
                 "hopping",
                 "fault",
-                f"a wheel leaves the ground in {100.0 * measured.lifted_share:.0f} % of a slow "
+                f"a wheel leaves the ground in {100.0 * turn['lifted_share']:.0f} % of a slow "
                 "turn on the spot",
                 "move the centre of mass to the middle and down, or lower the friction",
             )

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ssmr.errors import ParameterError
-from ssmr.robot.ground import LEFT
-from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import GRAVITY, WHEELS
-from validation.simulator.model import base_inertia, static_shares
-from validation.simulator.terrain import Terrain
+from validation.simulator.description import WHEELS
 
 SINK_SHARE = 1e-3
 """Depth to which a tyre sinks at rest where no stiffness is given, over its radius [1]; radii are
@@ -47,61 +42,6 @@ class Rigid(NamedTuple):
         return cls(position, level, np.zeros(3), np.zeros(3), np.zeros(len(WHEELS)))
 
 
-@dataclass(frozen=True, eq=False)
-class RigidNumbers:
-    """A calibrated robot on its ground, and what follows from its numbers in every engine."""
-
-    calibration: Calibration
-    """Masses, sizes and friction."""
-    gravity: FloatArray
-    """(3,) gravity along the axes of the ground [m/s2]."""
-    base_inertia: FloatArray
-    """(3,) moments of inertia of the base without wheels about its centre of mass [kg m2]."""
-    places: FloatArray
-    """(4, 3) middles of the wheels in the base frame [m]."""
-    radii: FloatArray
-    """(4,) rolling radii [m]."""
-    loads: FloatArray
-    """(4,) wheel loads at rest on level ground [N]."""
-    dry: float
-    """Dry friction torque of a wheel: rolling resistance and its share of the gear's loss [N m]."""
-    groups: tuple[tuple[int, ...], ...]
-    """Indices of the wheels that each motor turns; a belt ties those of one motor."""
-
-    @classmethod
-    def of(cls, calibration: Calibration, drive: Drive, terrain: Terrain) -> RigidNumbers:
-        """Return the numbers of a calibrated robot on even ground.
-
-        Raises:
-            ParameterError: friction that depends on direction, or an inertia that no body has.
-        """
-        c = calibration
-        if c.friction_ratio != 1.0:
-            raise ParameterError(
-                f"friction_ratio {c.friction_ratio:g}: this engine's tyres have one friction"
-            )
-        return cls(
-            calibration=c,
-            gravity=terrain.gravity(GRAVITY),
-            base_inertia=base_inertia(c),
-            places=c.wheel_places,
-            radii=c.wheel_radius + 0.5 * LEFT * c.radius_difference,
-            loads=np.maximum(static_shares(c), 0.0) * (c.mass * GRAVITY),
-            dry=0.5 * (c.rolling_torque + drive.gear_loss),
-            groups=tuple(tuple(map(WHEELS.index, w)) for w in c.robot.motors.values()),
-        )
-
-    @property
-    def height(self) -> float:
-        """Height of the base frame's origin where tyres just touch the ground [m]."""
-        return self.calibration.wheel_radius - self.calibration.robot.axle_height
-
-    @property
-    def cylinders(self) -> bool:
-        """Whether tyres are cylinders; otherwise each touches the ground in one point."""
-        return self.calibration.wheel_shape == "cylinder"
-
-
 class EngineBody(Protocol):
     """A robot inside an engine; its wheels are numbered as `WHEELS`."""
 
@@ -119,3 +59,11 @@ class EngineBody(Protocol):
 
     def wheel_loads(self) -> FloatArray:
         """Return the (4,) normal forces on the wheels [N], as the last step had them."""
+
+
+MakeBody = Callable[[Calibration, FloatArray, float], EngineBody]
+"""Function that builds a robot in an engine.
+
+It takes its numbers, (3,) gravity along the axes of the ground [m/s2], and the dry friction torque
+of a wheel [N m]: rolling resistance and its share of the gear's loss.
+"""

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.engines.body import SINK_SHARE, EngineMissingError, Rigid, RigidNumbers
-from validation.simulator.description import WHEELS
+from validation.engines.body import SINK_SHARE, EngineMissingError, Rigid
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import GRAVITY, WHEELS
 
 HOW_TO_GET_DRAKE = (
     "Drake is missing: install it with pip install 'ssmr-testbed[engines]', "
@@ -36,19 +37,19 @@ _HOLD = 1e5
 class DrakeBody:
     """The robot in a Drake diagram, see `EngineBody`; tyres are spheres, or pairs for cylinders."""
 
-    def __init__(self, numbers: RigidNumbers) -> None:
-        """Build the diagram.
+    def __init__(self, calibration: Calibration, gravity: FloatArray, dry: float) -> None:
+        """Build the diagram, see `MakeBody`.
 
         Raises:
             EngineMissingError: Drake is not installed.
         """
-        self._n = numbers
-        self._free = _Diagram(numbers, max(numbers.dry, 1e-9))
+        self._numbers = calibration, gravity
+        self._free = _Diagram(calibration, gravity, max(dry, 1e-9))
         self._now = self._free
 
     @cached_property
     def _turning(self) -> _Diagram:
-        return _Diagram(self._n, _STRONG)
+        return _Diagram(*self._numbers, _STRONG)
 
     def place(self, motion: Rigid) -> None:
         """Put the robot into a motion, see `EngineBody.place`."""
@@ -87,7 +88,7 @@ class DrakeBody:
 class _Diagram:
     """A plant and its scene, with actuators of one strength [N m]."""
 
-    def __init__(self, numbers: RigidNumbers, strength: float) -> None:
+    def __init__(self, c: Calibration, gravity: FloatArray, strength: float) -> None:
         try:
             from pydrake.geometry import AddContactMaterial, HalfSpace, ProximityProperties, Sphere
             from pydrake.math import RigidTransform
@@ -98,7 +99,6 @@ class _Diagram:
         log = logging.getLogger("drake")
         level = log.level
         log.setLevel(logging.ERROR)  # it warns that half spaces touch no deformable bodies
-        c = numbers.calibration
         builder = DiagramBuilder()
         empty = multibody.MultibodyPlant(c.timestep)
         plant, _ = multibody.AddMultibodyPlantSceneGraph(builder, empty)
@@ -106,18 +106,18 @@ class _Diagram:
         plant.set_discrete_contact_approximation(multibody.DiscreteContactApproximation.kLagged)
         plant.set_contact_model(multibody.ContactModel.kPoint)
         plant.set_stiction_tolerance(_STICTION)
-        plant.mutable_gravity_field().set_gravity_vector(numbers.gravity)
-        stiffness = float(numbers.loads.mean()) / (SINK_SHARE * float(numbers.radii.mean()))
+        plant.mutable_gravity_field().set_gravity_vector(gravity)
+        loads = np.maximum(c.static_shares, 0.0) * (c.mass * GRAVITY)
+        stiffness = float(loads.mean()) / (SINK_SHARE * float(c.radii.mean()))
         rubber = ProximityProperties()
         sliding = multibody.CoulombFriction(c.friction, c.friction)
         # Tyre and ground are in series, so that each has twice the stiffness of the contact.
         AddContactMaterial(_DISSIPATION, 2.0 * stiffness, sliding, rubber)
         world = plant.world_body()
         plant.RegisterCollisionGeometry(world, RigidTransform(), HalfSpace(), "ground", rubber)
-        self._wheels = self._add_robot(numbers, strength)
-        sink = numbers.loads / stiffness
-        sides = (-0.5, 0.5) if numbers.cylinders else (0.0,)
-        radii = numbers.radii + sink / len(sides)
+        self._wheels = self._add_robot(c, strength)
+        sides = (-0.5, 0.5) if c.wheel_shape == "cylinder" else (0.0,)
+        radii = c.radii + loads / stiffness / len(sides)
         for wheel, radius in zip(self._wheels, radii.tolist(), strict=True):
             for side in sides:
                 place: Any = [0.0, side * c.robot.wheel_width, 0.0]
@@ -137,7 +137,7 @@ class _Diagram:
         self._force.FixValue(self._mine, np.zeros(6 + len(WHEELS)))
         self._set_points.FixValue(self._mine, np.zeros(2 * len(WHEELS)))
 
-    def _add_robot(self, n: RigidNumbers, strength: float) -> list[Any]:
+    def _add_robot(self, c: Calibration, strength: float) -> list[Any]:
         """Add base, wheels, axles and belts; return the wheels."""
         from pydrake.math import RigidTransform
         from pydrake.multibody.tree import (
@@ -154,13 +154,12 @@ class _Diagram:
             return plant.AddRigidBody(name, central)
 
         plant = self._plant
-        c = n.calibration
-        base = body("base", c.base_mass, c.com, n.base_inertia)
+        base = body("base", c.base_mass, c.com, c.base_inertia)
         across, spin = c.robot.wheel_inertia
         along_axle: Any = [0.0, 1.0, 0.0]
         wheels = []
         joints = []
-        for name, place in zip(WHEELS, n.places, strict=True):
+        for name, place in zip(WHEELS, c.wheel_places, strict=True):
             wheel = body(name, c.robot.wheel_mass, np.zeros(3), np.array([across, spin, across]))
             at = RigidTransform(place)
             axle = plant.AddFrame(FixedOffsetFrame(f"{name}_axle", base.body_frame(), at))
@@ -172,7 +171,7 @@ class _Diagram:
             motor.set_default_gear_ratio(1.0)
             wheels.append(wheel)
             joints.append(joint)
-        for group in n.groups:
+        for group in c.robot.motor_groups:
             if len(group) == 2:
                 front, rear = group
                 plant.AddCouplerConstraint(joints[front], joints[rear], 1.0)

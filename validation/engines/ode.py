@@ -29,7 +29,7 @@ import mujoco
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.engines.body import SINK_SHARE, Rigid, RigidNumbers
+from validation.engines.body import SINK_SHARE, Rigid
 from validation.engines.ode_library import (
     APPROX1,
     F_MAX,
@@ -46,7 +46,8 @@ from validation.engines.ode_library import (
     Vector,
     ode,
 )
-from validation.simulator.description import WHEELS
+from validation.simulator.calibration import Calibration
+from validation.simulator.description import GRAVITY, WHEELS
 
 FrictionLaw = Literal["cone", "pyramid", "gazebo_cone", "gazebo_box"]
 FrictionDirection = Literal["world", "wheel"]
@@ -127,14 +128,26 @@ MAKERS_HUSKY: Mapping[str, Any] = {**HUSKY, "com_x": -0.00065, "com_y": -0.085}
 class OdeBody:
     """The robot in a world of its own, see `EngineBody`."""
 
-    def __init__(self, numbers: RigidNumbers, settings: OdeSettings) -> None:
-        """Build the world.
+    def __init__(
+        self,
+        calibration: Calibration,
+        gravity: FloatArray,
+        dry: float,
+        settings: OdeSettings | None = None,
+    ) -> None:
+        """Build the world, by default with the best settings; see `MakeBody` for the rest.
 
         Raises:
             EngineMissingError: ODE is not installed.
         """
-        self._n = numbers
-        self._settings = settings
+        self._robot = calibration
+        self._gravity = gravity
+        self._dry = dry
+        self._settings = settings or OdeSettings()
+        self._groups = calibration.robot.motor_groups
+        self._cylinders = calibration.wheel_shape == "cylinder"
+        shares = np.maximum(calibration.static_shares, 0.0)
+        self._resting = shares * (calibration.mass * GRAVITY)
         self._ode = ode()
         self._ode.dAllocateODEDataForThread(0xFFFFFFFF)
         self._build_world()
@@ -150,7 +163,7 @@ class OdeBody:
         self._world = lib.dWorldCreate()
         self._joints = lib.dJointGroupCreate(0)
         self._contacts = lib.dJointGroupCreate(0)
-        lib.dWorldSetGravity(self._world, *self._n.gravity.tolist())
+        lib.dWorldSetGravity(self._world, *self._gravity.tolist())
         lib.dWorldSetERP(self._world, _ERP)
         lib.dWorldSetCFM(self._world, s.cfm)
         lib.dWorldSetContactMaxCorrectingVel(self._world, s.max_correcting_velocity)
@@ -162,24 +175,23 @@ class OdeBody:
     def _build_robot(self) -> None:
         """Make base, wheels, hinges and belts; hinges are made with the robot at the origin."""
         lib = self._ode
-        n = self._n
-        c = n.calibration
+        c = self._robot
         across, spin = c.robot.wheel_inertia
-        self._base = self._make_body(c.base_mass, n.base_inertia.tolist())
+        self._base = self._make_body(c.base_mass, c.base_inertia.tolist())
         wheel_inertia = [across, spin + c.armature, across]
         self._wheels = [self._make_body(c.robot.wheel_mass, wheel_inertia) for _ in WHEELS]
         bodies = [self._base, *self._wheels]
         self._views = [self._view(body) for body in bodies]
         self._rotations = [lib.dBodyGetRotation(body) for body in bodies]  # (3, 4), row by row
-        self.place(Rigid.at_rest(n.height))
+        self.place(Rigid.at_rest(c.base_height))
         self._hinges = []
-        for wheel, place in zip(self._wheels, n.places, strict=True):
+        for wheel, place in zip(self._wheels, c.wheel_places, strict=True):
             hinge = lib.dJointCreateHinge(self._world, self._joints)
             lib.dJointAttach(hinge, wheel, self._base)
-            lib.dJointSetHingeAnchor(hinge, place[0], place[1], place[2] + n.height)
+            lib.dJointSetHingeAnchor(hinge, place[0], place[1], place[2] + c.base_height)
             lib.dJointSetHingeAxis(hinge, 0.0, 1.0, 0.0)
             self._hinges.append(hinge)
-        for group in n.groups:
+        for group in self._groups:
             if len(group) != 2:
                 continue
             front, rear = group
@@ -213,26 +225,25 @@ class OdeBody:
     def _build_contacts(self) -> None:
         """Make tyres and the contact that they all share, but for place and direction."""
         lib = self._ode
-        n = self._n
+        c = self._robot
         s = self._settings
-        load = float(n.loads.sum()) / len(WHEELS)
-        mass = load / np.linalg.norm(n.gravity)
-        kp = s.kp or load / (SINK_SHARE * float(n.radii.mean()))
+        load = float(self._resting.sum()) / len(WHEELS)
+        mass = load / np.linalg.norm(self._gravity)
+        radii = c.radii
+        kp = s.kp or load / (SINK_SHARE * float(radii.mean()))
         kd = s.kd or 2.0 * math.sqrt(kp * mass)
-        radii = n.radii
         if s.soft:
-            points = 2.0 if n.cylinders else 1.0
-            radii = n.radii + n.loads / kp / points
+            radii = radii + self._resting / kp / (2.0 if self._cylinders else 1.0)
         # ODE's cylinders lie along z, the axles along y.
         along_axle = Vector(math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0)
         self._tyres = []
         for wheel, radius in zip(self._wheels, radii.tolist(), strict=True):
-            if n.cylinders:
-                tyre = lib.dCreateCylinder(None, radius, n.calibration.robot.wheel_width)
+            if self._cylinders:
+                tyre = lib.dCreateCylinder(None, radius, c.robot.wheel_width)
             else:
                 tyre = lib.dCreateSphere(None, radius)
             lib.dGeomSetBody(tyre, wheel)
-            if n.cylinders:
+            if self._cylinders:
                 lib.dGeomSetOffsetQuaternion(tyre, along_axle)
             self._tyres.append(tyre)
         bounds = 0 if s.friction_law == "gazebo_box" else APPROX1  # without it, they are forces
@@ -240,7 +251,7 @@ class OdeBody:
         self._geoms = (ContactGeom * _MOST_CONTACTS)()
         if s.soft:
             self._contact.mode |= SOFT_ERP | SOFT_CFM
-            dt = n.calibration.timestep
+            dt = c.timestep
             damped = dt * kp + kd  # of a spring with a damper; Gazebo takes these formulas too
             self._contact.soft_erp = dt * kp / damped
             self._contact.soft_cfm = 1.0 / damped
@@ -253,12 +264,12 @@ class OdeBody:
     def place(self, motion: Rigid) -> None:
         """Put the robot into a motion, see `EngineBody.place`."""
         lib = self._ode
-        n = self._n
+        c = self._robot
         lib.dAllocateODEDataForThread(0xFFFFFFFF)
         turn = _rotation(motion.quat_wxyz)
         axle = turn[:, 1]
         bodies = [self._base, *self._wheels]
-        offsets = [n.calibration.com, *n.places]
+        offsets = [c.com, *c.wheel_places]
         rates = [0.0, *motion.wheels]  # the base has no rate of its own
         for body, offset, rate in zip(bodies, offsets, rates, strict=True):
             arm = turn @ offset
@@ -268,7 +279,7 @@ class OdeBody:
             lib.dBodySetQuaternion(body, Vector(*motion.quat_wxyz.tolist()))
             lib.dBodySetLinearVel(body, *velocity.tolist())
             lib.dBodySetAngularVel(body, *spin.tolist())
-        self._loads = n.loads.tolist()
+        self._loads = self._resting.tolist()
         self._steps = 0
         self._points = [1] * len(WHEELS)
 
@@ -276,7 +287,7 @@ class OdeBody:
         """Return how the robot moves now, see `EngineBody.motion`."""
         place, quat, velocity, spin = self._views[0]
         turn = _rotation(quat)
-        arm = turn @ self._n.calibration.com
+        arm = turn @ self._robot.com
         axle = turn[:, 1]
         rates = np.array([(wheel_spin - spin) @ axle for *_, wheel_spin in self._views[1:]])
         base_velocity = velocity - np.cross(spin, arm)
@@ -286,7 +297,7 @@ class OdeBody:
         """Take one physics step, see `EngineBody.advance`."""
         for hinge, torque in zip(self._hinges, torques.tolist(), strict=True):
             self._ode.dJointAddHingeTorque(hinge, torque)
-        self._turn_hinges([0.0] * len(WHEELS), self._n.dry)
+        self._turn_hinges([0.0] * len(WHEELS), self._dry)
         self._step(yaw_torque)
 
     def advance_turning(self, rates: FloatArray, yaw_torque: float) -> None:
@@ -297,7 +308,7 @@ class OdeBody:
     def _turn_hinges(self, rates: list[float], limit: float) -> None:
         """Let the hinges' motors hold rates [rad/s] up to a limit [N m]; rate 0 is dry friction."""
         # One motor a belt, which passes it on: two would reach their limits at once.
-        for group in self._n.groups:
+        for group in self._groups:
             first = group[0]
             hinge = self._hinges[first]
             torque = limit * len(group) * _tie_breaker(first)
@@ -306,7 +317,7 @@ class OdeBody:
 
     def _step(self, yaw_torque: float) -> None:
         lib = self._ode
-        dt = self._n.calibration.timestep
+        dt = self._robot.timestep
         lib.dBodyAddTorque(self._base, 0.0, 0.0, yaw_torque)
         for k in range(len(WHEELS)):
             self._touch(k)
@@ -363,7 +374,7 @@ class OdeBody:
             y = rotation[4]
             z = rotation[8]
         contact.fdir1[:3] = (x, y, z)
-        mu = self._n.calibration.friction * _tie_breaker(k)
+        mu = self._robot.friction * _tie_breaker(k)
         contact.mu = mu
         contact.mu2 = mu * s.second_share
         if s.friction_law == "gazebo_cone":
@@ -377,10 +388,10 @@ class OdeBody:
     def _along_slip(self, k: int, at: ContactGeom, points: int) -> None:
         """Set a contact's first direction along its slip, and let the second give as in a cone."""
         contact = self._contact
-        friction = self._n.calibration.friction
+        friction = self._robot.friction
         x, y, _ = self._slip(k, at)
         slip = math.hypot(x, y)
-        load = max(self._loads[k], _LEAST_LOAD * self._n.loads[k]) / points
+        load = max(self._loads[k], _LEAST_LOAD * self._resting[k]) / points
         contact.slip2 = slip / (friction * load)
         bound = friction * (load if self._settings.solver == "exact" else 1.0)
         contact.mu = contact.mu2 = bound * _tie_breaker(k)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import astuple
 
 import mujoco
@@ -23,9 +22,9 @@ from ssmr.robot.drive import (
 )
 from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
-from validation.engines.body import EngineBody, Rigid, RigidNumbers
+from validation.engines.body import EngineBody, MakeBody, Rigid
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import SIDES, WHEELS
+from validation.simulator.description import GRAVITY, SIDES, WHEELS
 from validation.simulator.plant import CHANNELS
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -45,7 +44,7 @@ class EnginePlant:
     def __init__(
         self,
         name: str,
-        make: Callable[[RigidNumbers], EngineBody],
+        make: MakeBody,
         calibration: Calibration,
         drive: Drive,
         terrain: Terrain = FLAT,
@@ -61,14 +60,20 @@ class EnginePlant:
 
         Raises:
             EngineMissingError: the engine is not installed.
-            ParameterError: numbers that do not go together, or that the engine cannot have.
+            ParameterError: numbers that do not go together, or that the engine cannot have, such
+                as a friction that depends on direction.
         """
         self.name = name
         self.dt = calibration.timestep
         self.drive = drive
         self.calibration = calibration
         whole_steps(drive.hold, self.dt, "the drive's hold")
-        self._numbers = RigidNumbers.of(calibration, drive, terrain)
+        if calibration.friction_ratio != 1.0:
+            raise ParameterError(
+                f"friction_ratio {calibration.friction_ratio:g}: this engine's tyres have one "
+                "friction"
+            )
+        self._groups = calibration.robot.motor_groups
         self._motor = motor_numbers(drive, self.dt)
         inertia = 2.0 * (calibration.armature + calibration.robot.wheel_inertia[1])
         longest = MOST_GAIN * inertia / calibration.gain if calibration.gain > 0.0 else math.inf
@@ -77,14 +82,14 @@ class EnginePlant:
                 f"timestep {self.dt:g} s is too long for a gain of {calibration.gain:g} N m s/rad "
                 f"on wheels of {inertia:.3g} kg m2 a side: {name} needs at most {longest:.2g} s"
             )
-        self._body: EngineBody = make(self._numbers)
+        dry = 0.5 * (calibration.rolling_torque + drive.gear_loss)
+        self._body: EngineBody = make(calibration, terrain.gravity(GRAVITY), dry)
         self._rest = self._settle()
         self.reset(State())
 
     def _settle(self) -> tuple[float, FloatArray]:
         """Return the height and the (4,) attitude of the robot at rest, facing along x."""
-        n = self._numbers
-        self._body.place(Rigid.at_rest(n.height))
+        self._body.place(Rigid.at_rest(self.calibration.base_height))
         for _ in range(round(SETTLE_TIME / self.dt)):
             self._body.advance_turning(np.zeros(len(WHEELS)), 0.0)
         rest = self._body.motion()
@@ -103,7 +108,7 @@ class EnginePlant:
         spin = np.array([0.0, 0.0, state.yaw_rate])
         quat = _product(yaw_to_quat_wxyz(state.yaw), attitude)
         self._body.place(Rigid(np.array([state.x, state.y, height]), quat, velocity, spin, wheels))
-        self._integrals = [0.0] * len(self._numbers.groups)
+        self._integrals = [0.0] * len(self._groups)
         self._torques = np.zeros(len(WHEELS))
         self._spun = 0.0
         self._loads = self._rest_loads
@@ -149,8 +154,7 @@ class EnginePlant:
     def _advance_by_motors(self, wheel_rates: Sides, yaw_torque: float) -> None:
         gain = self.calibration.gain
         errors = []
-        for group, integral in zip(self._numbers.groups, self._integrals, strict=True):
-            wheels = list(group)
+        for wheels, integral in zip(self._groups, self._integrals, strict=True):
             set_point = wheel_rates.left if _LEFT[wheels[0]] else wheel_rates.right
             rate = float(self._rates[wheels].mean())
             errors.append(set_point - rate)

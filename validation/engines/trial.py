@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from functools import partial
 
-from validation.descriptions.examination import Examined
+from validation.descriptions.examination import Examined, own_physics
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
 from validation.engines.drake import DrakeBody
@@ -106,15 +106,14 @@ def _words(measured: dict[str, float]) -> str:
 
 def _examined(measured: dict[str, float], engine: str, findings: list[Finding]) -> Examined:
     """Return what a turn in an engine says."""
-    keys = ("multiplier", "multiplier_min", "multiplier_max", "droop", "creep_m_s", "surge_share")
-    numbers = dict.fromkeys((*keys, "step_halved_m", "load_ripple_share"))
-    numbers |= {
+    measures = {
         "multiplier": measured.get("multiplier"),
         "closed_form": measured["multiplier_expected"],
         "sideways_m": measured["wander_m"],
         "lifted_share": measured["lifted_share"],
-        "yaw_ripple": measured.get("ripple"),
     }
     sentence = f"In {engine}, turning on the spot: {_words(measured)}; by mechanics "
     sentence += f"{measured['multiplier_expected']:.2f}."
-    return Examined([sentence], findings, numbers, [], None)
+    numbers = own_physics(measures)
+    numbers["own_physics"]["yaw_ripple"] = measured.get("ripple")
+    return Examined([sentence], findings, numbers)

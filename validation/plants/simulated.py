@@ -5,12 +5,12 @@ ODE and Drake have the same numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from ssmr.types import Plant
-from validation.engines.body import EngineBody, RigidNumbers
+from validation.engines.body import MakeBody
 from validation.engines.drake import DrakeBody
-from validation.engines.ode import OdeBody, OdeSettings
+from validation.engines.ode import OdeBody
 from validation.engines.plant import EnginePlant
 from validation.plants.kind import CAUSES, SEEN, Occasion, PlantKind, PlantProfile
 from validation.simulator.calibration import Calibration
@@ -24,10 +24,7 @@ _FREE: Mapping[Occasion, tuple[str, ...]] = {
     "commands": (*_BODY, "delay", "acceleration_v", "acceleration_w", "wheel_lag", *SEEN),
     "wheels": (*_BODY, *SEEN),
 }
-_ENGINES: dict[str, Callable[[RigidNumbers], EngineBody]] = {
-    "ode": lambda numbers: OdeBody(numbers, OdeSettings()),
-    "drake": DrakeBody,
-}
+_ENGINES: dict[str, MakeBody] = {"ode": OdeBody, "drake": DrakeBody}
 """Function of each other engine that builds the robot in it, with the best settings found."""
 _COLOURS = {"mujoco": "#e69f00", "ode": "#8c510a", "drake": "#35978f"}  # amber: the Husky is yellow
 

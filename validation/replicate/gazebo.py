@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -117,7 +118,7 @@ def driven_on_trajectory_3(
     )
     numbers = replace(section.parameters, **{**MAKERS_HUSKY, "friction": mu, "timestep": timestep})
     piece = replace(open_source(_SOURCE).pieces[0], start=State(yaw=yaw))
-    plant = EnginePlant("ode", lambda body: OdeBody(body, settings), numbers, section.drive)
+    plant = EnginePlant("ode", partial(OdeBody, settings=settings), numbers, section.drive)
     motion = drive(plant, piece, section.localiser, _SAMPLE)
     localiser = profile.plants["improved"].localiser
     improved = drive(make_plant(profile, "improved"), piece, localiser, _SAMPLE)

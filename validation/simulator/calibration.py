@@ -145,6 +145,53 @@ class Calibration:
         return np.column_stack([x, y, np.full(len(WHEELS), self.robot.axle_height)])
 
     @property
+    def radii(self) -> FloatArray:
+        """(4,) effective rolling radii of the wheels [m]."""
+        return np.asarray(self.wheel_radius + 0.5 * LEFT * self.radius_difference)
+
+    @property
+    def base_height(self) -> float:
+        """Height of the base frame's origin where tyres just touch the ground [m]."""
+        return self.wheel_radius - self.robot.axle_height
+
+    @property
+    def static_shares(self) -> FloatArray:
+        """(4,) wheel loads over the weight [1] on equal, stiff springs and level ground."""
+        # wheels balance one another
+        share = 1.0 - len(WHEELS) * self.robot.wheel_mass / self.mass
+        x = share * self.com_x / (0.5 * self.robot.wheelbase)
+        y = share * self.com_y / self.half_track
+        return np.asarray(0.25 * (1.0 + x * FRONT + y * LEFT))
+
+    @property
+    def base_inertia(self) -> FloatArray:
+        """(3,) moments of inertia of the base about its centre of mass [kg m2].
+
+        Roll and pitch inertia scale with the base's mass; the yaw inertia is the whole robot's less
+        that of the wheels.
+
+        Raises:
+            ParameterError: an inertia that is not positive, or that no rigid body has (each is at
+                most the sum of the others).
+        """
+        robot = self.robot
+        lever = (0.5 * robot.wheelbase) ** 2 + self.half_track**2
+        from_wheels = len(WHEELS) * (robot.wheel_inertia[0] + robot.wheel_mass * lever)
+        scale = self.base_mass / robot.base_mass
+        ixx = robot.inertia[0] * scale
+        iyy = robot.inertia[1] * scale
+        inertia = np.array([ixx, iyy, self.yaw_inertia - from_wheels])
+        if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum() * (1.0 + 1e-9):
+            low = abs(ixx - iyy) + from_wheels
+            high = ixx + iyy + from_wheels
+            raise ParameterError(
+                f"yaw_inertia {self.yaw_inertia:g} kg m2 leaves the base {inertia.round(3)}, "
+                f"which no rigid body has; with mass {self.mass:g} kg it must lie between "
+                f"{low:.3f} and {high:.3f}"
+            )
+        return inertia
+
+    @property
     def rolling_torque(self) -> float:
         """Torque that rolling takes of a side [N m]."""
         weight = 0.5 * self.mass * GRAVITY

@@ -233,6 +233,11 @@ class Robot:
             return MappingProxyType({wheel: (wheel,) for wheel in WHEELS})
         return MappingProxyType({side: (f"front_{side}", f"rear_{side}") for side in SIDES})
 
+    @property
+    def motor_groups(self) -> list[list[int]]:
+        """Indices in `WHEELS` of the wheels that each motor turns; a belt ties those of one."""
+        return [list(map(WHEELS.index, wheels)) for wheels in self.motors.values()]
+
     @cached_property
     def sizes(self) -> Mapping[str, float]:
         """The sizes of which fits' bounds are multiples, `ssmr.parameters.Declaration.of` [SI]."""

@@ -12,8 +12,6 @@ import math
 import mujoco
 import numpy as np
 
-from ssmr.errors import ParameterError
-from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive
 from ssmr.types import FloatArray
 from validation.simulator.calibration import Calibration
@@ -142,51 +140,13 @@ def adjust(
     apply_settings(model, settings, robot_parts(model).tires, calibration.friction_ratio)
 
 
-def base_inertia(calibration: Calibration) -> FloatArray:
-    """Return the (3,) moments of inertia of the base about its centre of mass [kg m2].
-
-    Roll and pitch inertia scale with the base's mass; the yaw inertia is the whole robot's less
-    that of the wheels.
-
-    Raises:
-        ParameterError: an inertia that is not positive, or that no rigid body has (each is at most
-            the sum of the others).
-    """
-    robot = calibration.robot
-    half_track = calibration.half_track
-    lever = (0.5 * robot.wheelbase) ** 2 + half_track**2
-    from_wheels = len(WHEELS) * (robot.wheel_inertia[0] + robot.wheel_mass * lever)
-    scale = calibration.base_mass / robot.base_mass
-    ixx = robot.inertia[0] * scale
-    iyy = robot.inertia[1] * scale
-    inertia = np.array([ixx, iyy, calibration.yaw_inertia - from_wheels])
-    if inertia[2] <= 0.0 or 2.0 * inertia.max() > inertia.sum() * (1.0 + 1e-9):
-        low = abs(ixx - iyy) + from_wheels
-        high = ixx + iyy + from_wheels
-        raise ParameterError(
-            f"yaw_inertia {calibration.yaw_inertia:g} kg m2 leaves the base {inertia.round(3)}, "
-            f"which no rigid body has; with mass {calibration.mass:g} kg it must lie between "
-            f"{low:.3f} and {high:.3f}"
-        )
-    return inertia
-
-
-def static_shares(calibration: Calibration) -> FloatArray:
-    """Return the (4,) wheel loads over the weight [1] on equal, stiff springs and level ground."""
-    # wheels balance one another
-    share = 1.0 - len(WHEELS) * calibration.robot.wheel_mass / calibration.mass
-    x = share * calibration.com_x / (0.5 * calibration.robot.wheelbase)
-    y = share * calibration.com_y / calibration.half_track
-    return np.asarray(0.25 * (1.0 + x * FRONT + y * LEFT))
-
-
 def pressed_in(model: mujoco.MjModel, calibration: Calibration, prefix: str = "") -> FloatArray:
     """Return the (4,) depths of the tyres in the soft contact at rest on level ground [m].
 
     The contact point lies halfway, so the rolling radius is half of it less than the geom's.
     """
     contact = contact_settings(calibration.robot)
-    shares = np.maximum(static_shares(calibration), 0.25 * LEAST_SHARE)
+    shares = np.maximum(calibration.static_shares, 0.25 * LEAST_SHARE)
     loads = shares * calibration.mass * GRAVITY
     points = CONTACT_POINTS[calibration.wheel_shape]
     weights = model.body_invweight0[robot_parts(model, prefix).wheels, 0].tolist()
@@ -258,7 +218,7 @@ def set_calibration(model: mujoco.MjModel, calibration: Calibration, prefix: str
     robot = calibration.robot
     parts = robot_parts(model, prefix)
     # first, for it may raise
-    inertia = base_inertia(calibration)
+    inertia = calibration.base_inertia
     model.body_mass[parts.base] = calibration.base_mass
     model.body_inertia[parts.base] = inertia
     model.body_ipos[parts.base] = calibration.com
@@ -295,8 +255,7 @@ def _set_tires(model: mujoco.MjModel, calibration: Calibration, prefix: str) -> 
     half = half_width
     if calibration.wheel_shape == "capsule":
         half = calibration.capsule_half_width
-    radii = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
-    radii += 0.5 * pressed_in(model, calibration, prefix)
+    radii = calibration.radii + 0.5 * pressed_in(model, calibration, prefix)
     # third half-axis and bounding radius, which MuJoCo computes at compilation only
     third = np.zeros(len(tires))
     bounds = radii + half

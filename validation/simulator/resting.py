@@ -76,7 +76,7 @@ def _guess(model: mujoco.MjModel, calibration: Calibration) -> tuple[FloatArray,
 
     Each of these changes presses the tyres in to half their depth.
     """
-    rolling = calibration.wheel_radius + 0.5 * LEFT * calibration.radius_difference
+    rolling = calibration.radii
     # as `set_calibration` estimated them
     depths = 2.0 * (model.geom_size[robot_parts(model).tires, 0] - rolling)
     heights = rolling - 0.5 * depths

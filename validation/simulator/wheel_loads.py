@@ -12,7 +12,7 @@ from ssmr.robot.localiser import Localiser
 from ssmr.types import FloatArray, State, Trajectory
 from validation.simulator.description import WHEELS
 from validation.simulator.health import LIFT_SHARE
-from validation.simulator.model import GRAVITY, static_shares
+from validation.simulator.model import GRAVITY
 from validation.simulator.plant import MujocoPlant
 
 MEASURED = "wheel_load_N"
@@ -68,7 +68,7 @@ def load_model(plant: MujocoPlant) -> LoadModel:
 def resting_loads(plant: MujocoPlant) -> FloatArray:
     """Return the (4,) wheel loads [N] at rest on level ground, from mass and centre of mass."""
     calibration = plant.calibration
-    return static_shares(calibration) * calibration.mass * GRAVITY
+    return calibration.static_shares * calibration.mass * GRAVITY
 
 
 def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localiser) -> Trajectory:

@@ -418,9 +418,9 @@ PRICES = {
         "reinforcement learning on the robot: Gymnasium and dm_control",
     ),
     "validation/descriptions": Price(
-        30_300,
-        16,
-        58,
+        31_500,
+        8,
+        45,
         "robots of others are read (URDF, xacro, SDF, MJCF), driven with their own physics, and "
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
@@ -456,9 +456,9 @@ PRICES = {
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(
-        23_800,
+        25_000,
         9,
-        75,
+        72,
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
@@ -475,7 +475,7 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        24_200,
+        24_300,
         19,
         56,
         "results side by side, comparison, fit, calibration with its verdict, tuning, robots, "

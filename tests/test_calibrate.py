@@ -64,7 +64,14 @@ def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> Non
         load_profile("thesis-lab").plants["kinematic"].drive.delay_v, abs=0.02
     )
     lines = (tmp_path / "diff_drive.yaml").read_text().splitlines()
-    reported = {name.strip(): value for name, _, value in (line.partition(": ") for line in lines)}
+    split = (line.partition(": ") for line in lines)
+    reported = {name.strip(): value.partition("  #")[0] for name, _, value in split}
+    said = [line.split()[0] for line in lines if "  # standard error " in line]
+    assert said == [
+        "wheel_separation_multiplier:",
+        "left_wheel_radius_multiplier:",
+        "right_wheel_radius_multiplier:",
+    ]
     track = float(reported["wheel_separation"]) * float(reported["wheel_separation_multiplier"])
     assert (float(reported["wheel_separation"]), track) == pytest.approx(
         (load_robot("husky").track, 0.97), abs=0.02

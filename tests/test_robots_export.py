@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+from ruamel.yaml import YAML
 
 from ssmr.robot.drive import wheel_references
 from ssmr.scenarios import TRAJECTORIES
 from ssmr.types import Commands, State
 from validation import load_robot
+from validation.descriptions.importing import import_robot
 from validation.plants.profile import bare_profile, load_profile, make_plant, shipped
 from validation.robots import export_robot
 from validation.simulator.checking import spot_turn
@@ -96,18 +99,74 @@ def test_a_calibrated_mjcf_is_the_plant_in_plain_mujoco(name: str, limit: float 
     np.testing.assert_allclose(np.unwrap(measured[:, 2]), wanted.yaw, atol=1e-5)
 
 
+SCHEMA = {
+    **dict.fromkeys(("left_wheel_names", "right_wheel_names"), list),
+    **dict.fromkeys(("wheel_separation", "wheel_radius", "wheel_separation_multiplier"), float),
+    **dict.fromkeys(("left_wheel_radius_multiplier", "right_wheel_radius_multiplier"), float),
+    **dict.fromkeys(
+        [
+            f"{axis}.{end}_{what}"
+            for axis in ("linear.x", "angular.z")
+            for end in ("min", "max")
+            for what in ("velocity", "acceleration", "jerk")
+        ],
+        float,
+    ),
+    **dict.fromkeys(("linear.x.has_velocity_limits", "angular.z.has_velocity_limits"), bool),
+}
+"""Names and types of parameters of ros2_control's diff_drive_controller, as its
+`diff_drive_controller/src/diff_drive_controller_parameter.yaml` declares them (ros2_controllers,
+commit 0193629): string_array, double, bool. Others that it has are not written here."""
+
+
+def of_controller(text: str) -> dict[str, Any]:
+    """Return the parameters of a file for ros2_control, checked against its own schema."""
+    document = YAML(typ="safe").load(text)
+    parameters: dict[str, Any] = document["diff_drive_controller"]["ros__parameters"]
+    for name, value in parameters.items():
+        # ROS refuses whole numbers where it wants others
+        assert type(value) is SCHEMA[name], (name, value)
+    for side in ("left", "right"):
+        joints = parameters[f"{side}_wheel_names"]
+        assert len(joints) == 2
+        assert all(isinstance(joint, str) for joint in joints)
+    return parameters
+
+
+def test_ros2_control_has_the_joints_of_the_users_urdf(tmp_path: Path) -> None:
+    """Also by way of the robot's own file; and one that we write has the joints that it says."""
+    text = export_robot("husky", "urdf")
+    for wheel, joint in {"front_left": "fl: #1", "rear_right": "hinten'rechts"}.items():
+        text = text.replace(f"{wheel}_wheel_joint", joint)
+    urdf = tmp_path / "mine.urdf"
+    urdf.write_text(text.replace('name="husky"', 'name="mine"'))
+    draft = import_robot(urdf)
+    (tmp_path / "mine.toml").write_text(draft.text)
+    for robot in (urdf, tmp_path / "mine.toml", draft.robot):
+        parameters = of_controller(export_robot(robot, "diff-drive"))
+        assert parameters["left_wheel_names"] == ["fl: #1", "rear_left_wheel_joint"]
+        assert parameters["right_wheel_names"] == ["front_right_wheel_joint", "hinten'rechts"]
+    for to in ("urdf", "sdf"):
+        assert 'name="fl: #1"' in export_robot(draft.robot, to)
+    with pytest.raises(ValueError, match="must be four different names"):
+        replace(draft.robot, joints="a, b, c")
+
+
+def test_ros2_control_has_the_limits_of_the_driver() -> None:
+    parameters = of_controller(export_robot("jackal", "diff-drive"))
+    drive = load_robot("jackal").drive
+    for axis, most in (("linear.x", drive.v_max), ("angular.z", drive.w_max)):
+        assert parameters[f"{axis}.has_velocity_limits"] is True
+        assert parameters[f"{axis}.max_velocity"] == most
+        assert parameters[f"{axis}.min_velocity"] == -most
+
+
 @pytest.mark.parametrize("name", shipped_robots())
 def test_ros2_control_turns_a_robot_as_it_is_told(name: str) -> None:
     """diff_drive_controller's rates for a turn on the spot turn the robot at that rate."""
     robot = load_robot(name)
-    rows = dict(
-        line.strip().split(": ") for line in export_robot(robot, "diff-drive").splitlines()[2:]
-    )
-    numbers = {key: float(value) for key, value in rows.items() if not value.startswith("[")}
-    assert all("." in rows[key] for key in numbers), (
-        "ROS refuses whole numbers where it wants others"
-    )
-    assert "front_right" in rows["right_wheel_names"]
+    numbers = of_controller(export_robot(robot, "diff-drive"))
+    assert "front_right_wheel_joint" in numbers["right_wheel_names"]
     rate = 0.2
     rim = 0.5 * rate * numbers["wheel_separation"] * numbers["wheel_separation_multiplier"]
     wheels = rim / (numbers["wheel_radius"] * numbers["left_wheel_radius_multiplier"])
@@ -120,11 +179,7 @@ def test_ros2_control_has_a_profiles_radii_and_separation() -> None:
     """Straight and turning by the kinematic plant, for rates of diff_drive_controller."""
     profile = load_profile("husky-tile")
     section = profile.section("kinematic")
-    rows = dict(
-        line.strip().split(": ")
-        for line in export_robot("husky", "diff-drive", profile).splitlines()[4:9]
-    )
-    n = {key: float(value) for key, value in rows.items()}
+    n = of_controller(export_robot("husky", "diff-drive", profile))
     v = 0.4
     w = 0.3
     half = 0.5 * n["wheel_separation"] * n["wheel_separation_multiplier"] * w

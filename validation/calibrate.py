@@ -216,12 +216,25 @@ class Calibrated(Report):
 
     def files(self) -> dict[str, Callable[[Path], object]]:
         """Return functions that write the two parameter files, the page and the picture."""
-        drive = export_robot(self.profile.robot, "diff-drive", self.profile)
+        drive = export_robot(self.profile.robot, "diff-drive", self.profile, self.drive_errors())
         return {
             "profile.toml": self.profile.save,
             "diff_drive.yaml": lambda path: output.write_text(path, drive),
             **super().files(),
         }
+
+    def drive_errors(self) -> dict[str, float]:
+        """Return standard errors of the numbers of diff_drive.yaml, of those that were fitted."""
+        robot = self.profile.robot
+        share = self.profile.section(FIRST_FITTED).vehicle.wheel_radius / robot.wheel_radius
+        sums = {
+            "wheel_separation_multiplier": {"y_l": 1.0 / robot.track, "y_r": -1.0 / robot.track},
+            "left_wheel_radius_multiplier": {"alpha_l": share},
+            "right_wheel_radius_multiplier": {"alpha_r": share},
+        }
+        fit = self.fits[0]
+        errors = {name: fit.error_of(weights) for name, weights in sums.items() if fit.better}
+        return {name: error for name, error in errors.items() if math.isfinite(error)}
 
     def tables(self) -> list[Table]:
         """Return the errors before and after each fit, and the fitted numbers."""

@@ -8,6 +8,7 @@ if __name__ == "__main__":
     end_quietly()
 
 import datetime
+import math
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
@@ -233,6 +234,14 @@ class Fitted(SearchReport):
         """(n, n) correlation of the parameters' errors; None where it was not estimated."""
         return None if self.sure is None else self.sure.correlation
 
+    def error_of(self, weights: Mapping[str, float]) -> float:
+        """Return the standard error of a weighted sum of parameters; NaN where it is not known."""
+        if self.sure is None or not weights.keys() <= {p.name for p in self.parameters}:
+            return math.nan
+        each = [weights.get(p.name, 0.0) for p in self.parameters]
+        scaled = np.where(each, each * self.sure.standard_error, 0.0)
+        return math.sqrt(scaled @ self.sure.correlation @ scaled)
+
     @cached_property
     def worse(self) -> list[str]:
         """What speaks against its numbers: objections, or a larger error on held-out sources."""
@@ -255,7 +264,6 @@ class Fitted(SearchReport):
         """
         if self.worse and not self.asked.even_if_worse:
             return self.base
-        document = self.document()
         kept = (
             "source",
             "search",
@@ -265,10 +273,9 @@ class Fitted(SearchReport):
             "generations",
             "standard_errors_by",
         )
-        parameters = self.parameters
-        errors = {p.name: p.standard_error for p in parameters if p.standard_error is not None}
+        errors = {p.name: p.standard_error for p in self.parameters if p.standard_error is not None}
         provenance = {
-            **{name: document[name] for name in kept},
+            **{name: value for name, value in self.document().items() if name in kept},
             "status": self.status,
             "options": {name: value for name, value in self.options.items() if value is not None},
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),

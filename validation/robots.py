@@ -10,10 +10,11 @@ if __name__ == "__main__":
 
     end_quietly()
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
@@ -316,14 +317,14 @@ def _document(robot: Robot, spot: SkidTurn | None, loads: Sequence[float]) -> di
 
 
 def _every_number(robot: Robot) -> dict[str, Any]:
-    """Numbers of a robot by `section.key`, without those of planar models only."""
+    """Numbers of a robot by `section.key`, without names and those of planar models only."""
     shown = {*robot.given, *_ALWAYS}
     values = {}
     for section, names in SECTIONS.items():
         for name in names:
             key = f"{section}.{name}"
-            # drive and vehicle have many defaults that concern planar models only
-            if section not in ("drive", "vehicle") or key in shown:
+            is_of_few = section in ("drive", "vehicle") or name == "joints"
+            if key in shown or not is_of_few:
                 values[key] = robot.number(key)
     return values
 
@@ -481,6 +482,7 @@ def export_robot(
     robot: str | Path | Robot,
     to: ExportFormat = "urdf",
     profile: str | Path | Profile | None = None,
+    errors: Mapping[str, float] = MappingProxyType({}),
 ) -> str:
     """Return a robot as text in the format of another program.
 
@@ -492,6 +494,7 @@ def export_robot(
         to: the format.
         profile: profile of the robot, for an MJCF and for ros2_control; the numbers of its file if
             not given.
+        errors: standard errors of the numbers for ros2_control, by the names of that file.
 
     Raises:
         ValueError: there is no such robot, or its file cannot be read.
@@ -512,7 +515,7 @@ def export_robot(
         p = kinematic.parameters
         multiplier = (p.y_l - p.y_r) / chosen.track
         share = kinematic.vehicle.wheel_radius / chosen.wheel_radius
-        return diff_drive_yaml(chosen, multiplier, share * p.alpha_l, share * p.alpha_r)
+        return diff_drive_yaml(chosen, multiplier, share * p.alpha_l, share * p.alpha_r, errors)
     if to == "diff-drive":
         spot = spot_turn(chosen)
         if spot is None:

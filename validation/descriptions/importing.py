@@ -218,6 +218,8 @@ class _Import:
         self.add("geometry.wheelbase", wheeled.wheelbase, where)
         self.add("geometry.track", wheeled.track, where)
         self.add("geometry.axle_height", wheeled.axle_height, "the same joints above base_link")
+        names = [name.replace(",", "") for name in wheeled.names]
+        self.entries["geometry.joints"] = ", ".join(names), f"published: {self.foreign.file}"
 
     def add_link(self) -> None:
         """Add whether each wheel has a motor, or the wheels of a side turn together."""

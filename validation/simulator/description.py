@@ -104,6 +104,9 @@ class Robot:
     """Middle of the hull [m]; above the axles if not given."""
     imu: Vector3 = (math.nan, math.nan, math.nan)
     """Place of the IMU [m]; the middle of the hull if not given."""
+    joints: str = ""
+    """Names of the wheels' joints in the robot's URDF, in the order of `WHEELS`, separated by
+    commas; `front_left_wheel_joint` and so on if empty."""
     link: Link = "belt"
     """Link between the wheels of a side: `belt`, they turn together and have one motor; `none`,
     each wheel has a motor."""
@@ -151,9 +154,18 @@ class Robot:
             value = getattr(self, name)
             if not all(math.isnan(v) or low <= v <= high for v in value):
                 raise ValueError(f"{name} is {value}, must be numbers from {low:g} to {high:g}")
+        if self.joints and len(set(self.wheel_joints)) != len(WHEELS):
+            raise ValueError(f"joints is '{self.joints}', must be four different names")
         for complete in (_complete_body, _complete_masses, _complete_motors):
             for name, value in complete(self).items():
                 object.__setattr__(self, name, value)
+
+    @property
+    def wheel_joints(self) -> list[str]:
+        """Names of the wheels' joints, in the order of `WHEELS`."""
+        if self.joints:
+            return [name.strip() for name in self.joints.split(",")]
+        return [f"{wheel}_wheel_joint" for wheel in WHEELS]
 
     @property
     def turning_half_track(self) -> float:
@@ -292,7 +304,7 @@ def _keys(kind: type, *names: str) -> dict[str, Field[Any]]:
 _LENGTHS = ("wheelbase", "track", "wheel_radius", "wheel_width", "axle_height")
 SECTIONS: Mapping[str, Mapping[str, Field[Any]]] = MappingProxyType(
     {
-        "geometry": _keys(Robot, *_LENGTHS, "body_size", "body_centre", "imu", "link"),
+        "geometry": _keys(Robot, *_LENGTHS, "body_size", "body_centre", "imu", "joints", "link"),
         "mass": _keys(Robot, "total=mass", "wheel=wheel_mass", "wheel_inertia", "com", "inertia"),
         "drive": _keys(Drive),
         "simulation": _keys(Robot, "friction", "gain", "armature", "wheel_shape", "timestep"),

@@ -6,15 +6,17 @@ robot's file.
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads nothing
 
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
 from validation.simulator.composing import wheel_places
-from validation.simulator.description import SIDES, WHEELS, Robot
+from validation.simulator.description import WHEELS, Robot
 from validation.simulator.model import adjust, on_ground, pair_with_ground
 
 _ENDLESS = 1e16
@@ -33,12 +35,22 @@ def _element(tag: str, *inside: str, **attributes: str) -> str:
     return f"<{opened}>{''.join(inside)}</{tag}>\n"
 
 
+_DIFF_DRIVE = """\
+# With wheel_separation_multiplier on it the robot turns as it is commanded. What a profile knows of
+# the driver of before (command_half_track, command_radius) no longer holds: log a drive with these
+# numbers, and calibrate from it. Put your controller's name in place of diff_drive_controller.
+diff_drive_controller:
+  ros__parameters:
+"""
+"""Beginning of the parameters of ros2_control's controller."""
+
+
 def urdf_text(robot: Robot) -> str:
     """Return a robot's URDF, in SI units.
 
     The hull and its inertia stand in a link `chassis_link`, fixed to the base, because programs
-    that read URDFs refuse inertia in the first link. Wheels have links and joints like
-    `front_left_wheel_link` and `front_left_wheel_joint`.
+    that read URDFs refuse inertia in the first link. Wheels have links like `front_left_wheel_link`
+    and the robot's `wheel_joints`.
     """
     e = _element
 
@@ -69,10 +81,10 @@ def urdf_text(robot: Robot) -> str:
         e("link", name="imu_link"),
         joint("imu_joint", "fixed", "imu_link", robot.imu),
     ]
-    for wheel, place in wheel_places(robot).items():
+    for own, (wheel, place) in zip(robot.wheel_joints, wheel_places(robot).items(), strict=True):
         name = f"{wheel}_wheel_link"
         parts.append(link(name, robot.wheel_mass, origin, robot.wheel_moments, *tyre))
-        parts.append(joint(f"{wheel}_wheel_joint", "continuous", name, place, axis))
+        parts.append(joint(own, "continuous", name, place, axis))
     return e("robot", *parts, name=robot.name)
 
 
@@ -129,7 +141,7 @@ def sdf_text(robot: Robot) -> str:
         ),
         e("frame", imu, name="imu_link", attached_to="base_link"),
     ]
-    for wheel, place in wheel_places(robot).items():
+    for own, (wheel, place) in zip(robot.wheel_joints, wheel_places(robot).items(), strict=True):
         pose = e("pose", f"{_row(place)} 0 0 0", relative_to="base_link")
         name = f"{wheel}_wheel_link"
         shapes = seen_and_hit(name, tyre, grip)
@@ -137,7 +149,7 @@ def sdf_text(robot: Robot) -> str:
             link(name, pose, robot.wheel_mass, (0.0, 0.0, 0.0), robot.wheel_moments, shapes)
         )
         ends = e("parent", "base_link"), e("child", name)
-        parts.append(e("joint", *ends, axis, name=f"{wheel}_wheel_joint", type="revolute"))
+        parts.append(e("joint", *ends, axis, name=own, type="revolute"))
     return e("sdf", e("model", *parts, name=robot.name), version="1.7")
 
 
@@ -177,7 +189,13 @@ def mjcf_text(calibration: Calibration, drive: Drive) -> str:
     return text
 
 
-def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: float = 1.0) -> str:
+def diff_drive_yaml(
+    robot: Robot,
+    multiplier: float,
+    left: float = 1.0,
+    right: float = 1.0,
+    errors: Mapping[str, float] = MappingProxyType({}),
+) -> str:
     """Return parameters of ros2_control's `diff_drive_controller`; the robot turns as commanded.
 
     The controller asks the sides for the rates (v -+ multiplier separation / 2 omega) / (left or
@@ -188,27 +206,29 @@ def diff_drive_yaml(robot: Robot, multiplier: float, left: float = 1.0, right: f
         multiplier: distance of the sides' centres of rotation over the track [1].
         left: way of the left wheels over their turn and radius [1].
         right: the same of the right wheels [1].
+        errors: standard errors of these numbers, by the names of the file.
     """
-    drive = robot.drive
-    text = "diff_drive_controller:\n  ros__parameters:\n"
-    for side in SIDES:
-        joints = f'["front_{side}_wheel_joint", "rear_{side}_wheel_joint"]'
-        text += f"    {side}_wheel_names: {joints}\n"
-    numbers = {
+    joints = robot.wheel_joints
+    values: dict[str, object] = {
+        "left_wheel_names": json.dumps(joints[0::2]),
+        "right_wheel_names": json.dumps(joints[1::2]),
         "wheel_separation": robot.track,
         "wheel_separation_multiplier": multiplier,
         "wheel_radius": robot.wheel_radius,
         "left_wheel_radius_multiplier": left,
         "right_wheel_radius_multiplier": right,
     }
-    for axis, most in (("linear.x", drive.v_max), ("angular.z", drive.w_max)):
+    for axis, most in (("linear.x", robot.drive.v_max), ("angular.z", robot.drive.w_max)):
         if math.isfinite(most):
-            numbers[f"{axis}.max_velocity"] = most
-            numbers[f"{axis}.min_velocity"] = -most
-    for name, number in numbers.items():
+            values[f"{axis}.has_velocity_limits"] = "true"
+            values[f"{axis}.max_velocity"] = most
+            values[f"{axis}.min_velocity"] = -most
+    text = _DIFF_DRIVE
+    for name, value in values.items():
         # 1.0, for ROS takes 1 for no float
-        rounded = float(f"{number:.7g}")
-        text += f"    {name}: {rounded!r}\n"
+        words = repr(float(f"{value:.7g}")) if isinstance(value, float) else value
+        text += f"    {name}: {words}"
+        text += f"  # standard error {errors[name]:.2g}\n" if name in errors else "\n"
     return text
 
 

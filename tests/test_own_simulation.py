@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Mapping
 from ctypes.util import find_library
@@ -24,7 +25,7 @@ from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.experiment.sources import driver_warnings
 from validation.plants.profile import bare_profile, make_plant
-from validation.robots import PROGRAM, check_robot
+from validation.robots import PROGRAM, check_robot, export_robot
 
 OPTION = '<option cone="elliptic" impratio="100" timestep="0.002" integrator="implicitfast"/>'
 SOFT = 'solimp="0.1 0.95 0.005 0.5 2" priority="1"'
@@ -268,6 +269,42 @@ def test_given_rates_are_had_whatever_the_servos(tmp_path: Path) -> None:
     rates = Commands(0.05, np.tile([1.0, 3.0], (60, 1)), "wheels")
     motion = make_plant(profile, str(path)).run(rates, State(), 0.05)
     np.testing.assert_allclose(motion.wheels[-1], [1.0, 3.0], rtol=2e-3)
+
+
+def test_wheels_without_a_servo_are_no_soft_servos(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.xml"
+    text = model()
+    for name in ("front_left", "front_right"):
+        text = text.replace(f'<velocity joint="{name}_j" kv="400" />\n', "")
+    path.write_text(text)
+    found = {finding.kind: finding for finding in check_robot(path).findings}
+    assert "servo_soft" not in found
+    assert "front_left_j, front_right_j" in found["driven"].cause
+
+
+def test_a_base_on_joints_of_a_plane_is_no_plant_and_it_is_said_why(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.xml"
+    slides = "".join(f'<joint name="{a}" type="slide" axis="{a}"/>' for a in ("1 0 0", "0 1 0"))
+    path.write_text(model(joint=f'{slides}<joint name="turn" axis="0 0 1"/>'))
+    with pytest.raises(ValueError, match=r"joints 1 0 0, 0 1 0, turn let it.*<freejoint/>"):
+        make_plant(bare_profile(load_robot(path)), str(path))
+
+
+def test_an_exported_robot_is_found_sound(tmp_path: Path) -> None:
+    path = tmp_path / "husky.xml"
+    path.write_text(export_robot("husky", "mjcf"))
+    check = check_robot(path)
+    assert check.ok
+    own = check.document()["own_physics"]
+    assert own["multiplier"] == pytest.approx(own["closed_form"], rel=0.01)
+
+
+def test_hardly_any_inertia_raises_a_question(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.urdf"
+    path.write_text(re.sub(r'i(xx|yy|zz)="[^"]*"', r'i\1="1e-6"', URDF))
+    draft = import_robot(path)
+    found = [f for f in static_findings(draft.robot, draft.foreign) if f.kind == "inertia"]
+    assert [finding.severity for finding in found] == ["question"] * 2
 
 
 # ------------------------------------------------------------------------------------ other files

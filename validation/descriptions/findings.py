@@ -42,6 +42,9 @@ _FAR_OFF = 0.25
 """Relative difference from which it is a fault and no question [1]."""
 _ROUNDED = 1.1
 """Moment of inertia over the greatest that a body can have, up to which it is rounded [1]."""
+_HOLLOW = 0.05
+"""Inertia of a body or a wheel over that of a box or a cylinder of its size and mass, below which
+it raises a question [1]."""
 _MOST_IN_WHEELS = 0.5
 """Share of the mass in the wheels beyond which it raises a question [1]."""
 _SAME = 0.02
@@ -226,20 +229,28 @@ def _wheel_inertia(robot: Robot, foreign: Others) -> Finding | None:
             finding = _impossible("a wheel", tensor)
             if finding is None:
                 greatest = float(np.linalg.eigvalsh(tensor)[-1])
-                finding = _too_much_spin(mass, robot.wheel_radius, greatest)
+                finding = _odd_spin(mass, robot.wheel_radius, greatest)
             if finding is not None:
                 return finding
         return None
-    return _too_much_spin(robot.wheel_mass, robot.wheel_radius, robot.wheel_inertia[1])
+    return _odd_spin(robot.wheel_mass, robot.wheel_radius, robot.wheel_inertia[1])
 
 
-def _too_much_spin(mass: float, radius: float, spin: float) -> Finding | None:
-    """Return a finding where no wheel of this mass and radius has such an inertia [kg m2]."""
+def _odd_spin(mass: float, radius: float, spin: float) -> Finding | None:
+    """Return a finding where a wheel of this mass and radius has too much or hardly any inertia."""
     # all the mass at the rim
     most = mass * radius**2
+    usual = 0.5 * most
+    if spin < _HOLLOW * usual:
+        return Finding(
+            "inertia",
+            "question",
+            f"a wheel of {mass:g} kg and {radius:g} m has {spin:.2g} kg m2 about its axle, as if "
+            "its mass lay in the axle: it takes hardly any torque to turn",
+            f"a cylinder has m r^2 / 2 = {usual:.4g}",
+        )
     if spin <= most * (1.0 + 1e-9):
         return None
-    usual = 0.5 * most
     return Finding(
         "inertia",
         "question" if spin <= _ROUNDED * most else "fault",
@@ -278,6 +289,15 @@ def _body_inertia(robot: Robot, foreign: Others) -> Finding | None:
                     return finding
     lowest, highest = robot_outline(robot)
     total = sum(robot.inertia)
+    box = robot.base_mass * sum(size**2 for size in robot.body_size) / 6.0
+    if total < _HOLLOW * box:
+        return Finding(
+            "inertia",
+            "question",
+            f"the body's moments of inertia add up to {total:.2g} kg m2, and those of a box of its "
+            f"mass and size to {box:.2g}: it turns and tilts as if its mass lay in a point",
+            "compute it from size and mass",
+        )
     for k, axis in enumerate("xyz"):
         if _hull_is_guessed(robot) and axis == "z":
             continue

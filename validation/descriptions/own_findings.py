@@ -226,6 +226,19 @@ def _unlike_friction(robot: OwnRobot) -> Finding | None:
     return unlike_friction(robot.names, frictions)
 
 
+def _driven(robot: OwnRobot) -> Finding | None:
+    if robot.driven.all():
+        return None
+    still = ", ".join(np.array(robot.names)[~robot.driven])
+    return Finding(
+        "driven",
+        "question",
+        f"no servo drives the wheels {still}: they roll along, and closed forms and models here "
+        "have four driven wheels",
+        "give each wheel a servo, or tie the wheels of a side",
+    )
+
+
 def _servo_soft(robot: OwnRobot) -> Finding | None:
     is_soft = exceeds(robot, "droop") or exceeds(robot, "droop_at_speed")
     if robot.given_rates or not is_soft or exceeds(robot, "saturated"):
@@ -284,6 +297,7 @@ _LOOKS: Sequence[Callable[[OwnRobot], Finding | None]] = (
     _which_friction,
     _friction_by_heading,
     _unlike_friction,
+    _driven,
     _servo_soft,
     _motor_weak,
     _creep,

@@ -85,11 +85,15 @@ class OwnPlant:
         try:
             robot = OwnRobot(*self._content, given_rates=given_rates)
         except ValueError as error:
-            raise ParameterError(f"{self.name}: {error}") from error
+            raise ParameterError(str(error)) from error
         model = robot.model
         root = robot.wheeled.root
         if model.jnt_type[model.body_jntadr[root]] != mujoco.mjtJoint.mjJNT_FREE:
-            raise ParameterError(f"{self.name}: its base is held by joints; give it a <freejoint/>")
+            held = [model.joint(j).name for j in np.flatnonzero(model.jnt_bodyid == root)]
+            raise ParameterError(
+                f"its base moves only as its joints {', '.join(held)} let it, so it "
+                "neither settles on its wheels nor tilts; give it a <freejoint/> in their place"
+            )
         # samples need a whole number of steps
         model.opt.timestep = _SAMPLE / math.ceil(_SAMPLE / robot.timestep - 1e-9)
         numbers = self._numbers

@@ -112,6 +112,10 @@ def _turns(robot: OwnRobot, known: Measures) -> Measures:
     measures = Measures(closed_form=turn.multiplier, closed_form_middle=middle.multiplier)
     radius = known.get("rolling_radius_m", robot.radius)
     track = robot.wheeled.track
+    # left wheels of the axles that are driven: others only roll along
+    axles = 2 * np.flatnonzero(robot.driven.reshape(2, 2).all(axis=1))
+    if not len(axles):
+        axles = np.array([0, 2])
     for froude, name in zip(SPEEDS, ("slow", "", "fast"), strict=True):
         speed = _speed(robot, froude)
         rate = speed / robot.radius
@@ -120,7 +124,7 @@ def _turns(robot: OwnRobot, known: Measures) -> Measures:
         ride = robot.ride((-rate, rate), seconds)
         tail = ride.t > _LEAD
         turning = ride.channels["wheel_rad_s"][tail]
-        wheels = 0.5 * (turning[:, [1, 3]] - turning[:, [0, 2]]).mean(axis=1)
+        wheels = 0.5 * (turning[:, axles + 1] - turning[:, axles]).mean(axis=1)
         label = f"droop_{name}".rstrip("_")
         measures[label] = 1.0 - float(wheels.mean()) / rate
         measures["saturated"] = max(measures.get("saturated", 0.0), robot.saturated(ride))

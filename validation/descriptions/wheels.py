@@ -116,15 +116,19 @@ class WheeledRobot:
 
     # ------------------------------------------------------------------------- finding
     def _spinning(self) -> list[int]:
-        """Return the hinge joints across a level axis that turn without an end."""
+        """Return the hinge joints across a level axis that turn without an end.
+
+        They are on the heaviest tree of bodies: others are no part of the robot.
+        """
         model = self.model
-        found = []
-        for j in range(model.njnt):
-            is_hinge = model.jnt_type[j] == mjtJoint.mjJNT_HINGE
-            is_endless = not model.jnt_limited[j] or np.ptp(model.jnt_range[j]) > _FEW_TURNS
-            if is_hinge and is_endless and abs(self.data.xaxis[j, 2]) < _LEVEL:
-                found.append(j)
-        return found
+        roots = model.body_rootid[model.jnt_bodyid]
+        masses = model.body_subtreemass[roots]
+        is_hinge = model.jnt_type == mjtJoint.mjJNT_HINGE
+        is_endless = (model.jnt_limited == 0) | (np.ptp(model.jnt_range, axis=1) > _FEW_TURNS)
+        is_level = np.abs(self.data.xaxis[:, 2]) < _LEVEL
+        is_heavy = masses == masses.max(initial=0.0)
+        spinning: list[int] = np.flatnonzero(is_hinge & is_endless & is_level & is_heavy).tolist()
+        return spinning
 
     def _four(self, any_direction: bool) -> list[int]:
         """Return the joints of the four wheels; a ValueError says why they are none of a robot."""

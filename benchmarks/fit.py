@@ -48,7 +48,7 @@ class Run:
         self.least = np.inf
         self.began = time.process_time()
 
-    def residuals(self, points: FloatArray, workers: int = THREADS) -> FloatArray:
+    def residuals(self, points: FloatArray, workers: int | str = THREADS) -> FloatArray:
         """(S, K) residuals [m] of (S, n) points of the unit cube; an impossible one has 1 km."""
         residuals = self.problem.residuals(np.clip(points, 0.0, 1.0), workers)
         residuals = np.where(np.isfinite(residuals), residuals, 1e3 / np.sqrt(residuals.shape[1]))

@@ -27,6 +27,7 @@ ROOMS = (
         "validation.interrupts",
         "validation.output",
     },
+    {"validation.workers"},
     {"validation.files"},
     {"validation.simulator"},
     {"validation.descriptions"},
@@ -475,11 +476,11 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        24_300,
+        25_500,
         19,
-        56,
+        60,
         "results side by side, comparison, fit, calibration with its verdict, tuning, robots, "
-        "what a log contains and can tell, and its conversion, whole writing",
+        "what a log contains and can tell, and its conversion, whole writing; workers",
     ),
     "benchmarks": Price(
         3_800,
@@ -497,7 +498,7 @@ OPTIONS = {"compare": 27, "fit": 36, "calibrate": 16, "track": 24, "tune": 28}
 Those that read logs have four that say how. A fit has two for torques: their weight, and the
 constant that makes them of currents.
 """
-MOST_FILES = 217
+MOST_FILES = 219
 MOST_WORDS_OF_PAGES = 54_000
 MOST_WORDS_OF_README = 910
 

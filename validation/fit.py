@@ -504,7 +504,7 @@ def _report(
     notes += bound_sentences(problem.space, point)
     if not search.interrupted:
         try:
-            sure = estimate(problem, point, o.threads, search.driven)
+            sure = estimate(problem, point, o.raters, search.driven)
             notes += sentences(problem, sure)
             notes.append(f"Standard errors come from: {sure.method}.")
             if band := _band(problem, sure, fitted):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from ssmr.errors import SsmrError
 from validation.output import Progress, Progressing, one_line, silent
 from validation.report.report import FINISHED, INTERRUPTED
+from validation.workers import completed
 
 Variant = TypeVar("Variant")
 Measure = Callable[[Variant], Mapping[str, Any]]
@@ -34,7 +33,7 @@ def sweep(
     variants: Mapping[str, Variant],
     measures: Mapping[str, Measure[Variant]],
     *,
-    workers: int | None = None,
+    workers: int | str | None = None,
     progress: Progressing = silent,
 ) -> Swept:
     """Take every measure of every variant.
@@ -43,7 +42,8 @@ def sweep(
         variants: objects to measure, by the name that their row gets.
         measures: drives by name, each of which gives some columns. A drive that fails leaves its
             columns empty and a note.
-        workers: threads, None for all processors; the result does not depend on it.
+        workers: threads, None for all processors, or the address of a dask scheduler, to which
+            variants and drives are sent; the result does not depend on it.
         progress: called after each variant.
 
     Returns:
@@ -55,32 +55,34 @@ def sweep(
         KeyboardInterrupt: it was pressed before the first variant was finished.
     """
     failures: dict[str, Exception] = {}
-
-    def row_of(name: str, variant: Variant) -> dict[str, Any]:
-        row: dict[str, Any] = {"variant": name}
-        for drive, measure in measures.items():
-            try:
-                row.update(measure(variant))
-            except (SsmrError, ValueError) as error:
-                failures[f"{name}: {drive} failed"] = error
-        return row
-
     rows: dict[str, dict[str, Any]] = {}
     status = FINISHED
-    pool = ThreadPoolExecutor(workers or os.cpu_count())
+    calls = [(name, variant, measures) for name, variant in variants.items()]
     try:
-        futures = {pool.submit(row_of, name, variant): name for name, variant in variants.items()}
-        for future in as_completed(futures):
-            rows[futures[future]] = future.result()
-            progress(Progress(len(rows), len(variants), futures[future]))
+        for _, (row, failed) in completed(workers, _row_of, calls):
+            rows[row["variant"]] = row
+            failures |= failed
+            progress(Progress(len(rows), len(variants), row["variant"]))
     except KeyboardInterrupt:
         if not rows:
             raise
         status = INTERRUPTED
-    finally:
-        pool.shutdown(cancel_futures=True)
     # a row with nothing but its name has no measure
     if failures and all(len(row) == 1 for row in rows.values()):
         raise next(iter(failures.values()))
     notes = [f"{drive}: {one_line(error)}." for drive, error in sorted(failures.items())]
     return Swept([rows[name] for name in variants if name in rows], notes, status)
+
+
+def _row_of(
+    name: str, variant: Any, measures: Mapping[str, Measure[Any]]
+) -> tuple[dict[str, Any], dict[str, Exception]]:
+    """Return the columns of a variant, and the errors of the measures that failed."""
+    row: dict[str, Any] = {"variant": name}
+    failures: dict[str, Exception] = {}
+    for drive, measure in measures.items():
+        try:
+            row.update(measure(variant))
+        except (SsmrError, ValueError) as error:
+            failures[f"{name}: {drive} failed"] = error
+    return row, failures

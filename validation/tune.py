@@ -61,6 +61,7 @@ from validation.plants.table import SIMULATED
 from validation.report import drawing
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
+from validation.workers import threads_of
 
 # population and generations: a simulated run costs a hundred times that of a planar model
 _SIMULATED_SIZE = (24, 20)
@@ -359,7 +360,7 @@ def _report(o: Tune, problem: TuneProblem, search: Search, held_out: Sequence[Tu
     base = problem.base
     space = problem.space
     profile = problem.profile
-    threads = o.threads
+    threads = threads_of(o.workers)
     remarks = [origin_sentence(base, profile.name)]
     for case in problem.cases:
         remarks.append(demand_of(case.waypoints, case.robot, profile.name, case.reference))

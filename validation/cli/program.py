@@ -34,6 +34,7 @@ from validation.files.reading import opened
 from validation.output import one_line, visible
 from validation.report.report import INTERRUPTED, Report
 from validation.report.table import print_tables
+from validation.workers import require_address
 
 P = ParamSpec("P")
 Opts = TypeVar("Opts", bound=Options)
@@ -56,9 +57,9 @@ class Common(Options):
 
     seed: int = 0
     """Seed of everything random. Equal seeds give equal results."""
-    workers: int | None = None
-    """Threads that compute; all processors if not given. The result does not depend on how many
-    there are."""
+    workers: int | str | None = None
+    """Threads that compute, all processors if not given; or the address of a dask scheduler. The
+    result does not depend on who computes."""
     out: Path | None = None
     """Folder for the files; runs/PROGRAM/... if not given."""
     overwrite: bool = False
@@ -72,7 +73,10 @@ class Common(Options):
         """Raise a ValueError for a number out of its range."""
         super().__post_init__()
         require_within(self, ("seed",), 0, MOST_SEED, whole=True)
-        require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
+        if isinstance(self.workers, str):
+            require_address(self.workers)
+        else:
+            require_within(self, ("workers",), 1, MOST_WORKERS, whole=True)
 
     def folder(self) -> Path:
         """Return the folder that files are written to where `out` names none."""
@@ -88,6 +92,9 @@ class Common(Options):
 class Filmed(Common):
     """Options of a program whose robots can be seen in motion."""
 
+    workers: int | None = None
+    """Threads that compute; all processors if not given. The result does not depend on how many
+    there are."""
     view: bool = False
     """Open the recording in the rerun viewer afterwards."""
     no_rerun: bool = False

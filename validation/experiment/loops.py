@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -32,6 +31,7 @@ from validation.simulator.loops import MujocoBodies
 from validation.simulator.parts import mujoco_failures
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
+from validation.workers import threads_of
 
 _SECONDS = 6.0
 """Time for which a command is driven [s]."""
@@ -159,7 +159,7 @@ def run_robots(
     settings: Sequence[LoopSettings],
     waypoints: Waypoints,
     seeds: Sequence[int],
-    workers: int | None = None,
+    workers: int | str | None = None,
     start: State | None = None,
 ) -> list[ClosedRun]:
     """Run closed loops of one kind of plant along one reference, all at once.
@@ -170,14 +170,14 @@ def run_robots(
         settings: S settings.
         waypoints: the reference.
         seeds: seeds of noise and disturbance; loop i gets `seeds[i % len(seeds)]`.
-        workers: threads; the result does not depend on it.
+        workers: threads, see `threads_of`; the result does not depend on it.
         start: state to start in; at rest at the first waypoint if not given.
 
     Raises:
         ValueError: several kinds of plant in one population, or settings that do not go together.
     """
     designed = [c.on(r.known or r.drive) for r, c in zip(robots, controllers, strict=True)]
-    threads = workers or os.cpu_count() or 1
+    threads = threads_of(workers)
     planar = [r.body for r in robots if isinstance(r.body, PlanarModel)]
     simulated = [r.body for r in robots if isinstance(r.body, MujocoPlant)]
     tyred = [r.body for r in robots if isinstance(r.body, FourWheelPlant)]

@@ -12,6 +12,7 @@ import inspect
 import math
 import re
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -200,6 +201,24 @@ def load_user_law(given: str | type) -> UserLaw:
     return law
 
 
+_MODEL_FILES: dict[str, tuple[str, str, str]] = {}
+"""Name, text and attribute of the file that each model of the user's own was read from."""
+
+
+def model_file(model: str) -> tuple[str, str, str] | None:
+    """Return name, text and attribute of the file of a user's own model; None for any other."""
+    return _MODEL_FILES.get(model)
+
+
+def add_model_of(file: tuple[str, str, str]) -> None:
+    """Make the model of a `model_file` from another process a plant of this one."""
+    name, text, attribute = file
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, name)
+        path.write_text(text, encoding="utf-8")
+        add_user_model(f"{path}:{attribute}")
+
+
 def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     """Make the user's planar model, itself or by `FILE.py:NAME`, a plant; return the names added.
 
@@ -217,6 +236,9 @@ def add_user_model(given: PlanarLaw | str | None) -> list[str]:
     if not isinstance(law, PlanarLaw):
         raise ValueError(f"{path}: {given} is {_shown(law)}, wanted a PlanarLaw")
     add_model(law)
+    if isinstance(given, str):
+        attribute = given.rpartition(":")[2]
+        _MODEL_FILES[law.name] = path.name, path.read_text(encoding="utf-8"), attribute
     with _errors_as(path, f"model {law.name}", ValueError):  # also code that numba cannot compile
         plant = PlanarPlant(PlanarModel(law.parameters(), Vehicle(), Drive()))
         plant.run(Commands(0.05, np.full((2, 2), 0.1)), State(), 0.05)

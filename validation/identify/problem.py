@@ -16,12 +16,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
 from validation.experiment.sources import RECORDING, Source
+from validation.experiment.user_law import add_model_of, model_file
 from validation.identify.objective import (
     FitCost,
     Objective,
@@ -32,6 +34,7 @@ from validation.identify.objective import (
 from validation.plants.kind import PlantProfile, Population
 from validation.plants.searchable import find, with_values
 from validation.plants.table import plant_kind
+from validation.workers import rate_there
 
 OnShare = Callable[[float], object] | None
 """Callback from any thread, with the share of a generation that is rated."""
@@ -94,6 +97,10 @@ class FitProblem:
         # a value of before may lie outside the bounds; its nearest point is the prior's centre
         self._before = space.points(np.clip(values, space.lower, space.upper)[None])[0]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let the file of a user's own model be run in another process before the rest arrives."""
+        return _arriving, (model_file(self.model),), self.__dict__
+
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
         data = hashlib.sha256()
@@ -146,16 +153,18 @@ class FitProblem:
         self,
         points: FloatArray,
         limits: FloatArray | None = None,
-        workers: int = 1,
+        workers: int | str = 1,
         on_share: OnShare = None,
     ) -> FloatArray:
         """Return the (S,) costs of (S, n) points of the unit cube; infinite for a failed one.
 
         A candidate whose partial sum exceeds its own of (S,) `limits` is abandoned, and that sum is
-        returned. The result does not depend on the number of threads, `workers`. `on_share` is
-        called with the share of the work that is done.
+        returned. The result does not depend on `workers`: threads, or a scheduler's address.
+        `on_share` is called with the share of the work that is done.
         """
         bounds = np.full(len(points), np.inf) if limits is None else limits
+        if isinstance(workers, str):
+            return rate_there(workers, self, "costs", (points, bounds), on_share)
         away = (points - self._before) / IGNORANCE
         seconds = sum(rater.piece.commands.duration for rater in self._raters)
         total = seconds * len(points)
@@ -178,11 +187,13 @@ class FitProblem:
 
         return self._side_by_side(rate, points, workers)
 
-    def residuals(self, points: FloatArray, workers: int = 1) -> FloatArray:
+    def residuals(self, points: FloatArray, workers: int | str = 1) -> FloatArray:
         """Return (S, K) errors whose squares least squares make small; NaN for an impossible point.
 
         The `blocks` number the errors of motions; those of the prior follow.
         """
+        if isinstance(workers, str):
+            return rate_there(workers, self, "residuals", (points,))
         pulls = self._prior * (points - self._before) / IGNORANCE
 
         def rate(population: Population, which: slice, threads: int) -> FloatArray:
@@ -217,3 +228,9 @@ class FitProblem:
             return np.concatenate(list(pool.map(share, range(0, len(points), max(size, 1)))))
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def _arriving(file: tuple[str, str, str] | None) -> FitProblem:
+    if file is not None:
+        add_model_of(file)
+    return FitProblem.__new__(FitProblem)

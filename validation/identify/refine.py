@@ -63,7 +63,7 @@ class Residuals(Protocol):
     def cheap(self) -> bool:
         """Whether many motions cost little, so that the optimum may be found finely."""
 
-    def residuals(self, points: FloatArray, workers: int) -> FloatArray:
+    def residuals(self, points: FloatArray, workers: int | str) -> FloatArray:
         """Return (S, K) errors of (S, n) points of the unit cube; NaN for an impossible one."""
 
 
@@ -85,7 +85,7 @@ def arrivals(
     costs: FloatArray,
     starts: int,
     driven: Remembered,
-    workers: int,
+    workers: int | str,
     on_step: Callable[[], object],
 ) -> Iterator[FloatArray]:
     """Yield the (n,) ends of least squares from some of (S, n) candidates with (S,) costs.
@@ -187,7 +187,7 @@ def descend(
     problem: Residuals,
     start: FloatArray,
     driven: Remembered,
-    workers: int,
+    workers: int | str,
     on_step: Callable[[], object],
     goal: float = math.inf,
 ) -> tuple[FloatArray, float]:

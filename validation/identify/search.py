@@ -82,8 +82,8 @@ class Searching(cli.Common):
         self.settings(JdeSettings.population, JdeSettings.generations)
 
     @property
-    def threads(self) -> int:
-        """Number of threads."""
+    def raters(self) -> int | str:
+        """Number of threads that rate candidates, or a scheduler's address."""
         return self.workers or os.cpu_count() or 1
 
     @property
@@ -190,7 +190,7 @@ class Search:
 
         with self._timed() as save:
             while not (self.jde.finished or (self.starts == 1 and len(self.jde.history))):
-                costs = problem.costs(self.jde.ask(), self.jde.costs, o.threads, tell)
+                costs = problem.costs(self.jde.ask(), self.jde.costs, o.raters, tell)
                 self.jde.tell(costs)
                 save()
                 tell(0.0)
@@ -216,12 +216,12 @@ class Search:
                 o.progress(Progress(before + self.ends, before + self.starts, text))
 
             ends = arrivals(
-                problem, points, costs, self.starts, self.driven, workers=o.threads, on_step=step
+                problem, points, costs, self.starts, self.driven, workers=o.raters, on_step=step
             )
             for end in ends:
                 self.ends += 1
                 # least squares see errors alone; the cost decides between ends
-                cost = float(problem.costs(end[None], None, o.threads)[0])
+                cost = float(problem.costs(end[None], None, o.raters)[0])
                 if cost < self.cost:
                     self.refined = end, cost
 

@@ -30,6 +30,7 @@ from validation.experiment.tracked import Followed, reference_of, track_metrics
 from validation.identify.problem import OnShare
 from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
+from validation.workers import rate_there
 
 TuneMeasure = Literal["path", "time"]
 """Measure of a tuning, see `TuneCost`."""
@@ -241,7 +242,7 @@ class TuneProblem:
         self,
         points: FloatArray,
         limits: FloatArray | None = None,
-        workers: int = 1,
+        workers: int | str = 1,
         on_share: OnShare = None,
     ) -> FloatArray:
         """Rate candidates case by case, see `FitProblem.costs`.
@@ -250,12 +251,15 @@ class TuneProblem:
             (S,) means over the cases; infinite for a candidate that loses a reference, or fails the
             guard.
         """
+        bounds = np.full(len(points), np.inf) if limits is None else limits
+        if isinstance(workers, str):
+            return rate_there(workers, self, "costs", (points, bounds), on_share)
         # Riccati equations are too small for the threads of a linear algebra library
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1, user_api="blas"):
             laws = [_law(self.profile, self.gains(point)) for point in points]
-        bounds = np.full(len(points), np.inf) if limits is None else limits * len(self.cases)
+        bounds = bounds * len(self.cases)
         sums = np.array([np.inf if law is None else 0.0 for law in laws])
         total = sum(case.waypoints.duration for case in self.cases)
         done = 0.0

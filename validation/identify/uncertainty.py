@@ -56,7 +56,7 @@ class Uncertainty:
 
 
 def estimate(
-    problem: FitProblem, point: FloatArray, workers: int = 1, driven: Remembered | None = None
+    problem: FitProblem, point: FloatArray, workers: int | str = 1, driven: Remembered | None = None
 ) -> Uncertainty:
     """Estimate standard errors and correlations at the optimum, an (n,) point of the unit cube.
 

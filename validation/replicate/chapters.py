@@ -28,8 +28,8 @@ class Task(NamedTuple):
 
     seed: int
     """First seed of its searches."""
-    workers: int | None
-    """Number of threads, None for all processors; no result depends on it."""
+    workers: int | str | None
+    """Threads, a scheduler's address, or None for all processors; no result depends on it."""
     progress: Progressing
     """Callback for its progress."""
     fit: tuple[int, int] = (50, 300)

@@ -150,7 +150,7 @@ def _gain_rows(number: str, searches: Sequence[Mapping[str, Any]], best: Mapping
 class TrackedTables:
     """The runs along the references of the thesis' tables, each driven once, and their rows."""
 
-    def __init__(self, profile: Profile, seeds: int, workers: int | None = None) -> None:
+    def __init__(self, profile: Profile, seeds: int, workers: int | str | None = None) -> None:
         """Build the robots.
 
         Args:

@@ -36,6 +36,7 @@ from validation.report.motions import alike_sentences
 from validation.report.table import Row, Table
 from validation.study.common import AnyStudy, Study
 from validation.sweep import sweep
+from validation.workers import threads_of
 
 SCHEMA = "ssmr.study.runs/1"
 """Schema of study.json and of the file of each run."""
@@ -186,7 +187,7 @@ def _fit_all(
             input="wheels",
             until=until,
             seed=o.seed,
-            workers=1,
+            workers=o.workers if isinstance(o.workers, str) else 1,
             search="lsq" if heavy else "hybrid",
             guess=begin_at(plant, BODY, profile) if heavy else None,
             out=folder / plant,
@@ -236,7 +237,8 @@ def study_runs(o: RunsStudy) -> Study:
     o.progress(Progress(0, len(runs), f"at most {math.ceil(minutes)} minutes of one processor"))
     measures = {"fit and judgement": lambda variant: _measure(o, *variant)}
     variants = {name: (name, *run) for name, run in runs.items()}
-    swept = sweep(variants, measures, workers=o.workers, progress=o.progress)
+    # a scheduler gets the candidates of each fit: logs and files stay here
+    swept = sweep(variants, measures, workers=threads_of(o.workers), progress=o.progress)
     logs = {row["variant"]: row["found"] for row in swept.rows if "found" in row}
     tables = [_table(name, run["rows"], run["heading_judge"]) for name, run in logs.items()]
     for plant in o.plants:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from ssmr.control.laws import PLAIN_CONTROLLERS, Controller
 from ssmr.control.loop import LoopSettings
 from ssmr.control.waypoints import Waypoints
 from ssmr.types import FloatArray
-from validation import cli
+from validation import cli, output
 from validation.experiment.gains import DEFAULT, GainSet, load_gains, shipped_sets
 from validation.experiment.loops import (
     AnyController,
@@ -359,17 +359,22 @@ def study_transfer(o: TransferStudy) -> Study:
     robots = {plant: make_robot(profile, plant) for plant in dict.fromkeys((JUDGE, *o.plants))}
     contenders = contenders_of(o, profile)
     laws = [law for law, _ in contenders.values()]
+    options = o
+    if isinstance(o.workers, str):
+        options = replace(o, workers=1, progress=output.silent)
 
     def follow(mission: tuple[str, Waypoints]) -> Row:
         name, waypoints = mission
         scores = {}
         for plant, robot in robots.items():
-            of_laws = _scores(o, robot, laws, waypoints)
+            of_laws = _scores(options, robot, laws, waypoints)
             scores[plant] = dict(zip(contenders, of_laws, strict=True))
         return {"reference": name, "speed_m_s": waypoints.speed, "scores": scores}
 
-    # a drive is a population on all threads
-    swept = sweep(missions_of(o, robots[JUDGE]), {"drive": follow}, workers=1, progress=o.progress)
+    # a drive is a population on all threads here, and each is one task of a scheduler
+    missions = missions_of(o, robots[JUDGE])
+    workers = o.workers if isinstance(o.workers, str) else 1
+    swept = sweep(missions, {"drive": follow}, workers=workers, progress=o.progress)
     result = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
     label = with_robot(profile.name, profile.robot.name)
     return Study(

@@ -1,0 +1,213 @@
+"""Workers: threads here, or those of a dask scheduler. The only place that makes an executor.
+
+dask sends Python objects as they are and runs them, see SECURITY.md. It is the extra `cluster`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from functools import cache
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import llvmlite.binding
+import numpy as np
+
+from ssmr.errors import SsmrError
+from ssmr.types import FloatArray
+from validation.output import one_line, versions
+
+_ADDRESS = re.compile(r"(tls://[^/]+|tcp://(localhost|127(\.\d+){3}|\[::1\])):\d+")
+"""Addresses of schedulers: encrypted ones, and those of this machine."""
+_SHARES = 4
+"""Shares of a worker's thread: one that is done early takes another."""
+_WORTH_S = 0.1
+"""Least time of a share that is worth its way, on which dask spends some milliseconds [s]."""
+_PATIENCE_S = 10.0
+"""Time that a scheduler has to answer, and to have workers [s]."""
+_clients: dict[str, Any] = {}
+_scattered: WeakKeyDictionary[Any, tuple[Any, Any]] = WeakKeyDictionary()
+"""The client and the future of each problem that lies at all of a scheduler's workers."""
+_log = logging.getLogger(__name__)
+
+
+def threads_of(workers: int | str | None) -> int:
+    """Return how many threads compute here; a scheduler's address stands for all processors."""
+    return workers if isinstance(workers, int) else os.cpu_count() or 1
+
+
+def require_address(address: str) -> None:
+    """Raise a ValueError for an address that is no scheduler's, or where others could listen."""
+    if not _ADDRESS.fullmatch(address):
+        raise ValueError(
+            f"workers is '{one_line(address)}', wanted a number of threads or the address of a "
+            "dask scheduler: tls://HOST:PORT, or tcp://127.0.0.1:PORT on this machine or as ssh "
+            "forwards it; on others' networks a plain tcp:// lets them run code here and there"
+        )
+
+
+def completed(
+    workers: int | str | None, function: Callable[..., Any], calls: Sequence[Sequence[Any]]
+) -> Iterator[tuple[int, Any]]:
+    """Call a function side by side; yield the number and the result of each call as it ends.
+
+    Calls that have not begun are dropped when the iterator is closed, or by an interrupt.
+
+    Raises:
+        ValueError: no scheduler answers at the address, or its workers would have other results.
+        SsmrError: the scheduler or its last worker went away.
+    """
+    client: Any = _connected(workers) if isinstance(workers, str) else None
+    pool: Executor
+    if client is None:
+        pool = ThreadPoolExecutor(threads_of(workers))
+    else:
+        pool = client.get_executor(pure=False)
+    numbers: dict[Future[Any], int] = {}
+    try:
+        for number, call in enumerate(calls):
+            numbers[pool.submit(function, *call)] = number
+        waiting = set(numbers)
+        while waiting:
+            done, waiting = wait(waiting, _PATIENCE_S, FIRST_COMPLETED)
+            if client is not None and not done and not client.nthreads():
+                raise RuntimeError("no worker is left")
+            for future in sorted(done, key=numbers.__getitem__):
+                yield numbers[future], future.result()
+    except (SsmrError, ValueError):  # of the function
+        raise
+    except Exception as error:  # dask has no common one
+        if client is None:
+            raise
+        raise _gone(workers, error) from error
+    finally:
+        for future in numbers:
+            future.cancel()
+        pool.shutdown()
+
+
+def rate_there(
+    address: str,
+    problem: Any,
+    method: str,
+    columns: Sequence[FloatArray],
+    on_share: Callable[[float], object] | None = None,
+) -> FloatArray:
+    """Return what a problem's method returns for (S, ...) columns, from a scheduler's workers.
+
+    Each share of them is rated on one thread, and the result is equal to the bit. `on_share` is
+    called with the share of the work that is done. The errors are those of `completed`.
+    """
+    client = _connected(address)
+    if problem not in _scattered or _scattered[problem][0] is not client:
+        _scattered[problem] = client, client.scatter(problem, broadcast=True, hash=False)
+    at_workers = _scattered[problem][1]
+    threads = sum(client.nthreads().values())
+    count = max(1, min(len(columns[0]), _SHARES * threads))
+    shares = zip(*(np.array_split(column, count) for column in columns), strict=True)
+    calls = [(at_workers, _identity(), method, *share) for share in shares]
+    rated = {}
+    seconds = 0.0
+    for number, (values, took) in completed(address, _rate, calls):
+        rated[number] = values
+        seconds += took
+        if on_share is not None:
+            on_share(len(rated) / count)
+    if seconds / count < _WORTH_S:
+        _say_slow(address)
+    return np.concatenate([rated[number] for number in range(count)])
+
+
+def _gone(address: int | str | None, error: Exception) -> SsmrError:
+    why = f"{type(error).__name__}: {one_line(error)[:120]}"
+    return SsmrError(
+        f"the dask scheduler {address} or its workers are gone ({why}); "
+        "a search keeps its checkpoint, and --resume goes on from it"
+    )
+
+
+@cache
+def _say_slow(address: str) -> None:
+    _log.warning(
+        "a worker needs less than %g s for its candidates, and each way to it some milliseconds: "
+        "threads here (--workers N) may be quicker than %s",
+        *(_WORTH_S, address),
+    )
+
+
+def _rate(
+    problem: Any, identity: Mapping[str, str], method: str, *share: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return the values of a share, and the time that it took on this worker [s]."""
+    _require_alike("a worker", _identity(), identity)  # which may have come after the connection
+    began = time.perf_counter()
+    values = getattr(problem, method)(*share)
+    return values, time.perf_counter() - began
+
+
+def _connected(address: str) -> Any:
+    """Return the client of a scheduler, of which this process has one.
+
+    Raises:
+        ValueError: dask is not installed, no scheduler answers, or it has no workers or others.
+    """
+    client = _clients.get(address)
+    if client is not None and client.status == "running":
+        return client
+    require_address(address)
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ValueError(
+            f"a scheduler's workers need dask ({error}): "
+            "pip install 'ssmr-testbed[cluster]' (in a source tree: '.[cluster]')"
+        ) from None
+    # what goes wrong is said here, in one line
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
+        client.wait_for_workers(1, _PATIENCE_S)
+    except OSError as error:
+        if address in _clients:
+            raise _gone(address, error) from error
+        raise ValueError(
+            f"no dask scheduler with workers answers at {address} ({one_line(error)}); start them "
+            f"with `dask scheduler` and `dask worker {address}`"
+        ) from None
+    for worker, identity in client.run(_identity).items():
+        _require_alike(f"the worker {worker}", identity, _identity())
+    _clients[address] = client
+    return client
+
+
+@cache
+def _identity() -> Mapping[str, str]:
+    """Return all on which the bits of results depend: versions, sources and the processor."""
+    digest = hashlib.sha256()
+    for package in ("ssmr", "validation"):
+        for path in sorted(Path(__file__).parents[1].joinpath(package).rglob("*.py")):
+            digest.update(path.read_bytes())
+    instructions = llvmlite.binding.get_host_cpu_features().flatten()
+    return {
+        **versions(),
+        "sources": digest.hexdigest()[:12],
+        "processor": llvmlite.binding.get_host_cpu_name(),
+        "instructions": hashlib.sha256(instructions.encode()).hexdigest()[:12],
+    }
+
+
+def _require_alike(worker: str, theirs: Mapping[str, str], ours: Mapping[str, str]) -> None:
+    for name, value in ours.items():
+        if theirs[name] != value:
+            raise ValueError(
+                f"{worker} has {name} {theirs[name]}, this machine has {value}: results are equal "
+                "to the bit on equal versions and processors alone"
+            )

@@ -391,9 +391,9 @@ PRICES = {
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
     ),
     "validation/cli": Price(
-        6_200,
+        6_300,
         4,
-        26,
+        27,
         "how texts of options are read and options checked, exit status, progress; "
         "a run is repeated by its file; tyro has the rest",
     ),
@@ -433,8 +433,8 @@ PRICES = {
         "its faults are named, a slipping side among them; it is written",
     ),
     "validation/plants": Price(
-        6_300,
-        5,
+        6_700,
+        6,
         35,
         "every plant declared once, and profiles",
     ),
@@ -445,9 +445,9 @@ PRICES = {
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
-        24_300,
+        24_800,
         15,
-        64,
+        65,
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
@@ -476,7 +476,7 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        25_500,
+        25_700,
         19,
         60,
         "results side by side, comparison, fit, calibration with its verdict, tuning, robots, "

@@ -83,6 +83,12 @@ def _admitted(value: Any, kind: Any) -> Any:
     return value
 
 
+def words_of(kind: Any) -> str:
+    """Return a type as people read it, without the modules of its parts."""
+    text = kind if isinstance(kind, str) else inspect.formatannotation(kind)
+    return re.sub(r"\b(\w+\.)+", "", text)
+
+
 def _require(name: str, value: Any, kind: Any) -> None:
     """Raise a ValueError for an option that is not of its type, or no finite number."""
     try:
@@ -90,8 +96,7 @@ def _require(name: str, value: Any, kind: Any) -> None:
         if isinstance(value, bool) and bool not in _members(kind):
             raise TypeCheckError("to Python a truth value is a whole number")
     except TypeCheckError as error:
-        words = re.sub(r"\b(\w+\.)+", "", inspect.formatannotation(kind))
-        raise ValueError(f"{name} is {reprlib.repr(value)}, wanted {words}") from error
+        raise ValueError(f"{name} is {reprlib.repr(value)}, wanted {words_of(kind)}") from error
     parts = value if isinstance(value, tuple) else (value,)
     if any(isinstance(part, float) and math.isnan(part) for part in parts):
         raise ValueError(f"{name} is {value}, wanted a finite number")

@@ -25,7 +25,7 @@ from rich.text import Text
 from ssmr.parameters import MOST_SEED, require_within
 from validation import output
 from validation.cli.config import config_of, options_in, read_result
-from validation.cli.options import Options, kinds_of
+from validation.cli.options import Options, kinds_of, words_of
 from validation.cli.process import run, say
 from validation.files.limits import USUAL, LogLimits
 from validation.files.log import ReadOptions
@@ -132,6 +132,16 @@ class LogReading(Options):
         return "".join(f" --{name} {shlex.quote(text)}" for name, text in said.items() if text)
 
 
+class _Words(str):
+    """A type in a signature, in words for people: without modules and quotation marks."""
+
+    def __new__(cls, kind: Any) -> _Words:
+        """Return the words of a type."""
+        return super().__new__(cls, words_of(kind))
+
+    __repr__ = str.__str__
+
+
 class Program(Generic[P, R]):
     """A program: called with its options it returns its report.
 
@@ -146,10 +156,9 @@ class Program(Generic[P, R]):
         self.__module__ = function.__module__
         kinds = kinds_of(options)
         taken = inspect.signature(options)
-        parameters = [p.replace(annotation=kinds[n]) for n, p in taken.parameters.items()]
-        self.__signature__ = taken.replace(
-            parameters=parameters, return_annotation=inspect.get_annotations(function)["return"]
-        )
+        parameters = [p.replace(annotation=_Words(kinds[n])) for n, p in taken.parameters.items()]
+        returned = _Words(inspect.get_annotations(function)["return"])
+        self.__signature__ = taken.replace(parameters=parameters, return_annotation=returned)
 
     @property
     def __doc__(self) -> str:  # type: ignore[override]

@@ -140,6 +140,29 @@ class Profile:
             return _defaults(plant, self.robot)
         return self.plants[STANDARD if plant in SECOND_OPINIONS else plant]
 
+    def with_(self, **changes: Mapping[str, Any]) -> Profile:
+        """Return the profile with other numbers of plants, such as `mujoco={"friction": 0.4}`.
+
+        A number has the name that a profile's file has for it, in whatever section of the plant.
+
+        Raises:
+            ValueError: there is no such plant or number, or it cannot have the value.
+        """
+        plants = dict(self.plants)
+        reading.require_known(changes, plants, self.name)
+        for plant, values in changes.items():
+            section = plants[plant]
+            homes = dict[str, str]()
+            for part, numbers in reversed(section.numbers().items()):
+                homes |= dict.fromkeys(numbers, part)
+            reading.require_known(values, homes, plant)
+            for name, value in values.items():
+                home = homes[name]
+                changed = _fill(getattr(section, home), {name: value}, plant)
+                section = replace(section, **{home: changed})
+            plants[plant] = section
+        return replace(self, name=f"{self.name}-changed", plants=plants)
+
     def as_dict(self, plants: Iterable[str] | None = None) -> dict[str, Any]:
         """Return all numbers, or those of some plants, for a result to record."""
         names = self.plants if plants is None else plants

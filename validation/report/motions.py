@@ -104,6 +104,20 @@ class Motions(Report):
     remarks: Sequence[str] = ()
     """Sentences on what was known before the plants were compared."""
 
+    def motion(self, plant: str, piece: int = 0) -> Trajectory:
+        """Return how a plant moved: its `t`, `xy`, `yaw`, `twist`, `wheels` and `channels`.
+
+        Args:
+            plant: name of the plant.
+            piece: number of the part of a log that has gaps.
+
+        Raises:
+            ValueError: it was not driven.
+        """
+        if plant not in self.runs:
+            raise ValueError(f"no plant '{plant}' was driven; there are: {', '.join(self.runs)}")
+        return self.runs[plant].motions[piece]
+
     @property
     def profile_label(self) -> str:
         """Name of the profile, and of the robot where the profile's name does not contain it."""

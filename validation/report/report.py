@@ -129,8 +129,14 @@ class Report:
             lines += [f"- {meaning}" for meaning in meanings]
         return "\n".join(lines) + "\n"
 
-    def _repr_markdown_(self) -> str:
-        return self.to_markdown()
+    def to_html(self) -> str:
+        """Return `to_markdown` as a piece of HTML; no foreign text in it is markup."""
+        from markdown_it import MarkdownIt
+
+        return MarkdownIt("commonmark", {"html": False}).enable("table").render(self.to_markdown())
+
+    def _repr_html_(self) -> str:
+        return self.to_html()
 
     def files(self) -> dict[str, Callable[[Path], object]]:
         """Return writers of the files beside its JSON file, by name."""

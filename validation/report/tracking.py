@@ -15,6 +15,7 @@ from ssmr.control.waypoints import ALPHA_SWITCH
 from ssmr.errors import SsmrError
 from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.declared import Metrics
+from ssmr.types import Trajectory
 from validation.experiment.gains import GainSet
 from validation.experiment.tracked import (
     OF_THE_LOOP,
@@ -109,6 +110,17 @@ class Tracked(Report):
     def metrics(self) -> Metrics:
         """Metrics of the first robot by name, such as `metrics["d_rms_m"]`."""
         return self.robots[0].metrics
+
+    def motion(self, plant: str) -> Trajectory:
+        """Return how a plant moved: its `t`, `xy`, `yaw`, `twist`, `wheels` and `channels`.
+
+        Raises:
+            ValueError: it was not driven.
+        """
+        motions = {r.plant: r.run.motion for r in self.robots}
+        if plant not in motions:
+            raise ValueError(f"no plant '{plant}' was driven; there are: {', '.join(motions)}")
+        return motions[plant]
 
     def require_complete(self) -> None:
         """Do nothing if every robot came to the end of its reference.

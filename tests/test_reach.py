@@ -8,19 +8,27 @@ import pytest
 
 from ssmr.control.references import eight
 from validation import load_profile
-from validation.experiment.loops import demand_of, make_robot, settled_motion
+from validation.experiment.loops import demand_of, make_robot, slowed_to_feasible, step_response
 from validation.plants.profile import Profile, make_plant
 from validation.track import track
 
 
-def test_a_settled_motion_of_a_robot_without_slip_is_the_command(lab: Profile) -> None:
+def test_a_robot_without_slip_settles_at_its_command(lab: Profile) -> None:
     section = lab.plants["kinematic"]
-    v, w = settled_motion(make_plant(lab, "kinematic"), 0.4, 0.0)
-    assert w == pytest.approx(0.0, abs=0.05)
+    plant = make_plant(lab, "kinematic")
+    v, rate = step_response(plant, 0.4, 0.0, 0)
+    assert step_response(plant, 0.4, 0.0, 2)[0] == pytest.approx(0.0, abs=0.05)
     rolled = section.vehicle.wheel_radius / section.drive.command_radius
     p = section.parameters
     share = 0.5 * (p.alpha_l + p.alpha_r)  # type: ignore[attr-defined]
     assert v == pytest.approx(0.4 * rolled * share, rel=0.02)
+    assert rate > 5.0  # at once
+
+
+def test_an_acceleration_limit_is_found_again(lab: Profile) -> None:
+    plant = make_robot(lab, "mujoco").plant
+    limit = lab.plants["mujoco"].drive.acceleration_v
+    assert step_response(plant, 1.0, 0.0, 0)[1] == pytest.approx(limit, rel=0.05)
 
 
 @pytest.mark.parametrize("plant", ["improved", "four_wheel", "mujoco"])
@@ -28,16 +36,19 @@ def test_the_tile_husky_turns_at_less_than_an_eight_asks_for(plant: str) -> None
     """Told 2 rad/s it turns at 0.9 rad/s: its driver reckons with half of its track."""
     robot = make_robot(load_profile("husky-tile"), plant)
     message = demand_of(eight(0.5), robot, "husky-tile", "eight")
-    asks = f"eight at 0.5 m/s asks {plant} of husky-tile for a yaw rate of 1.20 rad/s"
+    asks = f"eight at 0.5 m/s asks {plant} of husky-tile for more than 0.\\d\\d m/s, "
     match = re.fullmatch(
-        asks + r" where (0.\d\d) rad/s are possible; at (0.\d\d) m/s it could be followed.",
+        asks + r"(0.\d\d) rad/s or (\d.\d\d) rad/s\^2, which it can do; "
+        r"slowed where it must be, it takes (\d\d.\d) s instead of 13.1 s.",
         message or "",
     )
     assert match is not None, message
-    possible, speed = map(float, match.groups())
-    assert 0.85 < possible < 1.0
-    assert speed == pytest.approx(0.5 * possible / 1.2, abs=0.011)
-    assert demand_of(eight(speed - 0.02), robot, "husky-tile", "eight") is None
+    turns, _, seconds = map(float, match.groups())
+    assert 0.85 < turns < 1.0
+    # half of the way asks for more than it has, and for up to a third more
+    assert 13.5 < seconds < 17.0
+    slowed = slowed_to_feasible(eight(0.5), robot)
+    assert demand_of(slowed, robot, "husky-tile", "eight") is None
 
 
 def test_it_is_said_at_the_start_and_kept_in_the_result() -> None:

@@ -35,13 +35,13 @@ from validation.experiment.loops import (
     controller_and_reference,
     demand_of,
     make_robot,
+    open_path,
     require_practicable,
     run_robots,
 )
 from validation.experiment.sources import driver_warnings
 from validation.experiment.tracked import MOST_BESIDE, Followed, reference_of, track_metrics
 from validation.experiment.user_law import load_user_metric
-from validation.experiment.waypoint_files import open_reference
 from validation.output import Progress, file_name
 from validation.plants.profile import Pace, choose_profile, odometry_of
 from validation.report.tracking import Tracked
@@ -72,8 +72,8 @@ class TrackOptions(cli.Filmed):
     of a profile by its name (husky-tile, warthog-grass), or the path of a TOML file. If not given,
     the profile's own if shipped, else published if the thesis has any, else tuned."""
     speed: float | None = None
-    """Mean speed between waypoints [m/s]. It replaces the times of a file; named references have
-    0.25 m/s if it is not given."""
+    """Greatest speed [m/s]. A file then is a path without times: its corners are rounded and
+    driven as fast as the robot can. Named references have 0.25 m/s if it is not given."""
     own_controller: Annotated[str | None, tyro.conf.arg(name="controller")] = None
     """A controller of your own instead of CONTROLLER: a class in a Python file, FILE.py:NAME, which
     is run."""
@@ -166,22 +166,19 @@ def track(o: TrackOptions) -> Tracked:
     profile = choose_profile(o.profile, o.robot, "thesis-lab")
     law, gains = chosen_controller(controller, profile, o.gains)
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
-    if not isinstance(reference, Waypoints):
-        label, waypoints = open_reference(str(reference), o.speed)
-    else:
-        label = "waypoints"
-        waypoints = reference
-        if o.speed is not None:
-            waypoints = Waypoints.from_path(reference.xy, o.speed)
     if o.terrain != FLAT and "mujoco" not in plants:
         raise ValueError(
             f"terrain {o.terrain.spec} needs the plant mujoco: "
             "the planar models know only level ground"
         )
     robots = [make_robot(profile, name, o.terrain) for name in plants]
+    sentences: list[str | None] = []
+    path = reference if isinstance(reference, Waypoints) else str(reference)
+    label, waypoints, sentences[:] = open_path(path, o.speed, robots)
     for robot in robots:
         require_practicable(waypoints, robot.drive, label)
-    sentences = [demand_of(waypoints, robot, profile.name, label) for robot in robots]
+    if not sentences:
+        sentences = [demand_of(waypoints, robot, profile.name, label) for robot in robots]
     if gains is not None:
         sentences.insert(0, origin_sentence(gains, profile.name))
     course = waypoints.course()

@@ -36,10 +36,11 @@ from validation.experiment.loops import (
     demand_of,
     make_controller,
     make_robot,
+    open_path,
     require_practicable,
 )
 from validation.experiment.tracked import Followed, lost_text
-from validation.experiment.waypoint_files import open_reference, split_speed
+from validation.experiment.waypoint_files import split_speed
 from validation.identify.report import (
     SearchReport,
     bound_sentences,
@@ -136,8 +137,9 @@ class Tune(Searching):
         loop = LoopSettings("truth" if self.no_noise else "noisy", disturbance=not self.no_noise)
         out = []
         for name, speed in references:
-            label, waypoints = open_reference(name, self.speed if speed is None else speed)
             for robot in robots:
+                v = self.speed if speed is None else speed
+                label, waypoints, _ = open_path(name, v, [robot])
                 require_practicable(waypoints, robot.drive, label)
                 around = replace(loop, filter=odometry_of(robot.drive))
                 title = f"{label} at {waypoints.speed:.3g} m/s, {robot.name}"

@@ -77,7 +77,7 @@ def find_fault(t: FloatArray | None, xy: FloatArray) -> Fault | None:
             k = int(bad[0])
             right = f"a finite number [{unit}] no larger than {LARGEST_NUMBER:g}"
             return Fault(k, column, f"{column} is {values[k]:g}, wanted {right}")
-    moving = _lengths(xy) > SAME_PLACE
+    moving = step_lengths(xy) > SAME_PLACE
     if t is None:
         if np.all(moving):
             return None
@@ -152,7 +152,7 @@ class Waypoints:
             raise ValueError(f"the reference speed must be positive and finite, got {speed} m/s")
         # The check of the times finds and names an overflow.
         with np.errstate(all="ignore"):
-            t = np.cumulative_sum(_lengths(places) / speed + waits, include_initial=True)
+            t = np.cumulative_sum(step_lengths(places) / speed + waits, include_initial=True)
         return cls(t, places)
 
     def at_speed(self, speed: float) -> Waypoints:
@@ -170,7 +170,7 @@ class Waypoints:
     @property
     def lengths(self) -> FloatArray:
         """(N - 1,) length of each segment [m]."""
-        return _lengths(self.xy)
+        return step_lengths(self.xy)
 
     @property
     def length(self) -> float:
@@ -277,8 +277,8 @@ def _places(xy: ArrayLike) -> FloatArray:
     return places
 
 
-def _lengths(xy: FloatArray) -> FloatArray:
-    """Return the (N - 1,) lengths of the segments [m]."""
+def step_lengths(xy: FloatArray) -> FloatArray:
+    """Return the (N - 1,) distances between (N, 2) places that follow each other [m]."""
     steps = np.diff(xy, axis=0)
     return np.hypot(steps[:, 0], steps[:, 1])
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ssmr.control.feasible import DEVIATION, MotionLimits, feasible
 from ssmr.control.laws import AnyController, design
 from ssmr.control.loop import ClosedRun, LoopSettings, run_loop
 from ssmr.control.mission import PythonController
@@ -25,6 +26,7 @@ from validation.descriptions.own_plant import OwnPlant
 from validation.engines.plant import EnginePlant
 from validation.experiment.gains import GainSet, load_gains
 from validation.experiment.user_law import is_user_law, load_user_law
+from validation.experiment.waypoint_files import REFERENCES, open_reference, split_speed
 from validation.output import shortened
 from validation.plants.profile import Profile, make_plant
 from validation.simulator.loops import MujocoBodies
@@ -37,13 +39,17 @@ _SECONDS = 6.0
 """Time for which a command is driven [s]."""
 _LAST = 1.0
 """Last part of that time, over which the motion is averaged [s]."""
-_SAMPLE_DT = 0.05
+_SAMPLE_DT = 0.01
 """Time between two samples of the motion [s]."""
 _EASY_TURN = 0.25
 """Share of the greatest yaw rate up to which a reference asks for so little that nothing is
 measured."""
 _EASY_SPEED = 0.8
 """Share of the greatest speed up to which nothing is measured either."""
+_AS_FAST = 0.98
+"""Share of a reference's mean speed from which a feasible path counts as fast as it is."""
+PRACTICABLE = 0.9
+"""Share of the robot's greatest motion that a path may ask for; what is left is for corrections."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,67 +226,124 @@ def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:
         )
 
 
-def settled_motion(plant: Plant, v: float, w: float) -> tuple[float, float]:
-    """Return the speed [m/s] and yaw rate [rad/s] of a plant after some seconds of commands.
+def step_response(plant: Plant, v: float, w: float, column: int) -> tuple[float, float]:
+    """Return the motion that a step of the command settles at, and how fast it gets there.
 
-    The plant is reset first.
+    The plant is reset first. The mean rate is that from a quarter to three quarters of the way.
+
+    Args:
+        plant: the robot.
+        v: commanded speed [m/s].
+        w: commanded yaw rate [rad/s].
+        column: 0 for the speed [m/s; m/s^2], 2 for the yaw rate [rad/s; rad/s^2].
     """
-    n = round(_SECONDS / _SAMPLE_DT)
-    commands = Commands(_SAMPLE_DT, np.tile([v, w], (n, 1)))
-    motion = plant.run(commands, State(), _SAMPLE_DT)
-    last = motion.twist[-round(_LAST / _SAMPLE_DT) :]
-    return float(np.mean(last[:, 0])), float(np.mean(last[:, 2]))
+    commands = Commands(_SAMPLE_DT, np.tile([v, w], (round(_SECONDS / _SAMPLE_DT), 1)))
+    motion = plant.run(commands, State(), _SAMPLE_DT).twist[:, column]
+    settled = float(np.mean(motion[-round(_LAST / _SAMPLE_DT) :]))
+    share = motion / settled if settled else motion
+    ticks = max(1, int(np.argmax(share > 0.75)) - int(np.argmax(share > 0.25)))
+    return settled, 0.5 * settled / (ticks * _SAMPLE_DT)
 
 
-def _possible(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> tuple[float, list[str]]:
-    """Return the speed [m/s] at which a robot can follow a reference, and the demands beyond it.
+def limits_of(robots: Sequence[ClosedLoopRobot], speed: float, part: float = 1.0) -> MotionLimits:
+    """Return `part` of the motion that all of these robots can do, from steps of their commands.
 
-    The robot may use `part` of its greatest speed and yaw rate.
+    Turning is measured at a quarter of the `speed` [m/s] of a path: tight bends are driven slowly.
+    Where a driver has no limit the motion has none.
     """
-    plant = robot.plant
-    v_max = robot.drive.v_max
-    w_max = robot.drive.w_max
-    course = waypoints.course()
-    k = int(np.argmax(np.abs(course["w"])))
-    w = float(course["w"][k])
-    turn = abs(w)
-    fastest = float(np.max(waypoints.segment_speeds))
-    share = 1.0
-    demands = []
-    if turn > _EASY_TURN * w_max and math.isfinite(w_max):
-        v = float(course["v"][k])
-        possible = abs(settled_motion(plant, v, math.copysign(w_max, w))[1])
-        if turn > part * possible:
-            share = min(share, part * possible / turn)
-            demands.append(
-                f"a yaw rate of {turn:.2f} rad/s where {possible:.2f} rad/s are possible"
-            )
-    if fastest > _EASY_SPEED * v_max:
-        possible = settled_motion(plant, v_max, 0.0)[0]
-        if fastest > part * possible:
-            share = min(share, part * possible / fastest)
-            demands.append(f"{fastest:.2f} m/s where {possible:.2f} m/s are possible")
-    return math.floor(100.0 * share * waypoints.speed) / 100.0, demands
+    limits = MotionLimits(*(math.inf,) * 4)
+    for robot in robots:
+        drive = robot.drive
+        able = list(limits)
+        if math.isfinite(drive.v_max):
+            straight = step_response(robot.plant, drive.v_max, 0.0, 0)
+            able[0] = min(able[0], part * straight[0])
+            able[2] = min(able[2], part * straight[1])
+        if math.isfinite(drive.w_max):
+            v = 0.25 * min(speed, drive.v_max)
+            for w in (drive.w_max, -drive.w_max):
+                turn = step_response(robot.plant, v, w, 2)
+                able[1] = min(able[1], part * abs(turn[0]))
+                able[3] = min(able[3], part * abs(turn[1]))
+        limits = MotionLimits(*able)
+    return limits
 
 
 def demand_of(waypoints: Waypoints, robot: ClosedLoopRobot, profile: str, what: str) -> str | None:
     """Return a sentence on a reference that asks for more than the robot can do; else None.
 
     `profile` and `what` name the robot's profile and the reference in the sentence.
+
+    Raises:
+        ValueError: the reference turns back, or on the spot.
     """
-    speed, demands = _possible(waypoints, robot, 1.0)
-    if not demands:
+    drive = robot.drive
+    gentle = MotionLimits(_EASY_SPEED * drive.v_max, _EASY_TURN * drive.w_max, math.inf, math.inf)
+    if _keeps(waypoints, feasible(waypoints, gentle, at_rest=False)):
         return None
-    demand = (
-        f"{what} at {waypoints.speed:.3g} m/s asks {robot.name} of {profile} "
-        f"for {' and '.join(demands)}"
+    limits = limits_of([robot], waypoints.speed)
+    slowed = feasible(waypoints, limits, at_rest=False)
+    if _keeps(waypoints, slowed):
+        return None
+    return (
+        f"{what} at {waypoints.speed:.3g} m/s asks {robot.name} of {profile} for more than "
+        f"{limits.speed:.2f} m/s, {limits.yaw_rate:.2f} rad/s or {limits.yaw_acceleration:.2f} "
+        f"rad/s^2, which it can do; slowed where it must be, it takes {slowed.duration:.1f} s "
+        f"instead of {waypoints.duration:.1f} s."
     )
-    return f"{demand}; at {speed:.2f} m/s it could be followed."
 
 
-def slowed_to_feasible(waypoints: Waypoints, robot: ClosedLoopRobot, part: float) -> Waypoints:
-    """Return the reference, slowed to `part` of the robot's greatest speed and yaw rate."""
-    speed, demands = _possible(waypoints, robot, part)
-    if not demands:
+def _keeps(waypoints: Waypoints, slowed: Waypoints) -> bool:
+    """Return whether a feasible path is as fast as the reference that it was made from."""
+    return slowed.speed > _AS_FAST * waypoints.speed
+
+
+def slowed_to_feasible(waypoints: Waypoints, robot: ClosedLoopRobot) -> Waypoints:
+    """Return the reference as `PRACTICABLE` of the robot's motion can follow it.
+
+    It is the reference itself where that is not too fast.
+
+    Raises:
+        ValueError: the reference turns back, or on the spot.
+    """
+    limits = limits_of([robot], waypoints.speed, PRACTICABLE)
+    if _keeps(waypoints, feasible(waypoints, limits, at_rest=False)):
         return waypoints
-    return waypoints.at_speed(speed)
+    return feasible(waypoints, limits)
+
+
+def open_path(
+    reference: str | Waypoints, speed: float | None, robots: Sequence[ClosedLoopRobot]
+) -> tuple[str, Waypoints, list[str]]:
+    """Return name and waypoints of a reference, see `open_reference`, and sentences on them.
+
+    Waypoints or a file that are given a speed [m/s] are a path without times: it becomes what
+    `PRACTICABLE` of the motion of all the robots can follow. A reference that has a name, and
+    waypoints that keep their times, stay as they are.
+
+    Raises:
+        ValueError: as `open_reference`, or the path turns back, or on the spot.
+    """
+    if isinstance(reference, Waypoints):
+        label = "waypoints"
+        waypoints = reference
+        name = label
+        if speed is not None:
+            waypoints = Waypoints.from_path(reference.xy, speed)
+    else:
+        label, waypoints = open_reference(reference, speed)
+        name, named_speed = split_speed(reference)
+        speed = named_speed if speed is None else speed
+    if name in REFERENCES or speed is None:
+        return label, waypoints, []
+    limits = limits_of(robots, speed, PRACTICABLE)
+    try:
+        path = feasible(waypoints, limits)
+    except ValueError as error:
+        raise ValueError(f"{label}: {error}") from error
+    sentence = (
+        f"{label} is driven in {path.duration:.1f} s, from rest to rest, at up to {speed:.3g} m/s: "
+        f"its corners are rounded by at most {1e3 * DEVIATION:.0f} mm and driven within "
+        f"{limits.yaw_rate:.2f} rad/s."
+    )
+    return label, path, [sentence]

@@ -15,9 +15,13 @@ import tyro
 from ssmr.control.loop import VELOCITY_PERIOD
 from ssmr.errors import SsmrError
 from validation import cli
-from validation.experiment.loops import chosen_controller, controller_and_reference
+from validation.experiment.loops import (
+    chosen_controller,
+    controller_and_reference,
+    make_robot,
+    open_path,
+)
 from validation.experiment.tracked import Followed, reference_of, track_metrics
-from validation.experiment.waypoint_files import open_reference
 from validation.plants.profile import choose_profile
 from validation.report.report import INTERRUPTED
 from validation.report.tracking import Tracked
@@ -51,8 +55,8 @@ class Control(Graph):
     reference: tyro.conf.Positional[str | None] = None
     """Reference: line, circle, sine, generic, or a file of waypoints (.csv: x, y[, t])."""
     speed: float | None = None
-    """Mean speed between waypoints [m/s]; it replaces the times of a file. Named references have
-    0.25 m/s if it is not given."""
+    """Greatest speed [m/s]. A file then is a path without times: its corners are rounded and
+    driven as fast as the robot can. Named references have 0.25 m/s if it is not given."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
     profile: cli.AnyProfile = None
@@ -266,8 +270,11 @@ def control(options: Control) -> Tracked:
     robot = profile.robot.name
     o = _with_topics(options, robot)
     law, gains = chosen_controller(controller, profile, o.gains)
-    reference, waypoints = open_reference(reference_name, o.speed)
-    law = law.on(profile.plants["mujoco"].drive)
+    robots = [make_robot(profile, "mujoco")]
+    reference, waypoints, remarks = open_path(reference_name, o.speed, robots)
+    for remark in remarks:
+        _logger.info("%s", remark)
+    law = law.on(robots[0].drive)
     follower = PathFollower(
         law,
         waypoints,
@@ -309,7 +316,7 @@ def control(options: Control) -> Tracked:
         waypoints.speed,
         gains=gains,
         profile=profile,
-        remarks=_remarks(follower, status),
+        remarks=[*remarks, *_remarks(follower, status)],
         stopped_because=why,
         **about,
     )

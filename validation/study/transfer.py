@@ -60,9 +60,6 @@ _REFERENCES = (
 """References of a study that names none; a quick study has the first three."""
 _SPEEDS = (0.25, 0.5)
 """Speeds of the thesis [m/s]; a quick study has the last."""
-PRACTICABLE = 0.9
-"""Share of the robot's greatest speed and yaw rate that a reference may ask for; what is left is
-for corrections."""
 SAME_COST = TuneCost(guard=0.0)
 """Cost of Sec. 4.3.3 without the LQR's additional term: the same for all laws, so that they can be
 compared."""
@@ -150,7 +147,7 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> dict[str, tuple[str
         if name not in REFERENCES:
             raise ValueError(f"no reference '{name}'; there are: {', '.join(REFERENCES)}")
         for speed in speeds if speed_named is None else (speed_named,):
-            slowed = slowed_to_feasible(REFERENCES[name](speed), robot, PRACTICABLE)
+            slowed = slowed_to_feasible(REFERENCES[name](speed), robot)
             # two speeds that the robot cannot drive are one
             missions.setdefault(f"{name} {slowed.speed:.3f}", (name, slowed))
     return missions

@@ -1,0 +1,220 @@
+"""A path that a robot can follow, from waypoints as a planner or a person draws them.
+
+Waypoints joined by straight lines say where to go, but no robot turns at a corner: the curvature is
+infinite there. The path is their polyline p(s), smoothed over its arc length s by a kernel k_h, the
+cubic B-spline that ends at +-h:
+
+    r(s) = integral k_h(u) p(s + u) du,      r''(s) = sum over corners of (d_i+1 - d_i) k_h(s_i - s)
+
+with d the directions of the segments. So curvature and its first derivative are continuous; each
+corner becomes a curve whose curvature rises and falls once; and as the polyline alone counts, the
+spacing of the waypoints does not. A turn by the angle a leaves its corner by (7/30) h sin(a/2).
+h is one number for a path: the curve stays within `DEVIATION` of
+the polyline, and h is no longer than the speed needs.
+
+The speed is the fastest one for which speed, yaw rate, acceleration and yaw acceleration keep their
+limits. With x = v^2 and a = x' / 2 these are linear in x and a at each place,
+
+    |kappa| v <= w,   |a| <= A,   |kappa' x + kappa a| <= B,
+
+so a pass from the end finds the greatest x from which the rest can be driven, and a pass from the
+start takes the most of it (H. Pham, Q.-C. Pham, IEEE Trans. Robot. 34, 2018).
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ssmr._jit import jit_alone
+from ssmr.control.waypoints import Waypoints, step_lengths
+from ssmr.types import FloatArray
+
+DEVIATION = 0.05
+"""Greatest distance between the path and the straight lines between its waypoints [m]."""
+WIDEST = 0.5
+"""Greatest h, half of the kernel's length [m]: gentle corners need no more."""
+_STEP = 0.001
+"""Arc length of the polyline from waypoint to waypoint of a feasible path [m]."""
+_MOST = 100_000
+"""Greatest number of them: the steps of a longer path are longer."""
+_TURNS_BACK = math.cos(math.radians(75.0))
+"""A smoothed path that advances by less than this share of the polyline turns back: at a lone
+corner the share is cos(a / 2), so this is a turn by more than 150 degrees."""
+_TURN_AT_STOP = math.radians(30.0)
+"""Greatest change of direction at a wait [rad], which a corner of the path can hide."""
+_STRAIGHT = 1e-9
+"""Curvature [1/m] and its slope [1/m^2] below which nothing is limited."""
+_AS_FAST = 0.999
+"""A narrower kernel is taken if its mean speed is at least this share of the widest one's."""
+
+
+class MotionLimits(NamedTuple):
+    """The greatest motion of a robot; infinite where there is no limit."""
+
+    speed: float  # [m/s]
+    yaw_rate: float  # [rad/s]
+    acceleration: float  # [m/s^2]
+    yaw_acceleration: float  # [rad/s^2]
+
+
+def feasible(waypoints: Waypoints, limits: MotionLimits, at_rest: bool = True) -> Waypoints:
+    """Return a path near these waypoints that keeps the limits, and is never faster than they are.
+
+    Waits stay as long as they are. With `at_rest` each leg between waits begins and ends at rest;
+    without, at any speed.
+
+    Raises:
+        ValueError: the path turns back, or turns at a wait; the message counts waypoints from 1.
+    """
+    times = [np.zeros(1)]
+    places = [waypoints.xy[:1]]
+    heading = float(waypoints.headings[0])
+    waits = np.flatnonzero(~waypoints.moving)
+    for leg in np.split(np.arange(len(waypoints)), waits + 1):
+        first = int(leg[0])
+        if first > 0:
+            pause = waypoints.t[first] - waypoints.t[first - 1]
+            times.append(times[-1][-1:] + pause)
+            places.append(places[-1][-1:])
+        if len(leg) < 2:
+            continue
+        turn = abs(float(waypoints.headings[first]) - heading)
+        if turn > _TURN_AT_STOP:
+            raise ValueError(
+                f"waypoint {first + 1}: the path turns on the spot, by {math.degrees(turn):.0f} "
+                "degrees; lead it round the corner, or end it there and begin another"
+            )
+        heading = float(waypoints.headings[leg[-1] - 1])
+        t, xy = _leg(waypoints, leg, limits, at_rest)
+        times.append(times[-1][-1] + t[1:])
+        places.append(xy[1:])
+    return Waypoints(np.concatenate(times), np.concatenate(places))
+
+
+def _leg(
+    waypoints: Waypoints, leg: NDArray[np.intp], limits: MotionLimits, at_rest: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return times [s], from zero, and (M, 2) places [m] of waypoints `leg` without a wait."""
+    corners = waypoints.xy[leg]
+    along = np.cumulative_sum(waypoints.lengths[leg[:-1]], include_initial=True)
+    length = float(along[-1])
+    steps = length / max(_STEP, length / _MOST)
+    count = max(2, math.ceil(steps - 1e-6))  # rounding adds no step
+    s = np.linspace(0.0, length, count + 1)
+    line = np.column_stack([np.interp(s, along, corners[:, 0]), np.interp(s, along, corners[:, 1])])
+    segments = np.searchsorted(along[1:-1], 0.5 * (s[1:] + s[:-1]))
+    speeds = np.minimum(waypoints.segment_speeds[leg[:-1]], limits.speed)[segments]
+    # a kernel of four boxes of m samples ends at 2 (m - 1) of them
+    widths = range(1, 2 + min(round(0.5 * WIDEST / s[1]), count // 2))
+
+    def too_far(m: int) -> bool:
+        off = _smoothed(line, m) - line
+        return bool(np.max(np.hypot(off[:, 0], off[:, 1])) > DEVIATION)
+
+    widest = bisect_left(widths, True, key=too_far)
+    path = _smoothed(line, widest)
+    lengths = step_lengths(path)
+    k = int(np.argmin(lengths))
+    if lengths[k] < _TURNS_BACK * s[1]:
+        turn = int(leg[np.argmin(np.abs(along - s[k]))]) + 1
+        raise ValueError(
+            f"waypoint {turn}: the path turns back there, and it is driven forwards; "
+            "turn in a bend, or end it there and begin another"
+        )
+
+    def timed(m: int) -> tuple[FloatArray, FloatArray, float]:
+        path = _smoothed(line, m)
+        t = path_times(path, speeds, limits, at_rest)
+        return t, path, float(np.sum(step_lengths(path)) / t[-1])
+
+    enough = _AS_FAST * timed(widest)[2]
+    narrow = bisect_left(widths[: widest - 1], True, key=lambda m: timed(m)[2] >= enough)
+    return timed(widths[narrow])[:2]
+
+
+def _smoothed(line: FloatArray, m: int) -> FloatArray:
+    """Return (N, 2) samples of a line after four means over `m` of them; the ends stay."""
+    box = np.full(m, 1.0 / m)
+    pair = np.convolve(box, box)
+    kernel = np.convolve(pair, pair)
+    h = 2 * (m - 1)
+    # turned about its ends the line goes on as it came
+    before = 2.0 * line[0] - line[h:0:-1]
+    after = 2.0 * line[-1] - line[-2 : -h - 2 : -1]
+    whole = np.concatenate([before, line, after])
+    return np.column_stack([np.convolve(whole[:, c], kernel, "valid") for c in (0, 1)])
+
+
+def path_times(
+    path: FloatArray, speeds: FloatArray, limits: MotionLimits, at_rest: bool
+) -> FloatArray:
+    """Return (N,) times [s], from zero, of the fastest motion along a path that keeps the limits.
+
+    Args:
+        path: (N, 2) dense places [m], at least three.
+        speeds: (N - 1,) greatest speed from each place to the next [m/s].
+        limits: of the motion.
+        at_rest: whether the motion begins and ends at rest.
+    """
+    steps = step_lengths(path)
+    ways = np.diff(path, axis=0)
+    turns = np.diff(np.unwrap(np.arctan2(ways[:, 1], ways[:, 0])))
+    curvature = np.zeros(len(path))
+    curvature[1:-1] = turns / (0.5 * (steps[1:] + steps[:-1]))
+    most = np.append(speeds, speeds[-1])
+    most[1:] = np.minimum(most[1:], speeds)
+    most = np.minimum(most, limits.yaw_rate / np.maximum(np.abs(curvature), _STRAIGHT))
+    if at_rest:
+        most[[0, -1]] = 0.0
+    # kappa' x + kappa a in the middle of a step, by x where it begins and kappa where it ends
+    bends = np.maximum(np.abs(curvature[1:]), _STRAIGHT)
+    slopes = np.diff(curvature) / steps * np.where(curvature[1:] < 0.0, -1.0, 1.0)
+    squares = most**2
+    _slow_down(squares, bends, slopes, steps, limits.acceleration, limits.yaw_acceleration)
+    speed = np.sqrt(squares)
+    times = 2.0 * steps / (speed[1:] + speed[:-1])
+    return np.cumulative_sum(times, include_initial=True)
+
+
+@jit_alone
+def _slow_down(
+    x: FloatArray,
+    bends: FloatArray,
+    slopes: FloatArray,
+    steps: FloatArray,
+    a_most: float,
+    b_most: float,
+) -> None:
+    """Lower (N,) squares of speeds `x` [m^2/s^2] until the accelerations keep their limits.
+
+    Args:
+        x: the greatest ones at each place; the outcome is written there.
+        bends: (N - 1,) size of the curvature at the end of each step [1/m].
+        slopes: (N - 1,) growth of that size over each step [1/m^2].
+        steps: (N - 1,) lengths [m].
+        a_most: greatest acceleration [m/s^2].
+        b_most: greatest yaw acceleration [rad/s^2].
+    """
+    n = len(steps)
+    for i in range(n - 1, -1, -1):
+        k = bends[i]
+        c = slopes[i]
+        step = 2.0 * steps[i]
+        # braking, and the yaw acceleration at some acceleration within the limits
+        best = min(x[i], x[i + 1] + step * a_most)
+        best = min(best, (b_most + k * a_most) / max(abs(c), _STRAIGHT))
+        # the yaw acceleration while braking to the next place, and to rest
+        if k > step * c:
+            best = min(best, (k * x[i + 1] + step * b_most) / (k - step * c))
+        if step * c > k:
+            best = min(best, step * b_most / (step * c - k))
+        x[i] = best
+    for i in range(n):
+        a = min(a_most, (b_most - slopes[i] * x[i]) / bends[i])
+        after = x[i] + 2.0 * steps[i] * a
+        x[i + 1] = min(x[i + 1], max(after, 0.0))  # below zero by rounding alone

@@ -469,7 +469,7 @@ PRICES = {
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(
-        14_600,
+        14_900,
         10,
         57,
         "scenarios and logs that plants are driven along, their runs and scores (what comparison, "

@@ -8,27 +8,28 @@ import pytest
 
 from ssmr.control.references import eight
 from validation import load_profile
-from validation.experiment.loops import demand_of, make_robot, slowed_to_feasible, step_response
-from validation.plants.profile import Profile, make_plant
+from validation.experiment.loops import demand_of, limits_of, make_robot, slowed_to_feasible
+from validation.plants.profile import Profile
 from validation.track import track
 
 
-def test_a_robot_without_slip_settles_at_its_command(lab: Profile) -> None:
+def test_a_robot_without_slip_moves_as_it_is_told(lab: Profile) -> None:
     section = lab.plants["kinematic"]
-    plant = make_plant(lab, "kinematic")
-    v, rate = step_response(plant, 0.4, 0.0, 0)
-    assert step_response(plant, 0.4, 0.0, 2)[0] == pytest.approx(0.0, abs=0.05)
-    rolled = section.vehicle.wheel_radius / section.drive.command_radius
+    speed, turns, acceleration, _ = limits_of([make_robot(lab, "kinematic")], 0.4)
+    drive = section.drive
     p = section.parameters
+    rolled = section.vehicle.wheel_radius / drive.command_radius
     share = 0.5 * (p.alpha_l + p.alpha_r)  # type: ignore[attr-defined]
-    assert v == pytest.approx(0.4 * rolled * share, rel=0.02)
-    assert rate > 5.0  # at once
+    assert speed == pytest.approx(drive.v_max * rolled * share, rel=0.02)
+    assert turns == pytest.approx(drive.w_max * rolled, rel=0.1)
+    assert acceleration > 5.0  # at once
 
 
 def test_an_acceleration_limit_is_found_again(lab: Profile) -> None:
-    plant = make_robot(lab, "mujoco").plant
     limit = lab.plants["mujoco"].drive.acceleration_v
-    assert step_response(plant, 1.0, 0.0, 0)[1] == pytest.approx(limit, rel=0.05)
+    robots = [make_robot(lab, "mujoco")]
+    assert limits_of(robots, 0.4).acceleration == pytest.approx(limit, rel=0.05)
+    assert limits_of(robots, 0.4, 0.9).acceleration == pytest.approx(0.9 * limit, rel=0.05)
 
 
 @pytest.mark.parametrize("plant", ["improved", "four_wheel", "mujoco"])

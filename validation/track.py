@@ -36,7 +36,6 @@ from validation.experiment.loops import (
     demand_of,
     make_robot,
     open_path,
-    require_practicable,
     run_robots,
 )
 from validation.experiment.sources import driver_warnings
@@ -175,8 +174,6 @@ def track(o: TrackOptions) -> Tracked:
     sentences: list[str | None] = []
     path = reference if isinstance(reference, Waypoints) else str(reference)
     label, waypoints, sentences[:] = open_path(path, o.speed, robots)
-    for robot in robots:
-        require_practicable(waypoints, robot.drive, label)
     if not sentences:
         sentences = [demand_of(waypoints, robot, profile.name, label) for robot in robots]
     if gains is not None:

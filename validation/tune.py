@@ -37,7 +37,6 @@ from validation.experiment.loops import (
     make_controller,
     make_robot,
     open_path,
-    require_practicable,
 )
 from validation.experiment.tracked import Followed, lost_text
 from validation.experiment.waypoint_files import split_speed
@@ -140,7 +139,6 @@ class Tune(Searching):
             for robot in robots:
                 v = self.speed if speed is None else speed
                 label, waypoints, _ = open_path(name, v, [robot])
-                require_practicable(waypoints, robot.drive, label)
                 around = replace(loop, filter=odometry_of(robot.drive))
                 title = f"{label} at {waypoints.speed:.3g} m/s, {robot.name}"
                 out.append(TuneCase(title, name, waypoints, robot, around))

@@ -214,19 +214,7 @@ def run_robots(
 
 # ------------------------------------------------------------------------------------------
 # demands of a reference
-def require_practicable(waypoints: Waypoints, drive: Drive, what: str) -> None:
-    """Raise a ValueError for a reference with a segment that is faster than the driver's limit."""
-    speeds = waypoints.segment_speeds
-    worst = int(np.argmax(speeds))
-    if speeds[worst] > drive.v_max:
-        demand = f"{what} asks for {speeds[worst]:.3g} m/s"
-        raise ValueError(
-            f"{demand} between waypoints {worst + 1} and {worst + 2}; "
-            f"the robot's limit is {drive.v_max:g} m/s"
-        )
-
-
-def step_response(plant: Plant, v: float, w: float, column: int) -> tuple[float, float]:
+def _step_response(plant: Plant, v: float, w: float, column: int) -> tuple[float, float]:
     """Return the motion that a step of the command settles at, and how fast it gets there.
 
     The plant is reset first. The mean rate is that from a quarter to three quarters of the way.
@@ -256,13 +244,13 @@ def limits_of(robots: Sequence[ClosedLoopRobot], speed: float, part: float = 1.0
         drive = robot.drive
         able = list(limits)
         if math.isfinite(drive.v_max):
-            straight = step_response(robot.plant, drive.v_max, 0.0, 0)
+            straight = _step_response(robot.plant, drive.v_max, 0.0, 0)
             able[0] = min(able[0], part * straight[0])
             able[2] = min(able[2], part * straight[1])
         if math.isfinite(drive.w_max):
             v = 0.25 * min(speed, drive.v_max)
             for w in (drive.w_max, -drive.w_max):
-                turn = step_response(robot.plant, v, w, 2)
+                turn = _step_response(robot.plant, v, w, 2)
                 able[1] = min(able[1], part * abs(turn[0]))
                 able[3] = min(able[3], part * abs(turn[1]))
         limits = MotionLimits(*able)
@@ -322,7 +310,8 @@ def open_path(
     waypoints that keep their times, stay as they are.
 
     Raises:
-        ValueError: as `open_reference`, or the path turns back, or on the spot.
+        ValueError: as `open_reference`; a segment is faster than a driver's limit; or the path
+            turns back, or on the spot.
     """
     if isinstance(reference, Waypoints):
         label = "waypoints"
@@ -335,6 +324,14 @@ def open_path(
         name, named_speed = split_speed(reference)
         speed = named_speed if speed is None else speed
     if name in REFERENCES or speed is None:
+        k = int(np.argmax(waypoints.segment_speeds))
+        asked = waypoints.segment_speeds[k]
+        able = min(robot.drive.v_max for robot in robots)
+        if asked > able:
+            raise ValueError(
+                f"{label} asks for {asked:.3g} m/s between waypoints {k + 1} and {k + 2}; "
+                f"the robot's limit is {able:g} m/s"
+            )
         return label, waypoints, []
     limits = limits_of(robots, speed, PRACTICABLE)
     try:

@@ -227,10 +227,10 @@ def mistakes(radius: float) -> dict[str, tuple[str, str, Spoil]]:
         ),
         "pose of another clock": (
             "clock",
-            "t",
+            "yaw",
             lambda c: {**c, **{n: np.roll(c[n], 60) for n in POSE_COLUMNS}},
         ),
-        "t twice as fast": ("scale", "gyro_z yaw", scaled(0.5, "t")),
+        "t twice as fast": ("clock", "t", scaled(0.5, "t")),
         "rows counted for t": (
             "clock",
             "t",

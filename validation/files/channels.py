@@ -7,60 +7,139 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from ssmr.geometry import integral
 from ssmr.types import FloatArray
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, LogFault
-from validation.files.signals import fresh_poses, refreshed
+from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
+from validation.files.signals import correlations, fresh_poses, refreshed
 
 _WINDOW_S = 1.0
 """Length of the windows over which signals are averaged [s]."""
 _STEP_S = 0.5
 """Time between the middles of two windows [s]."""
-_LAGS = np.arange(-1.5, 1.51, 0.1)
-"""Delays of a sensor or a command that are tried [s]."""
+_LAGS = sorted(np.arange(-1.5, 1.51, 0.1).tolist(), key=abs)
+"""Delays of a sensor or a command that are tried [s], the least ones first."""
 _SHORT_S = 60.0
 """Length of a log from which the times above hold [s]; of a shorter one they are parts."""
 _MOST = 4000
-"""Number of windows that suffices."""
-_SAME = 0.9
-"""Correlation of signals that differ by noise alone."""
+"""Number of windows that suffices, and length of the headings that are compared [s]."""
 _FINE_S = 0.1
-"""Time between the delays that are compared [s]."""
-_LONGEST_S = 60.0
+"""Time between the headings that are compared [s]."""
+LONGEST_S = 60.0
 """Longest difference of two clocks that is looked for [s]."""
-_PARTS = 6
-"""Least number of parts of a log whose delays are compared."""
-_PART_S = 8.0
-"""Shortest of them [s]."""
-_LONG_PART_S = 20.0
-"""Usual length of those of a long log [s]."""
-_CLOCKS_GAIN = 0.1
-"""Correlation that a difference of clocks must gain [1]."""
 FEWEST_WINDOWS = 20
 """Number of windows from which they say anything of signals."""
-_WHEELS = COMMAND_COLUMNS["wheels"]
-RATES = (*_WHEELS, "odom_v", "odom_w", "gyro_z", *COMMAND_COLUMNS["twist"])
+WHEELS = COMMAND_COLUMNS["wheels"]
+TWIST = COMMAND_COLUMNS["twist"]
+RATES = (*WHEELS, "odom_v", "odom_w", "gyro_z", *TWIST)
 """Columns that are rates."""
 Channels = Mapping[str, FloatArray]
 """(N,) means over windows by column: rates; of x, y and yaw their rates of change, and `heading`,
-the yaw itself [rad]."""
+the yaw itself [rad]. Empty where there are too few windows."""
 _Ways = dict[str, tuple[FloatArray, FloatArray]]
 """By column, (K,) stamps [s] and the way since the first of them."""
 
 
-def correlation(x: FloatArray, y: FloatArray) -> float:
-    """Return the correlation of two rates about zero [1]; 0 where one of them is zero."""
-    size = float(np.sqrt((x @ x) * (y @ y)))
-    if size <= 1e-9:
-        return 0.0
-    return float(x @ y) / size
+class Turns(NamedTuple):
+    """Headings, and turns by another sensor, at N instants that are `_FINE_S` apart."""
+
+    t: FloatArray
+    """(N,) instants [s]."""
+    yaw: FloatArray
+    """(N,) headings [rad]."""
+    way: FloatArray
+    """(N,) turns by the other sensor, times a factor."""
+    sensor: str
+    """What tells these turns, `gyro_z` or `wheels`."""
+    period: float
+    """Median time between new headings [s]."""
+
+    def delays(self, part: slice, longest: float) -> tuple[FloatArray, FloatArray]:
+        """Return (K,) delays of headings up to `longest` [s], and the correlations at them [1]."""
+        wide = round(_STEP_S / _FINE_S)
+        yaw = self.yaw[part]
+        way = self.way[part]
+        a = way[wide:] - way[:-wide]
+        b = yaw[wide:] - yaw[:-wide]
+        most = min(round(longest / _FINE_S), len(a) // 2)
+        late = np.asarray(_FINE_S * np.arange(-most, most + 1))
+        return late, np.abs(correlations(a, b, most))
+
+    def averaged(self, seconds: float) -> Turns:
+        """Return them with the other sensor's turns averaged over so many seconds."""
+        samples = round(seconds / _FINE_S)
+        means = np.convolve(self.way, np.full(samples, 1.0 / samples), mode="valid")
+        start = (samples - 1) // 2
+        cut = slice(start, start + len(means))
+        return self._replace(t=self.t[cut], yaw=self.yaw[cut], way=means)
 
 
-def channels(log: Log) -> Channels | None:
-    """Return the channels of a log on the clock of the first; None where there are too few.
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A log, and what its columns tell of the motion."""
+
+    log: Log
+    radius: float | None = None
+    """Radius of the wheels [m]; None where nobody knows it."""
+
+    @cached_property
+    def signals(self) -> Channels:
+        """Means over windows."""
+        return channels(self.log)
+
+    @property
+    def turning(self) -> FloatArray | None:
+        """(N,) yaw rates by heading, or else by the gyro [rad/s]."""
+        return self.signals.get("yaw", self.signals.get("gyro_z"))
+
+    @property
+    def along(self) -> FloatArray | None:
+        """(N,) speeds of the pose along its heading [m/s]."""
+        return speed_along(self.signals)
+
+    @property
+    def wheels(self) -> FloatArray | None:
+        """(2, N) rates of left and right wheels [rad/s]."""
+        sides = [self.signals[name] for name in WHEELS if name in self.signals]
+        return np.array(sides) if len(sides) == 2 else None
+
+    @cached_property
+    def turns(self) -> Turns | None:
+        """Headings and the turns by gyro or wheels; None without both."""
+        sums = _Ways()
+        for group in self.log.groups.values():
+            sums |= _sums(group)
+        if {*WHEELS} <= sums.keys():
+            t, left = sums[WHEELS[0]]
+            sums["wheels"] = t, np.interp(t, *sums[WHEELS[1]]) - left
+        sensor = next((name for name in ("gyro_z", "wheels") if name in sums), "")
+        if not sensor or "yaw" not in sums:
+            return None
+        stamps, yaw = sums["yaw"]
+        t, way = sums[sensor]
+        start = max(t[0], stamps[0])
+        grid = np.arange(start, min(t[-1], stamps[-1], start + _MOST), _FINE_S)
+        if len(grid) < 2 * FEWEST_WINDOWS:
+            return None
+        period = float(np.median(np.diff(stamps)))
+        return Turns(grid, np.interp(grid, stamps, yaw), np.interp(grid, t, way), sensor, period)
+
+
+def speed_along(signals: Channels) -> FloatArray | None:
+    """Return the (N,) speeds of the pose along its heading [m/s]; None without a pose."""
+    if not {*POSE_COLUMNS} <= signals.keys():
+        return None
+    heading = signals["heading"]
+    return np.asarray(signals["x"] * np.cos(heading) + signals["y"] * np.sin(heading))
+
+
+def channels(log: Log) -> Channels:
+    """Return the channels of a log on the clock of the first group; none where there are too few.
 
     Each group is brought to the time of the first. At least two groups must overlap for
     `FEWEST_WINDOWS` outside their gaps.
@@ -68,35 +147,31 @@ def channels(log: Log) -> Channels | None:
     names = ("wheels", "odom", "imu", "cmd", "pose")
     groups = [log.groups[name] for name in names if name in log.groups]
     if len(groups) < 2:
-        return None
+        return {}
     start = max(g.t[0] for g in groups)
     stop = min(g.t[-1] for g in groups)
     period = min(g.period for g in groups)
-    unit = max(min(1.0, max(0.0, stop - start) / _SHORT_S), 2.0 * period / _STEP_S)
+    unit = max(min(1.0, (stop - start) / _SHORT_S), 2.0 * period / _STEP_S)
     # windows that are moved by the longest lag stay within all groups
-    margin = unit * (_WINDOW_S + float(_LAGS[-1]))
-    step = unit * _STEP_S
-    length = stop - start - 2.0 * margin
-    if length < FEWEST_WINDOWS * step:
-        return None
-    n = min(_MOST, math.floor(length / step))
-    middles = start + margin + step * np.arange(n)
+    margin = unit * (_WINDOW_S + abs(_LAGS[-1]))
+    n = min(_MOST, math.floor((stop - start - 2.0 * margin) / (unit * _STEP_S)))
+    if n < FEWEST_WINDOWS:
+        return {}
+    middles = start + margin + unit * _STEP_S * np.arange(n)
     means = dict[str, FloatArray]()
     usable = np.ones(n, dtype=bool)
     bases = list[FloatArray]()
     for group in groups:
         sums = _sums(group)
-        lag = unit * _lag(sums, middles, bases, unit) if means else 0.0
-        at = middles + lag
+        at = middles + (_lag(sums, middles, bases, unit) if means else 0.0)
         means |= _means(sums, at, unit)
-        for edge in (-0.5, 0.0, 0.5):
-            usable &= ~group.in_gaps(at + edge * unit)
+        usable &= ~group.in_gaps(at, -0.5 * unit)
         if means and not bases:
             rates = np.column_stack(list(means.values()))
             products = np.einsum("ni,nj->nij", rates, rates).reshape(n, -1)
             bases = [np.linalg.qr(basis)[0] for basis in (rates, products)]
     if np.count_nonzero(usable) < FEWEST_WINDOWS:
-        return None
+        return {}
     return {name: values[usable] for name, values in means.items()}
 
 
@@ -129,7 +204,7 @@ def _means(sums: _Ways, middles: FloatArray, window: float) -> dict[str, FloatAr
 
 
 def _lag(sums: _Ways, middles: FloatArray, bases: Sequence[FloatArray], unit: float) -> float:
-    """Return the delay of a group's columns [`unit`] at which the others explain most of them.
+    """Return the delay of a group's columns [s] at which the others explain most of them.
 
     Signs and units do not matter. Rates are explained by the rates of another group, the square of
     a speed of positions by their products; `bases` has an orthonormal basis of each.
@@ -138,98 +213,12 @@ def _lag(sums: _Ways, middles: FloatArray, bases: Sequence[FloatArray], unit: fl
     def share(values: FloatArray, basis: FloatArray) -> float:
         return float(np.sum((values @ basis) ** 2)) / max(float(values @ values), 1e-12)
 
-    best = 0.0
-    most = 0.0
-    for lag in _LAGS:
+    def explained(lag: float) -> float:
         means = _means(sums, middles + unit * lag, unit)
         rates = [means[name] for name in means if name not in ("x", "y", "heading")]
-        explained = sum(share(values, bases[0]) for values in rates)
-        if "x" in means and "y" in means:
-            explained += share(means["x"] ** 2 + means["y"] ** 2, bases[1])
-        if explained > most:
-            best = float(lag)
-            most = explained
-    return best
+        of_speed = 0.0
+        if {"x", "y"} <= means.keys():
+            of_speed = share(means["x"] ** 2 + means["y"] ** 2, bases[1])
+        return of_speed + sum(share(values, bases[0]) for values in rates)
 
-
-def headings_and_turns(log: Log) -> tuple[FloatArray, FloatArray, FloatArray, str] | None:
-    """Return instants, headings and turns by gyro or wheels at them, and which these are."""
-    sums = _Ways()
-    for group in log.groups.values():
-        sums |= _sums(group)
-    left, right = (sums.get(name) for name in _WHEELS)
-    if left and right:
-        sums["wheels"] = left[0], np.interp(left[0], *right) - left[1]
-    clock = next((name for name in ("gyro_z", "wheels") if name in sums), "")
-    yaw = sums.get("yaw")
-    if not clock or not yaw:
-        return None
-    t, way = sums[clock]
-    start = max(t[0], yaw[0][0])
-    stop = min(t[-1], yaw[0][-1], start + _MOST)
-    grid = np.arange(start, stop, _FINE_S)
-    return grid, np.interp(grid, *yaw), np.interp(grid, t, way), clock
-
-
-def _delay(yaw: FloatArray, way: FloatArray, longest: float) -> tuple[float, float, float]:
-    """Return the delay of headings behind turns [s], the correlation there, and the best nearby.
-
-    Both are (N,) angles on a grid of `_FINE_S`; nearby are delays that `channels` takes out.
-    """
-    wide = round(_STEP_S / _FINE_S)
-    a = way[wide:] - way[:-wide]
-    b = yaw[wide:] - yaw[:-wide]
-    n = len(a)
-    most = min(round(longest / _FINE_S), n // 2)
-    correlations = []
-    for k in range(-most, most + 1):
-        x = a[max(0, -k) : n - max(0, k)]
-        y = b[max(0, k) : n + min(0, k)]
-        correlations.append(abs(correlation(x, y)))
-    near = round(float(_LAGS[-1]) / _FINE_S)
-    nearest = max(correlations[max(0, most - near) : most + near + 1])
-    best = int(np.argmax(correlations))
-    return _FINE_S * (best - most), correlations[best], nearest
-
-
-def apart(log: Log) -> tuple[LogFault, float] | None:
-    """Return a fault, and the delay of headings behind gyro or wheels [s], if no lag explains it.
-
-    None where their clocks go together.
-    """
-    found = headings_and_turns(log)
-    if found is None or len(found[0]) < 2 * FEWEST_WINDOWS:
-        return None
-    _, yaw, way, clock = found
-    late, best, nearest = _delay(yaw, way, _LONGEST_S)
-    if best <= max(_SAME, nearest + _CLOCKS_GAIN):
-        return None
-    order = "after" if late > 0.0 else "before"
-    sentence = (
-        f"yaw tells of turns about {abs(late):.1f} s {order} {clock}: "
-        "their clocks differ, and no delay so long is taken out"
-    )
-    return LogFault("clock", ("t",), sentence), late
-
-
-def delays(log: Log) -> tuple[FloatArray, FloatArray, str] | None:
-    """Return the middles of parts of a log, the delays of headings there [s], and behind what.
-
-    None where there are too few parts in which gyro or wheels and headings resemble one another.
-    """
-    found = headings_and_turns(log)
-    if found is None or len(found[0]) * _FINE_S < _PARTS * _PART_S:
-        return None
-    grid, yaw, way, clock = found
-    times = []
-    late = []
-    # in a longer part, a delay that grows would blur what is compared
-    parts = max(_PARTS, round(len(grid) * _FINE_S / _LONG_PART_S))
-    for part in np.array_split(np.arange(len(grid)), parts):
-        delay, best, _ = _delay(yaw[part], way[part], _LONGEST_S)
-        if best > _SAME:
-            times.append(float(np.mean(grid[part])))
-            late.append(delay)
-    if len(times) < max(_PARTS - 1, parts // 2):
-        return None
-    return np.array(times), np.array(late), clock
+    return unit * max(_LAGS, key=explained)

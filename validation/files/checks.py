@@ -1,124 +1,214 @@
 """What a person would look at in a log: a list of small tests, each with a sentence.
 
-Each test gets the log and its signals, means over windows of a second, and says what is wrong, or
-nothing. `CHECKS` has them in the order in which they are asked. Columns that one of them names are
-left out of what comes later.
+Each test gets what is known of a log, and says what is wrong, or nothing. `CHECKS` has them in the
+order in which they are asked. Columns that one of them names are left out of what comes later, and
+nothing comes after a fault of the time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
 
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.files.channels import (
-    Channels,
-    channels,
-    correlation,
-    delays,
-    headings_and_turns,
+from validation.files.agreement import (
+    MOVES,
+    angle_between,
+    contradictions,
+    measures,
+    other_axis,
+    units_of_turns,
+    units_of_ways,
 )
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
-from validation.files.signals import fresh_poses, moving_mean
+from validation.files.channels import FEWEST_WINDOWS, LONGEST_S, TWIST, WHEELS, Evidence
+from validation.files.circular import circular
+from validation.files.log import ANY_COLUMN, COLUMNS, POSE_COLUMNS, Log, LogFault
+from validation.files.signals import centred, correlation, moving_mean, sturdy_fit
 from validation.files.topics import rates_of_positions
 
-_WHEELS = COMMAND_COLUMNS["wheels"]
-_TWIST = COMMAND_COLUMNS["twist"]
 _FEW = 5
 """Number of windows or samples from which something is no accident."""
-_MOVES = 0.1
-"""Speed [m/s] and yaw rate [rad/s] from which a robot moves."""
 _OFFSET = 0.025
 """Offset of a gyro from which it is a fault: a sound one on tile has 0.016 [rad/s]."""
+_DRIFT = 0.04
+"""Change of such an offset through a log from which it is a fault [rad/s]."""
 _ALIKE = 0.6
 """Correlation from which encoders tell the speeds of the wheels' rims."""
 _SLIPS = 1.5
 """Rate by which wheels that slip are faster than the others say [rad/s]."""
-_PARTS = 4
-"""Parts of a log in which an offset must show."""
 _SIGMAS = 5.0
 """Standard errors from which a number is no accident."""
+_SIDES_DIFFER = 1.5
+"""Factor by which one side of wheels may turn the robot more than the other; 1.1 on ice."""
+_TOGETHER = 8.0
+"""Condition number of ways and turns from which a robot drives one circle."""
 _WIDTHS_S = (1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)
 """Times over which a smoothed pose may be averaged [s]."""
 _EXPLAINED = 0.99
 """Correlation from which smoothing explains what a heading tells: noise makes it smaller."""
+_FROZEN = 0.2
+"""Share of the windows with motion from which a column that keeps its value is frozen [1];
+localisers stall for less."""
+_SAME = 0.9
+"""Correlation of signals that differ by noise alone."""
+_CLOCKS_GAIN = 0.1
+"""Correlation that a difference of clocks must gain [1]."""
+_NEAR_S = 1.5
+"""Delay that is taken out before signals are compared [s]."""
+_PARTS = 6
+"""Least number of parts of a log whose delays are compared."""
+_PART_S = 8.0
+"""Shortest of them [s]."""
+_LONG_PART_S = 20.0
+"""Usual length of those of a long log [s]: a delay that grows would blur what is compared."""
+_FAST_RATE = 2000.0
+"""Sampling rate of a measured group that no robot has [Hz]."""
 
 
-class LogSignals(NamedTuple):
-    """A log, and its signals over windows."""
-
-    log: Log
-    signals: Channels
-    """(N,) means by column, empty where groups hardly overlap."""
-
-    def turning(self) -> FloatArray | None:
-        """Return the (N,) yaw rates by heading, or else by the gyro [rad/s]."""
-        return self.signals.get("yaw", self.signals.get("gyro_z"))
-
-    def along(self) -> FloatArray | None:
-        """Return the (N,) speeds of the pose along its heading [m/s]."""
-        if not {*POSE_COLUMNS} <= self.signals.keys():
-            return None
-        s = self.signals
-        return np.asarray(s["x"] * np.cos(s["heading"]) + s["y"] * np.sin(s["heading"]))
-
-    def wheels(self) -> tuple[FloatArray, FloatArray] | None:
-        """Return the (N,) rates of left and right wheels [rad/s]."""
-        left, right = (self.signals.get(name) for name in _WHEELS)
-        return None if left is None or right is None else (left, right)
+# ------------------------------------------------------------------------------------------ time
+def too_many_samples(e: Evidence) -> Iterator[LogFault]:
+    """Time that is no seconds: more samples in a second than any robot has."""
+    for name in ("pose", "wheels", "odom", "imu"):
+        group = e.log.groups.get(name)
+        if group is not None and group.period * _FAST_RATE < 1.0:
+            sentence = (
+                f"{name} has {1.0 / group.period:.4g} samples a second, "
+                "as no robot has: t may not be in seconds"
+            )
+            yield LogFault("clock", ("t",), sentence)
+            return
 
 
-Check = Callable[[LogSignals], Iterator[LogFault]]
+def time_unit(e: Evidence) -> Iterator[LogFault]:
+    """Time in another unit: turns and ways of the pose are too fast by the same factor."""
+    rows = all(np.all(np.diff(group.t) == 1.0) for group in e.log.groups.values())
+    factors = []
+    for told in measures(e.signals, e.radius):
+        values = {m.columns: np.nan_to_num(m.values) / m.typical for m in told}
+        pose = values.get(("yaw",), values.get(("x", "y")))
+        other = values.get(("gyro_z",), values.get(WHEELS))
+        if pose is not None and other is not None and np.any(other):
+            if rows or abs(correlation(pose, other)) > _SAME:
+                factors.append(float(np.linalg.norm(pose) / np.linalg.norm(other)))
+    if len(factors) < 2:
+        return
+    turn, way = factors
+    if max(turn, 1.0 / turn) > 1.6 and 0.33 < way / turn < 3.0:
+        sentence = (
+            f"the pose turns and drives {turn:.3g} times as fast as the other sensors say: "
+            f"t is not in seconds{', but grows by one a row: it seems to count rows' * rows}"
+        )
+        yield LogFault("clock", ("t", *POSE_COLUMNS), sentence)
 
 
-def _likeness(e: LogSignals) -> float:
+def other_clock(e: Evidence) -> Iterator[LogFault]:
+    """Headings that are so late behind the gyro or the wheels that no delay explains it."""
+    if e.turns is None:
+        return
+    late, alike = e.turns.delays(slice(None), LONGEST_S)
+    best = int(np.argmax(alike))
+    near = np.max(alike[np.abs(late) <= _NEAR_S + 1e-6])
+    if alike[best] > max(_SAME, near + _CLOCKS_GAIN):
+        order = "after" if late[best] > 0.0 else "before"
+        sentence = (
+            f"yaw tells of turns about {abs(late[best]):.1f} s {order} {e.turns.sensor}: "
+            "their clocks differ, and no delay so long is taken out"
+        )
+        yield LogFault("clock", POSE_COLUMNS, sentence)
+
+
+def growing_delay(e: Evidence) -> Iterator[LogFault]:
+    """A clock that runs at another rate: the delay of headings grows through the log."""
+    from scipy import stats  # here: it takes a tenth of a second to import
+
+    turns = e.turns
+    if turns is None or np.ptp(turns.t) < _PARTS * _PART_S:
+        return
+    parts = max(_PARTS, round(np.ptp(turns.t) / _LONG_PART_S))
+    times = []
+    delays = []
+    for start, stop in pairwise(np.linspace(0, len(turns.t), parts + 1).astype(int)):
+        late, alike = turns.delays(slice(start, stop), LONGEST_S)
+        if np.max(alike) > _SAME:
+            times.append(turns.t[(start + stop) // 2])
+            delays.append(late[np.argmax(alike)])
+    if len(times) < max(_PARTS - 1, parts // 2):
+        return
+    # Theil and Sen's: one part may tell nonsense
+    slope = stats.theilslopes(delays, times).slope
+    starts = np.array(delays) - slope * np.array(times)
+    ends = np.median(starts) + slope * np.array([times[0], times[-1]])
+    rest = np.percentile(np.abs(starts - np.median(starts)), 80.0)
+    if np.ptp(ends) > max(0.5, 4.0 * rest):
+        sentence = (
+            f"yaw is {ends[0]:.2f} s behind {turns.sensor} at first and {ends[1]:.2f} s at last: "
+            f"one of their clocks runs {100.0 * abs(slope):.1f} % faster"
+        )
+        yield LogFault("clock", POSE_COLUMNS, sentence)
+
+
+def smoothed(e: Evidence) -> Iterator[LogFault]:
+    """A heading that is averaged over seconds: the mean of the gyro or the wheels tells it."""
+    turns = e.turns
+    if turns is None:
+        return
+    now = np.max(turns.delays(slice(None), _NEAR_S)[1])
+    alike = {0.0: 0.0}
+    for width in _WIDTHS_S:
+        # between rare poses, headings are means as well
+        if width > 2.0 * turns.period and turns.t[-1] - turns.t[0] > 6.0 * width:
+            means = turns.averaged(width)
+            alike[width] = float(np.max(means.delays(slice(None), _NEAR_S)[1]))
+    width = max(alike, key=lambda width: alike[width])
+    # the mean of a steady swing is one as well
+    if now < _EXPLAINED < alike[width] and 1.0 - alike[width] < 0.4 * (1.0 - now):
+        sentence = (
+            f"yaw follows the mean of {turns.sensor} over some {width:g} s: "
+            "the pose is smoothed, and fast turns are lost in it"
+        )
+        yield LogFault("smoothed", POSE_COLUMNS, sentence)
+
+
+# ------------------------------------------------------------------------------------------
+# columns of wheels
+def same_columns(e: Evidence) -> Iterator[LogFault]:
+    """Both wheels from one column, although the robot turns."""
+    if e.wheels is not None and e.turning is not None and np.array_equal(*e.wheels):
+        if np.mean(np.abs(e.turning) > MOVES) > 0.1:
+            sentence = "enc_left and enc_right are the same numbers, although the robot turns"
+            yield LogFault("same", WHEELS, sentence)
+
+
+def _likeness(e: Evidence) -> float:
     """Return the smaller correlation of turns and of speeds by wheels and by poses [1]."""
-    wheels = e.wheels()
-    if wheels is None:
+    if e.wheels is None:
         return 0.0
-    left, right = wheels
-    both = [(e.turning(), right - left), (e.along(), right + left)]
+    left, right = e.wheels
+    both = ((e.turning, right - left), (e.along, right + left))
     return min((correlation(a, b) for a, b in both if a is not None), default=0.0)
 
 
-def rows_for_time(e: LogSignals) -> Iterator[LogFault]:
-    """Time that counts rows: every step is one, and the turns of gyro and heading differ."""
-    s = e.signals
-    steps = [np.diff(group.t) for group in e.log.groups.values()]
-    if all(np.all(step == 1.0) for step in steps) and {"gyro_z", "yaw"} <= s.keys():
-        ratio = float(np.linalg.norm(s["gyro_z"]) / max(float(np.linalg.norm(s["yaw"])), 1e-9))
-        if ratio > 2.0:
-            sentence = (
-                f"t grows by one a row, and the gyro turns {ratio:.3g} times as fast as yaw: "
-                "t seems to be the number of the row, not seconds"
-            )
-            yield LogFault("clock", ("t", "yaw", "gyro_z"), sentence)
-
-
-def positions(e: LogSignals) -> Iterator[LogFault]:
+def positions(e: Evidence) -> Iterator[LogFault]:
     """Columns of wheels that are positions: their slopes tell the motion, and they do not."""
     group = e.log.groups.get("wheels")
-    table = None if group is None else group.table(_WHEELS)
+    table = None if group is None else group.table(WHEELS)
     if group is None or table is None:
         return
     # a counter wraps by its whole range
     span = np.ptp(table, axis=0)
     wraps = np.abs(np.diff(table, axis=0)) > 0.5 * span
-    wrapped = bool(np.any(wraps)) and np.mean(wraps) < 0.05
-    if wrapped:
-        table = np.column_stack(
-            [np.unwrap(c, period=p) for c, p in zip(table.T, span, strict=True)]
-        )
-    steps = np.abs(np.diff(table, axis=0))
-    smooth = np.percentile(steps, 90.0, axis=0) < 0.05 * np.ptp(table, axis=0)
-    if not np.all(smooth & (np.ptp(table, axis=0) > 10.0)):
-        return
-    sides = zip(_WHEELS, table.T, strict=True)
-    slopes = {name: rates_of_positions(group.t, values) for name, values in sides}
-    turned = LogSignals(e.log, channels(e.log.changed("wheels", slopes)) or {})
+    wrapped = bool(np.any(wraps) and np.mean(wraps) < 0.05)
+    slopes = {}
+    for name, values, period in zip(WHEELS, table.T, span, strict=True):
+        way = np.unwrap(values, period=period) if wrapped else values
+        steps = np.abs(np.diff(way))
+        if np.ptp(way) < 10.0 or np.percentile(steps, 90.0) > 0.05 * np.ptp(way):
+            return
+        slopes[name] = rates_of_positions(group.t, way)
+    turned = Evidence(e.log.changed("wheels", slopes))
     if _likeness(turned) > max(0.8, _likeness(e) + 0.2):
         sentence = (
             "enc_left and enc_right are positions, which add up, and not rates: their slopes tell "
@@ -126,160 +216,185 @@ def positions(e: LogSignals) -> Iterator[LogFault]:
         )
         if wrapped:
             sentence += "; and they wrap: count on instead"
-        yield LogFault("counter" if wrapped else "positions", _WHEELS, sentence)
+        yield LogFault("counter" if wrapped else "positions", WHEELS, sentence)
 
 
-def counters(e: LogSignals) -> Iterator[LogFault]:
+def single_samples(e: Evidence) -> Iterator[LogFault]:
     """Counters that wrap, spikes and dropouts: single samples that no wheel reaches."""
     for name, least in (("enc_left", 5.0), ("enc_right", 5.0), ("gyro_z", 2.0)):
-        group = next((g for g in e.log.groups.values() if name in g.columns), None)
-        if group is None or len(group.t) < 20:
+        if not e.log.has((name,)):
             continue
-        values = group.columns[name]
-        before = values[:-2]
-        middle = values[1:-1]
-        after = values[2:]
+        group = e.log.own_group(name)
+        before, middle, after = (group.columns[name][k : len(group.t) - 2 + k] for k in range(3))
         off = middle - 0.5 * (before + after)
-        noise = float(np.percentile(np.abs(off), 85.0))
         alone = np.abs(before - after) < 0.3 * np.abs(off)
-        spikes = off[alone & (np.abs(off) > max(8.0 * noise, least))]
-        lost = (middle == 0.0) & (np.minimum(before * after, np.abs(before)) > 0.5)
-        n = len(spikes)
-        if np.count_nonzero(lost) >= _FEW and np.count_nonzero(lost) > 0.7 * n:
+        noise = np.percentile(np.abs(off), 85.0) if len(off) else 0.0
+        spikes = np.abs(off[alone & (np.abs(off) > max(8.0 * noise, least))])
+        turned = np.minimum(before * after, np.abs(before)) > 0.5
+        lost = np.count_nonzero((middle == 0.0) & turned)
+        if lost >= _FEW and lost > 0.7 * len(spikes):
             sentence = (
-                f"{name} falls to zero for single samples, {np.count_nonzero(lost)} times: lost "
+                f"{name} falls to zero for single samples, {lost} times: lost "
                 "messages stand as zeros; leave them out"
             )
             yield LogFault("spikes", (name,), sentence)
-        elif n >= 3:
-            size = float(np.max(np.abs(spikes)))
+        elif len(spikes) >= 3:
+            size = np.max(spikes)
             what = f"{size:.3g} rad/s within {1e3 * group.period:.0f} ms"
-            if np.ptp(np.abs(spikes)) < 0.1 * size and size > 20.0 * least:
-                sentence = f"{name} jumps {n} times by {what}: a counter wraps"
-                yield LogFault("counter", (name,), sentence)
-            else:
-                sentence = (
-                    f"{name} has {n} samples that no wheel reaches from one sample to the next "
-                    f"({what})"
-                )
-                yield LogFault("spikes", (name,), sentence)
+            kind = "spikes"
+            sentence = f"{name} has {len(spikes)} samples that no wheel reaches so fast ({what})"
+            if np.ptp(spikes) < 0.1 * size and size > 20.0 * least:
+                kind = "counter"
+                sentence = f"{name} jumps {len(spikes)} times by {what}: a counter wraps"
+            yield LogFault(kind, (name,), sentence)
 
 
-def same_columns(e: LogSignals) -> Iterator[LogFault]:
-    """Both wheels from one column, although the robot turns."""
-    wheels = e.wheels()
-    turning = e.turning()
-    if wheels is None or turning is None or not np.array_equal(*wheels):
-        return
-    if np.mean(np.abs(turning) > _MOVES) > 0.1:
-        sentence = "enc_left and enc_right are the same numbers, although the robot turns"
-        yield LogFault("same", _WHEELS, sentence)
-
-
-def unsigned_wheels(e: LogSignals) -> Iterator[LogFault]:
+def unsigned_wheels(e: Evidence) -> Iterator[LogFault]:
     """Encoders that tell no direction: never negative, although the robot drives backwards."""
-    wheels = e.wheels()
-    along = e.along()
-    if wheels is None or along is None:
+    raw = [e.log.columns[name] for name in WHEELS if e.log.has((name,))]
+    v = e.along
+    if e.wheels is None or v is None or any(values.min() < -0.01 * values.max() for values in raw):
         return
-    raw = [e.log.columns[name] for name in _WHEELS]
-    if any(values.min() < -0.01 * values.max() for values in raw):
-        return
-    turning = e.signals["yaw"]
-    sides = np.array(wheels)
-    best = _ALIKE
-    n = 0
-    for half_track in np.geomspace(0.05, 2.0, 25):
-        rims = np.array([along - half_track * turning, along + half_track * turning])
-        sizes = np.abs(rims)
-        alike = min(map(_centred, sizes, sides))
-        if alike > best:
-            best = alike
-            radius = float(np.sum(sizes * sides) / np.sum(sides**2))
-            backwards = (rims < -0.2 * radius) & (radius * sides > 0.5 * sizes)
-            n = int(np.count_nonzero(np.any(backwards, axis=0)))
-    if n >= _FEW:
+    w = e.signals["yaw"]
+    backwards = np.zeros(len(v), dtype=bool)
+    for side in e.wheels:
+        # a rim's speed is v -+ b w; its square is linear in these
+        squares = np.column_stack([v**2, v * w, w**2])
+        factors = np.linalg.lstsq(squares, side**2)[0]
+        if centred(squares @ factors, side**2) < _ALIKE or factors[0] <= 0.0:
+            return
+        rate = np.sqrt(factors[0]) * (v + 0.5 * factors[1] / factors[0] * w)
+        backwards |= (rate < -0.2) & (side > -0.5 * rate)
+    if np.count_nonzero(backwards) >= _FEW:
         sentence = (
             "enc_left and enc_right are never negative, although the pose says that wheels turned "
-            f"backwards in {100.0 * n / len(along):.0f} % of the time: they tell no direction"
+            f"backwards in {100.0 * np.mean(backwards):.0f} % of the time: they tell no direction"
         )
-        yield LogFault("sign", _WHEELS, sentence)
+        yield LogFault("sign", WHEELS, sentence)
 
 
-def set_points(e: LogSignals) -> Iterator[LogFault]:
+def set_points(e: Evidence) -> Iterator[LogFault]:
     """Wheel rates that follow from the commands exactly, as set points do."""
     wheels = e.log.groups.get("wheels")
     commands = e.log.groups.get("cmd")
-    if wheels is None or commands is None or not e.log.has((*_WHEELS, *_TWIST)):
+    if wheels is None or commands is None or not e.log.has((*WHEELS, *TWIST)):
         return
     now = np.searchsorted(commands.t, wheels.t, side="right") - 1
-    there = now >= 0
-    rates = np.column_stack([wheels.columns[name][there] for name in _WHEELS])
+    rates = np.column_stack([wheels.columns[name] for name in WHEELS])[now >= 0]
+    twists = np.column_stack([commands.columns[name] for name in TWIST])
+    size = np.std(rates, axis=0)
     for late in (0, 1):
-        at = np.maximum(now[there] - late, 0)
-        asked = np.column_stack([commands.columns[name][at] for name in _TWIST])
-        rest = asked @ np.linalg.lstsq(asked, rates)[0] - rates
-        size = np.std(rates, axis=0)
-        if np.all(size > 0.1) and np.all(np.percentile(np.abs(rest), 98.0, axis=0) < 1e-3 * size):
+        asked = twists[np.maximum(now[now >= 0] - late, 0)]
+        rest = np.abs(asked @ np.linalg.lstsq(asked, rates)[0] - rates)
+        if np.all(size > 0.1) and np.all(np.percentile(rest, 98.0, axis=0) < 1e-3 * size):
             sentence = (
                 "enc_left and enc_right follow from cmd_v and cmd_w exactly: they are set points, "
                 "and not what encoders measured"
             )
-            yield LogFault("setpoints", _WHEELS, sentence)
+            yield LogFault("setpoints", WHEELS, sentence)
             return
 
 
-def other_commands(e: LogSignals) -> Iterator[LogFault]:
-    """Commands that resemble nothing that the robot did, or are those of two wheels."""
-    s = e.signals
-    if not {*_TWIST} <= s.keys():
+def pushed(e: Evidence) -> Iterator[LogFault]:
+    """A robot that moves while its wheels stand."""
+    if e.wheels is None or e.along is None:
         return
-    commanded = (s["cmd_v"] != 0.0) | (s["cmd_w"] != 0.0)
-    turning = e.turning()
-    along = e.along()
-    wheels = e.wheels()
-    if along is None and wheels is not None:
-        along = wheels[0] + wheels[1]
-    if turning is None or along is None or np.count_nonzero(commanded) < 4 * _FEW:
+    fastest = np.max(np.abs(e.wheels), axis=0)
+    moves = np.hypot(e.signals["x"], e.signals["y"]) > 2.0 * MOVES
+    n = np.count_nonzero((fastest < MOVES) & moves)
+    # slower wheels are in another unit
+    if n > max(2 * _FEW, 0.05 * len(moves)) and np.percentile(fastest, 90.0) > 10.0 * MOVES:
+        sentence = (
+            f"the robot moves in {100.0 * n / len(moves):.0f} % of the time although its wheels "
+            "stand: is it pushed or carried?"
+        )
+        yield LogFault("slip", WHEELS, sentence)
+
+
+def unlike_sides(e: Evidence) -> Iterator[LogFault]:
+    """Wheels of one side that are faster than the robot moves, always or while they slip."""
+    if e.wheels is None or e.along is None:
         return
-    moves = (np.abs(turning) > _MOVES) | (np.abs(along) > _MOVES)
+    moved = np.column_stack([e.along, e.signals["yaw"]])
+    sizes = np.linalg.norm(moved, axis=0)
+    if not np.all(sizes):
+        return
+    factors = np.array([sturdy_fit(moved, side) for side in e.wheels])
+    told = factors @ moved.T
+    alike = min(map(correlation, told, e.wheels))
+    ratios = np.abs(factors[0] / factors[1])
+    apart = np.linalg.cond(moved / sizes) < _TOGETHER
+    differ = np.min(ratios) > _SIDES_DIFFER or np.max(ratios) < 1.0 / _SIDES_DIFFER
+    if alike > 0.97 and apart and differ:
+        sentence = (
+            f"enc_left is {ratios[0]:.2g} times as fast as enc_right when the robot drives "
+            "straight: one of them is in another unit, or loses samples"
+        )
+        yield LogFault("scale", WHEELS, sentence)
+        return
+    more = np.abs(e.wheels) - np.abs(told)
+    frozen = np.abs(np.diff(e.wheels, axis=1, prepend=0.0)) < 1e-12
+    fast = (more > np.maximum(0.5 * np.abs(told), _SLIPS)) & ~frozen
+    sound = np.abs(e.wheels - told) < 0.3 * np.maximum(np.abs(told), 1.0)
+    for k, name in enumerate(WHEELS):
+        share = np.mean(fast[k] & sound[1 - k])
+        if share > max(2.0 * _FEW / len(moved), 0.05, 5.0 * np.mean(fast[1 - k])):
+            sentence = (
+                f"{name} turns faster than the robot moves in {100.0 * share:.0f} % of "
+                "the time, and the other side does not: its wheels slip, or are lifted"
+            )
+            yield LogFault("slip", (name,), sentence)
+
+
+# ------------------------------------------------------------------------------------------
+# commands, gyro and pose
+def commands_of_wheels(e: Evidence) -> Iterator[LogFault]:
+    """Commands that are those of two wheels."""
+    asked = [e.signals[name] for name in TWIST if name in e.signals]
+    if e.wheels is None or e.turning is None or len(asked) < 2:
+        return
+    if min(map(correlation, asked, e.wheels)) > 0.95 and correlation(asked[1], e.turning) < 0.8:
+        sentence = "cmd_v and cmd_w follow the left and the right wheel: they command wheels"
+        yield LogFault("swapped", TWIST, sentence)
+
+
+def other_commands(e: Evidence) -> Iterator[LogFault]:
+    """Commands that resemble nothing that the robot did."""
+    along = e.along
+    if along is None and e.wheels is not None:
+        along = np.sum(e.wheels, axis=0)
+    if not {*TWIST} <= e.signals.keys() or e.turning is None or along is None:
+        return
+    asked = np.array([e.signals[name] for name in TWIST])
+    did = np.array([along, e.turning])
+    commanded = np.any(asked != 0.0, axis=0)
+    moves = np.any(np.abs(did) > MOVES, axis=0)
+    if np.count_nonzero(commanded) < 4 * _FEW or np.mean(commanded[moves]) < 0.5:
+        return
     alike = []
-    for name, motion in (("cmd_v", along), ("cmd_w", turning)):
-        asked = s[name][commanded]
+    for command, motion in zip(asked[:, commanded], did[:, commanded], strict=True):
         # one that hardly varies says nothing about its mean
-        about = _centred if np.std(asked) > 0.2 * np.mean(np.abs(asked)) else correlation
-        alike.append(abs(about(asked, motion[commanded])))
-    if wheels is not None:
-        sides = [correlation(s[n], side) for n, side in zip(_TWIST, wheels, strict=True)]
-        if min(sides) > 0.95 and alike[1] < 0.8:
-            sentence = "cmd_v and cmd_w follow the left and the right wheel: they command wheels"
-            yield LogFault("swapped", _TWIST, sentence)
-            return
-    crossed = [correlation(s["cmd_v"], turning), correlation(s["cmd_w"], along)]
-    if max(map(abs, crossed)) > 0.6:
-        return  # they are swapped
-    if np.any(moves) and np.mean(commanded[moves]) > 0.5 and max(alike) < 0.5:
+        about = centred if np.std(command) > 0.2 * np.mean(np.abs(command)) else correlation
+        alike.append(abs(about(command, motion)))
+    swapped = max(abs(correlation(asked[k], did[1 - k])) for k in range(2))
+    if swapped < 0.6 and max(alike) < 0.5 and np.any(moves):
         sentence = (
             "cmd_v and cmd_w resemble nothing that the robot did (correlations of "
             f"{alike[0]:.2f} and {alike[1]:.2f}): they may be those of another drive"
         )
-        yield LogFault("unrelated", _TWIST, sentence)
+        yield LogFault("unrelated", TWIST, sentence)
 
 
-def _centred(a: FloatArray, b: FloatArray) -> float:
-    return correlation(a - np.mean(a), b - np.mean(b))
-
-
-def gyro_offset(e: LogSignals) -> Iterator[LogFault]:
+def gyro_offset(e: Evidence) -> Iterator[LogFault]:
     """A gyro that differs from the heading's rate by an offset, or by more and more."""
     s = e.signals
     if not {"gyro_z", "yaw"} <= s.keys() or correlation(s["gyro_z"], s["yaw"]) < 0.3:
         return
-    if np.mean(np.abs(np.diff(s["gyro_z"])) < 1e-12) > 0.2:
-        return  # it is frozen
     turning = s["yaw"]
-    if not 0.5 < np.linalg.norm(s["gyro_z"]) / np.linalg.norm(turning) < 2.0:
-        return  # they are in two units
+    frozen = np.mean(np.abs(np.diff(s["gyro_z"])) < 1e-12) > 0.2
+    ratio = np.linalg.norm(s["gyro_z"]) / np.linalg.norm(turning)
+    if frozen or not 0.5 < ratio < 2.0:
+        return
     less = s["gyro_z"] - turning
     design = [np.ones(len(less)), np.linspace(-0.5, 0.5, len(less))]
     if np.std(turning) > 0.3 * abs(np.mean(turning)):
@@ -290,9 +405,8 @@ def gyro_offset(e: LogSignals) -> Iterator[LogFault]:
     # windows overlap by half
     errors = np.sqrt(2.0 * np.mean(rest**2) * np.diag(np.linalg.inv(told.T @ told)))
     offset, drift = best[:2]
-    noise = float(np.median(np.abs(rest)))
-    parts = np.array([np.median(part) for part in np.array_split(rest + offset, _PARTS)])
-    if abs(drift) > max(0.04, 4.0 * noise, _SIGMAS * errors[1]):
+    parts = [np.median(part) for part in np.array_split(rest + offset, 4)]
+    if abs(drift) > max(_DRIFT, 4.0 * np.median(np.abs(rest)), _SIGMAS * errors[1]):
         sentence = (
             f"gyro_z less the yaw rate grows by {drift:.2f} rad/s through the log: the gyro drifts"
         )
@@ -305,91 +419,23 @@ def gyro_offset(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("offset", ("gyro_z",), sentence)
 
 
-def growing_delay(e: LogSignals) -> Iterator[LogFault]:
-    """A clock that runs at another rate: the delay of headings grows through the log."""
-    from scipy import stats  # here: it takes a tenth of a second to import
-
-    found = delays(e.log)
-    if found is None:
-        return
-    times, late, name = found
-    # Theil and Sen's: one part may tell nonsense
-    slope = float(stats.theilslopes(late, times).slope)
-    start = float(np.median(late - slope * times))
-    rest = float(np.percentile(np.abs(late - slope * times - start), 80.0))
-    grown = slope * (times[-1] - times[0])
-    if abs(grown) > max(0.5, 4.0 * rest):
-        sentence = (
-            f"yaw is {start + slope * times[0]:.2f} s behind {name} at first and "
-            f"{start + slope * times[-1]:.2f} s at last: one of "
-            f"their clocks runs {100.0 * abs(slope):.1f} % faster"
-        )
-        yield LogFault("clock", POSE_COLUMNS, sentence)
-
-
-def smoothed(e: LogSignals) -> Iterator[LogFault]:
-    """A heading that is averaged over seconds: the mean of the gyro or the wheels tells it."""
-    found = headings_and_turns(e.log)
-    if found is None or "yaw" not in e.signals:
-        return
-    grid, yaw, way, clock = found
-    dt = float(grid[1] - grid[0])
-    pose = next(group for group in e.log.groups.values() if "yaw" in group.columns)
-    changes = pose.t[fresh_poses(pose.t, pose.columns["yaw"][:, None])]
-    now = _alike_at_some_delay(yaw, way, round(0.5 / dt))
-    alike = {}
-    for width in _WIDTHS_S:
-        samples = round(width / dt)
-        # between rare poses, headings are means as well
-        if width > 2.0 * float(np.median(np.diff(changes))) and len(grid) > 8 * samples:
-            sums = np.cumulative_sum(way, include_initial=True)
-            mean = (sums[samples:] - sums[:-samples]) / samples
-            start = (samples - 1) // 2
-            cut = yaw[start : start + len(mean)]
-            alike[width] = _alike_at_some_delay(cut, mean, round(0.5 / dt))
-    width = max(alike, key=lambda width: alike[width], default=0.0)
-    # the mean of a steady swing is one as well
-    if now < _EXPLAINED < alike.get(width, 0.0) and 1.0 - alike[width] < 0.4 * (1.0 - now):
-        sentence = (
-            f"yaw follows the mean of {clock} over some {width:g} s: "
-            "the pose is smoothed, and fast turns are lost in it"
-        )
-        yield LogFault("smoothed", POSE_COLUMNS, sentence)
-
-
-def _alike_at_some_delay(yaw: FloatArray, way: FloatArray, step: int) -> float:
-    """Return the correlation of the changes of (N,) angles in `step` samples, at the best delay."""
-    a = way[step:] - way[:-step]
-    b = yaw[step:] - yaw[:-step]
-    n = len(a)
-    best = 0.0
-    for k in range(-3 * step, 3 * step + 1):
-        x = a[max(0, -k) : n - max(0, k)]
-        best = max(best, abs(correlation(x, b[max(0, k) : n + min(0, k)])))
-    return best
-
-
-def turned_path(e: LogSignals) -> Iterator[LogFault]:
+def turned_path(e: Evidence) -> Iterator[LogFault]:
     """A path that goes at an angle to its heading, or is counted along the robot."""
     s = e.signals
-    if not {*POSE_COLUMNS} <= s.keys():
+    if e.along is None or not (np.any(s["x"]) and np.any(s["y"])):
         return
     step = s["x"] + 1j * s["y"]
     # a localiser ahead of the middle moves sideways in turns
-    moves = (np.abs(step) > _MOVES) & (np.abs(s["yaw"]) < 2.0 * np.abs(step))
-    if np.count_nonzero(moves) < 2 * _FEW or not np.all([np.any(s["x"]), np.any(s["y"])]):
+    moves = (np.abs(step) > MOVES) & (np.abs(s["yaw"]) < 2.0 * np.abs(step))
+    if np.count_nonzero(moves) < 2 * _FEW:
         return
-    step = step[moves]
     heading = s["heading"][moves]
-    # squared, a displacement is the same for both ways of driving
-    doubled = step**2 / np.abs(step)
-    size = float(np.sum(np.abs(step)))
-    to_robot = complex(np.sum(doubled * np.exp(-2j * heading))) / size
-    to_world = complex(np.sum(doubled)) / size
-    angle = 0.5 * math.degrees(math.atan2(to_robot.imag, to_robot.real))
-    if abs(to_robot) > 0.85 and 8.0 < abs(angle) < 80.0:
+    to_robot = angle_between(step[moves], heading)
+    to_world = angle_between(step[moves], 0.0)
+    angle = abs(0.5 * math.degrees(math.atan2(to_robot.imag, to_robot.real)))
+    if abs(to_robot) > 0.85 and 8.0 < angle < 80.0:
         sentence = (
-            f"path and heading are {abs(angle):.0f} deg apart: the localiser is mounted at an "
+            f"path and heading are {angle:.0f} deg apart: the localiser is mounted at an "
             "angle, or x, y and yaw are of different frames"
         )
         yield LogFault("frame", POSE_COLUMNS, sentence)
@@ -401,115 +447,118 @@ def turned_path(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("frame", ("x", "y"), sentence)
 
 
-def speeds_for_places(e: LogSignals) -> Iterator[LogFault]:
-    """Positions that are speeds: their size follows the wheels, and stays small."""
+def speeds_for_places(e: Evidence) -> Iterator[LogFault]:
+    """Positions that are speeds: their size follows the wheels."""
     pose = e.log.groups.get("pose")
     wheels = e.log.groups.get("wheels")
-    if pose is None or wheels is None or not e.log.has((*_WHEELS, "x", "y")):
+    if pose is None or wheels is None or not e.log.has((*WHEELS, "x", "y")):
         return
-    means = e.wheels()
-    along = e.along()
-    if means is not None and along is not None:
-        if abs(correlation(along, means[0] + means[1])) > 0.5:
+    if e.along is not None and e.wheels is not None:
+        if abs(correlation(e.along, np.sum(e.wheels, axis=0))) > 0.5:
             return  # their slopes are the speeds
-    rates = [np.interp(pose.t, wheels.t, wheels.columns[name]) for name in _WHEELS]
+    rates = [np.interp(pose.t, wheels.t, wheels.columns[name]) for name in WHEELS]
     size = moving_mean(pose.t, np.hypot(pose.columns["x"], pose.columns["y"]), 0.5)
-    mean = moving_mean(pose.t, np.abs(0.5 * (rates[0] + rates[1])), 0.5)
-    if np.std(mean) > 0.1 and _centred(size, mean) > 0.85:
+    mean = moving_mean(pose.t, np.abs(rates[0] + rates[1]), 0.5)
+    if np.std(mean) > 0.2 and centred(size, mean) > 0.85:
         sentence = "the size of x and y follows the speed of the wheels: they are speeds"
         yield LogFault("swapped", ("x", "y"), sentence)
 
 
-def pushed(e: LogSignals) -> Iterator[LogFault]:
-    """A robot that moves while its wheels stand."""
-    wheels = e.wheels()
-    along = e.along()
-    if wheels is None or along is None:
-        return
-    fastest = np.maximum(np.abs(wheels[0]), np.abs(wheels[1]))
-    if np.percentile(fastest, 90.0) < 10.0 * _MOVES:
-        return  # they are in another unit
-    stand = fastest < _MOVES
-    n = np.count_nonzero(stand & (np.hypot(e.signals["x"], e.signals["y"]) > 2.0 * _MOVES))
-    if n > max(2 * _FEW, 0.05 * len(along)):
-        share = 100.0 * n / len(along)
-        sentence = (
-            f"the robot moves in {share:.0f} % of the time although its wheels stand: "
-            "is it pushed or carried?"
-        )
-        yield LogFault("slip", _WHEELS, sentence)
-
-
-def slipping_side(e: LogSignals) -> Iterator[LogFault]:
-    """Wheels of one side that turn faster than the robot moves, while the other's do not."""
-    wheels = e.wheels()
-    along = e.along()
-    if wheels is None or along is None:
-        return
-    moved = np.column_stack([along, e.signals["yaw"]])
-    fast = []
-    sound = []
-    for side in wheels:
-        told = moved @ _sturdy_fit(moved, side)
-        more = np.abs(side) - np.abs(told)
-        kept = np.abs(np.diff(side, prepend=0.0)) < 1e-12  # it is frozen
-        fast.append((more > 0.5 * np.abs(told)) & (more > _SLIPS) & ~kept)
-        sound.append(np.abs(side - told) < 0.3 * np.maximum(np.abs(told), 1.0))
-    for name, one, other in ((_WHEELS[0], 0, 1), (_WHEELS[1], 1, 0)):
-        n = int(np.count_nonzero(fast[one] & sound[other]))
-        both = int(np.count_nonzero(fast[other]))
-        if n > max(2.0 * _FEW, 0.05 * len(along), 5.0 * both):
-            sentence = (
-                f"{name} turns faster than the robot moves in {100.0 * n / len(along):.0f} % of "
-                "the time, and the other side does not: its wheels slip, or are lifted"
-            )
-            yield LogFault("slip", (name,), sentence)
-
-
-def _sturdy_fit(of: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the factors of (N, k) columns that sum up to (N,) values, by least absolute errors."""
-    weights: FloatArray = np.ones(len(values))
-    factors: FloatArray = np.zeros(of.shape[1])
-    for _ in range(15):  # of weighted least squares
-        factors = np.asarray(np.linalg.lstsq(of * weights[:, None], values * weights)[0])
-        errors = np.abs(values - of @ factors)
-        weights = 1.0 / np.sqrt(np.maximum(errors, np.median(errors) + 1e-6))
-    return factors
-
-
-CHECKS: tuple[Check, ...] = (
-    rows_for_time,
-    positions,
-    same_columns,
-    unsigned_wheels,
-    set_points,
-    counters,
-    other_commands,
-    growing_delay,
-    smoothed,
-    gyro_offset,
-    turned_path,
-    speeds_for_places,
-    pushed,
-    slipping_side,
-)
-"""The tests, in their order. A new one is a function and its name here."""
-_OF_LONG = (smoothed, gyro_offset, turned_path, other_commands)
-"""Those that need a log of at least `_LONG_S`."""
-_LONG_S = 20.0
-"""Length of a log from which means say anything [s]."""
-
-
-def checked(log: Log) -> Iterator[tuple[LogFault, Log]]:
-    """Yield what the tests say of a log, each with the log without the columns that it names."""
-    e = LogSignals(log, channels(log) or {})
-    span = min(float(group.t[-1] - group.t[0]) for group in log.groups.values())
-    for check in CHECKS:
-        if check in _OF_LONG and span < _LONG_S:
+# ------------------------------------------------------------------------------------------ any
+def frozen(e: Evidence) -> Iterator[LogFault]:
+    """Columns that keep their value for long while others say that the robot moves."""
+    turning, forward = measures(e.signals, e.radius)
+    shares = {}
+    for name, rate in e.signals.items():
+        if name not in (*POSE_COLUMNS, "gyro_z", *WHEELS):
             continue
-        found = list(check(e))
-        for fault in found:
-            e = LogSignals(e.log.without(fault.columns), {})
-            yield fault, e.log
-        if found:  # what is wrong told the delays of the others
-            e = LogSignals(e.log, channels(e.log) or {})
+        told = [*turning, *forward]
+        if name in ("yaw", "gyro_z"):
+            told = turning
+        elif name in ("x", "y"):
+            told = forward
+        others = [np.nan_to_num(m.values) / m.typical for m in told if name not in m.columns]
+        if not others:
+            continue
+        moves = np.median(np.abs(others), axis=0) > MOVES
+        kept = rate == 0.0
+        if name not in POSE_COLUMNS:  # a rate may stay the same where the others do
+            varies = np.median(_changes(others), axis=0) > 0.3 * MOVES
+            moves &= varies | kept
+            kept = _changes(rate) < 1e-12
+        if name in WHEELS:
+            # where both sides are kept, they may be set points, or the robot stands and its
+            # localiser does not
+            kept &= _changes(e.signals.get(WHEELS[name == WHEELS[0]], rate)) > 1e-12
+        n = np.count_nonzero(moves & kept)
+        moving = np.count_nonzero(moves)
+        if n > max(FEWEST_WINDOWS // 4, _FROZEN * moving):
+            shares[name] = 100.0 * n / moving
+    if shares:
+        words = ", ".join(f"{name} for {share:.0f} %" for name, share in shares.items())
+        what = f"the same value in much of the time in which the robot moves: {words}"
+        yield LogFault("frozen", tuple(shares), what)
+
+
+def _changes(values: object) -> FloatArray:
+    """Return the sizes of the steps of (..., N) numbers; NaN for the first."""
+    return np.abs(np.diff(np.asarray(values, dtype=np.float64), prepend=math.nan))
+
+
+def too_large(e: Evidence) -> Iterator[LogFault]:
+    """Numbers that are larger than a robot's can be."""
+    for name, values in e.log.columns.items():
+        column = COLUMNS.get(name, ANY_COLUMN)
+        greatest = float(np.abs(values).max())
+        if greatest > column.usual:
+            sentence = (
+                f"{name} reaches {greatest:.4g} {column.unit}, "
+                f"more than {column.usual:g}: it may be in {column.others}"
+            )
+            yield LogFault("scale", (name,), sentence)
+
+
+Check = Callable[[Evidence], Iterator[LogFault]]
+CHECKS: Mapping[Check, float] = {
+    circular: 0.0,
+    too_many_samples: 0.0,
+    time_unit: 0.0,
+    other_clock: 0.0,
+    positions: 6.0,
+    same_columns: 6.0,
+    unsigned_wheels: 6.0,
+    set_points: 6.0,
+    single_samples: 0.0,
+    commands_of_wheels: 20.0,
+    other_commands: 20.0,
+    growing_delay: 20.0,
+    smoothed: 20.0,
+    gyro_offset: 20.0,
+    turned_path: 20.0,
+    speeds_for_places: 6.0,
+    pushed: 6.0,
+    unlike_sides: 6.0,
+    frozen: 6.0,
+    units_of_turns: 6.0,
+    contradictions: 6.0,
+    units_of_ways: 6.0,
+    other_axis: 6.0,
+    too_large: 0.0,
+}
+"""The tests, in their order, and the shortest log that each says anything of [s]. A new one is a
+function and its line here."""
+
+
+def checked(log: Log, radius: float | None) -> Iterator[LogFault]:
+    """Yield what the tests say of a log; `radius` is that of the wheels [m], None for any."""
+    e = Evidence(log, radius)
+    span = min(float(group.t[-1] - group.t[0]) for group in log.groups.values())
+    for check, shortest in CHECKS.items():
+        if span < shortest:
+            continue
+        while found := list(check(e)):
+            yield from found
+            columns = {name for fault in found for name in fault.columns}
+            if "t" in columns or columns >= e.log.columns.keys():
+                return
+            e = Evidence(e.log.without(columns), radius)

@@ -15,7 +15,8 @@ import numpy as np
 
 from ssmr.geometry import integral
 from ssmr.types import FloatArray, IndexArray
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, LogFault
+from validation.files.channels import TWIST, WHEELS, Evidence
+from validation.files.log import POSE_COLUMNS, Group, Log, LogFault
 from validation.files.signals import TIME_ROUNDOFF, fresh_poses
 
 _WINDOW_S = 6.0
@@ -79,13 +80,13 @@ class RateTable(NamedTuple):
 def rates_of(log: Log) -> Iterator[RateTable]:
     """Yield what poses of a log may follow from: wheels, odometry, each with a gyro, commands."""
     imu = log.groups.get("imu")
-    for names in (COMMAND_COLUMNS["wheels"], ("odom_v", "odom_w"), COMMAND_COLUMNS["twist"]):
+    for names in (WHEELS, ("odom_v", "odom_w"), TWIST):
         group = next((g for g in log.groups.values() if g.table(names) is not None), None)
         if group is None:
             continue
         rates = np.column_stack([group.columns[name] for name in names])
         yield RateTable(names, group.t, rates, rates)
-        if imu is not None and names != COMMAND_COLUMNS["twist"]:
+        if imu is not None and names != TWIST:
             gyro = np.interp(group.t, imu.t, imu.columns["gyro_z"])
             turns = np.column_stack([gyro, np.ones(len(gyro))])
             yield RateTable((*names, "gyro_z"), group.t, rates, turns)
@@ -173,29 +174,29 @@ def is_following(t: FloatArray, pose: FloatArray, rates: RateTable, most: float 
     return noise is None or max(noise) < max(_NOISELESS, 0.3 * most)
 
 
-def find_circle(log: Log) -> LogFault | None:
-    """Return the fault of a pose that follows from other columns of its log; None for another."""
-    group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
+def circular(e: Evidence) -> Iterator[LogFault]:
+    """A pose that follows from other columns of its log."""
+    group = next((g for g in e.log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
     poses = new_poses(group)
     if group is None or poses is None or trust_in(group.source) <= 1:
-        return None
+        return
     measured = False
-    for rates in rates_of(log):
+    for rates in rates_of(e.log):
         own = rates.columns[0] in group.columns
         if own and measured:
             continue  # a localiser tells its own speed, and wheels do not follow
         errors = errors_of_following(*poses, rates)
-        measured |= errors is not None and rates.columns[0] in COMMAND_COLUMNS["wheels"]
+        measured |= errors is not None and rates.columns[0] in WHEELS
         most = _FOLLOWS_TWIST if own else _FOLLOWS
         if errors is not None and is_following(*poses, rates, most):
-            names = " and ".join(rates.columns)
             sentence = (
-                f"x, y and yaw follow from {names} to {1e3 * errors[0]:.1f} mm and "
-                f"{math.degrees(errors[1]):.2f} deg in 6 s: the pose is their integral, and says "
-                "nothing of how the robot moved; take the pose of a localiser"
+                f"x, y and yaw follow from {' and '.join(rates.columns)} to "
+                f"{1e3 * errors[0]:.1f} mm and {math.degrees(errors[1]):.2f} deg in 6 s: the pose "
+                "is their integral, and says nothing of how the robot moved; take the pose of a "
+                "localiser"
             )
-            return LogFault("circular", POSE_COLUMNS, sentence)
-    return None
+            yield LogFault("circular", POSE_COLUMNS, sentence)
+            return
 
 
 def new_poses(group: Group | None) -> tuple[FloatArray, FloatArray] | None:

@@ -8,8 +8,8 @@ it stands is the gyro's bias.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,13 +18,8 @@ from ssmr.estimation.settings import EkfSettings
 from ssmr.geometry import integral
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
-from validation.files.abilities import WINDOW_S
-from validation.files.agreement import contradictions, frozen
-from validation.files.channels import apart, channels
 from validation.files.checks import checked
-from validation.files.circular import find_circle
 from validation.files.log import (
-    ANY_COLUMN,
     COLUMNS,
     COMMAND_COLUMNS,
     POSE_COLUMNS,
@@ -88,9 +83,6 @@ _BEFORE_COMMAND_S = 0.5
 _TURNED = 0.3
 """Change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it."""
 _DEAD = "the same number all the time, although the robot moves"
-_MEASURED = ("pose", "wheels", "odom", "imu")
-_FAST_RATE = 2000.0
-"""Sampling rate of a measured group that no robot has [Hz]."""
 WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
 """(M,) stamps [s], speed [m/s] and yaw rate [rad/s]."""
 
@@ -246,15 +238,13 @@ def _unnamed(columns: Iterable[str], faults: Iterable[LogFault]) -> tuple[str, .
 
 def find_faults(log: Log, radius: float | None = None) -> Faults:
     """Return the faults of a log; `radius` is that of the wheels [m], None where it is unknown."""
-    circle = find_circle(log)
-    named = [*([circle] if circle else ()), *log.faults]
-    if circle is not None:  # such a pose is one more odometry, which may say too much of turns
-        gone = {name: g for name, g in log.groups.items() if "x" not in g.columns}
-        others = replace(log, groups=gone) if gone else log
-        named += _named(others, radius)
-    else:
-        named += _named(log, radius)
-    return Faults(tuple(named), find_jumps(log), _uncommanded_share(log), _dead_columns(log))
+    faults = [*log.faults, *checked(log, radius)]
+    # joysticks command nothing
+    dead = _dead_columns(log)
+    unnamed = _unnamed((name for name in dead if name not in COMMAND_COLUMNS["twist"]), faults)
+    if unnamed:
+        faults.append(LogFault("frozen", unnamed, f"{_DEAD}: {', '.join(unnamed)}"))
+    return Faults(tuple(faults), find_jumps(log), _uncommanded_share(log), dead)
 
 
 def find_jumps(log: Log) -> Jumps | None:
@@ -418,55 +408,3 @@ def _dead_columns(log: Log) -> tuple[str, ...]:
         if len(same) == len(names) and not any(n in steady and columns[n][0] for n in names):
             dead += names
     return tuple(dead)
-
-
-def _moved(log: Log, late: float) -> Log:
-    """Return the log with its poses earlier by `late` [s]."""
-    groups = {}
-    for name, group in log.groups.items():
-        groups[name] = replace(group, t=group.t - late) if "yaw" in group.columns else group
-    return replace(log, groups=groups)
-
-
-def _named(log: Log, radius: float | None) -> Iterator[LogFault]:
-    """Yield faults of columns: wrong clocks, contradictions, dead columns, and large numbers."""
-    for name in _MEASURED:
-        group = log.groups.get(name)
-        if group is not None and group.period * _FAST_RATE < 1.0:
-            what = (
-                f"{name} has {1.0 / group.period:.4g} samples a second, "
-                "as no robot has: t may not be in seconds"
-            )
-            yield LogFault("clock", ("t",), what)
-            return
-    spans = [float(group.t[-1] - group.t[0]) for group in log.groups.values()]
-    faults = list[LogFault]()
-    clocks = apart(log)
-    if clocks is not None:
-        faults.append(clocks[0])
-        log = _moved(log, clocks[1])
-    for fault, others in checked(log):
-        faults.append(fault)
-        log = others
-    signals = channels(log)
-    if signals is not None:
-        found = [*contradictions(signals, radius), *frozen(signals)]
-        if min(spans) < WINDOW_S:  # its unit may be wrong, and more is not to be told
-            found = [fault for fault in found if fault.kind == "clock"]
-        faults += found
-    # joysticks command nothing
-    dead = [name for name in _dead_columns(log) if name not in COMMAND_COLUMNS["twist"]]
-    unnamed = _unnamed(dead, faults)
-    if unnamed:
-        faults.append(LogFault("frozen", unnamed, f"{_DEAD}: {', '.join(unnamed)}"))
-    yield from faults
-    for name in _unnamed(log.columns, faults):
-        column = COLUMNS.get(name, ANY_COLUMN)
-        greatest = float(np.abs(log.columns[name]).max())
-        if greatest > column.usual:
-            yield LogFault(
-                "scale",
-                (name,),
-                f"{name} reaches {greatest:.4g} {column.unit}, "
-                f"more than {column.usual:g}: it may be in {column.others}",
-            )

@@ -1,4 +1,4 @@
-"""Samples at stamps of their own: new ones, values held between them, and means over time."""
+"""Samples at stamps of their own: new ones, held ones, means over time, and how alike two are."""
 
 from __future__ import annotations
 
@@ -83,3 +83,35 @@ def nearest(stamps: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
     since = t - at[after - 1]
     until = at[np.minimum(after, len(at) - 1)] - t
     return since, until
+
+
+def correlation(x: FloatArray, y: FloatArray) -> float:
+    """Return the correlation of two rates about zero [1]; 0 where one of them is zero."""
+    size = float(np.sqrt((x @ x) * (y @ y)))
+    return float(x @ y) / size if size > 1e-9 else 0.0
+
+
+def centred(x: FloatArray, y: FloatArray) -> float:
+    """Return the correlation of two rates about their means [1]; 0 where one stays the same."""
+    return correlation(x - np.mean(x), y - np.mean(y))
+
+
+def correlations(x: FloatArray, y: FloatArray, most: int) -> FloatArray:
+    """Return the (2 most + 1,) correlations about zero of (N,) rates, y from -most samples late."""
+    n = len(x)
+    found = []
+    for late in range(-most, most + 1):
+        first = x[max(0, -late) : n - max(0, late)]
+        found.append(correlation(first, y[max(0, late) : n + min(0, late)]))
+    return np.array(found)
+
+
+def sturdy_fit(of: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the factors of (N, k) columns that sum up to (N,) values, by least absolute errors."""
+    weights: FloatArray = np.ones(len(values))
+    factors: FloatArray = np.zeros(of.shape[1])
+    for _ in range(15):  # of weighted least squares
+        factors = np.asarray(np.linalg.lstsq(of * weights[:, None], values * weights)[0])
+        errors = np.abs(values - of @ factors)
+        weights = 1.0 / np.sqrt(np.maximum(errors, np.median(errors) + 1e-6))
+    return factors

@@ -330,7 +330,7 @@ def _units(
         vote = (1.0 if pair.is_bad else -1.0) + 0.1 * abs(math.log(pair.factor))
         votes.update({pair.a.columns: vote, pair.b.columns: vote})
     bad = [pair for pair in pairs if pair.is_bad]
-    accused = dict.fromkeys(m.columns for pair in bad for m in (pair.a, pair.b))
+    accused = dict.fromkeys(chain(*((pair.a.columns, pair.b.columns) for pair in bad)))
     worst = max((votes[names] for names in accused), default=0.0)
     blamed = [names for names in accused if votes[names] > worst - _TIE_OF_UNITS]
     if blamed:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -322,13 +322,13 @@ def unlike_sides(e: Evidence) -> Iterator[LogFault]:
     factors = np.array([sturdy_fit(moved, side) for side in e.wheels])
     told = factors @ moved.T
     alike = min(map(correlation, told, e.wheels))
-    ratios = np.abs(factors[0] / factors[1])
     apart = np.linalg.cond(moved / sizes) < _TOGETHER
-    differ = np.min(ratios) > _SIDES_DIFFER or np.max(ratios) < 1.0 / _SIDES_DIFFER
+    left, right = np.abs(factors)
+    differ = np.all(left > _SIDES_DIFFER * right) or np.all(right > _SIDES_DIFFER * left)
     if alike > 0.97 and apart and differ:
         sentence = (
-            f"enc_left is {ratios[0]:.2g} times as fast as enc_right when the robot drives "
-            "straight: one of them is in another unit, or loses samples"
+            f"enc_left is {left[0] / right[0]:.2g} times as fast as enc_right when the robot "
+            "drives straight: one of them is in another unit, or loses samples"
         )
         yield LogFault("scale", WHEELS, sentence)
         return
@@ -558,7 +558,7 @@ def checked(log: Log, radius: float | None) -> Iterator[LogFault]:
             continue
         while found := list(check(e)):
             yield from found
-            columns = {name for fault in found for name in fault.columns}
+            columns = {*chain(*(fault.columns for fault in found))}
             if "t" in columns or columns >= e.log.columns.keys():
                 return
             e = Evidence(e.log.without(columns), radius)

@@ -35,8 +35,8 @@ _NOISELESS = 0.001
 _FOLLOWS_TWIST = 0.015
 """The same for the speeds in the messages of the poses themselves, which are only some of those
 that were integrated."""
-_LAGS = np.arange(-0.4, 0.41, 0.04)
-"""Delays between poses and rates that are tried first [s]."""
+_MOST_LAG = 0.4
+"""Longest delay between poses and rates that is tried [s]."""
 _FINER = (0.02, 0.01, 0.005, 0.0025, 0.00125)
 """Steps in which the best delay is refined [s]."""
 
@@ -65,7 +65,7 @@ def trust_in(source: str) -> int:
 
 
 class RateTable(NamedTuple):
-    """RateTable from which a pose may follow, K samples."""
+    """Rates from which a pose may follow, K samples."""
 
     columns: tuple[str, ...]
     """Columns that they come from."""
@@ -106,63 +106,51 @@ def errors_of_following(
         rates: rates that the pose may follow from.
         window: length of the windows [s].
     """
-    margin = float(_LAGS[-1])
-    inside = (t > rates.t[0] + margin) & (t < rates.t[-1] - margin)
-    if np.count_nonzero(inside) < _FEWEST:
-        return None
+    inside = (t > rates.t[0] + _MOST_LAG) & (t < rates.t[-1] - _MOST_LAG)
     t = t[inside]
+    if len(t) < _FEWEST:
+        return None
     x, y, yaw = pose[inside].T
     half = 0.5 * np.diff(yaw)
     middle = yaw[:-1] + half
     # arcs: a chord times what bends it
     chords = np.diff(x) * np.cos(middle) + np.diff(y) * np.sin(middle)
-    way = np.cumulative_sum(
-        chords / np.sinc(np.clip(half / np.pi, -0.5, 0.5)), include_initial=True
-    )
+    arcs = chords / np.sinc(np.clip(half / np.pi, -0.5, 0.5))
+    way = np.cumulative_sum(arcs, include_initial=True)
     starts = np.searchsorted(t, np.arange(t[0], t[-1] - window, 0.5 * window))
     ends = np.searchsorted(t, t[starts] + window - TIME_ROUNDOFF)
     ends = np.minimum(ends, len(t) - 1)
-    whole = t[ends] - t[starts] < 1.2 * window
-    starts = starts[whole]
-    ends = ends[whole]
-    if len(starts) < _FEWEST:
+    spans = np.column_stack([starts, ends])[t[ends] - t[starts] < 1.2 * window]
+    if len(spans) < _FEWEST:
         return None
-    spans = _Spans(t, starts, ends)
-    along = spans.error(way, integral(rates.t, rates.speeds), rates.t)
-    turned = spans.error(yaw, integral(rates.t, rates.turns), rates.t)
+    along = _error(t, way, spans, rates.t, rates.speeds)
+    turned = _error(t, yaw, spans, rates.t, rates.turns)
     return None if along is None or turned is None else (along, turned)
 
 
-class _Spans(NamedTuple):
-    """Windows of time of a trajectory."""
+def _error(
+    t: FloatArray, values: FloatArray, spans: IndexArray, stamps: FloatArray, rates: FloatArray
+) -> float | None:
+    """Return the median error with which (M,) values follow from (K, p) rates at (K,) stamps [s].
 
-    t: FloatArray
-    """(M,) stamps [s]."""
-    starts: IndexArray
-    """(W,) indices of their first samples."""
-    ends: IndexArray
-    """(W,) indices of their last samples."""
+    `spans` has the (W, 2) first and last samples of windows. None where the values hardly change.
+    """
+    rises = np.diff(values[spans])[:, 0]
+    moved = np.abs(rises) > _MOVED * np.median(np.diff(t[spans]))
+    if np.count_nonzero(moved) < _FEWEST:
+        return None
+    sums = integral(stamps, rates)
 
-    def error(self, values: FloatArray, sums: FloatArray, stamps: FloatArray) -> float | None:
-        """Return the median error with which the rises of values follow from those of sums.
+    def error(lag: float) -> float:
+        at = t[spans] + lag
+        design = np.column_stack([np.diff(np.interp(at, stamps, s))[:, 0] for s in sums.T])
+        rest = np.abs(design @ np.linalg.lstsq(design, rises)[0] - rises)
+        return float(np.median(rest[moved]))
 
-        `sums` are (K, p) at (K,) `stamps` [s]. None where (M,) `values` hardly change.
-        """
-        rises = values[self.ends] - values[self.starts]
-        moved = np.abs(rises) > _MOVED * np.median(self.t[self.ends] - self.t[self.starts])
-        if np.count_nonzero(moved) < _FEWEST:
-            return None
-
-        def at(lag: float) -> float:
-            there = [np.interp(self.t + lag, stamps, column) for column in sums.T]
-            design = np.column_stack([sum_[self.ends] - sum_[self.starts] for sum_ in there])
-            rest = np.abs(design @ np.linalg.lstsq(design, rises)[0] - rises)
-            return float(np.median(rest[moved]))
-
-        lag = min(map(float, _LAGS), key=at)
-        for step in _FINER:
-            lag = min((lag - step, lag, lag + step), key=at)
-        return at(lag)
+    lag = min(np.arange(-_MOST_LAG, _MOST_LAG + 0.01, 0.04).tolist(), key=error)
+    for step in _FINER:
+        lag = min((lag - step, lag, lag + step), key=error)
+    return error(lag)
 
 
 def is_following(t: FloatArray, pose: FloatArray, rates: RateTable, most: float = _FOLLOWS) -> bool:

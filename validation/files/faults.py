@@ -8,7 +8,6 @@ it stands is the gyro's bias.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,12 +19,12 @@ from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
 from validation.files.checks import checked
 from validation.files.log import (
-    COLUMNS,
     COMMAND_COLUMNS,
     POSE_COLUMNS,
     Group,
     Log,
     LogFault,
+    column_of,
 )
 from validation.files.reading import FileError
 from validation.files.signals import TIME_ROUNDOFF, BoolArray, fresh_poses, moving_mean, nearest
@@ -83,6 +82,7 @@ _BEFORE_COMMAND_S = 0.5
 _TURNED = 0.3
 """Change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it."""
 _DEAD = "the same number all the time, although the robot moves"
+_TWIST = COMMAND_COLUMNS["twist"]
 WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
 """(M,) stamps [s], speed [m/s] and yaw rate [rad/s]."""
 
@@ -224,24 +224,18 @@ class Faults:
                 f"the wheels turn with no command for {100.0 * share:.0f} % of the log "
                 "(joystick?); use --input wheels"
             )
-        dead = _unnamed(self.dead_columns, self.named)
-        if dead:
-            notes.append(f"{_DEAD}: {', '.join(dead)}")
+        if {*_TWIST} <= {*self.dead_columns}:
+            notes.append(f"{_DEAD}: {', '.join(_TWIST)}")
         return notes
-
-
-def _unnamed(columns: Iterable[str], faults: Iterable[LogFault]) -> tuple[str, ...]:
-    """Return those of the columns that no fault names."""
-    named = {name for fault in faults for name in fault.columns}
-    return tuple(name for name in columns if name not in named)
 
 
 def find_faults(log: Log, radius: float | None = None) -> Faults:
     """Return the faults of a log; `radius` is that of the wheels [m], None where it is unknown."""
     faults = [*log.faults, *checked(log, radius)]
-    # joysticks command nothing
     dead = _dead_columns(log)
-    unnamed = _unnamed((name for name in dead if name not in COMMAND_COLUMNS["twist"]), faults)
+    # joysticks command nothing
+    named = {*_TWIST}.union(*(fault.columns for fault in faults))
+    unnamed = tuple(name for name in dead if name not in named)
     if unnamed:
         faults.append(LogFault("frozen", unnamed, f"{_DEAD}: {', '.join(unnamed)}"))
     return Faults(tuple(faults), find_jumps(log), _uncommanded_share(log), dead)
@@ -334,17 +328,8 @@ def _greatest_around(
     Around means from `back` [s] before a step to `_CLOCKS_S` after it; `stamps` [s] are those of
     the values.
     """
-    from scipy import ndimage  # here: it takes a tenth of a second to import
-
-    bins = ((stamps - stamps[0]) / _BIN_S).astype(np.intp)
-    greatest = np.zeros(bins[-1] + 1)
-    np.maximum.at(greatest, bins, values)
-    after = round(_CLOCKS_S / _BIN_S)
-    earlier = round((back - _CLOCKS_S) / _BIN_S)
-    width = 2 * after + 3 + earlier
-    around = ndimage.maximum_filter1d(greatest, width, mode="nearest", origin=earlier // 2)
-    at = np.clip((t - stamps[0]) / _BIN_S, 0, bins[-1]).astype(np.intp)
-    ends = np.maximum(around[at], np.interp(t, stamps, values))
+    shifts = np.arange(-back, _CLOCKS_S + _BIN_S, _BIN_S)
+    ends = np.max([np.interp(t + shift, stamps, values) for shift in shifts], axis=0)
     return np.maximum(ends[:-1], ends[1:])
 
 
@@ -377,34 +362,28 @@ def _dead_columns(log: Log) -> tuple[str, ...]:
     columns = log.columns
     wheels = _fastest_wheel(log)
     twist = wheel_twist(log)
-    drives = wheels is not None and np.mean(wheels[1] > WHEELS_TURN) > 0.05
-    posed = log.has(POSE_COLUMNS)
-    moved = posed and max(np.ptp(columns["x"]), np.ptp(columns["y"])) > 0.5
-    wheels_turn = twist is not None and np.ptp(integral(twist[0], twist[2])) > _TURNED
-    turned = wheels_turn or (posed and np.ptp(columns["yaw"]) > _TURNED)
-    commands = [columns[name] for name in COMMAND_COLUMNS["twist"] if name in columns]
+    drives = wheels is not None and bool(np.mean(wheels[1] > WHEELS_TURN) > 0.05)
+    wheels_turn = twist is not None and bool(np.ptp(integral(twist[0], twist[2])) > _TURNED)
+    spans = [float(np.ptp(columns[name])) for name in POSE_COLUMNS if log.has(POSE_COLUMNS)]
+    moved = max(spans[:2], default=0.0) > 0.5
+    turned = wheels_turn or max(spans[2:], default=0.0) > _TURNED
+    commands = [columns[name] for name in _TWIST if name in columns]
     commanded = any(np.abs(values).max() > LEAST_COMMAND for values in commands)
-    # groups of columns that are dead together, and whether the robot did what they measure
-    left, right = COMMAND_COLUMNS["wheels"]
-    suspects = {
-        COMMAND_COLUMNS["twist"]: drives or moved,
-        (left,): moved or commanded,
-        (right,): moved or commanded,
-        ("gyro_z",): turned,
-        ("x", "y"): drives,
-        ("yaw",): wheels_turn,
-    }
-    # noise varies these columns of any robot that moves
-    for name, column in COLUMNS.items():
-        if column.usual < math.inf and column.group in ("odom", "channels"):
-            suspects[(name,)] = drives or moved
-    # commands and wheels may keep a number for long, but not zero while the robot moves
-    steady = {*COMMAND_COLUMNS["twist"], *COMMAND_COLUMNS["wheels"]}
+    # whether others say that the robot does what the columns of a group measure
+    moves = dict.fromkeys(("cmd", "odom", "channels"), drives or moved)
+    moves |= {"wheels": moved or commanded, "pose": drives, "imu": turned}
+    same = {name for name, values in columns.items() if np.ptp(values) == 0.0}
+    # a robot may drive along x, or ahead
+    for pair in (("x", "y"), _TWIST):
+        if not same >= {*pair}:
+            same -= {*pair}
     dead = list[str]()
-    for names, moves in suspects.items():
-        if not moves or not log.has(names):
-            continue
-        same = [n for n in names if np.ptp(columns[n]) == 0.0]
-        if len(same) == len(names) and not any(n in steady and columns[n][0] for n in names):
-            dead += names
+    for name in columns:
+        column = column_of(name)
+        # commands and wheels may keep a number for long; the others are noisy
+        keeps = column.group in ("cmd", "wheels") and columns[name][0]
+        known = column.usual < math.inf or name in POSE_COLUMNS
+        shows = wheels_turn if name == "yaw" else moves.get(column.group, False)
+        if name in same and known and shows and not keeps:
+            dead.append(name)
     return tuple(dead)

@@ -15,9 +15,10 @@ from itertools import pairwise
 import numpy as np
 
 from ssmr.types import FloatArray
+from validation.files.circular import new_poses
 from validation.files.faults import find_jumps, twist_of
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
-from validation.files.signals import BoolArray, fresh_poses, held, refreshed
+from validation.files.log import POSE_COLUMNS, Group, Log
+from validation.files.signals import BoolArray, held, refreshed
 
 _OFFSET_STEP = 0.01
 """Period on which signals are correlated [s]; a parabola through the best three lags is finer."""
@@ -63,7 +64,7 @@ class Offset:
 
 
 @dataclass(frozen=True, eq=False)
-class _Signal:
+class _Rate:
     """Rate that a sensor tells, M samples."""
 
     t: FloatArray
@@ -74,25 +75,24 @@ class _Signal:
     """Group whose gaps are its own."""
     jumps: Sequence[tuple[float, float]] = ()
     """Beginnings and ends of jumps of the localiser, in which it tells nothing [s]."""
-    is_held: bool = False
-    """True for commands, which hold until the next one."""
 
-    def valid(self, grid: FloatArray) -> BoolArray:
-        """Return (N,) whether it tells anything at instants `grid` [s]."""
-        valid = ~self.group.in_gaps(grid)
+    def smoothed(self, grid: FloatArray) -> FloatArray:
+        """Return the (N,) smoothed rates at instants `grid` [s]; NaN where it tells nothing."""
+        from scipy import ndimage  # here: it takes a tenth of a second to import
+
+        if "cmd_w" in self.group.columns:
+            # commands are held; on stamps that the grid meets, one side would be half a step early
+            half = 0.5 * _OFFSET_STEP
+            sides = [held(grid + side, self.t, self.values) for side in (-half, half)]
+            rates = 0.5 * (sides[0] + sides[1])
+        else:
+            rates = np.interp(grid, self.t, self.values)
+        width = _OFFSET_SMOOTHING / _OFFSET_STEP
+        smooth = ndimage.gaussian_filter1d(rates, width, mode="nearest")
+        smooth[self.group.in_gaps(grid)] = math.nan
         for start, stop in self.jumps:
-            valid[np.searchsorted(grid, start) : np.searchsorted(grid, stop)] = False
-        return valid
-
-    def at(self, grid: FloatArray) -> FloatArray:
-        """Return the (N,) rates at instants `grid` [s]."""
-        if not self.is_held:
-            return np.interp(grid, self.t, self.values)
-        # on stamps that the grid meets, one side alone would be half a step early
-        half = 0.5 * _OFFSET_STEP
-        before = held(grid - half, self.t, self.values)
-        after = held(grid + half, self.t, self.values)
-        return 0.5 * (before + after)
+            smooth[np.searchsorted(grid, start) : np.searchsorted(grid, stop)] = math.nan
+        return np.asarray(smooth)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,38 +111,35 @@ class _Poses:
     def of(cls, log: Log) -> _Poses | None:
         """Return the new poses of a log; None where it has none."""
         group = log.groups.get("pose")
-        pose = None if group is None else group.table(POSE_COLUMNS)
-        if group is None or pose is None:
+        poses = new_poses(group)
+        if group is None or poses is None or len(poses[0]) < 3:
             return None
-        new = np.flatnonzero(fresh_poses(group.t, pose))
-        if len(new) < 3:
-            return None
+        t, pose = poses
         jumps = find_jumps(log)
-        jumped = np.isin(new[1:], () if jumps is None else jumps.index)
-        return cls(group, group.t[new], pose[new], jumped)
+        jumped = np.isin(t[1:], () if jumps is None else jumps.t)
+        return cls(group, t, pose, jumped)
 
     @property
     def middle(self) -> FloatArray:
         """(K - 1,) middles of the steps [s]."""
         return 0.5 * (self.t[1:] + self.t[:-1])
 
+    @property
     def slopes(self) -> FloatArray:
-        """Return the (K - 1, 3) rates of change of the steps."""
+        """(K - 1, 3) rates of change of the steps."""
         return np.diff(self.pose, axis=0) / np.diff(self.t)[:, None]
 
-    def signal(self, rates: FloatArray) -> _Signal:
-        """Return (K - 1,) rates of the steps as a signal; jumps tell nothing."""
+    def rate(self, rates: FloatArray) -> _Rate:
+        """Return (K - 1,) rates of the steps; jumps tell nothing."""
         spans = [(float(self.t[k]), float(self.t[k + 1])) for k in np.flatnonzero(self.jumped)]
         sound = ~self.jumped
-        return _Signal(self.middle[sound], rates[sound], self.group, spans)
+        return _Rate(self.middle[sound], rates[sound], self.group, spans)
 
 
-def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[str, _Signal]]:
-    """Return the yaw rates of a log by group, and the speeds of its wheels.
+def _rates(log: Log, poses: _Poses | None) -> tuple[dict[str, _Rate], dict[str, _Rate]]:
+    """Return the yaw rates of a log by group, and the speeds of its wheels and odometry.
 
-    They stand in `_CLOCK_ORDER`, then commands. Wheel rates are interpolated from one fresh sample
-    of a side to its next: where the sides are refreshed in turn, a row has a rate that is new and
-    one that is old.
+    They stand in `_CLOCK_ORDER`, then commands.
     """
     turning = {}
     speeds = {}
@@ -150,29 +147,22 @@ def _signals(log: Log, poses: _Poses | None) -> tuple[dict[str, _Signal], dict[s
         group = log.groups.get(name)
         if group is None:
             continue
-        if name == "pose":
-            if poses is not None:
-                turning[name] = poses.signal(poses.slopes()[:, 2])
-            continue
-        if name in ("imu", "cmd"):
-            rate = group.columns.get("gyro_z" if name == "imu" else "cmd_w")
-            if rate is not None:
-                turning[name] = _Signal(group.t, rate, group, is_held=name == "cmd")
-            continue
-        for side in COMMAND_COLUMNS["wheels"]:
-            rates = group.columns.get(side)
-            if rates is None:
-                continue
-            new = refreshed(group.t, rates[:, None])
-            steady = np.interp(group.t, group.t[new], rates[new])
-            group = replace(group, columns={**group.columns, side: steady})
-        twist = twist_of(group)
-        if twist is None:
-            continue
-        t, speed, yaw_rate = twist
-        new = refreshed(t, np.column_stack([speed, yaw_rate]))
-        speeds[name] = _Signal(t[new], speed[new], group)
-        turning[name] = _Signal(t[new], yaw_rate[new], group)
+        t = group.t
+        column = {"imu": "gyro_z", "cmd": "cmd_w"}.get(name, "")
+        if column in group.columns:
+            turning[name] = _Rate(t, group.columns[column], group)
+        elif poses is not None and name == "pose":
+            turning[name] = poses.rate(poses.slopes[:, 2])
+        elif name in ("wheels", "odom"):
+            # where sides are refreshed in turn, a row has a rate that is new and one that is old
+            steady = {}
+            for side, values in group.columns.items():
+                new = refreshed(t, values[:, None])
+                steady[side] = np.interp(t, t[new], values[new])
+            twist = twist_of(replace(group, columns=steady))
+            if twist is not None:
+                speeds[name] = _Rate(t, twist[1], group)
+                turning[name] = _Rate(t, twist[2], group)
     return turning, speeds
 
 
@@ -186,46 +176,42 @@ def estimate_offsets(log: Log) -> list[Offset]:
     Samples that were only logged again do not count, nor do jumps of the localiser.
     """
     poses = _Poses.of(log)
-    turning, speeds = _signals(log, poses)
+    turning, speeds = _rates(log, poses)
     reference, *others = list(turning) or [""]
     offsets = []
     for name in others:
         lag = _lag(turning[reference], turning[name])
         if lag is not None:
             offsets.append(Offset("pose_yaw" if name == "pose" else name, reference, *lag))
-    if poses is None or not speeds:
-        return offsets
-    wheels, speed = next(iter(speeds.items()))
-    position = _position_offset(wheels, speed, poses, offsets)
-    return offsets if position is None else [*offsets, position]
+    if poses is not None and speeds:
+        wheels = next(iter(speeds))
+        position = _position_offset(wheels, speeds[wheels], poses, offsets)
+        if position is not None:
+            offsets.append(position)
+    return offsets
 
 
 def _position_offset(
-    wheels: str, speed: _Signal, poses: _Poses, offsets: Sequence[Offset]
+    wheels: str, speed: _Rate, poses: _Poses, offsets: Sequence[Offset]
 ) -> Offset | None:
     """Return the delay of positions behind the first clock, or the wheels if those have none."""
-    delays = {offset.late: offset for offset in offsets}
-    wheels_delay = delays.get(wheels)
-    yaw_delay = 0.0
-    if "pose_yaw" in delays:
-        yaw_delay = delays["pose_yaw"].seconds - (wheels_delay.seconds if wheels_delay else 0.0)
-    late = yaw_delay
-    steps = poses.slopes()
+    known = {offset.late: offset for offset in offsets}
+    first = known.get(wheels, Offset(wheels, wheels, 0.0, 1.0, 0.0))
+    yaw_delay = known["pose_yaw"].seconds - first.seconds if "pose_yaw" in known else 0.0
+    lag: tuple[float, float, float | None] = (yaw_delay, 0.0, None)
     # the heading at the time of a position is known once the delay between them is
     for _ in range(3):
-        yaw = np.interp(poses.middle + yaw_delay - late, poses.t, poses.pose[:, 2])
-        along = steps[:, 0] * np.cos(yaw) + steps[:, 1] * np.sin(yaw)
-        lag = _lag(speed, poses.signal(along))
-        if lag is None:
+        yaw = np.interp(poses.middle + yaw_delay - lag[0], poses.t, poses.pose[:, 2])
+        x, y, _ = poses.slopes.T
+        found = _lag(speed, poses.rate(x * np.cos(yaw) + y * np.sin(yaw)))
+        if found is None:
             return None
-        late, correlation, error = lag
-    if wheels_delay is None:
-        return Offset("position", wheels, late, correlation, error)
+        lag = found
+    late, alike, error = lag
     both = None
-    if error is not None and wheels_delay.standard_error is not None:
-        both = math.hypot(error, wheels_delay.standard_error)
-    seconds = late + wheels_delay.seconds
-    return Offset("position", wheels_delay.behind, seconds, correlation, both)
+    if error is not None and first.standard_error is not None:
+        both = math.hypot(error, first.standard_error)
+    return Offset("position", first.behind, late + first.seconds, alike, both)
 
 
 def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
@@ -262,38 +248,30 @@ def _moved(poses: _Poses, position: float, yaw: float) -> Group:
     return replace(group, t=group.t - position, columns=columns).where(keep)
 
 
-def _lag(a: _Signal, b: _Signal) -> tuple[float, float, float | None] | None:
+def _lag(a: _Rate, b: _Rate) -> tuple[float, float, float | None] | None:
     """Return the delay of b behind a [s], the correlation there and the standard error [s].
 
     None if the two are too short, or not correlated.
     """
-    from scipy import ndimage  # here: it takes a tenth of a second to import
-
     if not (len(a.t) and len(b.t)):  # a localiser may jump at every step
         return None
     start = max(a.t[0], b.t[0])
-    stop = min(a.t[-1], b.t[-1])
+    stop = min(a.t[-1], b.t[-1], start + _OFFSET_SAMPLES * _OFFSET_STEP)
     if stop - start < _OFFSET_SPAN:
         return None
-    longest = _OFFSET_SAMPLES * _OFFSET_STEP
-    grid = np.arange(start, min(stop, start + longest), _OFFSET_STEP)
-    width = _OFFSET_SMOOTHING / _OFFSET_STEP
-    x = ndimage.gaussian_filter1d(a.at(grid), width, mode="nearest")
-    y = ndimage.gaussian_filter1d(b.at(grid), width, mode="nearest")
-    sums = _block_sums(x, y, a.valid(grid), b.valid(grid))
+    grid = np.arange(start, stop, _OFFSET_STEP)
+    sums = _block_sums(a.smoothed(grid), b.smoothed(grid))
     total = sums.sum(axis=0)
     best = _peak(total)
     if best is None:
         return None
-    n = len(sums)
-    if n < _BLOCKS // 2:
-        return *best, None
     # the jackknife: the lags that are found without one block after the other
+    n = len(sums)
     peaks = [_peak(total - block) for block in sums]
     lags = np.array([peak[0] for peak in peaks if peak is not None])
-    if len(lags) < n:
+    if n < _BLOCKS // 2 or len(lags) < n:
         return *best, None
-    return *best, math.sqrt((n - 1) / n * float(((lags - lags.mean()) ** 2).sum()))
+    return *best, math.sqrt((n - 1) * float(np.var(lags)))
 
 
 def _peak(sums: FloatArray) -> tuple[float, float] | None:
@@ -302,45 +280,41 @@ def _peak(sums: FloatArray) -> tuple[float, float] | None:
     `sums` are the (6, L) sums of products of `_block_sums`.
     """
     most = sums.shape[1] // 2
-    n = np.maximum(sums[0], 1.0)
-    mean_x, mean_y, square_x, square_y, product = sums[1:] / n
+    mean_x, mean_y, square_x, square_y, product = sums[1:] / np.maximum(sums[0], 1.0)
     variance = (square_x - mean_x**2) * (square_y - mean_y**2)
     tiny = 1e-12  # rates of a millionth: standing
     scale = np.sqrt(np.maximum(variance, tiny))
-    correlation = np.where(variance > tiny, (product - mean_x * mean_y) / scale, 0.0)
-    best = int(np.argmax(correlation))
-    if correlation[best] < _OFFSET_CORRELATION or best in (0, 2 * most):
+    alike = np.where(variance > tiny, (product - mean_x * mean_y) / scale, 0.0)
+    best = int(np.argmax(alike))
+    if alike[best] < _OFFSET_CORRELATION or best in (0, 2 * most):
         return None
     # the vertex of the parabola through the best three lags
-    before, at, after = correlation[best - 1 : best + 2]
+    before, at, after = alike[best - 1 : best + 2]
     bend = before - 2.0 * at + after
     refined = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     return float(best - most + refined) * _OFFSET_STEP, float(at)
 
 
-def _block_sums(x: FloatArray, y: FloatArray, x_valid: BoolArray, y_valid: BoolArray) -> FloatArray:
+def _block_sums(x: FloatArray, y: FloatArray) -> FloatArray:
     """Return the (B, 6, L) sums of products over blocks of time, by lags of y behind x.
 
-    They are the number of pairs, and sums of x, y, x^2, y^2 and xy, of (N,) series that are valid
-    in places.
+    They are the number of pairs, and sums of x, y, x^2, y^2 and xy, of (N,) series where both are
+    numbers.
     """
-    from scipy import signal
+    from scipy import signal  # here: it takes a tenth of a second to import
 
     most = round(_OFFSET_LIMIT / _OFFSET_STEP)
-    seconds = min(_BLOCK_S, max(_SHORTEST_BLOCK_S, len(x) * _OFFSET_STEP / _BLOCKS))
-    blocks = max(1, round(len(x) * _OFFSET_STEP / seconds))
-    ones_x = x_valid.astype(np.float64)
-    ones_y = y_valid.astype(np.float64)
-    x = (x - x.mean()) * ones_x
-    y = (y - y.mean()) * ones_y
-    padded = [np.pad(values, most) for values in (ones_y, y, y * y)]
+    span = len(x) * _OFFSET_STEP
+    blocks = max(1, round(span / min(_BLOCK_S, max(_SHORTEST_BLOCK_S, span / _BLOCKS))))
+    powers = []
+    for values in (x, np.pad(y, most, constant_values=math.nan)):
+        rates = np.nan_to_num(values)
+        powers.append([np.isfinite(values).astype(np.float64), rates, rates**2])
     edges = np.linspace(0, len(x), blocks + 1).astype(int)
     sums = np.empty((blocks, 6, 2 * most + 1))
     for k, (a, b) in enumerate(pairwise(edges)):
-        ones, first, second = (values[a : b + 2 * most] for values in padded)
-        # the rows of the result, each a sum over u times v at every lag
-        pairs = [(ones_x, ones), (x, ones), (ones_x, first), (x * x, ones)]
-        pairs += [(ones_x, second), (x, first)]
-        for row, (u, v) in enumerate(pairs):
-            sums[k, row] = signal.correlate(v, u[a:b], mode="valid", method="fft")
+        for row, (p, q) in enumerate(((0, 0), (1, 0), (0, 1), (2, 0), (0, 2), (1, 1))):
+            first = powers[0][p][a:b]
+            second = powers[1][q][a : b + 2 * most]
+            sums[k, row] = signal.correlate(second, first, mode="valid", method="fft")
     return sums

@@ -22,6 +22,7 @@ from validation.files.circular import RateTable, is_following, trust_in
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Topic
 from validation.files.messages import TRANSFORM
 from validation.files.reading import FileError, quoted
+from validation.files.signals import correlations
 
 _GOALS = re.compile(r"goal|target|waypoint|initial_?pose|set_?pose|desired|set_?point|_ref\b|plan")
 """Parts of the names of poses where nobody is."""
@@ -192,15 +193,14 @@ def _extent(topic: Topic) -> float:
 
 def _motion(topic: Topic, grid: FloatArray) -> list[FloatArray]:
     """Return sizes of the turn and of the way in each step of a grid [s], if it has them."""
-    columns = topic.columns or {}
-    if {*POSE_COLUMNS} <= set(columns):
-        x, y = (np.interp(grid, topic.t, columns[name]) for name in ("x", "y"))
-        turns = np.interp(grid, topic.t, np.unwrap(np.nan_to_num(columns["yaw"])))
-        return [np.abs(np.diff(turns)), np.hypot(np.diff(x), np.diff(y))]
-    sides = [columns[name] for name in COMMAND_COLUMNS["wheels"] if name in columns]
-    if len(sides) < 2:
-        return []
-    left, right = (np.interp(grid, topic.t, side) for side in sides)
+    columns = {}
+    for name, values in (topic.columns or {}).items():
+        whole = np.unwrap(np.nan_to_num(values)) if name == "yaw" else values
+        columns[name] = np.interp(grid, topic.t, whole)
+    if {*POSE_COLUMNS} <= columns.keys():
+        x, y, yaw = (np.diff(columns[name]) for name in POSE_COLUMNS)
+        return [np.abs(yaw), np.hypot(x, y)]
+    left, right = (columns.get(name, np.zeros(len(grid))) for name in COMMAND_COLUMNS["wheels"])
     return [np.abs(right - left)[1:], np.abs(right + left)[1:]]
 
 
@@ -217,16 +217,11 @@ def _alike(topic: Topic, chosen: Mapping[str, Topic]) -> float:
     grid = np.arange(start, stop, _STEP_S)
     if len(grid) < 6 * _SHIFTS:
         return 1.0
-    best = 0.0
-    moves = False
-    for a, b in zip(_motion(topic, grid), _motion(other, grid), strict=False):
-        middle = a[_SHIFTS : len(a) - _SHIFTS]
-        for k in range(2 * _SHIFTS + 1):
-            shifted = b[k : k + len(middle)]
-            if np.std(middle) > 1e-4 and np.std(shifted) > 1e-4:
-                moves = True
-                best = max(best, float(np.corrcoef(middle, shifted)[0, 1]))
-    return best if moves else 1.0
+    alike = []
+    for a, b in zip(_motion(topic, grid), _motion(other, grid), strict=True):
+        if min(np.std(a), np.std(b)) > 1e-4:
+            alike.append(np.max(correlations(a - np.mean(a), b - np.mean(b), _SHIFTS)))
+    return float(max(alike, default=1.0))
 
 
 def _is_circular(topic: Topic, wheels: Topic | None) -> bool:

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
 from validation.files.channels import (
+    ENCODERS,
     FEWEST_WINDOWS,
     RATES,
     TWIST,
-    WHEELS,
     Channels,
-    Evidence,
+    LogSignals,
     speed_along,
 )
 from validation.files.log import POSE_COLUMNS, UNITS, LogFault, column_of
@@ -57,7 +57,7 @@ _RADIUS = 0.165
 
 # ------------------------------------------------------------------------------------------
 # what tells a rate
-class Measure(NamedTuple):
+class RateMeasure(NamedTuple):
     """One signal of a rate, and the range of its ratio to the true rate [1]."""
 
     columns: tuple[str, ...]
@@ -76,7 +76,7 @@ _TURNS: Mapping[tuple[str, ...], _Span] = {
     ("gyro_z",): (0.93, 1.0, 1.07),
     ("yaw",): (0.93, 1.0, 1.07),
     ("odom_w",): (0.6, 1.0, 4.0),
-    WHEELS: (2.6, 6.3, 25.0),
+    ENCODERS: (2.6, 6.3, 25.0),
     ("cmd_w",): (0.6, 2.3, 15.0),
 }
 """By columns that tell the yaw rate, the least, the typical and the greatest ratio to it.
@@ -87,7 +87,7 @@ are not what the body does, nor is the odometry of wheels that skid."""
 _WAYS: Mapping[tuple[str, ...], _Span] = {
     ("x", "y"): (0.85, 1.0, 1.18),
     ("odom_v",): (0.6, 1.0, 1.7),
-    WHEELS: (0.75, 1.0, 1.25),
+    ENCODERS: (0.75, 1.0, 1.25),
     ("cmd_v",): (0.6, 1.05, 2.7),
 }
 """The same of the forward speed."""
@@ -95,7 +95,9 @@ _ANY_WHEEL = (0.28, 1.0, 5.4)
 """The same of wheels whose radius is taken for a Husky's."""
 
 
-def measures(signals: Channels, radius: float | None) -> tuple[list[Measure], list[Measure]]:
+def measures(
+    signals: Channels, radius: float | None
+) -> tuple[list[RateMeasure], list[RateMeasure]]:
     """Return the measures of the yaw rate and of the forward speed."""
     told = dict[tuple[str, ...], FloatArray]()
     for name in (*RATES, "yaw"):
@@ -108,26 +110,28 @@ def measures(signals: Channels, radius: float | None) -> tuple[list[Measure], li
             told[name,] = np.where(commanded, told[name,], math.nan)
     turns = dict(told)
     ways = dict(told)
-    if {*WHEELS} <= signals.keys():
-        left, right = (signals[name] for name in WHEELS)
-        turns[WHEELS] = right - left
-        ways[WHEELS] = 0.5 * (radius or _RADIUS) * (left + right)
+    if {*ENCODERS} <= signals.keys():
+        left, right = (signals[name] for name in ENCODERS)
+        turns[ENCODERS] = right - left
+        ways[ENCODERS] = 0.5 * (radius or _RADIUS) * (left + right)
     along = speed_along(signals)
     if along is not None:
         ways["x", "y"] = along
     of_ways = dict(_WAYS)
     if radius is None:
-        of_ways[WHEELS] = _ANY_WHEEL
-    turning = [Measure(names, turns[names], *_TURNS[names]) for names in _TURNS if names in turns]
-    forward = [Measure(names, ways[names], *of_ways[names]) for names in _WAYS if names in ways]
+        of_ways[ENCODERS] = _ANY_WHEEL
+    turning = [
+        RateMeasure(names, turns[names], *_TURNS[names]) for names in _TURNS if names in turns
+    ]
+    forward = [RateMeasure(names, ways[names], *of_ways[names]) for names in _WAYS if names in ways]
     return turning, forward
 
 
 class _Pair(NamedTuple):
     """How two measures of one rate compare."""
 
-    a: Measure
-    b: Measure
+    a: RateMeasure
+    b: RateMeasure
     alike: float
     """Their correlation about zero."""
     sure: float
@@ -143,7 +147,7 @@ class _Pair(NamedTuple):
         return self.beyond > (_CLEARLY if self.sure > _SURE else _FAR)
 
 
-def _pairs(told: Sequence[Measure], share: float) -> list[_Pair]:
+def _pairs(told: Sequence[RateMeasure], share: float) -> list[_Pair]:
     """Return the pairs that tell of one motion; `share` says which percentile of ratios counts."""
     pairs = []
     for a, b in combinations(told, 2):
@@ -211,16 +215,16 @@ def _negated(*names: str) -> Mapping[str, tuple[str, float]]:
 
 def _corrections() -> Iterator[_Correction]:
     """Yield every correction that is tried."""
-    left, right = WHEELS
+    left, right = ENCODERS
     negative = "to have the wrong sign"
-    for names in (WHEELS, *((name,) for name in (*RATES, "yaw"))):
+    for names in (ENCODERS, *((name,) for name in (*RATES, "yaw"))):
         yield _Correction("sign", names, negative, _negated(*names))
     backwards = "to be half a turn apart: the robot drives backwards"
     yield _Correction("sign", POSE_COLUMNS, backwards, _negated("x", "y"))
-    for a, b in (WHEELS, ("x", "y"), TWIST, ("odom_v", "odom_w")):
+    for a, b in (ENCODERS, ("x", "y"), TWIST, ("odom_v", "odom_w")):
         yield _Correction("swapped", (a, b), "to be swapped", {a: (b, 1.0), b: (a, 1.0)})
     crossed = {left: (right, -1.0), right: (left, -1.0)}
-    yield _Correction("swapped", WHEELS, "to be swapped and negative", crossed)
+    yield _Correction("swapped", ENCODERS, "to be swapped and negative", crossed)
     for names in (("y",), ("x",), ("y", "yaw")):
         what = f"{negative}: the frame is left-handed"
         yield _Correction("handedness", names, what, _negated(*names))
@@ -254,7 +258,7 @@ def angle_between(step: NDArray[np.complex128], heading: FloatArray | float) -> 
     return complex(np.sum(step**2 / size * np.exp(-2j * np.asarray(heading))) / np.sum(size))
 
 
-def contradictions(e: Evidence) -> Iterator[LogFault]:
+def contradictions(e: LogSignals) -> Iterator[LogFault]:
     """Signs, places and frames with which the signals contradict each other."""
     now = _agreement(e.signals)
     gains = []
@@ -276,14 +280,14 @@ def contradictions(e: Evidence) -> Iterator[LogFault]:
         yield LogFault(gains[0][1].kind, columns, sentence)
 
 
-def other_axis(e: Evidence) -> Iterator[LogFault]:
+def other_axis(e: LogSignals) -> Iterator[LogFault]:
     """A signal that resembles no other, while the others resemble one another."""
     for told in measures(e.signals, e.radius):
         measured = [m for m in told if not {*m.columns} <= {*TWIST}]
         for m in measured:
             others = [o.values for o in measured if o is not m]
             sure = min((correlation(a, b) for a, b in combinations(others, 2)), default=0.0)
-            loss = _SLIP_LOSS if m.columns == WHEELS else _UNRELATED_LOSS
+            loss = _SLIP_LOSS if m.columns == ENCODERS else _UNRELATED_LOSS
             alike = max((abs(correlation(m.values, o)) for o in others), default=1.0)
             if sure > _SURE and np.any(m.values) and alike < sure - loss:
                 sentence = (
@@ -296,7 +300,7 @@ def other_axis(e: Evidence) -> Iterator[LogFault]:
 # ------------------------------------------------------------------------------------------
 # units
 _PRECISIONS: Mapping[tuple[str, ...], float] = {
-    WHEELS: 0.08,
+    ENCODERS: 0.08,
     ("x", "y"): 0.08,
     ("yaw",): 0.03,
     ("gyro_z",): 0.03,
@@ -308,20 +312,20 @@ _PRECISIONS: Mapping[tuple[str, ...], float] = {
 """How well the factor of columns that are in another unit is known [1]."""
 
 
-def units_of_turns(e: Evidence) -> Iterator[LogFault]:
+def units_of_turns(e: LogSignals) -> Iterator[LogFault]:
     """Units of columns that tell the yaw rate."""
     turning, forward = measures(e.signals, e.radius)
     ways = _pairs(forward, _SHARES[1])
     yield from _units(e, "turn", _pairs(turning, _SHARES[0]), ways)
 
 
-def units_of_ways(e: Evidence) -> Iterator[LogFault]:
+def units_of_ways(e: LogSignals) -> Iterator[LogFault]:
     """Units of columns that tell the speed."""
     yield from _units(e, "way", _pairs(measures(e.signals, e.radius)[1], _SHARES[1]), [])
 
 
 def _units(
-    e: Evidence, what: str, pairs: Sequence[_Pair], ways: Sequence[_Pair]
+    e: LogSignals, what: str, pairs: Sequence[_Pair], ways: Sequence[_Pair]
 ) -> Iterator[LogFault]:
     """Yield a fault of those columns that most of the bad pairs have in common."""
     votes = Counter[tuple[str, ...]]()
@@ -350,7 +354,7 @@ def _words(
     factor, by = _told(names, pairs)
     words = f"{factor:.3g} times the {what} that {by} say"
     unit = _fitting_unit(names, factor, radius)
-    if unit or names != WHEELS:
+    if unit or names != ENCODERS:
         return f"{words}: {f'it seems to be in {unit}' if unit else 'is it in another unit?'}"
     factors = [factor]
     if any(names in (pair.a.columns, pair.b.columns) for pair in ways):
@@ -379,10 +383,10 @@ def _fitting_unit(names: tuple[str, ...], factor: float, radius: float | None) -
     precision = _PRECISIONS[names]
     base = column_of(names[0]).unit
     units = {unit: 1.0 / size for unit, (of, size) in UNITS.items() if of == base}
-    if names == WHEELS and radius is not None:
+    if names == ENCODERS and radius is not None:
         units |= {unit: radius / size for unit, (of, size) in UNITS.items() if of == "m/s"}
         units["m/s"] = radius
-    elif names == WHEELS or (radius is None and "x" in names and 0.1 <= factor <= 10.0):
+    elif names == ENCODERS or (radius is None and "x" in names and 0.1 <= factor <= 10.0):
         return ""
     elif "x" in names and radius is None:
         precision = 0.3  # it is told by wheels of some size

@@ -34,9 +34,9 @@ LONGEST_S = 60.0
 """Longest difference of two clocks that is looked for [s]."""
 FEWEST_WINDOWS = 20
 """Number of windows from which they say anything of signals."""
-WHEELS = COMMAND_COLUMNS["wheels"]
+ENCODERS = COMMAND_COLUMNS["wheels"]
 TWIST = COMMAND_COLUMNS["twist"]
-RATES = (*WHEELS, "odom_v", "odom_w", "gyro_z", *TWIST)
+RATES = (*ENCODERS, "odom_v", "odom_w", "gyro_z", *TWIST)
 """Columns that are rates."""
 Channels = Mapping[str, FloatArray]
 """(N,) means over windows by column: rates; of x, y and yaw their rates of change, and `heading`,
@@ -80,7 +80,7 @@ class Turns(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class LogSignals:
     """A log, and what its columns tell of the motion."""
 
     log: Log
@@ -105,7 +105,7 @@ class Evidence:
     @property
     def wheels(self) -> FloatArray | None:
         """(2, N) rates of left and right wheels [rad/s]."""
-        sides = [self.signals[name] for name in WHEELS if name in self.signals]
+        sides = [self.signals[name] for name in ENCODERS if name in self.signals]
         return np.array(sides) if len(sides) == 2 else None
 
     @cached_property
@@ -114,9 +114,9 @@ class Evidence:
         sums = _Ways()
         for group in self.log.groups.values():
             sums |= _sums(group)
-        if {*WHEELS} <= sums.keys():
-            t, left = sums[WHEELS[0]]
-            sums["wheels"] = t, np.interp(t, *sums[WHEELS[1]]) - left
+        if {*ENCODERS} <= sums.keys():
+            t, left = sums[ENCODERS[0]]
+            sums["wheels"] = t, np.interp(t, *sums[ENCODERS[1]]) - left
         sensor = next((name for name in ("gyro_z", "wheels") if name in sums), "")
         if not sensor or "yaw" not in sums:
             return None

@@ -23,7 +23,7 @@ from validation.files.agreement import (
     units_of_turns,
     units_of_ways,
 )
-from validation.files.channels import FEWEST_WINDOWS, LONGEST_S, TWIST, WHEELS, Evidence
+from validation.files.channels import ENCODERS, FEWEST_WINDOWS, LONGEST_S, TWIST, LogSignals
 from validation.files.circular import circular
 from validation.files.log import ANY_COLUMN, COLUMNS, POSE_COLUMNS, Log, LogFault
 from validation.files.signals import centred, correlation, moving_mean, sturdy_fit
@@ -69,7 +69,7 @@ _FAST_RATE = 2000.0
 
 
 # ------------------------------------------------------------------------------------------ time
-def too_many_samples(e: Evidence) -> Iterator[LogFault]:
+def too_many_samples(e: LogSignals) -> Iterator[LogFault]:
     """Time that is no seconds: more samples in a second than any robot has."""
     for name in ("pose", "wheels", "odom", "imu"):
         group = e.log.groups.get(name)
@@ -82,14 +82,14 @@ def too_many_samples(e: Evidence) -> Iterator[LogFault]:
             return
 
 
-def time_unit(e: Evidence) -> Iterator[LogFault]:
+def time_unit(e: LogSignals) -> Iterator[LogFault]:
     """Time in another unit: turns and ways of the pose are too fast by the same factor."""
     rows = all(np.all(np.diff(group.t) == 1.0) for group in e.log.groups.values())
     factors = []
     for told in measures(e.signals, e.radius):
         values = {m.columns: np.nan_to_num(m.values) / m.typical for m in told}
         pose = values.get(("yaw",), values.get(("x", "y")))
-        other = values.get(("gyro_z",), values.get(WHEELS))
+        other = values.get(("gyro_z",), values.get(ENCODERS))
         if pose is not None and other is not None and np.any(other):
             if rows or abs(correlation(pose, other)) > _SAME:
                 factors.append(float(np.linalg.norm(pose) / np.linalg.norm(other)))
@@ -104,7 +104,7 @@ def time_unit(e: Evidence) -> Iterator[LogFault]:
         yield LogFault("clock", ("t", *POSE_COLUMNS), sentence)
 
 
-def other_clock(e: Evidence) -> Iterator[LogFault]:
+def other_clock(e: LogSignals) -> Iterator[LogFault]:
     """Headings that are so late behind the gyro or the wheels that no delay explains it."""
     if e.turns is None:
         return
@@ -120,7 +120,7 @@ def other_clock(e: Evidence) -> Iterator[LogFault]:
         yield LogFault("clock", POSE_COLUMNS, sentence)
 
 
-def growing_delay(e: Evidence) -> Iterator[LogFault]:
+def growing_delay(e: LogSignals) -> Iterator[LogFault]:
     """A clock that runs at another rate: the delay of headings grows through the log."""
     from scipy import stats  # here: it takes a tenth of a second to import
 
@@ -150,7 +150,7 @@ def growing_delay(e: Evidence) -> Iterator[LogFault]:
         yield LogFault("clock", POSE_COLUMNS, sentence)
 
 
-def smoothed(e: Evidence) -> Iterator[LogFault]:
+def smoothed(e: LogSignals) -> Iterator[LogFault]:
     """A heading that is averaged over seconds: the mean of the gyro or the wheels tells it."""
     turns = e.turns
     if turns is None:
@@ -174,15 +174,15 @@ def smoothed(e: Evidence) -> Iterator[LogFault]:
 
 # ------------------------------------------------------------------------------------------
 # columns of wheels
-def same_columns(e: Evidence) -> Iterator[LogFault]:
+def same_columns(e: LogSignals) -> Iterator[LogFault]:
     """Both wheels from one column, although the robot turns."""
     if e.wheels is not None and e.turning is not None and np.array_equal(*e.wheels):
         if np.mean(np.abs(e.turning) > MOVES) > 0.1:
             sentence = "enc_left and enc_right are the same numbers, although the robot turns"
-            yield LogFault("same", WHEELS, sentence)
+            yield LogFault("same", ENCODERS, sentence)
 
 
-def _likeness(e: Evidence) -> float:
+def _likeness(e: LogSignals) -> float:
     """Return the smaller correlation of turns and of speeds by wheels and by poses [1]."""
     if e.wheels is None:
         return 0.0
@@ -191,10 +191,10 @@ def _likeness(e: Evidence) -> float:
     return min((correlation(a, b) for a, b in both if a is not None), default=0.0)
 
 
-def positions(e: Evidence) -> Iterator[LogFault]:
+def positions(e: LogSignals) -> Iterator[LogFault]:
     """Columns of wheels that are positions: their slopes tell the motion, and they do not."""
     group = e.log.groups.get("wheels")
-    table = None if group is None else group.table(WHEELS)
+    table = None if group is None else group.table(ENCODERS)
     if group is None or table is None:
         return
     # a counter wraps by its whole range
@@ -202,13 +202,13 @@ def positions(e: Evidence) -> Iterator[LogFault]:
     wraps = np.abs(np.diff(table, axis=0)) > 0.5 * span
     wrapped = bool(np.any(wraps) and np.mean(wraps) < 0.05)
     slopes = {}
-    for name, values, period in zip(WHEELS, table.T, span, strict=True):
+    for name, values, period in zip(ENCODERS, table.T, span, strict=True):
         way = np.unwrap(values, period=period) if wrapped else values
         steps = np.abs(np.diff(way))
         if np.ptp(way) < 10.0 or np.percentile(steps, 90.0) > 0.05 * np.ptp(way):
             return
         slopes[name] = rates_of_positions(group.t, way)
-    turned = Evidence(e.log.changed("wheels", slopes))
+    turned = LogSignals(e.log.changed("wheels", slopes))
     if _likeness(turned) > max(0.8, _likeness(e) + 0.2):
         sentence = (
             "enc_left and enc_right are positions, which add up, and not rates: their slopes tell "
@@ -216,10 +216,10 @@ def positions(e: Evidence) -> Iterator[LogFault]:
         )
         if wrapped:
             sentence += "; and they wrap: count on instead"
-        yield LogFault("counter" if wrapped else "positions", WHEELS, sentence)
+        yield LogFault("counter" if wrapped else "positions", ENCODERS, sentence)
 
 
-def single_samples(e: Evidence) -> Iterator[LogFault]:
+def single_samples(e: LogSignals) -> Iterator[LogFault]:
     """Counters that wrap, spikes and dropouts: single samples that no wheel reaches."""
     for name, least in (("enc_left", 5.0), ("enc_right", 5.0), ("gyro_z", 2.0)):
         if not e.log.has((name,)):
@@ -249,9 +249,9 @@ def single_samples(e: Evidence) -> Iterator[LogFault]:
             yield LogFault(kind, (name,), sentence)
 
 
-def unsigned_wheels(e: Evidence) -> Iterator[LogFault]:
+def unsigned_wheels(e: LogSignals) -> Iterator[LogFault]:
     """Encoders that tell no direction: never negative, although the robot drives backwards."""
-    raw = [e.log.columns[name] for name in WHEELS if e.log.has((name,))]
+    raw = [e.log.columns[name] for name in ENCODERS if e.log.has((name,))]
     v = e.along
     if e.wheels is None or v is None or any(values.min() < -0.01 * values.max() for values in raw):
         return
@@ -270,17 +270,17 @@ def unsigned_wheels(e: Evidence) -> Iterator[LogFault]:
             "enc_left and enc_right are never negative, although the pose says that wheels turned "
             f"backwards in {100.0 * np.mean(backwards):.0f} % of the time: they tell no direction"
         )
-        yield LogFault("sign", WHEELS, sentence)
+        yield LogFault("sign", ENCODERS, sentence)
 
 
-def set_points(e: Evidence) -> Iterator[LogFault]:
+def set_points(e: LogSignals) -> Iterator[LogFault]:
     """Wheel rates that follow from the commands exactly, as set points do."""
     wheels = e.log.groups.get("wheels")
     commands = e.log.groups.get("cmd")
-    if wheels is None or commands is None or not e.log.has((*WHEELS, *TWIST)):
+    if wheels is None or commands is None or not e.log.has((*ENCODERS, *TWIST)):
         return
     now = np.searchsorted(commands.t, wheels.t, side="right") - 1
-    rates = np.column_stack([wheels.columns[name] for name in WHEELS])[now >= 0]
+    rates = np.column_stack([wheels.columns[name] for name in ENCODERS])[now >= 0]
     twists = np.column_stack([commands.columns[name] for name in TWIST])
     size = np.std(rates, axis=0)
     for late in (0, 1):
@@ -291,11 +291,11 @@ def set_points(e: Evidence) -> Iterator[LogFault]:
                 "enc_left and enc_right follow from cmd_v and cmd_w exactly: they are set points, "
                 "and not what encoders measured"
             )
-            yield LogFault("setpoints", WHEELS, sentence)
+            yield LogFault("setpoints", ENCODERS, sentence)
             return
 
 
-def pushed(e: Evidence) -> Iterator[LogFault]:
+def pushed(e: LogSignals) -> Iterator[LogFault]:
     """A robot that moves while its wheels stand."""
     if e.wheels is None or e.along is None:
         return
@@ -308,10 +308,10 @@ def pushed(e: Evidence) -> Iterator[LogFault]:
             f"the robot moves in {100.0 * n / len(moves):.0f} % of the time although its wheels "
             "stand: is it pushed or carried?"
         )
-        yield LogFault("slip", WHEELS, sentence)
+        yield LogFault("slip", ENCODERS, sentence)
 
 
-def unlike_sides(e: Evidence) -> Iterator[LogFault]:
+def unlike_sides(e: LogSignals) -> Iterator[LogFault]:
     """Wheels of one side that are faster than the robot moves, always or while they slip."""
     if e.wheels is None or e.along is None:
         return
@@ -330,13 +330,13 @@ def unlike_sides(e: Evidence) -> Iterator[LogFault]:
             f"enc_left is {left[0] / right[0]:.2g} times as fast as enc_right when the robot "
             "drives straight: one of them is in another unit, or loses samples"
         )
-        yield LogFault("scale", WHEELS, sentence)
+        yield LogFault("scale", ENCODERS, sentence)
         return
     more = np.abs(e.wheels) - np.abs(told)
     frozen = np.abs(np.diff(e.wheels, axis=1, prepend=0.0)) < 1e-12
     fast = (more > np.maximum(0.5 * np.abs(told), _SLIPS)) & ~frozen
     sound = np.abs(e.wheels - told) < 0.3 * np.maximum(np.abs(told), 1.0)
-    for k, name in enumerate(WHEELS):
+    for k, name in enumerate(ENCODERS):
         share = np.mean(fast[k] & sound[1 - k])
         if share > max(2.0 * _FEW / len(moved), 0.05, 5.0 * np.mean(fast[1 - k])):
             sentence = (
@@ -348,7 +348,7 @@ def unlike_sides(e: Evidence) -> Iterator[LogFault]:
 
 # ------------------------------------------------------------------------------------------
 # commands, gyro and pose
-def commands_of_wheels(e: Evidence) -> Iterator[LogFault]:
+def commands_of_wheels(e: LogSignals) -> Iterator[LogFault]:
     """Commands that are those of two wheels."""
     asked = [e.signals[name] for name in TWIST if name in e.signals]
     if e.wheels is None or e.turning is None or len(asked) < 2:
@@ -358,7 +358,7 @@ def commands_of_wheels(e: Evidence) -> Iterator[LogFault]:
         yield LogFault("swapped", TWIST, sentence)
 
 
-def other_commands(e: Evidence) -> Iterator[LogFault]:
+def other_commands(e: LogSignals) -> Iterator[LogFault]:
     """Commands that resemble nothing that the robot did."""
     along = e.along
     if along is None and e.wheels is not None:
@@ -385,7 +385,7 @@ def other_commands(e: Evidence) -> Iterator[LogFault]:
         yield LogFault("unrelated", TWIST, sentence)
 
 
-def gyro_offset(e: Evidence) -> Iterator[LogFault]:
+def gyro_offset(e: LogSignals) -> Iterator[LogFault]:
     """A gyro that differs from the heading's rate by an offset, or by more and more."""
     s = e.signals
     if not {"gyro_z", "yaw"} <= s.keys() or correlation(s["gyro_z"], s["yaw"]) < 0.3:
@@ -419,7 +419,7 @@ def gyro_offset(e: Evidence) -> Iterator[LogFault]:
         yield LogFault("offset", ("gyro_z",), sentence)
 
 
-def turned_path(e: Evidence) -> Iterator[LogFault]:
+def turned_path(e: LogSignals) -> Iterator[LogFault]:
     """A path that goes at an angle to its heading, or is counted along the robot."""
     s = e.signals
     if e.along is None or not (np.any(s["x"]) and np.any(s["y"])):
@@ -447,16 +447,16 @@ def turned_path(e: Evidence) -> Iterator[LogFault]:
         yield LogFault("frame", ("x", "y"), sentence)
 
 
-def speeds_for_places(e: Evidence) -> Iterator[LogFault]:
+def speeds_for_places(e: LogSignals) -> Iterator[LogFault]:
     """Positions that are speeds: their size follows the wheels."""
     pose = e.log.groups.get("pose")
     wheels = e.log.groups.get("wheels")
-    if pose is None or wheels is None or not e.log.has((*WHEELS, "x", "y")):
+    if pose is None or wheels is None or not e.log.has((*ENCODERS, "x", "y")):
         return
     if e.along is not None and e.wheels is not None:
         if abs(correlation(e.along, np.sum(e.wheels, axis=0))) > 0.5:
             return  # their slopes are the speeds
-    rates = [np.interp(pose.t, wheels.t, wheels.columns[name]) for name in WHEELS]
+    rates = [np.interp(pose.t, wheels.t, wheels.columns[name]) for name in ENCODERS]
     size = moving_mean(pose.t, np.hypot(pose.columns["x"], pose.columns["y"]), 0.5)
     mean = moving_mean(pose.t, np.abs(rates[0] + rates[1]), 0.5)
     if np.std(mean) > 0.2 and centred(size, mean) > 0.85:
@@ -465,12 +465,12 @@ def speeds_for_places(e: Evidence) -> Iterator[LogFault]:
 
 
 # ------------------------------------------------------------------------------------------ any
-def frozen(e: Evidence) -> Iterator[LogFault]:
+def frozen(e: LogSignals) -> Iterator[LogFault]:
     """Columns that keep their value for long while others say that the robot moves."""
     turning, forward = measures(e.signals, e.radius)
     shares = {}
     for name, rate in e.signals.items():
-        if name not in (*POSE_COLUMNS, "gyro_z", *WHEELS):
+        if name not in (*POSE_COLUMNS, "gyro_z", *ENCODERS):
             continue
         told = [*turning, *forward]
         if name in ("yaw", "gyro_z"):
@@ -486,10 +486,10 @@ def frozen(e: Evidence) -> Iterator[LogFault]:
             varies = np.median(_changes(others), axis=0) > 0.3 * MOVES
             moves &= varies | kept
             kept = _changes(rate) < 1e-12
-        if name in WHEELS:
+        if name in ENCODERS:
             # where both sides are kept, they may be set points, or the robot stands and its
             # localiser does not
-            kept &= _changes(e.signals.get(WHEELS[name == WHEELS[0]], rate)) > 1e-12
+            kept &= _changes(e.signals.get(ENCODERS[name == ENCODERS[0]], rate)) > 1e-12
         n = np.count_nonzero(moves & kept)
         moving = np.count_nonzero(moves)
         if n > max(FEWEST_WINDOWS // 4, _FROZEN * moving):
@@ -505,7 +505,7 @@ def _changes(values: object) -> FloatArray:
     return np.abs(np.diff(np.asarray(values, dtype=np.float64), prepend=math.nan))
 
 
-def too_large(e: Evidence) -> Iterator[LogFault]:
+def too_large(e: LogSignals) -> Iterator[LogFault]:
     """Numbers that are larger than a robot's can be."""
     for name, values in e.log.columns.items():
         column = COLUMNS.get(name, ANY_COLUMN)
@@ -518,7 +518,7 @@ def too_large(e: Evidence) -> Iterator[LogFault]:
             yield LogFault("scale", (name,), sentence)
 
 
-Check = Callable[[Evidence], Iterator[LogFault]]
+Check = Callable[[LogSignals], Iterator[LogFault]]
 CHECKS: Mapping[Check, float] = {
     circular: 0.0,
     too_many_samples: 0.0,
@@ -551,7 +551,7 @@ function and its line here."""
 
 def checked(log: Log, radius: float | None) -> Iterator[LogFault]:
     """Yield what the tests say of a log; `radius` is that of the wheels [m], None for any."""
-    e = Evidence(log, radius)
+    e = LogSignals(log, radius)
     span = min(float(group.t[-1] - group.t[0]) for group in log.groups.values())
     for check, shortest in CHECKS.items():
         if span < shortest:
@@ -561,4 +561,4 @@ def checked(log: Log, radius: float | None) -> Iterator[LogFault]:
             columns = {*chain(*(fault.columns for fault in found))}
             if "t" in columns or columns >= e.log.columns.keys():
                 return
-            e = Evidence(e.log.without(columns), radius)
+            e = LogSignals(e.log.without(columns), radius)

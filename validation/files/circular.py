@@ -15,7 +15,7 @@ import numpy as np
 
 from ssmr.geometry import integral
 from ssmr.types import FloatArray, IndexArray
-from validation.files.channels import TWIST, WHEELS, Evidence
+from validation.files.channels import ENCODERS, TWIST, LogSignals
 from validation.files.log import POSE_COLUMNS, Group, Log, LogFault
 from validation.files.signals import TIME_ROUNDOFF, fresh_poses
 
@@ -64,7 +64,7 @@ def trust_in(source: str) -> int:
     return 2
 
 
-class RateTable(NamedTuple):
+class _Rates(NamedTuple):
     """Rates from which a pose may follow, K samples."""
 
     columns: tuple[str, ...]
@@ -77,23 +77,23 @@ class RateTable(NamedTuple):
     """(K, q) rates whose sum, each times a factor, may be the yaw rate."""
 
 
-def rates_of(log: Log) -> Iterator[RateTable]:
+def _rates_of(log: Log) -> Iterator[_Rates]:
     """Yield what poses of a log may follow from: wheels, odometry, each with a gyro, commands."""
     imu = log.groups.get("imu")
-    for names in (WHEELS, ("odom_v", "odom_w"), TWIST):
+    for names in (ENCODERS, ("odom_v", "odom_w"), TWIST):
         group = next((g for g in log.groups.values() if g.table(names) is not None), None)
         if group is None:
             continue
         rates = np.column_stack([group.columns[name] for name in names])
-        yield RateTable(names, group.t, rates, rates)
+        yield _Rates(names, group.t, rates, rates)
         if imu is not None and names != TWIST:
             gyro = np.interp(group.t, imu.t, imu.columns["gyro_z"])
             turns = np.column_stack([gyro, np.ones(len(gyro))])
-            yield RateTable((*names, "gyro_z"), group.t, rates, turns)
+            yield _Rates((*names, "gyro_z"), group.t, rates, turns)
 
 
-def errors_of_following(
-    t: FloatArray, pose: FloatArray, rates: RateTable, window: float = _WINDOW_S
+def _errors(
+    t: FloatArray, pose: FloatArray, rates: _Rates, window: float
 ) -> tuple[float, float] | None:
     """Return the median errors of ways [m] and turns [rad] of a window that rates tell.
 
@@ -153,30 +153,24 @@ def _error(
     return error(lag)
 
 
-def is_following(t: FloatArray, pose: FloatArray, rates: RateTable, most: float = _FOLLOWS) -> bool:
-    """Return whether (M, 3) poses at (M,) stamps [s] follow from rates."""
-    errors = errors_of_following(t, pose, rates)
-    if errors is None or max(errors) > most:
-        return False
-    noise = errors_of_following(t, pose, rates, _SHORT_S)
-    return noise is None or max(noise) < max(_NOISELESS, 0.3 * most)
-
-
-def circular(e: Evidence) -> Iterator[LogFault]:
+def circular(e: LogSignals) -> Iterator[LogFault]:
     """A pose that follows from other columns of its log."""
     group = next((g for g in e.log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
     poses = new_poses(group)
     if group is None or poses is None or trust_in(group.source) <= 1:
         return
     measured = False
-    for rates in rates_of(e.log):
+    for rates in _rates_of(e.log):
         own = rates.columns[0] in group.columns
         if own and measured:
             continue  # a localiser tells its own speed, and wheels do not follow
-        errors = errors_of_following(*poses, rates)
-        measured |= errors is not None and rates.columns[0] in WHEELS
+        errors = _errors(*poses, rates, _WINDOW_S)
+        measured |= errors is not None and rates.columns[0] in ENCODERS
         most = _FOLLOWS_TWIST if own else _FOLLOWS
-        if errors is not None and is_following(*poses, rates, most):
+        if errors is None or max(errors) > most:
+            continue
+        noise = _errors(*poses, rates, _SHORT_S)
+        if noise is None or max(noise) < max(_NOISELESS, 0.3 * most):
             sentence = (
                 f"x, y and yaw follow from {' and '.join(rates.columns)} to "
                 f"{1e3 * errors[0]:.1f} mm and {math.degrees(errors[1]):.2f} deg in 6 s: the pose "

@@ -18,11 +18,12 @@ import numpy as np
 
 from ssmr.geometry import compose
 from ssmr.types import FloatArray
-from validation.files.circular import RateTable, is_following, trust_in
-from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Topic
+from validation.files.channels import ENCODERS, LogSignals
+from validation.files.circular import circular, trust_in
+from validation.files.log import POSE_COLUMNS, Group, Log, Topic
 from validation.files.messages import TRANSFORM
 from validation.files.reading import FileError, quoted
-from validation.files.signals import correlations
+from validation.files.signals import centred
 
 _GOALS = re.compile(r"goal|target|waypoint|initial_?pose|set_?pose|desired|set_?point|_ref\b|plan")
 """Parts of the names of poses where nobody is."""
@@ -30,12 +31,8 @@ _MOVED_M = 0.3
 """Extent of the poses of a robot that moves [m]."""
 _ALIKE = 0.5
 """Correlation of the motions that two topics of one robot tell [1]."""
-_STEP_S = 0.2
-"""Time between the instants at which motions are compared [s]."""
-_SHIFTS = 10
-"""Greatest delay at which they are compared, in such steps."""
-_MOST_STEPS = 3000
-"""Number of steps that suffices."""
+_ODOMETRY = {"odom_v": "v", "odom_w": "w"}
+"""Columns of odometry by our names, and there."""
 _BASE = re.compile(r"(^|[/_])base(_link|_footprint|$)|(^|/)chassis")
 _ROOT = re.compile(r"(^|/)(map|world|odom|earth|mocap)$")
 """Names of the frames of a robot, and of those in which it moves."""
@@ -61,7 +58,7 @@ ROLES: Mapping[str, Role] = MappingProxyType(
     {
         "cmd": Role(("v", "w"), _TWISTS, ("cmd_vel",)),
         "odom": Role(("v", "w"), ("nav_msgs/msg/Odometry",), ("controller", "wheel")),
-        "wheels": Role(COMMAND_COLUMNS["wheels"], ("sensor_msgs/msg/JointState",)),
+        "wheels": Role(ENCODERS, ("sensor_msgs/msg/JointState",)),
         "imu": Role(("gyro_x", "gyro_y", "gyro_z"), ("sensor_msgs/msg/Imu",), ("imu/data",)),
         "pose": Role(POSE_COLUMNS, ("geometry_msgs/msg/PoseStamped",)),
         "gps": Role(("latitude", "longitude"), ("sensor_msgs/msg/NavSatFix",)),
@@ -159,9 +156,9 @@ def _best_pose(
             against = "is a goal by its name"
         elif extent < _MOVED_M and (moves or topic.type in ROLES["odom"].types):
             against = "stands still"
-        elif _alike(topic, chosen) < _ALIKE:
+        elif _alike(_evidence(topic, chosen)) < _ALIKE:
             against = "tells another motion than the wheels"
-        elif trust > 1.0 and _is_circular(topic, chosen.get("wheels")):
+        elif "wheels" in chosen and any(circular(_evidence(topic, chosen))):
             against = "follows from the wheels alone"
             trust += 5.0
         # what lies between transforms is odometry
@@ -191,48 +188,46 @@ def _extent(topic: Topic) -> float:
     return max(spans)
 
 
-def _motion(topic: Topic, grid: FloatArray) -> list[FloatArray]:
-    """Return sizes of the turn and of the way in each step of a grid [s], if it has them."""
+def _evidence(poses: Topic, chosen: Mapping[str, Topic]) -> LogSignals:
+    """Return what a topic of poses tells, and the wheels beside it, or else the odometry."""
+    groups = {"pose": _group(poses, {name: name for name in POSE_COLUMNS})}
+    for role, names in (
+        ("wheels", dict(zip(ENCODERS, ENCODERS, strict=True))),
+        ("odom", _ODOMETRY),
+    ):
+        topic = chosen.get(role)
+        if len(groups) < 2 and topic is not None and topic is not poses:
+            groups[role] = _group(topic, names)
+    return LogSignals(Log(Path(poses.name), groups))
+
+
+def _group(topic: Topic, names: Mapping[str, str]) -> Group:
+    """Return columns of a topic by our names."""
     columns = {}
-    for name, values in (topic.columns or {}).items():
-        whole = np.unwrap(np.nan_to_num(values)) if name == "yaw" else values
-        columns[name] = np.interp(grid, topic.t, whole)
-    if {*POSE_COLUMNS} <= columns.keys():
-        x, y, yaw = (np.diff(columns[name]) for name in POSE_COLUMNS)
-        return [np.abs(yaw), np.hypot(x, y)]
-    left, right = (columns.get(name, np.zeros(len(grid))) for name in COMMAND_COLUMNS["wheels"])
-    return [np.abs(right - left)[1:], np.abs(right + left)[1:]]
+    for ours, theirs in names.items():
+        values = np.nan_to_num((topic.columns or {}).get(theirs, np.zeros(len(topic.t))))
+        columns[ours] = np.unwrap(values) if ours == "yaw" else values
+    return Group(topic.name, topic.t, columns)
 
 
-def _alike(topic: Topic, chosen: Mapping[str, Topic]) -> float:
-    """Return the correlation of a topic's motion and that of the wheels, or else of the odometry.
+def _alike(e: LogSignals) -> float:
+    """Return the correlation of a pose's motion and that of the wheels, or else of the odometry.
 
     It is 1 where there is nothing to compare.
     """
-    other = chosen.get("wheels") or chosen.get("odom")
-    if other is None or other is topic:
+    s = e.signals
+    turn = s.get("odom_w")
+    way = s.get("odom_v")
+    if e.wheels is not None:
+        turn = e.wheels[1] - e.wheels[0]
+        way = e.wheels[1] + e.wheels[0]
+    if turn is None or way is None:
         return 1.0
-    start = max(topic.t[0], other.t[0])
-    stop = min(topic.t[-1], other.t[-1], start + _MOST_STEPS * _STEP_S)
-    grid = np.arange(start, stop, _STEP_S)
-    if len(grid) < 6 * _SHIFTS:
-        return 1.0
-    alike = []
-    for a, b in zip(_motion(topic, grid), _motion(other, grid), strict=True):
+    alike = [1.0]
+    for a, b in ((s["yaw"], turn), (np.hypot(s["x"], s["y"]), way)):
         if min(np.std(a), np.std(b)) > 1e-4:
-            alike.append(np.max(correlations(a - np.mean(a), b - np.mean(b), _SHIFTS)))
-    return float(max(alike, default=1.0))
-
-
-def _is_circular(topic: Topic, wheels: Topic | None) -> bool:
-    """Return whether the poses of a topic follow from the wheels."""
-    if wheels is None or wheels.columns is None or topic.columns is None:
-        return False
-    names = COMMAND_COLUMNS["wheels"]
-    rates = np.column_stack([np.nan_to_num(wheels.columns[name]) for name in names])
-    pose = np.column_stack([np.nan_to_num(topic.columns[name]) for name in POSE_COLUMNS])
-    pose[:, 2] = np.unwrap(pose[:, 2])
-    return is_following(topic.t, pose, RateTable(names, wheels.t, rates, rates))
+            alike.append(centred(np.abs(a), np.abs(b)))
+    return max(alike[1:] or alike)
 
 
 # ------------------------------------------------------------------------------------- transforms
@@ -295,7 +290,7 @@ def wheels_of(topic: Topic, named: Mapping[str, tuple[str, str]]) -> Topic:
     columns = topic.columns or {}
     joints = dict.fromkeys(name.rpartition(".")[0] for name in columns)
     sides = {}
-    for side, column in zip(_SIDES, COMMAND_COLUMNS["wheels"], strict=True):
+    for side, column in zip(_SIDES, ENCODERS, strict=True):
         if column in named:
             members = named[column][0].split("+")
         else:

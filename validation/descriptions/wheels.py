@@ -132,12 +132,12 @@ class WheeledRobot:
 
     def _four(self, any_direction: bool) -> list[int]:
         """Return the joints of the four wheels; a ValueError says why they are none of a robot."""
-        axes = self.data.xaxis
+        axes = np.abs(self.data.xaxis)
         spinning = self._spinning()
         self._require_no_rollers(spinning)
-        along_y = [j for j in spinning if abs(axes[j, 1]) > _PARALLEL]
-        if not any_direction and len(along_y) != 4 and len(spinning) >= 4:
-            crosswise = [j for j in spinning if abs(axes[j, 0]) > _PARALLEL]
+        along_y = [j for j in spinning if axes[j, 1] > _PARALLEL]
+        crosswise = [j for j in spinning if axes[j, 0] > _PARALLEL]
+        if not any_direction and len(along_y) != 4:
             if len(crosswise) == 4:
                 raise ValueError(
                     f"joints {self._names(crosswise)} turn about the x axis, which is meant where "
@@ -158,13 +158,11 @@ class WheeledRobot:
 
     def _require_no_rollers(self, spinning: Sequence[int]) -> None:
         """Raise a ValueError where joints that spin hang on others that spin."""
-        model = self.model
-        bodies = {int(model.jnt_bodyid[j]): j for j in spinning}
-        rollers = []
-        for body, joint in bodies.items():
-            parent = int(model.body_parentid[body])
-            if any(self.is_below(parent, other) for other in bodies):
-                rollers.append(joint)
+        bodies = {int(self.model.jnt_bodyid[j]): j for j in spinning}
+        hanging = set[int]()
+        for body in bodies:
+            hanging.update(self.group(body)[1:])
+        rollers = [joint for body, joint in bodies.items() if body in hanging]
         if len(rollers) >= 4:
             raise ValueError(
                 f"its wheels carry rollers ({self._names(rollers)}): mecanum or omni wheels, which "
@@ -176,15 +174,15 @@ class WheeledRobot:
 
         A wheel without a shape is as large as the lowest one.
         """
-        drums = {joint: self.drum(joint) for joint in joints}
-        heights = {joint: float(self.data.xanchor[joint, 2]) for joint in joints}
-        lows = [(heights[j] - drum.radius, drum.radius) for j, drum in drums.items() if drum]
-        if not lows:
+        heights = self.data.xanchor[list(joints), 2]
+        drums = [self.drum(joint) for joint in joints]
+        radii = np.array([np.nan if drum is None else drum.radius for drum in drums])
+        if np.isnan(radii).all():
             return list(joints)
-        bottom, usual = min(lows)
-        most = bottom + _REACH * usual
-        radii = {j: usual if drum is None else drum.radius for j, drum in drums.items()}
-        return [joint for joint in joints if heights[joint] - radii[joint] < most]
+        lowest = np.nanargmin(heights - radii)
+        most = heights[lowest] - radii[lowest] + _REACH * radii[lowest]
+        bottoms = heights - np.where(np.isnan(radii), radii[lowest], radii)
+        return [joint for joint, bottom in zip(joints, bottoms, strict=True) if bottom < most]
 
     def _require_fixed(self, joint: int) -> None:
         """Raise a ValueError where a wheel can be steered by a joint above it."""
@@ -204,28 +202,25 @@ class WheeledRobot:
         model = self.model
         is_round = np.isin(model.geom_type, _ROUND)
         by_reason = dict[str, list[str]]()
-        taken = {int(model.jnt_bodyid[j]) for j in wheels}
-        for body in range(1, model.nbody):
+        taken = model.jnt_bodyid[list(wheels)]
+        for body in set(range(1, model.nbody)).difference(taken.tolist()):
             joint = int(model.body_jntadr[body])
-            name = model.body(body).name
+            shown = one_line(model.body(body).name)
+            names = shown
+            reason = "fixed: make their joints continuous"
             if joint >= 0:
-                name = f"{name} {model.joint(joint).name}"
-            has_round = is_round[model.geom_bodyid == body].any()
-            is_leaf = not np.any(model.body_parentid == body)
-            if body in taken or not (_WHEEL_WORDS.search(name) or (has_round and is_leaf)):
-                continue
-            if joint < 0:
-                reason = "fixed: make their joints continuous"
-                shown = one_line(model.body(body).name)
-            else:
+                names += f" {model.joint(joint).name}"
                 shown = self._name(joint)
                 reason = self._reason(joint)
-            by_reason.setdefault(reason, []).append(shown)
-        texts = []
-        for reason, names in by_reason.items():
-            listed = ", ".join(names[:8])
-            texts.append(f"; {listed} {'is' if len(names) == 1 else 'are'} {reason}")
-        return "".join(texts)
+            has_round = is_round[model.geom_bodyid == body].any()
+            is_leaf = body not in model.body_parentid
+            if _WHEEL_WORDS.search(names) or (has_round and is_leaf):
+                by_reason.setdefault(reason, []).append(shown)
+        text = ""
+        for reason, shown_names in by_reason.items():
+            verb = "is" if len(shown_names) == 1 else "are"
+            text += f"; {', '.join(shown_names[:8])} {verb} {reason}"
+        return text
 
     def _reason(self, joint: int) -> str:
         model = self.model
@@ -269,11 +264,10 @@ class WheeledRobot:
         middle = places.mean(axis=0)
         ahead, aside, _ = (places - middle).T
         order = np.lexsort((-aside, ahead < 0.0)).tolist()
-        x = np.abs(ahead).mean()
-        y = np.abs(aside).mean()
-        self.wheelbase = 2.0 * float(x)
-        self.track = 2.0 * float(y)
-        askew = float(np.abs([ahead[order] - x * FRONT, aside[order] - y * LEFT]).max())
+        self.wheelbase = 2.0 * float(np.abs(ahead).mean())
+        self.track = 2.0 * float(np.abs(aside).mean())
+        corners = 0.5 * np.array([self.wheelbase * FRONT, self.track * LEFT])
+        askew = float(np.abs([ahead[order], aside[order]] - corners).max())
         if askew > _ASKEW * min(self.wheelbase, self.track):
             raise ValueError(
                 "the four wheels do not stand at the corners of a rectangle: of "
@@ -311,13 +305,10 @@ class WheeledRobot:
 
     def drum(self, joint: int) -> Drum | None:
         """Return the shape of a wheel that reaches farthest from its axle; None without any."""
-        body = int(self.model.jnt_bodyid[joint])
-        drums = []
-        for owner in self.group(body):
-            first = int(self.model.body_geomadr[owner])
-            for geom in range(first, first + int(self.model.body_geomnum[owner])):
-                if self.model.geom_contype[geom] or self.model.geom_conaffinity[geom]:
-                    drums.append(self._drum_of(geom, joint))
+        model = self.model
+        is_on_wheel = np.isin(model.geom_bodyid, self.group(int(model.jnt_bodyid[joint])))
+        touching = is_on_wheel & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+        drums = [self._drum_of(geom, joint) for geom in np.flatnonzero(touching).tolist()]
         return max(drums, key=lambda drum: drum.radius, default=None)
 
     def _drum_of(self, geom: int, joint: int) -> Drum:
@@ -365,17 +356,14 @@ class WheeledRobot:
     def outline(self) -> FloatArray | None:
         """Return the (2, 3) lowest and highest corners of the base's shapes [m]; None without."""
         signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
-        corners = []
-        base = set(self.base)
-        for g, box in enumerate(self.model.geom_aabb.reshape(-1, 6)):
-            if int(self.model.geom_bodyid[g]) in base:
-                turn = self.data.geom_xmat[g].reshape(3, 3)
-                points = self.data.geom_xpos[g] + (box[:3] + signs * box[3:]) @ turn.T
-                corners.append(points @ self.turn.T - self.origin)
-        if not corners:
+        of_base = np.isin(self.model.geom_bodyid, self.base)
+        if not of_base.any():
             return None
-        every = np.concatenate(corners)
-        return np.array([every.min(axis=0), every.max(axis=0)])
+        boxes = self.model.geom_aabb.reshape(-1, 2, 1, 3)[of_base]
+        turns = self.data.geom_xmat.reshape(-1, 3, 3)[of_base]
+        corners = (boxes[:, 0] + signs * boxes[:, 1]) @ turns.transpose(0, 2, 1)
+        points = (self.data.geom_xpos[of_base, None] + corners) @ self.turn.T - self.origin
+        return np.array([points.min(axis=(0, 1)), points.max(axis=(0, 1))])
 
 
 _LEFT_NAMES = re.compile(r"left|(?<![a-z])(l|fl|bl|rl|lf|lb|lr)(?![a-z])", re.IGNORECASE)

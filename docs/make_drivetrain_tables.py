@@ -48,7 +48,10 @@ def mujoco_shares(
     The wheel rates, (2, n), are steady.
     """
     calibration = husky(
-        friction=FRICTION, wheel_radius=HUSKY.geometry.radius, mass=HUSKY.mass, timestep=timestep
+        friction=FRICTION,
+        wheel_radius=HUSKY.vehicle.wheel_radius,
+        mass=HUSKY.mass,
+        timestep=timestep,
     )
     plant = MujocoPlant(calibration, Drive(), settings=PhysicsSettings(impratio=impratio))
     # 5 s, the first one speeds up
@@ -58,13 +61,13 @@ def mujoco_shares(
         late = motion.t > 3.0
         weight = motion.channels["wheel_load_N"][late].sum(axis=1).mean()
         torque = motion.channels[GROUND_TORQUES][late].mean(axis=0)
-        shares[:, k] = torque / (0.5 * FRICTION * weight * HUSKY.geometry.radius)
+        shares[:, k] = torque / (0.5 * FRICTION * weight * HUSKY.vehicle.wheel_radius)
     return shares, creep(plant)
 
 
 def law_shares(rates: FloatArray, scale: float) -> FloatArray:
     """Return (2, n) forces of the sides over their friction limits under the slip law."""
-    return side_forces(rates, HUSKY.geometry, scale)
+    return side_forces(rates, HUSKY.vehicle, scale)
 
 
 def main(path: str) -> None:

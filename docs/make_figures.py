@@ -215,7 +215,7 @@ def table_trembling() -> None:
             gain,
             armature,
             1e3 * lag,
-            *(f"{run_health(plant.model, [run]).load_sum_rms_N:.1f}" for run in runs),
+            *(f"{run_health(plant.model, [run])['load_sum_rms_N']:.1f}" for run in runs),
         )
 
 
@@ -261,7 +261,7 @@ def table_steps() -> None:
             apart = [f"{ends_apart(a, b):.2f}" for a, b in pairwise(runs)]
             health = check_health(runs[1].channels["wheel_load_N"])
             slip = np.abs(runs[1].twist[runs[1].t > 3.0, 1]).max()
-            loads = f"{health.lowest_load_share:.2f}", f"{health.load_deviation:.3f}"
+            loads = f"{health['lowest_load_share']:.2f}", f"{health['load_deviation']:.3f}"
             print_row(
                 *ground,
                 scenario,

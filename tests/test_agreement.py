@@ -56,7 +56,7 @@ def test_mujoco_is_as_near_the_published_model_as_the_real_robot_was(
     assert result.scores["mujoco"].metrics["d_rms_m"] <= limit("improved", trajectory)
     health = result.runs["mujoco"].health
     assert health is not None
-    assert health.ok
+    assert health["ok"]
 
 
 @pytest.mark.parametrize("trajectory", TRAJECTORIES)

@@ -14,21 +14,20 @@ from hypothesis import strategies as st
 from ssmr.robot.drive import wheel_references
 from ssmr.robot.drivetrain import (
     CREEP,
-    SkidGeometry,
     battery_current,
     bridge_reading,
     grip,
     quasi_static_twist,
     side_forces,
 )
-from ssmr.robot.vehicle import Drive
+from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, State
 from tests.conftest import ROUNDOFF
 from tests.robots import TRACK, WHEELBASE
 from validation.identify.motor_logs import Chassis
 from validation.study.drivetrain_fit import DriverLaw, driven_rates
 
-HUSKY = SkidGeometry(0.1651, 0.5 * TRACK, 0.5 * WHEELBASE)
+HUSKY = Vehicle(wheel_radius=0.1651, half_track=0.5 * TRACK, a=0.5 * WHEELBASE, b=0.5 * WHEELBASE)
 SOLVED = 1e-9
 """Forces over friction limits that a Newton step of 1e-12 m/s leaves, with slip scales from 0.01
 on."""
@@ -88,7 +87,7 @@ def test_a_turn_on_the_spot_is_coulombs_whatever_the_scale(half_base: float) -> 
 
     The closed form is 1 + (a / b)^2 for any scale.
     """
-    geometry = SkidGeometry(0.1651, 0.2854, half_base)
+    geometry = Vehicle(wheel_radius=0.1651, half_track=0.2854, a=half_base, b=half_base)
     for scale in (1e-5, 0.08, 0.5):
         rate = quasi_static_twist(np.array([[-2.0], [2.0]]), geometry, scale)[2, 0]
         multiplier = geometry.radius * 2.0 / (geometry.half_track * rate)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from ssmr.estimation.ekf import filter_log, filter_step, initial_belief, predict, run_ekf, update
 from ssmr.estimation.settings import Belief, EkfSettings
+from ssmr.parameters import packed
 from ssmr.robot.drive import wheel_rates
 from ssmr.robot.sensors import SensorLog, SensorModel, SensorSample, sense, simulate_sensors
 from ssmr.types import FloatArray, State, Trajectory
@@ -353,9 +354,7 @@ def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
         assert seen.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(variance / m))
     draws = np.random.default_rng(9).standard_normal((m, 3))
     seen = log.left[5], log.right[5], log.gyro[5]
-    assert sense(3.0, 4.0, 0.7, tuple(draws[5]), model.packed()) == pytest.approx(
-        seen, rel=ROUNDOFF
-    )
+    assert sense(3.0, 4.0, 0.7, tuple(draws[5]), packed(model)) == pytest.approx(seen, rel=ROUNDOFF)
     uneven = simulate_sensors(moving, np.random.default_rng(9), model, rate=130.0)
     assert np.all(np.isin(uneven.t, moving.t))
     assert np.allclose(uneven.t, np.arange(len(uneven.t)) / 130.0, rtol=0.0, atol=0.002)

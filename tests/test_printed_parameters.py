@@ -65,7 +65,7 @@ def test_the_profile_has_the_printed_numbers() -> None:
 def test_it_turns_as_the_improved_model_but_drives_elsewhere(scenario: str) -> None:
     model = driven(scenario, "improved")
     robot = driven(scenario, "mujoco")
-    assert check_health(robot.channels["wheel_load_N"]).ok
+    assert check_health(robot.channels["wheel_load_N"])["ok"]
     assert abs(robot.yaw[-1] - model.yaw[-1]) < YAW
     assert abs(model.yaw[-1]) > 5.0 * YAW
     assert compare_paths(model, robot)["d_rms_m"] > PATH[scenario]

@@ -43,7 +43,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.errors import ControllerError, SsmrError
 from ssmr.estimation.ekf import initial_belief
 from ssmr.estimation.settings import EkfSettings
-from ssmr.parameters import require_in_range
+from ssmr.parameters import packed, require_in_range
 from ssmr.robot.drive import whole_steps
 from ssmr.robot.sensors import SensorModel, SensorNoise, yaw_disturbance
 from ssmr.types import FloatArray, Motion, Plant, State, Trajectory
@@ -176,7 +176,7 @@ def make_trackers(
             belief=initial_belief(state),
             filter=around.filter.packed(),
             noise=around.deviations(),
-            sensors=around.sensors.packed(),
+            sensors=packed(around.sensors),
             clock=clock,
         )
         trackers.append(tracker)

@@ -24,7 +24,7 @@ from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors
 from ssmr.estimation.ekf import filter_step
 from ssmr.estimation.settings import YAW, Belief, V, W, X, Y
 from ssmr.robot.drive import DriveNumbers, DriveState, follow
-from ssmr.robot.sensors import SensorErrors, sense
+from ssmr.robot.sensors import SensorNumbers, sense
 from ssmr.types import FloatArray, Motion
 
 LOST = 3.0
@@ -67,7 +67,7 @@ class Tracker(NamedTuple):
     belief: Belief  # state of the EKF
     filter: Any  # `EkfSettings.packed()`
     noise: Observation  # standard deviations of the feedback
-    sensors: SensorErrors  # `SensorModel.packed()`
+    sensors: Any  # a packed `SensorModel`
     clock: Clock  # physics step and periods
 
 
@@ -82,7 +82,7 @@ class LoopState(NamedTuple):
     command: Command
 
 
-NO_ERRORS = SensorErrors(*(0.0,) * 3)
+NO_ERRORS = SensorNumbers(*(0.0,) * 3)
 UNSEEN = Observation(0.0, 0.0, 0.0, 0.0, 0.0)
 """Templates for `named_like`."""
 INITIAL_STATE = LoopState(

@@ -22,11 +22,10 @@ sensors are met:
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from scipy.special import ndtr
 
+from ssmr.robot.vehicle import Vehicle
 from ssmr.types import FloatArray
 
 CREEP = 0.02
@@ -34,14 +33,6 @@ CREEP = 0.02
 _STEPS = 100  # steps towards a steady motion; with slip scales up to 0.8 fifty reach rounding
 _STILL = 1e-9  # wheels that slide by less, over their scale, do not slide
 _SHARP, _NOTHING = 1e-12, 1e-9  # least ripple, and what lies beyond an edge by less lies on it [A]
-
-
-class SkidGeometry(NamedTuple):
-    """Four equal wheels, symmetric about the centre of mass."""
-
-    radius: float  # rolling radius of the wheels [m]
-    half_track: float  # half the distance of left and right wheels [m]
-    half_base: float  # half the distance of the axles [m]
 
 
 def grip(slip: FloatArray | float, scale: float) -> FloatArray:
@@ -54,17 +45,17 @@ def grip(slip: FloatArray | float, scale: float) -> FloatArray:
     return -np.expm1(-np.asarray(slip) / scale)
 
 
-def side_forces(rates: FloatArray, geometry: SkidGeometry, scale: float) -> FloatArray:
+def side_forces(rates: FloatArray, vehicle: Vehicle, scale: float) -> FloatArray:
     """Return (2, n) forward forces of the left and right wheels in steady motion [1].
 
     They are shares of mu N of a side. The arguments are those of `quasi_static_twist`.
     """
-    twist = quasi_static_twist(rates, geometry, scale)
-    ahead, pull = _slides(rates, twist, geometry, scale)
+    twist = quasi_static_twist(rates, vehicle, scale)
+    ahead, pull = _slides(rates, twist, vehicle, scale)
     return ahead * pull
 
 
-def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) -> FloatArray:
+def quasi_static_twist(rates: FloatArray, vehicle: Vehicle, scale: float) -> FloatArray:
     """Return (3, n) forward speed, speed to the left [m/s], yaw rate [rad/s] of steady motions.
 
     A force of slip has a potential over the sliding velocity that is convex. A robot that does not
@@ -75,7 +66,7 @@ def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) 
 
     Args:
         rates: (2, n) steady rates of the left and right wheels [rad/s].
-        geometry: sizes of the robot.
+        vehicle: sizes of the robot, whose weight is in the middle.
         scale: s_0 of `grip` [1].
 
     Raises:
@@ -83,18 +74,18 @@ def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) 
     """
     if not scale > 0.0:
         raise ValueError(f"the slip scale must be positive, got {scale}")
-    rim = geometry.radius * rates
-    track = 2.0 * geometry.half_track
+    rim = vehicle.wheel_radius * rates
+    track = 2.0 * vehicle.half_track
     spin = (rim[1] - rim[0]) / track  # without any slip
     still = np.zeros_like(spin)
     twist = np.stack([rim.mean(axis=0), still, 0.5 * spin])
     for _ in range(_STEPS):
-        _, pull = _slides(rates, twist, geometry, scale)
+        _, pull = _slides(rates, twist, vehicle, scale)
         both = pull.sum(axis=0)
         turning = track**2 * pull.prod(axis=0) / both  # one side pulls the other round ...
-        resisting = geometry.half_base**2 * both  # ... and all four slide across
+        resisting = vehicle.a**2 * both  # ... and all four slide across
         yaw_rate = spin * turning / (turning + resisting)
-        lever = geometry.half_track * np.stack([yaw_rate, -yaw_rate])
+        lever = vehicle.half_track * np.stack([yaw_rate, -yaw_rate])
         ahead = (pull * (rim + lever)).sum(axis=0) / both
         before = twist
         twist = np.stack([ahead, still, yaw_rate])
@@ -104,14 +95,14 @@ def quasi_static_twist(rates: FloatArray, geometry: SkidGeometry, scale: float) 
 
 
 def _slides(
-    rates: FloatArray, twist: FloatArray, geometry: SkidGeometry, scale: float
+    rates: FloatArray, twist: FloatArray, vehicle: Vehicle, scale: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return (2, n) speeds at which both rims slide ahead, and their force over sliding speed."""
-    lever = geometry.half_track * np.stack([twist[2], -twist[2]])
-    rim = geometry.radius * rates
+    lever = vehicle.half_track * np.stack([twist[2], -twist[2]])
+    rim = vehicle.wheel_radius * rates
     ahead = rim - twist[0] + lever
     gives = scale * (np.abs(rim) + CREEP)
-    slide = np.hypot(ahead, geometry.half_base * twist[2])
+    slide = np.hypot(ahead, vehicle.a * twist[2])
     slip = np.maximum(slide / gives, _STILL)
     return ahead, grip(slip, 1.0) / (slip * gives)
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ssmr._jit import jit, source
-from ssmr.parameters import check_parameters, parameter, require_in_range
+from ssmr.parameters import check_parameters, numbers_of, packed, parameter, require_in_range
 from ssmr.types import FloatArray, IndexArray, Trajectory
 
 SAMPLE_RATES_HZ = {"tracking": 120.0, "ekf": 50.0, "command": 20.0}
@@ -95,14 +95,6 @@ class SensorSample(NamedTuple):
     gyro: float  # yaw rate [rad/s]
 
 
-class SensorErrors(NamedTuple):
-    """Noise and bias of the sensors, for the kernels."""
-
-    encoder_std: float  # standard deviation of each side's wheel rate [rad/s]
-    gyro_std: float  # standard deviation of the gyro [rad/s]
-    gyro_bias: float  # reading of the gyro at rest [rad/s]
-
-
 class SensorLog(NamedTuple):
     """Readings of the sensors, M samples, in the order in which `run_ekf` takes them."""
 
@@ -133,11 +125,8 @@ class SensorModel:
         """Check the ranges; ValueError for a negative variance, or a number that is not finite."""
         check_parameters(self)
 
-    def packed(self) -> SensorErrors:
-        """Return the noise for the kernels."""
-        return SensorErrors(
-            math.sqrt(self.variance_encoder), math.sqrt(self.variance_gyro), self.gyro_bias
-        )
+
+SensorNumbers = numbers_of(SensorModel)
 
 
 @jit
@@ -146,16 +135,18 @@ def sense(
     right: float,
     yaw_rate: float,
     draws: tuple[float, float, float],
-    noise: SensorErrors,
+    noise: Any,
 ) -> SensorSample:
     """Return the readings of encoders and gyro for true rates of wheels and body [rad/s].
 
-    `draws` are three standard normal numbers, for left, right and gyro, which the caller draws.
+    `draws` are three standard normal numbers, for left, right and gyro, which the caller draws;
+    `noise` is a packed `SensorModel`.
     """
+    of_wheels = math.sqrt(noise.variance_encoder)
     return SensorSample(
-        left + noise.encoder_std * draws[0],
-        right + noise.encoder_std * draws[1],
-        yaw_rate + noise.gyro_std * draws[2] + noise.gyro_bias,
+        left + of_wheels * draws[0],
+        right + of_wheels * draws[1],
+        yaw_rate + math.sqrt(noise.variance_gyro) * draws[2] + noise.gyro_bias,
     )
 
 
@@ -179,7 +170,7 @@ def simulate_sensors(
     left, right = trajectory.wheels[first].T
     yaw_rate = trajectory.twist[first, 2]
     draws = rng.standard_normal((len(first), 3)).T
-    errors = (model or SensorModel()).packed()
+    errors = packed(model or SensorModel())
     on_arrays: Any = source(sense)
     readings = on_arrays(left, right, yaw_rate, draws, errors)
     return SensorLog(trajectory.t[first], *readings)

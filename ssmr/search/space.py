@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +35,14 @@ class Parameter:
     """Least value that is possible at all."""
     greatest: float = math.inf
     """Greatest value that is possible at all."""
+
+    places: tuple[str, ...] = ()
+    """Places of the value in its owner, as `section.field`; empty where nobody owns it."""
+
+    def read(self, owner: Any) -> float:
+        """Return the value in an owner; of several places the first."""
+        section, _, field = self.places[0].partition(".")
+        return float(getattr(getattr(owner, section), field))
 
     def text(self, value: float) -> str:
         """Return a value with its unit; a pure number has none."""

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from validation.output import Progress, Progressing, silent
 from validation.simulator.description import WHEELS
 from validation.simulator.health import Health, run_health
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.wheel_loads import WheelLoads, resting_loads, summarise, with_quasi_static
+from validation.simulator.wheel_loads import resting_loads, summarise, with_quasi_static
 
 _LONG_AT_LIMIT = 0.5
 """Time at a motor's limit from which on a run says so [s]; setting off takes less."""
@@ -40,8 +40,8 @@ class Run:
     """Time that simulating took [s]."""
     health: Health | None = None
     """The verdict on the wheel loads; only a MuJoCo robot has one, and only on level ground."""
-    loads: WheelLoads | None = None
-    """The loads that its wheels carried; only a MuJoCo robot knows them."""
+    loads: Mapping[str, Any] | None = None
+    """The loads that its wheels carried, see `summarise`; only a MuJoCo robot knows them."""
 
     @property
     def real_time_factor(self) -> float:
@@ -56,9 +56,9 @@ class Run:
             "real_time_factor": self.real_time_factor,
         }
         if self.health is not None:
-            document["health"] = self.health.as_dict()
+            document["health"] = self.health
         if self.loads is not None:
-            document["wheel_loads"] = {"wheels": WHEELS, **asdict(self.loads)}
+            document["wheel_loads"] = {"wheels": WHEELS, **self.loads}
         return document
 
 
@@ -161,9 +161,8 @@ def _examined(run: Run, plant: MujocoPlant, source: Source, push_seed: int | Non
     if not plant.terrain.level:  # on a ramp loads say nothing of health
         return run
     given = any(piece.commands.kind == "wheels" for piece in source.pieces)
-    health = run_health(plant.model, motions, given_rates=given)
-    if not given:
-        health = replace(health, at_limit=_at_limit(run, plant, source, push_seed))
+    limit = None if given else _at_limit(run, plant, source, push_seed)
+    health = run_health(plant.model, motions, given_rates=given, at_limit=limit)
     return replace(run, health=health)
 
 

@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ssmr.robot.drivetrain import (
-    SkidGeometry,
     battery_current,
     battery_torque,
     bridge_reading,
     side_forces,
 )
+from ssmr.robot.vehicle import Vehicle
 from ssmr.types import FloatArray
 from validation.experiment.sources import RECORDING, Source
 from validation.identify.blocks import Estimate, FitNumbers, fit_in_blocks
@@ -85,19 +85,19 @@ _READING_RULES = (
 """Every rule that a log is tried against. The third is for sensors without a sign."""
 
 
-def _side_currents(numbers: FitNumbers, rates: FloatArray, geometry: SkidGeometry) -> FloatArray:
+def _side_currents(numbers: FitNumbers, rates: FloatArray, vehicle: Vehicle) -> FloatArray:
     """Return (2, n) currents [A] that a rule's numbers need for (2, n) wheel rates [rad/s]."""
     known, inverse = np.unique(rates.round(4), axis=1, return_inverse=True)
-    effort = side_forces(known, geometry, numbers.get("slip_scale", COULOMB_SCALE))
+    effort = side_forces(known, vehicle, numbers.get("slip_scale", COULOMB_SCALE))
     loss = np.array([[numbers["loss_left"]], [numbers["loss_right"]]])
     return np.asarray(numbers["friction"] * effort[:, inverse.ravel()] + loss * np.sign(rates))
 
 
 def _predicted(
-    numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry
+    numbers: FitNumbers, some: MotorSamples, sensor: Sensor, vehicle: Vehicle
 ) -> FloatArray:
     """Return (2, n) readings that the numbers of a rule predict [A]."""
-    current = _side_currents(numbers, some.rates, geometry)
+    current = _side_currents(numbers, some.rates, vehicle)
     if "rho" in numbers:
         return bridge_reading(current, some.rates, numbers["rho"], sensor.ripple, sensor.idle)
     if "heat" in numbers:
@@ -108,9 +108,7 @@ def _predicted(
     return forward if sensor.signed else np.abs(forward)
 
 
-def _fit_rule(
-    rule: _ReadingRule, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry
-) -> Estimate:
+def _fit_rule(rule: _ReadingRule, some: MotorSamples, sensor: Sensor, vehicle: Vehicle) -> Estimate:
     """Return the numbers of a rule that predict the samples best; outliers count less."""
     known = np.isfinite(some.currents)
     currents = some.currents[known]
@@ -123,7 +121,7 @@ def _fit_rule(
         numbers[name] = (unit * start, unit * low, unit * high)
 
     def residuals(x: FitNumbers) -> FloatArray:
-        return _predicted(x, some, sensor, geometry)[known] - currents
+        return _predicted(x, some, sensor, vehicle)[known] - currents
 
     blocks = np.broadcast_to(some.t // _BLOCK, known.shape)[known]
     size = _ROBUST * max(float(np.std(currents)), 1e-6)
@@ -152,7 +150,7 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
         ValueError: a log has no currents, or too little steady driving.
     """
     sensor = sensor_of(log)
-    geometry = chassis.geometry
+    vehicle = chassis.vehicle
     first, *others = (log, *held_out) if held_out else log.divided()
     fitted = steady_samples(first)[1]
     rows, judged = (_joined(parts) for parts in zip(*map(steady_samples, others), strict=True))
@@ -171,22 +169,20 @@ def fit_currents(log: DriveLog, held_out: Sequence[DriveLog], chassis: Chassis) 
     tried = list[tuple[_ReadingRule, FitNumbers, dict[str, Any]]]()
     for rule in _READING_RULES:
         if not (sensor.signed and "rho" in rule.numbers):
-            own = _fit_rule(rule, fitted, sensor, geometry).values
+            own = _fit_rule(rule, fitted, sensor, vehicle).values
             explained = {
-                part: _explained(own, some, sensor, geometry) for part, some in parts.items()
+                part: _explained(own, some, sensor, vehicle) for part, some in parts.items()
             }
             tried.append((rule, own, {"rule": rule.name, "kind": rule.kind, **explained}))
     rule, own, best = max(tried, key=lambda one: one[2]["held_out"])
-    found = _fit_rule(rule, steady_samples(log)[1], sensor, geometry)
-    shown = [(some.currents, _predicted(own, some, sensor, geometry)) for some in (fitted, judged)]
+    found = _fit_rule(rule, steady_samples(log)[1], sensor, vehicle)
+    shown = [(some.currents, _predicted(own, some, sensor, vehicle)) for some in (fitted, judged)]
     return CurrentFit(sensor, found, best, [row for _, _, row in tried], shown)
 
 
-def _explained(
-    numbers: FitNumbers, some: MotorSamples, sensor: Sensor, geometry: SkidGeometry
-) -> float:
+def _explained(numbers: FitNumbers, some: MotorSamples, sensor: Sensor, vehicle: Vehicle) -> float:
     """Return the share of the currents' variance that the numbers of a rule explain, R^2."""
-    off = _predicted(numbers, some, sensor, geometry) - some.currents
+    off = _predicted(numbers, some, sensor, vehicle) - some.currents
     return float(1.0 - np.nanmean(off**2) / np.nanvar(some.currents))
 
 
@@ -235,7 +231,7 @@ def torques_of(
             current * some.voltages, np.abs(log.rates), x["heat"], x["efficiency"]
         )
     elif not fit.sensor.signed:
-        ahead *= forward * np.sign(_side_currents(x, log.rates, chassis.geometry))
+        ahead *= forward * np.sign(_side_currents(x, log.rates, chassis.vehicle))
     loss = scale * np.array([x["loss_left"], x["loss_right"]])
     torques = forward * (ahead - loss[:, None] + own_loss)
     how = "the battery's power" if battery else f"the motors' currents and {constant:g} N m/A"

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ssmr.robot.drivetrain import SkidGeometry
+from ssmr.robot.vehicle import Vehicle
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.sources import CURRENTS, VOLTAGES
 from validation.files.formats import read_log
@@ -44,7 +44,7 @@ class Chassis(NamedTuple):
     """Nominal numbers of a robot; nothing of them is fitted."""
 
     name: str  # name of the robot
-    geometry: SkidGeometry  # rolling radius and half distances of its wheels
+    vehicle: Vehicle  # rolling radius and half distances of its wheels
     mass: float  # total mass [kg]
     # wheel radius with which the robot's driver turns speeds into wheel rates [m]
     command_radius: float
@@ -55,9 +55,10 @@ def chassis_of(profile: Profile, mass: float | None = None) -> Chassis:
     """Return the nominal numbers of a profile's robot, with another total mass [kg] if given."""
     body = profile.plants["mujoco"].parameters
     robot = profile.robot
-    geometry = SkidGeometry(body.wheel_radius, body.half_track, 0.5 * robot.wheelbase)
+    half = 0.5 * robot.wheelbase
+    vehicle = Vehicle(wheel_radius=body.wheel_radius, half_track=body.half_track, a=half, b=half)
     return Chassis(
-        robot.name, geometry, mass or body.mass, robot.drive.command_radius, robot.drive.v_max
+        robot.name, vehicle, mass or body.mass, robot.drive.command_radius, robot.drive.v_max
     )
 
 

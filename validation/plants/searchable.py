@@ -1,13 +1,13 @@
 """The numbers of each plant that a fit may move: names, units and default bounds.
 
-They are declared at their fields.
+They are declared at their fields; their places are in a `PlantProfile`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 from ssmr.parameters import described
@@ -18,22 +18,8 @@ from validation.plants.kind import PARTS, PlantProfile
 from validation.plants.table import plant_kind
 from validation.simulator.description import Robot
 
-
-@dataclass(frozen=True)
-class Searchable(Parameter):
-    """A number of a plant that a fit may move, with its default bounds."""
-
-    places: tuple[str, ...] = ()
-    """Places in a `PlantProfile`, as `section.field`."""
-
-    def read(self, plant: PlantProfile) -> float:
-        """Return the value in a profile; of several places the first."""
-        section, _, field = self.places[0].partition(".")
-        return float(getattr(getattr(plant, section), field))
-
-
 _DELAY = described(Drive)["delay_v"].search or (0.0, 0.0)
-_BOTH_DELAYS = Searchable(
+_BOTH_DELAYS = Parameter(
     "delay", "s", *_DELAY, least=0.0, places=("drive.delay_v", "drive.delay_w")
 )
 """A number that is no single field: one delay for both commands."""
@@ -41,14 +27,14 @@ _BOTH_DELAYS = Searchable(
 
 def _declared(
     section: str, kind: type, allowed: Container[str], robot: Robot
-) -> tuple[Searchable, ...]:
+) -> tuple[Parameter, ...]:
     """Return the numbers of one part of a plant that have finite default bounds."""
     out = []
     for name, d in described(kind).items():
         bounds = d.bounds(robot.sizes)
         # the bounds of a limit that is off for this robot are infinite
         if name in allowed and bounds is not None and all(map(math.isfinite, bounds)):
-            s = Searchable(name, d.unit, *bounds, scale=d.scale, least=d.low, greatest=d.high)
+            s = Parameter(name, d.unit, *bounds, scale=d.scale, least=d.low, greatest=d.high)
             out.append(replace(s, places=(f"{section}.{name}",)))
     return tuple(out)
 
@@ -59,14 +45,14 @@ friction of 1.5 can follow. Beyond some 20 m/s2 its motions are alike, and searc
 plain. A planar model without limits of its motors follows any."""
 
 
-def _followed(number: Searchable) -> Searchable:
+def _followed(number: Parameter) -> Parameter:
     if number.name != "acceleration_v":
         return number
     return replace(number, upper=min(number.upper, FOLLOWED))
 
 
 @lru_cache(maxsize=64)
-def searchable(plant: str, robot: Robot) -> tuple[Searchable, ...]:
+def searchable(plant: str, robot: Robot) -> tuple[Parameter, ...]:
     """Return every number of a plant that a fit may move; default bounds scale with the robot.
 
     Raises:
@@ -86,7 +72,7 @@ def searchable(plant: str, robot: Robot) -> tuple[Searchable, ...]:
 
 
 @lru_cache(maxsize=1024)
-def find(plant: str, name: str, robot: Robot) -> Searchable:
+def find(plant: str, name: str, robot: Robot) -> Parameter:
     """Return a plant's searchable number by name.
 
     Raises:

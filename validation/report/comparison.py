@@ -46,6 +46,7 @@ from validation.report.drawing import (
 from validation.report.motions import Motions, headline_error
 from validation.report.scene_robots import Track
 from validation.simulator.description import WHEELS
+from validation.simulator.health import verdict
 from validation.simulator.wheel_loads import QUASI_STATIC
 
 _LONGEST_PATH = 30.0
@@ -391,12 +392,13 @@ class Comparison(Motions):
         ax.set_ylim(low - 0.3 * (high - low), high)  # room for the verdict
         run = self.runs.get(track.name)
         if run is not None and (health := run.health) is not None:
-            verdict = health.verdict if health.ok else health.verdict.upper()
+            state = verdict(health)
+            words = state if health["ok"] else state.upper()
             note = (
-                f"{track.name} {verdict}: lowest load {health.lowest_load_share:.0%} "
-                f"of a wheel's mean, deviation {health.load_deviation:.1%}"
+                f"{track.name} {words}: lowest load {health['lowest_load_share']:.0%} "
+                f"of a wheel's mean, deviation {health['load_deviation']:.1%}"
             )
-            corner_note(ax, note, ALARM if health.advice else QUIET)
+            corner_note(ax, note, ALARM if health["advice"] else QUIET)
 
 
 def _mean_load(channel: str, wheel: int, piece: Trajectory) -> FloatArray:

@@ -32,6 +32,7 @@ from validation.report.report import Report
 from validation.report.scene_robots import Series, Track, shades_of
 from validation.report.table import Row, Table
 from validation.simulator.description import WHEELS, with_robot
+from validation.simulator.health import verdict
 from validation.simulator.terrain import FLAT, Terrain
 
 _COMMANDED: Rgb = (86, 180, 233)
@@ -362,16 +363,16 @@ def _load_table(runs: Mapping[str, Run]) -> Table:
                 {
                     "plant": name,
                     "wheel": wheel.replace("_", " "),
-                    "at_rest_N": loads.static_N[i],
-                    "mean_N": loads.mean_N[i],
-                    "least_N": loads.lowest_N[i],
-                    "greatest_N": loads.highest_N[i],
-                    "off_ground_share": loads.off_ground_share[i],
+                    "at_rest_N": loads["static_N"][i],
+                    "mean_N": loads["mean_N"][i],
+                    "least_N": loads["lowest_N"][i],
+                    "greatest_N": loads["highest_N"][i],
+                    "off_ground_share": loads["off_ground_share"][i],
                 }
             )
         captions.append(
-            f"{name}: rms {loads.static_rms_N:.1f} N from the loads at rest, "
-            f"{loads.quasi_static_rms_N:.1f} N from quasi-static load transfer"
+            f"{name}: rms {loads['static_rms_N']:.1f} N from the loads at rest, "
+            f"{loads['quasi_static_rms_N']:.1f} N from quasi-static load transfer"
         )
     return Table("Wheel loads", rows, "\n".join(captions), "plant")
 
@@ -380,9 +381,9 @@ def _health_table(runs: Mapping[str, Run]) -> Table:
     rows = []
     for name, result in runs.items():
         h = result.health
-        if h is not None and h.apparent_mass_kg is not None:
-            shown = {key: getattr(h, key) for key in _HEALTH_COLUMNS}
-            rows.append({"plant": name, **shown})
+        if h is not None:
+            known = {**h, "verdict": verdict(h)}
+            rows.append({"plant": name} | {key: known.get(key) for key in _HEALTH_COLUMNS})
     return Table("Health", rows, "\n".join(_HEALTH), units={"load_sum_rms_N": Unit("N", 1.0, 1)})
 
 
@@ -467,9 +468,9 @@ def health_warnings(runs: Mapping[str, Run]) -> list[str]:
     warnings = []
     for name, result in runs.items():
         health = result.health
-        if health is not None and health.advice:
-            subject = name if health.ok else f"{name} is unhealthy"
-            warnings.append(f"{subject}: {one_line(health.advice)}.")
+        if health is not None and health["advice"]:
+            subject = name if health["ok"] else f"{name} is unhealthy"
+            warnings.append(f"{subject}: {one_line(health['advice'])}.")
     return warnings
 
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from ssmr.estimation.ekf import filter_step, initial_belief
 from ssmr.estimation.settings import V, W
+from ssmr.parameters import packed
 from ssmr.robot.drive import body_rates
-from ssmr.robot.sensors import SensorErrors, SensorModel, sense
+from ssmr.robot.sensors import SensorModel, sense
 from ssmr.types import FloatArray, State
 from validation.plants.profile import odometry_of
 from validation.ros.messages import STAND_STILL, Twist
@@ -89,7 +90,8 @@ class SimulatedRobot:
         self._plant = plant
         self._start = start or State()
         self._seed = seed
-        self._errors = SensorModel().packed() if noise else SensorErrors(0.0, 0.0, 0.0)
+        sensors = SensorModel() if noise else SensorModel(0.0, 0.0)
+        self._errors = packed(sensors)
         self.filter = odometry_of(plant.drive)
         self._numbers = self.filter.packed()
         self._reset()
@@ -144,7 +146,7 @@ class SimulatedRobot:
         filter_step(self.belief, sample, dt, self._numbers)
         self._wheels[1] = sample.left, sample.right
         self._wheels[0] += dt * self._wheels[1]
-        roll_pitch = self._plant.imu()[0][:2] + self._errors.gyro_std * draws[3:]
+        roll_pitch = self._plant.imu()[0][:2] + math.sqrt(self._errors.variance_gyro) * draws[3:]
         self._gyro = np.array([*roll_pitch, sample.gyro])
         ekf = self.filter
         v, w = map(float, body_rates(sample.left, sample.right, ekf.half_track, ekf.radius))

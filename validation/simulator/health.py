@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import mujoco
@@ -39,86 +38,73 @@ _PUSH_TIME = 2.0
 """Time for which the robot is pushed [s]; the second half gives the acceleration."""
 
 
-@dataclass(frozen=True)
-class Health:
-    """Verdict on a run's physics; a number is None where the loads alone do not give it."""
+Health = dict[str, Any]
+"""Verdict on a run's physics, as JSON files have it.
 
-    lowest_load_share: float
-    """Least load of any wheel over that wheel's mean [1]; 0 where a wheel lifted."""
-    load_deviation: float
-    """Greatest standard deviation of a wheel's load over its mean [1]."""
-    apparent_mass_kg: float | None = None
-    """Constant thrust over acceleration [kg].
+- `lowest_load_share`: least load of any wheel over that wheel's mean [1]; 0 where a wheel lifted.
+- `load_deviation`: greatest standard deviation of a wheel's load over its mean [1].
+- `apparent_mass_kg`: constant thrust over acceleration, which is the mass, and the inertia of
+  wheels and rotors over the radius squared.
+- `peak_torque_N_m`: greatest torque of a side; not where wheel rates are given.
+- `load_sum_rms_N`: root mean square of the loads' sum less the weight, after `START_TIME`.
+- `weight_N`: weight.
+- `at_limit`: sentence on motors that stayed at their limit, where they did.
+- `ok`: no wheel lifted, and the loads were smooth.
+- `advice`: text that says what is wrong and what to change; empty if all is well.
 
-    It is the mass, and the inertia of wheels and rotors over the radius squared.
-    """
-    peak_torque_N_m: float | None = None
-    """Greatest torque of a side over the run [N m]; None where wheel rates are given."""
-    load_sum_rms_N: float | None = None
-    """Root mean square of the loads' sum less the weight, after the start (`START_TIME`) [N]."""
-    weight_N: float | None = None
-    """Weight [N]."""
-    at_limit: str | None = None
-    """Sentence on motors that stayed at their limit; None where they did not."""
+What the loads alone do not give is not in it where only they are judged.
+"""
 
-    @property
-    def ok(self) -> bool:
-        """No wheel lifted, and the loads were smooth."""
-        return self.lowest_load_share >= LIFT_SHARE and self.load_deviation <= DEVIATION_LIMIT
 
-    @property
-    def trembles(self) -> bool:
-        """Whether the loads' sum deviates from the weight by more than `TREMBLE_SHARE` of it."""
-        return (self.load_sum_rms_N or 0.0) > TREMBLE_SHARE * (self.weight_N or 0.0)
+def trembles(health: Health) -> bool:
+    """Return whether the loads' sum deviates from the weight by more than `TREMBLE_SHARE` of it."""
+    limit: float = TREMBLE_SHARE * health.get("weight_N", 0.0)
+    return bool(health.get("load_sum_rms_N", 0.0) > limit)
 
-    @property
-    def verdict(self) -> str:
-        """The run's state in a few words."""
-        if not self.ok:
-            return "unhealthy"
-        return "loads tremble" if self.trembles else "healthy"
 
-    @property
-    def advice(self) -> str:
-        """Text that says what is wrong and what to change; empty if all is well."""
-        sentences = []
-        if not self.ok:
-            if self.lowest_load_share < LIFT_SHARE:
-                least = 100 * self.lowest_load_share
-                cause = f"a wheel left the ground (least load {least:.1f} % of its mean)"
-            else:
-                cause = (
-                    f"wheel loads are not smooth (deviation {100 * self.load_deviation:.1f} % of "
-                    f"the mean, at most {100 * DEVIATION_LIMIT:.0f} %)"
-                )
-            sentences.append(
-                f"{cause}: keep the soft contact that follows from the size of the wheels, an "
-                "elliptic cone and a time step of at most 5 ms; if they are as shipped, lower the "
-                "gain, raise the armature or limit the acceleration"
+def verdict(health: Health) -> str:
+    """Return a run's state in a few words."""
+    if not health["ok"]:
+        return "unhealthy"
+    return "loads tremble" if trembles(health) else "healthy"
+
+
+def _advised(health: Health) -> Health:
+    """Return a verdict with `ok` and `advice`."""
+    least = health["lowest_load_share"]
+    deviation = health["load_deviation"]
+    ok = least >= LIFT_SHARE and deviation <= DEVIATION_LIMIT
+    sentences = []
+    if not ok:
+        if least < LIFT_SHARE:
+            cause = f"a wheel left the ground (least load {100 * least:.1f} % of its mean)"
+        else:
+            cause = (
+                f"wheel loads are not smooth (deviation {100 * deviation:.1f} % of "
+                f"the mean, at most {100 * DEVIATION_LIMIT:.0f} %)"
             )
-        if self.trembles:
-            # without torques the wheel rates were given, and no motor is there to be changed
-            if self.peak_torque_N_m is None:
-                remedy = "smooth the given wheel rates"
-            else:
-                remedy = (
-                    "let the driver go over from each command to the next (command_ramp), let its "
-                    "reference lag, lower the gain, or raise the armature, which makes the robot "
-                    "heavier to push"
-                )
-            limit = TREMBLE_SHARE * (self.weight_N or 0.0)
-            sentences.append(
-                "wheel loads tremble (their sum deviates from the weight by "
-                f"{self.load_sum_rms_N:.1f} N rms, at most {limit:.1f} N): {remedy}"
-            )
-        if self.at_limit:
-            sentences.append(self.at_limit)
-        return "; ".join(sentences)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The numbers that are not None, with verdict and advice, as JSON files have them."""
-        numbers = {name: value for name, value in asdict(self).items() if value is not None}
-        return {**numbers, "ok": self.ok, "advice": self.advice}
+        sentences.append(
+            f"{cause}: keep the soft contact that follows from the size of the wheels, an "
+            "elliptic cone and a time step of at most 5 ms; if they are as shipped, lower the "
+            "gain, raise the armature or limit the acceleration"
+        )
+    if trembles(health):
+        remedy = (
+            "let the driver go over from each command to the next (command_ramp), let its "
+            "reference lag, lower the gain, or raise the armature, which makes the robot "
+            "heavier to push"
+        )
+        # without torques the wheel rates were given, and no motor is there to be changed
+        if "peak_torque_N_m" not in health:
+            remedy = "smooth the given wheel rates"
+        sentences.append(
+            "wheel loads tremble (their sum deviates from the weight by "
+            f"{health['load_sum_rms_N']:.1f} N rms, at most "
+            f"{TREMBLE_SHARE * health['weight_N']:.1f} N): {remedy}"
+        )
+    if "at_limit" in health:
+        sentences.append(health["at_limit"])
+    return {**health, "ok": ok, "advice": "; ".join(sentences)}
 
 
 def check_health(wheel_loads: FloatArray) -> Health:
@@ -126,7 +112,8 @@ def check_health(wheel_loads: FloatArray) -> Health:
     mean = np.maximum(wheel_loads.mean(axis=0), 1e-9)
     least = wheel_loads.min(axis=0) / mean
     deviation = wheel_loads.std(axis=0) / mean
-    return Health(float(least.min()), float(deviation.max()))
+    loads = {"lowest_load_share": float(least.min()), "load_deviation": float(deviation.max())}
+    return _advised(loads)
 
 
 def apparent_mass(model: mujoco.MjModel) -> float:
@@ -152,7 +139,11 @@ def apparent_mass(model: mujoco.MjModel) -> float:
 
 
 def run_health(
-    model: mujoco.MjModel, motions: Sequence[Trajectory], *, given_rates: bool = False
+    model: mujoco.MjModel,
+    motions: Sequence[Trajectory],
+    *,
+    given_rates: bool = False,
+    at_limit: str | None = None,
 ) -> Health:
     """Judge a run on level ground: the worst over all its pieces.
 
@@ -161,6 +152,7 @@ def run_health(
         motions: motions of its body, with the channels `wheel_load_N` and, where no wheel rates
             were given, `torque_N_m`.
         given_rates: the wheels turned at given rates, whatever torque that took.
+        at_limit: sentence on motors that stayed at their limit, if they did.
     """
     verdicts = [check_health(m.channels["wheel_load_N"]) for m in motions]
     weight = float(model.body_subtreemass[model.body("base").id]) * GRAVITY
@@ -170,14 +162,15 @@ def run_health(
         late = t >= min(START_TIME, 0.5 * float(t[-1]))
         sums.append(m.channels["wheel_load_N"].sum(axis=1)[late])
     excess = np.concatenate(sums) - weight
-    peak = None
+    health: Health = {
+        "lowest_load_share": min(v["lowest_load_share"] for v in verdicts),
+        "load_deviation": max(v["load_deviation"] for v in verdicts),
+        "apparent_mass_kg": apparent_mass(model),
+    }
     if not given_rates:
-        peak = max(float(np.abs(m.channels["torque_N_m"]).max()) for m in motions)
-    return Health(
-        lowest_load_share=min(v.lowest_load_share for v in verdicts),
-        load_deviation=max(v.load_deviation for v in verdicts),
-        apparent_mass_kg=apparent_mass(model),
-        peak_torque_N_m=peak,
-        load_sum_rms_N=float(np.sqrt(np.mean(excess**2))),
-        weight_N=weight,
-    )
+        peaks = [np.abs(m.channels["torque_N_m"]).max() for m in motions]
+        health["peak_torque_N_m"] = float(max(peaks))
+    health |= {"load_sum_rms_N": float(np.sqrt(np.mean(excess**2))), "weight_N": weight}
+    if at_limit is not None:
+        health["at_limit"] = at_limit
+    return _advised(health)

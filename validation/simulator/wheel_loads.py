@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,27 +20,6 @@ MEASURED = "wheel_load_N"
 """Channel of a motion with the (M, 4) simulated loads [N]."""
 QUASI_STATIC = "quasi_static_load_N"
 """Channel of a motion with the (M, 4) loads by the formula, from that same motion [N]."""
-
-
-@dataclass(frozen=True)
-class WheelLoads:
-    """Loads of the four wheels over a run; tuples are in the order of `WHEELS`."""
-
-    static_N: tuple[float, ...]
-    """Loads at rest on level ground, with the plant's own mass and centre of mass [N]."""
-    mean_N: tuple[float, ...]
-    """Mean loads [N]."""
-    lowest_N: tuple[float, ...]
-    """Least loads [N]."""
-    highest_N: tuple[float, ...]
-    """Greatest loads [N]."""
-    off_ground_share: tuple[float, ...]
-    """Share of time in which a wheel carried less than 2 % of a quarter of the weight [1]."""
-    static_rms_N: float
-    """Root mean square of simulated less static loads, over all wheels [N]."""
-    quasi_static_rms_N: float
-    """Root mean square of simulated less quasi-static loads [N]: the part that load transfer does
-    not explain."""
 
 
 def load_model(plant: MujocoPlant) -> LoadModel:
@@ -79,10 +59,14 @@ def with_quasi_static(motion: Trajectory, plant: MujocoPlant, localiser: Localis
     return replace(motion, channels={**motion.channels, QUASI_STATIC: loads})
 
 
-def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> WheelLoads:
-    """Sum up the loads over all pieces, each with both channels.
+def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> dict[str, Any]:
+    """Return what the wheels carried over all pieces, each with both channels.
 
-    `static` are the (4,) loads at rest [N].
+    `static` are the (4,) loads at rest on level ground [N]. Lists are in the order of `WHEELS`:
+    loads at rest, mean, least and greatest [N], and the share of time in which a wheel carried less
+    than 2 % of a quarter of the weight [1]. The root mean squares are over all wheels [N]:
+    simulated less static loads, and simulated less quasi-static ones, which load transfer does not
+    explain.
     """
     measured = np.concatenate([piece.channels[MEASURED] for piece in pieces])
     formula = np.concatenate([piece.channels[QUASI_STATIC] for piece in pieces])
@@ -91,15 +75,12 @@ def summarise(pieces: tuple[Trajectory, ...], static: FloatArray) -> WheelLoads:
     def rms(values: FloatArray) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
-    def plain(values: FloatArray) -> tuple[float, ...]:
-        return tuple(map(float, values))
-
-    return WheelLoads(
-        static_N=plain(static),
-        mean_N=plain(measured.mean(axis=0)),
-        lowest_N=plain(measured.min(axis=0)),
-        highest_N=plain(measured.max(axis=0)),
-        off_ground_share=plain(np.mean(lifted, axis=0)),
-        static_rms_N=rms(measured - static),
-        quasi_static_rms_N=rms(measured - formula),
-    )
+    return {
+        "static_N": static.tolist(),
+        "mean_N": measured.mean(axis=0).tolist(),
+        "lowest_N": measured.min(axis=0).tolist(),
+        "highest_N": measured.max(axis=0).tolist(),
+        "off_ground_share": np.mean(lifted, axis=0).tolist(),
+        "static_rms_N": rms(measured - static),
+        "quasi_static_rms_N": rms(measured - formula),
+    }

@@ -130,7 +130,7 @@ def _numbers(
             elif torque in found:
                 found[current] = found[torque] / constant
     if "friction_torque" in found:
-        most = 0.5 * chassis.mass * GRAVITY * chassis.geometry.radius
+        most = 0.5 * chassis.mass * GRAVITY * chassis.vehicle.wheel_radius
         found["friction"] = found["friction_torque"] / most
     pairs = {} if driver is None else driver.found.pairs()
     # no command asks for more than a limit that nothing depends on
@@ -202,10 +202,18 @@ def study_drivetrain(o: DriveTrainStudy) -> Study:
         status = INTERRUPTED
     numbers = _numbers(driver, currents, inertia, chassis, o.torque_constant)
     evidence = [rate_evidence(log) for log in (*named, *held_out)]
+    vehicle = chassis.vehicle
+    robot = chassis._asdict()
+    del robot["vehicle"]
+    robot["geometry"] = {
+        "radius": vehicle.wheel_radius,
+        "half_track": vehicle.half_track,
+        "half_base": vehicle.a,
+    }
     document = {
         "schema": "ssmr.study/1",
         "study": "drivetrain",
-        "robot": {**chassis._asdict(), "geometry": chassis.geometry._asdict()},
+        "robot": robot,
         "wheel_rate_rms_rad_s": driver and driver.rms,
         "current_r2": currents and currents.best["held_out"],
         "current_r2_samples": currents and currents.best["samples"],

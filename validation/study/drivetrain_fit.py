@@ -140,7 +140,7 @@ class CommandLog:
         numbers = {
             "dead_time": (0.15, 0.0, 2.0),
             "gain": (1.0, 0.2, 5.0),
-            "half_track": (self.chassis.geometry.half_track, 0.02, 5.0),
+            "half_track": (self.chassis.vehicle.half_track, 0.02, 5.0),
             "yaw_rate_limit": (max(0.8 * fastest_turn, 0.1), 0.05, 50.0),
             "acceleration": (2.0, 0.05, 50.0),
             "yaw_acceleration": (2.0, 0.05, 50.0),

@@ -44,9 +44,9 @@ scales = st.floats(0.01, 0.8)
 def balance(w: FloatArray, twist: FloatArray, scale: float) -> FloatArray:
     """Force ahead and moment of the sides, over the friction limit, computed from scratch."""
     out = np.zeros(3)
-    for x in (HUSKY.half_base, -HUSKY.half_base):
+    for x in (HUSKY.a, -HUSKY.a):
         for side, y in ((0, HUSKY.half_track), (1, -HUSKY.half_track)):
-            rim = HUSKY.radius * w[side, 0]
+            rim = HUSKY.wheel_radius * w[side, 0]
             v = np.array([rim - twist[0, 0] + twist[2, 0] * y, -twist[1, 0] - twist[2, 0] * x])
             speed = math.hypot(*v)
             force = (
@@ -90,7 +90,7 @@ def test_a_turn_on_the_spot_is_coulombs_whatever_the_scale(half_base: float) -> 
     geometry = Vehicle(wheel_radius=0.1651, half_track=0.2854, a=half_base, b=half_base)
     for scale in (1e-5, 0.08, 0.5):
         rate = quasi_static_twist(np.array([[-2.0], [2.0]]), geometry, scale)[2, 0]
-        multiplier = geometry.radius * 2.0 / (geometry.half_track * rate)
+        multiplier = geometry.wheel_radius * 2.0 / (geometry.half_track * rate)
         assert multiplier == pytest.approx(1.0 + (half_base / geometry.half_track) ** 2, rel=1e-9)
 
 

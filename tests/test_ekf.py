@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from ssmr.estimation.ekf import filter_log, filter_step, initial_belief, predict, run_ekf, update
 from ssmr.estimation.settings import Belief, EkfSettings
 from ssmr.parameters import packed
-from ssmr.robot.drive import wheel_rates
-from ssmr.robot.sensors import SensorLog, SensorModel, SensorSample, sense, simulate_sensors
+from ssmr.robot.drive import Sides, wheel_rates
+from ssmr.robot.sensors import SensorLog, SensorModel, sense, simulate_sensors
 from ssmr.types import FloatArray, State, Trajectory
 from tests.conftest import DERIVATIVE, ROUNDOFF
 
@@ -152,7 +152,7 @@ def test_it_is_the_textbook_filter(
     belief = random_belief(seed)
     mean, p = copied(belief)
     for k in range(5):
-        sensed = SensorSample(left + k, right, gyro - 0.1 * k)
+        sensed = SensorLog(0.0, left + k, right, gyro - 0.1 * k)
         filter_step(belief, sensed, dt, s.packed())
         mean, p = textbook_step(mean, p, sensed, dt, s)
         assert np.allclose(belief.mean, mean, rtol=1e-10, atol=1e-10)
@@ -354,7 +354,8 @@ def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
         assert seen.mean() == pytest.approx(mean, abs=4.0 * math.sqrt(variance / m))
     draws = np.random.default_rng(9).standard_normal((m, 3))
     seen = log.left[5], log.right[5], log.gyro[5]
-    assert sense(3.0, 4.0, 0.7, tuple(draws[5]), packed(model)) == pytest.approx(seen, rel=ROUNDOFF)
+    sample = sense(0.0, Sides(3.0, 4.0), 0.7, tuple(draws[5]), packed(model))
+    assert sample[1:] == pytest.approx(seen, rel=ROUNDOFF)
     uneven = simulate_sensors(moving, np.random.default_rng(9), model, rate=130.0)
     assert np.all(np.isin(uneven.t, moving.t))
     assert np.allclose(uneven.t, np.arange(len(uneven.t)) / 130.0, rtol=0.0, atol=0.002)

@@ -23,7 +23,7 @@ from ssmr.control.predictor import PredictorModel, predict_ahead, remember
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
 from ssmr.estimation.ekf import filter_step
 from ssmr.estimation.settings import YAW, Belief, V, W, X, Y
-from ssmr.robot.drive import DriveNumbers, DriveState, follow
+from ssmr.robot.drive import DriveNumbers, DriveState, Sides, follow
 from ssmr.robot.sensors import SensorNumbers, sense
 from ssmr.types import FloatArray, Motion
 
@@ -115,7 +115,8 @@ def observed(tracker: Tracker, k: int, truth: Motion, draws: FloatArray) -> Obse
     drawn = draws[k // clock.position]
     if tracker.by_filter:
         numbers = (drawn[5], drawn[6], drawn[7])
-        sample = sense(truth.left, truth.right, truth.w, numbers, tracker.sensors)
+        wheels = Sides(truth.left, truth.right)
+        sample = sense(k * clock.dt, wheels, truth.w, numbers, tracker.sensors)
         elapsed = clock.position * clock.dt if k else 0.0
         filter_step(tracker.belief, sample, elapsed, tracker.filter)
         mean = tracker.belief.mean

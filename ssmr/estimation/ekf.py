@@ -21,7 +21,7 @@ import numpy as np
 from ssmr._jit import jit, jit_alone
 from ssmr.estimation.settings import YAW, Belief, EkfSettings, V, W, X, Y
 from ssmr.robot.drive import body_rates
-from ssmr.robot.sensors import SensorLog, SensorSample
+from ssmr.robot.sensors import SensorLog
 from ssmr.types import FloatArray, State, Trajectory, frozen_array, increasing_times
 
 
@@ -145,7 +145,7 @@ def update(belief: Belief, j: int, value: float, variance: float) -> None:
 
 
 @jit_alone
-def filter_step(belief: Belief, sample: SensorSample, dt: float, numbers: Any) -> None:
+def filter_step(belief: Belief, sample: SensorLog, dt: float, numbers: Any) -> None:
     """Let `dt` [s] pass, then take in one sample of wheels and gyro, in place.
 
     The wheels' v and yaw rate are used one after the other: sum and difference of two equally noisy
@@ -168,7 +168,7 @@ def filter_log(log: SensorLog, numbers: Any, belief: Belief, out: FloatArray) ->
     n = len(mean)
     now = log.t[0]
     for k in range(len(log.t)):
-        sample = SensorSample(log.left[k], log.right[k], log.gyro[k])
+        sample = SensorLog(log.t[k], log.left[k], log.right[k], log.gyro[k])
         filter_step(belief, sample, log.t[k] - now, numbers)
         now = log.t[k]
         row = out[k]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ssmr._jit import jit, source
 from ssmr.parameters import check_parameters, numbers_of, packed, parameter, require_in_range
+from ssmr.robot.drive import Sides
 from ssmr.types import FloatArray, IndexArray, Trajectory
 
 SAMPLE_RATES_HZ = {"tracking": 120.0, "ekf": 50.0, "command": 20.0}
@@ -87,21 +88,16 @@ def yaw_disturbance(duration: float, dt: float, rng: np.random.Generator) -> Flo
     return np.asarray(draws[draw])
 
 
-class SensorSample(NamedTuple):
-    """One reading of the sensors; NaN for a sensor that gave nothing."""
-
-    left: float  # rate of the left wheels [rad/s]
-    right: float  # rate of the right wheels [rad/s]
-    gyro: float  # yaw rate [rad/s]
-
-
 class SensorLog(NamedTuple):
-    """Readings of the sensors, M samples, in the order in which `run_ekf` takes them."""
+    """Readings of the sensors: numbers of one instant, or arrays of M for `run_ekf`.
 
-    t: FloatArray  # (M,) instants [s]
-    left: FloatArray  # (M,) rate of the left wheels [rad/s]
-    right: FloatArray  # (M,) rate of the right wheels [rad/s]
-    gyro: FloatArray  # (M,) yaw rate [rad/s]
+    They are NaN for a sensor that gave nothing.
+    """
+
+    t: Any  # instant [s]
+    left: Any  # rate of the left wheels [rad/s]
+    right: Any  # rate of the right wheels [rad/s]
+    gyro: Any  # yaw rate [rad/s]
 
 
 @dataclass(frozen=True)
@@ -131,21 +127,18 @@ SensorNumbers = numbers_of(SensorModel)
 
 @jit
 def sense(
-    left: float,
-    right: float,
-    yaw_rate: float,
-    draws: tuple[float, float, float],
-    noise: Any,
-) -> SensorSample:
-    """Return the readings of encoders and gyro for true rates of wheels and body [rad/s].
+    t: float, wheels: Sides, yaw_rate: float, draws: tuple[float, float, float], noise: Any
+) -> SensorLog:
+    """Return the readings of encoders and gyro for true rates of wheels and body [rad/s] at `t`.
 
     `draws` are three standard normal numbers, for left, right and gyro, which the caller draws;
     `noise` is a packed `SensorModel`.
     """
     of_wheels = math.sqrt(noise.variance_encoder)
-    return SensorSample(
-        left + of_wheels * draws[0],
-        right + of_wheels * draws[1],
+    return SensorLog(
+        t,
+        wheels.left + of_wheels * draws[0],
+        wheels.right + of_wheels * draws[1],
         yaw_rate + math.sqrt(noise.variance_gyro) * draws[2] + noise.gyro_bias,
     )
 
@@ -167,10 +160,10 @@ def simulate_sensors(
     """
     tick = _ticks(trajectory.t, rate)
     first = np.unique(tick, return_index=True)[1]
-    left, right = trajectory.wheels[first].T
+    wheels = Sides(*trajectory.wheels[first].T)
     yaw_rate = trajectory.twist[first, 2]
     draws = rng.standard_normal((len(first), 3)).T
     errors = packed(model or SensorModel())
     on_arrays: Any = source(sense)
-    readings = on_arrays(left, right, yaw_rate, draws, errors)
-    return SensorLog(trajectory.t[first], *readings)
+    log: SensorLog = on_arrays(trajectory.t[first], wheels, yaw_rate, draws, errors)
+    return log

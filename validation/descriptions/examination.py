@@ -17,8 +17,8 @@ from ssmr.errors import DivergedError
 from ssmr.types import Commands, State
 from validation.descriptions.findings import Finding
 from validation.descriptions.foreign_robot import ForeignRobot
-from validation.descriptions.ladder import Rung, climb, together
-from validation.descriptions.mjcf_text import MjcfText
+from validation.descriptions.ladder import climb, together
+from validation.descriptions.mjcf_text import Edits, MjcfText
 from validation.descriptions.own_findings import own_findings
 from validation.descriptions.own_robot import LOADS, OwnRobot
 from validation.descriptions.trials import examine, in_words
@@ -91,9 +91,9 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
         notes.append(f"no change was tried: {error}")
     robot = OwnRobot(foreign.text if text is None else text.edited({}), foreign.files)
     after = before = examine(robot)
-    rungs = list[Rung]()
+    changes = dict[str, Edits]()
     if text is not None:
-        robot, rungs, after = climb(robot, text, foreign.files)
+        robot, changes, after = climb(robot, text, foreign.files)
         before = robot.measures
     notes = [*robot.notes, *notes]
     if robot.given_rates:
@@ -103,10 +103,10 @@ def examine_foreign(foreign: ForeignRobot, known: Sequence[Finding] = ()) -> Exa
         )
     return Examined(
         sentences=[in_words(before), *notes],
-        findings=own_findings(robot, rungs, after, text, known),
+        findings=own_findings(robot, changes, after, text, known),
         numbers=own_physics(before),
         loads=[before[load] for load in LOADS if load in before],
-        mended=text.edited(together(rungs)) if text is not None and rungs else None,
+        mended=text.edited(together(changes.values())) if text and changes else None,
     )
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -77,20 +76,9 @@ def _badness(measures: Measures) -> float:
     return total
 
 
-class Rung(NamedTuple):
-    """A change that may help."""
-
-    name: str
-    """The change that it makes."""
-    kinds: tuple[str, ...]
-    """Kinds of findings that it may cure."""
-    edits: Edits
-    """The attributes, and their values."""
-
-
 def climb(
     robot: OwnRobot, text: MjcfText, files: Mapping[str, bytes]
-) -> tuple[OwnRobot, list[Rung], Measures]:
+) -> tuple[OwnRobot, dict[str, Edits], Measures]:
     """Try changes of a model: all that apply, and then take away each that is not needed.
 
     Args:
@@ -100,26 +88,28 @@ def climb(
 
     Returns:
         The robot, with the change without which its simulation does not even run; the changes that
-        help, with that one; and what the trials say with all of these.
+        help, by name, with that one; and what the trials say with all of these.
 
     Raises:
         SsmrError: its simulation fails whatever is changed.
     """
     robot, kept = _rescued(robot, text, files)
-    rescued = len(kept)
-    kept += [rung for make in _RUNGS if (rung := make(robot, text)) is not None]
+    for name, make in _RUNGS.items():
+        edits = make(robot, text)
+        if edits:
+            kept[name] = edits
     if not kept:
         return robot, kept, robot.measures
     after = _tried(text, files, kept)
     if _deviations(after)["step"] > _LIMITS["step"]:
         step = min(robot.timestep, _LONGEST_STEP)
-        kept.append(Rung("step", ("step",), {_OPTION: {"timestep": f"{0.5 * step:g}"}}))
+        kept["halved step"] = {_OPTION: {"timestep": f"{0.5 * step:g}"}}
         after = _tried(text, files, kept)
     badness = _badness(after)
-    for rung in reversed(kept[rescued:]):
-        if rung.name in _CORRECTIONS:
+    for name in reversed(list(kept)):
+        if name in _CORRECTIONS:
             continue
-        fewer = [other for other in kept if other is not rung]
+        fewer = {other: edits for other, edits in kept.items() if other != name}
         without = _tried(text, files, fewer)
         worse = _badness(without) - badness
         if worse < _WORTH:
@@ -129,26 +119,26 @@ def climb(
     return robot, kept, after
 
 
-def together(rungs: Sequence[Rung]) -> Edits:
+def together(changes: Iterable[Edits]) -> Edits:
     """Return the edits of several changes; of one attribute the last one counts."""
     edits = dict[Part, Mapping[str, str]]()
-    for rung in rungs:
-        for part, values in rung.edits.items():
+    for change in changes:
+        for part, values in change.items():
             edits[part] = {**edits.get(part, {}), **values}
     return edits
 
 
-def _tried(text: MjcfText, files: Mapping[str, bytes], rungs: Sequence[Rung]) -> Measures:
+def _tried(text: MjcfText, files: Mapping[str, bytes], changes: Mapping[str, Edits]) -> Measures:
     """Return what the trials say of a model with some changes."""
     try:
-        return examine(OwnRobot(text.edited(together(rungs)), files))
+        return examine(OwnRobot(text.edited(together(changes.values())), files))
     except (ValueError, SsmrError):
         return Measures(diverged=_WORST)
 
 
 def _rescued(
     robot: OwnRobot, text: MjcfText, files: Mapping[str, bytes]
-) -> tuple[OwnRobot, list[Rung]]:
+) -> tuple[OwnRobot, dict[str, Edits]]:
     """Return a robot that runs, and the change that it needs to run at all, if any does."""
     for halvings in range(5):
         if robot.measures["diverged"] == 0.0:
@@ -156,25 +146,25 @@ def _rescued(
         values = {"integrator": "implicitfast"}
         if halvings > 0:
             values["timestep"] = f"{robot.timestep / 2**halvings:g}"
-        rescue = Rung("step", ("step",), {_OPTION: values})
-        mended = OwnRobot(text.edited(rescue.edits), files)
+        rescue = {_OPTION: values}
+        mended = OwnRobot(text.edited(rescue), files)
         if examine(mended)["diverged"] == 0.0:
             mended.rescued = True
-            return mended, [rescue]
-    return robot, []
+            return mended, {"rescue": rescue}
+    return robot, {}
 
 
 # ------------------------------------------------------------------------------- the rungs
-def _cone(robot: OwnRobot, _: MjcfText) -> Rung | None:
+def _cone(robot: OwnRobot, _: MjcfText) -> Edits:
     if robot.model.opt.cone == 1:
-        return None
-    return Rung("cone", ("pyramid", "creep"), {_OPTION: {"cone": "elliptic"}})
+        return {}
+    return {_OPTION: {"cone": "elliptic"}}
 
 
-def _impratio(robot: OwnRobot, _: MjcfText) -> Rung | None:
+def _impratio(robot: OwnRobot, _: MjcfText) -> Edits:
     if robot.model.opt.impratio >= 0.5 * _IMPRATIO:
-        return None
-    return Rung("impratio", ("creep", "pyramid"), {_OPTION: {"impratio": f"{_IMPRATIO:g}"}})
+        return {}
+    return {_OPTION: {"impratio": f"{_IMPRATIO:g}"}}
 
 
 def _row(*numbers: float) -> str:
@@ -199,7 +189,7 @@ def _tyre_parts(robot: OwnRobot) -> list[Part]:
     return parts
 
 
-def _soft(robot: OwnRobot, _: MjcfText) -> Rung | None:
+def _soft(robot: OwnRobot, _: MjcfText) -> Edits:
     """Make the contact soft on the tyres alone, which then count alone."""
     model = robot.wheeled.model
     ground = robot.model.geom(robot.ground)
@@ -220,7 +210,7 @@ def _soft(robot: OwnRobot, _: MjcfText) -> Rung | None:
             if priority <= first:
                 # the tyre's alone counts from now on: it keeps what the larger one was
                 edits[part]["friction"] = _row(*np.maximum(tyre.friction, ground.friction))
-    return Rung("contact", ("hopping", "soft_on_one_geom", "which_friction"), edits)
+    return edits
 
 
 def _needed_torque(robot: OwnRobot) -> float:
@@ -242,10 +232,10 @@ def sliding(robot: OwnRobot, geom: int) -> float:
     return max(float(side.friction[0]) for side in sides if int(side.priority[0]) == first)
 
 
-def _servo(robot: OwnRobot, text: MjcfText) -> Rung | None:
+def _servo(robot: OwnRobot, text: MjcfText) -> Edits:
     """Stiffen the servos, with rotors that let them be stiff."""
     if robot.given_rates:
-        return None
+        return {}
     model = robot.model
     slow = SPEEDS[0] * math.sqrt(robot.gravity / robot.radius)
     gain = float(f"{_needed_torque(robot) / (_FIRM * slow):.2g}")
@@ -262,19 +252,19 @@ def _servo(robot: OwnRobot, text: MjcfText) -> Rung | None:
         elif text.tag(part) == "general":
             edits[part] = {"gainprm": kv, "biasprm": f"0 0 -{kv}"}
     if not edits:
-        return None
+        return {}
     edits[_OPTION] = {"integrator": "implicitfast"}
     least = 0.025 * robot.mass * robot.radius**2
     for name, dof in zip(robot.names, robot.dofs, strict=True):
         if model.dof_armature[dof] < least and ("joint", name) in text:
             edits["joint", name] = {"armature": f"{least:.3g}"}
-    return Rung("servo", ("servo_soft", "rolls"), edits)
+    return edits
 
 
-def _motor(robot: OwnRobot, text: MjcfText) -> Rung | None:
+def _motor(robot: OwnRobot, text: MjcfText) -> Edits:
     """Raise the limits of motors that cannot turn the robot."""
     if not exceeds(robot, "saturated"):
-        return None
+        return {}
     torque = float(f"{_SPARE * _needed_torque(robot):.2g}")
     limits = _row(-torque, torque)
     model = robot.model
@@ -285,16 +275,16 @@ def _motor(robot: OwnRobot, text: MjcfText) -> Rung | None:
     for name in robot.names:
         if model.jnt_actfrclimited[model.joint(name).id] and ("joint", name) in text:
             edits["joint", name] = {"actuatorfrcrange": limits}
-    return Rung("motor", ("motor_weak",), edits) if edits else None
+    return edits
 
 
-def _step(robot: OwnRobot, _: MjcfText) -> Rung | None:
+def _step(robot: OwnRobot, _: MjcfText) -> Edits:
     if robot.timestep <= _LONGEST_STEP:
-        return None
-    return Rung("step", ("step",), {_OPTION: {"timestep": f"{_LONGEST_STEP:g}"}})
+        return {}
+    return {_OPTION: {"timestep": f"{_LONGEST_STEP:g}"}}
 
 
-def _shape(robot: OwnRobot, text: MjcfText) -> Rung | None:
+def _shape(robot: OwnRobot, text: MjcfText) -> Edits:
     """Make boxes and ovals round, on their axles, and of one size."""
     wheeled = robot.wheeled
     drums = list(filter(None, robot.tyres))
@@ -324,7 +314,7 @@ def _shape(robot: OwnRobot, text: MjcfText) -> Rung | None:
             values["pos"] = _row(*_on_axle(robot, drum.geom, joint))
         if values:
             edits[part] = values
-    return Rung("shape", ("wheel_shape", "unlike_wheels"), edits) if edits else None
+    return edits
 
 
 def _on_axle(robot: OwnRobot, geom: int, joint: int) -> FloatArray:
@@ -338,17 +328,17 @@ def _on_axle(robot: OwnRobot, geom: int, joint: int) -> FloatArray:
     return np.asarray(np.round(local, 6) + 0.0)
 
 
-def _axes(robot: OwnRobot, text: MjcfText) -> Rung | None:
+def _axes(robot: OwnRobot, text: MjcfText) -> Edits:
     """Turn the axes of wheels whose sign differs from that of the others."""
     edits = {}
     for name, joint, sign in zip(robot.names, robot.wheeled.joints, robot.signs, strict=True):
         if sign < 0.0 < robot.signs.max() and ("joint", name) in text:
             axis = -robot.wheeled.model.jnt_axis[joint] + 0.0
             edits["joint", name] = {"axis": _row(*axis)}
-    return Rung("axes", ("axes",), edits) if edits else None
+    return edits
 
 
-def _friction(robot: OwnRobot, text: MjcfText) -> Rung | None:
+def _friction(robot: OwnRobot, text: MjcfText) -> Edits:
     """Give tyres, or their contact pairs, one sliding friction in all directions."""
     model = robot.wheeled.model
     rows = {}
@@ -372,20 +362,35 @@ def _friction(robot: OwnRobot, text: MjcfText) -> Rung | None:
             values["condim"] = "3"
         if values:
             edits[part] = values
-    kinds = ("friction_by_heading", "unlike_wheels", "which_friction")
-    return Rung("friction", kinds, edits) if edits else None
+    return edits
 
 
-_RUNGS: Sequence[Callable[[OwnRobot, MjcfText], Rung | None]] = (
-    _cone,
-    _impratio,
-    _soft,
-    _servo,
-    _motor,
-    _step,
-    _shape,
-    _axes,
-    _friction,
-)
-_CORRECTIONS = ("shape", "axes", "friction", "cone")
-"""Changes of what is wrong by the file alone; they stay whatever the trials say."""
+_RUNGS: Mapping[str, Callable[[OwnRobot, MjcfText], Edits]] = {
+    "cone": _cone,
+    "impratio": _impratio,
+    "contact": _soft,
+    "servo": _servo,
+    "motor": _motor,
+    "step": _step,
+    "shape": _shape,
+    "axes": _axes,
+    "friction": _friction,
+}
+"""Function of each change that may help, which returns the edits of a robot; none where it is of no
+use."""
+CURES: Mapping[str, tuple[str, ...]] = {
+    "rescue": ("step",),
+    "cone": ("pyramid", "creep"),
+    "impratio": ("creep", "pyramid"),
+    "contact": ("hopping", "soft_on_one_geom", "which_friction"),
+    "servo": ("servo_soft", "rolls"),
+    "motor": ("motor_weak",),
+    "step": ("step",),
+    "halved step": ("step",),
+    "shape": ("wheel_shape", "unlike_wheels"),
+    "axes": ("axes",),
+    "friction": ("friction_by_heading", "unlike_wheels", "which_friction"),
+}
+"""Kinds of findings that each change may cure."""
+_CORRECTIONS = ("rescue", "shape", "axes", "friction", "cone")
+"""Changes of what is wrong by the file alone, or stops it; they stay whatever the trials say."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from validation.descriptions.findings import Finding, unlike_friction
-from validation.descriptions.ladder import Rung, exceeds, pairs_of, sliding, together
+from validation.descriptions.ladder import CURES, exceeds, pairs_of, sliding, together
 from validation.descriptions.mjcf_text import Edits, MjcfText
 from validation.descriptions.own_robot import LOADS, Measures, OwnRobot
 
@@ -20,7 +20,7 @@ _HARD = 0.05
 
 def own_findings(
     robot: OwnRobot,
-    rungs: Sequence[Rung],
+    changes: Mapping[str, Edits],
     after: Measures,
     text: MjcfText | None,
     known: Sequence[Finding] = (),
@@ -29,12 +29,12 @@ def own_findings(
 
     Args:
         robot: the robot after its trials.
-        rungs: the changes that help.
+        changes: the changes that help, by name.
         after: what the trials say with all of these together.
         text: its file, in which they stand; None where nothing can be changed.
         known: what is wrong by numbers alone; it is returned where a change was kept for it.
     """
-    cured = set().union(*[rung.kinds for rung in rungs])
+    cured = set().union(*[CURES[name] for name in changes])
     looked = [look(robot) for look in _LOOKS]
     found = [finding for finding in known if finding.kind in cured]
     found += [finding for finding in looked if finding is not None]
@@ -45,7 +45,7 @@ def own_findings(
         if finding.kind == "step" and robot.rescued:
             before = "it diverges"
         finding = finding._replace(before=before)
-        kept = [rung for rung in rungs if finding.kind in rung.kinds]
+        kept = [edits for name, edits in changes.items() if finding.kind in CURES[name]]
         if kept and text is not None:
             change = _in_lines(together(kept), text)
             finding = finding._replace(change=change, after=show(after))

@@ -10,7 +10,7 @@ import numpy as np
 from ssmr.estimation.ekf import filter_step, initial_belief
 from ssmr.estimation.settings import V, W
 from ssmr.parameters import packed
-from ssmr.robot.drive import body_rates
+from ssmr.robot.drive import Sides, body_rates
 from ssmr.robot.sensors import SensorModel, sense
 from ssmr.types import FloatArray, State
 from validation.plants.profile import odometry_of
@@ -142,7 +142,9 @@ class SimulatedRobot:
         self._sensed_at = self.steps
         s = self.state
         draws = self._noise.standard_normal(5)
-        sample = sense(s.wheel_left, s.wheel_right, s.yaw_rate, tuple(draws[:3]), self._errors)
+        wheels = Sides(s.wheel_left, s.wheel_right)
+        now = self.steps * self.dt
+        sample = sense(now, wheels, s.yaw_rate, tuple(draws[:3]), self._errors)
         filter_step(self.belief, sample, dt, self._numbers)
         self._wheels[1] = sample.left, sample.right
         self._wheels[0] += dt * self._wheels[1]

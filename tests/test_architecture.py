@@ -419,9 +419,9 @@ PRICES = {
         "reinforcement learning on the robot: Gymnasium and dm_control",
     ),
     "validation/descriptions": Price(
-        31_500,
-        8,
-        45,
+        31_200,
+        7,
+        43,
         "robots of others are read (URDF, xacro, SDF, MJCF), driven with their own physics, and "
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
@@ -433,8 +433,8 @@ PRICES = {
         "its faults are named, a slipping side among them; it is written",
     ),
     "validation/plants": Price(
-        6_700,
-        6,
+        6_600,
+        5,
         35,
         "every plant declared once, and profiles",
     ),
@@ -457,9 +457,9 @@ PRICES = {
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(
-        25_000,
-        9,
-        72,
+        24_700,
+        7,
+        71,
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(

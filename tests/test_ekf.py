@@ -82,10 +82,10 @@ def process_of(s: EkfSettings) -> tuple[float, ...]:
 
 
 def textbook_step(
-    mean: FloatArray, p: FloatArray, sensed: tuple[float, float, float], dt: float, s: EkfSettings
+    mean: FloatArray, p: FloatArray, sensed: SensorLog, dt: float, s: EkfSettings
 ) -> tuple[FloatArray, FloatArray]:
     """Predict with F P F' + Q and take in all three measurements at once with K = P H' S^-1."""
-    left, right, gyro = sensed
+    _, left, right, gyro = sensed
     f = jacobian(mean, dt)
     p = f @ p @ f.T + process_noise(mean, dt, process_of(s))
     mean = motion(mean, dt)

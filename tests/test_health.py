@@ -146,7 +146,7 @@ def test_the_sum_is_judged_after_the_start_and_over_all_pieces(model: mujoco.MjM
     assert not trembles(calm)
     assert calm["advice"] == ""
     assert verdict(calm) == "healthy"
-    assert calm.peak_torque_N_m == 7.5
+    assert calm["peak_torque_N_m"] == 7.5
     total[-100:] += 30.0
     shaken = run_health(model, [loads_of(total), loads_of(np.full(1001, weight))])
     judged = 2 * (1001 - round(100 * START_TIME))
@@ -166,7 +166,7 @@ def test_a_limit_that_is_passed_is_named_in_the_advice(model: mujoco.MjModel) ->
     given = run_health(
         model, [loads_of(weight * (1.0 + 0.02 * (-1.0) ** np.arange(1000)))], given_rates=True
     )
-    assert given.peak_torque_N_m is None
+    assert "peak_torque_N_m" not in given
     assert "smooth the given wheel rates" in given["advice"]
     assert "gain" not in given["advice"]
 

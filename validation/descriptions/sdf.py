@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
+import warnings
 import xml.etree.ElementTree as ElementTree  # nosec B405 # of trees that were parsed before
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ssmr.types import FloatArray
 from validation.output import one_line
@@ -109,8 +110,8 @@ def _pose(pose: ElementTree.Element | None) -> FloatArray:
     if pose is None or not text:
         return transform
     numbers = _numbers(text, 6, "a pose", "x y z roll pitch yaw")
-    roll, pitch, yaw = np.radians(numbers[3:]) if _is_true(pose.get("degrees")) else numbers[3:]
-    transform[:3, :3] = _about(2, yaw) @ _about(1, pitch) @ _about(0, roll)
+    turn = Rotation.from_euler("xyz", numbers[3:], degrees=_is_true(pose.get("degrees")))
+    transform[:3, :3] = turn.as_matrix()
     transform[:3, 3] = numbers[:3]
     return transform
 
@@ -130,30 +131,13 @@ def _is_true(word: str | None) -> bool:
     return word in ("1", "true")
 
 
-def _about(axis: int, angle: float) -> FloatArray:
-    """Return the (3, 3) rotation about an axis of the frame."""
-    turn = np.eye(3)
-    a = (axis + 1) % 3
-    b = (axis + 2) % 3
-    turn[a, a] = turn[b, b] = math.cos(angle)
-    turn[a, b] = -math.sin(angle)
-    turn[b, a] = math.sin(angle)
-    return turn
-
-
 def _origin(transform: FloatArray) -> ElementTree.Element:
     """Return the <origin> of a transform."""
-    turn = transform[:3, :3]
-    pitch = math.asin(min(max(-turn[2, 0], -1.0), 1.0))
-    if abs(turn[2, 0]) < 1.0 - 1e-12:
-        roll = math.atan2(turn[2, 1], turn[2, 2])
-        yaw = math.atan2(turn[1, 0], turn[0, 0])
-    else:
-        # roll and yaw are about one axis then
-        roll = math.atan2(-turn[1, 2], turn[1, 1])
-        yaw = 0.0
-    place = _row(transform[:3, 3])
-    return ElementTree.Element("origin", xyz=place, rpy=_row((roll, pitch, yaw)))
+    with warnings.catch_warnings():
+        # pitched by 90 degrees, roll and yaw are about one axis, and yaw is 0
+        warnings.simplefilter("ignore", UserWarning)
+        angles = Rotation.from_matrix(transform[:3, :3]).as_euler("xyz")
+    return ElementTree.Element("origin", xyz=_row(transform[:3, 3]), rpy=_row(angles))
 
 
 def _row(numbers: Iterable[float]) -> str:

@@ -140,9 +140,9 @@ class Calibration:
     @property
     def wheel_places(self) -> FloatArray:
         """(4, 3) middles of the wheels in the base frame [m]."""
-        x = 0.5 * FRONT * self.robot.wheelbase
-        y = LEFT * self.half_track
-        return np.column_stack([x, y, np.full(len(WHEELS), self.robot.axle_height)])
+        places = self.robot.wheel_places
+        places[:, 1] = LEFT * self.half_track
+        return places
 
     @property
     def radii(self) -> FloatArray:

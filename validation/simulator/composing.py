@@ -14,7 +14,7 @@ from mujoco import mjtGeom, mjtObj, mjtSensor
 
 from validation.files import reading
 from validation.simulator import foreign
-from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, Vector3, models_folder
+from validation.simulator.description import GRAVITY, SIDES, WHEELS, Robot, models_folder
 from validation.simulator.motors import add_integral_parts
 from validation.simulator.physics import Impedance
 
@@ -77,7 +77,7 @@ def compose_robot(robot: Robot) -> mujoco.MjSpec:
     base.add_site(name="reference", pos=[0, 0, -robot.base_height], **mark)
     base.add_site(name="imu", pos=robot.imu, **mark)
     _add_hull(base, robot)
-    for wheel, place in wheel_places(robot).items():
+    for wheel, place in zip(WHEELS, robot.wheel_places.tolist(), strict=True):
         _add_wheel(base, robot, wheel, place)
     if robot.link == "belt":
         _add_belts(spec)
@@ -120,18 +120,6 @@ def _add_motor(spec: mujoco.MjSpec, motor: str, wheels: tuple[str, ...]) -> None
     servo = spec.add_actuator(name=f"{motor}_motor", target=motor, forcerange=[-1.0, 1.0])
     servo.trntype = mujoco.mjtTrn.mjTRN_TENDON
     servo.set_to_velocity(kv=1.0)
-
-
-def wheel_places(robot: Robot) -> dict[str, Vector3]:
-    """Return the middles of the wheels in the base frame [m], by wheel."""
-    half_base = 0.5 * robot.wheelbase
-    half_track = 0.5 * robot.track
-    places = {}
-    for wheel in WHEELS:
-        x = half_base if "front" in wheel else -half_base
-        y = half_track if "left" in wheel else -half_track
-        places[wheel] = x, y, robot.axle_height
-    return places
 
 
 def _hand_made(robot: Robot) -> mujoco.MjSpec:
@@ -199,7 +187,7 @@ def _add_hull(base: Any, robot: Robot) -> None:
     base.add_geom(name="nose", pos=ahead, **_look(mjtGeom.mjGEOM_BOX, nose, _METAL))
 
 
-def _add_wheel(base: Any, robot: Robot, wheel: str, place: Vector3) -> None:
+def _add_wheel(base: Any, robot: Robot, wheel: str, place: list[float]) -> None:
     """Add a wheel: its joint, the tyre that touches the ground, the site of its load, its looks."""
     radius = robot.wheel_radius
     half = 0.5 * robot.wheel_width

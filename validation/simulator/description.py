@@ -19,10 +19,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, get_args
 
+import numpy as np
 from msgspec import Meta
 
 from ssmr.parameters import check_parameters, declaration, parameter
+from ssmr.robot.ground import FRONT, LEFT
 from ssmr.robot.vehicle import Drive, Vehicle
+from ssmr.types import FloatArray
 from validation.files import reading
 from validation.output import one_line
 
@@ -244,6 +247,13 @@ class Robot:
         if self.link == "none":
             return MappingProxyType({wheel: (wheel,) for wheel in WHEELS})
         return MappingProxyType({side: (f"front_{side}", f"rear_{side}") for side in SIDES})
+
+    @property
+    def wheel_places(self) -> FloatArray:
+        """(4, 3) middles of the wheels in the base frame [m]."""
+        x = 0.5 * FRONT * self.wheelbase
+        y = 0.5 * LEFT * self.track
+        return np.column_stack([x, y, np.full(len(WHEELS), self.axle_height)])
 
     @property
     def motor_groups(self) -> list[list[int]]:

@@ -15,7 +15,6 @@ from xml.sax.saxutils import quoteattr  # nosec B406 # it writes, and reads noth
 
 from ssmr.robot.vehicle import Drive
 from validation.simulator.calibration import Calibration
-from validation.simulator.composing import wheel_places
 from validation.simulator.description import WHEELS, Robot
 from validation.simulator.model import adjust, on_ground, pair_with_ground
 
@@ -81,7 +80,7 @@ def urdf_text(robot: Robot) -> str:
         e("link", name="imu_link"),
         joint("imu_joint", "fixed", "imu_link", robot.imu),
     ]
-    for own, (wheel, place) in zip(robot.wheel_joints, wheel_places(robot).items(), strict=True):
+    for wheel, own, place in zip(WHEELS, robot.wheel_joints, robot.wheel_places, strict=True):
         name = f"{wheel}_wheel_link"
         parts.append(link(name, robot.wheel_mass, origin, robot.wheel_moments, *tyre))
         parts.append(joint(own, "continuous", name, place, axis))
@@ -141,7 +140,7 @@ def sdf_text(robot: Robot) -> str:
         ),
         e("frame", imu, name="imu_link", attached_to="base_link"),
     ]
-    for own, (wheel, place) in zip(robot.wheel_joints, wheel_places(robot).items(), strict=True):
+    for wheel, own, place in zip(WHEELS, robot.wheel_joints, robot.wheel_places, strict=True):
         pose = e("pose", f"{_row(place)} 0 0 0", relative_to="base_link")
         name = f"{wheel}_wheel_link"
         shapes = seen_and_hit(name, tyre, grip)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from mujoco import rollout
 
-from ssmr.errors import SsmrError
+from ssmr.errors import DivergedError, SsmrError
 from ssmr.geometry import rotate_world_to_body
 from ssmr.types import FloatArray
 from validation.simulator.description import WHEELS
@@ -79,6 +80,44 @@ def robot_parts(model: mujoco.MjModel, prefix: str = "") -> Parts:
             torques=[int(model.sensor(f"{prefix}torque_{wheel}").adr[0]) for wheel in WHEELS],
         )
     return _parts[key]
+
+
+def rolled_out(
+    data: mujoco.MjData, start: FloatArray, inputs: FloatArray, spec: int, first: int = 0
+) -> tuple[FloatArray, FloatArray]:
+    """Return the states after n physics steps, and the sensors' numbers of these.
+
+    Args:
+        data: the simulation, with the warm start of its solver, which goes on.
+        start: state before the first step.
+        inputs: (n, ...) inputs of the steps.
+        spec: kind of the inputs, of `mujoco.mjtState`.
+        first: number of steps before, for the time of a failure.
+
+    Raises:
+        DivergedError: the simulator gave up; with the time and the states until then.
+    """
+    model = data.model
+    warm = np.array(data.qacc_warmstart)
+    states, readings = rollout.rollout(
+        model,
+        data,
+        start[None],
+        inputs[None],
+        control_spec=spec,
+        initial_warmstart=warm[None],
+    )
+    after = states[0]
+    before = np.vstack([start, after[:-1]])
+    # A diverged simulation resets itself: its clock jumps back.
+    bad = np.flatnonzero((after[:, 0] <= before[:, 0]) | ~np.isfinite(after).all(axis=1))
+    if len(bad):
+        end = int(bad[0])
+        t = (first + end) * float(model.opt.timestep)
+        raise DivergedError(
+            f"mujoco gave up at t = {t:.3f} s: no finite state", t=t, states=before[: end + 1]
+        )
+    return after, readings[0]
 
 
 @contextlib.contextmanager

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import mujoco
 import numpy as np
-from mujoco import rollout
 
 from ssmr.errors import DivergedError
 from ssmr.geometry import (
@@ -29,7 +28,7 @@ from validation.simulator.calibration import Calibration
 from validation.simulator.description import WHEELS
 from validation.simulator.model import FREE_DRIVE, contact_settings, robot_model
 from validation.simulator.motors import controls
-from validation.simulator.parts import Parts, mujoco_failures, robot_parts
+from validation.simulator.parts import Parts, mujoco_failures, robot_parts, rolled_out
 from validation.simulator.physics import SHIPPED, PhysicsSettings, stop_the_stopwatch
 from validation.simulator.resting import level_rest, solved_exactly
 from validation.simulator.terrain import FLAT, Terrain
@@ -364,30 +363,11 @@ class MujocoPlant:
         yaw_rate = 1 + model.nq + 5
         data = mujoco.MjData(model)
         state = start
-        warm = np.zeros(model.nv)
         first = 0
         turns = 0
         for control in inputs:
-            states, readings = rollout.rollout(
-                model,
-                data,
-                state[None],
-                control[None],
-                control_spec=spec,
-                initial_warmstart=warm[None],
-            )
-            after = states[0]
+            after, readings = rolled_out(data, state, control, spec, first)
             before = np.vstack([state, after[:-1]])
-            # A diverged simulation resets itself: its clock jumps back.
-            bad = np.flatnonzero((after[:, 0] <= before[:, 0]) | ~np.isfinite(after).all(axis=1))
-            if len(bad):
-                end = int(bad[0])
-                t = (first + end) * dt
-                raise DivergedError(
-                    f"mujoco gave up at t = {t:.3f} s: no finite state",
-                    t=t,
-                    states=before[: end + 1],
-                )
             yaw = quat_wxyz_to_yaw(np.vstack([before[:, 4:8], after[-1:, 4:8]]))
             jumps = np.rint(np.diff(yaw) / _TURN).astype(np.int64)
             whole = turns - np.cumulative_sum(jumps, include_initial=True)
@@ -395,9 +375,8 @@ class MujocoPlant:
             at = slice(-first % stride, len(after), stride)
             headings = yaw[:-1][at] + _TURN * whole[:-1][at]
             turned = (after[at, yaw_rate] - before[at, yaw_rate]) / dt
-            yield self._numbers(before[at], readings[0][at], headings, turned)
+            yield self._numbers(before[at], readings[at], headings, turned)
             state = after[-1]
-            warm = np.array(data.qacc_warmstart)
             first += len(after)
             turns = int(whole[-1])
 

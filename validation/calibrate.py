@@ -16,12 +16,10 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import chain, product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tyro
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ssmr.types import CommandKind
 from validation import cli, output
@@ -43,6 +41,9 @@ from validation.report.motions import interval_table
 from validation.report.report import FINISHED, Report
 from validation.report.table import Table
 from validation.robots import export_robot
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _ESSENTIAL = (
     *("alpha_l", "alpha_r", "y_l", "y_r", "wheel_radius", "command_radius"),
@@ -288,7 +289,7 @@ class Calibrated(Report):
                         name, inks[when], marker, scored.horizons, scored.overlapping
                     )
                 )
-        legend = [Line2D([], [], color=m.ink, marker=m.marker, label=m.name) for m in marks]
+        legend = [drawing.key_line(m.name, color=m.ink, marker=m.marker) for m in marks]
         panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
         verdicts = list(map(_verdict, self.fits))
         row = drawing.PanelRow(3.6, panels)

@@ -14,13 +14,10 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ssmr.errors import ParameterError, SsmrError
 from ssmr.metrics.bands import Band
@@ -74,6 +71,10 @@ from validation.report.table import Table
 from validation.simulator.description import with_robot
 from validation.simulator.physics import SHIPPED
 from validation.simulator.terrain import FLAT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 Method = Literal["jde", "hybrid", "lsq"]
 """Searches of a fit: differential evolution; a short one, then least squares; or least squares from
@@ -369,7 +370,7 @@ class Fitted(SearchReport):
 
         def position(ax: Axes) -> None:
             drawing.draw_horizons(marks, "position", ax)
-            handles = [Line2D([], [], color=m.ink, marker=m.marker) for m in marks]
+            handles = [drawing.key_line(color=m.ink, marker=m.marker) for m in marks]
             ax.legend(handles, [m.name for m in marks], fontsize=8.5)
 
         rows = []

@@ -13,10 +13,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import tyro
-from matplotlib.figure import Figure
 
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
@@ -62,6 +61,9 @@ from validation.report import drawing
 from validation.report.table import Row, Table
 from validation.simulator.description import with_robot
 from validation.workers import threads_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # population and generations: a simulated run costs a hundred times that of a planar model
 _SIMULATED_SIZE = (24, 20)

@@ -23,7 +23,6 @@ sensors are met:
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import ndtr
 
 from ssmr.robot.vehicle import Vehicle
 from ssmr.types import FloatArray
@@ -126,6 +125,8 @@ def bridge_reading(
 
 def _beyond(mean: FloatArray, edge: FloatArray, ripple: float) -> tuple[FloatArray, FloatArray]:
     """Return the mean of a normal law above an edge, times its share, and that share."""
+    from scipy.special import ndtr  # here: it takes long to import
+
     u = np.clip((mean - edge - _NOTHING) / max(ripple, _SHARP), -30.0, 30.0)
     share = ndtr(u)
     density = np.exp(-0.5 * u**2) / np.sqrt(2.0 * np.pi)

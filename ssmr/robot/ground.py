@@ -14,7 +14,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from ssmr.types import FloatArray, Trajectory
 
@@ -96,6 +95,8 @@ def turn_on_the_spot(
         f_y = load * ratio**2 * s_y / size
         moment = at_x * f_y - at_y * f_x
         return float(load @ size), np.array([f_x.sum(), f_y.sum(), moment.sum()])
+
+    from scipy.optimize import minimize  # here: it takes long to import
 
     start = np.array([0.0, 0.0, 0.55])
     minimum = minimize(power, start, jac=True, method="BFGS", options={"gtol": 1e-10})

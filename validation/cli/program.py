@@ -228,8 +228,9 @@ def _require_shown(options: Filmed) -> None:
 def finish(report: Report, options: Common, folder: Path) -> None:
     """Save and print a report, show its recording, and raise its failure."""
     film = options if isinstance(options, Filmed) else None
-    written = report.save(folder, recording=film is None or not film.no_rerun)
-    report_result(report, written)
+    # tables first: pictures take longer than many a run
+    report_result(report)
+    _report_written(report.save(folder, recording=film is None or not film.no_rerun))
     if film is not None and film.view:
         from validation.report.viewer import open_viewer
 
@@ -342,10 +343,13 @@ def report_console() -> Console:
 
 def report_result(report: Report, written: Iterable[Path] = ()) -> None:
     """Print a report's tables and notes, and the paths of written files, on standard output."""
-    console = report_console()
-    print_tables(console, report.tables(), report.notes())
+    print_tables(report_console(), report.tables(), report.notes())
+    _report_written(written)
+
+
+def _report_written(written: Iterable[Path]) -> None:
     if files := ", ".join(map(visible, written)):
-        console.print(Text(f"written: {files}"), soft_wrap=True)
+        report_console().print(Text(f"written: {files}"), soft_wrap=True)
 
 
 def warn(text: str) -> None:

@@ -10,12 +10,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray
@@ -26,6 +23,10 @@ from validation.report import drawing
 from validation.report.drawing import ALARM, Ink, PanelRow
 from validation.report.report import FINISHED, INTERRUPTED, Report
 from validation.report.table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # a number with a wider interval, as a share of the space between its bounds, is uncertain
 _VAGUE_SHARE = 0.5
@@ -238,7 +239,7 @@ def _draw_course(report: SearchReport, ink: Ink, ax: Axes) -> None:
     if finite.min() > 0.0 and finite.max() > 10.0 * finite.min():
         ax.set_yscale("log")
         drawing.plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
-    ax.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+    ax.locator_params(axis="x", nbins=6, integer=True)
     ax.set(title="Least cost by generation", xlabel="generation")
 
 

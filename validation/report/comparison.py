@@ -9,13 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from scipy.ndimage import uniform_filter1d
 
 from ssmr.geometry import compose, relative, rotate_body_to_world, wrap_angle
 from ssmr.metrics.windows import horizon_windows, relative_pose_error
@@ -42,12 +38,18 @@ from validation.report.drawing import (
     how_driven,
     ink_of,
     joined,
+    key_line,
 )
 from validation.report.motions import Motions, headline_error
 from validation.report.scene_robots import Track
 from validation.simulator.description import WHEELS
 from validation.simulator.health import verdict
 from validation.simulator.wheel_loads import QUASI_STATIC
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 _LONGEST_PATH = 30.0
 """Runs longer than this are shown in windows [s]: open-loop errors have grown beyond reading by
@@ -170,10 +172,10 @@ class Comparison(Motions):
                 if marked:
                     marker = _MARKERS.get(track.name, "o")
             label = f"{track.name}\n{about}"
-            legend.append(Line2D([], [], marker=marker, label=label, **look_of(track)))
+            legend.append(key_line(label, marker=marker, **look_of(track)))
         if self._by_speed:
             label = "command\nas given"
-            legend.append(Line2D([], [], color=_COMMAND_INK, linewidth=1.0, label=label))
+            legend.append(key_line(label, color=_COMMAND_INK, linewidth=1.0))
         return legend
 
     # --- paths ---
@@ -402,6 +404,8 @@ class Comparison(Motions):
 
 
 def _mean_load(channel: str, wheel: int, piece: Trajectory) -> FloatArray:
+    from scipy.ndimage import uniform_filter1d  # here: it takes a tenth of a second to import
+
     size = 1
     if len(piece) > 1:
         period = float(np.median(np.diff(piece.t)))

@@ -1,7 +1,8 @@
 """Parts of all pictures: inks, markers, rows of panels.
 
 Everything is drawn by matplotlib's objects under a style of its own (style.mplstyle): no pyplot,
-and no setting outlives a call.
+and no setting outlives a call. matplotlib is imported where something is drawn: it takes a third of
+the time that a program needs to start.
 """
 
 from __future__ import annotations
@@ -11,24 +12,21 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import matplotlib.style
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Ellipse
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from PIL import Image
 
 from ssmr.metrics.windows import HorizonErrors, OverlappingErrors
 from ssmr.types import FloatArray
 from validation.output import shortened, write_atomic
 from validation.report.palette import BLACK, colour, mix
 from validation.simulator.terrain import FLAT, Terrain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 # A figure is 1600 px wide.
 WIDTH_IN = 12.8
@@ -37,7 +35,7 @@ EDGE_IN = 0.12
 STYLE = Path(__file__).with_name("style.mplstyle")
 
 Dashes = Literal["solid"] | tuple[float, tuple[float, ...]]
-Panel = Callable[[Axes], None]
+Panel = Callable[["Axes"], None]
 Ink = str | tuple[float, float, float]
 
 BROAD = 2.6
@@ -88,6 +86,13 @@ def joined(parts: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, 
 # --- marks in a panel ---
 
 
+def key_line(label: str = "", **look: Any) -> Line2D:
+    """Return a line that a legend shows."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], label=label, **look)
+
+
 def draw_dart(ax: Axes, pose: FloatArray, name: str, size: float) -> None:
     """Draw a triangle in a plant's colour that points along a pose (x, y [m], yaw [rad])."""
     ax.plot(
@@ -126,6 +131,8 @@ def draw_ellipse(
 
     The (2, 2) covariance is in m².
     """
+    from matplotlib.patches import Ellipse
+
     variances, axes = np.linalg.eigh(covariance)
     width, height = 2.0 * reach * np.sqrt(np.maximum(variances, 0.0))
     angle = math.degrees(math.atan2(axes[1, 0], axes[0, 0]))
@@ -169,6 +176,8 @@ def corner_note(ax: Axes, text: str, ink: str = QUIET) -> None:
 
 def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
     """Mark these multiples of every power of ten on a logarithmic axis, in plain numbers."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
@@ -288,6 +297,10 @@ def draw_page(
         foot: how it was made, in one line below all.
         ink: colour of the title.
     """
+    import matplotlib.style
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     labels = [str(line.get_label()) for line in legend]
     longest = max((len(line) for label in labels for line in label.split("\n")), default=1)
     across = max(1, min(len(labels), int(WIDTH_IN / (_KEY_IN + _CHARACTER_IN * longest))))
@@ -350,6 +363,10 @@ def save_figure(figure: Figure, path: Path) -> None:
         ValueError: the format is unknown; nothing is written.
         OSError: the file cannot be written.
     """
+    import matplotlib.style
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
     canvas = figure.canvas
     if path.suffix.lower() == ".png" and isinstance(canvas, FigureCanvasAgg) and not figure.stale:
         pixels = Image.fromarray(np.asarray(canvas.buffer_rgba()))

@@ -5,12 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.tracked import Followed, lost_text, saturated
@@ -28,7 +25,13 @@ from validation.report.drawing import (
     draw_ring,
     equal_scales,
     ink_of,
+    key_line,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 _WIDE = 2.6  # a reference wider than so many times its height has a row of its own
 _SPEEDS = (
@@ -62,7 +65,7 @@ def _legend(robots: Sequence[Followed]) -> list[Line2D]:
         looks["command to\nthe drive"] = {"color": _COMMAND}
         saturated = {"color": _SATURATED, "linewidth": 7.0, "alpha": 0.2}
         looks["a torque or the\ncommand at its limit"] = saturated
-    return [Line2D([], [], label=label, **look) for label, look in looks.items()]
+    return [key_line(label, **look) for label, look in looks.items()]
 
 
 def _finish_time(robots: Sequence[Followed], ax: Axes) -> None:

@@ -6,10 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ssmr.control.waypoints import ALPHA_SWITCH
 from ssmr.errors import SsmrError
@@ -35,6 +34,9 @@ from validation.report.table import Row, Table
 from validation.report.track_panels import draw_track, error_units, longest_target
 from validation.simulator.description import with_robot
 from validation.simulator.terrain import FLAT, Terrain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _MUCH_SATURATED = 0.05
 """Share of time at its limits above which a robot follows these rather than its controller."""

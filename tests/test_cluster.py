@@ -135,6 +135,7 @@ def test_other_versions_and_processors_are_refused(
 def test_an_address_that_is_none_or_open_to_others_is_refused(address: str) -> None:
     with pytest.raises(ValueError, match=r"workers is '.*wanted a number of threads"):
         Fit("linear", "traj4", workers=address)
+    assert Fit("linear", "traj4", workers="3").workers == 3
     Fit("linear", "traj4", workers="tls://far.example:8786")
     Fit("linear", "traj4", workers="tcp://[::1]:8786")
 

@@ -73,6 +73,9 @@ class Common(Options):
         """Raise a ValueError for a number out of its range."""
         super().__post_init__()
         require_within(self, ("seed",), 0, MOST_SEED, whole=True)
+        if isinstance(self.workers, str) and self.workers.isdecimal():
+            # of a number or a text, tyro gives the text
+            object.__setattr__(self, "workers", int(self.workers))
         if isinstance(self.workers, str):
             require_address(self.workers)
         else:

@@ -426,7 +426,7 @@ PRICES = {
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
     "validation/files": Price(
-        42_600,
+        42_000,
         26,
         135,
         "any log is read as one form, of bags on one clock with the most independent pose; "

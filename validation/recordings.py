@@ -278,7 +278,7 @@ def _chosen(log: Log) -> dict[str, str | None]:
     """Return the topic or the columns that were taken for each kind of signal; None without one."""
     chosen = dict[str, str | None]()
     for what, names in _WHAT.items():
-        group = next((g for g in log.groups.values() if g.table(names) is not None), None)
+        group = log.group_of(names)
         chosen[what] = None
         if group is not None:
             chosen[what] = group.source if log.topics else ", ".join(names)

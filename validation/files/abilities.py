@@ -45,13 +45,12 @@ def too_short(group: Group) -> str:
 
 def lacks(log: Log) -> Iterator[str]:
     """Yield a sentence for each thing that a log with poses cannot tell, and what to drive."""
-    group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
-    poses = new_poses(group)
-    if group is None or poses is None or len(poses[0]) < 3:
+    poses = new_poses(log)
+    if poses is None or len(poses.t) < 3:
         return
-    t, pose = poses
+    t = poses.t
     whole = float(t[-1] - t[0])
-    short = too_short(group)
+    short = too_short(poses.group)
     if short:
         yield short
         return
@@ -60,7 +59,7 @@ def lacks(log: Log) -> Iterator[str]:
             f"the last third of {whole:.3g} s is too short to judge on: drive for a minute or more"
         )
     grid = np.arange(t[0], t[-1], _STEP_S)
-    x, y, yaw = (np.interp(grid, t, column) for column in pose.T)
+    x, y, yaw = (np.interp(grid, t, column) for column in poses.pose.T)
     speed = np.hypot(np.diff(x), np.diff(y)) / _STEP_S
     rate = np.diff(yaw) / _STEP_S
     extent = max(np.ptp(x), np.ptp(y))

@@ -16,7 +16,7 @@ import numpy as np
 from ssmr.geometry import integral
 from ssmr.types import FloatArray
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log
-from validation.files.signals import correlations, fresh_poses, refreshed
+from validation.files.signals import centred, correlations, fresh_poses, refreshed
 
 _WINDOW_S = 1.0
 """Length of the windows over which signals are averaged [s]."""
@@ -107,6 +107,21 @@ class LogSignals:
         """(2, N) rates of left and right wheels [rad/s]."""
         sides = [self.signals[name] for name in ENCODERS if name in self.signals]
         return np.array(sides) if len(sides) == 2 else None
+
+    def likeness(self) -> list[float]:
+        """Return how alike turns and ways by wheels or odometry are to those by pose or gyro.
+
+        These are correlations of their sizes about their means; none where nothing varies.
+        """
+        s = self.signals
+        told = [s.get("odom_w"), s.get("odom_v")]
+        if self.wheels is not None:
+            told = [self.wheels[1] - self.wheels[0], self.wheels[1] + self.wheels[0]]
+        alike = []
+        for a, b in zip(told, (self.turning, self.along), strict=True):
+            if a is not None and b is not None and min(np.std(a), np.std(b)) > 1e-4:
+                alike.append(centred(np.abs(a), np.abs(b)))
+        return alike
 
     @cached_property
     def turns(self) -> Turns | None:

@@ -64,6 +64,29 @@ def trust_in(source: str) -> int:
     return 2
 
 
+class NewPoses(NamedTuple):
+    """Poses of a log that are new, M of them."""
+
+    group: Group
+    """Group that they are of."""
+    rows: IndexArray
+    """(M,) their indices in it."""
+    t: FloatArray
+    """(M,) stamps [s]."""
+    pose: FloatArray
+    """(M, 3) x, y [m] and yaw [rad]."""
+
+
+def new_poses(log: Log) -> NewPoses | None:
+    """Return the new poses of a log; None without poses."""
+    group = log.group_of(POSE_COLUMNS)
+    pose = None if group is None else group.table(POSE_COLUMNS)
+    if group is None or pose is None:
+        return None
+    new = np.flatnonzero(fresh_poses(group.t, pose))
+    return NewPoses(group, new, group.t[new], pose[new])
+
+
 class _Rates(NamedTuple):
     """Rates from which a pose may follow, K samples."""
 
@@ -81,7 +104,7 @@ def _rates_of(log: Log) -> Iterator[_Rates]:
     """Yield what poses of a log may follow from: wheels, odometry, each with a gyro, commands."""
     imu = log.groups.get("imu")
     for names in (ENCODERS, ("odom_v", "odom_w"), TWIST):
-        group = next((g for g in log.groups.values() if g.table(names) is not None), None)
+        group = log.group_of(names)
         if group is None:
             continue
         rates = np.column_stack([group.columns[name] for name in names])
@@ -92,25 +115,22 @@ def _rates_of(log: Log) -> Iterator[_Rates]:
             yield _Rates((*names, "gyro_z"), group.t, rates, turns)
 
 
-def _errors(
-    t: FloatArray, pose: FloatArray, rates: _Rates, window: float
-) -> tuple[float, float] | None:
+def _errors(poses: NewPoses, rates: _Rates, window: float) -> tuple[float, float] | None:
     """Return the median errors of ways [m] and turns [rad] of a window that rates tell.
 
     The factors of the rates, and the delays of positions and headings behind them, are those that
     fit best. None where the robot hardly moves.
 
     Args:
-        t: (M,) stamps of new poses [s].
-        pose: (M, 3) x, y [m] and yaw [rad].
-        rates: rates that the pose may follow from.
+        poses: the new poses.
+        rates: rates that they may follow from.
         window: length of the windows [s].
     """
-    inside = (t > rates.t[0] + _MOST_LAG) & (t < rates.t[-1] - _MOST_LAG)
-    t = t[inside]
+    inside = (poses.t > rates.t[0] + _MOST_LAG) & (poses.t < rates.t[-1] - _MOST_LAG)
+    t = poses.t[inside]
     if len(t) < _FEWEST:
         return None
-    x, y, yaw = pose[inside].T
+    x, y, yaw = poses.pose[inside].T
     half = 0.5 * np.diff(yaw)
     middle = yaw[:-1] + half
     # arcs: a chord times what bends it
@@ -155,21 +175,20 @@ def _error(
 
 def circular(e: LogSignals) -> Iterator[LogFault]:
     """A pose that follows from other columns of its log."""
-    group = next((g for g in e.log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
-    poses = new_poses(group)
-    if group is None or poses is None or trust_in(group.source) <= 1:
+    poses = new_poses(e.log)
+    if poses is None or trust_in(poses.group.source) <= 1:
         return
     measured = False
     for rates in _rates_of(e.log):
-        own = rates.columns[0] in group.columns
+        own = rates.columns[0] in poses.group.columns
         if own and measured:
             continue  # a localiser tells its own speed, and wheels do not follow
-        errors = _errors(*poses, rates, _WINDOW_S)
+        errors = _errors(poses, rates, _WINDOW_S)
         measured |= errors is not None and rates.columns[0] in ENCODERS
         most = _FOLLOWS_TWIST if own else _FOLLOWS
         if errors is None or max(errors) > most:
             continue
-        noise = _errors(*poses, rates, _SHORT_S)
+        noise = _errors(poses, rates, _SHORT_S)
         if noise is None or max(noise) < max(_NOISELESS, 0.3 * most):
             sentence = (
                 f"x, y and yaw follow from {' and '.join(rates.columns)} to "
@@ -179,12 +198,3 @@ def circular(e: LogSignals) -> Iterator[LogFault]:
             )
             yield LogFault("circular", POSE_COLUMNS, sentence)
             return
-
-
-def new_poses(group: Group | None) -> tuple[FloatArray, FloatArray] | None:
-    """Return the (M,) stamps [s] and the (M, 3) new poses of a group; None without poses."""
-    pose = None if group is None else group.table(POSE_COLUMNS)
-    if group is None or pose is None:
-        return None
-    new = fresh_poses(group.t, pose)
-    return group.t[new], pose[new]

@@ -23,6 +23,7 @@ _STEADY = 0.5
 """Change of such a difference below which only the clocks' origins differ [s]."""
 _LATE_SHARE = 0.1
 """Share of messages that may be written that late, as those are that are kept for later [1]."""
+_NO_STAMPS = "the messages have no stamps"
 _PAIRS = 4
 """Pairs of samples that are this part of a topic apart tell the rate of its clock."""
 
@@ -43,6 +44,51 @@ class Timed(NamedTuple):
     """Sentence on a clock that is not that of the other topics."""
 
 
+class _Clock(NamedTuple):
+    """The stamps of a topic's messages, and when they were written, M of them [ns]."""
+
+    written: Stamps
+    header: Stamps
+
+    @property
+    def ahead(self) -> FloatArray:
+        """(M,) times by which the stamps are ahead of writing [s]."""
+        return (self.header - self.written).astype(np.float64) * 1e-9
+
+    def ahead_at(self, written: Stamps) -> FloatArray:
+        """Return the (K,) times by which they are ahead at other times of writing [s]."""
+        origin = self.written[0]
+        at = (written - origin).astype(np.float64)
+        return np.interp(at, (self.written - origin).astype(np.float64), self.ahead)
+
+    @property
+    def rate(self) -> float:
+        """Seconds of the clock in a second of writing; one jump does not matter."""
+        apart = max(1, len(self.written) // _PAIRS)
+        spans = np.maximum(self.written[apart:] - self.written[:-apart], 1)
+        steps = self.header[apart:] - self.header[:-apart]
+        return float(np.median(steps / spans)) if len(spans) else 1.0
+
+    @property
+    def jumps(self) -> bool:
+        """True if it jumps; a message that is only written late does not."""
+        steps = np.diff(self.header) - self.rate * np.diff(self.written)
+        return float(np.max(np.abs(steps), initial=0.0)) * 1e-9 >= _SAME_CLOCK
+
+    def is_shared(self, other: _Clock) -> bool:
+        """Return whether another topic has the same clock while both were written."""
+        inside = (other.written >= self.written[0]) & (other.written <= self.written[-1])
+        if not np.any(inside):
+            inside[:] = True
+        apart = other.ahead[inside] - self.ahead_at(other.written[inside])
+        return float(np.median(np.abs(apart))) < _SAME_CLOCK
+
+    def goes_with(self, other: _Clock) -> bool:
+        """Return whether another topic's clock stays with it; single messages may be late."""
+        apart = other.ahead - self.ahead_at(other.written)
+        return bool(np.mean(np.abs(apart - np.median(apart)) > _SAME_CLOCK) < _LATE_SHARE)
+
+
 def on_one_clock(
     names: Sequence[str], stamps: Sequence[tuple[Stamps, Stamps]]
 ) -> tuple[list[Timed], str]:
@@ -53,131 +99,80 @@ def on_one_clock(
         stamps: of each topic the (N,) times of writing and the (N,) stamps of its messages, 0 for
             none [ns].
     """
-    stamped = {}
+    clocks = {}
     for k, (written, header) in enumerate(stamps):
         has = header != 0
         if 2 * np.count_nonzero(has) > len(has):
-            stamped[k] = written[has], header[has]
+            clocks[k] = _Clock(written[has], header[has])
     sharing = {}
-    for k, one in stamped.items():
-        sharing[k] = [j for j, other in stamped.items() if _differ(one, other) < _SAME_CLOCK]
+    for k, clock in clocks.items():
+        sharing[k] = [j for j, other in clocks.items() if clock.is_shared(other)]
 
     def rank(k: int) -> tuple[bool, int, int, int]:
-        written, header = stamped[k]
-        ahead = abs(float(np.median(header - written))) * 1e-9
-        return not _jumps(*stamped[k]), len(sharing[k]), -round(ahead), len(header)
+        ahead = abs(float(np.median(clocks[k].ahead)))
+        return not clocks[k].jumps, len(sharing[k]), -round(ahead), len(clocks[k].header)
 
-    lead = max(stamped, key=rank, default=-1)
-    if lead < 0 or not _believed(*stamped[lead], len(sharing[lead])):
-        timed = [_as_written(k, written, k in stamped) for k, (written, _) in enumerate(stamps)]
-        return timed, ""
-    clock = stamped[lead]
-    rate = _rate(*clock)
+    lead = max(clocks, key=rank, default=-1)
+    if lead < 0 or not _believed(clocks[lead], len(sharing[lead])):
+        jumps = "the clock of the messages jumps"
+        told = [jumps if k in clocks else _NO_STAMPS for k in range(len(stamps))]
+        return [_written(w, w, what) for (w, _), what in zip(stamps, told, strict=True)], ""
+    first = clocks[lead]
     sentence = ""
-    if abs(rate - 1.0) * float(np.ptp(clock[0])) * 1e-9 > _SAME_CLOCK:
+    if abs(first.rate - 1.0) * float(np.ptp(first.written)) * 1e-9 > _SAME_CLOCK:
         sentence = (
             f"the stamps of {', '.join(names[k] for k in sharing[lead])} share a clock that runs "
-            f"{rate:.4g} times as fast as the time of writing, as a simulation's does: it counts, "
-            "and what has no stamps is brought onto it"
+            f"{first.rate:.4g} times as fast as the time of writing, as a simulation's does: it "
+            "counts, and what has no stamps is brought onto it"
         )
     timed = []
     for k, (written, header) in enumerate(stamps):
-        if k not in stamped:
-            remark = "the messages have no stamps"
-            all_of_them = np.ones(len(written), dtype=bool)
-            timed.append(Timed(all_of_them, _brought(written, *clock), remark))
-        elif k in sharing[lead] and _goes_with(clock, *stamped[k]):
-            timed.append(Timed(header != 0, stamped[k][1]))
+        if k not in clocks:
+            timed.append(_written(written, _brought(written, first), _NO_STAMPS))
+        elif k in sharing[lead] and first.goes_with(clocks[k]):
+            timed.append(Timed(header != 0, clocks[k].header))
         else:
-            timed.append(_corrected(names[k], header != 0, stamped[k], clock))
+            timed.append(_corrected(names[k], header != 0, clocks[k], first))
     return timed, sentence
 
 
-def _as_written(k: int, written: Stamps, stamped: bool) -> Timed:
-    remark = "the clock of the messages jumps" if stamped else "the messages have no stamps"
-    return Timed(np.ones(len(written), dtype=bool), written, remark)
+def _written(written: Stamps, ns: Stamps, remark: str) -> Timed:
+    """Return a topic whose messages all count, at stamps that are not their own."""
+    return Timed(np.ones(len(written), dtype=bool), ns, remark)
 
 
-def _ahead(written: Stamps, header: Stamps, at: Stamps) -> FloatArray:
-    """Return the (K,) seconds by which a topic's stamps are ahead of the times of writing `at`."""
-    origin = written[0]
-    ahead = (header - written).astype(np.float64) * 1e-9
-    return np.interp((at - origin).astype(np.float64), (written - origin).astype(np.float64), ahead)
-
-
-def _differ(one: tuple[Stamps, Stamps], other: tuple[Stamps, Stamps]) -> float:
-    """Return the median difference of two topics' clocks while both were written [s]."""
-    written, header = other
-    inside = (written >= one[0][0]) & (written <= one[0][-1])
-    if not np.any(inside):
-        inside[:] = True
-    ahead = (header - written)[inside].astype(np.float64) * 1e-9
-    return float(np.median(np.abs(ahead - _ahead(*one, written[inside]))))
-
-
-def _rate(written: Stamps, header: Stamps) -> float:
-    """Return the seconds of a topic's clock in a second of writing; one jump does not matter."""
-    apart = max(1, len(written) // _PAIRS)
-    spans = np.maximum(written[apart:] - written[:-apart], 1)
-    return float(np.median((header[apart:] - header[:-apart]) / spans)) if len(spans) else 1.0
-
-
-def _jumps(written: Stamps, header: Stamps) -> bool:
-    """Return whether a topic's clock jumps; a message that is only written late does not."""
-    steps = np.diff(header) - _rate(written, header) * np.diff(written)
-    return float(np.max(np.abs(steps), initial=0.0)) * 1e-9 >= _SAME_CLOCK
-
-
-def _believed(written: Stamps, header: Stamps, sharing: int) -> bool:
+def _believed(clock: _Clock, sharing: int) -> bool:
     """Return whether a clock counts that so many topics share: it may pause, but not go back."""
     if sharing > 1:
-        return float(np.min(np.diff(header), initial=0.0)) * 1e-9 > -_SAME_CLOCK
-    return not _jumps(written, header)
+        return float(np.min(np.diff(clock.header), initial=0.0)) * 1e-9 > -_SAME_CLOCK
+    return not clock.jumps
 
 
-def _goes_with(clock: tuple[Stamps, Stamps], written: Stamps, header: Stamps) -> bool:
-    """Return whether a topic's clock stays with another one; single messages may be late."""
-    ahead = (header - written).astype(np.float64) * 1e-9 - _ahead(*clock, written)
-    off = np.abs(ahead - np.median(ahead)) > _SAME_CLOCK
-    return bool(np.mean(off) < _LATE_SHARE)
-
-
-def _brought(at: Stamps, written: Stamps, header: Stamps) -> Stamps:
+def _brought(at: Stamps, clock: _Clock) -> Stamps:
     """Return the (K,) stamps by another topic's clock of what was written `at`."""
-    ahead = (header - written).astype(np.float64) * 1e-9
-    usual = float(np.median(ahead))
-    if np.ptp(np.percentile(ahead, (2.0, 98.0))) < _STEADY:
+    if np.ptp(np.percentile(clock.ahead, (2.0, 98.0))) < _STEADY:
         # so that late writing of that topic moves nothing
-        return at + round(usual) * 1_000_000_000
-    origin = written[0]
-    x = (written - origin).astype(np.float64)
-    y = np.maximum.accumulate(header - header[0]).astype(np.float64)
-    rate = _rate(written, header)
-    t = (at - origin).astype(np.float64)
-    inside = np.clip(t, x[0], x[-1])
-    return header[0] + np.rint(np.interp(inside, x, y) + rate * (t - inside)).astype(np.int64)
+        return at + round(float(np.median(clock.ahead))) * 1_000_000_000
+    x = (clock.written - clock.written[0]).astype(np.float64)
+    y = np.maximum.accumulate(clock.header - clock.header[0]).astype(np.float64)
+    t = (at - clock.written[0]).astype(np.float64)
+    beyond = t - np.clip(t, x[0], x[-1])
+    return clock.header[0] + np.rint(np.interp(t, x, y) + clock.rate * beyond).astype(np.int64)
 
 
-def _corrected(
-    name: str, kept: BoolArray, stamps: tuple[Stamps, Stamps], clock: tuple[Stamps, Stamps]
-) -> Timed:
+def _corrected(name: str, kept: BoolArray, clock: _Clock, first: _Clock) -> Timed:
     """Return a topic of another clock: with its own stamps if only the origins differ."""
-    written, header = stamps
-    ahead = (header - written).astype(np.float64) * 1e-9
-    others = _ahead(*clock, written)
-    difference = ahead - others
+    others = first.ahead_at(clock.written)
+    difference = clock.ahead - others
     usual = float(np.median(difference))
-    if np.ptp(np.percentile(difference, (2.0, 98.0))) < _STEADY and _goes_with(clock, *stamps):
+    steady = np.ptp(np.percentile(difference, (2.0, 98.0))) < _STEADY
+    if steady and first.goes_with(clock):
         way = "ahead of" if usual > 0.0 else "behind"
         fault = (
             f"the stamps of {name} are {abs(usual):.4g} s {way} those of the other topics: header "
-            f"less time of writing is {_seconds(ahead)}, elsewhere {_seconds(others)}; "
-            "the difference was taken out"
+            f"less time of writing is {np.median(clock.ahead) + 0.0:.3f} s, elsewhere "
+            f"{np.median(others) + 0.0:.3f} s; the difference was taken out"
         )
-        return Timed(kept, header - round(usual * 1e9), fault=fault)
+        return Timed(kept, clock.header - round(usual * 1e9), fault=fault)
     remark = "the messages' clock jumps, or runs at another rate than that of the other topics"
-    return Timed(kept, _brought(written, *clock), remark, f"{name}: {remark}")
-
-
-def _seconds(ahead: FloatArray) -> str:
-    return f"{float(np.median(ahead)) + 0.0:.3f} s"
+    return Timed(kept, _brought(clock.written, first), remark, f"{name}: {remark}")

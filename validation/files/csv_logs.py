@@ -372,7 +372,7 @@ def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogL
 
     Columns of a group are interpolated, or held, at the stamps of all of them.
     """
-    members: dict[str, dict[str, Group]] = {}
+    members: dict[str, list[Group]] = {}
     for name, values in columns.items():
         if name == "t":
             continue
@@ -382,24 +382,21 @@ def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogL
         if fault is not None:
             raise FileError(path, fault.what, column=name)
         column = column_of(name)
-        samples = values[filled]
-        if column.unit == "rad":
-            samples = unwrapped(samples)
-        members.setdefault(column.group, {})[name] = Group(path.name, t, {name: samples})
+        samples = unwrapped(values[filled]) if column.unit == "rad" else values[filled]
+        members.setdefault(column.group, []).append(Group(path.name, t, {name: samples}))
     groups = {}
     for key, parts in members.items():
-        t = np.unique(np.concatenate([part.t for part in parts.values()]))
-        for part in parts.values():
+        t = np.unique(np.concatenate([part.t for part in parts]))
+        for part in parts:
             t = t[(t >= part.t[0]) & (t <= part.t[-1]) & ~part.in_gaps(t)]
-        if len(t) < 2:
-            raise FileError(path, f"{', '.join(parts)} are never known at the same time")
         common = {}
-        for name, part in parts.items():
-            samples = part.columns[name]
-            if key == "cmd":
-                common[name] = samples[np.searchsorted(part.t, t, side="right") - 1]
-            else:
+        for part in parts:
+            for name, samples in part.columns.items():
                 common[name] = np.interp(t, part.t, samples)
+                if key == "cmd":
+                    common[name] = samples[np.searchsorted(part.t, t, side="right") - 1]
+        if len(t) < 2:
+            raise FileError(path, f"{', '.join(common)} are never known at the same time")
         groups[key] = Group(path.name, t, common)
     return Log(path, groups, limits=limits)
 

@@ -18,6 +18,7 @@ from ssmr.geometry import integral
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
 from validation.files.checks import checked
+from validation.files.circular import new_poses
 from validation.files.log import (
     COMMAND_COLUMNS,
     POSE_COLUMNS,
@@ -27,7 +28,7 @@ from validation.files.log import (
     column_of,
 )
 from validation.files.reading import FileError
-from validation.files.signals import TIME_ROUNDOFF, BoolArray, fresh_poses, moving_mean, nearest
+from validation.files.signals import TIME_ROUNDOFF, BoolArray, moving_mean, nearest
 
 STOCK = EkfSettings()
 """The state filter of a stock Husky, whose wheel radius and half-track convert encoders of a robot
@@ -251,18 +252,16 @@ def find_jumps(log: Log) -> Jumps | None:
     commands say how fast the robot was. Wheels of another robot than a stock Husky are larger: the
     median ratio of the driven steps to the wheels' paths says by how much, jumps or not.
     """
-    group = next((g for g in log.groups.values() if g.table(POSE_COLUMNS) is not None), None)
-    pose = None if group is None else group.table(POSE_COLUMNS)
+    poses = new_poses(log)
     twist = wheel_twist(log) or twist_of(log.groups.get("cmd"))
-    if group is None or pose is None or twist is None:
+    if poses is None or twist is None:
         return None
+    group, new, t, pose = poses
     stamps, v, w = twist
     turning = np.abs(w)
     # no point between the wheels is faster, for a stock Husky's size
     rim = np.abs(v) + STOCK.half_track * turning
-    new = np.flatnonzero(fresh_poses(group.t, pose))
-    t = group.t[new]
-    steps = np.diff(pose[new], axis=0)
+    steps = np.diff(pose, axis=0)
     metres = np.hypot(steps[:, 0], steps[:, 1])
     radians = np.abs(steps[:, 2])
     dt = np.diff(t)
@@ -335,11 +334,11 @@ def _greatest_around(
 
 def _fastest_wheel(log: Log) -> tuple[FloatArray, FloatArray] | None:
     """Return (M,) stamps [s] and the rate of the faster side [rad/s]; None without wheels."""
-    group = log.groups.get("wheels")
-    rates = None if group is None else group.table(COMMAND_COLUMNS["wheels"])
-    if group is None or rates is None:
+    names = COMMAND_COLUMNS["wheels"]
+    group = log.group_of(names)
+    if group is None:
         return None
-    means = [moving_mean(group.t, side, WHEELS_MEAN_S) for side in rates.T]
+    means = [moving_mean(group.t, group.columns[name], WHEELS_MEAN_S) for name in names]
     return group.t, np.abs(means).max(axis=0)
 
 

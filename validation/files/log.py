@@ -337,22 +337,23 @@ class Log:
                 is one of `RECORDED`.
         """
         path = Path(path)
-        arrays = {n: np.asarray(a, dtype=np.float64) for n, a in columns.items()}
-        if "t" not in arrays or len(arrays["t"]) < 2:
+        if "t" not in columns or len(np.asarray(columns["t"])) < 2:
             raise FileError(path, "a log needs a column t, and at least two samples")
-        for name in arrays:
-            if not is_column_name(name):
-                raise FileError(path, f"{name!r} is no name of a column")
-        if not any(name in RECORDED for name in arrays):
+        odd = [name for name in columns if not is_column_name(name)]
+        if odd:
+            raise FileError(path, f"{odd[0]!r} is no name of a column")
+        if not any(name in RECORDED for name in columns):
             raise FileError(path, _NOTHING)
         members: dict[str, dict[str, FloatArray]] = {name: {} for name in GROUPS}
         try:
-            t = frozen_array(arrays.pop("t"), "t", (None,))
-            for name, values in arrays.items():
+            t = frozen_array(columns["t"], "t", (None,))
+            for name, given in columns.items():
                 column = column_of(name)
+                values = np.asarray(given, dtype=np.float64)
                 if column.unit == "rad":
                     values = unwrapped(values)
-                members[column.group][name] = frozen_array(values, name, (len(t),))
+                if name != "t":
+                    members[column.group][name] = frozen_array(values, name, (len(t),))
         except ValueError as cause:
             raise FileError(path, str(cause)) from cause
         back = np.flatnonzero(t[1:] <= t[:-1])
@@ -374,6 +375,10 @@ class Log:
     def has(self, names: Iterable[str]) -> bool:
         """Return whether it has all of these columns."""
         return set(names) <= set(self.columns)
+
+    def group_of(self, names: Sequence[str]) -> Group | None:
+        """Return the group that has all of these columns; None where there is none."""
+        return next((g for g in self.groups.values() if {*names} <= g.columns.keys()), None)
 
     def changed(self, name: str, columns: Mapping[str, FloatArray]) -> Log:
         """Return the log with columns of the group `name` replaced or added, each (M,)."""
@@ -463,29 +468,28 @@ class Log:
         t = self._clock(rate)
         period = float(np.median(np.diff(t)))
         keep = np.ones(len(t), dtype=bool)
-        moved = {}
+        moved: dict[str, dict[str, FloatArray]] = {}
         for name, group in self.groups.items():
-            columns = {}
-            if name == "cmd":
-                for n, values in group.columns.items():
-                    columns[n] = held(t, group.t, values)
-            else:
+            moved[name] = {}
+            if name != "cmd":
                 # gaps at the common period as well
                 keep &= ~group.in_gaps(t, TIME_ROUNDOFF, group.longest_step(period))
-                new = slice(None) if np.array_equal(t, group.t) else _measured(name, group)
-                for n, values in group.columns.items():
-                    columns[n] = np.interp(t, group.t[new], values[new])
-            moved[name] = replace(group, t=t, columns=columns)
-        if np.count_nonzero(keep) < 2:
+            new = slice(None) if np.array_equal(t, group.t) else _measured(name, group)
+            for n, values in group.columns.items():
+                if name == "cmd":
+                    moved[name][n] = held(t, group.t, values)
+                else:
+                    moved[name][n] = np.interp(t, group.t[new], values[new])
+        t = t[keep]
+        if len(t) < 2:
             raise FileError(
                 self.path, f"nothing is left between the gaps: {_spans(self.groups.values())}"
             )
-        t = t[keep]
         period = float(np.median(np.diff(t)))
         groups = {}
-        for name, group in moved.items():
-            columns = {n: values[keep] for n, values in group.columns.items()}
-            groups[name] = Group(group.source, t, columns, period)
+        for name, columns in moved.items():
+            kept = {n: values[keep] for n, values in columns.items()}
+            groups[name] = Group(self.groups[name].source, t, kept, period)
         return replace(self, groups=groups, recorded=self.groups)
 
     def _clock(self, rate: float | None) -> FloatArray:
@@ -509,13 +513,12 @@ class Log:
                 "leave one out with topics ROLE=none",
             )
         n = span / dt + TIME_ROUNDOFF
-        width = len(self.columns)
-        for limit, many in (("samples", n), ("cells", n * width)):
+        for limit, many in (("samples", n), ("cells", n * len(self.columns))):
             if many > getattr(self.limits, limit):
-                samples = f"{span:.6g} s at {1.0 / dt:.6g} Hz are too many samples"
                 raise FileError(
                     self.path,
-                    f"{samples} of {width} columns, for {self.limits.says(limit)}; "
+                    f"{span:.6g} s at {1.0 / dt:.6g} Hz are too many samples of "
+                    f"{len(self.columns)} columns, for {self.limits.says(limit)}; "
                     "ask for a lower rate",
                 )
         return np.asarray(start + dt * np.arange(int(n) + 1), dtype=np.float64)

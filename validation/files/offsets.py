@@ -110,14 +110,12 @@ class _Poses:
     @classmethod
     def of(cls, log: Log) -> _Poses | None:
         """Return the new poses of a log; None where it has none."""
-        group = log.groups.get("pose")
-        poses = new_poses(group)
-        if group is None or poses is None or len(poses[0]) < 3:
+        new = new_poses(log)
+        if new is None or len(new.t) < 3:
             return None
-        t, pose = poses
         jumps = find_jumps(log)
-        jumped = np.isin(t[1:], () if jumps is None else jumps.t)
-        return cls(group, t, pose, jumped)
+        jumped = np.isin(new.t[1:], () if jumps is None else jumps.t)
+        return cls(new.group, new.t, new.pose, jumped)
 
     @property
     def middle(self) -> FloatArray:

@@ -23,7 +23,6 @@ from validation.files.circular import circular, trust_in
 from validation.files.log import POSE_COLUMNS, Group, Log, Topic
 from validation.files.messages import TRANSFORM
 from validation.files.reading import FileError, quoted
-from validation.files.signals import centred
 
 _GOALS = re.compile(r"goal|target|waypoint|initial_?pose|set_?pose|desired|set_?point|_ref\b|plan")
 """Parts of the names of poses where nobody is."""
@@ -156,7 +155,7 @@ def _best_pose(
             against = "is a goal by its name"
         elif extent < _MOVED_M and (moves or topic.type in ROLES["odom"].types):
             against = "stands still"
-        elif _alike(_evidence(topic, chosen)) < _ALIKE:
+        elif max(_evidence(topic, chosen).likeness(), default=1.0) < _ALIKE:
             against = "tells another motion than the wheels"
         elif "wheels" in chosen and any(circular(_evidence(topic, chosen))):
             against = "follows from the wheels alone"
@@ -208,26 +207,6 @@ def _group(topic: Topic, names: Mapping[str, str]) -> Group:
         values = np.nan_to_num((topic.columns or {}).get(theirs, np.zeros(len(topic.t))))
         columns[ours] = np.unwrap(values) if ours == "yaw" else values
     return Group(topic.name, topic.t, columns)
-
-
-def _alike(e: LogSignals) -> float:
-    """Return the correlation of a pose's motion and that of the wheels, or else of the odometry.
-
-    It is 1 where there is nothing to compare.
-    """
-    s = e.signals
-    turn = s.get("odom_w")
-    way = s.get("odom_v")
-    if e.wheels is not None:
-        turn = e.wheels[1] - e.wheels[0]
-        way = e.wheels[1] + e.wheels[0]
-    if turn is None or way is None:
-        return 1.0
-    alike = [1.0]
-    for a, b in ((s["yaw"], turn), (np.hypot(s["x"], s["y"]), way)):
-        if min(np.std(a), np.std(b)) > 1e-4:
-            alike.append(centred(np.abs(a), np.abs(b)))
-    return max(alike[1:] or alike)
 
 
 # ------------------------------------------------------------------------------------- transforms

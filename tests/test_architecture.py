@@ -428,7 +428,7 @@ PRICES = {
     "validation/files": Price(
         42_000,
         26,
-        135,
+        122,
         "any log is read as one form, of bags on one clock with the most independent pose; "
         "its faults are named, a slipping side among them; it is written",
     ),

@@ -137,9 +137,9 @@ class _Pair(NamedTuple):
     sure: float
     """How sure it is that only a factor lies between them [1]."""
     factor: float
-    """A high percentile of their ratio, over the typical one."""
+    """Their ratio, over the typical one."""
     beyond: float
-    """Logarithm of the factor by which that is outside the possible range."""
+    """Logarithm of the factor by which a high percentile of it is outside the possible range."""
 
     @property
     def is_bad(self) -> bool:
@@ -159,7 +159,7 @@ def _pairs(told: Sequence[RateMeasure], share: float) -> list[_Pair]:
             moving = (np.abs(y) >= ranked(np.abs(y), 0.6)) & (y != 0.0)
             ratio = max(ranked(np.abs(x[moving] / y[moving]), share), 1e-9)
             beyond = max(a.least / b.most / ratio, ratio / (a.most / b.least), 1.0)
-            factor = ratio * b.typical / a.typical
+            factor = float(np.linalg.norm(x) / np.linalg.norm(y)) * b.typical / a.typical
             sure = abs(alike)
             if {*TWIST} & {*b.columns}:  # commands stand last
                 sure = abs(centred(x, y))
@@ -338,7 +338,7 @@ def _units(
     worst = max((votes[names] for names in accused), default=0.0)
     blamed = [names for names in accused if votes[names] > worst - _TIE_OF_UNITS]
     if blamed:
-        told = [f"{' and '.join(n)} tell {_words(n, what, bad, e.radius, ways)}" for n in blamed]
+        told = [_words(names, what, bad, e.radius, ways) for names in blamed]
         sentence = f"{', or '.join(told)}; as it stands, the log contradicts itself"
         yield LogFault("scale", tuple(chain(*blamed)), sentence)
 
@@ -352,7 +352,8 @@ def _words(
 ) -> str:
     """Return words for the factor of columns, and for the unit that they may be in."""
     factor, by = _told(names, pairs)
-    words = f"{factor:.3g} times the {what} that {by} say"
+    tell = "tells" if len(names) == 1 else "tell"
+    words = f"{' and '.join(names)} {tell} {factor:.3g} times the {what} that {by} say"
     unit = _fitting_unit(names, factor, radius)
     if unit or names != ENCODERS:
         return f"{words}: {f'it seems to be in {unit}' if unit else 'is it in another unit?'}"

@@ -68,8 +68,8 @@ _GRAVITY_SPAN = (8.8, 10.8)
 z is the vertical."""
 _EQUATOR = 6378137.0
 """Semi-major axis of the WGS 84 ellipsoid [m]."""
-_FLATTENING = 1.0 / 298.257223563
-"""Flattening of the WGS 84 ellipsoid [1]."""
+_ECCENTRICITY = 0.0818191908426215
+"""First eccentricity of the WGS 84 ellipsoid [1]."""
 
 
 # ------------------------------------------------------------------------------------------ topics
@@ -113,12 +113,13 @@ def _allowance(path: Path) -> guarded.Allowance:
     Raises:
         FileError: this is no bag by its files.
     """
-    if path.is_dir() and not (path / _METADATA).exists():
-        raise FileError(path, f"this folder is no ROS 2 bag: there is no {_METADATA} in it")
+    files = [path]
+    if path.is_dir():
+        files = [file for file in path.iterdir() if not file.is_dir()]
+        if not (path / _METADATA).exists():
+            raise FileError(path, f"this folder is no ROS 2 bag: there is no {_METADATA} in it")
     size = 0
-    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-        if file.is_dir():
-            continue
+    for file in files:
         with opened(file) as stream:
             size += os.fstat(stream.fileno()).st_size
     return guarded.Allowance(
@@ -195,18 +196,15 @@ def to_local(latitude: ArrayLike, longitude: ArrayLike) -> tuple[FloatArray, Flo
     there are no metres, but NaN.
     """
     degrees = np.asarray(latitude, dtype=np.float64)
-    lon = np.asarray(longitude, dtype=np.float64)
     lat = np.radians(np.where(np.abs(degrees) <= 90.0, degrees, math.nan))
-    eccentricity2 = _FLATTENING * (2.0 - _FLATTENING)
-    root = math.sqrt(1.0 - eccentricity2 * math.sin(lat[0]) ** 2)
+    lon = np.asarray(longitude, dtype=np.float64)
+    flat = 1.0 - _ECCENTRICITY**2 * math.sin(lat[0]) ** 2
     # radii of curvature
-    meridian = _EQUATOR * (1.0 - eccentricity2) / root**3
-    transverse = _EQUATOR / root
+    meridian = _EQUATOR * (1.0 - _ECCENTRICITY**2) / flat**1.5
+    transverse = _EQUATOR / math.sqrt(flat)
     # differences of longitude, also across the date line
     turned = np.radians(np.mod(lon - lon[0] + 180.0, 360.0) - 180.0)
-    east = transverse * math.cos(lat[0]) * turned
-    north = meridian * (lat - lat[0])
-    return east, north
+    return transverse * math.cos(lat[0]) * turned, meridian * (lat - lat[0])
 
 
 def read_bag(path: Path, options: ReadOptions) -> Log:
@@ -272,18 +270,17 @@ def _finite(topic: Topic) -> tuple[Topic, str]:
 def _in_the_body(topic: Topic) -> tuple[Topic, str]:
     """Return odometry with the speed along the body, and a sentence if it was the world's."""
     columns = topic.columns or {}
-    if not {*POSE_COLUMNS, "v_y"} <= set(columns):
+    if not {*POSE_COLUMNS, "v_y"} <= columns.keys():
         return topic, ""
-    t = topic.t
     yaw = np.unwrap(columns["yaw"])
     speed = np.column_stack([columns["v"], columns["v_y"]])
-    ends = np.searchsorted(t, np.arange(t[0], t[-1], _SPAN_S))
+    ends = np.searchsorted(topic.t, np.arange(topic.t[0], topic.t[-1], _SPAN_S))
     moved = np.diff(np.column_stack([columns["x"], columns["y"]])[ends], axis=0)
-    rests = []
-    for velocity in (rotate_body_to_world(speed, yaw), speed):
-        way = np.diff(integral(t, velocity)[ends], axis=0)
-        rests.append(float(np.sum(np.abs(way - moved))))
-    if np.ptp(yaw) < _TURNED or rests[1] > _MUCH_BETTER * rests[0]:
+    as_body, as_world = (
+        float(np.sum(np.abs(np.diff(integral(topic.t, velocity)[ends], axis=0) - moved)))
+        for velocity in (rotate_body_to_world(speed, yaw), speed)
+    )
+    if np.ptp(yaw) < _TURNED or as_world > _MUCH_BETTER * as_body:
         return topic, ""
     along = rotate_world_to_body(speed, yaw)[:, 0]
     sentence = (

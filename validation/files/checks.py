@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from itertools import chain, pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ssmr.types import FloatArray
 from validation.files.agreement import (
@@ -35,6 +36,8 @@ _OFFSET = 0.025
 """Offset of a gyro from which it is a fault: a sound one on tile has 0.016 [rad/s]."""
 _DRIFT = 0.04
 """Change of such an offset through a log from which it is a fault [rad/s]."""
+_SCALE = 0.1
+"""Error of its scale from which it is a fault [1]."""
 _ALIKE = 0.6
 """Correlation from which encoders tell the speeds of the wheels' rims."""
 _SLIPS = 1.5
@@ -202,13 +205,11 @@ def single_samples(e: LogSignals) -> Iterator[LogFault]:
         if not e.log.has((name,)):
             continue
         group = e.log.own_group(name)
-        before, middle, after = (group.columns[name][k : len(group.t) - 2 + k] for k in range(3))
-        off = middle - 0.5 * (before + after)
-        alone = np.abs(before - after) < 0.3 * np.abs(off)
-        noise = np.percentile(np.abs(off), 85.0) if len(off) else 0.0
-        spikes = np.abs(off[alone & (np.abs(off) > max(8.0 * noise, least))])
-        turned = np.minimum(before * after, np.abs(before)) > 0.5
-        lost = np.count_nonzero((middle == 0.0) & turned)
+        before, middle, after = sliding_window_view(np.pad(group.columns[name], 1, "edge"), 3).T
+        off = np.abs(middle - 0.5 * (before + after))
+        alone = np.abs(before - after) < 0.3 * off
+        spikes = off[alone & (off > max(8.0 * np.percentile(off, 85.0), least))]
+        lost = np.count_nonzero((middle == 0.0) & (before * after > 0.25))
         if lost >= _FEW and lost > 0.7 * len(spikes):
             sentence = (
                 f"{name} falls to zero for single samples, {lost} times: lost "
@@ -217,13 +218,11 @@ def single_samples(e: LogSignals) -> Iterator[LogFault]:
             yield LogFault("spikes", (name,), sentence)
         elif len(spikes) >= 3:
             size = np.max(spikes)
-            what = f"{size:.3g} rad/s within {1e3 * group.period:.0f} ms"
-            kind = "spikes"
-            sentence = f"{name} has {len(spikes)} samples that no wheel reaches so fast ({what})"
-            if np.ptp(spikes) < 0.1 * size and size > 20.0 * least:
-                kind = "counter"
-                sentence = f"{name} jumps {len(spikes)} times by {what}: a counter wraps"
-            yield LogFault(kind, (name,), sentence)
+            what = f"by {size:.3g} rad/s within {1e3 * group.period:.0f} ms"
+            wraps = np.ptp(spikes) < 0.1 * size and size > 20.0 * least
+            why = "a counter wraps" if wraps else "no wheel does that"
+            sentence = f"{name} jumps for single samples, {len(spikes)} times, {what}: {why}"
+            yield LogFault("counter" if wraps else "spikes", (name,), sentence)
 
 
 def unsigned_wheels(e: LogSignals) -> Iterator[LogFault]:
@@ -361,15 +360,15 @@ def other_commands(e: LogSignals) -> Iterator[LogFault]:
         yield LogFault("unrelated", TWIST, sentence)
 
 
-def gyro_offset(e: LogSignals) -> Iterator[LogFault]:
-    """A gyro that differs from the heading's rate by an offset, or by more and more."""
-    s = e.signals
-    if not {"gyro_z", "yaw"} <= s.keys() or correlation(s["gyro_z"], s["yaw"]) < 0.3:
+def gyro_against_heading(e: LogSignals) -> Iterator[LogFault]:
+    """A gyro that differs from the heading's rate by an offset, more and more, or by a factor."""
+    gyro = e.signals.get("gyro_z")
+    turning = e.signals.get("yaw")
+    if gyro is None or turning is None or correlation(gyro, turning) < 0.3:
         return
-    turning = s["yaw"]
-    if not 0.5 < np.linalg.norm(s["gyro_z"]) / np.linalg.norm(turning) < 2.0:
+    if not 0.5 < np.linalg.norm(gyro) / np.linalg.norm(turning) < 2.0:
         return  # it is in another unit
-    less = s["gyro_z"] - turning
+    less = gyro - turning
     design = [np.ones(len(less)), np.linspace(-0.5, 0.5, len(less))]
     if np.std(turning) > 0.3 * abs(np.mean(turning)):
         design.append(turning)  # else a scale cannot be told from an offset
@@ -378,19 +377,25 @@ def gyro_offset(e: LogSignals) -> Iterator[LogFault]:
     rest = less - told @ best
     # windows overlap by half
     errors = np.sqrt(2.0 * np.mean(rest**2) * np.diag(np.linalg.inv(told.T @ told)))
-    offset, drift = best[:2]
-    parts = [np.median(part) for part in np.array_split(rest + offset, 4)]
-    if abs(drift) > max(_DRIFT, 4.0 * np.median(np.abs(rest)), _SIGMAS * errors[1]):
+    sure = np.abs(best) > np.maximum(_SIGMAS * errors, (_OFFSET, _DRIFT, _SCALE)[: len(best)])
+    parts = [np.median(part) for part in np.array_split(rest + best[0], 4)]
+    if sure[1] and abs(best[1]) > 4.0 * np.median(np.abs(rest)):
         sentence = (
-            f"gyro_z less the yaw rate grows by {drift:.2f} rad/s through the log: the gyro drifts"
+            f"gyro_z less the yaw rate grows by {best[1]:.2f} rad/s through the log: the gyro "
+            "drifts"
         )
         yield LogFault("drift", ("gyro_z",), sentence)
-    elif abs(offset) > max(_OFFSET, _SIGMAS * errors[0]) and min(parts / offset) > 0.5:
+    elif sure[0] and min(parts / best[0]) > 0.5:
         sentence = (
-            f"gyro_z less the yaw rate is {offset:.2g} rad/s throughout: the gyro has an offset; "
+            f"gyro_z less the yaw rate is {best[0]:.2g} rad/s throughout: the gyro has an offset; "
             "where the robot stands, `recordings convert --unbias` takes it out"
         )
         yield LogFault("offset", ("gyro_z",), sentence)
+    elif sure[-1] and len(sure) > 2 and correlation(gyro, turning) > 0.97:
+        sentence = (
+            f"gyro_z tells {1.0 + best[2]:.2f} times the turn that yaw says: its scale is off"
+        )
+        yield LogFault("scale", ("gyro_z",), sentence)
 
 
 def turned_path(e: LogSignals) -> Iterator[LogFault]:
@@ -503,7 +508,7 @@ CHECKS: Mapping[Check, float] = {
     other_commands: 20.0,
     growing_delay: 20.0,
     smoothed: 20.0,
-    gyro_offset: 20.0,
+    gyro_against_heading: 20.0,
     turned_path: 20.0,
     speeds_for_places: 6.0,
     pushed: 6.0,

@@ -272,7 +272,8 @@ def _of_columns(
         return _with_own_clocks(path, columns, limits)
     late = find_time_fault(columns["t"], limits)
     if late is not None:
-        raise FileError(path, late.what, int(lines[late.row]), "t")
+        row, what = late
+        raise FileError(path, what, int(lines[row]), "t")
     return Log.of_columns(path, columns, limits)
 
 
@@ -380,7 +381,7 @@ def _with_own_clocks(path: Path, columns: Mapping[str, FloatArray], limits: LogL
         t = columns["t"][filled]
         fault = find_time_fault(t, limits)
         if fault is not None:
-            raise FileError(path, fault.what, column=name)
+            raise FileError(path, fault[1], column=name)
         column = column_of(name)
         samples = unwrapped(values[filled]) if column.unit == "rad" else values[filled]
         members.setdefault(column.group, []).append(Group(path.name, t, {name: samples}))

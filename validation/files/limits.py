@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -85,17 +85,8 @@ USUAL = LogLimits()
 """The limits of logs for which nobody asked for others."""
 
 
-class TimeFault(NamedTuple):
-    """Reason why stamps cannot be the time of a log."""
-
-    row: int
-    """Index of the sample."""
-    what: str
-    """Sentence on the fault."""
-
-
-def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
-    """Return the fault of (M,) finite stamps [s], M at least 2; None if a log can have them."""
+def find_time_fault(t: FloatArray, limits: LogLimits) -> tuple[int, str] | None:
+    """Return row and sentence of the fault of (M,) finite stamps [s], M at least 2, if any."""
     # steps that are infinite are beyond every limit
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.diff(t)
@@ -109,28 +100,29 @@ def find_time_fault(t: FloatArray, limits: LogLimits) -> TimeFault | None:
             single = t.astype(np.float32).astype(np.float64)
         if abs(t[k]) > _COARSE and np.array_equal(single, t):
             what += ": t has lost its fraction, for these are 32-bit floats; write it in full"
-        return TimeFault(k + 1, what)
+        return k + 1, what
     median = f"the median step is {usual:.6g} s"
     if usual > limits.period:
-        return TimeFault(0, f"{median}, but {limits.says('period')}{_other_unit(usual)}")
+        return (0, f"{median}, but {limits.says('period')}{_other_unit(usual)}")
     if usual * limits.rate < 1.0:
-        return TimeFault(0, f"{median}, but {limits.says('rate')}; wanted t in seconds")
+        return (0, f"{median}, but {limits.says('rate')}; wanted t in seconds")
     short = int(np.argmin(steps))
     long = int(np.argmax(steps))
     if steps[short] * limits.rate < _BUNCHED:
-        return TimeFault(
+        return (
             short + 1,
             f"the step from the sample before is {steps[short]:.3g} s, but {limits.says('rate')}",
         )
     if steps[long] > limits.gap:
-        return TimeFault(
+        return (
             long + 1,
             f"time jumps from {t[long]:.16g} to {t[long + 1]:.16g} s, "
             f"but {limits.says('gap')}: cut the log there",
         )
     if span > limits.span:
-        return TimeFault(
-            len(t) - 1, f"the log spans {span:.6g} s, but {limits.says('span')}{_other_unit(usual)}"
+        return (
+            len(t) - 1,
+            f"the log spans {span:.6g} s, but {limits.says('span')}{_other_unit(usual)}",
         )
     return None
 

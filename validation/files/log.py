@@ -554,7 +554,8 @@ def check_group(path: Path, group: Group, limits: LogLimits) -> None:
     """
     late = find_time_fault(group.t, limits)
     if late is not None:
-        raise FileError(path, f"{group.source}, sample {late.row + 1}: {late.what}")
+        row, what = late
+        raise FileError(path, f"{group.source}, sample {row + 1}: {what}")
     for name, values in group.columns.items():
         fault = column_of(name).fault(values)
         if fault is not None:

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from ssmr.types import FloatArray
-from validation.files.circular import new_poses
+from validation.files.circular import NewPoses, new_poses
 from validation.files.faults import find_jumps, twist_of
 from validation.files.log import POSE_COLUMNS, Group, Log
 from validation.files.signals import BoolArray, held, refreshed
@@ -95,46 +95,30 @@ class _Rate:
         return np.asarray(smooth)
 
 
-@dataclass(frozen=True, eq=False)
-class _Poses:
-    """New poses of a log, K of them, and the steps between them."""
-
-    group: Group
-    t: FloatArray
-    """(K,) stamps [s]."""
-    pose: FloatArray
-    """(K, 3) x [m], y [m], yaw [rad, unwrapped]."""
-    jumped: BoolArray
-    """(K - 1,) whether the localiser jumped in that step."""
-
-    @classmethod
-    def of(cls, log: Log) -> _Poses | None:
-        """Return the new poses of a log; None where it has none."""
-        new = new_poses(log)
-        if new is None or len(new.t) < 3:
-            return None
-        jumps = find_jumps(log)
-        jumped = np.isin(new.t[1:], () if jumps is None else jumps.t)
-        return cls(new.group, new.t, new.pose, jumped)
-
-    @property
-    def middle(self) -> FloatArray:
-        """(K - 1,) middles of the steps [s]."""
-        return 0.5 * (self.t[1:] + self.t[:-1])
-
-    @property
-    def slopes(self) -> FloatArray:
-        """(K - 1, 3) rates of change of the steps."""
-        return np.diff(self.pose, axis=0) / np.diff(self.t)[:, None]
-
-    def rate(self, rates: FloatArray) -> _Rate:
-        """Return (K - 1,) rates of the steps; jumps tell nothing."""
-        spans = [(float(self.t[k]), float(self.t[k + 1])) for k in np.flatnonzero(self.jumped)]
-        sound = ~self.jumped
-        return _Rate(self.middle[sound], rates[sound], self.group, spans)
+def _of_steps(poses: NewPoses, jumped: BoolArray, rates: FloatArray) -> _Rate:
+    """Return (M - 1,) rates of the steps between poses; jumps tell nothing."""
+    t = poses.t
+    spans = [(float(t[k]), float(t[k + 1])) for k in np.flatnonzero(jumped)]
+    return _Rate(0.5 * (t[1:] + t[:-1])[~jumped], rates[~jumped], poses.group, spans)
 
 
-def _rates(log: Log, poses: _Poses | None) -> tuple[dict[str, _Rate], dict[str, _Rate]]:
+def _slopes(poses: NewPoses) -> FloatArray:
+    """Return the (M - 1, 3) rates of change of the steps between poses."""
+    return np.diff(poses.pose, axis=0) / np.diff(poses.t)[:, None]
+
+
+def _poses(log: Log) -> tuple[NewPoses, BoolArray] | None:
+    """Return the new poses of a log, and (M - 1,) whether the localiser jumped between them."""
+    poses = new_poses(log)
+    if poses is None or len(poses.t) < 3 or poses.group is not log.groups.get("pose"):
+        return None
+    jumps = find_jumps(log)
+    return poses, np.isin(poses.rows[1:], () if jumps is None else jumps.index)
+
+
+def _rates(
+    log: Log, poses: tuple[NewPoses, BoolArray] | None
+) -> tuple[dict[str, _Rate], dict[str, _Rate]]:
     """Return the yaw rates of a log by group, and the speeds of its wheels and odometry.
 
     They stand in `_CLOCK_ORDER`, then commands.
@@ -150,7 +134,7 @@ def _rates(log: Log, poses: _Poses | None) -> tuple[dict[str, _Rate], dict[str, 
         if column in group.columns:
             turning[name] = _Rate(t, group.columns[column], group)
         elif poses is not None and name == "pose":
-            turning[name] = poses.rate(poses.slopes[:, 2])
+            turning[name] = _of_steps(*poses, _slopes(poses[0])[:, 2])
         elif name in ("wheels", "odom"):
             # where sides are refreshed in turn, a row has a rate that is new and one that is old
             steady = {}
@@ -173,7 +157,7 @@ def estimate_offsets(log: Log) -> list[Offset]:
     because a robot follows them. Signals that do not resemble the first, or are zero, are left out.
     Samples that were only logged again do not count, nor do jumps of the localiser.
     """
-    poses = _Poses.of(log)
+    poses = _poses(log)
     turning, speeds = _rates(log, poses)
     reference, *others = list(turning) or [""]
     offsets = []
@@ -190,18 +174,23 @@ def estimate_offsets(log: Log) -> list[Offset]:
 
 
 def _position_offset(
-    wheels: str, speed: _Rate, poses: _Poses, offsets: Sequence[Offset]
+    wheels: str,
+    speed: _Rate,
+    steps: tuple[NewPoses, BoolArray],
+    offsets: Sequence[Offset],
 ) -> Offset | None:
     """Return the delay of positions behind the first clock, or the wheels if those have none."""
+    poses, jumped = steps
     known = {offset.late: offset for offset in offsets}
     first = known.get(wheels, Offset(wheels, wheels, 0.0, 1.0, 0.0))
     yaw_delay = known["pose_yaw"].seconds - first.seconds if "pose_yaw" in known else 0.0
     lag: tuple[float, float, float | None] = (yaw_delay, 0.0, None)
+    middle = 0.5 * (poses.t[1:] + poses.t[:-1])
+    x, y, _ = _slopes(poses).T
     # the heading at the time of a position is known once the delay between them is
     for _ in range(3):
-        yaw = np.interp(poses.middle + yaw_delay - lag[0], poses.t, poses.pose[:, 2])
-        x, y, _ = poses.slopes.T
-        found = _lag(speed, poses.rate(x * np.cos(yaw) + y * np.sin(yaw)))
+        yaw = np.interp(middle + yaw_delay - lag[0], poses.t, poses.pose[:, 2])
+        found = _lag(speed, _of_steps(poses, jumped, x * np.cos(yaw) + y * np.sin(yaw)))
         if found is None:
             return None
         lag = found
@@ -224,13 +213,13 @@ def synchronised(log: Log, offsets: Iterable[Offset]) -> Log:
     late = {offset.late: offset.seconds for offset in offsets if offset.late != "cmd"}
     groups = {name: replace(g, t=g.t - late.get(name, 0.0)) for name, g in log.groups.items()}
     delays = [late[name] for name in ("position", "pose_yaw") if name in late]
-    poses = _Poses.of(log)
+    poses = _poses(log)
     if poses is not None and delays:
-        groups["pose"] = _moved(poses, delays[0], delays[-1])
+        groups["pose"] = _moved(*poses, delays[0], delays[-1])
     return replace(log, groups=groups)
 
 
-def _moved(poses: _Poses, position: float, yaw: float) -> Group:
+def _moved(poses: NewPoses, jumped: BoolArray, position: float, yaw: float) -> Group:
     """Return the group of poses whose positions and headings were late by so much [s]."""
     group = poses.group
     keep = np.ones(len(group.t), dtype=bool)
@@ -241,7 +230,7 @@ def _moved(poses: _Poses, position: float, yaw: float) -> Group:
         keep &= (at >= poses.t[0]) & (at <= poses.t[-1]) & ~group.in_gaps(at)
         last = np.searchsorted(poses.t, at, side="right") - 1
         before = np.clip(last, 0, len(poses.t) - 2)
-        jumps = poses.jumped[before] & (at < poses.t[before + 1])  # a jump stays one step
+        jumps = jumped[before] & (at < poses.t[before + 1])  # a jump stays one step
         columns[name] = np.where(jumps, values[before], np.interp(at, poses.t, values))
     return replace(group, t=group.t - position, columns=columns).where(keep)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,33 +35,33 @@ def read_trajectory(path: Path, options: ReadOptions) -> Log:
                 table = np.loadtxt(file, ndmin=2)
         except (ValueError, UnicodeDecodeError) as error:
             raise FileError(path, f"this is no trajectory: {error}; {wanted}") from error
-    if table.shape[1] not in (8, 12) or len(table) < 2 or not np.all(np.isfinite(table)):
-        there = f"{len(table)} lines of {table.shape[1]} numbers" if table.size else "no numbers"
-        what = f"there are {there}; {wanted}, all finite"
-        raise FileError(path, what)
+    rows, width = table.shape
+    if width not in (8, 12) or rows < 2 or not np.all(np.isfinite(table)):
+        there = f"{rows} lines of {width} numbers" if table.size else "no numbers"
+        raise FileError(path, f"there are {there}; {wanted}, all finite")
     remarks = list[str]()
-    if table.shape[1] == 8:
+    if width == 8:
         anew = np.append(True, np.diff(table[:, 0]) != 0.0)
         if not np.all(anew):
             many = np.count_nonzero(~anew)
             remarks.append(f"poses with the stamp of the one before, left out: {many}")
-        table = table[anew]
-        t = table[:, 0]
-        pose = [*table[:, 1:3].T, quat_wxyz_to_yaw(table[:, [7, 4, 5, 6]])]
+        t, x, y = table[anew, :3].T
+        yaw = quat_wxyz_to_yaw(table[anew][:, [7, 4, 5, 6]])
     else:
-        t = np.asarray(_KITTI_DT * np.arange(len(table)), dtype=np.float64)
+        t = np.asarray(_KITTI_DT * np.arange(rows), dtype=np.float64)
         x, y, z = table[:, [3, 7, 11]].T
-        pose = [x, y, np.arctan2(table[:, 4], table[:, 0])]
+        yaw = np.arctan2(table[:, 4], table[:, 0])
         remarks.append("there are no stamps in KITTI's poses: ten a second are taken")
         if np.ptp(y) < np.ptp(z):
-            pose = [z, -x, np.arctan2(-table[:, 2], table[:, 10])]
+            y = -x
+            x = z
+            yaw = np.arctan2(-table[:, 2], table[:, 10])
             remarks.append("they are taken for those of a camera: z ahead, x to the right")
     late = find_time_fault(t, options.limits)
     if late is not None:
-        raise FileError(path, late.what, column="t")
-    columns = {"t": t, **dict(zip(POSE_COLUMNS, pose, strict=True))}
-    log = Log.of_columns(path, columns, options.limits)
-    return Log(path, log.groups, remarks=remarks, limits=options.limits)
+        raise FileError(path, late[1], column="t")
+    log = Log.of_columns(path, {"t": t, "x": x, "y": y, "yaw": yaw}, options.limits)
+    return replace(log, remarks=remarks)
 
 
 def write_tum(log: Log, path: Path) -> None:

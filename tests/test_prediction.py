@@ -44,8 +44,9 @@ STRONG = Drive(delay_v=0.2, delay_w=0.2, torque_limit=1e3)
 """A driver with dead time whose motors keep the robot linear."""
 A, B = (tuple(map(tuple, m.tolist())) for m in matrices(Vehicle(), LinearParameters(), STRONG))
 WEAVE = sine(0.5, 0.3, 2.0, 1.5)
-COMMANDS = [LOG_COLUMNS.index(name) for name in ("u_ref", "w_ref")]
-"""What the position loop asks for: a controller without one has its command there."""
+COMMANDS = [LOG_COLUMNS.index(name) for name in ("u_ref", "w_ref", "dead_time_learnt")]
+"""What the position loop asks for: a controller without one has its command there. A Python object
+always has a predictor."""
 
 
 def linear(drive: Drive) -> PlanarModel:
@@ -78,7 +79,7 @@ class CompiledSteering:
         errors = now.errors
         if self._controller.predictor:
             self._acts_on = now.ahead
-            aim = m.target(now.seen_at + m.dead_time)
+            aim = m.target(now.acts_at)
             errors = position_errors(now.ahead, aim, ALPHA_SWITCH)
         kept = Errors(errors.rho - m.lookahead, errors.y, errors.alpha)
         self._memory = Memory(
@@ -127,9 +128,9 @@ def test_without_dead_time_the_predictor_changes_nothing(name: str) -> None:
 def test_with_the_right_model_the_loop_is_that_without_dead_time_but_later(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To a tenth of a millimetre where the prediction has the robot's own steps.
+    """Where the prediction has the robot's own steps, and the motion is seen every 8 ms only.
 
-    The motion is seen every 8 ms only.
+    Half a millisecond of delay is learnt where there is none: 0.3 mm and 0.3 mrad.
     """
     monkeypatch.setattr(predictor, "PREDICTION_STEP", 0.001)
     prompt = replace(STRONG, delay_v=0.0, delay_w=0.0)
@@ -147,7 +148,8 @@ def test_with_the_right_model_the_loop_is_that_without_dead_time_but_later(
     n = len(late.t) - ticks
     assert n > 500
     apart = late.columns("x", "y", "yaw")[ticks:] - at_once.columns("x", "y", "yaw")[:n]
-    assert np.abs(apart).max() <= 1e-4
+    assert np.abs(late.column("dead_time_learnt")).max() <= 1e-3
+    assert np.abs(apart).max() <= 5e-4
     blind = drive(linear(STRONG), replace(law, predictor=False), way)
     assert (
         np.abs(blind.columns("x", "y", "yaw")[ticks:] - at_once.columns("x", "y", "yaw")[:n]).max()
@@ -180,6 +182,51 @@ def test_it_learns_how_fast_the_robot_really_is() -> None:
     assert seen[-1].driver.gain_v == pytest.approx(1.0, abs=0.02)
     reached = np.interp(seen[-8].t + 0.2, run.t, run.column("yaw"))
     assert seen[-8].ahead.yaw == pytest.approx(reached, abs=0.01)
+
+
+@pytest.mark.parametrize("late", [-0.05, 0.1, 0.25])
+@pytest.mark.parametrize("name", ["lqr+predictor", "mpc"])
+def test_it_learns_how_much_later_the_robot_answers(name: str, late: float) -> None:
+    body = linear(STRONG.later(late))
+    law = design(name, {}, np.array(A), np.array(B), STRONG)
+    learnt = drive(body, law, WEAVE).column("dead_time_learnt")
+    assert learnt[-300:] == pytest.approx(late, abs=0.01)
+    assert np.abs(np.diff(learnt)).max() <= 0.4 * 0.008 + ROUNDOFF
+
+
+def test_a_wrong_gain_and_weak_motors_are_no_delay() -> None:
+    law = design("lqr+predictor", {}, np.array(A), np.array(B), STRONG)
+    wide = replace(Vehicle(), effective_half_track=0.275 * 4 / 3)
+    for body in (
+        PlanarModel(LinearParameters(), wide, STRONG),
+        linear(replace(STRONG, torque_limit=4.0)),
+    ):
+        learnt = drive(body, law, WEAVE).column("dead_time_learnt")
+        assert abs(learnt[-1]) < 0.02
+
+
+def test_noise_that_the_law_feeds_back_is_no_delay() -> None:
+    """Commands of an LQR answer the noise of the yaw rate that it saw."""
+    tile = load_profile("husky-tile")
+    robot = make_robot(tile, "mujoco")
+    law = make_controller(tile, load_gains("lqr-scheduled+predictor", "default"))
+    way = sine(0.4, 0.4, 3.0, 2.0)
+    runs = run_robots([robot] * 2, [law] * 2, [LoopSettings()] * 2, way, [5, 6])
+    assert np.abs([run.column("dead_time_learnt")[-1] for run in runs]).max() < 0.03
+
+
+def test_mpc_follows_a_robot_that_answers_later_than_it_was_told() -> None:
+    lab = load_profile("thesis-lab")
+    robot = make_robot(lab, "mujoco")
+    law = make_controller(lab, load_gains("mpc"))
+    way = sine(0.4, 0.4, 3.0, 2.0)
+    robots = [robot, make_robot(lab, "mujoco", late=0.2)]
+    runs = run_robots(robots, [law] * 2, [LoopSettings()] * 2, way, [5])
+    told, late = (track_metrics(run, way, robot.limits) for run in runs)
+    assert late["dead_time_learnt_s"] == pytest.approx(0.2, abs=0.02)
+    assert told["d_rms_m"] < 0.005
+    assert late["d_rms_m"] < 0.02
+    assert late["saturated_fraction"] < 0.05
 
 
 def test_a_controller_does_not_know_of_a_delay_that_its_drive_does_not_tell() -> None:
@@ -449,4 +496,5 @@ def test_mpc_is_calm_on_a_fast_straight_line() -> None:
     (run,) = run_robots([robot], [law], [LoopSettings()], way, [3])
     assert not run.lost
     assert track_metrics(run, way, robot.limits)["d_rms_m"] < 0.01
-    assert float(np.sqrt(np.mean(run.column("w_cmd") ** 2))) < 0.2
+    turning = run.column("w_cmd")[run.t > 3.0]  # motors at their limit have brought it to speed
+    assert float(np.sqrt(np.mean(turning**2))) < 0.2

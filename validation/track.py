@@ -24,6 +24,7 @@ from ssmr.control.loop import Feedback, LoopSettings
 from ssmr.control.tick import LOST
 from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import rotate_body_to_world
+from ssmr.parameters import require_in_range
 from ssmr.robot.sensors import SensorModel
 from ssmr.types import State
 from validation import cli
@@ -45,6 +46,9 @@ from validation.output import Progress, file_name
 from validation.plants.profile import Pace, choose_profile, odometry_of
 from validation.report.tracking import Tracked
 from validation.simulator.terrain import FLAT, Terrain
+
+REST = 2.0
+"""Time for which a robot is followed behind the reference's end, until it rests [s]."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,8 @@ class TrackOptions(cli.Filmed):
     gyro_bias: float = 0.0
     """Reading of the gyro at rest [rad/s], of which the filter is not told. It needs --feedback
     ekf."""
+    late: float = 0.0
+    """Time by which the robot answers later than its controller knows [s]."""
     terrain: Terrain = FLAT
     """Ground under the MuJoCo robot: flat, or ramp:DEG; docs/physics.md has more keys."""
     own_metric: Annotated[Callable[..., float] | str | None, tyro.conf.arg(name="metric")] = None
@@ -112,6 +118,7 @@ class TrackOptions(cli.Filmed):
             raise ValueError(
                 f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)"
             )
+        require_in_range(self, "late", 0.0, 2.0)
         LoopSettings(self.seen, sensors=self.sensors, lookahead=self.lookahead)
         if self.seen != "ekf" and self.gyro_bias:
             raise ValueError(
@@ -170,7 +177,7 @@ def track(o: TrackOptions) -> Tracked:
             f"terrain {o.terrain.spec} needs the plant mujoco: "
             "the planar models know only level ground"
         )
-    robots = [make_robot(profile, name, o.terrain) for name in plants]
+    robots = [make_robot(profile, name, o.terrain, o.late) for name in plants]
     sentences: list[str | None] = []
     path = reference if isinstance(reference, Waypoints) else str(reference)
     label, waypoints, sentences[:] = open_path(path, o.speed, robots)
@@ -222,6 +229,7 @@ def _driven(
         filter=odometry_of(robot.drive),
         disturbance=not (o.no_noise or o.no_disturbance),
         lookahead=o.lookahead,
+        rest=REST,
     )
     # the start is seen from that of the reference
     at = waypoints.start
@@ -234,17 +242,20 @@ def _driven(
     # without a tick there is nothing to report
     if not len(run.t):
         run.require_complete(f"{law.name} on {label} with the plant {robot.name}")
+    metrics = track_metrics(run, waypoints, robot.limits)
+    run = run.until(waypoints.duration)
     return Followed(
         plant=robot.name,
         run=run,
         target=reference_of(run, waypoints),
-        metrics=track_metrics(run, waypoints, robot.limits),
+        metrics=metrics,
         wall_s=wall,
         options={
             "feedback": around.feedback,
             "disturbance": around.disturbance,
             "lookahead_m": around.lookahead,
             "gyro_bias_rad_s": o.gyro_bias,
+            "late_s": o.late,
             "start": list(o.start),
             **robot.limits,
             "position_period_s": around.position_period,

@@ -77,6 +77,8 @@ class LoopSettings:
     """Push the yaw at random (Sec. 3.4.5)."""
     lookahead: float = 0.0
     """Distance at which the robot keeps behind its target [m] (Sec. 4.5)."""
+    rest: float = 0.0
+    """Time for which the run goes on after the reference's end, where the target stands [s]."""
     position_period: float = POSITION_PERIOD
     """Period of the position loop [s]."""
     velocity_period: float = VELOCITY_PERIOD
@@ -87,6 +89,7 @@ class LoopSettings:
         if self.feedback not in ("truth", "noisy", "ekf"):
             raise ValueError(f"unknown feedback '{self.feedback}'; there are: truth, noisy, ekf")
         require_in_range(self, "lookahead", 0.0, LOST / 2.0)
+        require_in_range(self, "rest", 0.0, 60.0)
         for name in ("position_period", "velocity_period"):
             require_in_range(self, name, 0.0, 10.0, open_low=True)
 
@@ -100,14 +103,16 @@ class LoopSettings:
 def make_clock(waypoints: Waypoints, settings: LoopSettings, dt: float) -> Clock:
     """Return the clock of a mission.
 
-    It ends with the first tick at or after the last waypoint's time (Alg. 5).
+    It ends with the first tick at or after the last waypoint's time (Alg. 5), and the time of rest
+    behind it.
 
     Raises:
         ValueError: periods that are no whole number of steps.
     """
     position = whole_steps(settings.position_period, dt, "the position loop's period")
     velocity = whole_steps(settings.velocity_period, dt, "the velocity loop's period")
-    periods = math.ceil(waypoints.duration / (position * dt) - 1e-9)
+    duration = waypoints.duration + settings.rest
+    periods = math.ceil(duration / (position * dt) - 1e-9)
     return Clock(dt, position, velocity, position * max(1, periods))
 
 
@@ -212,7 +217,7 @@ class RobotSide:
             self.velocity_tick(t, clock.velocity * clock.dt)
         if not due:
             return False
-        record(log[k // clock.position], truth, self.state)
+        record(log[k // clock.position], truth, self.state, tracker)
         aim = self.state.target
         return is_lost(truth.x, truth.y, truth.w, aim.x, aim.y)
 
@@ -225,10 +230,11 @@ class PythonSide(RobotSide):
 
     def __init__(self, tracker: Tracker, controller: PythonController, mission: Mission) -> None:
         """Make the controller's object."""
-        super().__init__(tracker)
         self._name = controller.name
         self._seen_at = 0.0
         self._object: Any = controller.make(mission)
+        model = tracker.predictor._replace(margin=getattr(self._object, "margin", 0.0))
+        super().__init__(tracker._replace(predictor=model))
         self._observe = getattr(self._object, "observe", None)
 
     def _input(self, t: float) -> ControllerInput:
@@ -236,8 +242,8 @@ class PythonSide(RobotSide):
         past = self.tracker.past
         model = self.tracker.predictor
         memory = self.tracker.predictor_state
-        end = t + model.horizon
-        ahead, driver = predict_ahead(past, memory, state.seen, self._seen_at, end, model)
+        seen = state.seen
+        ahead, driver, acts_at = predict_ahead(past, memory, seen, self._seen_at, t, model)
         return ControllerInput(
             t=t,
             seen_at=self._seen_at,
@@ -245,6 +251,7 @@ class PythonSide(RobotSide):
             target=state.target,
             errors=state.errors,
             ahead=ahead,
+            acts_at=acts_at,
             driver=driver,
             past=past.copy(),
         )
@@ -253,8 +260,9 @@ class PythonSide(RobotSide):
         """Take an observation of mission time `t` [s]."""
         self.state = see(self.tracker, self.state, seen, t)
         self._seen_at = t
+        now = self._input(t)  # the predictor learns from every observation
         if self._observe is not None:
-            self._observe(self._input(t))
+            self._observe(now)
 
     def velocity_tick(self, t: float, dt: float) -> None:
         """Ask for the command of mission time `t` [s].
@@ -315,7 +323,7 @@ class ClosedRun:
     t: FloatArray
     """(M,) ticks of the position loop [s]."""
     table: FloatArray
-    """(M, 25) the log, see `LOG_COLUMNS`."""
+    """(M, 26) the log, see `LOG_COLUMNS`."""
     lost: bool
     """True if the robot left its bounds at the last tick."""
 
@@ -327,6 +335,13 @@ class ClosedRun:
         """Return (M, k) some of `LOG_COLUMNS`."""
         places = [LOG_COLUMNS.index(name) for name in names]
         return np.asarray(self.table[:, places])
+
+    def until(self, end: float) -> ClosedRun:
+        """Return the run up to its first tick at or after the time `end` [s]."""
+        ticks = 1 + int(np.searchsorted(self.t, end - 1e-9))
+        if ticks >= len(self.t):
+            return self
+        return ClosedRun(self.t[:ticks], self.table[:ticks], lost=False)
 
     @property
     def motion(self) -> Trajectory:

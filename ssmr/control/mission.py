@@ -44,8 +44,9 @@ class ControllerInput(NamedTuple):
     errors: Errors
     """The errors to that target: `rho` [m], `y` [m] and `alpha` [rad] (Eq. 4.1, 4.2)."""
     ahead: Observation
-    """The robot `Mission.dead_time` later, when this command begins to act, as the planar model
-    predicts it."""
+    """The robot when this command begins to act, as the planar model predicts it."""
+    acts_at: float
+    """Mission time of that: the dead time later that was learnt on the way [s]."""
     driver: DriverEstimate
     """The references of its driver by then, and the gains and the slip learnt on the way."""
     past: FloatArray
@@ -83,7 +84,10 @@ class Mission:
 
     @property
     def dead_time(self) -> float:
-        """Time from a command to its effect, the longer of the two [s]."""
+        """Time from a command to its effect by the drive, the longer of the two [s].
+
+        `ControllerInput.acts_at` has what was learnt on the way.
+        """
         return self.model.horizon
 
     def target(self, t: float) -> Target:

@@ -38,6 +38,8 @@ held no longer."""
 HEADING_TIME = 0.2
 """Time over which the target's heading is averaged [s]: waypoints turn it in jumps, more in one
 step than in the next."""
+_BEYOND = 100.0
+"""Time before and after the reference for which its ends hold [s]."""
 _SLOWEST = 0.1
 """A target slower than this has no slip angle [m/s]."""
 
@@ -215,6 +217,10 @@ def condense(
 class Mpc:
     """The controller on one mission."""
 
+    margin = 0.025
+    """Dead time that is planned for beyond that of the drive and what was learnt [s]: a plan for
+    too little of it turns from one limit to the other, one for a bit too much is only slower."""
+
     def __init__(self, gains: MpcGains, mission: Mission) -> None:
         """Build the parts that all plans share: the model's steps, the limits and the solver.
 
@@ -248,9 +254,9 @@ class Mpc:
         accelerations = np.minimum([model.acceleration_v, model.acceleration_w], 1e6)
         self._changes = np.outer(self._lengths[1:], accelerations)
         course = mission.waypoints.course()
-        reach = model.horizon + ends[-1] + long + HEADING_TIME
-        end = course["t"][-1] + 2.0 * reach
-        self._times = np.concatenate([[-reach], course["t"], [end]])
+        around = model.horizon + ends[-1] + _BEYOND
+        end = course["t"][-1] + around
+        self._times = np.concatenate([[-around], course["t"], [end]])
         headings = course["heading"]
         headings = np.append(headings[0], headings)
         turned = headings * np.diff(self._times)
@@ -264,7 +270,7 @@ class Mpc:
     def command(self, now: ControllerInput) -> tuple[float, float]:
         """Return the first command of the best plan."""
         driver = now.driver
-        times = now.t + self._mission.dead_time + self._edges
+        times = now.acts_at + self._edges
         headings = self._mean_headings(times)
         aims = self._mission.preview(times)[:, :3]
         dx, dy = np.diff(aims[:, :2], axis=0).T
@@ -284,8 +290,9 @@ class Mpc:
             middles = 0.5 * (later[:-1] + later[1:])
             plan = np.vstack([later[:1], middles])
         motion = planned_motion(now.ahead, driver, plan, self._model)
-        h, f = condense(motion, plan, aims[2:], steady, now.past[-1], self._gains)
-        before = np.clip([driver.v, driver.w], -self._limits, self._limits)
+        last = now.past[-1]
+        h, f = condense(motion, plan, aims[2:], steady, last, self._gains)
+        before = np.clip(last, -self._limits, self._limits)
         self._plan = self._solve(h, f, plan, before)
         return float(self._plan[0, 0]), float(self._plan[0, 1])
 
@@ -301,8 +308,8 @@ class Mpc:
     ) -> FloatArray:
         """Return the (N, 2) commands that solve the program.
 
-        Where the solver fails they are those of `plan`, within the limits. `before` are the
-        driver's (2,) references at the start of the plan.
+        Where the solver fails they are those of `plan`, within the limits. `before` is the
+        (2,) command before the plan.
         """
         upper = self._changes.copy()
         lower = -self._changes

@@ -80,7 +80,7 @@ def run_planar_loop(
         start: the state at the start.
         draws: (ticks or more, 8) standard normal numbers.
         disturbance: (n,) yaw accelerations [rad/s2], or (1,) for the same at every step.
-        log: (ticks, 25) space for the records.
+        log: (ticks, 26) space for the records.
 
     Returns:
         The number of ticks that were recorded: fewer than `log` has rows where the robot was lost
@@ -123,7 +123,7 @@ class Batch(NamedTuple):
     references: (
         FloatArray  # (S, position steps, 2) wheel rates to ask for in the next period [rad/s]
     )
-    logs: FloatArray  # (S, ticks, 25) logs
+    logs: FloatArray  # (S, ticks, 26) logs
 
 
 def _batch_of(

@@ -4,7 +4,14 @@ A law that acts on the state of now controls a robot that has moved on when its 
 predictor (O. Smith, 1957) carries the state over the dead time: the driver's references follow from
 the commands that were sent already, and speed and yaw rate follow these by the linear model
 (Eq. 2.46). The law then acts on that state and on its target. As it drives, the predictor learns
-which share of the model's speed and yaw rate the robot has, and how it slips in bends.
+which share of the model's speed and yaw rate the robot has, how it slips in bends, and how much
+later than its model it answers.
+
+The last is found by least squares that forget. The model's speed and yaw rate, shifted by 0.05 s
+to earlier up to 0.3 s to later, are compared with those of the robot. The likeliest
+shift is taken, with a prior of mean 0. Both signals are differences
+over a tenth of a second, each shift with the gain that suits it best: a wrong gain, a slip or
+motors too weak for a start are not read as delay.
 """
 
 from __future__ import annotations
@@ -41,6 +48,34 @@ SLIPS = (-0.3, 0.3)
 """Bounds of the learnt gains of speed and of yaw rate [1] and of the learnt slip [m]. Tyres roll on
 up to 13 % less than the driver's radius. A robot with less than 0.8 of its model's speed still
 gathers speed, as far as its torques allow."""
+GRID = 0.01
+"""Time between the samples by which the delay is learnt, and between the delays that are tried
+[s]."""
+EARLIEST = 0.05
+"""Time by which a robot may answer earlier than its model [s]."""
+LATEST = 0.3
+"""Time by which it may answer later [s]."""
+_PROMPT = round(EARLIEST / GRID)
+_SHIFTS = 1 + _PROMPT + round(LATEST / GRID)
+_BACK = round(0.1 / GRID)
+"""Samples between the two speeds of a difference. It must be shorter than any dead time that is
+tried: a law feeds back the noise of what it saw, and its commands must not answer the older one."""
+_KEPT = _SHIFTS + _BACK
+LATE_FEEDBACK = 0.5
+"""Greatest time between an observation and a command that is told to a predictor [s]."""
+FORGETTING = 6.0
+"""Time constant with which samples are forgotten [s]: some bends of a path."""
+PRIOR = 0.08
+"""Standard deviation of the delay that is not known [s]."""
+_WEIGHTS = (GRID / 0.05 / 0.05**2, GRID / 0.05 / 0.03**2)
+"""Weights of a sample of speed [s2/m2] and of yaw rate [s2/rad2]: differences deviate by no less
+than 0.05 m/s and 0.03 rad/s, and those nearer than 0.05 s are not independent."""
+_GAIN_PRIOR = 20.0
+"""Weight of the gain 1 beside the samples, in their unit."""
+_GAINS = (0.3, 1.5)
+"""Bounds of the gain of a shift."""
+_LEARNING_RATE = 0.4
+"""Greatest change of the learnt delay [s/s]: a plan follows it without a jolt."""
 
 
 class PredictorModel(NamedTuple):
@@ -61,6 +96,7 @@ class PredictorModel(NamedTuple):
     acceleration_w: float  # greatest rate of change of the yaw rate's reference [rad/s2]
     lag: float  # time constant with which the wheels follow their references [s]
     step: float  # longest step of the prediction [s]
+    margin: float  # time by which the driver is taken to act later than was learnt [s]
 
 
 class DriverEstimate(NamedTuple):
@@ -80,7 +116,14 @@ class DriverEstimate(NamedTuple):
 
 NO_PREDICTOR = PredictorModel(*(0.0,) * len(PredictorModel._fields))
 """Template for `named_like`."""
-MEMORY_NUMBERS = 16
+LEARNT = 16
+_EARLY = 17
+_GRID_AT = 23
+_SEEN = 24
+_SQUARES = 26
+_HISTORY = 29
+_SUMS = _HISTORY + 2 * _KEPT + 2 * (1 + _BACK)
+MEMORY_NUMBERS = _SUMS + 4 * _SHIFTS
 """Length of the row of numbers that a predictor remembers beside the commands, in this order:
 
 - references of speed and yaw rate after the driver's limits, then after the lag of the wheels too
@@ -88,7 +131,15 @@ MEMORY_NUMBERS = 16
 - speed and yaw rate of the model without feedback
 - mean square of that speed, mean product of it and the robot's speed; the same of yaw rates
 - mean product of the model's yaw rate and the robot's lateral speed
-- pose of the robot when it was seen last.
+- pose of the robot when it was seen last
+- time by which the robot answers later than its model, as it was learnt [s]
+- a model that answers `EARLIEST` before: its four references, speed and yaw rate
+- time of the newest sample of this model [s]
+- speed and yaw rate of the robot when it was seen last
+- sums of the squares of the robot's differences, of speed and of yaw rate, and of samples
+- newest samples, the newest first: (2, `_KEPT`) of this model, (2, 1 + `_BACK`) of the robot
+- (2, 2, `_SHIFTS`) for speed and yaw rate sums of this model's squares, and of its products with
+  the robot's.
 """
 _DRIVER = 0
 _AT = 4
@@ -125,12 +176,13 @@ def predictor_model(a: FloatArray, b: FloatArray, drive: Drive, period: float) -
         acceleration_w=drive.acceleration_w,
         lag=drive.wheel_lag,
         step=PREDICTION_STEP,
+        margin=0.0,
     )
 
 
 def commands_under_way(model: PredictorModel) -> int:
-    """Return how many commands a predictor must remember."""
-    return math.ceil(model.horizon / model.period) + 3
+    """Return how many commands a predictor must remember, also of a robot that answers later."""
+    return math.ceil((model.horizon + LATEST + LATE_FEEDBACK) / model.period) + 3
 
 
 def predictor_start(state: State, drive: Drive, period: float) -> FloatArray:
@@ -142,7 +194,12 @@ def predictor_start(state: State, drive: Drive, period: float) -> FloatArray:
     memory[_SENT_AT] = -period
     memory[_MODEL_V] = state.v_x
     memory[_MODEL_W] = state.yaw_rate
-    memory[_POSE:] = state.x, state.y, state.yaw
+    memory[_POSE:LEARNT] = state.x, state.y, state.yaw
+    memory[_EARLY:_GRID_AT] = *memory[:_AT], state.v_x, state.yaw_rate
+    memory[_SEEN:_SQUARES] = state.v_x, state.yaw_rate
+    before = memory[_HISTORY:_SUMS]
+    before[:_KEPT] = before[2 * _KEPT : 2 * _KEPT + _BACK + 1] = state.v_x
+    before[_KEPT : 2 * _KEPT] = before[2 * _KEPT + _BACK + 1 :] = state.yaw_rate
     return memory
 
 
@@ -179,11 +236,17 @@ def advance_driver(
     dt: float,
     before: DriverEstimate,
     model: PredictorModel,
+    late: float,
 ) -> DriverEstimate:
-    """Return the driver's references after a step from `t` to `t + dt` [s], see `commanded`."""
+    """Return the driver's references after a step from `t` to `t + dt` [s], see `commanded`.
+
+    The driver acts `late` [s] later than the model's.
+    """
     when = t + (dt if model.ramp > 0.0 else 0.5 * dt)  # a ramp has gone on to the end of the step
-    v = saturate(commanded(past, 0, sent_at, when - model.delay_v, model), model.v_max)
-    w = saturate(commanded(past, 1, sent_at, when - model.delay_w, model), model.w_max)
+    sampled_v = when - max(model.delay_v + late, 0.0)
+    sampled_w = when - max(model.delay_w + late, 0.0)
+    v = saturate(commanded(past, 0, sent_at, sampled_v, model), model.v_max)
+    w = saturate(commanded(past, 1, sent_at, sampled_w, model), model.w_max)
     v = ramp(before.v, v, model.acceleration_v * dt)
     w = ramp(before.w, w, model.acceleration_w * dt)
     share = -math.expm1(-dt / model.lag) if model.lag > 0.0 else 1.0
@@ -268,22 +331,135 @@ def learnt(memory: FloatArray) -> DriverEstimate:
     )
 
 
+@jit
+def sample_early(past: FloatArray, memory: FloatArray, model: PredictorModel) -> None:
+    """Take the model that answers `EARLIEST` before on by one sample, in place."""
+    at = memory[_GRID_AT]
+    driver = DriverEstimate(
+        memory[_EARLY],
+        memory[_EARLY + 1],
+        memory[_EARLY + 2],
+        memory[_EARLY + 3],
+        gain_v=1.0,
+        gain_w=1.0,
+        slip=0.0,
+    )
+    sent_at = memory[_SENT_AT]
+    driver = advance_driver(past, sent_at, at, GRID, driver, model=model, late=-EARLIEST)
+    v, w = respond(memory[_EARLY + 4], memory[_EARLY + 5], driver, GRID, model)
+    memory[_GRID_AT] = at + GRID
+    memory[_EARLY] = driver.v
+    memory[_EARLY + 1] = driver.w
+    memory[_EARLY + 2] = driver.lagged_v
+    memory[_EARLY + 3] = driver.lagged_w
+    memory[_EARLY + 4] = v
+    memory[_EARLY + 5] = w
+
+
+@jit
+def push_sample(samples: FloatArray, newest: float) -> None:
+    """Put the newest sample first, in place; the oldest one drops out."""
+    for k in range(len(samples) - 1, 0, -1):
+        samples[k] = samples[k - 1]
+    samples[0] = newest
+
+
+@jit
+def learn_delay(
+    past: FloatArray, memory: FloatArray, seen: Observation, t: float, model: PredictorModel
+) -> None:
+    """Take in speed and yaw rate of time `t` [s], and learn how late the robot answers, in place.
+
+    Between two observations they are taken as linear in time.
+    """
+    history = memory[_HISTORY:_SUMS]
+    modelled = history[: 2 * _KEPT].reshape(2, _KEPT)
+    robot = history[2 * _KEPT :].reshape(2, 1 + _BACK)
+    sums = memory[_SUMS:].reshape(2, 2, _SHIFTS)
+    before = memory[_AT]
+    delays = (model.delay_v, model.delay_w)
+    now = (seen.v, seen.w)
+    keep = math.exp(-GRID / FORGETTING)
+    while memory[_GRID_AT] + GRID <= t + _ROUNDING:
+        sample_early(past, memory, model)
+        memory[_SQUARES + 2] = keep * memory[_SQUARES + 2] + GRID / 0.05
+        part = (memory[_GRID_AT] - before) / (t - before)
+        for j in range(2):
+            push_sample(modelled[j], memory[_EARLY + 4 + j])
+            push_sample(robot[j], approach(memory[_SEEN + j], now[j], part))
+            y = robot[j, 0] - robot[j, _BACK]
+            memory[_SQUARES + j] = keep * memory[_SQUARES + j] + _WEIGHTS[j] * y * y
+            # a model with less dead time than that cannot answer so early
+            less = round(max(EARLIEST - delays[j], 0.0) / GRID)
+            for i in range(_SHIFTS):
+                k = max(i - less, 0)
+                x = modelled[j, k] - modelled[j, k + _BACK]
+                sums[j, 0, i] = keep * sums[j, 0, i] + _WEIGHTS[j] * x * x
+                sums[j, 1, i] = keep * sums[j, 1, i] + _WEIGHTS[j] * x * y
+    memory[_SEEN] = seen.v
+    memory[_SEEN + 1] = seen.w
+    most = _LEARNING_RATE * (t - before)
+    best = max(best_delay(sums, memory[_SQUARES:_HISTORY]), -model.horizon)
+    memory[LEARNT] += saturate(best - memory[LEARNT], most)
+
+
+@jit
+def misfit(sums: FloatArray, squares: FloatArray, i: int) -> float:
+    """Return how badly delay number `i` explains the samples: -2 log of its likelihood.
+
+    The variance of what is not explained is not known: pushes and dry friction count less.
+    """
+    delay = (i - _PROMPT) * GRID
+    cost = (delay / PRIOR) ** 2
+    for j in range(2):
+        square = sums[j, 0, i]
+        product = sums[j, 1, i]
+        gain = (product + _GAIN_PRIOR) / (square + _GAIN_PRIOR)
+        gain = min(max(gain, _GAINS[0]), _GAINS[1])
+        rest = max(squares[j] + gain * (gain * square - 2.0 * product), 0.0)
+        cost += squares[2] * math.log1p(rest / squares[2])
+    return cost
+
+
+@jit
+def best_delay(sums: FloatArray, squares: FloatArray) -> float:
+    """Return the delay [s] of the least misfit, by the parabola through the best three."""
+    best = 0
+    least = misfit(sums, squares, 0)
+    for i in range(1, _SHIFTS):
+        cost = misfit(sums, squares, i)
+        if cost < least:
+            best = i
+            least = cost
+    delay = (best - _PROMPT) * GRID
+    if best == 0 or best == _SHIFTS - 1:
+        return delay
+    below = misfit(sums, squares, best - 1)
+    above = misfit(sums, squares, best + 1)
+    bend = below - 2.0 * least + above
+    return delay + 0.5 * GRID * (below - above) / bend if bend > 0.0 else delay
+
+
 @jit_alone
 def predict_ahead(
     past: FloatArray,
     memory: FloatArray,
     seen: Observation,
     t: float,
-    end: float,
+    sends: float,
     model: PredictorModel,
-) -> tuple[Observation, DriverEstimate]:
-    """Return the robot at mission time `end` [s], and the references of its driver then.
+) -> tuple[Observation, DriverEstimate, float]:
+    """Return the robot when a command that is sent at mission time `sends` [s] begins to act.
 
-    `end` is `model.horizon` after the time of the next command. The robot was `seen` at time
-    `t` [s], to which the memory advances in place: (16,) `MEMORY_NUMBERS` beside the (n, 2) `past`
+    The references of its driver then and that time [s] stand beside it. The robot was `seen` at
+    time `t` [s], to which the memory advances in place: `MEMORY_NUMBERS` beside the (n, 2) `past`
     commands, the newest last.
     """
     before = memory[_AT]
+    if t - before > _ROUNDING:
+        learn_delay(past, memory, seen, t, model)
+    late = memory[LEARNT] + model.margin
+    end = sends + max(model.horizon + late, 0.0)
     at = before
     sent_at = memory[_SENT_AT]
     v = memory[_MODEL_V]
@@ -299,7 +475,7 @@ def predict_ahead(
     )
     while at < t - _ROUNDING:
         dt = min(model.step, t - at)
-        driver = advance_driver(past, sent_at, at, dt, driver, model)
+        driver = advance_driver(past, sent_at, at, dt, driver, model=model, late=late)
         v, w = respond(v, w, driver, dt, model)
         at += dt
     changes = Command(v - memory[_MODEL_V], w - memory[_MODEL_W])
@@ -316,7 +492,7 @@ def predict_ahead(
     x, y, yaw, v, w = seen
     while at < end - _ROUNDING:
         dt = min(model.step, end - at)
-        driver = advance_driver(past, sent_at, at, dt, driver, model)
+        driver = advance_driver(past, sent_at, at, dt, driver, model=model, late=late)
         v_next, w_next = respond(v, w, driver, dt, model)
         v_mid = 0.5 * (v + v_next)
         w_mid = 0.5 * (w + w_next)
@@ -330,7 +506,7 @@ def predict_ahead(
         v = v_next
         w = w_next
         at += dt
-    return Observation(x, y, yaw, v, w), driver
+    return Observation(x, y, yaw, v, w), driver, end
 
 
 @jit_alone

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ssmr._jit import jit, jit_alone
 from ssmr.control.law import EMPTY_MEMORY, Command, Memory, Observation
 from ssmr.control.laws import position_step, velocity_step
-from ssmr.control.predictor import PredictorModel, predict_ahead, remember
+from ssmr.control.predictor import LEARNT, PredictorModel, predict_ahead, remember
 from ssmr.control.waypoints import ALPHA_SWITCH, Errors, Target, position_errors, target
 from ssmr.estimation.ekf import filter_step
 from ssmr.estimation.settings import YAW, Belief, V, W, X, Y
@@ -60,7 +60,7 @@ class Tracker(NamedTuple):
     predicts: bool  # true if the law acts on the state one dead time ahead
     predictor: PredictorModel  # numbers of the predictor
     past: FloatArray  # (n, 2) commands that were sent, the newest last
-    predictor_state: FloatArray  # (16,) the rest of the memory, `predictor.MEMORY_NUMBERS`
+    predictor_state: FloatArray  # the rest of the memory, `predictor.MEMORY_NUMBERS`
     course: NDArray[np.void]  # `Waypoints.course()`
     lookahead: float  # distance at which the robot keeps behind its target [m]
     by_filter: bool  # true if the controller sees the estimate of the EKF
@@ -100,6 +100,7 @@ LOG_COLUMNS = (
     *("target_x", "target_y", "target_yaw", "e_rho", "e_y", "e_alpha"),
     *("u_ref", "w_ref", "v_cmd", "w_cmd"),
     *("seen_x", "seen_y", "seen_yaw", "seen_v", "seen_w"),
+    "dead_time_learnt",
 )
 """Names of the columns of a run's log, one row for every tick of the position loop."""
 
@@ -156,8 +157,8 @@ def position_tick(
     errors = now.errors
     if tracker.predicts:
         model = tracker.predictor
-        end = t + model.horizon
-        ahead, _ = predict_ahead(tracker.past, tracker.predictor_state, seen, t, end, model)
+        past = tracker.past
+        ahead, _, end = predict_ahead(past, tracker.predictor_state, seen, t, t, model)
         aim = target(tracker.course, end, aim.segment)
         errors = position_errors(ahead, aim, ALPHA_SWITCH)
     errors = Errors(errors.rho - tracker.lookahead, errors.y, errors.alpha)
@@ -179,7 +180,7 @@ def velocity_tick(tracker: Tracker, state: LoopState, t: float, dt: float) -> Lo
 
 
 @jit_alone
-def record(row: FloatArray, truth: Motion, state: LoopState) -> None:
+def record(row: FloatArray, truth: Motion, state: LoopState, tracker: Tracker) -> None:
     """Write a tick into `row`, in the order of `LOG_COLUMNS`."""
     for i, number in enumerate(truth):
         row[i] = number
@@ -195,6 +196,7 @@ def record(row: FloatArray, truth: Motion, state: LoopState) -> None:
     row[19] = state.command.w
     for i, number in enumerate(state.seen):
         row[20 + i] = number
+    row[25] = tracker.predictor_state[LEARNT] if tracker.predicts else 0.0
 
 
 @jit_alone
@@ -211,7 +213,7 @@ class LoopData(NamedTuple):
     draws: FloatArray  # (ticks, 8) standard normal numbers
     commands: FloatArray  # (1 + n // velocity steps, 2) commands so far
     references: FloatArray  # (position steps, 2) wheel-rate references of the next period [rad/s]
-    log: FloatArray  # (ticks, 25) the log
+    log: FloatArray  # (ticks, 26) the log
 
 
 @jit
@@ -253,7 +255,7 @@ def plan_period(
             data.commands[i, 0] = state.command.v
             data.commands[i, 1] = state.command.w
         if j == k:
-            record(data.log[k // clock.position], truth, state)
+            record(data.log[k // clock.position], truth, state, tracker)
         if j < k + n:
             driver = follow(data.commands, j, data.drive, (0.0, 0.0), driver)
             data.references[j - k, 0] = driver.left

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import namedtuple
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ssmr.parameters import check_parameters, numbers_of, parameter, require_in_range
@@ -201,3 +201,9 @@ class Drive:
         """Check the ranges; the ramp must have ended when the next command is read."""
         check_parameters(self)
         require_in_range(self, "command_ramp", 0.0, self.hold)
+
+    def later(self, seconds: float) -> Drive:
+        """Return the same driver with that much more dead time [s], at least none."""
+        v = max(self.delay_v + seconds, 0.0)
+        w = max(self.delay_w + seconds, 0.0)
+        return replace(self, delay_v=v, delay_w=w)

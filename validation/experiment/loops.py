@@ -88,17 +88,22 @@ class ClosedLoopRobot:
         }
 
 
-def make_robot(profile: Profile, plant: str, terrain: Terrain = FLAT) -> ClosedLoopRobot:
+def make_robot(
+    profile: Profile, plant: str, terrain: Terrain = FLAT, late: float = 0.0
+) -> ClosedLoopRobot:
     """Return the plant of that name with the profile's numbers; only MuJoCo has a terrain.
+
+    It acts on commands `late` [s] later than controllers know.
 
     Raises:
         ValueError: an unknown name, or numbers that do not go together.
     """
-    body = make_plant(profile, plant, terrain)
-    if isinstance(body, MujocoPlant | FourWheelPlant | EnginePlant | OwnPlant):
-        return ClosedLoopRobot(plant, body)
+    robot = make_plant(profile, plant, terrain, late=late)
+    if isinstance(robot, MujocoPlant | FourWheelPlant | EnginePlant | OwnPlant):
+        return ClosedLoopRobot(plant, robot, robot.drive.later(-late))
     section = profile.section(plant)
-    return ClosedLoopRobot(plant, PlanarModel(section.parameters, section.vehicle, section.drive))
+    body = PlanarModel(section.parameters, section.vehicle, section.drive.later(late))
+    return ClosedLoopRobot(plant, body, section.drive)
 
 
 def make_controller(profile: Profile, gains: GainSet) -> AnyController:

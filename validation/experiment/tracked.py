@@ -92,6 +92,20 @@ _LOOP_METRICS = (
         "root mean square of the second derivative in time of the commands as such shares: "
         "how restless they are",
     ),
+    Metric(
+        "dead_time_learnt_s",
+        "learnt",
+        "s",
+        "low",
+        "time by which the robot answers later than its controller's driver, as it was learnt",
+    ),
+    Metric(
+        "rest_off_m",
+        "rest",
+        "m",
+        "low",
+        "distance from the last waypoint at which the robot rests behind the reference's end",
+    ),
 )
 TRACK_METRICS: Mapping[str, Metric] = {
     **METRICS,
@@ -188,6 +202,8 @@ def reference_of(run: ClosedRun, waypoints: Waypoints, *, whole: bool = False) -
 def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, object]) -> Metrics:
     """Return the metrics of a run; one that was lost is compared with the whole reference.
 
+    What comes behind the reference's end counts only for where the robot rests.
+
     Args:
         run: at least one tick.
         waypoints: the reference.
@@ -195,6 +211,11 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
             of a result, and the period of commands, `velocity_period_s`, if it is not the default.
             A limit that is off counts as the thesis' (1 m/s, 2 rad/s).
     """
+    *_, end = run.columns("x", "y")
+    rest_off = math.dist(end, waypoints.xy[-1])
+    learnt = run.column("dead_time_learnt")
+    rests = run.t[-1] > waypoints.duration + run.t[1]
+    run = run.until(waypoints.duration)
 
     def rms(name: str) -> float:
         return float(np.sqrt(np.mean(np.square(run.column(name)))))
@@ -226,6 +247,9 @@ def track_metrics(run: ClosedRun, waypoints: Waypoints, limits: Mapping[str, obj
             "cross_track_max_m": cross_track,
             "command_effort": effort,
             "command_jerk": jerk,
+            # nothing was learnt by a law without a predictor
+            "dead_time_learnt_s": float(learnt[-1]) if learnt.any() else math.nan,
+            "rest_off_m": rest_off if rests else math.nan,
         }
     )
 

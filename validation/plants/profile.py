@@ -335,7 +335,11 @@ def odometry_of(drive: Drive) -> EkfSettings:
 
 
 def make_plant(
-    profile: Profile, name: str, terrain: Terrain = FLAT, settings: PhysicsSettings = SHIPPED
+    profile: Profile,
+    name: str,
+    terrain: Terrain = FLAT,
+    settings: PhysicsSettings = SHIPPED,
+    late: float = 0.0,
 ) -> Plant:
     """Return the plant of that name with the profile's numbers.
 
@@ -345,11 +349,14 @@ def make_plant(
         terrain: ground of a simulated plant; the planar models know only level ground of one
             friction.
         settings: physics settings of a simulated plant.
+        late: time by which it acts on commands later than the profile says [s].
 
     Raises:
         ValueError: an unknown name, or numbers that do not go together.
     """
+    section = profile.section(name)
+    section = replace(section, drive=section.drive.later(late))
     try:
-        return plant_kind(name).build(profile.section(name), terrain, settings)
+        return plant_kind(name).build(section, terrain, settings)
     except ParameterError as error:
         raise ValueError(f"profile {profile.name}, plant {name}: {error}") from error

@@ -177,7 +177,7 @@ class PathFollower:
         row = np.empty(len(LOG_COLUMNS))
         unknown = (0.0, 0.0, 0.0, 0.0)  # wheel rates and torques
         truth = Motion(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, *unknown)
-        record(row, truth, self._side.state)
+        record(row, truth, self._side.state, self._side.tracker)
         return row
 
     def track(self, stamp: float, seen: Observation) -> bool:

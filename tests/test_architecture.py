@@ -385,7 +385,7 @@ class Price(NamedTuple):
 
 PRICES = {
     "ssmr": Price(
-        66_900,
+        68_000,
         86,
         325,
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",

@@ -9,6 +9,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.references import circle, line
 from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import compare_paths
-from tests.conftest import EXACT, ROUNDOFF
+from tests.conftest import ROUNDOFF
 from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.experiment.tracked import track_metrics
@@ -101,16 +102,32 @@ def test_the_time_cost_sees_the_clock(lab: Profile) -> None:
     assert by["path"] < 0.2 * by["time"]
 
 
-def test_limits_and_workers_change_no_kept_cost(lab: Profile) -> None:
-    p = problem(lab, TuneCost(guard=0.0), "pid", case(lab), case(lab, speed=0.25))
+@pytest.mark.parametrize("guard", [0.0, 0.2])
+def test_limits_and_workers_change_no_kept_cost(lab: Profile, guard: float) -> None:
+    p = problem(lab, TuneCost(guard=guard), "pid", case(lab), case(lab, speed=0.25))
     points = np.random.default_rng(0).random((6, len(p.space)))
     whole = p.costs(points, None, 2)
     assert np.array_equal(whole, p.costs(points, None, 1))
-    limits = np.where(np.arange(6) % 2 == 0, np.inf, 0.5 * whole)
+    finite = np.where(np.isfinite(whole), whole, 1.0)
+    limits = np.where(np.arange(6) % 2 == 0, np.inf, 0.5 * finite)
     some = p.costs(points, limits, 1)
     kept = some <= limits
-    assert np.abs(some[kept] - whole[kept]).max() == EXACT
+    assert np.array_equal(some[kept], whole[kept])
     assert np.all(whole[~kept] > limits[~kept])
+
+
+def test_the_guard_is_asked_for_what_would_win_alone(lab: Profile) -> None:
+    p = problem(lab, TuneCost(guard=0.1), "pid", case(lab))
+    points = np.random.default_rng(0).random((6, len(p.space)))
+    points[0] = published_point(p)
+    whole = p.costs(points)
+    driven: list[int] = []
+    runs = p._runs
+    with patch.object(p, "_runs", lambda *rest: driven.append(len(rest[2])) or runs(*rest)):
+        assert p.costs(points, np.full(6, whole[0]))[0] == whole[0]
+        assert driven == [6, 1 + np.sum(whole[1:] <= whole[0])]
+        p.costs(points, np.zeros(6))
+        assert driven[2:] == [6]
 
 
 def test_the_guard_refuses_what_more_delay_would_break(lab: Profile) -> None:

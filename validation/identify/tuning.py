@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Literal
@@ -269,21 +270,31 @@ class TuneProblem:
             live = np.flatnonzero(promising)
             if len(live):
                 drivers = [law for i in live if (law := laws[i])]
-                sums[live] += self._case_costs(k, drivers, workers)
+                # rounding shall not spare one that wins
+                most = bounds[live] * (1.0 + 1e-9) - sums[live]
+                sums[live] += self._case_costs(k, drivers, workers, most)
             done += case.waypoints.duration / total
             if on_share is not None:
                 on_share(done)
         return sums / len(self.cases)
 
     def _case_costs(
-        self, k: int, laws: Sequence[AnyController], workers: int, searching: bool = True
+        self,
+        k: int,
+        laws: Sequence[AnyController],
+        workers: int,
+        most: FloatArray | float = -math.inf,
     ) -> FloatArray:
-        """Return the (S,) costs of candidates on one case; in a search the guard counts."""
+        """Return the (S,) costs of candidates on one case.
+
+        The guard is asked where a cost is at most (S,) `most`: another one wins nothing in a
+        search.
+        """
         case = self.cases[k]
         runs = self._runs(case, case.robot, laws, workers)
         costs = costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers)
-        kept = np.flatnonzero(np.isfinite(costs)).tolist()
-        if self._late and searching and kept:
+        kept = np.flatnonzero(np.isfinite(costs) & (costs <= most)).tolist()
+        if self._late and kept:
             runs = self._runs(case, self._late[k], [laws[i] for i in kept], workers)
             for i, run in zip(kept, runs, strict=True):
                 if run.lost or float(np.abs(run.column("e_rho")).max()) > GUARD_DISTANCE:
@@ -301,7 +312,8 @@ class TuneProblem:
     def cost_of(self, gains: GainSet, workers: int, guarded: bool = False) -> float:
         """Return the cost of gains; infinite where they lose a reference or, guarded, fail."""
         law = make_controller(self.profile, gains)
-        costs = [self._case_costs(k, [law], workers, guarded)[0] for k in range(len(self.cases))]
+        most = math.inf if guarded else -math.inf
+        costs = [self._case_costs(k, [law], workers, most)[0] for k in range(len(self.cases))]
         return float(np.mean(costs))
 
     def rated(

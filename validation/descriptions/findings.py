@@ -114,15 +114,15 @@ def _weight_off(robot: Robot, _: Others) -> Finding | None:
     if off < OFF_SHARE or off >= 1.0:
         return None
     x, y = whole_com(robot)[:2]
-    words = []
     loads = []
     weight = robot.mass * GRAVITY
+    shown = {"x": 0.0, "y": 0.0}
     if abs(ahead) > 0.25 * OFF_SHARE:
-        words.append(f"{1e3 * abs(x):.0f} mm {'ahead of' if x > 0.0 else 'behind'}")
+        shown["x"] = x
         front = 0.25 * weight * (1.0 + ahead)
         loads.append(f"front and rear wheels carry {front:.0f} and {0.5 * weight - front:.0f} N")
     if abs(aside) > 0.25 * OFF_SHARE:
-        words.append(f"{1e3 * abs(y):.0f} mm to the {'left' if y > 0.0 else 'right'} of")
+        shown["y"] = y
         left = 0.25 * weight * (1.0 + aside)
         loads.append(f"left and right ones carry {left:.0f} and {0.5 * weight - left:.0f} N")
     turn = turn_on_the_spot(robot.wheelbase, robot.track, x, y)
@@ -133,7 +133,7 @@ def _weight_off(robot: Robot, _: Others) -> Finding | None:
     return Finding(
         "weight_off",
         "fault" if off > _FAR_OFF else "question",
-        f"the weight lies {' and '.join(words)} the middle between the wheels: "
+        f"the weight lies {_offset(**shown)} the middle between the wheels: "
         f"{', '.join(loads)} each, so that it turns about {centre}, with a ratio of "
         f"{turn.multiplier:.2f} instead of {middle.multiplier:.2f}",
         "weigh the wheels of the robot; if they carry the same, put the body's centre of mass "
@@ -145,12 +145,18 @@ def _centre_words(x: float, y: float, wheelbase: float) -> str:
     """Return words for the point that a robot turns about, from its middle [m]."""
     if abs(abs(x) - 0.5 * wheelbase) < 0.02 * wheelbase and abs(y) < 0.02 * wheelbase:
         return "its front axle" if x > 0.0 else "its rear axle"
+    away = _offset(x if abs(x) > 0.002 else 0.0, y if abs(y) > 0.002 else 0.0)
+    return f"a point {away} its middle" if away else "its middle"
+
+
+def _offset(x: float, y: float) -> str:
+    """Return words for a place beside another one [m]; empty for the same place."""
     parts = []
-    if abs(x) > 0.002:
+    if x:
         parts.append(f"{1e3 * abs(x):.0f} mm {'ahead of' if x > 0.0 else 'behind'}")
-    if abs(y) > 0.002:
+    if y:
         parts.append(f"{1e3 * abs(y):.0f} mm to the {'left' if y > 0.0 else 'right'} of")
-    return f"a point {' and '.join(parts)} its middle" if parts else "its middle"
+    return " and ".join(parts)
 
 
 def _weight_outside(robot: Robot, _: Others) -> Finding | None:

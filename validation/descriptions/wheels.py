@@ -43,10 +43,14 @@ class Drum(NamedTuple):
     """Greatest distance from the axle [m]."""
     half_width: float
     """Half its extent along the axle [m]."""
-    contact_half_width: float
-    """Half the distance of the points in which it touches level ground [m]."""
     off_axle: float
     """Distance of its middle from the axle [m]."""
+
+    @property
+    def contact_half_width(self) -> float:
+        """Half the distance of the points in which it touches level ground [m]."""
+        touches_in_a_line = self.kind in ("cylinder", "capsule", "lying", "mesh")
+        return self.half_width if touches_in_a_line else 0.0
 
 
 class WheeledRobot:
@@ -322,13 +326,11 @@ class WheeledRobot:
         size = model.geom_size[geom]
         kind = mjtGeom(model.geom_type[geom])
         name = kind.name.removeprefix("mjGEOM_").lower()
-        half = 0.0
         if kind == mjtGeom.mjGEOM_SPHERE:
             width = radius = float(size[0])
         elif kind in (mjtGeom.mjGEOM_CYLINDER, mjtGeom.mjGEOM_CAPSULE):
             radius = float(size[0])
             width = float(size[1])
-            half = width
             if along != 2 or local[2] < _PARALLEL:
                 name = "lying"
         elif kind == mjtGeom.mjGEOM_MESH:
@@ -337,7 +339,6 @@ class WheeledRobot:
             distances = np.linalg.norm(points - np.outer(beside, axis), axis=1)
             radius = float(distances.max())
             width = 0.5 * float(np.ptp(beside))
-            half = width
             off = 0.0
         else:
             others = [float(size[k]) for k in range(3) if k != along]
@@ -345,7 +346,7 @@ class WheeledRobot:
             width = float(size[along])
             if kind == mjtGeom.mjGEOM_ELLIPSOID and np.ptp(others) > 1e-3 * radius:
                 name = "oval"
-        return Drum(geom, name, radius, width, half, off)
+        return Drum(geom, name, radius, width, off)
 
     def _vertices(self, geom: int) -> FloatArray:
         mesh = int(self.model.geom_dataid[geom])

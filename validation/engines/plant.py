@@ -24,7 +24,7 @@ from ssmr.robot.vehicle import Drive
 from ssmr.types import Commands, FloatArray, State, Trajectory
 from validation.engines.body import EngineBody, MakeBody, Rigid
 from validation.simulator.calibration import Calibration
-from validation.simulator.description import GRAVITY, SIDES, WHEELS
+from validation.simulator.description import GRAVITY, WHEELS
 from validation.simulator.plant import CHANNELS
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -34,7 +34,6 @@ wheels [1]: motors act on the rates at the start of a step, and a loop that is f
 swing."""
 SETTLE_TIME = 1.0
 """Time for which the robot stands before its resting height is taken [s]."""
-_LEFT = np.array([wheel.endswith(SIDES[0]) for wheel in WHEELS])
 _TURN = 2.0 * math.pi
 
 
@@ -104,7 +103,7 @@ class EnginePlant:
         c = math.cos(state.yaw)
         s = math.sin(state.yaw)
         velocity = np.array([c * state.v_x - s * state.v_y, s * state.v_x + c * state.v_y, 0.0])
-        wheels = np.where(_LEFT, state.wheel_left, state.wheel_right)
+        wheels = np.tile([state.wheel_left, state.wheel_right], 2)
         spin = np.array([0.0, 0.0, state.yaw_rate])
         quat = _product(yaw_to_quat_wxyz(state.yaw), attitude)
         self._body.place(Rigid(np.array([state.x, state.y, height]), quat, velocity, spin, wheels))
@@ -125,24 +124,17 @@ class EnginePlant:
         c = math.cos(self._yaw)
         s = math.sin(self._yaw)
         self._rates = now.wheels
-        self._state = State(
-            x=float(now.position[0]),
-            y=float(now.position[1]),
-            yaw=self._yaw,
-            v_x=float(c * x + s * y),
-            v_y=float(c * y - s * x),
-            yaw_rate=float(now.spin[2]),
-            wheel_left=float(now.wheels[_LEFT].mean()),
-            wheel_right=float(now.wheels[~_LEFT].mean()),
-        )
+        place = now.position[:2].tolist()
+        twist = [float(c * x + s * y), float(c * y - s * x), float(now.spin[2])]
+        sides = now.wheels.reshape(2, 2).mean(axis=0).tolist()
+        self._state = State(*[*place, self._yaw, *twist, *sides])
 
     def _advance(self, wheel_rates: Sides, push: float, prescribed: bool) -> None:
         """Take a physics step towards wheel rates [rad/s] under a yaw acceleration [rad/s2]."""
         before = self._state
         yaw_torque = self.calibration.yaw_inertia * push
         if prescribed:
-            rates = np.where(_LEFT, wheel_rates.left, wheel_rates.right)
-            self._body.advance_turning(rates, yaw_torque)
+            self._body.advance_turning(np.tile(wheel_rates, 2), yaw_torque)
             self._read()
         else:
             self._advance_by_motors(wheel_rates, yaw_torque)
@@ -155,7 +147,7 @@ class EnginePlant:
         gain = self.calibration.gain
         errors = []
         for wheels, integral in zip(self._groups, self._integrals, strict=True):
-            set_point = wheel_rates.left if _LEFT[wheels[0]] else wheel_rates.right
+            set_point = wheel_rates[wheels[0] % 2]
             rate = float(self._rates[wheels].mean())
             errors.append(set_point - rate)
             torque = side_torque(set_point, rate, integral, gain, self._motor)
@@ -208,9 +200,8 @@ class EnginePlant:
         return Trajectory.of_table(sample_dt, np.array(rows), CHANNELS)
 
     def _row(self) -> list[float]:
-        left = self._torques[_LEFT].sum()
-        right = self._torques[~_LEFT].sum()
-        return [*astuple(self._state), *self._loads, left, right, self._spun]
+        sides = self._torques.reshape(2, 2).sum(axis=0)
+        return [*astuple(self._state), *self._loads, *sides, self._spun]
 
 
 def _yaw(quat: FloatArray) -> float:

@@ -64,17 +64,12 @@ def _ode_settings(foreign: ForeignRobot | None) -> OdeSettings:
     first = contacts[0] if contacts else {}
     mu1 = first.get("mu1", 1.0)
     share = first.get("mu2", mu1) / mu1 if mu1 > 0.0 else 1.0
-    return OdeSettings(
-        "pyramid",
-        "wheel" if first.get("fdir1", 0.0) > 0.0 else "world",
-        "quick",
-        GAZEBO.iterations,
+    return replace(
+        GAZEBO,
+        direction="wheel" if first.get("fdir1", 0.0) > 0.0 else "world",
         kp=first.get("kp", GAZEBO.kp),
         # those of tyre and ground act together
         kd=2.0 * first["kd"] if "kd" in first else GAZEBO.kd,
-        cfm=0.0,
-        surface_layer=GAZEBO.surface_layer,
-        max_correcting_velocity=GAZEBO.max_correcting_velocity,
         second_share=share,
     )
 

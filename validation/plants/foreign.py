@@ -9,7 +9,6 @@ from ssmr.types import Plant
 from validation.descriptions.foreign_robot import ForeignRobot, read_foreign
 from validation.descriptions.own_plant import OwnNumbers, OwnPlant
 from validation.plants.kind import SEEN, Occasion, PlantKind, PlantProfile
-from validation.simulator.description import Robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -39,16 +38,11 @@ def declare(name: str) -> PlantKind:
     return PlantKind(
         name,
         OwnNumbers,
-        _unchanged,
+        lambda _: OwnNumbers(),
         partial(_build, name, foreign),
         _FREE,
         colour="#7a5195",
     )
-
-
-def _unchanged(robot: Robot) -> OwnNumbers:
-    """Return the numbers of the file as it is, whatever robot the profile is of."""
-    return OwnNumbers()
 
 
 def _build(

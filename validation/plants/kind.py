@@ -174,8 +174,6 @@ class PlantKind:
     """Colour in pictures and recordings, as #rrggbb."""
     vehicle: tuple[str, ...] = ()
     """Fields of the vehicle that a fit may move."""
-    usual_drive: Callable[[Robot], Drive] = lambda robot: robot.drive
-    """Function that returns the drive of a robot that nothing was fitted to."""
     drive: tuple[str, ...] = tuple(described(Drive))
     """Fields of the drive that a fit may move."""
     together: Callable[[Sequence[PlantProfile | None], int], Population] | None = None
@@ -183,7 +181,8 @@ class PlantKind:
     threads; None where each is driven on a thread of its own."""
     torques: bool = False
     """Whether the channel `TORQUES` has the torques of a body on wheels, so that they can be
-    compared with others; those of planar models are numbers of a fit."""
+    compared with others; those of planar models are numbers of a fit. Its motors have an integral
+    part unless the robot's file says otherwise."""
 
     def population(self, candidates: Sequence[PlantProfile | None], workers: int) -> Population:
         """Prepare candidates, None for one that cannot be built, for a number of threads."""

@@ -156,7 +156,6 @@ def declare(name: str) -> PlantKind:
             _tyred,
             _TYRED_FREE,
             colour="#56b4e9",
-            usual_drive=lambda robot: robot.motor_drive,
             torques=True,
         )
     law = planar_law(name)

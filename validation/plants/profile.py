@@ -216,7 +216,8 @@ def shipped() -> dict[str, Path]:
 def _defaults(name: str, robot: Robot) -> PlantProfile:
     """Return the numbers of a robot's plant that nothing was fitted to."""
     kind = plant_kind(name)
-    return PlantProfile(kind.defaults(robot), robot.vehicle, kind.usual_drive(robot), robot)
+    drive = robot.motor_drive if kind.torques else robot.drive
+    return PlantProfile(kind.defaults(robot), robot.vehicle, drive, robot)
 
 
 def bare_profile(robot: Robot) -> Profile:

@@ -50,6 +50,5 @@ def declare(name: str) -> PlantKind:
         build,
         _FREE,
         colour=_COLOURS[name],
-        usual_drive=lambda robot: robot.motor_drive,
         torques=True,
     )

@@ -1,6 +1,6 @@
 """A robot, its ground and a calibration -> MjModel.
 
-`_compose` builds the structure (robot, ground, wheel shape); `set_calibration` and
+`_compiled` builds the structure (robot, ground, wheel shape); `set_calibration` and
 `set_motors` set the numbers on a compiled model and are the only places that do, so a fit that
 edits one model in place and a profile that is loaded from disk mean the same robot.
 """
@@ -8,6 +8,7 @@ edits one model in place and a profile that is loaded from disk mean the same ro
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import mujoco
 import numpy as np
@@ -41,10 +42,11 @@ LEAST_SHARE = 0.02
 carries nothing sinks nowhere."""
 
 
-def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
-    """Return robot and ground, without looks and the sensors that nobody reads: they cost time.
+@lru_cache(maxsize=64)
+def _compiled(robot: Robot, shape: WheelShape) -> mujoco.MjModel:
+    """Return robot and ground without calibration, looks and sensors that nobody reads.
 
-    Tyres and ground are contact pairs, so MuJoCo need not look for other contacts.
+    Those cost time. Tyres and ground are contact pairs, so MuJoCo need not look for others.
     """
     spec = on_ground(robot, shape)
     looks = [geom for geom in spec.geoms if not geom.name.endswith(("_tire", "ground"))]
@@ -58,7 +60,7 @@ def _compose(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
         force.objtype = force.reftype = mujoco.mjtObj.mjOBJ_GEOM
         force.objname = "ground"
         force.refname = f"{wheel}_tire"
-    return spec
+    return spec.compile()
 
 
 def on_ground(robot: Robot, shape: WheelShape) -> mujoco.MjSpec:
@@ -93,10 +95,6 @@ def pair_with_ground(spec: mujoco.MjSpec) -> None:
         spec.add_pair(geomname1="ground", geomname2=tire.name, condim=3)
 
 
-_models: dict[tuple[Robot, WheelShape], mujoco.MjModel] = {}
-"""Compiled models without calibration."""
-_MOST_MODELS = 64
-"""Number of compiled models that are kept; one more, and all others are forgotten."""
 FREE_DRIVE = Drive(torque_limit=math.inf)
 """Motors of the thesis without a limit: those of a model that is driven without a `Drive`."""
 
@@ -113,12 +111,8 @@ def robot_model(
     Raises:
         ValueError: a calibration whose inertia no body can have.
     """
-    key = calibration.robot, calibration.wheel_shape
-    if key not in _models:
-        if len(_models) >= _MOST_MODELS:
-            _models.clear()
-        _models[key] = _compose(*key).compile()
-    model = mujoco.MjModel.__copy__(_models[key])
+    compiled = _compiled(calibration.robot, calibration.wheel_shape)
+    model = mujoco.MjModel.__copy__(compiled)
     model.opt.gravity = terrain.gravity(GRAVITY)
     adjust(model, calibration, drive, settings)
     return model

@@ -42,6 +42,7 @@ class Run:
         self.problem = problem
         self.robust = problem.robust
         self.cheap = problem.cheap
+        self.pulls = problem.pulls
         self.seed = seed
         self.start = np.random.default_rng(7).random((seed + 1, len(problem.space)))[seed]
         self.motions = 0

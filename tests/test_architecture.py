@@ -404,10 +404,11 @@ PRICES = {
         "second opinions by ODE and Drake, also on the contacts of a description by others",
     ),
     "validation/identify": Price(
-        21_600,
-        16,
-        65,
-        "what finds a plant's parameters and a controller's gains, with their uncertainty; "
+        25_500,
+        17,
+        76,
+        "what finds a plant's parameters and a controller's gains, with their uncertainty, also of "
+        "several logs: one body, a localiser for each, and how much days differ; "
         "the better judge of turns; "
         "friction: torques from a simulation or a log's currents (what study drivetrain knew of "
         "these)",
@@ -433,7 +434,7 @@ PRICES = {
         "its faults are named, a slipping side among them; it is written",
     ),
     "validation/plants": Price(
-        6_600,
+        7_500,
         5,
         35,
         "every plant declared once, and profiles",

@@ -117,7 +117,7 @@ def test_horizon_cost_is_a_mean_over_windows_that_span_no_gap(lab: Profile) -> N
         assert np.all(piece.t[ends] - piece.t[starts] >= 2.0 - 1e-9)
         assert np.all(piece.t[ends] - piece.t[starts] < 2.2)
         assert len(starts) > 0
-    raters = make_raters(FitCost("horizon", yaw_weight=0.0, horizons=(2.0,)), target.pieces)
+    raters = make_raters(FitCost("horizon", yaw_weight=0.0, horizons=(2.0,)), [target])
     shift = 0.1  # every window of a robot that stands still is off by what the recorded one moved
     still = [np.repeat(truth.pose[:1], len(truth), axis=0)[None] for truth in target.truth]
     moved = []

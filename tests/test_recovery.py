@@ -99,7 +99,8 @@ def raters(
 ) -> list[TorqueRater | None]:
     """The raters of torques of some pieces."""
     cost = FitCost(objective, torque_weight=weight)
-    return [rater.torques for rater in make_raters(cost, pieces)]
+    source = Source("pieces", tuple(pieces), "mujoco", 0.01)
+    return [rater.torques for rater in make_raters(cost, [source])]
 
 
 def test_the_error_of_torques_is_what_it_says(target: Source) -> None:
@@ -142,7 +143,7 @@ def test_planar_torques_are_not_believed(target: Source) -> None:
     """A planar model's torques are numbers of its fit, so it is fitted by its path."""
     assert not plant_kind("improved").torques
     assert TORQUES in target.truth[0].channels
-    (rater,) = make_raters(FitCost("sync", torque_weight=0.01), target.pieces)
+    (rater,) = make_raters(FitCost("sync", torque_weight=0.01), [target])
     assert rater.torques is not None
     assert set(rater.torques.blocks) <= set(rater.pose_blocks)
 

@@ -140,6 +140,7 @@ class Plateau:
     """Errors that a second number changes only in its lower half, where the optimum lies."""
 
     robust = False
+    pulls = 0
     cheap = False
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
@@ -160,6 +161,7 @@ class Corner:
     """Errors with an optimum at (0.3, 0.4) and, beyond a ridge, a valley into a bound."""
 
     robust = False
+    pulls = 0
     cheap = False
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:
@@ -181,6 +183,7 @@ class Line:
 
     def __init__(self, outliers: int, robust: bool = False) -> None:
         self.robust = robust
+        self.pulls = 0
         self.cheap = False
         rng = np.random.default_rng(1)
         self.x = np.linspace(-1.0, 1.0, 60)

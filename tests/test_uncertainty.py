@@ -9,7 +9,7 @@ import pytest
 
 from ssmr.search.space import Parameter, ParameterSpace
 from ssmr.types import FloatArray
-from validation.identify.problem import FitProblem
+from validation.identify.problem import Day, FitProblem
 from validation.identify.refine import Remembered, descend
 from validation.identify.uncertainty import estimate
 
@@ -43,6 +43,9 @@ class Wave:
     def __init__(self, noise: FloatArray, robust: bool) -> None:
         self.robust = robust
         self.cheap = False
+        self.pulls = 0
+        self.spread = np.full(2, np.inf)
+        self.days: list[Day] = []
         self.seen = self.shape @ [0.4, 0.6] + noise
 
     def residuals(self, points: FloatArray, workers: int) -> FloatArray:

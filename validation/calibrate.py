@@ -1,4 +1,4 @@
-"""From a log to a calibrated robot: `python -m validation.calibrate LOG --robot R`.
+"""From logs to a calibrated robot: `python -m validation.calibrate LOG... --robot R`.
 
 Fits are judged on data that they have not seen.
 """
@@ -11,7 +11,7 @@ if __name__ == "__main__":
     end_quietly()
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import chain, product
@@ -23,18 +23,18 @@ import tyro
 
 from ssmr.types import CommandKind
 from validation import cli, output
-from validation.experiment.scores import HEADLINE_HORIZON, Scores
+from validation.experiment.scores import HEADLINE_HORIZON
 from validation.experiment.sources import open_source, unknown_robot_notes
 from validation.files.abilities import FATAL, lacks
 from validation.files.faults import Faults, find_faults
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
 from validation.fit import Fit, Fitted, run_fit
-from validation.identify.targets import Input
+from validation.identify.targets import Input, Span, split_ground
 from validation.output import Progress, file_name, one_line
 from validation.plants.kind import SEEN
 from validation.plants.profile import Profile, choose_profile
-from validation.plants.searchable import find
+from validation.plants.searchable import OF_A_LOG, find
 from validation.plants.table import PLANTS, SIMULATED
 from validation.report import drawing
 from validation.report.motions import interval_table
@@ -76,24 +76,45 @@ BODY = (*SEEN, "wheel_radius", "radius_difference")
 class Calibrate(cli.Common, cli.LogReading):
     """Options of `calibrate`."""
 
-    log: tyro.conf.Positional[str | Path]
-    """Log of the robot with poses, and with wheel rates, commands or both."""
+    logs: tyro.conf.Positional[Sequence[str | Path]]
+    """Logs of the robot with poses, and with wheel rates, commands or both. Several are one body,
+    each with a localiser of its own; LOG@GROUND shares friction and rolling resistance among the
+    logs of a ground."""
     robot: cli.AnyRobot = None
     """Name of a shipped robot, or path of a robot's file (.toml); the profile's if not given."""
     profile: cli.AnyProfile = None
-    """Name of a shipped profile, or path of a profile (.toml); if not given, the robot's own
-    numbers, or husky-tile for a Husky."""
+    """Name of a shipped profile, or path of a profile (.toml), from whose numbers fits change what
+    the logs tell; if not given, the robot's own numbers, or husky-tile for a Husky."""
     plants: tuple[str, ...] = (FIRST_FITTED, "mujoco")
     """Plants to calibrate, separated by commas; kinematic is always among them."""
     held_out: str | Path | None = None
-    """Log to judge on; then the first one is fitted as a whole. The last third of the log if not
-    given."""
+    """Log to judge on, with the mean localiser of the others, which are fitted as a whole. The last
+    third of each log if not given."""
     trust: bool = False
     """Fit even where columns seem to have a wrong sign, place, unit or frame."""
 
+    def __post_init__(self) -> None:
+        """Take a single log for a list of one, and check the options."""
+        if isinstance(self.logs, str | Path):
+            object.__setattr__(self, "logs", (self.logs,))
+        super().__post_init__()
+        if not self.logs:
+            raise ValueError("no log is named")
+
     def folder(self) -> Path:
         """Return the folder that the files are written to."""
-        return Path("runs") / "calibrate" / file_name(Path(self.log).stem)
+        return Path("runs") / "calibrate" / self.label
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The logs as the user named them."""
+        return tuple(map(str, self.logs))
+
+    @property
+    def label(self) -> str:
+        """Name of the logs in names of files."""
+        label = file_name(Path(self.names[0]).stem)
+        return label if len(self.names) == 1 else f"{label}-and-{len(self.names) - 1}"
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
@@ -105,13 +126,6 @@ def _label(f: Fitted) -> str:
     return f"{f.model} by {f.options['input']}"
 
 
-def _scores(f: Fitted) -> dict[str, Scores]:
-    """Return the scores on unseen data, before and after a fit."""
-    (before,) = f.unfitted.values()
-    (after,) = f.held_out.values()
-    return {"before": before, "after": after}
-
-
 def _as_dict(f: Fitted) -> dict[str, Any]:
     """Return a fit as calibrate.json holds it."""
     numbers = {
@@ -119,7 +133,7 @@ def _as_dict(f: Fitted) -> dict[str, Any]:
         for p in f.parameters
     }
     document: dict[str, Any] = {"input": f.options["input"], "parameters": numbers}
-    for when, scored in _scores(f).items():
+    for when, scored in f.judged.items():
         document[when] = {f"{h:g}": asdict(e) for h, e in scored.overlapping.items()}
     document["better"] = f.better
     return document
@@ -128,7 +142,7 @@ def _as_dict(f: Fitted) -> dict[str, Any]:
 def _verdict(f: Fitted) -> str:
     """Return a sentence on the errors before and after a fit, and on the numbers that are kept."""
     errors = []
-    for scored in _scores(f).values():
+    for scored in f.judged.values():
         assert scored.headline is not None  # fits without windows to judge on were refused
         horizon = scored.headline
         e = scored.overlapping[horizon]
@@ -144,7 +158,7 @@ def _verdict(f: Fitted) -> str:
 
 def _objections(f: Fitted, way: float) -> list[str]:
     """Return why the numbers of a fit are not to be used; `way` is that of the robot in 6 s [m]."""
-    before, after = _scores(f).values()
+    before, after = f.judged.values()
     assert after.headline is not None
     was = before.overlapping[after.headline]
     now = after.overlapping[after.headline]
@@ -182,13 +196,16 @@ def _wider(f: Fitted) -> dict[str, tuple[float, float]]:
     return bounds
 
 
-def _usual_way(log: Log) -> float:
+def _usual_way(logs: Sequence[Log]) -> float:
     """Return the median way of a robot that moves in the time of the headline's horizon [m]."""
-    x, y, _ = log.table(POSE_COLUMNS).T
-    grid = np.arange(log.t[0], log.t[-1], 1.0)
-    steps = np.hypot(*(np.diff(np.interp(grid, log.t, values)) for values in (x, y)))
-    sums = np.convolve(steps, np.ones(round(HEADLINE_HORIZON)), mode="valid")
-    moves = sums[sums > 0.1]
+    ways = [np.zeros(0)]
+    for log in logs:
+        x, y, _ = log.table(POSE_COLUMNS).T
+        grid = np.arange(log.t[0], log.t[-1], 1.0)
+        steps = np.hypot(*(np.diff(np.interp(grid, log.t, values)) for values in (x, y)))
+        sums = np.convolve(steps, np.ones(round(HEADLINE_HORIZON)), mode="valid")
+        ways.append(sums[sums > 0.1])
+    moves = np.concatenate(ways)
     return float(np.median(moves)) if len(moves) else 0.0
 
 
@@ -198,22 +215,23 @@ class Calibrated(Report):
 
     program = "calibrate"
     endings = ("png", "md")
-    log: Path
-    """The log."""
+    asked: Calibrate
+    """The options."""
     seed: int
     """Seed of the fits."""
     faults: Sequence[LogFault]
-    """Faults of the log."""
+    """Faults of the logs."""
     fits: Sequence[Fitted]
     """The fits, in their order."""
     remarks: Sequence[str]
-    """Sentences on what the log is taken for, and what was not fitted."""
+    """Sentences on what is wrong with the logs, what they are taken for, and what was not
+    fitted."""
 
     @property
     def profile(self) -> Profile:
         """The profile with all numbers that are better than those of before."""
         profile = self.fits[-1].profile
-        return replace(profile, name=file_name(f"{profile.robot.name}-{self.log.stem}"))
+        return replace(profile, name=file_name(f"{profile.robot.name}-{self.asked.label}"))
 
     def files(self) -> dict[str, Callable[[Path], object]]:
         """Return functions that write the two parameter files, the page and the picture."""
@@ -244,16 +262,15 @@ class Calibrated(Report):
         for f in self.fits:
             label = _label(f)
             values.append(replace(f.values("parameter", "before"), title=f"{label}, fitted"))
-            for when, scored in _scores(f).items():
+            for when, scored in f.judged.items():
                 errors += [(h, f"{label}, {when}", e) for h, e in scored.overlapping.items()]
         table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
         title = "Error of the relative pose on data that no fit has seen, and how sure that is"
         return [replace(table, title=title), *values]
 
     def notes(self) -> list[str]:
-        """Return the faults of the log, a verdict on each fit, and the fits' notes."""
-        notes = [f"The log: {fault.sentence}." for fault in self.faults]
-        notes += [*map(_verdict, self.fits), *self.remarks]
+        """Return a verdict on each fit, the remarks, and the fits' notes."""
+        notes = [*map(_verdict, self.fits), *self.remarks]
         for f in self.fits:
             # the first note of a fit that is no better says so, and the verdict does too
             notes += [f"{_label(f)}: {note}" for note in f.notes()[not f.better :]]
@@ -269,7 +286,7 @@ class Calibrated(Report):
                 plants[f.model]["commands"] = entry
         return {
             "schema": "ssmr.calibrate/1",
-            "log": str(self.log),
+            "log": ",".join(self.asked.names),
             "robot": self.profile.robot.name,
             "seed": self.seed,
             "faults": list(map(asdict, self.faults)),
@@ -282,7 +299,7 @@ class Calibrated(Report):
         for s in self.fits:
             marker = "s" if s.options["input"] == "wheels" else "o"
             inks = {"before": drawing.BESIDE_INK, "after": drawing.ink_of(s.model)}
-            for when, scored in _scores(s).items():
+            for when, scored in s.judged.items():
                 name = f"{_label(s)}, {when}"
                 marks.append(
                     drawing.HorizonMarks(
@@ -308,52 +325,71 @@ def calibrate(o: Calibrate) -> Calibrated:
     """
     if unknown := [name for name in o.plants if name not in PLANTS]:
         raise ValueError(f"unknown plant '{unknown[0]}'; there are: {', '.join(PLANTS)}")
-    name = str(o.log)
-    profile = choose_profile(o.profile, o.robot, profile_of_log(name))
+    profile = choose_profile(o.profile, o.robot, profile_of_log(o.names[0]))
     read = o.reading(profile.robot.wheel_radius)
-    log = read_log(log_path(o.log), read)
-    faults = find_faults(log, read.radius)
-    inputs, notes = _inputs(o, log, faults)
-    common = log.on_one_clock()
-    t = common.t
-    until = None
-    if o.held_out is None:
-        until = float(t[0] + TRAINED * (t[-1] - t[0]))
+    notes: list[str] = []
+    faults: list[LogFault] = []
+    inputs: list[Input] = ["wheels", "commands"]
+    spans: dict[str, Span] = {}
+    judged = []
+    for name in o.names:
+        log = read_log(log_path(split_ground(name)[0]), read)
+        found = find_faults(log, read.radius)
+        own, own_notes = _inputs(o, log, found)
+        inputs = [each for each in inputs if each in own]
+        faults += found.named
+        notes += [f"{log.name}: {fault.sentence}." for fault in found.named]
+        notes += [f"{log.name}: {note}" for note in own_notes]
+        common = log.on_one_clock()
+        spans[name] = (None, None)
+        if o.held_out is None:
+            length = float(common.t[-1] - common.t[0])
+            spans[name] = (None, float(common.t[0] + TRAINED * length))
+        judged.append(common)
+    if not inputs:
+        raise ValueError("no input, wheel rates or commands, is in all logs")
     if o.profile is None and o.robot is None:
         kind: CommandKind = "wheels" if inputs[0] == "wheels" else "twist"
-        source = open_source(name, kind, options=read)
+        source = open_source(split_ground(o.names[0])[0], kind, options=read)
         unknown = unknown_robot_notes(source, profile.robot)
         for warning in unknown[1:]:
             cli.warn(warning)
         notes += unknown
-    judged = common if o.held_out is None else read_log(log_path(o.held_out), read).on_one_clock()
-    fits = _fits(o, profile, inputs, until, _usual_way(judged))
+    if o.held_out is not None:
+        judged = [read_log(log_path(split_ground(str(o.held_out))[0]), read).on_one_clock()]
+    fits = _fits(o, profile, inputs, spans, _usual_way(judged))
     robot = profile.robot
+    with_logs = ", ".join(Path(name).name for name in o.names)
     return Calibrated(
-        title=one_line(f"{robot.title or robot.name}, calibrated with {Path(o.log).name}"),
+        title=one_line(f"{robot.title or robot.name}, calibrated with {with_logs}"),
         options={
             "plants": o.plants,
             "held_out": None if o.held_out is None else str(o.held_out),
             "trust": o.trust,
         },
         status=fits[-1].status,
-        log=Path(o.log),
+        asked=o,
         seed=o.seed,
-        faults=faults.named,
+        faults=faults,
         fits=fits,
         remarks=notes,
     )
 
 
 def _fits(
-    o: Calibrate, profile: Profile, inputs: Sequence[Input], until: float | None, way: float
+    o: Calibrate,
+    profile: Profile,
+    inputs: Sequence[Input],
+    spans: Mapping[str, Span],
+    way: float,
 ) -> list[Fitted]:
     """Return the fits, each begun with the profile of the one before.
 
     A fit that ends at a bound of a size is tried once more with wider ones. The last one may have
-    been interrupted. `way` is that of the robot in 6 s [m].
+    been interrupted. `spans` are the parts of the logs that are fitted to, and `way` is that of the
+    robot in 6 s [m].
     """
-    fits = []
+    fits: list[Fitted] = []
     track = profile.robot.track
     others = [plant for plant in o.plants if plant != FIRST_FITTED]
     plans = list(product([FIRST_FITTED, *others], inputs))
@@ -367,19 +403,20 @@ def _fits(
         if kind == "commands" and len(inputs) == 2:
             settings = {
                 "free": _DRIVER,
+                "fix": _of_logs(fits[-1]) if fits[-1].better else {},
                 "bounds": {"command_half_track": (0.2 * track, 1.5 * track)},
             }
         if plant in SIMULATED:
             # a simulated run is dear, and the kinematic fit knows where to begin
             begun = begin_at(plant, settings.get("free", BODY), profile)
+            begun |= {} if "free" in settings else _of_logs(fits[0])
             settings |= {"search": "lsq", "guess": begun}
         options = Fit(
             plant,
-            str(o.log),
+            o.names,
             profile,
             input=kind,
-            until=until,
-            held_out=(str(o.held_out or o.log),),
+            held_out=o.names if o.held_out is None else (str(o.held_out),),
             seed=o.seed,
             workers=o.workers,
             progress=show,
@@ -390,14 +427,14 @@ def _fits(
             **settings,
         )
         # the report names the log's faults once
-        done = run_fit(options, lambda warning: None)
+        done = run_fit(options, lambda warning: None, spans)
         if not any(scores.windows for scores in done.held_out.values()):
             raise ValueError(
-                f"{o.log}: nothing is left to judge on; name another log with --held-out"
+                f"{', '.join(o.names)}: nothing is left to judge on; name a log with --held-out"
             )
         if wider := _wider(done):
             options = replace(options, bounds={**options.bounds, **wider})
-            done = run_fit(options, lambda warning: None)
+            done = run_fit(options, lambda warning: None, spans)
         if objections := _objections(done, way):
             done = replace(done, objections=[f"{'; '.join(objections)}."])
         fits.append(done)
@@ -405,6 +442,16 @@ def _fits(
         if done.status != FINISHED:
             break
     return fits
+
+
+def _of_logs(f: Fitted) -> dict[str, float]:
+    """Return the numbers of single logs that a fit has found."""
+    numbers = {}
+    for p in f.parameters:
+        number, at, _ = p.name.partition("@")
+        if at and number in OF_A_LOG:
+            numbers[p.name] = p.value
+    return numbers
 
 
 def _inputs(o: Calibrate, log: Log, faults: Faults) -> tuple[list[Input], list[str]]:

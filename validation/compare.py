@@ -126,9 +126,9 @@ def compare(o: Compare) -> Comparison:
     plants = _made(o, profile, source, own)
     metric = None if o.own_metric is None else load_user_metric(o.own_metric)
     unknown = _unknown_robot(o, source, profile)
-    too_fast = _too_fast(profile, source)
+    doubts = [*_too_fast(profile, source), *profile.unfitted(plants)]
     foreign = driver_warnings(plants, profile.robot)
-    for warning in (*source.warnings, *unknown[1:], *too_fast, *foreign):
+    for warning in (*source.warnings, *unknown[1:], *doubts, *foreign):
         cli.warn(warning)
     localisers = {name: profile.section(name).localiser for name in plants}
     push_seed = o.seed if o.disturbance else None
@@ -162,7 +162,7 @@ def compare(o: Compare) -> Comparison:
         seed=o.seed,
         terrain=o.terrain,
         gyro=gyro,
-        remarks=[*too_fast, *unknown, *_unjudged(o, scores, profile)],
+        remarks=[*doubts, *unknown, *_unjudged(o, scores, profile)],
     )
 
 

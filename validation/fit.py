@@ -9,38 +9,43 @@ if __name__ == "__main__":
 
 import datetime
 import math
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import numpy as np
 import tyro
 
-from ssmr.errors import ParameterError, SsmrError
+from ssmr.errors import SsmrError
 from ssmr.metrics.bands import Band
 from ssmr.models.law import PlanarLaw
 from ssmr.parameters import require_within
 from ssmr.search.space import ParameterSpace
-from ssmr.types import FloatArray, Plant, Trajectory
+from ssmr.types import FloatArray, Trajectory
 from validation import cli
-from validation.experiment.runs import drive_source
 from validation.experiment.scores import (
     HEADLINE_HORIZON,
     Scores,
-    band_of,
     pace_of,
     standing_sentences,
 )
-from validation.experiment.sources import RECORDING, Piece, Source, unknown_robot_notes
+from validation.experiment.sources import Piece, Source, unknown_robot_notes
 from validation.experiment.user_law import add_user_model
 from validation.files.formats import profile_of_log
 from validation.identify.currents import with_torques
+from validation.identify.judging import (
+    held_out_scores,
+    left_out_band,
+    motions_of,
+    plant_on,
+    require_possible,
+)
 from validation.identify.motor_logs import chassis_of, loss_of
 from validation.identify.objective import FitCost, Objective, true_motion
-from validation.identify.problem import FitProblem
+from validation.identify.problem import IGNORANCE, FitProblem
 from validation.identify.refine import STARTS
 from validation.identify.report import (
     SearchReport,
@@ -54,23 +59,23 @@ from validation.identify.targets import (
     HORIZONS,
     MOST_TIME,
     Input,
+    Span,
     is_scenario,
     open_sources,
     score_pieces,
+    tags_of,
     worse_sentences,
 )
-from validation.identify.uncertainty import Uncertainty, estimate, sentences
+from validation.identify.uncertainty import FEWEST_DAYS, Uncertainty, estimate, sentences
 from validation.output import Progress, file_name, one_line, shortened
 from validation.plants.kind import Occasion, PlantProfile
 from validation.plants.profile import Profile, choose_profile
-from validation.plants.searchable import find, make_space, with_values
+from validation.plants.searchable import find, make_space, split_by_log, with_values
 from validation.plants.table import SIMULATED, plant_kind
 from validation.report import drawing
 from validation.report.motions import interval_table
 from validation.report.table import Table
 from validation.simulator.description import with_robot
-from validation.simulator.physics import SHIPPED
-from validation.simulator.terrain import FLAT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,6 +100,8 @@ _JAGGED = (50, 100)
 """Default population and generations of a hybrid search of planar models for the path objective:
 distances between samples make it jagged, so least squares go to the right place but not to the
 least cost there."""
+_FITTED = "; fitted: "
+"""What stands between a profile's description and the plants that were fitted."""
 _WINDOWS = {"n": "windows", "n_standing": "standing"}
 # metrics in the table of scores
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")
@@ -108,8 +115,9 @@ class Fit(Searching, cli.LogReading):
     """Plant to fit: improved, coulomb, linear, kinematic, four_wheel, mujoco, or the one that
     --model adds."""
     to: str | Path | Sequence[str | Path]
-    """Sources of the data, separated by commas: paths of recordings, or traj4@mujoco for how that
-    plant drives traj4."""
+    """Sources of the data, separated by commas: traj4@mujoco for how that plant drives traj4, or
+    paths of recordings. Several are one body, each with a localiser of its own; LOG@GROUND shares
+    friction and rolling resistance among the logs of a ground."""
     profile: cli.AnyProfile = None
     """Name of a shipped profile, or path of a profile (.toml); if not given, thesis-lab for
     scenarios, a shipped log's own, else husky-tile, and for another --robot the numbers of its
@@ -184,16 +192,6 @@ class Fit(Searching, cli.LogReading):
         return [part.strip() for part in parts if part.strip()]
 
 
-def _built(model: str, plant: PlantProfile) -> Plant:
-    """Return a plant on level ground; a ParameterError says that it cannot have such numbers."""
-    return plant_kind(model).build(plant, FLAT, SHIPPED)
-
-
-def _motions(problem: FitProblem, plant: PlantProfile, source: Source) -> tuple[Trajectory, ...]:
-    """Drive a plant along one source; an SsmrError says that it diverged."""
-    return drive_source(_built(problem.model, plant), source, plant.localiser)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fitted(SearchReport):
     """A plant's fitted parameters, their uncertainty, and how well they predict motion."""
@@ -217,6 +215,8 @@ class Fitted(SearchReport):
     """Scores on each source that the fit has not seen."""
     unfitted: Mapping[str, Scores]
     """Scores of the plant before the fit on the same sources."""
+    judged: Mapping[str, Scores]
+    """Scores `before` and `after` the fit on all of them together; empty where there is none."""
     objections: Sequence[str] = ()
     """Sentences on why its numbers are not to be used, by whoever asked for the fit."""
 
@@ -265,7 +265,8 @@ class Fitted(SearchReport):
         """
         if self.worse and not self.asked.even_if_worse:
             return self.base
-        kept = (
+        document = self.document()
+        taken = (
             "source",
             "search",
             "seed",
@@ -274,21 +275,33 @@ class Fitted(SearchReport):
             "generations",
             "standard_errors_by",
         )
-        errors = {p.name: p.standard_error for p in self.parameters if p.standard_error is not None}
-        provenance = {
-            **{name: value for name, value in self.document().items() if name in kept},
+        parameters = self.parameters
+        errors = {p.name: p.standard_error for p in parameters if p.standard_error is not None}
+        earlier = self.base.provenance.get(self.model)
+        fits: dict[str, Any] = {}
+        if isinstance(earlier, Mapping):
+            fits = {kind: earlier[kind] for kind in get_args(Occasion) if kind in earlier}
+        occasion = occasion_of(self.asked)
+        fits[occasion] = {
+            **{name: document[name] for name in taken},
             "status": self.status,
             "options": {name: value for name, value in self.options.items() if value is not None},
             "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
             "versions": dict(self.versions),
             "standard_errors": errors,
+            "of_logs": {p.name: p.value for p in parameters if "@" in p.name},
         }
+        logs = ", ".join(Path(name).name for name in self.asked.names)
+        fitted = f"{self.model} by {occasion} to {shortened(logs, 200)}"
+        before, _, others = self.base.description.partition(_FITTED)
+        kept = [part for part in others.split("; ") if not part.startswith(fitted.split(" to ")[0])]
         truth = [true_motion(piece) for source in self.problem.sources for piece in source.pieces]
         return replace(
             self.base,
             name=self.asked.name or f"{self.base.name}-fitted",
+            description=before + _FITTED + "; ".join([*filter(None, kept), fitted]),
             plants={**self.base.plants, self.model: self.plant},
-            provenance={**self.base.provenance, self.model: provenance},
+            provenance={**self.base.provenance, self.model: fits},
             fitted_at=pace_of(truth, self.base.robot.wheel_radius),
         )
 
@@ -397,24 +410,55 @@ def fit(o: Fit) -> Fitted:
     return run_fit(o, cli.warn)
 
 
-def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
-    """Return the report of `fit`; `warn` is called with what is wrong with its sources or it."""
+def occasion_of(o: Fit) -> Occasion:
+    """Return the occasion of a fit, by its sources and their input."""
+    return "scenario" if all(map(is_scenario, o.names)) else o.input
+
+
+def _searched(o: Fit, names: Sequence[str], tags: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Return the names of the numbers that are searched, those of a log for each of several.
+
+    Raises:
+        ValueError: an option names a log or a ground that is none.
+    """
+    logs = [tags[name][0] for name in o.names if not is_scenario(name)]
+    grounds = dict.fromkeys(chain(*(tags[name][1:] for name in o.names)))
+    known = {*logs, *grounds}
+    for name in (*names, *o.fix, *o.bounds, *(o.guess if isinstance(o.guess, Mapping) else ())):
+        _, at, tag = name.partition("@")
+        if at and tag not in known:
+            raise ValueError(f"{name} names no log and no ground; there are: {', '.join(known)}")
+    free = [name for name in names if name not in o.fix]
+    split = split_by_log(free, logs if len(logs) > 1 else (), grounds if len(grounds) > 1 else ())
+    return [name for name in split if name not in o.fix]
+
+
+def run_fit(
+    o: Fit, warn: Callable[[str], object], spans: Mapping[str, Span] | None = None
+) -> Fitted:
+    """Return the report of `fit`; `warn` is called with what is wrong with its sources or it.
+
+    `spans` are the parts of the recordings by name that are fitted to, where they are not those of
+    the options.
+    """
     add_user_model(o.own_model)
-    occasion: Occasion = "scenario" if all(map(is_scenario, o.names)) else o.input
+    occasion = occasion_of(o)
     kind = plant_kind(o.model)
     is_default = o.profile is None and o.robot is None
     standard = "thesis-lab" if occasion == "scenario" else profile_of_log(o.names[0])
     base = choose_profile(o.profile, o.robot, standard)
-    begun = with_values(o.model, base.section(o.model), list(o.fix), o.fix.values())
-    names = kind.free[occasion] if o.free is None else o.free
-    searched = [name for name in names if name not in o.fix]
+    held = {name: value for name, value in o.fix.items() if "@" in name}
+    fixed = {name: value for name, value in o.fix.items() if name not in held}
+    begun = with_values(o.model, base.section(o.model), list(fixed), fixed.values())
+    tags = tags_of(o.names, o.held_out)
+    searched = _searched(o, kind.free[occasion] if o.free is None else o.free, tags)
     space = make_space(o.model, searched, o.bounds, begun.robot)
     before = np.array([find(o.model, name, begun.robot).read(begun) for name in space.names])
     start = _first_points(o, space, before, occasion)
     radius = None if is_default else base.robot.wheel_radius
     read = o.reading(radius)
     sources, held_out = open_sources(
-        o.names, base, o.held_out, o.input, span=(o.since, o.until), options=read
+        o.names, base, o.held_out, o.input, span=spans or (o.since, o.until), options=read
     )
     for source in (*sources, *held_out):
         for warning in source.warnings:
@@ -435,8 +479,8 @@ def run_fit(o: Fit, warn: Callable[[str], object]) -> Fitted:
         chassis = chassis_of(base)
         sources = [with_torques(source, chassis, constant, loss) for source in sources]
         held_out = [with_torques(source, chassis, constant, loss) for source in held_out]
-    problem = FitProblem(o.model, begun, space, sources, cost)
-    _require_possible(problem, o.bounds)
+    problem = FitProblem(o.model, begun, space, sources, cost, tags=tags, held=held)
+    require_possible(problem, o.bounds)
     simulated = o.model in SIMULATED
     # sampled paths make the cost jagged, so differential evolution has to go farther
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
@@ -458,34 +502,15 @@ def _first_points(
     if o.guess is None and o.search != "lsq" and occasion == "scenario":
         return None
     named = o.guess if isinstance(o.guess, Mapping) else {}
+    numbers = [name.partition("@")[0] for name in space.names]
     for name in named:
-        if name not in space.names:
+        if name not in (*space.names, *numbers):
             raise ValueError(f"guess names {name}, which is not free")
     within = np.clip(before, space.lower, space.upper)
-    begun = dict(zip(space.names, within, strict=True))
-    values = np.array(list({**begun, **named}.values()))
-    return space.points(values[None])
-
-
-def _require_possible(problem: FitProblem, given: Container[str]) -> None:
-    """Refuse numbers that no candidate can have.
-
-    Those are the profile's, and given bounds of mass and inertia that no body has. Where default
-    bounds reach farther than a robot's other numbers allow, candidates beyond are rated as
-    impossible.
-    """
-    ends: list[dict[str, float]] = [{}]
-    for p in problem.space.parameters:
-        is_inertia = p.name in ("yaw_inertia", "mass") and problem.model in SIMULATED
-        if is_inertia and p.name in given:
-            ends += [{p.name: p.lower}, {p.name: p.upper}]
-    for end in ends:
-        try:
-            plant = with_values(problem.model, problem.base, list(end), end.values())
-            _built(problem.model, plant)
-        except ParameterError as error:
-            lead = "".join(f"bounds of {name}: " for name in end)
-            raise ValueError(f"{lead}{error}") from error
+    values = []
+    for name, number, value in zip(space.names, numbers, within, strict=True):
+        values.append(named.get(name, named.get(number, value)))
+    return space.points(np.array([values]))
 
 
 def _report(
@@ -498,9 +523,8 @@ def _report(
 ) -> Fitted:
     """Return the report: the numbers with their uncertainty, and scores on all sources."""
     point = search.best
-    fitted = problem.candidate(point)
-    assert fitted is not None
     sure = None
+    bands: dict[str, Band] = {}
     notes = _source_notes(o, problem, base, held_out)
     notes += bound_sentences(problem.space, point)
     if not search.interrupted:
@@ -508,11 +532,22 @@ def _report(
             sure = estimate(problem, point, o.raters, search.driven)
             notes += sentences(problem, sure)
             notes.append(f"Standard errors come from: {sure.method}.")
-            if band := _band(problem, sure, fitted):
-                fitted = replace(fitted, bands={**fitted.bands, o.input: band})
+            # the mean localiser of several logs is that of those which tell it best
+            sound = np.isfinite(sure.share) & (sure.share > 0.0)
+            problem.weights = np.where(sound, sure.share, IGNORANCE) ** -2.0
+            if band := left_out_band(problem, sure, point):
+                bands[o.input] = band
         except (SsmrError, np.linalg.LinAlgError) as error:
             notes.append(f"How sure numbers and predictions are could not be estimated: {error}.")
-    unfitted, judged, undriven = _held_out(problem, fitted, held_out)
+    fitted = problem.candidate(point)
+    assert fitted is not None
+    known = {} if sure is None else sure.spread
+    # a day or two more do not tell how much days differ
+    spread = {**known, **fitted.spread}
+    if len(problem.days) >= FEWEST_DAYS:
+        spread = {**fitted.spread, **known}
+    fitted = replace(fitted, bands={**fitted.bands, **bands}, spread=spread)
+    unfitted, judged, together, undriven = held_out_scores(problem, point, held_out)
     notes += undriven
     options = o.chosen(search.jde.settings)
     options["objective"] = problem.cost.objective
@@ -521,7 +556,7 @@ def _report(
     motions = list[Trajectory]()
     train = {}
     for source in problem.sources:
-        driven = _motions(problem, fitted, source)
+        driven = motions_of(problem, plant_on(problem, point, source), source)
         train[source.name] = score_pieces(source.pieces, driven)
         pieces += source.pieces
         motions += driven
@@ -543,30 +578,8 @@ def _report(
         together=score_pieces(pieces, motions),
         held_out=judged,
         unfitted=unfitted,
+        judged=together,
     )
-
-
-def _held_out(
-    problem: FitProblem, fitted: PlantProfile, sources: Sequence[Source]
-) -> tuple[dict[str, Scores], dict[str, Scores], list[str]]:
-    """Return the scores on held-out sources before and after the fit, by source, and notes.
-
-    Data may hold a motion that the fitted plant cannot make; the rest is still judged.
-    """
-    before = {}
-    after = {}
-    notes = []
-    for source in sources:
-        try:
-            motions = _motions(problem, fitted, source)
-            earlier = _motions(problem, problem.base, source)
-        except SsmrError as error:
-            lead = f"The plant cannot be driven along {source.name}, which was held out"
-            notes.append(f"{lead}: {error}.")
-            continue
-        after[source.name] = score_pieces(source.pieces, motions)
-        before[source.name] = score_pieces(source.pieces, earlier)
-    return before, after, notes
 
 
 def _source_notes(
@@ -581,19 +594,6 @@ def _source_notes(
         notes += [*source.remarks, *source.warnings]
         notes += standing_sentences(source, HEADLINE_HORIZON)
     return notes
-
-
-def _band(problem: FitProblem, sure: Uncertainty, fitted: PlantProfile) -> Band | None:
-    """Spread of predictions along the recordings when parts of the data are left out."""
-    parts = []
-    for point in sure.without:
-        plant = problem.candidate(point) or fitted
-        driven = list[tuple[Piece, Trajectory]]()
-        for source in problem.sources:
-            if source.reference == RECORDING:
-                driven += source.driven(_motions(problem, plant, source))
-        parts.append(driven)
-    return band_of(parts)
 
 
 if __name__ == "__main__":

@@ -187,7 +187,7 @@ def track(o: TrackOptions) -> Tracked:
         sentences.insert(0, origin_sentence(gains, profile.name))
     course = waypoints.course()
     sentences += profile.too_fast(Pace.of(course["v"], course["w"]), label)
-    sentences += driver_warnings(plants, profile.robot)
+    sentences += [*profile.unfitted(plants), *driver_warnings(plants, profile.robot)]
     remarks = [sentence for sentence in sentences if sentence is not None]
     for remark in remarks:
         cli.warn(remark)

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, chain
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from ssmr.metrics.paths import one_sided_kernel, path_length
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.parameters import require_within
 from ssmr.types import FloatArray, Trajectory
-from validation.experiment.sources import Piece
+from validation.experiment.sources import Piece, Source
 from validation.plants.kind import side_torques
 from validation.simulator.description import GRAVITY, Robot
 
@@ -297,8 +297,8 @@ class HorizonRater(Rater):
     def __init__(self, piece: Piece, cost: FitCost, counts: Sequence[int], block: int) -> None:
         """Cut the windows.
 
-        `counts` are the numbers of windows of all pieces by horizon, and `block` is the piece's
-        first block of time.
+        `counts` are the numbers of windows by horizon that weigh 1 together, and `block` is the
+        piece's first block of time.
         """
         truth = true_motion(piece)
         windows = [piece.windows(overlapping_windows, truth.t, h) for h in cost.horizons]
@@ -382,24 +382,28 @@ def true_motion(piece: Piece) -> Trajectory:
     return piece.reference
 
 
-def make_raters(cost: FitCost, pieces: Sequence[Piece]) -> list[Rater]:
-    """Return a rater for every piece, in their order.
+def make_raters(cost: FitCost, sources: Sequence[Source]) -> list[Rater]:
+    """Return a rater for every piece of the sources, in their order.
 
-    Poses weigh by a piece's share of all time, or for the horizon objective every window of a
-    horizon weighs the same; torques by its share of the time in which they are known.
+    Poses weigh by a piece's share of all time; for the horizon objective every source weighs the
+    same, as a day does however long, and so does every window of a horizon within a source. Torques
+    weigh by a piece's share of the time in which they are known.
 
     Raises:
         ValueError: no window of the horizon objective fits into them.
     """
+    pieces = list(chain.from_iterable(source.pieces for source in sources))
     seconds = [float(np.ptp(true_motion(piece).t)) for piece in pieces]
     length = _BLOCK_S if cost.objective == "horizon" else _SCENARIO_BLOCK_S
     # one more for a last block that is not full, and one for the error of a path's length
     blocks = list(accumulate((2 + int(s / length) for s in seconds), initial=0))[:-1]
     raters: list[Rater] = []
     if cost.objective == "horizon":
-        counts = _window_counts(cost, pieces)
-        for piece, block in zip(pieces, blocks, strict=True):
-            raters.append(HorizonRater(piece, cost, counts, block))
+        first = iter(blocks)
+        for counts, source in zip(_window_counts(cost, sources), sources, strict=True):
+            shares = [len(sources) * count for count in counts]
+            for piece in source.pieces:
+                raters.append(HorizonRater(piece, cost, shares, next(first)))
     else:
         make = PathRater if cost.objective == "path" else SyncRater
         for piece, s, block in zip(pieces, seconds, blocks, strict=True):
@@ -414,19 +418,26 @@ def make_raters(cost: FitCost, pieces: Sequence[Piece]) -> list[Rater]:
     return raters
 
 
-def _window_counts(cost: FitCost, pieces: Sequence[Piece]) -> list[int]:
-    """Return the number of windows of each horizon; a ValueError says that one has none."""
+def _window_counts(cost: FitCost, sources: Sequence[Source]) -> list[list[int]]:
+    """Return each source's number of windows of each horizon; a ValueError says one has none."""
     counts = []
-    for horizon in cost.horizons:
-        cuts = [p.windows(overlapping_windows, true_motion(p).t, horizon)[0] for p in pieces]
-        counts.append(sum(map(len, cuts)))
-    if all(counts):
+    for source in sources:
+        own = []
+        for horizon in cost.horizons:
+            cuts = [
+                p.windows(overlapping_windows, true_motion(p).t, horizon) for p in source.pieces
+            ]
+            own.append(sum(len(starts) for starts, _ in cuts))
+        counts.append(own)
+    total = [sum(column) for column in zip(*counts, strict=True)]
+    if all(total):
         return counts
+    pieces = list(chain.from_iterable(source.pieces for source in sources))
     if not any(piece.moves is None or piece.moves.any() for piece in pieces):
         raise ValueError(
             "the robot stands all the time, so nothing tells how it moves; record a drive"
         )
-    horizon = cost.horizons[counts.index(min(counts))]
+    horizon = cost.horizons[total.index(min(total))]
     longest = max(float(np.ptp(true_motion(piece).t)) for piece in pieces)
     raise ValueError(
         f"no window of {horizon:g} s in which the robot moves fits between gaps and "

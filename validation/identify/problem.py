@@ -4,19 +4,24 @@ A cost is a sum over the pieces of all targets, and no term is negative. So a ca
 over the first pieces exceeds its parent's whole cost can never be selected, and the rest of it need
 not be driven: the outcome is the same.
 
-A log may hardly excite some number, which then runs away with its noise. So the horizon objective
-has a weak prior: the profile's values, as far off as the bounds allow on average, count as one
-block of time with an ordinary error.
+Several logs of a robot share its body, and each has its own localiser, and where asked its own
+ground: a number NAME@TAG of the space is that of the logs with the tag alone.
+
+The profile's numbers are a prior for a log: to leave one by its spread from day to day counts as
+much as one block of time with errors of the usual size. So a log changes only what it tells. Far
+from its middle the prior is as robust as errors are.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,12 +32,13 @@ from validation.experiment.user_law import add_model_of, model_file
 from validation.identify.objective import (
     FitCost,
     Objective,
+    Rater,
     make_raters,
     true_motion,
     usual_torque_weight,
 )
 from validation.plants.kind import PlantProfile, Population
-from validation.plants.searchable import find, with_values
+from validation.plants.searchable import find, own_indices, with_values
 from validation.plants.table import plant_kind
 from validation.workers import rate_there
 
@@ -40,10 +46,24 @@ OnShare = Callable[[float], object] | None
 """Callback from any thread, with the share of a generation that is rated."""
 IGNORANCE = 12.0**-0.5
 """Standard deviation of a number of which only the bounds are known, in the unit cube [1]."""
-PRIOR_S = 6.0
-"""Time that a deviation of `IGNORANCE` from the profile's value counts as [s]."""
-PRIOR_M = 0.05
-"""Error of the relative pose that such a deviation counts as in that time [m]."""
+NORMAL = 1.4826
+"""Standard deviation of normal errors over their median size [1]."""
+FROM_FILE = 0.15
+"""The same of a robot's numbers around those of its file, where no profile tells more: eight public
+runs lie about as far off [1]."""
+Tags = Sequence[str]
+"""Names by which numbers are a log's own: its own name, and that of its ground."""
+
+
+class Day(NamedTuple):
+    """Sources whose motions one plant makes."""
+
+    tags: Tags
+    """Their tags."""
+    columns: tuple[int, ...]
+    """Columns of the space that their motions depend on."""
+    raters: list[tuple[Rater, float]]
+    """The rater of each of their pieces, and the period at which plants are sampled there [s]."""
 
 
 class FitProblem:
@@ -56,8 +76,14 @@ class FitProblem:
         space: ParameterSpace,
         sources: Sequence[Source],
         cost: FitCost,
+        *,
+        tags: Mapping[str, Tags] | None = None,
+        held: Mapping[str, float] | None = None,
     ) -> None:
         """Begin with the numbers of `base`; an objective of None is chosen for the sources.
+
+        `tags` are those of the sources by their names, and `held` are numbers of single logs, by
+        NAME@TAG, that stay as they are.
 
         Raises:
             ValueError: the sources are too short.
@@ -66,6 +92,8 @@ class FitProblem:
         self.base = base
         self.space = space
         self.sources = tuple(sources)
+        self.tags = tags or {}
+        self._held = held or {}
         kind = plant_kind(model)
         objective: Objective = "sync" if kind.torques else "path"  # paths do not say when
         if any(source.reference == RECORDING for source in sources):
@@ -75,27 +103,49 @@ class FitProblem:
         if not kind.torques:
             self.cost = replace(self.cost, torque_weight=0.0)
         elif cost.torque_weight is None:
-            told = "friction" in space.names
+            told = any(name.partition("@")[0] == "friction" for name in space.names)
             weight = usual_torque_weight(base.robot) if told else 0.0
             self.cost = replace(self.cost, torque_weight=weight)
         self._together = kind.together is not None  # one compiled loop drives all candidates
-        self._periods: list[float] = []
-        pieces = list(chain.from_iterable(source.pieces for source in sources))
-        for source in sources:
-            self._periods += [source.sample_dt] * len(source.pieces)
-        self._raters = make_raters(self.cost, pieces)
-        seconds = sum(piece.commands.duration for piece in pieces)
-        rows = sum(len(rater.pose_blocks) for rater in self._raters)
-        self._priors = 0
-        if self.robust:
-            # where a robot mostly stands, the median of all errors is one of the data
-            most = 2 * rows // (3 * len(space.names))
-            # copies as small as other errors
-            self._priors = max(1, min(round(seconds / PRIOR_S), most))
-        self._prior = PRIOR_M / max(self._priors, 1) * self.robust
-        values = np.array([find(model, name, base.robot).read(base) for name in space.names])
+        self.days = self._make_days(make_raters(self.cost, self.sources))
+        self._raters = list[Rater]()
+        for day in self.days:
+            self._raters += [rater for rater, _ in day.raters]
+        self._seconds = sum(rater.piece.commands.duration for rater in self._raters)
+        self.weights = np.ones(len(space))
+        self._set_prior()
+
+    def _make_days(self, raters: Sequence[Rater]) -> list[Day]:
+        """Return the sources' raters, those of one plant together."""
+        days: dict[tuple[tuple[int, ...], tuple[str, ...]], Day] = {}
+        rest = iter(raters)
+        for source in self.sources:
+            tags = self.tags.get(source.name, ())
+            columns = tuple(sorted(chain(*own_indices(self.space.names, tags).values())))
+            held = tuple(tags) if self._held else ()
+            day = days.setdefault((columns, held), Day(tags, columns, []))
+            for _ in source.pieces:
+                day.raters.append((next(rest), source.sample_dt))
+        return list(days.values())
+
+    def _set_prior(self) -> None:
+        """Set how strongly the profile's numbers pull."""
+        values = []
+        spreads = []
+        for name in self.space.names:
+            values.append(find(self.model, name, self.base.robot).read(self.base))
+            spreads.append(self.base.spread.get(name.partition("@")[0], np.nan))
         # a value of before may lie outside the bounds; its nearest point is the prior's centre
-        self._before = space.points(np.clip(values, space.lower, space.upper)[None])[0]
+        within = np.clip(values, self.space.lower, self.space.upper)
+        self._before = self.space.points(within[None])[0]
+        known = np.array(spreads) / self.space.slopes(self._before)
+        usual = np.where(np.isfinite(known), known, FROM_FILE)
+        self.spread = usual if self.robust else np.full(len(known), np.inf)
+        self._blocks = len(np.unique(self.blocks))
+        # copies as small as other errors, so that they are robust alike
+        copies = max(1, round(len(self.blocks) / self._blocks)) * self.robust
+        self.pulls = copies * len(self.space)
+        self._pull = NORMAL * math.sqrt(len(self.blocks) / (self._blocks * max(copies, 1)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Let the file of a user's own model be run in another process before the rest arrives."""
@@ -115,19 +165,31 @@ class FitProblem:
         return {
             "model": self.model,
             "parameters or bounds": self.space.limits(),
+            "held and spread": [self._held, self.base.spread],
             "profile": self.base.numbers(),
             "robot": self.base.robot.as_document(),
             "objective": asdict(self.cost),
             "sources": data.hexdigest(),
         }
 
-    def candidate(self, point: FloatArray) -> PlantProfile | None:
-        """Return the plant at an (n,) point of the unit cube; None where numbers are impossible."""
+    def candidate(self, point: FloatArray, tags: Tags = ()) -> PlantProfile | None:
+        """Return the plant at an (n,) point of the unit cube; None where numbers are impossible.
+
+        It is that of logs with some tags; where none of the fitted logs has them, numbers that
+        differ between logs have their mean by the `weights`.
+        """
+        values = self.space.values(point).tolist()
+        weights = self.weights.tolist()
+        base = self.before(tags)
         try:
-            values = self.space.values(point).tolist()
-            return with_values(self.model, self.base, self.space.names, values)
+            return with_values(self.model, base, self.space.names, values, tags, weights)
         except ValueError:
             return None
+
+    def before(self, tags: Tags) -> PlantProfile:
+        """Return the plant of before the fit on logs with some tags."""
+        held = {k: v for k, v in self._held.items() if k.partition("@")[2] in tags}
+        return with_values(self.model, self.base, list(held), held.values(), tags)
 
     @property
     def robust(self) -> bool:
@@ -165,56 +227,72 @@ class FitProblem:
         bounds = np.full(len(points), np.inf) if limits is None else limits
         if isinstance(workers, str):
             return rate_there(workers, self, "costs", (points, bounds), on_share)
-        away = (points - self._before) / IGNORANCE
-        seconds = sum(rater.piece.commands.duration for rater in self._raters)
-        total = seconds * len(points)
+        far = (points - self._before) / self.spread
+        # nobody knows the size of errors, so their likelihood is a power of their mean size
+        factor = np.exp((np.sqrt(1.0 + far**2) - 1.0).sum(axis=1) / self._blocks)
+        costs = np.zeros(len(points))
+        total = self._seconds * len(points)
         # a list, which threads can add to
         done = [0.0]
 
-        def rate(population: Population, which: slice, threads: int) -> FloatArray:
-            costs = 0.5 * self._prior * (away[which] ** 2).sum(axis=1)
-            for rater, dt in zip(self._raters, self._periods, strict=True):
-                promising = np.isfinite(costs) & (costs <= bounds[which])
-                live = np.flatnonzero((costs == 0.0) | promising)
+        def rate(day: Day, population: Population, which: slice, threads: int) -> FloatArray:
+            sums = costs[which].copy()
+            for rater, dt in day.raters:
+                promising = np.isfinite(sums) & (sums * factor[which] <= bounds[which])
+                live = np.flatnonzero((sums == 0.0) | promising)
                 if len(live):
                     motions = population.motions(list(live), rater.piece, dt)
                     terms = rater.cost(motions, threads)
-                    costs[live] += np.where(np.isfinite(terms), terms, np.inf)
-                done[0] += rater.piece.commands.duration * len(costs) / total
+                    sums[live] += np.where(np.isfinite(terms), terms, np.inf)
+                done[0] += rater.piece.commands.duration * len(sums) / total
                 if on_share is not None:
                     on_share(done[0])
-            return costs
+            return sums
 
-        return self._side_by_side(rate, points, workers)
+        for day in self.days:
+            costs = self._side_by_side(partial(rate, day), day.tags, points, workers)
+        return costs * factor
 
     def residuals(self, points: FloatArray, workers: int | str = 1) -> FloatArray:
         """Return (S, K) errors whose squares least squares make small; NaN for an impossible point.
 
-        The `blocks` number the errors of motions; those of the prior follow.
+        The `blocks` number the errors of motions; so many `pulls` of the prior follow, in the unit
+        of the errors' median size. Points that differ in numbers of other logs alone make one
+        motion of a log.
         """
         if isinstance(workers, str):
             return rate_there(workers, self, "residuals", (points,))
-        pulls = self._prior * (points - self._before) / IGNORANCE
 
-        def rate(population: Population, which: slice, threads: int) -> FloatArray:
+        def rate(day: Day, population: Population, which: slice, threads: int) -> FloatArray:
             every = range(which.stop - which.start)
             residuals = []
-            for rater, dt in zip(self._raters, self._periods, strict=True):
+            for rater, dt in day.raters:
                 motions = population.motions(every, rater.piece, dt)
                 residuals.append(rater.residuals(motions, threads))
-            residuals.append(np.tile(pulls[which], self._priors))
             return np.concatenate(residuals, axis=1)
 
-        return self._side_by_side(rate, points, workers)
+        columns = []
+        for day in self.days:
+            own = points[:, list(day.columns)]
+            _, first, back = np.unique(own, axis=0, return_index=True, return_inverse=True)
+            errors = self._side_by_side(partial(rate, day), day.tags, points[first], workers)
+            columns.append(errors[back.ravel()])
+        pulls = self._pull * (points - self._before) / self.spread
+        columns.append(np.tile(pulls, self.pulls // len(self.space)))
+        return np.concatenate(columns, axis=1)
 
     def _side_by_side(
-        self, rate: Callable[[Population, slice, int], FloatArray], points: FloatArray, workers: int
+        self,
+        rate: Callable[[Population, slice, int], FloatArray],
+        tags: Tags,
+        points: FloatArray,
+        workers: int,
     ) -> FloatArray:
-        """Rate (S, n) points, all at once or each on a thread of its own.
+        """Rate (S, n) points on a log with some tags, all at once or each on a thread of its own.
 
         An interrupt drops those that have not begun.
         """
-        candidates = [self.candidate(point) for point in points]
+        candidates = [self.candidate(point, tags) for point in points]
         size = len(points) if self._together else 1
 
         def share(first: int) -> FloatArray:

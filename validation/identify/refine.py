@@ -63,6 +63,10 @@ class Residuals(Protocol):
     def cheap(self) -> bool:
         """Whether many motions cost little, so that the optimum may be found finely."""
 
+    @property
+    def pulls(self) -> int:
+        """Number of the last errors, those of a prior in the unit of the others' median size."""
+
     def residuals(self, points: FloatArray, workers: int | str) -> FloatArray:
         """Return (S, K) errors of (S, n) points of the unit cube; NaN for an impossible one."""
 
@@ -112,6 +116,7 @@ def arrivals(
         start = None
         if k + 1 < starts and math.isfinite(size):
             errors, slopes = error_slopes(errors_at, end)
+            errors = in_one_unit(errors, problem, median_size(errors, problem))
             start = restart_in_middle(errors, slopes, end, visited)
         if start is None:
             start = next_start(points, costs, visited)
@@ -207,19 +212,21 @@ def descend(
         return errors
 
     def errors(point: FloatArray) -> FloatArray:
-        return errors_at(point[None])[0]
+        return in_one_unit(errors_at(point[None])[0], problem, unit)
 
     def jacobian(point: FloatArray) -> FloatArray:
-        slopes = error_slopes(errors_at, point)[1]
+        slopes = in_one_unit(error_slopes(errors_at, point)[1].T, problem, unit).T
         # an impossible neighbour says nothing
         return np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)
 
     # least squares want a start strictly within the bounds
     begin = np.clip(start, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
-    first = errors(begin)
+    first = errors_at(begin[None])[0]
     if not np.isfinite(first).all():
         return start, math.inf
-    scale = median_size(first)
+    scale = median_size(first, problem)
+    # a prior whose unit were the large errors of a start would hold the search there
+    unit = 0.0
     end = begin
     box = (np.full(n, INSIDE), np.full(n, 1.0 - INSIDE))
     tolerance = TOLERANCE
@@ -246,14 +253,15 @@ def descend(
         ).x
         begin = np.clip(end, 2.0 * INSIDE, 1.0 - 2.0 * INSIDE)
         before = scale
-        last = errors(end)
-        scale = median_size(last)
-        size = total_size(last, robust)
+        last = errors_at(end[None])[0]
+        scale = median_size(last, problem)
+        size = total_size(in_one_unit(last, problem, scale), robust)
         # a trial has too few steps to judge its scale by
         hopeless = size > HOPELESS * goal
         settled = most != TRIAL and scale > SAME_SCALE * before
-        if hopeless or settled:
+        if hopeless or (settled and (unit or not problem.pulls)):
             break
+        unit = scale
     return np.asarray(end), size
 
 
@@ -264,6 +272,13 @@ def total_size(errors: FloatArray, robust: bool) -> float:
     return float(np.linalg.norm(errors))
 
 
-def median_size(errors: FloatArray) -> float:
-    """Return the median size of errors; it is positive."""
-    return max(float(np.median(np.abs(errors))), 1e-12)
+def median_size(errors: FloatArray, problem: Residuals) -> float:
+    """Return the median size of a problem's (K,) errors without the pulls; it is positive."""
+    return max(float(np.median(np.abs(errors[: len(errors) - problem.pulls]))), 1e-12)
+
+
+def in_one_unit(errors: FloatArray, problem: Residuals, size: float) -> FloatArray:
+    """Return a problem's (..., K) errors with the pulls in the unit of the others, their size."""
+    scaled = errors.copy()
+    scaled[..., errors.shape[-1] - problem.pulls :] *= size
+    return scaled

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import chain
 from os.path import realpath
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -18,8 +19,11 @@ from validation.experiment.gyro import with_gyro
 from validation.experiment.runs import drive_source
 from validation.experiment.scores import Scores, score
 from validation.experiment.sources import RECORDING, Piece, Source, open_source
+from validation.files.formats import log_path
 from validation.files.log import PLAIN, ReadOptions
+from validation.files.reading import exists
 from validation.identify.objective import FitCost, torque_errors, true_motion
+from validation.output import file_name
 from validation.plants.kind import TORQUES
 from validation.plants.profile import Profile, make_plant
 from validation.plants.table import plant_kind
@@ -39,12 +43,42 @@ def is_scenario(name: str) -> bool:
     return name.partition("@")[0] in TRAJECTORIES
 
 
+def split_ground(name: str) -> tuple[str, str]:
+    """Return the log and the ground of LOG@GROUND; the ground is empty where none is named.
+
+    A scenario has none, and a file may have an @ in its name.
+    """
+    log, _, ground = name.rpartition("@")
+    if not log or is_scenario(name) or exists(log_path(name)):
+        return name, ""
+    return log, ground
+
+
+def tags_of(names: Sequence[str], held_out: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the tags of each log to fit to, its own name first, and of each that is held out.
+
+    A log that is only judged has the tag of its ground alone.
+    """
+    tags: dict[str, tuple[str, ...]] = {}
+    own: dict[str, str] = {}
+    for name in (*names, *held_out):
+        log, ground = split_ground(name)
+        file = realpath(log)
+        if name in names and file not in own:
+            label = file_name(Path(log).stem)
+            # logs of several days often have one name, in folders of their own
+            count = sum(known.partition(":")[0] == label for known in own.values())
+            own[file] = f"{label}:{count + 1}" if count else label
+        tags[name] = tuple(filter(None, (own.get(file), ground)))
+    return tags
+
+
 def open_sources(
     names: Sequence[str],
     profile: Profile,
     held_out: Sequence[str] = (),
     input: Input = "commands",
-    span: Span = (None, None),
+    span: Span | Mapping[str, Span] = (None, None),
     options: ReadOptions = PLAIN,
 ) -> tuple[list[Source], list[Source]]:
     """Return the sources to fit to and those that are held out, all with their true motion.
@@ -60,7 +94,7 @@ def open_sources(
             fit's own, unless it names another; a recording that is also fitted to stands for its
             parts outside the span.
         input: the plant's input along a recording.
-        span: part of a recording that is fitted to.
+        span: part of recordings that is fitted to, of all or of each by its name.
         options: how recordings are read.
 
     Raises:
@@ -72,16 +106,18 @@ def open_sources(
     for option, given in (("to", names), ("held_out", held_out)):
         if len(set(given)) != len(given):
             raise ValueError(f"{option} names a source twice")
-    if all(map(is_scenario, names)) and span != (None, None):
+    spans = span if isinstance(span, Mapping) else dict.fromkeys(names, span)
+    if all(map(is_scenario, names)) and any(spans[name] != (None, None) for name in names):
         raise ValueError(f"since and until cut recordings; {', '.join(names)} are scenarios")
     kind: CommandKind = "wheels" if input == "wheels" else "twist"
     truth_of = _truth(profile)
     train = []
     for name in names:
-        ends = (None, None) if is_scenario(name) else span
-        source = with_gyro(open_source(name, kind, *ends, options))
+        ends = (None, None) if is_scenario(name) else spans[name]
+        source = with_gyro(open_source(split_ground(name)[0], kind, *ends, options))
         train.append(truth_of(source, name))
     driver = next((name.partition("@")[2] for name in names if is_scenario(name)), "")
+    fitted = {realpath(split_ground(name)[0]): name for name in names}
     judged = []
     for name in held_out:
         if is_scenario(name):
@@ -91,11 +127,12 @@ def open_sources(
                 raise ValueError(f"{name} is fitted to; it cannot be held out as well")
             judged.append(truth_of(open_source(full), name))
             continue
+        log = split_ground(name)[0]
         # unlike Path.resolve, it takes a link that leads to itself
-        if realpath(name) in map(realpath, names):
-            source = _outside(name, kind, span, options)
+        if within := fitted.get(realpath(log)):
+            source = _outside(log, kind, spans[within], options)
         else:
-            source = open_source(name, kind, options=options)
+            source = open_source(log, kind, options=options)
         judged.append(truth_of(source, name))
     return train, judged
 

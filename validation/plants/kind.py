@@ -58,6 +58,8 @@ class PlantProfile:
     """Frame on the body whose motion is compared, and how late a log tells it."""
     bands: Mapping[str, Band] = field(default_factory=dict, hash=False)
     """Uncertainty of predictions, by the input that drives the plant: `commands` or `wheels`."""
+    spread: Mapping[str, float] = field(default_factory=dict, hash=False)
+    """Standard deviation of numbers from one day to another, by name, in each number's unit."""
 
     def numbers(self) -> dict[str, dict[str, Any]]:
         """Return the numbers of each part by name, without the robot, which has its own file."""

@@ -3,8 +3,9 @@
 A profile names its robot (`robot = "husky"`, which is also meant where none is named) or has its
 whole file as `[robot]`. It has a common `[vehicle]` and `[drive]`, and for each plant
 `[plants.NAME]` with `parameters`, and where they differ from the common ones its own `vehicle` and
-`drive`, `localiser`, the frame in the plant's body that is compared, and its delays, and `bands`,
-which say for each input how sure the plant's predictions are. `[fitted_at]` says how fast the
+`drive`, `localiser`, the frame in the plant's body that is compared, and its delays, `bands`,
+which say for each input how sure the plant's predictions are, and `spread`, how much its numbers
+differ from day to day. `[fitted_at]` says how fast the
 fitted motions were. What a profile does not say is as in the robot's file; planar models have the
 thesis' published values, scaled to the robot.
 """
@@ -32,6 +33,7 @@ from validation.descriptions.loading import load_robot
 from validation.files import reading
 from validation.output import one_line
 from validation.plants.kind import PARTS, PlantProfile
+from validation.plants.searchable import searchable
 from validation.plants.table import PLANTS, SECOND_OPINIONS, STANDARD, is_foreign, plant_kind
 from validation.simulator.description import USUAL_ROBOT, Robot, parse_robot
 from validation.simulator.physics import SHIPPED, PhysicsSettings
@@ -46,6 +48,7 @@ _KINDS = {
     **dict.fromkeys(("vehicle", "drive", "plants", "provenance", "fitted_at"), reading.TomlTable),
 }
 """Types of the values at the top level of a profile."""
+_SPREAD = Annotated[float, Meta(gt=0.0, description="a positive number")]
 _MOVES = 0.05  # speed [m/s] and yaw rate [rad/s] from which a robot moves
 _BEYOND = 2.0  # ratio of paces from which a motion is clearly beyond the fitted ones [1]
 
@@ -102,6 +105,16 @@ class Profile:
         return [
             f"{motion} reaches {pace.text()}; {self.name} was fitted at {most.text()}, "
             "and may be wrong beyond"
+        ]
+
+    def unfitted(self, plants: Iterable[str]) -> list[str]:
+        """Return a sentence on those of some plants that nothing was fitted to."""
+        bare = [name for name in plants if name in self.plants and name not in self.provenance]
+        if not bare:
+            return []
+        return [
+            f"nothing was fitted to {', '.join(bare)}: the profile {one_line(self.name)} has the "
+            "numbers of the robot's file"
         ]
 
     def origins(self, plants: Iterable[str], scenario: str) -> list[str]:
@@ -180,6 +193,7 @@ class Profile:
             for part, numbers in plant.numbers().items():
                 section[part] = {k: v for k, v in numbers.items() if v != bare[part][k]}
             section["bands"] = {kind: _rounded(band, 4) for kind, band in plant.bands.items()}
+            section["spread"] = dict(plant.spread)
             # a table without entries would only make the file longer
             section = {part: values for part, values in section.items() if values}
             if section:
@@ -230,7 +244,7 @@ def bare_profile(robot: Robot) -> Profile:
         plants = {name: _defaults(name, robot) for name in PLANTS}
     except ValueError as error:
         raise ValueError(f"robot {robot.name}: {error}") from error
-    words = f"{robot.title or robot.name} as its file has it; nothing was fitted"
+    words = f"{robot.title or robot.name} as its file has it"
     return Profile(robot.name, words, plants, {})
 
 
@@ -306,14 +320,19 @@ def _parse(document: Mapping[str, Any]) -> Profile:
 
 def _parse_plant(common: PlantProfile, section: Mapping[str, Any], where: str) -> PlantProfile:
     """Return a plant's numbers: those of its section, and the common ones that it does not have."""
-    reading.require_known(section, {*PARTS, "bands"}, where)
+    reading.require_known(section, {*PARTS, "bands", "spread"}, where)
     parts: dict[str, Any] = {}
     for part in PARTS:
         parts[part] = _fill(getattr(common, part), section.get(part, {}), f"{where}.{part}")
     entries = section.get("bands", {})
     reading.require_known(entries, {"commands", "wheels"}, f"{where}.bands")
     bands = {kind: _fill(Band(), v, f"{where}.bands.{kind}") for kind, v in entries.items()}
-    return replace(common, bands=bands, **parts)
+    spread = section.get("spread", {})
+    if spread:
+        plant = where.removeprefix("plants.")
+        known = (number.name for number in searchable(plant, common.robot))
+        spread = reading.typed(spread, dict.fromkeys(known, _SPREAD), f"{where}.spread")
+    return replace(common, bands=bands, spread=spread, **parts)
 
 
 def _fill(default: T, values: Mapping[str, Any], where: str) -> T:

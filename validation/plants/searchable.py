@@ -1,6 +1,7 @@
 """The numbers of each plant that a fit may move: names, units and default bounds.
 
-They are declared at their fields; their places are in a `PlantProfile`.
+They are declared at their fields; their places are in a `PlantProfile`. NAME@TAG is the number of
+those logs alone that have the tag: a log's own name, or that of its ground.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ import math
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
+
+import numpy as np
 
 from ssmr.parameters import described
 from ssmr.robot.localiser import Localiser
@@ -71,25 +74,63 @@ def searchable(plant: str, robot: Robot) -> tuple[Parameter, ...]:
     )
 
 
+OF_A_LOG = ("tracked_yaw", "position_late", "yaw_late")
+"""Numbers of the localiser that differ from log to log: its mount, and how late it is."""
+OF_A_GROUND = ("friction", "mu_c", "mu_s", "mu_d", "k_y", "rolling_resistance", "u_x", "k_u")
+"""Numbers that differ from ground to ground: each plant's friction and rolling resistance."""
+
+
 @lru_cache(maxsize=1024)
 def find(plant: str, name: str, robot: Robot) -> Parameter:
-    """Return a plant's searchable number by name.
+    """Return a plant's searchable number by its name, with or without a tag.
 
     Raises:
         ValueError: there is no such plant or number; the message lists those there are.
     """
     numbers = {s.name: s for s in searchable(plant, robot)}
-    if name not in numbers:
+    number = name.partition("@")[0]
+    if number not in numbers:
         raise ValueError(
-            f"{plant} has no parameter '{name}' to fit; there are: {', '.join(numbers)}"
+            f"{plant} has no parameter '{number}' to fit; there are: {', '.join(numbers)}"
         )
-    return numbers[name]
+    return replace(numbers[number], name=name)
+
+
+def own_indices(names: Sequence[str], tags: Container[str]) -> dict[str, list[int]]:
+    """Return where each number of a log with some tags stands in `names`.
+
+    A number of other logs alone has the places of all of these.
+    """
+    own: dict[str, list[int]] = {}
+    others: dict[str, list[int]] = {}
+    for k, name in enumerate(names):
+        number, _, tag = name.partition("@")
+        places = own if not tag or tag in tags else others
+        places.setdefault(number, []).append(k)
+    return {**others, **own}
+
+
+def split_by_log(
+    names: Iterable[str], logs: Iterable[str], grounds: Iterable[str]
+) -> tuple[str, ...]:
+    """Return names of numbers, of which those of a log or of a ground have a tag for each."""
+    split: list[str] = []
+    for name in names:
+        tags: Iterable[str] = ()
+        if name in OF_A_LOG:
+            tags = logs
+        elif name in OF_A_GROUND:
+            tags = grounds
+        split += [f"{name}@{tag}" for tag in tags] or [name]
+    return tuple(split)
 
 
 def make_space(
     plant: str, names: Iterable[str], bounds: Mapping[str, tuple[float, float]], robot: Robot
 ) -> ParameterSpace:
     """Return the space that `names` span, with default bounds or those given.
+
+    Bounds of a number hold for it on each log that has no bounds of its own.
 
     Raises:
         ValueError: an unknown name, bounds for a number that is not free, one number under two
@@ -98,37 +139,53 @@ def make_space(
     chosen = [find(plant, name, robot) for name in names]
     for name in bounds:
         find(plant, name, robot)
-        if name not in [s.name for s in chosen]:
+        if name not in {*(s.name for s in chosen), *(s.name.partition("@")[0] for s in chosen)}:
             raise ValueError(f"bounds are given for {name}, which is not free")
     # two names of one number, such as delay and delay_v, would undo each other
     taken: dict[str, str] = {}
     for number in chosen:
+        base, at, _ = number.name.partition("@")
         for place in number.places:
-            if place in taken:
-                raise ValueError(f"{taken[place]} and {number.name} move the same number")
-            taken[place] = number.name
+            if taken.setdefault(place, base + at) != base + at:
+                first = taken[place].rstrip("@")
+                raise ValueError(f"{first} and {number.name} move the same number")
     parameters = []
     for s in chosen:
-        lower, upper = bounds.get(s.name, (s.lower, s.upper))
+        usual = bounds.get(s.name.partition("@")[0], (s.lower, s.upper))
+        lower, upper = bounds.get(s.name, usual)
         parameters.append(replace(s, lower=lower, upper=upper))
     return ParameterSpace(tuple(parameters))
 
 
 def with_values(
-    name: str, plant: PlantProfile, names: Sequence[str], values: Iterable[float]
+    name: str,
+    plant: PlantProfile,
+    names: Sequence[str],
+    values: Iterable[float],
+    tags: Container[str] = (),
+    weights: Sequence[float] | None = None,
 ) -> PlantProfile:
     """Return a copy of the profile of the plant called `name` with some numbers in place.
+
+    They are those of a log with some `tags`; a number of other logs alone is their mean by the
+    `weights`, which are equal if not given.
 
     Raises:
         ValueError: an unknown name, or numbers that the plant cannot have.
     """
     sections: dict[str, dict[str, float]] = {part: {} for part in PARTS}
-    for number, value in zip(names, values, strict=True):
+    given = list(values)
+    shares = weights or [1.0] * len(given)
+    for number, places in own_indices(names, tags).items():
+        value = given[places[0]]  # one alone stays as it is, to the last bit
+        if len(places) > 1:
+            own = [shares[k] for k in places]
+            value = float(np.average([given[k] for k in places], weights=own))
         for place in find(name, number, plant.robot).places:
             section, _, field = place.partition(".")
             sections[section][field] = float(value)
     changed = {}
-    for section, given in sections.items():
-        if given:
-            changed[section] = replace(getattr(plant, section), **given)
+    for section, numbers in sections.items():
+        if numbers:
+            changed[section] = replace(getattr(plant, section), **numbers)
     return replace(plant, **changed)

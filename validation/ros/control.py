@@ -272,7 +272,7 @@ def control(options: Control) -> Tracked:
     law, gains = chosen_controller(controller, profile, o.gains)
     robots = [make_robot(profile, "mujoco")]
     reference, waypoints, remarks = open_path(reference_name, o.speed, robots)
-    for remark in remarks:
+    for remark in [*remarks, *profile.unfitted(["mujoco"])]:
         _logger.info("%s", remark)
     law = law.on(robots[0].drive)
     follower = PathFollower(

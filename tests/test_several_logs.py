@@ -1,0 +1,167 @@
+"""Fits of several logs.
+
+One body and a localiser for each log come back, days tell how much they differ, and a profile is a
+prior.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ssmr.simulation import PlanarPlant
+from ssmr.types import Commands, FloatArray, State
+from validation.calibrate import calibrate
+from validation.descriptions.loading import load_robot
+from validation.files.csv_logs import write_csv
+from validation.files.log import Log
+from validation.fit import Fitted, fit
+from validation.identify.targets import split_ground, tags_of
+from validation.plants.planar import model_of
+from validation.plants.profile import bare_profile, load_profile
+from validation.plants.searchable import OF_A_LOG, own_indices, split_by_log, with_values
+
+BODY = {"alpha_l": 0.95, "alpha_r": 0.92, "y_l": 0.45, "y_r": -0.5, "drift": 0.1, "tracked_x": 0.1}
+DAYS = (
+    {"tracked_yaw": 0.03, "position_late": 0.15, "yaw_late": 0.05},
+    {"tracked_yaw": -0.02, "position_late": 0.3, "yaw_late": 0.35},
+    {"tracked_yaw": 0.01, "position_late": -0.1, "yaw_late": 0.2},
+    {"tracked_yaw": 0.0, "position_late": 0.2, "yaw_late": 0.1},
+)
+SECONDS = 80.0
+
+
+BARE = bare_profile(load_robot("husky"))
+
+
+def drive(folder: Path, name: str, numbers: dict[str, float], seed: int) -> Path:
+    """Write a log of a robot with these numbers, with 5 mm and 3 mrad of noise on its poses."""
+    true = with_values("kinematic", BARE.plants["kinematic"], list(numbers), numbers.values())
+    rng = np.random.default_rng(seed)
+    t = 0.01 * np.arange(round(SECONDS / 0.01))
+    periods = rng.uniform(0.2, 0.6, (2, 6))
+    phases = rng.uniform(0.0, 6.0, (2, 6))
+
+    def rates(at: FloatArray) -> FloatArray:
+        """Return (M, 2) wheel rates, slow enough for lines between samples [rad/s]."""
+        v, w = np.sin(at[:, None, None] * periods + phases).sum(axis=2).T
+        return np.column_stack([0.6 + v - w, 0.6 + v + w])
+
+    driven = Commands(0.01, rates(t + 0.005), "wheels")
+    motion = PlanarPlant(model_of(true)).run(driven, State(), 0.01)
+    t = t[::5]
+    pose = true.localiser.logged_poses(motion.pose, 0.01, t)
+    pose = pose + rng.normal(0.0, (0.005, 0.005, 0.003), pose.shape)
+    left, right = rates(t).T
+    columns = {"t": t, "enc_left": left, "enc_right": right}
+    columns |= dict(zip(("x", "y", "yaw"), pose.T, strict=True))
+    write_csv(Log.of_columns(name, columns), folder / f"{name}.csv")
+    return folder / f"{name}.csv"
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Three days of one body."""
+    folder = tmp_path_factory.mktemp("days")
+    return [drive(folder, f"day{k}", {**BODY, **DAYS[k]}, k) for k in range(3)]
+
+
+@pytest.fixture(scope="module")
+def together(logs: list[Path]) -> Fitted:
+    return fit("kinematic", logs, profile=BARE, input="wheels")
+
+
+def test_one_body_and_a_localiser_for_each_log_come_back(together: Fitted) -> None:
+    found = {p.name: p for p in together.parameters}
+    truth = dict(BODY)
+    for k, day in enumerate(DAYS[:3]):
+        truth |= {f"{name}@day{k}": value for name, value in day.items()}
+    assert set(found) == set(truth)
+    for name, value in truth.items():
+        assert abs(found[name].value - value) < 3.0 * found[name].standard_error, name
+    for name in BODY:
+        assert found[name].standard_error < 0.02, name
+    plant = together.plant
+    late = [day["position_late"] for day in DAYS[:3]]
+    assert min(late) < plant.localiser.position_late < max(late)
+    assert plant.spread["position_late"] == pytest.approx(np.std(late, ddof=1), rel=0.2)
+    assert plant.spread["y_l"] < 0.05
+
+
+def test_a_log_that_is_only_judged_has_nothing_of_its_own(
+    together: Fitted, logs: list[Path], tmp_path: Path
+) -> None:
+    plant = together.plant
+    mean = {name: getattr(plant.localiser, name) for name in OF_A_LOG}
+    new = drive(tmp_path, "new", {**BODY, **mean}, 9)
+    out = tmp_path / "out"
+    options: dict[str, Any] = {"profile": BARE, "plants": ("kinematic",), "trust": True}
+    calibrate(logs, held_out=new, **options).save(out)
+    profile = load_profile(out / "profile.toml")
+    assert profile.plants["kinematic"].localiser == plant.localiser
+    assert "kinematic by wheels to day0.csv, day1.csv, day2.csv" in profile.description
+    assert profile.unfitted(["kinematic", "mujoco"])[0].startswith("nothing was fitted to mujoco")
+    wheels = profile.provenance["kinematic"]["wheels"]
+    assert "yaw_late@day1" in wheels["standard_errors"]
+    assert wheels["of_logs"]["yaw_late@day1"] == pytest.approx(DAYS[1]["yaw_late"], abs=0.02)
+
+
+def test_a_profile_is_a_prior_that_a_silent_log_does_not_move(
+    together: Fitted, tmp_path: Path
+) -> None:
+    """A straight line tells nothing of turns: their numbers stay within a part of the spread."""
+    t = 0.05 * np.arange(800)
+    noise = np.random.default_rng(2).normal(0.0, (0.005, 0.005, 0.003), (800, 3))
+    x, y, yaw = np.outer((0.93 * 0.4, 0.0, 0.0), t) + noise.T
+    wheels = np.full(800, 0.4 / together.plant.vehicle.wheel_radius)
+    rows = np.column_stack([t, x, y, yaw, wheels, wheels])
+    path = tmp_path / "straight.csv"
+    np.savetxt(path, rows, delimiter=",", header="t,x,y,yaw,enc_left,enc_right", comments="")
+    after = fit("kinematic", path, profile=together.profile, input="wheels").plant
+    before = together.plant
+    for name in ("y_l", "y_r", "drift"):
+        moved = getattr(after.parameters, name) - getattr(before.parameters, name)
+        assert abs(moved) < 0.7 * before.spread[name], name
+    assert after.spread == before.spread
+
+
+def test_four_days_tell_how_much_a_body_differs_from_day_to_day(
+    logs: list[Path], tmp_path: Path
+) -> None:
+    wider = {**BODY, **DAYS[3], "y_l": 0.57}
+    four = [*logs, drive(tmp_path, "wider", wider, 4)]
+    found = fit("kinematic", four, profile=BARE, input="wheels")
+    assert found.plant.spread["y_l"] == pytest.approx(0.06, abs=0.025)
+    assert found.plant.spread["alpha_l"] < 0.03
+    errors = {p.name: p.standard_error for p in found.parameters}
+    # the mean of four days is as sure as days are alike
+    assert errors["y_l"] > 0.015
+
+
+def test_names_of_logs_and_grounds(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "run.csv").touch()
+    (tmp_path / "odd@name.csv").touch()
+    first = f"{tmp_path}/a/run.csv@grass"
+    second = f"{tmp_path}/b/run.csv@tile"
+    assert split_ground(first) == (f"{tmp_path}/a/run.csv", "grass")
+    assert split_ground(f"{tmp_path}/odd@name.csv") == (f"{tmp_path}/odd@name.csv", "")
+    tags = tags_of([first, second], ["new.csv@grass"])
+    assert list(tags.values()) == [("run", "grass"), ("run:2", "tile"), ("grass",)]
+    names = split_by_log(["friction", "mass", "yaw_late"], ["run", "run:2"], ["grass", "tile"])
+    assert own_indices(names, ("run:2", "tile")) == {"friction": [1], "mass": [2], "yaw_late": [4]}
+    assert own_indices(names, ("grass",))["yaw_late"] == [3, 4]
+    plant = load_profile("thesis-lab").plants["mujoco"]
+    values = (0.2, 0.6, plant.parameters.mass, 0.1, 0.3)
+    judged = with_values("mujoco", plant, names, values, ("grass",), (1.0, 1.0, 1.0, 3.0, 1.0))
+    assert judged.parameters.friction == 0.2
+    assert judged.localiser.yaw_late == pytest.approx(0.15)
+
+
+def test_a_number_of_a_log_that_is_none_is_refused(logs: list[Path]) -> None:
+    with pytest.raises(ValueError, match="yaw_late@monday names no log and no ground"):
+        fit("kinematic", logs, profile=BARE, input="wheels", fix={"yaw_late@monday": 0.1})

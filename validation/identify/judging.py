@@ -1,0 +1,104 @@
+"""How well a plant at a point of a fit's problem predicts: along its sources, and along others."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+
+from ssmr.errors import ParameterError, SsmrError
+from ssmr.metrics.bands import Band
+from ssmr.types import FloatArray, Plant, Trajectory
+from validation.experiment.runs import drive_source
+from validation.experiment.scores import Scores, band_of
+from validation.experiment.sources import RECORDING, Piece, Source
+from validation.identify.problem import FitProblem
+from validation.identify.targets import score_pieces
+from validation.identify.uncertainty import Uncertainty
+from validation.plants.kind import PlantProfile
+from validation.plants.searchable import with_values
+from validation.plants.table import SIMULATED, plant_kind
+from validation.simulator.physics import SHIPPED
+from validation.simulator.terrain import FLAT
+
+
+def built(model: str, plant: PlantProfile) -> Plant:
+    """Return a plant on level ground; a ParameterError says that it cannot have such numbers."""
+    return plant_kind(model).build(plant, FLAT, SHIPPED)
+
+
+def require_possible(problem: FitProblem, given: Container[str]) -> None:
+    """Refuse numbers that no candidate can have.
+
+    Those are the profile's, and given bounds of mass and inertia that no body has. Where default
+    bounds reach farther than a robot's other numbers allow, candidates beyond are rated as
+    impossible.
+    """
+    ends: list[dict[str, float]] = [{}]
+    for p in problem.space.parameters:
+        is_inertia = p.name in ("yaw_inertia", "mass") and problem.model in SIMULATED
+        if is_inertia and p.name in given:
+            ends += [{p.name: p.lower}, {p.name: p.upper}]
+    for end in ends:
+        try:
+            plant = with_values(problem.model, problem.base, list(end), end.values())
+            built(problem.model, plant)
+        except ParameterError as error:
+            lead = "".join(f"bounds of {name}: " for name in end)
+            raise ValueError(f"{lead}{error}") from error
+
+
+def motions_of(problem: FitProblem, plant: PlantProfile, source: Source) -> tuple[Trajectory, ...]:
+    """Drive a plant along one source; an SsmrError says that it diverged."""
+    return drive_source(built(problem.model, plant), source, plant.localiser)
+
+
+def plant_on(problem: FitProblem, point: FloatArray, source: Source) -> PlantProfile:
+    """Return the plant at an (n,) point of the unit cube on one source, which is possible."""
+    plant = problem.candidate(point, problem.tags.get(source.name, ()))
+    assert plant is not None
+    return plant
+
+
+def held_out_scores(
+    problem: FitProblem, point: FloatArray, sources: Sequence[Source]
+) -> tuple[dict[str, Scores], dict[str, Scores], dict[str, Scores], list[str]]:
+    """Return the scores on held-out sources before and after the fit, by source, and notes.
+
+    Those of all sources together come third, as `Fitted.judged` has them. Data may hold a motion
+    that the fitted plant cannot make; the rest is still judged.
+    """
+    before = {}
+    after = {}
+    notes = []
+    pieces = list[Piece]()
+    driven: dict[str, list[Trajectory]] = {"before": [], "after": []}
+    for source in sources:
+        try:
+            motions = motions_of(problem, plant_on(problem, point, source), source)
+            earlier = motions_of(problem, problem.before(problem.tags[source.name]), source)
+        except SsmrError as error:
+            lead = f"The plant cannot be driven along {source.name}, which was held out"
+            notes.append(f"{lead}: {error}.")
+            continue
+        after[source.name] = score_pieces(source.pieces, motions)
+        before[source.name] = score_pieces(source.pieces, earlier)
+        pieces += source.pieces
+        driven["before"] += earlier
+        driven["after"] += motions
+    if not pieces:
+        return before, after, {}, notes
+    together = {when: score_pieces(pieces, motions) for when, motions in driven.items()}
+    return before, after, together, notes
+
+
+def left_out_band(problem: FitProblem, sure: Uncertainty, best: FloatArray) -> Band | None:
+    """Spread of predictions along the recordings when parts of the data are left out."""
+    parts = []
+    for point in sure.without:
+        driven = list[tuple[Piece, Trajectory]]()
+        for source in problem.sources:
+            if source.reference == RECORDING:
+                plant = problem.candidate(point, problem.tags[source.name])
+                plant = plant or plant_on(problem, best, source)
+                driven += source.driven(motions_of(problem, plant, source))
+        parts.append(driven)
+    return band_of(parts)

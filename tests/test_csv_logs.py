@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ssmr.parameters import described
+from validation.files import csv_logs
 from validation.files.csv_logs import read_csv, write_csv
 from validation.files.formats import read_log
 from validation.files.limits import USUAL, LogLimits
@@ -340,3 +341,34 @@ def test_columns_with_other_names_and_units_are_read_as_ours(tmp_path: Path) -> 
     ):
         with pytest.raises(FileError, match=message):
             read_csv(theirs, ReadOptions(columns={"t": ("stamp", "ms"), **wrong}))
+
+
+PLAIN = "t,x,y\n0,1.5,-2e-3\n0.1,,0.30000000000000004\n0.2,+3,1e5\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *(PLAIN, PLAIN.replace("\n", "\r\n"), "\ufeff" + PLAIN, PLAIN.replace("1.5", '"1.5"')),
+        *(PLAIN.replace("1.5", cell) for cell in ("nan", "inf", "1e400", "1_0", "0x10", " 7 ")),
+        *(PLAIN.replace("1.5", cell) for cell in ("text", "None", "2026-01-02 03:04:05", '"a\nb"')),
+        *(PLAIN + "\n0.3,1,1\n", PLAIN + "0.3,1\n", PLAIN + "0.3,1,1,1\n", PLAIN.strip()),
+        *('"t","x","y"\n0,1,2\n', '"t\n",x,y\n0,1,2\n', "t,x,y\n", "0,1,2\n1,2,3\n", "\n" + PLAIN),
+    ],
+)
+def test_a_large_file_is_read_as_a_small_one_is(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What pyarrow does not read as the careful reader does is left to that."""
+    path = tmp_path / "log.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    found: list[object] = []
+    for smallest in (1 << 22, 0):
+        monkeypatch.setattr(csv_logs, "_QUICK", smallest)
+        try:
+            table = csv_logs.read_csv_table(path)
+            columns = [column.tobytes() for column in table.columns]
+            found.append((columns, table.header, list(table.lines), list(table.bad)))
+        except FileError as error:
+            found.append(str(error))
+    assert found[0] == found[1]

@@ -21,8 +21,9 @@ from validation import load_robot
 from validation.experiment.runs import drive
 from validation.experiment.sources import open_source
 from validation.plants.profile import PlantProfile, load_profile
-from validation.simulator.turning import SAMPLE, SPIN_LEAD, TURNED, spin
+from validation.simulator.turning import SAMPLE, SPIN_LEAD, spin
 from validation.study.contact import Setting, all_settings, balanced
+from validation.study.contact_drives import TURNED
 
 _ROBOT = load_robot("husky")
 WHEELBASE = _ROBOT.wheelbase

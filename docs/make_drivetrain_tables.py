@@ -22,7 +22,7 @@ from validation.plants.kind import GROUND_TORQUES
 from validation.simulator.calibration import Calibration
 from validation.simulator.physics import PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.turning import creep
+from validation.study.contact_drives import creep
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)

@@ -29,7 +29,7 @@ from validation.simulator.model import GRAVITY, WHEELS, pressed_in, robot_model
 from validation.simulator.motors import controls
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, Impedance, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.turning import creep
+from validation.study.contact_drives import creep
 
 _ROBOT = load_robot("husky")
 husky = partial(Calibration.of, _ROBOT)

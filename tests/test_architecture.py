@@ -458,15 +458,15 @@ PRICES = {
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(
-        24_700,
+        24_100,
         7,
-        71,
+        68,
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
-        13_700,
+        14_000,
         13,
-        39,
+        41,
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(

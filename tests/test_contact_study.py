@@ -20,7 +20,7 @@ from validation.plants.profile import Profile
 from validation.report.report import Report
 from validation.simulator.physics import SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
-from validation.simulator.turning import creep, measure_spin, rolling_radius, spin
+from validation.simulator.turning import measure_spin, spin
 from validation.study import contact as study
 from validation.study.contact import (
     BASELINE,
@@ -34,6 +34,7 @@ from validation.study.contact import (
     make_trials,
     study_contact,
 )
+from validation.study.contact_drives import creep, rolling_radius
 
 EVERY = all_settings()
 PYRAMIDAL = "cone: pyramidal"

@@ -40,16 +40,9 @@ from validation.simulator.description import Robot, with_robot
 from validation.simulator.physics import MUJOCO_IMPEDANCE, SHIPPED, PhysicsSettings
 from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
-from validation.simulator.turning import (
-    SAMPLE,
-    TURNED,
-    creep,
-    measure_spin,
-    rolling_radius,
-    spin,
-    surge,
-)
+from validation.simulator.turning import SAMPLE, measure_spin, spin
 from validation.study.common import Study, StudyOptions
+from validation.study.contact_drives import TURNED, creep, rolling_radius, surge
 from validation.sweep import sweep
 
 BASELINE = "as shipped"

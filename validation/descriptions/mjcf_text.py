@@ -22,7 +22,7 @@ class MjcfText:
     """A text whose parts are known by the names that they have in the model.
 
     Parts without a name have one by `foreign.complete`. Kinds are `option`, `geom`, `joint`,
-    `inertial` (by its body's name), `actuator` and `pair` (by its number).
+    `actuator` and `pair` (by its number).
     """
 
     def __init__(self, text: str, files: Mapping[str, bytes]) -> None:
@@ -39,21 +39,20 @@ class MjcfText:
             text = (raw[:at] + b"<option/>" + raw[at:]).decode()
             tags = foreign.xml_tags(text)
         self.raw = text.encode()
-        self._tags = tags
-        self._numbers = {id(tag.element): number for number, tag in enumerate(tags)}
-        self._parts = dict[Part, int]()
+        self._tags = {id(tag.element): tag for tag in tags}
+        self._parts = dict[Part, foreign.Tag]()
         spec = mujoco.MjSpec.from_string(text, assets=dict(files))
         foreign.name_parts(spec)
         root = tags[0].element
         for option in root.findall("option"):
-            self._parts["option", ""] = self._numbers[id(option)]
+            self._parts["option", ""] = self._tags[id(option)]
         bodies = [child for world in root.findall("worldbody") for child in _flat(world)]
         self._walk(spec.worldbody, bodies)
         acting = [part for section in root.findall("actuator") for part in section]
         self._pair_up("actuator", spec.actuators, acting)
         pairs = [pair for section in root.findall("contact") for pair in section.findall("pair")]
         for number, pair in enumerate(pairs):
-            self._parts["pair", str(number)] = self._numbers[id(pair)]
+            self._parts["pair", str(number)] = self._tags[id(pair)]
 
     def _pair_up(self, kind: str, parts: Any, elements: list[ElementTree.Element]) -> None:
         """Note which elements the parts of a model are."""
@@ -63,7 +62,7 @@ class MjcfText:
                 f"its {kind}s are not all written one by one, so that none can be changed in place"
             )
         for part, element in zip(parts, elements, strict=True):
-            self._parts[kind, part.name] = self._numbers[id(element)]
+            self._parts[kind, part.name] = self._tags[id(element)]
 
     def _walk(self, body: Any, inside: list[ElementTree.Element]) -> None:
         """Note the parts of a body and of all that hang on it."""
@@ -71,9 +70,6 @@ class MjcfText:
             tags = (kind, "freejoint") if kind == "joint" else (kind,)
             own = [element for element in inside if element.tag in tags]
             self._pair_up(kind, getattr(body, f"{kind}s"), own)
-        for element in inside:
-            if element.tag == "inertial":
-                self._parts["inertial", body.name] = self._numbers[id(element)]
         children = [element for element in inside if element.tag == "body"]
         if len(children) != len(list(body.bodies)):
             raise ValueError("its bodies are not all written one by one")
@@ -86,20 +82,19 @@ class MjcfText:
 
     def tag(self, part: Part) -> str:
         """Return the tag of a part, such as `velocity` of an actuator."""
-        return self._tags[self._parts[part]].element.tag
+        return self._parts[part].element.tag
 
     def line(self, part: Part) -> int:
         """Return the number of the line in which a part begins, from 1."""
-        start = self._tags[self._parts[part]].start
-        return 1 + self.raw[:start].count(b"\n")
+        return 1 + self.raw[: self._parts[part].start].count(b"\n")
 
     def edited(self, edits: Edits) -> str:
         """Return the text with attributes changed or added."""
         if not edits:
             return self._plain
         raw = self.raw
-        for part in sorted(edits, key=self._parts.__getitem__, reverse=True):
-            tag = self._tags[self._parts[part]]
+        for part in sorted(edits, key=lambda part: self._parts[part].start, reverse=True):
+            tag = self._parts[part]
             opening = raw[tag.start : tag.inside].decode()
             for attribute, value in edits[part].items():
                 opening = _with_attribute(opening, attribute, value)

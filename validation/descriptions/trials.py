@@ -197,10 +197,8 @@ def _slopes(robot: OwnRobot, known: Measures) -> Measures:
     """Stand on a slope, along it and across it: rolling is told from sliding."""
     g = robot.gravity
     radius = known.get("rolling_radius_m", robot.radius)
-    measures = Measures()
-    ahead = robot.wheeled.turn[0]
-    aside = robot.wheeled.turn[1]
-    for name, direction in (("rolls_m_s", ahead), ("creep_m_s", aside)):
+    measures = Measures(creep_m_s=0.0)
+    for direction in robot.wheeled.turn[:2]:
         model = mujoco.MjModel.__copy__(robot.model)
         down = g * math.sin(_SLOPE) * direction
         model.opt.gravity = down - [0.0, 0.0, g * math.cos(_SLOPE)]
@@ -208,12 +206,10 @@ def _slopes(robot: OwnRobot, known: Measures) -> Measures:
         tail = ride.t > 0.5 * _SLOPE_TIME
         seconds = float(ride.t[-1] - ride.t[tail][0])
         moved = float(np.hypot(*(ride.pose[-1] - ride.pose[tail][0])[:2])) / seconds
-        rolled = radius * abs(_mean_rate(ride, tail))
-        if name == "rolls_m_s":
-            measures[name] = rolled
-            measures["creep_m_s"] = max(moved - rolled, 0.0)
-        else:
-            measures[name] = max(measures[name], moved)
+        if "rolls_m_s" not in measures:
+            measures["rolls_m_s"] = radius * abs(_mean_rate(ride, tail))
+            moved -= measures["rolls_m_s"]
+        measures["creep_m_s"] = max(measures["creep_m_s"], moved)
     return measures
 
 

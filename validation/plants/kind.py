@@ -130,23 +130,19 @@ class OneByOne:
         candidates: Sequence[PlantProfile | None],
     ) -> None:
         """Build the candidates; None stands for one that cannot be built."""
-        self._candidates = candidates
-        self._plants: list[Plant | None] = []
-        for candidate in candidates:
-            try:
-                self._plants.append(None if candidate is None else build(candidate))
-            except ParameterError:
-                self._plants.append(None)
+        self._built = dict[int, tuple[Plant, Localiser]]()
+        for i, candidate in enumerate(candidates):
+            if candidate is not None:
+                with contextlib.suppress(ParameterError):
+                    self._built[i] = build(candidate), candidate.localiser
 
     def motions(self, which: Sequence[int], piece: Stretch, sample_dt: float) -> FloatArray:
         """Drive some of the candidates, see `Population.motions`."""
         out = np.full((len(which), sample_count(piece, sample_dt), 5), np.nan)
         for row, i in enumerate(which):
-            plant = self._plants[i]
-            candidate = self._candidates[i]
-            if plant is None or candidate is None:
+            if i not in self._built:
                 continue
-            localiser = candidate.localiser
+            plant, localiser = self._built[i]
             # a candidate that diverges keeps its NaN, which no cost accepts
             with contextlib.suppress(SsmrError):
                 start = localiser.body_state(piece.start)

@@ -100,11 +100,8 @@ def apply_settings(
     option = model.opt
     option.solver = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}")
     option.tolerance = tolerance * min(1.0, mujoco.mj_getTotalmass(model) / LIGHT)
-    option.iterations = iterations
-    if settings.iterations is not None:
-        option.iterations = settings.iterations
-    if settings.impratio is not None:
-        option.impratio = settings.impratio
+    option.iterations = settings.iterations or iterations
+    option.impratio = settings.impratio or option.impratio
     if settings.cone is not None:
         option.cone = getattr(mujoco.mjtCone, f"mjCONE_{settings.cone.upper()}")
     if settings.integrator is not None:

@@ -354,7 +354,7 @@ def _of_mjcf(path: Path, text: str, controller: NumbersByName) -> ForeignRobot:
         wheeled=wheeled,
         contacts=[NumbersByName() for _ in wheeled.joints],
         limits=[_actuator_limits(wheeled.model, joint) for joint in wheeled.joints],
-        motorised=all(_is_driven(wheeled.model, joint) for joint in wheeled.joints),
+        motorised=all(_actuators(wheeled.model, joint) for joint in wheeled.joints),
         tensors=tensors,
         controller=controller,
         text=text,
@@ -367,10 +367,6 @@ def _actuators(model: mujoco.MjModel, joint: int) -> list[int]:
     kind = mujoco.mjtTrn.mjTRN_JOINT
     on_joint = (model.actuator_trntype == kind) & (model.actuator_trnid[:, 0] == joint)
     return [int(a) for a in np.flatnonzero(on_joint)]
-
-
-def _is_driven(model: mujoco.MjModel, joint: int) -> bool:
-    return bool(_actuators(model, joint))
 
 
 def _actuator_limits(model: mujoco.MjModel, joint: int) -> NumbersByName:

@@ -20,7 +20,7 @@ project = "ssmr-testbed"
 author = "the authors of ssmr-testbed"
 release = version = installed("ssmr-testbed")
 
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx_copybutton"]
 exclude_patterns = ["_build"]
 myst_enable_extensions = ["dollarmath"]
 myst_fence_as_directive = ["math"]  # GitHub's way to write a displayed equation

@@ -391,7 +391,7 @@ PRICES = {
         "models, friction laws, controllers, estimation, metrics, jDE: what all results rest on",
     ),
     "validation/cli": Price(
-        6_300,
+        6_400,
         4,
         27,
         "how texts of options are read and options checked, exit status, progress; "
@@ -427,9 +427,9 @@ PRICES = {
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
     "validation/files": Price(
-        42_000,
-        26,
-        122,
+        43_500,
+        28,
+        124,
         "any log is read as one form, of bags on one clock with the most independent pose; "
         "its faults are named, a slipping side among them; it is written",
     ),
@@ -446,9 +446,9 @@ PRICES = {
         "the thesis beside us, row by row",
     ),
     "validation/report": Price(
-        24_800,
+        25_600,
         15,
-        65,
+        71,
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
@@ -477,9 +477,9 @@ PRICES = {
         "fit and pictures each had); references, gains, controllers in loops",
     ),
     "validation/.": Price(
-        25_700,
+        27_200,
         19,
-        60,
+        61,
         "results side by side, comparison, fit, calibration with its verdict, tuning, robots, "
         "what a log contains and can tell, and its conversion, whole writing; workers",
     ),

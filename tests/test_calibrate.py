@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +84,19 @@ def test_known_numbers_come_back_in_every_file(log: Path, tmp_path: Path) -> Non
         )
         assert told_ratio == pytest.approx(TRUTH[f"alpha_{side}"], abs=0.02)
     assert (tmp_path / "calibrate.md").is_file()
+    page = (tmp_path / "calibrate.html").read_text()
+    headings = re.findall(r"<h\d>(.*?)</h\d>", page)
+    assert headings[1:4] == [
+        "Paths that no fit has seen",
+        "Error of the relative pose on data that no fit has seen, and how sure that is",
+        "kinematic driven by measured wheel rates, fitted",
+    ]
+    assert headings[-3:] == ["Faults of the log", "Notes", "What to do next"]
+    first = page.partition("</h1>")[2].partition("</p>")[0]
+    assert "profile.toml has new numbers of kinematic driven by measured wheel rates" in first
+    # nothing is fetched: all pictures are inside
+    assert page.count("<img ") == page.count('src="data:image/png;base64,') == 2
+    assert not re.findall(r"(?:src|href)=\"(?!data:)", page)
 
 
 def test_what_is_no_better_is_not_kept(log: Path, tmp_path: Path) -> None:

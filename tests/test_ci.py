@@ -25,6 +25,7 @@ BROUGHT = {
     "pillow": "matplotlib",
     "lz4": "rosbags",
     "backports.zstd": "rosbags",
+    "ruamel.yaml": "rosbags",
 }
 """A package that tests import, and the one that cannot do without it."""
 
@@ -190,7 +191,7 @@ def test_the_readme_has_both_commands() -> None:
     main, tests = (
         READER["runnable"](READER["printed"](name, text), "SOURCE") for name in ("main", "tests")
     )
-    assert main.startswith("git clone -q SOURCE ")
+    assert main.startswith("git clone -q SOURCE here && cd here\n")
     assert re.search(r"pip install -e \.(?!\[)", main), "the main job needs no extra"
     assert re.search(r"""pip install -e ["']?\.\[test\]""", tests)
     assert tests.startswith("git clone -q SOURCE here && cd here\n")

@@ -153,7 +153,7 @@ def test_turns_are_fitted_to_the_gyro_where_it_is_the_better_judge(
         )
         y_l, y_r = (p.value for p in found.parameters)
         apart.append(y_l - y_r)
-        assert any("the gyro is the first judge" in note for note in found.notes()) == (
+        assert any("headings are scored against the gyro" in note for note in found.notes()) == (
             name == "gyro"
         )
     assert apart[0] == pytest.approx(0.55 / 0.9, rel=0.01)

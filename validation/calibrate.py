@@ -23,6 +23,7 @@ import tyro
 
 from ssmr.types import CommandKind
 from validation import cli, output
+from validation.compare import compare
 from validation.experiment.scores import HEADLINE_HORIZON
 from validation.experiment.sources import open_source, unknown_robot_notes
 from validation.files.abilities import FATAL, lacks
@@ -37,7 +38,10 @@ from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import OF_A_LOG, find
 from validation.plants.table import PLANTS, SIMULATED
 from validation.report import drawing
+from validation.report.columns import Unit
+from validation.report.comparison import Comparison
 from validation.report.motions import interval_table
+from validation.report.page import calibration_page
 from validation.report.report import FINISHED, Report
 from validation.report.table import Table
 from validation.robots import export_robot
@@ -118,12 +122,15 @@ class Calibrate(cli.Common, cli.LogReading):
 
     def writes(self) -> tuple[str, ...]:
         """Return the names of the files that it writes into its folder."""
-        return (*super().writes(), "profile.toml", "diff_drive.yaml")
+        return (*super().writes(), "profile.toml", "diff_drive.yaml", "calibrate.html")
+
+
+_DRIVEN = {"wheels": "measured wheel rates", "commands": "commands"}
 
 
 def _label(f: Fitted) -> str:
     """Return a fit's name in tables and sentences."""
-    return f"{f.model} by {f.options['input']}"
+    return f"{f.model} driven by {_DRIVEN[f.options['input']]}"
 
 
 def _as_dict(f: Fitted) -> dict[str, Any]:
@@ -154,6 +161,17 @@ def _verdict(f: Fitted) -> str:
         f"{_label(f)}: {errors[1]} off after {horizon:g} s of new data, {errors[0]} before. "
         f"profile.toml {kept}."
     )
+
+
+def _correlations(f: Fitted) -> Table:
+    """Return the correlations of the errors of a fit's numbers."""
+    names = [p.name for p in f.parameters]
+    rows = []
+    for name, row in zip(names, [] if f.correlation is None else f.correlation, strict=False):
+        rows.append({"error of": name, **dict(zip(names, map(float, row), strict=True))})
+    units = {name: Unit("1", 1.0, 2) for name in names}
+    headings = {name: name for name in names}
+    return Table(f"{_label(f)}, correlations", rows, units=units, headings=headings)
 
 
 def _objections(f: Fitted, way: float) -> list[str]:
@@ -226,6 +244,9 @@ class Calibrated(Report):
     remarks: Sequence[str]
     """Sentences on what is wrong with the logs, what they are taken for, and what was not
     fitted."""
+    kept: Comparison
+    """The calibrated simulations along data that no fit has seen, of the first log if none was held
+    out."""
 
     @property
     def profile(self) -> Profile:
@@ -240,6 +261,7 @@ class Calibrated(Report):
             "profile.toml": self.profile.save,
             "diff_drive.yaml": lambda path: output.write_text(path, drive),
             **super().files(),
+            "calibrate.html": lambda path: output.write_text(path, self.page()),
         }
 
     def drive_errors(self) -> dict[str, float]:
@@ -267,6 +289,23 @@ class Calibrated(Report):
         table = interval_table(sorted(errors, key=lambda each: each[0]), "numbers")
         title = "Error of the relative pose on data that no fit has seen, and how sure that is"
         return [replace(table, title=title), *values]
+
+    def page(self) -> str:
+        """Return everything that its user wants to know as one HTML page, the verdict first."""
+        tables = self.tables()
+        for k, f in enumerate(self.fits):
+            tables.insert(2 * k + 2, _correlations(f))
+        return calibration_page(self, self.kept, tables, [fault.sentence for fault in self.faults])
+
+    def verdict(self) -> str:
+        """Return which fits are better on data that they have not seen."""
+        better = " and ".join(_label(f) for f in self.fits if f.better)
+        worse = " and ".join(_label(f) for f in self.fits if not f.better)
+        words = [
+            f"profile.toml has new numbers of {better}: better on data that no fit has seen."
+        ] * bool(better)
+        words += [f"It keeps the old numbers of {worse}: the fit is no better."] * bool(worse)
+        return " ".join(words)
 
     def notes(self) -> list[str]:
         """Return a verdict on each fit, the remarks, and the fits' notes."""
@@ -298,14 +337,11 @@ class Calibrated(Report):
         marks = []
         for s in self.fits:
             marker = "s" if s.options["input"] == "wheels" else "o"
-            inks = {"before": drawing.BESIDE_INK, "after": drawing.ink_of(s.model)}
+            ink = drawing.ink_of(s.model)
+            inks = {"before": drawing.pale(ink), "after": ink}
             for when, scored in s.judged.items():
                 name = f"{_label(s)}, {when}"
-                marks.append(
-                    drawing.HorizonMarks(
-                        name, inks[when], marker, scored.horizons, scored.overlapping
-                    )
-                )
+                marks.append(drawing.HorizonMarks(name, inks[when], marker, scored.overlapping))
         legend = [drawing.key_line(m.name, color=m.ink, marker=m.marker) for m in marks]
         panels = [partial(drawing.draw_horizons, marks, part) for part in ("position", "yaw")]
         verdicts = list(map(_verdict, self.fits))
@@ -359,8 +395,23 @@ def calibrate(o: Calibrate) -> Calibrated:
         judged = [read_log(log_path(split_ground(str(o.held_out))[0]), read).on_one_clock()]
     fits = _fits(o, profile, inputs, spans, _usual_way(judged))
     robot = profile.robot
+    _, begin = spans[o.names[0]]
+    kept = compare(
+        split_ground(str(o.held_out or o.names[0]))[0],
+        fits[-1].profile,
+        tuple(dict.fromkeys(f.model for f in fits)),
+        input=inputs[0],
+        since=begin,
+        bands=True,
+        seed=o.seed,
+        topics=o.topics,
+        columns=o.columns,
+        ticks_per_turn=o.ticks_per_turn,
+        limits=o.limits,
+    )
     with_logs = ", ".join(Path(name).name for name in o.names)
     return Calibrated(
+        kept=kept,
         title=one_line(f"{robot.title or robot.name}, calibrated with {with_logs}"),
         options={
             "plants": o.plants,

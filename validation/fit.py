@@ -10,7 +10,7 @@ if __name__ == "__main__":
 import datetime
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, product
 from pathlib import Path
@@ -102,7 +102,6 @@ distances between samples make it jagged, so least squares go to the right place
 least cost there."""
 _FITTED = "; fitted: "
 """What stands between a profile's description and the plants that were fitted."""
-_WINDOWS = {"n": "windows", "n_standing": "standing"}
 # metrics in the table of scores
 _SHOWN = ("d_rms_m", "d_haus_m", "d_ratio", "sync_rms_m", "yaw_rms_rad")
 
@@ -359,17 +358,13 @@ class Fitted(SearchReport):
                 row["torque_rms_N_m"] = s.metrics["torque_rms_N_m"]
             scores.append(row)
         errors = []
-        windows = []
         for h, (name, s) in product(HORIZONS, self._named):
-            if h in s.horizons:
-                errors.append({"horizon_s": h, "source": name, **asdict(s.horizons[h])})
-                windows.append((h, name, s.overlapping[h]))
-        title = "Error of the relative pose after a horizon"
+            if h in s.overlapping:
+                errors.append((h, name, s.overlapping[h]))
         return [
             self.values("parameter", "before"),
             Table("Scores of the fitted plant", scores),
-            Table(title, errors, group="horizon_s", headings=_WINDOWS),
-            interval_table(windows, "source"),
+            interval_table(errors, "source"),
         ]
 
     def figure(self) -> Figure:
@@ -377,9 +372,9 @@ class Fitted(SearchReport):
         ink = drawing.ink_of(self.model)
         marks = []
         for k, (name, s) in enumerate(self._named):
-            if s.horizons:
+            if s.overlapping:
                 colour = ink if s in self.train.values() else drawing.BESIDE_INK
-                marks.append(drawing.HorizonMarks(name, colour, "osvDP"[k % 5], s.horizons))
+                marks.append(drawing.HorizonMarks(name, colour, "osvDP"[k % 5], s.overlapping))
 
         def position(ax: Axes) -> None:
             drawing.draw_horizons(marks, "position", ax)

@@ -14,7 +14,7 @@ import inspect
 import math
 import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass
+from dataclasses import KW_ONLY, asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -146,7 +146,8 @@ class LogReport(Report):
         """Return remarks on reading, gaps and rest, on faults, and the next step."""
         notes = [*self.log.remarks, *_sentences(self.log, self.rest)]
         notes += [*self.faults.sentences(named=False), *lacks(self.log)]
-        return [*notes, _next_step(self.asked, self.log, self.faults)]
+        notes.append(_next_step(self.asked, self.log, self.faults))
+        return [*notes, _uses(good_for(self.log, self.faults.named), self.offsets)]
 
     def document(self) -> dict[str, Any]:
         """Return the findings as the JSON file has them."""
@@ -348,6 +349,18 @@ def _next_step(o: LogOptions, log: Log, faults: Faults) -> str:
     return f"next: python -m validation.compare {path} --robot {name} --input commands"
 
 
+_USES = ("wheels", "commands", "gyro")
+
+
+def _uses(good: Mapping[str, bool], offsets: Sequence[Offset]) -> str:
+    """Return the signals for which a log is good enough, and how late the robot follows."""
+    words = {name: f"{name} {'yes' if good[name] else 'no'}" for name in _USES}
+    for o in offsets:
+        if o.late == "cmd" and good["commands"]:
+            words["commands"] += f" (the robot follows {-o.seconds:.2f} s later)"
+    return f"good enough for: {', '.join(words.values())}"
+
+
 def _without_pose(log: Log) -> str:
     """Return the effective track by wheels and gyro, as a sentence on a log without a pose."""
     signals = channels(log) or {}
@@ -392,19 +405,18 @@ def _offset_table(offsets: Sequence[Offset]) -> Table:
         "seconds": "late_s",
         "standard_error": "standard_error_s",
     }
-    rows = [
-        {keys.get(name, name): value for name, value in asdict(offset).items()}
-        for offset in offsets
-    ]
+    rows = []
+    for o in offsets:
+        # what leads is what the other one is behind
+        if o.seconds < 0.0:
+            o = replace(o, late=o.behind, behind=o.late, seconds=-o.seconds)
+        rows.append({keys.get(name, name): value for name, value in asdict(o).items()})
     units = {
         "late_s": Unit("s", 1.0, 4),
         "standard_error_s": Unit("s", 1.0, 4),
         "correlation": Unit("1", 1.0, 3),
     }
-    caption = (
-        "Delays come from comparing yaw rates; for position, speeds.\n"
-        "A negative delay means that the signal leads. Commands normally do."
-    )
+    caption = "Delays come from comparing yaw rates; for position, speeds."
     return Table("Offsets of time", rows, caption, units=units)
 
 

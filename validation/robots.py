@@ -205,7 +205,8 @@ class RobotCheck(Report):
         verdict = "no fault found" if self.ok else "something is wrong"
         title = f"{abridged(self.title, 60)}: {verdict}"
         height = min(10.0 * width / length + 1.4, 7.0)
-        return draw_page(title, [PanelRow(height, [partial(_draw_from_above, self)])])
+        row = PanelRow(height, [partial(_draw_from_above, self)])
+        return draw_page(title, [row], notes=[finding.sentence for finding in self.findings])
 
 
 @cli.program(CheckRobot)
@@ -361,6 +362,9 @@ def _numbers(robot: Robot) -> Table:
 # --- the picture ---
 
 
+_ARROW = {"width": 3.0, "headwidth": 12.0, "facecolor": "0.1"}
+
+
 def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
     from matplotlib.patches import Rectangle
 
@@ -380,11 +384,15 @@ def _draw_from_above(check: RobotCheck, ax: Axes) -> None:
         ax.add_patch(Rectangle(corner, length, width, facecolor="0.8", edgecolor="0.1", zorder=1.8))
         ax.text(x, y, f"{load:.0f} N", ha="center", va="center", zorder=6.0)
     ax.plot(com[0], com[1], "P", markersize=9.0, color="black", zorder=5.0)
+    ax.text(com[0], com[1] - 0.05 * wide, "centre of mass", ha="center", va="top", zorder=6.0)
+    nose = check.robot.body_centre[0] + 0.5 * long
+    ax.annotate("", (nose, 0.0), (nose - 0.2 * long, 0.0), arrowprops=_ARROW, zorder=5.0)
+    ax.text(nose - 0.1 * long, 0.05 * wide, "forward", ha="center", zorder=6.0)
     equal_scales(ax, 0.0)
     ax.set(
         xlabel="x, forward [m]",
         ylabel="y, to the left [m]",
-        title="From above, with the loads at rest and the centre of mass",
+        title="From above, with the loads at rest",
     )
 
 

@@ -43,6 +43,8 @@ MOST_WORKERS = 4096
 """Greatest number of threads."""
 _LOG_EVERY_S = 5.0
 """Time between two lines of progress where standard error is no terminal [s]."""
+_TELLS_TIME = 10.0
+"""Progress from which the time that is left is shown [%]."""
 _ENDLESS = 10_000
 """Width of an output that is no terminal."""
 _CHECKPOINT = b"identity.npy"
@@ -307,11 +309,27 @@ def shown(title: str) -> Iterator[output.Progressing]:
 
     Where standard error is no terminal, a line every few seconds says the same.
     """
-    from rich.progress import Progress
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        ProgressColumn,
+        Task,
+        TextColumn,
+        TimeRemainingColumn,
+    )
 
+    class Remaining(TimeRemainingColumn):
+        """The time that is left, once a tenth is done: before that it is no more than a guess."""
+
+        def render(self, task: Task) -> Text:
+            return super().render(task) if task.percentage >= _TELLS_TIME else Text()
+
+    columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(), Remaining()]
     console = Console(stderr=True)
     last = time.monotonic()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         task = bar.add_task(title, total=None)
 
         def show(now: output.Progress) -> None:
@@ -346,7 +364,7 @@ def report_console() -> Console:
 
 def report_result(report: Report, written: Iterable[Path] = ()) -> None:
     """Print a report's tables and notes, and the paths of written files, on standard output."""
-    print_tables(report_console(), report.tables(), report.notes())
+    print_tables(report_console(), report.tables(), report.notes(), report.verdict())
     _report_written(written)
 
 

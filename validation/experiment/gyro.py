@@ -52,10 +52,10 @@ class GyroJudge:
     def sentence(self) -> str:
         """Sentence on the choice of the rule and its reason."""
         difference = f"{self.apart:.3f} rad after {_WINDOW_S:g} s in the median"
-        rule = f"no more than {_WORST_RAD:g}: the localiser"
+        rule = f"no more than {_WORST_RAD:g}: headings are scored against the pose source"
         if self.first:
-            rule = f"more than {_WORST_RAD:g}: the gyro"
-        return f"Gyro and localiser differ by {difference}, {rule} is the first judge of heading"
+            rule = f"more than {_WORST_RAD:g}: headings are scored against the gyro"
+        return f"Gyro and pose source differ by {difference}, {rule}."
 
     def as_dict(self) -> dict[str, object]:
         """Return the choice as compare.json has it."""

@@ -56,7 +56,7 @@ _LOOP_METRICS = (
     ),
     Metric(
         "u_rms_ratio",
-        "u rms ratio",
+        "speed over reference",
         "1",
         "one",
         "root mean square of the robot's speed over that of the reference, "
@@ -64,7 +64,7 @@ _LOOP_METRICS = (
     ),
     Metric(
         "saturated_fraction",
-        "saturated",
+        "time at a limit",
         "share",
         "low",
         "share of time in which a torque or a command was at its limit",

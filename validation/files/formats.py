@@ -56,11 +56,10 @@ where they come from."""
 
 
 def log_path(name: str | Path) -> Path:
-    """Return the path of a log; a file is preferred to a shipped log of the same name."""
-    path = Path(name)
-    if str(name) in SHIPPED_LOGS and not exists(path):
+    """Return the path of a log; a shipped log is preferred to a file of the same name."""
+    if str(name) in SHIPPED_LOGS:
         return Path(__file__).parent / "shipped" / f"{name}.csv"
-    return path
+    return Path(name)
 
 
 def profile_of_log(name: str | Path) -> str:

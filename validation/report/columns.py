@@ -69,6 +69,8 @@ _ENDINGS: Mapping[str, Unit] = {
 }
 """Units by the ending of a key, longer endings first; a key of `_us` or `_ms` holds seconds, as all
 values are SI."""
+_LABELS = {"plant": "simulation"}
+"""Headings of columns whose keys say it in another word."""
 _PLAIN = Unit("", 1.0, 3, significant=4)
 
 REAL_TIME = Metric(
@@ -104,7 +106,7 @@ def ending_of(key: str) -> str:
 def heading_of(key: str) -> str:
     """Return the heading of a column without its unit; a dotted key has those of its parts."""
     *parts, last = key.split(".")
-    label = last.removesuffix(ending_of(last)).replace("_", " ")
+    label = _LABELS.get(last) or last.removesuffix(ending_of(last)).replace("_", " ")
     if last in DECLARED:
         label = DECLARED[last].label
     return " ".join([*parts, label])

@@ -129,7 +129,7 @@ class Comparison(Motions):
             f"{title}: {n} plant{'s' * (n > 1)} driven by the same {kind}",
             [*rows, *self._panels()],
             legend=self._legend(),
-            notes=self.notes(),
+            notes=[*filter(None, [self.verdict()]), *self.notes()],
             foot=how_driven(self.profile_label, self.terrain, made, self.versions),
         )
 
@@ -139,11 +139,9 @@ class Comparison(Motions):
         rows = list[PanelRow]()
         marks = []
         for name, scores in self.scores.items():
-            if scores.horizons:
+            if scores.overlapping:
                 marker = _MARKERS.get(name, "o")
-                marks.append(
-                    HorizonMarks(name, ink_of(name), marker, scores.horizons, scores.overlapping)
-                )
+                marks.append(HorizonMarks(name, ink_of(name), marker, scores.overlapping))
         if marks:
             position = partial(draw_horizons, marks, "position")
             rows.append(PanelRow(2.3, [position, partial(draw_horizons, marks, "yaw")]))
@@ -162,7 +160,7 @@ class Comparison(Motions):
 
     def _legend(self) -> list[Line2D]:
         """Return the only legend of plants."""
-        marked = any(scores.horizons for scores in self.scores.values())
+        marked = any(scores.overlapping for scores in self.scores.values())
         legend = []
         for track in self.tracks():
             marker = ""
@@ -204,7 +202,7 @@ class Comparison(Motions):
         draw_ring(ax, 0.0, 0.0)
         equal_scales(ax, 0.6)
         ax.locator_params(axis="x", nbins=5)
-        t = self.truth[i].t
+        t = self.truth[i].t - self._span[0]
         ax.set_title(f"{t[a]:.1f} to {t[b]:.1f} s", fontweight="normal")
         ax.set(xlabel="ahead [m]", ylabel="to the left [m]")
 
@@ -296,22 +294,25 @@ class Comparison(Motions):
     ) -> None:
         """Draw a quantity of a motion over the span of velocities; `look` may differ from its."""
         span = self._shown_span
+        begin, end = self._span
         parts = []
         for piece in track.pieces:
             k = (piece.t >= span[0]) & (piece.t <= span[1])
             if k.any():
-                parts.append((piece.t[k], values(piece)[k]))
+                parts.append((piece.t[k] - begin, values(piece)[k]))
         ax.plot(*joined(parts), **look_of(track) | look)
-        ax.set_xlim(*span)
+        ax.set_xlim(span[0] - begin, span[1] - begin)
         label = "time [s]"
+        if begin:
+            label += f" after {begin:.1f} s of the log"
         if span != self._span:
-            label += f", part of {self._span[0]:.0f} to {self._span[1]:.0f} s"
+            label += f", part of {end - begin:.0f} s"
         ax.set_xlabel(label)
 
     def _draw_velocity(self, title: str, column: int, command: int, ax: Axes) -> None:
         """Draw one component of every robot's velocity, and of the command if it is a velocity."""
         if self._by_speed:
-            parts = [(t, values[:, command]) for t, values in self.given()]
+            parts = [(t - self._span[0], values[:, command]) for t, values in self.given()]
             ax.plot(
                 *joined(parts),
                 color=_COMMAND_INK,
@@ -352,12 +353,13 @@ class Comparison(Motions):
         scale: float,
         ax: Axes,
     ) -> None:
+        begin, end = self._span
         _, *others = self.tracks()
         for track in others:
             pairs = zip(track.pieces, self.truth, strict=True)
-            errors = [(true.t, scale * error(piece, true)) for piece, true in pairs]
+            errors = [(true.t - begin, scale * error(piece, true)) for piece, true in pairs]
             ax.plot(*joined(errors), **look_of(track))
-        ax.set(title=f"{title} at equal times", xlabel="time [s]", xlim=self._span)
+        ax.set(title=f"{title} at equal times", xlabel="time [s]", xlim=(0.0, end - begin))
         at_least(ax, 1e-3)
 
     def _draw_loads(self, track: Track, ax: Axes) -> None:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ssmr.metrics.windows import HorizonErrors, OverlappingErrors
+from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
 from validation.output import shortened, write_atomic
 from validation.report.palette import BLACK, colour, mix
@@ -174,6 +174,14 @@ def corner_note(ax: Axes, text: str, ink: str = QUIET) -> None:
     )
 
 
+def pale(ink: Ink) -> Ink:
+    """Return an ink half way to white, for what was before."""
+    from matplotlib.colors import to_rgb
+
+    red, green, blue = (0.5 + 0.5 * part for part in to_rgb(ink))
+    return red, green, blue
+
+
 def plain_ticks(axis: Axis, subs: Sequence[float] = (1.0,)) -> None:
     """Mark these multiples of every power of ten on a logarithmic axis, in plain numbers."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -193,62 +201,44 @@ class HorizonMarks:
     name: str
     ink: Ink
     marker: str
-    errors: Mapping[float, HorizonErrors]
-    """Errors by horizon [s]; not empty."""
-    overlapping: Mapping[float, OverlappingErrors] = field(default_factory=dict)
-    """Medians over overlapping windows with their intervals, by horizon [s]."""
+    errors: Mapping[float, OverlappingErrors]
+    """Medians over windows that begin every second, with their intervals, by horizon [s]; not
+    empty."""
 
 
 def draw_horizons(
     marks: Sequence[HorizonMarks], what: Literal["position", "yaw"], ax: Axes
 ) -> None:
-    """Draw median errors by horizon with their intervals, and bars to the 95th percentiles."""
+    """Draw median errors by horizon, each in the band of its 90 % interval."""
     scale = 1.0 if what == "position" else math.degrees(1.0)
     unit = "m" if what == "position" else "deg"
     ending = "m" if what == "position" else "rad"
-
-    def values(errors: Sequence[object], name: str) -> FloatArray:
-        return scale * np.array([getattr(e, f"{what}_{name}_{ending}") for e in errors])
-
     horizons = sorted(set().union(*(each.errors for each in marks)))
-    smallest = math.inf
     for k, each in enumerate(marks):
-        aside = 0.4 * (2 * k + 1 - len(marks)) / len(marks)
-        at = {h: horizons.index(h) + aside for h in each.errors}
-        places = [*at.values()]
-        errors = [*each.errors.values()]
-        median = values(errors, "median")
-        high = values(errors, "p95")
-        ink = each.ink
-        ax.vlines(places, median, high, colors=[ink], linewidth=2.5, zorder=2.5)
-        ax.plot(places, high, "_", color=ink, markersize=9.0, markeredgewidth=2.5, zorder=2.5)
+        aside = 0.8 * ((k + 0.5) / len(marks) - 0.5)
+        places = [horizons.index(h) + aside for h in each.errors]
+        median, low, high = (
+            [scale * getattr(e, f"{what}_{part}_{ending}") for e in each.errors.values()]
+            for part in ("median", "low", "high")
+        )
+        ax.vlines(places, low, high, colors=[each.ink], linewidth=9.0, alpha=0.3, zorder=2.2)
         ax.plot(
             places,
             median,
             each.marker,
-            color=ink,
+            color=each.ink,
             markersize=8.0,
             markeredgecolor="white",
             zorder=3.0,
             gid=each.name,
         )
-        smallest = min(smallest, float(median.min()))
-        if shared := [h for h in each.errors if h in each.overlapping]:
-            overlapping = [each.overlapping[h] for h in shared]
-            low = values(overlapping, "low")
-            most = values(overlapping, "high")
-            middles = [at[h] for h in shared]
-            ax.vlines(middles, low, most, colors=[ink], linewidth=9.0, alpha=0.3, zorder=2.2)
-            smallest = min(smallest, float(low.min()))
-    if smallest > 0.0:
+    if ax.dataLim.ymin > 0.0:
         ax.set_yscale("log")
         plain_ticks(ax.yaxis, (1.0, 2.0, 5.0))
     ax.margins(y=0.15)
     ax.set_xticks(range(len(horizons)), [_horizon_label(h, marks) for h in horizons])
     ax.grid(visible=False, axis="x")
-    title = f"{what.capitalize()} error [{unit}]: median, bar to 95 %"
-    if any(each.overlapping for each in marks):
-        title += "; pale: its 90 % interval"
+    title = f"{what.capitalize()} error [{unit}]: median, in its 90 % interval"
     ax.set(title=title, xlim=(-0.55, len(horizons) - 0.45))
 
 

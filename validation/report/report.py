@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from validation import output
 from validation.output import code_span, each_line, markdown, one_line, shortened
 from validation.report.columns import legend
-from validation.report.table import Table, markdown_table, text_tables
+from validation.report.table import Table, html_of, section, text_tables
 
 if TYPE_CHECKING:
     import pandas
@@ -66,6 +66,10 @@ class Report:
             return ["It was interrupted; only what was finished before is here."]
         return []
 
+    def verdict(self) -> str:
+        """Return what it found in one sentence or two, which stand before everything else."""
+        return ""
+
     def document(self) -> Mapping[str, Any]:
         """Return what its JSON file has besides tables and notes: the schema and results."""
         return {}
@@ -90,7 +94,7 @@ class Report:
 
     def table(self, width: int = 110) -> str:
         """Return its tables and notes as text of at most `width` columns."""
-        return text_tables(self.tables(), self.notes(), width)
+        return text_tables(self.tables(), self.notes(), width, self.verdict())
 
     def frame(self, title: str | None = None) -> pandas.DataFrame:
         """Return a table, by default the first one, as a data frame of pandas, in SI units.
@@ -114,13 +118,13 @@ class Report:
         """
         tables = [table for table in self.tables() if table.rows]
         lines = [f"# {markdown(self.title)}", ""]
+        if verdict := self.verdict():
+            lines += [f"**{markdown(verdict)}**", ""]
         for name, values in (("options", self.options), ("versions", self.versions)):
             given = [f"{one_line(k)} {option_text(v)}" for k, v in values.items() if v is not None]
             lines.append(f"- {name}: {code_span(', '.join(given) or 'none')}")
         for table in tables:
-            lines += ["", f"## {markdown(table.title)}", "", *markdown_table(table)]
-            if table.caption:
-                lines += ["", markdown(table.caption)]
+            lines += ["", *section(table)]
         if notes := self.notes():
             lines += ["", "## Notes", "", *(f"- {markdown(note)}" for note in notes)]
         keys = chain.from_iterable(table.keys for table in tables)
@@ -129,14 +133,8 @@ class Report:
             lines += [f"- {meaning}" for meaning in meanings]
         return "\n".join(lines) + "\n"
 
-    def to_html(self) -> str:
-        """Return `to_markdown` as a piece of HTML; no foreign text in it is markup."""
-        from markdown_it import MarkdownIt
-
-        return MarkdownIt("commonmark", {"html": False}).enable("table").render(self.to_markdown())
-
     def _repr_html_(self) -> str:
-        return self.to_html()
+        return html_of(self.to_markdown())
 
     def files(self) -> dict[str, Callable[[Path], object]]:
         """Return writers of the files beside its JSON file, by name."""
@@ -190,6 +188,7 @@ class Report:
         document = {
             "tables": {table.title: list(table.rows) for table in self.tables() if table.rows},
             "status": self.status,
+            "conclusion": self.verdict(),
             **self.document(),
             "notes": self.notes(),
             "options": self.options,

@@ -17,7 +17,7 @@ from rich.measure import Measurement
 from rich.text import Text
 
 from ssmr.metrics.declared import Metric
-from validation.output import each_line, markdown_cell, one_line
+from validation.output import each_line, markdown, markdown_cell, one_line
 from validation.report.columns import DECLARED, NOTHING, Unit, heading_of, is_length, unit_of
 
 Row = Mapping[str, Any]
@@ -219,16 +219,22 @@ def _terminal_table(table: Table, columns: Sequence[TableColumn]) -> rich.table.
     return drawn
 
 
-def text_tables(tables: Iterable[Table], notes: Iterable[str] = (), width: int = 110) -> str:
-    """Return tables, and sentences below them, as plain text of at most `width` columns."""
+def text_tables(
+    tables: Iterable[Table], notes: Iterable[str] = (), width: int = 110, verdict: str = ""
+) -> str:
+    """Return a verdict, tables, and sentences below them, as text of at most `width` columns."""
     out = io.StringIO()
     console = Console(file=out, width=width, color_system=None)
-    print_tables(console, tables, notes)
+    print_tables(console, tables, notes, verdict)
     return out.getvalue()
 
 
-def print_tables(console: Console, tables: Iterable[Table], notes: Iterable[str]) -> None:
-    """Print tables that have rows, and sentences below them."""
+def print_tables(
+    console: Console, tables: Iterable[Table], notes: Iterable[str], verdict: str = ""
+) -> None:
+    """Print a verdict, tables that have rows, and sentences below them."""
+    if verdict:
+        console.print(Text(each_line(f"{verdict}\n"), style="bold"))
     for table in tables:
         if table.rows:
             console.print(rich_table(table, console.width))
@@ -253,3 +259,16 @@ def markdown_table(table: Table) -> list[str]:
         cells = [f"**{c.texts[i]}**" if i in c.best else c.texts[i] for c in columns]
         lines.append(line(cells))
     return lines
+
+
+def section(table: Table) -> list[str]:
+    """Draw a table below its title and above its caption, as lines of markdown."""
+    lines = [f"## {markdown(table.title)}", "", *markdown_table(table)]
+    return [*lines, "", markdown(table.caption)] if table.caption else lines
+
+
+def html_of(text: str) -> str:
+    """Return markdown as a piece of HTML; no foreign text in it is markup."""
+    from markdown_it import MarkdownIt
+
+    return MarkdownIt("commonmark", {"html": False}).enable("table").render(each_line(text))

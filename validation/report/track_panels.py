@@ -39,7 +39,7 @@ _SPEEDS = (
     ("Yaw rate [rad/s]", ("yaw_rate", "w_ref", "w_cmd"), 2),
 )
 _WANTED = "0.2"
-_COMMAND = "0.65"
+_COMMAND = "#56b4e9"
 _SATURATED = "#d9534f"
 _REFERENCE: dict[str, Any] = {
     "color": REFERENCE_INK,
@@ -60,7 +60,7 @@ def _legend(robots: Sequence[Followed]) -> list[Line2D]:
         d_rms = f"d_rms {unit.text(r.metrics['d_rms_m'])} {unit.symbol}"
         looks[f"{r.plant}\n{d_rms}"] = {"color": ink_of(r.plant), "linewidth": 2.4}
     looks["reference\n"] = _REFERENCE
-    looks["wanted by the\nposition loop"] = {"color": _WANTED, "linewidth": 0.8, "alpha": 0.6}
+    looks["speed\nrequest"] = {"color": _WANTED, "linewidth": 0.8, "alpha": 0.6}
     if len(robots) == 1:
         looks["command to\nthe drive"] = {"color": _COMMAND}
         saturated = {"color": _SATURATED, "linewidth": 7.0, "alpha": 0.2}

@@ -299,6 +299,13 @@ def test_an_exported_robot_is_found_sound(tmp_path: Path) -> None:
     assert own["multiplier"] == pytest.approx(own["closed_form"], rel=0.01)
 
 
+def test_a_heavy_thing_beside_the_robot_hides_no_wheels(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.xml"
+    thing = '<body pos="3 0 1"><freejoint/><geom size="1" mass="500"/></body></worldbody>'
+    path.write_text(model().replace("</worldbody>", thing))
+    assert load_robot(path).mass == pytest.approx(40.0)
+
+
 def test_hardly_any_inertia_raises_a_question(tmp_path: Path) -> None:
     path = tmp_path / "theirs.urdf"
     path.write_text(re.sub(r'i(xx|yy|zz)="[^"]*"', r'i\1="1e-6"', URDF))

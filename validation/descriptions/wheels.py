@@ -122,16 +122,16 @@ class WheeledRobot:
     def _spinning(self) -> list[int]:
         """Return the hinge joints across a level axis that turn without an end.
 
-        They are on the heaviest tree of bodies: others are no part of the robot.
+        They are on the heaviest tree of bodies that has any: others are no part of the robot.
         """
         model = self.model
-        roots = model.body_rootid[model.jnt_bodyid]
-        masses = model.body_subtreemass[roots]
+        masses = model.body_subtreemass[model.body_rootid[model.jnt_bodyid]]
         is_hinge = model.jnt_type == mjtJoint.mjJNT_HINGE
         is_endless = (model.jnt_limited == 0) | (np.ptp(model.jnt_range, axis=1) > _FEW_TURNS)
         is_level = np.abs(self.data.xaxis[:, 2]) < _LEVEL
-        is_heavy = masses == masses.max(initial=0.0)
-        spinning: list[int] = np.flatnonzero(is_hinge & is_endless & is_level & is_heavy).tolist()
+        found = is_hinge & is_endless & is_level
+        found &= masses == masses[found].max(initial=0.0)
+        spinning: list[int] = np.flatnonzero(found).tolist()
         return spinning
 
     def _four(self, any_direction: bool) -> list[int]:

@@ -23,8 +23,10 @@ from validation.experiment.gains import load_gains
 from validation.experiment.loops import make_controller, make_robot, run_robots
 from validation.experiment.tracked import track_metrics
 from validation.identify.tuning import (
+    TARGET_SHARE,
     TuneCase,
     TuneCost,
+    TuneMeasure,
     TuneProblem,
     costs_of,
     delayed,
@@ -105,11 +107,13 @@ def test_the_time_cost_sees_the_clock(lab: Profile) -> None:
 @pytest.mark.parametrize("guard", [0.0, 0.2])
 def test_limits_and_workers_change_no_kept_cost(lab: Profile, guard: float) -> None:
     p = problem(lab, TuneCost(guard=guard), "pid", case(lab), case(lab, speed=0.25))
-    points = np.random.default_rng(0).random((6, len(p.space)))
+    steps = 0.01 * np.random.default_rng(0).standard_normal((12, len(p.space)))
+    points = np.clip(published_point(p) + steps, 0.0, 1.0)
     whole = p.costs(points, None, 2)
+    assert 4 <= np.isfinite(whole).sum() < 12  # the others leave the path more than before
     assert np.array_equal(whole, p.costs(points, None, 1))
     finite = np.where(np.isfinite(whole), whole, 1.0)
-    limits = np.where(np.arange(6) % 2 == 0, np.inf, 0.5 * finite)
+    limits = np.where(np.arange(12) % 2 == 0, np.inf, 0.5 * finite)
     some = p.costs(points, limits, 1)
     kept = some <= limits
     assert np.array_equal(some[kept], whole[kept])
@@ -130,14 +134,40 @@ def test_the_guard_is_asked_for_what_would_win_alone(lab: Profile) -> None:
         assert driven[2:] == [6]
 
 
-def test_the_guard_refuses_what_more_delay_would_break(lab: Profile) -> None:
-    fierce = {"k_p_u": 1.5, "k_i_u": 2.0}
-    base = load_gains("pid", "published")
+def test_metres_are_the_distances_to_the_path_and_to_the_target(lab: Profile) -> None:
+    p = problem(lab, TuneCost("metres", guard=0.0))
+    one = case(lab)
+    (run,) = run_robots([one.robot], [make_controller(lab, p.base)], [QUIET], one.waypoints, [0])
+    m = compare_paths(run.motion, one.target)
+    wanted = m["d_rms_m"] + TARGET_SHARE * m["sync_rms_m"]
+    # the one counts every tick alike, the other every stretch of time: the last tick differs
+    assert p.costs(published_point(p)[None])[0] == pytest.approx(wanted, rel=1e-4)
+
+
+@pytest.mark.parametrize("measure", ["metres", "path", "time"])
+def test_gains_that_leave_the_path_more_than_before_are_refused(
+    lab: Profile, measure: TuneMeasure
+) -> None:
+    """Feedback of the lateral error takes the robot to its path; less of it, farther away."""
     one = case(lab, "improved")
+    base = load_gains("pid", "published")
+    space = make_tuning_space("pid", ["k_p_y"], False, {"k_p_y": (0.1, 2.0 * base.values["k_p_y"])})
+    p = TuneProblem(lab, base, space, (one,), TuneCost(measure, guard=0.0))
+    before = base.values["k_p_y"]
+    points = space.points(np.array([[0.3 * before], [before]]))
+    less, same = p.costs(points)
+    assert less == np.inf
+    assert math.isfinite(same)
+
+
+def test_the_guard_refuses_what_more_delay_would_break(lab: Profile) -> None:
+    published = load_gains("pid", "published")
+    fierce = replace(published, values={**published.values, "k_p_u": 1.5, "k_i_u": 2.0})
+    space = make_tuning_space("pid", None, False, {}, start=fierce.values)
+    point = space.points(np.array([fierce.values[name] for name in space.names]))
     costs = []
     for guard in (0.0, 0.4):
-        p = problem(lab, TuneCost(guard=guard), "pid", one)
-        point = p.space.points(np.array([{**base.values, **fierce}[n] for n in p.space.names]))
+        p = TuneProblem(lab, fierce, space, (case(lab, "improved"),), TuneCost(guard=guard))
         costs.append(p.costs(point[None])[0])
     assert np.isfinite(costs[0])
     assert costs[1] == np.inf

@@ -48,6 +48,8 @@ _EASY_SPEED = 0.8
 """Share of the greatest speed up to which nothing is measured either."""
 _AS_FAST = 0.98
 """Share of a reference's mean speed from which a feasible path counts as fast as it is."""
+JUDGE = "mujoco"
+"""Plant that stands for the robot where controllers and gains are judged."""
 PRACTICABLE = 0.9
 """Share of the robot's greatest motion that a path may ask for; what is left is for corrections."""
 

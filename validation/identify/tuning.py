@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from ssmr._jit import jit_alone, share_among_threads
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import ClosedRun, LoopSettings
 from ssmr.control.waypoints import Waypoints
+from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.paths import (
     BENDING_FLOOR,
     bend_ratio_kernel,
@@ -33,8 +35,11 @@ from validation.plants.profile import Profile
 from validation.simulator.plant import MujocoPlant
 from validation.workers import rate_there
 
-TuneMeasure = Literal["path", "time"]
+TuneMeasure = Literal["metres", "path", "time"]
 """Measure of a tuning, see `TuneCost`."""
+TARGET_SHARE = 0.2
+"""Weight of the distance to the moving target in the measure `metres`, beside that to the path: a
+robot that keeps to its path and comes late is preferred to one that hurries and leaves it."""
 GUARD_DISTANCE = 1.0
 """Distance from its target within which the robot must stay for the stability guard [m]."""
 
@@ -44,11 +49,15 @@ class TuneCost:
     """The cost that a tuning makes small, over all references and plants together."""
 
     cost: TuneMeasure = "path"
-    """path (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times in the place
-    of distances between paths (Sec. 5)."""
+    """metres: d_rms and `TARGET_SHARE` of the RMS distance to the moving target; path (Sec. 4.3.3,
+    4.4.3), which is blind to time; or time: errors at equal times in the place of distances between
+    paths (Sec. 5)."""
     guard: float = 0.1
     """Candidates that lose the reference with this much more delay are refused [s]; 0 turns this
     off."""
+    worse_path: float = 1.1
+    """Candidates whose path error is greater than so many times that of the gains before are
+    refused, whatever they cost; infinite where none are."""
     seed: int = 0
     """Seed of noise and disturbance."""
     k_rms: float = 100.0
@@ -79,12 +88,22 @@ def _path_measures(poses, truth, out):
 
 
 def costs_of(
-    runs: Sequence[ClosedRun], target: Trajectory, speed: float, cost: TuneCost, workers: int = 1
+    runs: Sequence[ClosedRun],
+    target: Trajectory,
+    speed: float,
+    cost: TuneCost,
+    workers: int = 1,
+    worst: float = math.inf,
 ) -> FloatArray:
     """Return the (S,) costs of runs along one reference; infinite where a robot was lost.
 
-    `speed` is the RMS of the reference's speed [m/s]. The runs are rated on `workers` threads; the
-    costs do not depend on their number.
+    Args:
+        runs: S runs.
+        target: the reference at their ticks.
+        speed: RMS of the reference's speed [m/s].
+        cost: what counts.
+        workers: threads; the costs do not depend on their number.
+        worst: a greater path error costs infinity [m].
     """
     out = np.full(len(runs), np.inf)
     kept = [i for i, run in enumerate(runs) if not run.lost]
@@ -99,11 +118,16 @@ def costs_of(
     share_among_threads(write, len(poses), workers)
     d_rms = measures[:, 0]
     d_haus = measures[:, 1]
-    if cost.cost == "time":
+    refused = d_rms > worst
+    if cost.cost != "path":
         # the run may go on after the reference's end, or stop before it
         errors = poses[:, : len(target.t), :2] - target.pose[None, : poses.shape[1], :2]
         apart = np.hypot(*np.moveaxis(errors, 2, 0))
-        d_rms = np.sqrt(np.mean(apart**2, axis=1))
+        behind = np.sqrt(np.mean(apart**2, axis=1))
+        if cost.cost == "metres":
+            out[kept] = np.where(refused, np.inf, d_rms + TARGET_SHARE * behind)
+            return out
+        d_rms = behind
         d_haus = apart.max(axis=1)
     speeds = np.array([np.sqrt(np.mean(runs[i].column("v_x") ** 2)) for i in kept])
     u_rms = speeds / max(speed, 1e-9)
@@ -111,7 +135,7 @@ def costs_of(
     costs += cost.k_u * np.abs(1.0 - u_rms)
     if bending_energy(target.xy) >= BENDING_FLOOR:  # a straight reference has no ratio
         costs += cost.k_bend * np.abs(1.0 - measures[:, 3])
-    out[kept] = np.where(np.isfinite(costs), costs, np.inf)
+    out[kept] = np.where(np.isfinite(costs) & ~refused, costs, np.inf)
     return out
 
 
@@ -234,6 +258,21 @@ class TuneProblem:
         if cost.guard > 0.0:
             self._late = [delayed(case.robot, cost.guard) for case in self.cases]
 
+    @cached_property
+    def _worst(self) -> list[float]:
+        """Greatest path error that is not refused, by case [m]."""
+        worst: list[float] = []
+        if not math.isfinite(self.cost.worse_path):
+            return [math.inf] * len(self.cases)
+        law = make_controller(self.profile, self.base)
+        for case, target in zip(self.cases, self._targets, strict=True):
+            (run,) = self._runs(case, case.robot, [law], 1)
+            error = math.inf
+            if not run.lost:
+                error = self.cost.worse_path * compare_paths(run.motion, target)["d_rms_m"]
+            worst.append(error)
+        return worst
+
     def gains(self, point: FloatArray) -> GainSet:
         """Return all gains that an (n,) point of the unit cube stands for."""
         values = dict(zip(self.space.names, map(float, self.space.values(point)), strict=True))
@@ -292,7 +331,10 @@ class TuneProblem:
         """
         case = self.cases[k]
         runs = self._runs(case, case.robot, laws, workers)
-        costs = costs_of(runs, self._targets[k], case.waypoints.rms_speed, self.cost, workers)
+        searching = np.max(most) > -math.inf
+        worst = self._worst[k] if searching else math.inf
+        speed = case.waypoints.rms_speed
+        costs = costs_of(runs, self._targets[k], speed, self.cost, workers, worst=worst)
         kept = np.flatnonzero(np.isfinite(costs) & (costs <= most)).tolist()
         if self._late and kept:
             runs = self._runs(case, self._late[k], [laws[i] for i in kept], workers)
@@ -322,19 +364,21 @@ class TuneProblem:
         """Drive one case with several sets of gains; return their runs by the same names."""
         laws = [make_controller(self.profile, gains) for gains in sets.values()]
         runs = self._runs(case, case.robot, laws, workers)
-        costs = costs_of(runs, case.target, case.waypoints.rms_speed, self.cost)
+        speed = case.waypoints.rms_speed
+        costs = costs_of(runs, case.target, speed, self.cost)
+        by_thesis = costs_of(runs, case.target, speed, replace(self.cost, cost="path"))
         rated = {}
-        for name, run, cost in zip(sets, runs, costs, strict=True):
+        for name, run, cost, thesis in zip(sets, runs, costs, by_thesis, strict=True):
             limits = case.robot.limits
             metrics = track_metrics(run, case.waypoints, limits)
             metrics["cost"] = float(cost)
+            metrics["thesis_cost"] = float(thesis)
             target = reference_of(run, case.waypoints)
             rated[name] = Followed(case.robot.name, run, target, metrics, limits)
         return rated
 
     def identity(self) -> dict[str, object]:
         """Return all that decides the costs, by name."""
-        held = sorted(item for item in self.base.values.items() if item[0] not in self.space.names)
         plants = sorted(self.profile.plants.items())
         references = []
         for case in self.cases:
@@ -343,7 +387,7 @@ class TuneProblem:
             references.append((*place, w.t.tobytes(), w.xy.tobytes()))
         return {
             "controller": self.base.controller,
-            "gains that are held": held,
+            "gains before": sorted(self.base.values.items()),
             "parameters or bounds": self.space.limits(),
             "robot": self.profile.robot.as_document(),
             "profile": [(name, plant.numbers()) for name, plant in plants],

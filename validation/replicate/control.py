@@ -94,6 +94,7 @@ def _tune_gains(controller: str, task: Task) -> Findings:
             held_out=(),
             gains="published",
             from_scratch=True,
+            cost="path",
             guard=0.0,
             noise_seed=0,
             population=population,

@@ -8,8 +8,9 @@ it stands for the robot.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from ssmr.types import FloatArray
 from validation import cli, output
 from validation.experiment.gains import DEFAULT, GainSet, load_gains, shipped_sets
 from validation.experiment.loops import (
+    JUDGE,
     AnyController,
     ClosedLoopRobot,
     make_controller,
@@ -34,7 +36,7 @@ from validation.experiment.loops import (
 )
 from validation.experiment.tracked import track_metrics
 from validation.experiment.waypoint_files import REFERENCES, split_speed
-from validation.identify.tuning import TuneCost, costs_of
+from validation.identify.tuning import TARGET_SHARE, TuneCost, costs_of
 from validation.output import shortened
 from validation.plants.profile import PLANTS, Profile
 from validation.report import drawing
@@ -43,8 +45,6 @@ from validation.simulator.description import with_robot
 from validation.study.common import Study, StudyOptions
 from validation.sweep import sweep
 
-JUDGE = "mujoco"
-"""Plant that stands for the robot: the others are to choose the right controller for it."""
 _REFERENCES = (
     "eight",
     "u-turn",
@@ -63,10 +63,12 @@ _SPEEDS = (0.25, 0.5)
 SAME_COST = TuneCost(guard=0.0)
 """Cost of Sec. 4.3.3 without the LQR's additional term: the same for all laws, so that they can be
 compared."""
-_MEASURES = ("cost", "d_rms_m", "sync_rms_m", "e_rho_rms_m")
-"""Cost and errors of a controller on a reference."""
-_MEANS = ("cost", "d_rms_m", "sync_rms_m")
-"""Measures of which study.json has the means over the references."""
+_METRES = TuneCost("metres", guard=0.0)
+"""Measure that ranks controllers [m], which `tune` minimises."""
+_MEANS = ("metres", "cost", "d_rms_m", "sync_rms_m")
+"""Measures of a controller on a reference, of which study.json has the means too."""
+_DRAWS = 400
+"""Drawings of the references, with repeats, from which intervals of 90 % are taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +156,8 @@ def missions_of(o: TransferStudy, robot: ClosedLoopRobot) -> dict[str, tuple[str
 
 
 CostsByGains = Mapping[str, float | int | None]
-"""Cost (Sec. 4.3.3) and errors of a controller on a reference, None if it lost it; `lost`."""
+"""Metres, cost (Sec. 4.3.3) and errors of a controller on a reference, None if it lost it; `lost`.
+"""
 
 
 def _scores(
@@ -175,10 +178,11 @@ def _scores(
         settings = [LoopSettings()] * n
         runs = run_robots([robot] * n, chosen, settings, waypoints, [o.seed], o.workers)
         costs = costs_of(runs, target, waypoints.rms_speed, SAME_COST)
-        for k, run, cost in zip(ranks, runs, costs, strict=True):
-            errors = {**track_metrics(run, waypoints, robot.limits), "cost": cost}
+        metres = costs_of(runs, target, waypoints.rms_speed, _METRES)
+        for k, run, cost, m in zip(ranks, runs, costs, metres, strict=True):
+            errors = {**track_metrics(run, waypoints, robot.limits), "cost": cost, "metres": m}
             # errors of a robot that was lost end early, and would look small
-            found = {name: None if run.lost else float(errors[name]) for name in _MEASURES}
+            found = {name: None if run.lost else float(errors[name]) for name in _MEANS}
             scores[k] = {**found, "lost": int(run.lost)}
     return [scores[k] for k in range(len(laws))]
 
@@ -237,28 +241,54 @@ def regret(costs: FloatArray, truth: FloatArray) -> float:
     return float(means[chosen] / means[best] - 1.0)
 
 
-def agreement(costs: FloatArray, truth: FloatArray) -> dict[str, Any]:
+def intervals(values: Callable[[NDArray[np.intp]], Any], rows: int, seed: int) -> FloatArray:
+    """Return the (2, ...) ends of the 90 % intervals of what `rows` references give.
+
+    References are drawn anew, with repeats: `values` gives the same numbers for (rows,) drawn ones.
+    A number that a drawing does not give (NaN) is left out; without any the interval is NaN.
+    """
+    rng = np.random.default_rng(seed)
+    drawn = np.array([values(rng.integers(rows, size=rows)) for _ in range(_DRAWS)], np.float64)
+    ends = np.full((2, *drawn.shape[1:]), np.nan)
+    known = ~np.isnan(drawn).all(axis=0)
+    ends[:, known] = np.nanquantile(drawn[:, known], (0.05, 0.95), axis=0, method="nearest")
+    return ends
+
+
+def agreement(costs: FloatArray, truth: FloatArray, seed: int = 0) -> dict[str, Any]:
     """Return how a model's costs agree with the true ones.
 
     That is `tau`, the rank correlation; `chosen`, the column of the choice; its `regret`; and
-    `same_winner`, the number of references on which both have the same best controller.
+    `same_winner`, the number of references on which both have the same best controller. The first
+    and the third have intervals, `tau_low` to `tau_high` and `regret_low` to `regret_high`.
     """
+
+    def drawn(rows: NDArray[np.intp]) -> tuple[float, float]:
+        return rank_correlation(costs[rows], truth[rows]), regret(costs[rows], truth[rows])
+
+    low, high = intervals(drawn, len(costs), seed)
     same = 0
     for row, true in zip(costs[:, None], truth[:, None], strict=True):
         same += choice(row, true) == choice(true, true)
     return {
         "tau": rank_correlation(costs, truth),
+        "tau_low": float(low[0]),
+        "tau_high": float(high[0]),
         "chosen": choice(costs, truth),
         "regret": regret(costs, truth),
+        "regret_low": float(low[1]),
+        "regret_high": float(high[1]),
         "same_winner": same,
     }
 
 
-def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -> dict[str, Any]:
+def _findings(
+    profile: Profile, contenders: Contenders, drives: Sequence[Row], seed: int
+) -> dict[str, Any]:
     """Findings as study.json has them, from rows of `reference`, `speed_m_s` and `scores`."""
     names = list(contenders)
 
-    def table_of(plant: str, measure: str = "cost") -> FloatArray:
+    def table_of(plant: str, measure: str = "metres") -> FloatArray:
         scores = [drive["scores"][plant] for drive in drives]
         rows = [[each[name][measure] for name in names] for each in scores]
         table = np.array(rows, dtype=np.float64)
@@ -268,7 +298,8 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
     truth = tables[JUDGE]
     plants = {}
     for plant, costs in tables.items():
-        agreed = agreement(costs, truth)
+        agreed = agreement(costs, truth, seed)
+        low, high = intervals(partial(_drawn_means, costs), len(costs), seed)
         means = {measure: mean_costs(table_of(plant, measure)) for measure in _MEANS}
         # sums over different references cannot be compared
         kept = np.isfinite(costs).all(axis=0) & np.isfinite(truth).all(axis=0)
@@ -279,6 +310,8 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
             scores = [drive["scores"][plant][name] for drive in drives]
             each[name] = {
                 **{measure: float(values[k]) for measure, values in means.items()},
+                "metres_low": float(low[k]),
+                "metres_high": float(high[k]),
                 "gap": float(gaps[k]),
                 "place": int(ranked[k]),
                 "lost": sum(score["lost"] for score in scores),
@@ -301,6 +334,10 @@ def _findings(profile: Profile, contenders: Contenders, drives: Sequence[Row]) -
     }
 
 
+def _drawn_means(costs: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
+    return mean_costs(costs[rows])
+
+
 def _ranked(result: Mapping[str, Any]) -> list[str]:
     judged = result["plants"][JUDGE]["contenders"]
     return sorted(judged, key=lambda name: judged[name]["place"])
@@ -311,9 +348,9 @@ def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     choices = [
         {
             "plant": plant,
-            "tau": found["all"]["tau"],
-            "same_winner": found["all"]["same_winner"],
+            **{key: found["all"][key] for key in ("tau", "tau_low", "tau_high", "same_winner")},
             "regret_share": found["all"]["regret"],
+            "regret_high_share": found["all"]["regret_high"],
             "chooses": found["all"]["chosen"],
         }
         for plant, found in plants.items()
@@ -321,24 +358,29 @@ def _tables(label: str, result: Mapping[str, Any]) -> list[Table]:
     costs = []
     for name in _ranked(result):
         by_plant = {plant: found["contenders"][name] for plant, found in plants.items()}
-        row = {"controller": name, **{plant: each["cost"] for plant, each in by_plant.items()}}
-        row |= {measure: by_plant[JUDGE][measure] for measure in ("d_rms_m", "sync_rms_m")}
+        row: dict[str, Any] = {"controller": name}
+        row |= {f"{plant}_m": each["metres"] for plant, each in by_plant.items()}
+        judged = by_plant[JUDGE]
+        row |= {f"{JUDGE}_low_m": judged["metres_low"], f"{JUDGE}_high_m": judged["metres_high"]}
+        row |= {measure: judged[measure] for measure in ("d_rms_m", "sync_rms_m", "cost")}
         costs.append({**row, "lost_runs": sum(each["lost"] for each in by_plant.values())})
     caption = (
         f"{len(costs)} controllers, {len(result['references'])} references. "
         f"tau: Kendall's rank correlation with {JUDGE}.\n"
         f"same winner: number of references on which the plant chooses as {JUDGE} does.\n"
-        f"regret: what the choice over all references costs more on {JUDGE}; "
-        "none where it loses runs there."
+        f"regret: by how much more metres the choice over all references has on {JUDGE}; "
+        "none where it loses runs there.\n"
+        "low, high: 90 % interval, from references drawn anew."
     )
     below = (
-        "Cost: that of Sec. 4.3.3, which tune minimises, without the LQR's additional term; "
-        "mean over the references.\n"
-        f"d_rms and sync: on {JUDGE}. Controllers are ranked by lost runs first, then by cost."
+        f"Metres: distance to the path (d_rms) and {TARGET_SHARE:g} of that to the moving target "
+        "(sync), which tune minimises; mean over the references.\n"
+        f"d_rms, sync and cost, that of Sec. 4.3.3: on {JUDGE}. "
+        "Controllers are ranked by lost runs first, then by metres."
     )
     return [
         Table(f"{label}: choosing a controller for {JUDGE}", choices, caption),
-        Table(f"{label}: mean cost", costs, below),
+        Table(f"{label}: metres", costs, below),
     ]
 
 
@@ -372,7 +414,8 @@ def study_transfer(o: TransferStudy) -> Study:
     missions = missions_of(o, robots[JUDGE])
     workers = o.workers if isinstance(o.workers, str) else 1
     swept = sweep(missions, {"drive": follow}, workers=workers, progress=o.progress)
-    result = _findings(profile, contenders, [row for row in swept.rows if "scores" in row])
+    drives = [row for row in swept.rows if "scores" in row]
+    result = _findings(profile, contenders, drives, o.seed)
     label = with_robot(profile.name, profile.robot.name)
     return Study(
         title=f"Transfer, {label}: {len(swept.rows)} references",
@@ -402,9 +445,15 @@ def _panels(label: str, result: Mapping[str, Any]) -> list[drawing.PanelRow]:
             for row, name in enumerate(order):
                 each = found["contenders"][name]
                 shape = "x" if each["lost"] else marker
-                ax.plot(each["cost"], row, shape, color=ink, gid=f"{plant} {name}")
+                ax.plot(each["metres"], row, shape, color=ink, gid=f"{plant} {name}")
+                if plant == JUDGE:
+                    ends = [each["metres_low"], each["metres_high"]]
+                    ax.plot(ends, [row, row], color=ink, linewidth=1.2)
             ax.plot([], [], marker, color=ink, label=plant)
-        ax.set(xscale="log", xlabel="mean cost (Sec. 4.3.3; a cross lost a run)")
+        ax.set(
+            xscale="log",
+            xlabel="metres, as the tables have them [m] (a cross lost a run)",
+        )
         ax.set_title(f"{label}: the best on {JUDGE} at the top")
         ax.set_ylim(len(order) - 0.4, -0.6)
         ax.set_yticks(range(len(order)), [shortened(name, 30) for name in order], fontsize=9.0)

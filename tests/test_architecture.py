@@ -470,7 +470,7 @@ PRICES = {
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(
-        14_900,
+        15_500,
         10,
         57,
         "scenarios and logs that plants are driven along, their runs and scores (what comparison, "

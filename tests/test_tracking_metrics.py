@@ -14,6 +14,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.metrics.declared import command_measures, cross_track_max
 from tests.conftest import ROUNDOFF
 from validation.experiment import tracked
+from validation.plants.profile import Profile
 from validation.track import track
 
 
@@ -73,3 +74,22 @@ def test_a_long_run_is_shown_by_some_of_its_ticks(monkeypatch: pytest.MonkeyPatc
     assert 90 < len(shown.run.t) <= 102 < len(whole.run.t)
     assert shown.run.t[-1] == whole.run.t[-1]
     np.testing.assert_array_equal(shown.target.t, shown.run.t[: len(shown.target.t)])
+
+
+def test_the_report_shows_the_robot_itself_and_not_what_it_sees(lab: Profile) -> None:
+    """Noise of the feedback is in no error that is drawn, nor in the place where it was worst."""
+    tracked = track("pid", circle(0.5), "improved", lab, seed=3)
+    run = tracked.robots[0].run
+    places = run.columns("x", "y")
+    off = np.abs(1.5 - np.hypot(places[:, 0], places[:, 1] - 1.5))
+    worst = int(np.argmax(off))
+    note = next(note for note in tracked.notes() if "farthest" in note)
+    assert f"improved was farthest from its path, {1e3 * off[worst]:.0f} mm, at t = " in note
+    assert f"at ({places[worst, 0]:.2f}, {places[worst, 1]:.2f}) m" in note
+    axes = [ax for ax in tracked.figure().axes if ax.get_title(loc="left").startswith("e_y")]
+    drawn = next(line for line in axes[0].lines if line.get_gid() == "improved")
+    yaw = run.column("yaw")
+    aim = run.columns("target_x", "target_y") - places
+    left = np.cos(yaw) * aim[:, 1] - np.sin(yaw) * aim[:, 0]
+    assert np.asarray(drawn.get_ydata()) == pytest.approx(1e3 * left, abs=1e-9)
+    assert np.std(run.column("e_y") - left) > 0.001  # the controller sees noise

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ssmr.control.loop import ClosedRun
+from ssmr.control.waypoints import ALPHA_SWITCH
+from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray, Trajectory
 from validation.experiment.tracked import Followed, lost_text, saturated
 from validation.output import shortened
@@ -38,8 +41,9 @@ _SPEEDS = (
     ("Speed u [m/s]", ("v_x", "u_ref", "v_cmd"), 0),
     ("Yaw rate [rad/s]", ("yaw_rate", "w_ref", "w_cmd"), 2),
 )
-_WANTED = "0.2"
-_COMMAND = "#56b4e9"
+_WANTED = "0.6"
+_COMMAND = "#6a3d9a"
+_ERRORS = ("e_rho", "e_y", "e_alpha")
 _SATURATED = "#d9534f"
 _REFERENCE: dict[str, Any] = {
     "color": REFERENCE_INK,
@@ -160,7 +164,7 @@ def _draw_speed(
 def _draw_error(
     robots: Sequence[Followed], title: str, column: str, unit: Unit, least: float, ax: Axes
 ) -> None:
-    """Draw one of the errors that the controller sees, and the value that it should reach."""
+    """Draw one of the errors, without noise, and the value that it should reach."""
     lookahead = robots[0].options.get("lookahead_m")
     goal = float(lookahead) if column == "e_rho" and isinstance(lookahead, int | float) else 0.0
     ax.axhline(
@@ -170,7 +174,7 @@ def _draw_error(
         gid="goal",
     )
     for r in robots:
-        error = r.run.column(column) * unit.scale
+        error = _true_errors(r.run)[:, _ERRORS.index(column)] * unit.scale
         ax.plot(
             r.run.t,
             error,
@@ -224,19 +228,30 @@ def _draw_paths(robots: Sequence[Followed], ax: Axes) -> None:
     ax.set(title="Paths [m] (ring: start; square: end)", xlabel="x [m]", ylabel="y [m]")
 
 
+def _true_errors(run: ClosedRun) -> FloatArray:
+    """Return (M, 3) e_rho, e_y [m] and e_alpha [rad] of the robot itself, not of what it sees."""
+    x, y, yaw, *aim = run.columns("x", "y", "yaw", "target_x", "target_y", "target_yaw").T
+    dx = aim[0] - x
+    dy = aim[1] - y
+    along = np.cos(yaw) * dx + np.sin(yaw) * dy
+    aside = np.cos(yaw) * dy - np.sin(yaw) * dx
+    turn = np.where(np.hypot(dx, dy) <= ALPHA_SWITCH, wrap_angle(aim[2] - yaw), 0.0)
+    return np.column_stack([along, aside, turn])
+
+
 def error_units(robots: Sequence[Followed]) -> dict[str, Unit]:
-    """Return the units of the errors that controllers see, by column, for picture and recording."""
+    """Return the units of the errors to the moving target, by column."""
     reach = [np.abs(r.run.columns("e_rho", "e_y")).max() for r in robots if len(r.run.t)]
     length = length_unit([float(max(reach, default=0.0))])
-    return {"e_rho": length, "e_y": length, "e_alpha": DEGREES}
+    return dict(zip(_ERRORS, (length, length, DEGREES), strict=True))
 
 
 def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: str) -> Figure:
     """Return the picture of robots that followed one reference, 1600 px wide.
 
     It shows paths, speed and yaw rate with what the position loop wanted and what was commanded,
-    and the three errors of up to five robots. Lines carry their plant as gid, or `PLANT wanted`,
-    `reference`.
+    and the three true errors of up to five robots. Lines carry their plant as gid, or
+    `PLANT wanted`, `reference`.
 
     Args:
         robots: the robots.

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ssmr.control.waypoints import ALPHA_SWITCH
+from ssmr.control.loop import ClosedRun
+from ssmr.control.waypoints import ALPHA_SWITCH, step_lengths
 from ssmr.errors import SsmrError
 from ssmr.estimation.settings import EkfSettings
 from ssmr.metrics.declared import Metrics
@@ -242,13 +243,15 @@ class Tracked(Report):
 
 
 def _striking(r: Followed) -> list[str]:
-    """Return sentences on numbers of a robot that a reader should not miss."""
+    """Return sentences on where a robot was worst, and on numbers that are striking."""
     notes = []
     m = r.metrics
     if r.run.lost:
         notes.append(
             f"{r.plant} was {lost_text(r.run)}: its numbers cover only the time before that."
         )
+    if worst := _worst(r.run, r.target):
+        notes.append(f"{r.plant} was {worst}.")
     if m["saturated_fraction"] > _MUCH_SATURATED:
         notes.append(
             f"{r.plant}: a torque or the command was at its limit "
@@ -268,6 +271,23 @@ def _striking(r: Followed) -> list[str]:
             "where errors of heading count as zero."
         )
     return notes
+
+
+def _worst(run: ClosedRun, target: Trajectory) -> str:
+    """Return where a robot was farthest from the path of its target; empty for no path."""
+    from scipy.spatial import KDTree
+
+    if len(target) < 2:
+        return ""
+    places = run.columns("x", "y")
+    distances, nearest = KDTree(target.xy).query(places)
+    k = int(np.argmax(distances))
+    along = float(np.sum(step_lengths(target.xy[: int(nearest[k]) + 1])))
+    x, y = places[k]
+    return (
+        f"farthest from its path, {1e3 * distances[k]:.0f} mm, at t = {run.t[k]:.1f} s, "
+        f"{along:.1f} m along it, at ({x:.2f}, {y:.2f}) m"
+    )
 
 
 def _plots(robots: Sequence[Followed]) -> dict[str, Series]:

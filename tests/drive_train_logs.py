@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
-from ssmr.robot.drive import wheel_references
 from ssmr.robot.drivetrain import battery_current, quasi_static_twist, side_forces
-from ssmr.robot.vehicle import Drive
-from ssmr.types import Commands, FloatArray, State
+from ssmr.types import FloatArray
 from validation.files.log import Log
-from validation.identify.motor_logs import Chassis, chassis_of
+from validation.identify.motor_logs import Chassis, DriverLaw, chassis_of, driven_rates
 from validation.plants.profile import choose_profile, load_profile
 
 HUSKY, WARTHOG = (
@@ -22,19 +18,7 @@ HUSKY, WARTHOG = (
 )
 
 
-class Driver(NamedTuple):
-    """A driver that turns commands into rim speeds, with the numbers of a study of drive trains."""
-
-    dead_time: float
-    gain: float
-    half_track: float
-    yaw_rate_limit: float
-    acceleration: float
-    yaw_acceleration: float
-    lag: float
-
-
-LAW = Driver(0.08, 1.04, 0.29, 1.0, 2.2, 1.9, 0.04)
+LAW = DriverLaw(0.08, 1.04, 0.29, 1.0, 2.2, 1.9, 0.04)
 FRICTION, LOSSES, SLIP, RHO, INERTIA = 11.0, (2.0, 2.8), 0.09, 0.15, 0.2
 """Friction, losses [A], slip scale [1], resistance over voltage constant [rad/s per A], inertia [A
 s^2/rad]."""
@@ -58,35 +42,15 @@ class Motion(NamedTuple):
     """(2, n) wheel rates [rad/s]."""
 
 
-def set_points(commands: FloatArray, law: Driver, chassis: Chassis) -> FloatArray:
-    """Return (2, n) wheel rates [rad/s] for (n, 2) commands of `_FINE` each, but for dead time."""
-    drive = Drive(
-        v_max=math.inf,
-        w_max=law.yaw_rate_limit,
-        delay_v=0.0,
-        delay_w=0.0,
-        hold=_FINE,
-        command_half_track=law.half_track / law.gain,
-        command_radius=chassis.command_radius / law.gain,
-        acceleration_v=law.acceleration,
-        acceleration_w=law.yaw_acceleration,
-    )
-    wanted = wheel_references(Commands(_FINE, commands), drive, _FINE, State()).T
-    fastest = chassis.command_radius * np.abs(wanted).max(axis=0)
-    stays = math.exp(-_FINE / law.lag)
-    limited = wanted / np.maximum(fastest / chassis.speed_limit, 1.0)
-    return np.asarray(lfilter([1.0 - stays], [1.0, -stays], limited))
-
-
 def random_drive(
-    seed: int, commands: int, chassis: Chassis, law: Driver = LAW, most: float = 0.7
+    seed: int, commands: int, chassis: Chassis, law: DriverLaw = LAW, most: float = 0.7
 ) -> Motion:
     """Return random commands of 6 s each after 3 s of rest, and the wheel rates of a driver."""
     rng = np.random.default_rng(seed)
     chosen = np.vstack([np.zeros((1, 2)), rng.uniform([-most, -1.8], [most, 1.8], (commands, 2))])
     held = np.repeat(chosen, [300, *[600] * commands], axis=0)
     late = round(law.dead_time / _FINE)
-    rates = set_points(held, law, chassis)[:, : len(held) - late]
+    rates = driven_rates(held, _FINE, law, chassis)[:, : len(held) - late]
     rates = np.hstack([np.zeros((2, 1 + late)), rates])
     return Motion(np.arange(len(held) + 1) * _FINE, np.vstack([held, held[-1:]]), rates)
 

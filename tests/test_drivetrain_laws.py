@@ -24,8 +24,7 @@ from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.types import Commands, FloatArray, State
 from tests.conftest import ROUNDOFF
 from tests.robots import TRACK, WHEELBASE
-from validation.identify.motor_logs import Chassis
-from validation.study.drivetrain_fit import DriverLaw, driven_rates
+from validation.identify.motor_logs import Chassis, DriverLaw, driven_rates
 
 HUSKY = Vehicle(wheel_radius=0.1651, half_track=0.5 * TRACK, a=0.5 * WHEELBASE, b=0.5 * WHEELBASE)
 SOLVED = 1e-9

@@ -427,9 +427,9 @@ PRICES = {
         "what is wrong is said with changes that were tried; each is a plant by its path",
     ),
     "validation/files": Price(
-        43_500,
-        28,
-        124,
+        42_000,
+        25,
+        120,
         "any log is read as one form, of bags on one clock with the most independent pose; "
         "its faults are named, a slipping side among them; it is written",
     ),

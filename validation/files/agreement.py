@@ -283,18 +283,18 @@ def contradictions(e: LogSignals) -> Iterator[LogFault]:
 def other_axis(e: LogSignals) -> Iterator[LogFault]:
     """A signal that resembles no other, while the others resemble one another."""
     for told in measures(e.signals, e.radius):
-        measured = [m for m in told if not {*m.columns} <= {*TWIST}]
-        for m in measured:
-            others = [o.values for o in measured if o is not m]
-            sure = min((correlation(a, b) for a, b in combinations(others, 2)), default=0.0)
-            loss = _SLIP_LOSS if m.columns == ENCODERS else _UNRELATED_LOSS
-            alike = max((abs(correlation(m.values, o)) for o in others), default=1.0)
-            if sure > _SURE and np.any(m.values) and alike < sure - loss:
-                sentence = (
-                    f"{' and '.join(m.columns)} seem to be another axis or quantity: "
-                    "the other columns resemble one another, and not this"
-                )
-                yield LogFault("swapped", m.columns, sentence)
+        measured = [m for m in told if not {*m.columns} <= {*TWIST} and np.any(m.values)]
+        pairs = _pairs(measured, 0.5)
+        paired = {*chain(*((pair.a.columns, pair.b.columns) for pair in pairs))}
+        # wheels may slip
+        alone = {m.columns for m in measured} - paired - {ENCODERS}
+        if len(alone) == 1 and pairs and min(pair.alike for pair in pairs) > _SURE:
+            (names,) = alone
+            sentence = (
+                f"{' and '.join(names)} seem to be another axis or quantity: "
+                "the other columns resemble one another, and not this"
+            )
+            yield LogFault("swapped", names, sentence)
 
 
 # ------------------------------------------------------------------------------------------
@@ -312,54 +312,46 @@ _PRECISIONS: Mapping[tuple[str, ...], float] = {
 """How well the factor of columns that are in another unit is known [1]."""
 
 
-def units_of_turns(e: LogSignals) -> Iterator[LogFault]:
-    """Units of columns that tell the yaw rate."""
+def units(e: LogSignals) -> Iterator[LogFault]:
+    """Units of columns that tell the yaw rate, or else the speed."""
     turning, forward = measures(e.signals, e.radius)
-    ways = _pairs(forward, _SHARES[1])
-    yield from _units(e, "turn", _pairs(turning, _SHARES[0]), ways)
+    pairs = {"turn": _pairs(turning, _SHARES[0]), "way": _pairs(forward, _SHARES[1])}
+    for what, some in pairs.items():
+        blamed = _blamed(some)
+        if blamed:
+            words = ", or ".join(_words(names, what, pairs, e.radius) for names in blamed)
+            sentence = f"{words}; as it stands, the log contradicts itself"
+            yield LogFault("scale", tuple(chain(*blamed)), sentence)
+            return
 
 
-def units_of_ways(e: LogSignals) -> Iterator[LogFault]:
-    """Units of columns that tell the speed."""
-    yield from _units(e, "way", _pairs(measures(e.signals, e.radius)[1], _SHARES[1]), [])
-
-
-def _units(
-    e: LogSignals, what: str, pairs: Sequence[_Pair], ways: Sequence[_Pair]
-) -> Iterator[LogFault]:
-    """Yield a fault of those columns that most of the bad pairs have in common."""
+def _blamed(pairs: Sequence[_Pair]) -> list[tuple[str, ...]]:
+    """Return those columns that most of the bad pairs have in common."""
     votes = Counter[tuple[str, ...]]()
     for pair in pairs:
         # of two, the one that differs more from the others as well
         vote = (1.0 if pair.is_bad else -1.0) + 0.1 * abs(math.log(pair.factor))
         votes.update({pair.a.columns: vote, pair.b.columns: vote})
-    bad = [pair for pair in pairs if pair.is_bad]
-    accused = dict.fromkeys(chain(*((pair.a.columns, pair.b.columns) for pair in bad)))
+    bad = [(pair.a.columns, pair.b.columns) for pair in pairs if pair.is_bad]
+    accused = dict.fromkeys(chain(*bad))
     worst = max((votes[names] for names in accused), default=0.0)
-    blamed = [names for names in accused if votes[names] > worst - _TIE_OF_UNITS]
-    if blamed:
-        told = [_words(names, what, bad, e.radius, ways) for names in blamed]
-        sentence = f"{', or '.join(told)}; as it stands, the log contradicts itself"
-        yield LogFault("scale", tuple(chain(*blamed)), sentence)
+    return [names for names in accused if votes[names] > worst - _TIE_OF_UNITS]
 
 
 def _words(
-    names: tuple[str, ...],
-    what: str,
-    pairs: Sequence[_Pair],
-    radius: float | None,
-    ways: Sequence[_Pair],
+    names: tuple[str, ...], what: str, pairs: Mapping[str, list[_Pair]], radius: float | None
 ) -> str:
     """Return words for the factor of columns, and for the unit that they may be in."""
-    factor, by = _told(names, pairs)
+    factor, by = min(_told(names, pairs[what]))[1:]
     tell = "tells" if len(names) == 1 else "tell"
     words = f"{' and '.join(names)} {tell} {factor:.3g} times the {what} that {by} say"
     unit = _fitting_unit(names, factor, radius)
     if unit or names != ENCODERS:
         return f"{words}: {f'it seems to be in {unit}' if unit else 'is it in another unit?'}"
     factors = [factor]
-    if any(names in (pair.a.columns, pair.b.columns) for pair in ways):
-        factor, by = _told(names, ways)
+    ways = list(_told(names, pairs["way"]))
+    if what == "turn" and ways:
+        factor, by = min(ways)[1:]
         factors.append(factor)
         words += f", and {factor:.3g} times the way that {by} say"
     gears = sorted({float(f"{max(factor, 1.0 / factor):.1g}") for factor in factors})
@@ -368,15 +360,12 @@ def _words(
     return f"{words}: ticks, a gear of about {gear}, or {wheel}?"
 
 
-def _told(names: tuple[str, ...], pairs: Sequence[_Pair]) -> tuple[float, str]:
-    """Return the factor of columns by the surest of some pairs, and by which columns."""
-    told = []
+def _told(names: tuple[str, ...], pairs: Sequence[_Pair]) -> Iterator[tuple[float, float, str]]:
+    """Yield how unsure a factor of columns is, the factor, and by which columns it is told."""
     for a, b, _, _, factor, _ in pairs:
-        if names == a.columns:
-            told.append((b.most / b.least, factor, " and ".join(b.columns)))
-        elif names == b.columns:
-            told.append((a.most / a.least, 1.0 / factor, " and ".join(a.columns)))
-    return min(told)[1:]
+        for m, other, size in ((a, b, factor), (b, a, 1.0 / factor)):
+            if m.columns == names:
+                yield other.most / other.least, size, " and ".join(other.columns)
 
 
 def _fitting_unit(names: tuple[str, ...], factor: float, radius: float | None) -> str:

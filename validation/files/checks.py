@@ -21,8 +21,7 @@ from validation.files.agreement import (
     contradictions,
     measures,
     other_axis,
-    units_of_turns,
-    units_of_ways,
+    units,
 )
 from validation.files.channels import ENCODERS, FEWEST_WINDOWS, LONGEST_S, TWIST, LogSignals
 from validation.files.circular import circular
@@ -513,9 +512,8 @@ CHECKS: Mapping[Check, float] = {
     speeds_for_places: 6.0,
     pushed: 6.0,
     unlike_sides: 6.0,
-    units_of_turns: 6.0,
+    units: 6.0,
     contradictions: 6.0,
-    units_of_ways: 6.0,
     other_axis: 6.0,
     too_large: 0.0,
 }

@@ -87,17 +87,9 @@ def new_poses(log: Log) -> NewPoses | None:
     return NewPoses(group, new, group.t[new], pose[new])
 
 
-class _Rates(NamedTuple):
-    """Rates from which a pose may follow, K samples."""
-
-    columns: tuple[str, ...]
-    """Columns that they come from."""
-    t: FloatArray
-    """(K,) stamps [s]."""
-    speeds: FloatArray
-    """(K, p) rates whose sum, each times a factor, may be the speed."""
-    turns: FloatArray
-    """(K, q) rates whose sum, each times a factor, may be the yaw rate."""
+_Rates = tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]
+"""Columns, (K,) stamps [s], and the (K, p) and (K, q) rates from which ways and turns may follow,
+each times a factor."""
 
 
 def _rates_of(log: Log) -> Iterator[_Rates]:
@@ -108,11 +100,11 @@ def _rates_of(log: Log) -> Iterator[_Rates]:
         if group is None:
             continue
         rates = np.column_stack([group.columns[name] for name in names])
-        yield _Rates(names, group.t, rates, rates)
+        yield names, group.t, rates, rates
         if imu is not None and names != TWIST:
             gyro = np.interp(group.t, imu.t, imu.columns["gyro_z"])
             turns = np.column_stack([gyro, np.ones(len(gyro))])
-            yield _Rates((*names, "gyro_z"), group.t, rates, turns)
+            yield (*names, "gyro_z"), group.t, rates, turns
 
 
 def _errors(poses: NewPoses, rates: _Rates, window: float) -> tuple[float, float] | None:
@@ -126,7 +118,8 @@ def _errors(poses: NewPoses, rates: _Rates, window: float) -> tuple[float, float
         rates: rates that they may follow from.
         window: length of the windows [s].
     """
-    inside = (poses.t > rates.t[0] + _MOST_LAG) & (poses.t < rates.t[-1] - _MOST_LAG)
+    _, stamps, speeds, turns = rates
+    inside = (poses.t > stamps[0] + _MOST_LAG) & (poses.t < stamps[-1] - _MOST_LAG)
     t = poses.t[inside]
     if len(t) < _FEWEST:
         return None
@@ -143,8 +136,8 @@ def _errors(poses: NewPoses, rates: _Rates, window: float) -> tuple[float, float
     spans = np.column_stack([starts, ends])[t[ends] - t[starts] < 1.2 * window]
     if len(spans) < _FEWEST:
         return None
-    along = _error(t, way, spans, rates.t, rates.speeds)
-    turned = _error(t, yaw, spans, rates.t, rates.turns)
+    along = _error(t, way, spans, stamps, speeds)
+    turned = _error(t, yaw, spans, stamps, turns)
     return None if along is None or turned is None else (along, turned)
 
 
@@ -180,18 +173,18 @@ def circular(e: LogSignals) -> Iterator[LogFault]:
         return
     measured = False
     for rates in _rates_of(e.log):
-        own = rates.columns[0] in poses.group.columns
+        own = rates[0][0] in poses.group.columns
         if own and measured:
             continue  # a localiser tells its own speed, and wheels do not follow
         errors = _errors(poses, rates, _WINDOW_S)
-        measured |= errors is not None and rates.columns[0] in ENCODERS
+        measured |= errors is not None and rates[0][0] in ENCODERS
         most = _FOLLOWS_TWIST if own else _FOLLOWS
         if errors is None or max(errors) > most:
             continue
         noise = _errors(poses, rates, _SHORT_S)
         if noise is None or max(noise) < max(_NOISELESS, 0.3 * most):
             sentence = (
-                f"x, y and yaw follow from {' and '.join(rates.columns)} to "
+                f"x, y and yaw follow from {' and '.join(rates[0])} to "
                 f"{1e3 * errors[0]:.1f} mm and {math.degrees(errors[1]):.2f} deg in 6 s: the pose "
                 "is their integral, and says nothing of how the robot moved; take the pose of a "
                 "localiser"

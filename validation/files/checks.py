@@ -25,7 +25,7 @@ from validation.files.agreement import (
 )
 from validation.files.channels import ENCODERS, FEWEST_WINDOWS, LONGEST_S, TWIST, LogSignals
 from validation.files.circular import circular
-from validation.files.log import ANY_COLUMN, COLUMNS, POSE_COLUMNS, Log, LogFault
+from validation.files.log import POSE_COLUMNS, Log, LogFault, column_of
 from validation.files.signals import centred, correlation, moving_mean, sturdy_fit
 from validation.files.topics import rates_of_positions
 
@@ -447,13 +447,18 @@ def frozen(e: LogSignals) -> Iterator[LogFault]:
     """Columns that keep their value for long while others say that the robot moves."""
     turning, forward = measures(e.signals, e.radius)
     shares = {}
-    for name, rate in e.signals.items():
-        if name not in (*POSE_COLUMNS, "gyro_z", *ENCODERS):
-            continue
+    for name, values in e.log.columns.items():
         told = [m for m in (*turning, *forward) if name not in m.columns]
         others = [np.nan_to_num(m.values) / m.typical for m in told]
-        if not others:
+        known = column_of(name).usual < math.inf or name in POSE_COLUMNS
+        if not others or not known or name in TWIST:  # joysticks command nothing
             continue
+        rate = e.signals.get(name)
+        if rate is None:
+            if np.ptp(values) > 0.0:
+                continue
+            # currents and accelerations are noisy
+            rate = np.zeros(len(others[0]))
         moves = np.median(np.abs(others), axis=0) > MOVES
         kept = rate == 0.0
         if name not in POSE_COLUMNS:  # a rate may stay the same where the others do
@@ -482,7 +487,7 @@ def _changes(values: object) -> FloatArray:
 def too_large(e: LogSignals) -> Iterator[LogFault]:
     """Numbers that are larger than a robot's can be."""
     for name, values in e.log.columns.items():
-        column = COLUMNS.get(name, ANY_COLUMN)
+        column = column_of(name)
         greatest = float(np.abs(values).max())
         if greatest > column.usual:
             sentence = (

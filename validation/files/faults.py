@@ -7,25 +7,22 @@ it stands is the gyro's bias.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
 from ssmr._jit import source
 from ssmr.estimation.settings import EkfSettings
-from ssmr.geometry import integral
 from ssmr.robot.drive import body_rates
 from ssmr.types import FloatArray, IndexArray
 from validation.files.checks import checked
 from validation.files.circular import new_poses
 from validation.files.log import (
     COMMAND_COLUMNS,
-    POSE_COLUMNS,
     Group,
     Log,
     LogFault,
-    column_of,
 )
 from validation.files.reading import FileError
 from validation.files.signals import TIME_ROUNDOFF, BoolArray, moving_mean, nearest
@@ -80,9 +77,6 @@ AFTER_COMMAND_S = 2.0
 a ramp of 1 m/s² from the speed of a fast robot."""
 _BEFORE_COMMAND_S = 0.5
 """The same time before a command [s], as clocks of a log differ."""
-_TURNED = 0.3
-"""Change of heading from which a robot has turned [rad]; noise and a gyro's drift stay below it."""
-_DEAD = "the same number all the time, although the robot moves"
 _TWIST = COMMAND_COLUMNS["twist"]
 WheelTwist = tuple[FloatArray, FloatArray, FloatArray]
 """(M,) stamps [s], speed [m/s] and yaw rate [rad/s]."""
@@ -225,21 +219,17 @@ class Faults:
                 f"the wheels turn with no command for {100.0 * share:.0f} % of the log "
                 "(joystick?); use --input wheels"
             )
-        if {*_TWIST} <= {*self.dead_columns}:
-            notes.append(f"{_DEAD}: {', '.join(_TWIST)}")
         return notes
 
 
 def find_faults(log: Log, radius: float | None = None) -> Faults:
     """Return the faults of a log; `radius` is that of the wheels [m], None where it is unknown."""
-    faults = [*log.faults, *checked(log, radius)]
-    dead = _dead_columns(log)
-    # joysticks command nothing
-    named = {*_TWIST}.union(*(fault.columns for fault in faults))
-    unnamed = tuple(name for name in dead if name not in named)
-    if unnamed:
-        faults.append(LogFault("frozen", unnamed, f"{_DEAD}: {', '.join(unnamed)}"))
-    return Faults(tuple(faults), find_jumps(log), _uncommanded_share(log), dead)
+    faults = (*log.faults, *checked(log, radius))
+    share = _uncommanded_share(log)
+    frozen = chain(*(fault.columns for fault in faults if fault.kind == "frozen"))
+    dead = [*frozen, *(_TWIST if share and log.has(_TWIST) else ())]
+    same = tuple(name for name in dead if np.ptp(log.columns[name]) == 0.0)
+    return Faults(faults, find_jumps(log), share, same)
 
 
 def find_jumps(log: Log) -> Jumps | None:
@@ -354,35 +344,3 @@ def _uncommanded_share(log: Log) -> float | None:
     since, until = nearest(stamps[commanded], t)
     quiet = (since > AFTER_COMMAND_S + WHEELS_MEAN_S) & (until > _BEFORE_COMMAND_S)
     return float(np.mean(quiet & (rate > WHEELS_TURN)))
-
-
-def _dead_columns(log: Log) -> tuple[str, ...]:
-    """Return the columns that stay the same although others say that the robot moves or turns."""
-    columns = log.columns
-    wheels = _fastest_wheel(log)
-    twist = wheel_twist(log)
-    drives = wheels is not None and bool(np.mean(wheels[1] > WHEELS_TURN) > 0.05)
-    wheels_turn = twist is not None and bool(np.ptp(integral(twist[0], twist[2])) > _TURNED)
-    spans = [float(np.ptp(columns[name])) for name in POSE_COLUMNS if log.has(POSE_COLUMNS)]
-    moved = max(spans[:2], default=0.0) > 0.5
-    turned = wheels_turn or max(spans[2:], default=0.0) > _TURNED
-    commands = [columns[name] for name in _TWIST if name in columns]
-    commanded = any(np.abs(values).max() > LEAST_COMMAND for values in commands)
-    # whether others say that the robot does what the columns of a group measure
-    moves = dict.fromkeys(("cmd", "odom", "channels"), drives or moved)
-    moves |= {"wheels": moved or commanded, "pose": drives, "imu": turned}
-    same = {name for name, values in columns.items() if np.ptp(values) == 0.0}
-    # a robot may drive along x, or ahead
-    for pair in (("x", "y"), _TWIST):
-        if not same >= {*pair}:
-            same -= {*pair}
-    dead = list[str]()
-    for name in columns:
-        column = column_of(name)
-        # commands and wheels may keep a number for long; the others are noisy
-        keeps = column.group in ("cmd", "wheels") and columns[name][0]
-        known = column.usual < math.inf or name in POSE_COLUMNS
-        shows = wheels_turn if name == "yaw" else moves.get(column.group, False)
-        if name in same and known and shows and not keeps:
-            dead.append(name)
-    return tuple(dead)

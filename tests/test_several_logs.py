@@ -15,10 +15,13 @@ import pytest
 from ssmr.simulation import PlanarPlant
 from ssmr.types import Commands, FloatArray, State
 from validation.calibrate import calibrate
+from validation.compare import compare
 from validation.descriptions.loading import load_robot
+from validation.experiment.sources import open_source
 from validation.files.csv_logs import write_csv
 from validation.files.log import Log
 from validation.fit import Fitted, fit
+from validation.identify.adapting import adapted_along
 from validation.identify.targets import split_ground, tags_of
 from validation.plants.planar import model_of
 from validation.plants.profile import bare_profile, load_profile
@@ -165,3 +168,37 @@ def test_names_of_logs_and_grounds(tmp_path: Path) -> None:
 def test_a_number_of_a_log_that_is_none_is_refused(logs: list[Path]) -> None:
     with pytest.raises(ValueError, match="yaw_late@monday names no log and no ground"):
         fit("kinematic", logs, profile=BARE, input="wheels", fix={"yaw_late@monday": 0.1})
+
+
+def test_numbers_follow_a_log_while_it_drives(logs: list[Path]) -> None:
+    options: dict[str, Any] = {"profile": BARE, "plants": ("kinematic",), "input": "wheels"}
+    held = compare(logs[0], **options).scores["kinematic"].overlapping[6.0]
+    followed = compare(logs[0], adapt=20.0, bands=True, **options)
+    after = followed.scores["kinematic"].overlapping[6.0]
+    assert after.n == held.n
+    assert after.position_median_m < 0.3 * held.position_median_m
+    assert after.yaw_median_rad < 0.3 * held.yaw_median_rad
+    first, *_ = followed.runs["kinematic"].motions
+    assert np.array_equal(first.t, followed.truth[0].t)
+    with pytest.raises(ValueError, match="adapt needs a recording"):
+        compare("traj4", adapt=30.0, plants=("kinematic",))
+
+
+def test_a_prediction_uses_the_past_alone(logs: list[Path], tmp_path: Path) -> None:
+    """What the wheels do after 50 s moves nothing before."""
+    rows = np.loadtxt(logs[0], delimiter=",", skiprows=1)
+    header = logs[0].read_text().splitlines()[0]
+    names = header.split(",")
+    rows[rows[:, 0] > 50.0, names.index("enc_left")] *= 1.3
+    other = tmp_path / "other.csv"
+    np.savetxt(other, rows, delimiter=",", header=header, comments="", fmt="%.17g")
+    plant = BARE.plants["kinematic"]
+    both = []
+    for path in (logs[0], other):
+        source = open_source(str(path), "wheels")
+        both.append(adapted_along("kinematic", plant, source, "wheels", 20.0))
+    early = [motion.t <= 49.9 for motion in both[0].motions[:3]]
+    for mine, theirs, before in zip(both[0].motions, both[1].motions, early, strict=False):
+        assert np.allclose(mine.pose[before], theirs.pose[before], atol=1e-9)
+    later = both[0].motions[3].pose - both[1].motions[3].pose
+    assert np.abs(later[early[0]]).max() > 1e-3

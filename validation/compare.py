@@ -10,8 +10,9 @@ if __name__ == "__main__":
 
     end_quietly()
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -33,6 +34,7 @@ from validation.experiment.scores import (
 )
 from validation.experiment.sources import (
     RECORDING,
+    Piece,
     Source,
     driver_warnings,
     open_source,
@@ -40,9 +42,10 @@ from validation.experiment.sources import (
 )
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
+from validation.identify.adapting import Adapted, adapted_along
 from validation.output import file_name, one_line
 from validation.plants.profile import Profile, choose_profile, make_plant
-from validation.plants.table import PLANTS, USUAL_PLANTS, is_plant, known_plants
+from validation.plants.table import PLANTS, USUAL_PLANTS, is_plant, known_plants, plant_kind
 from validation.report.comparison import Comparison
 from validation.report.motions import health_warnings
 from validation.simulator.description import with_robot
@@ -79,6 +82,9 @@ class Compare(cli.Filmed, cli.LogReading):
     bands: bool = False
     """Draw where each plant says that the robot will be with 90 %, and count how often it is
     there."""
+    adapt: float | None = None
+    """Calibrate planar models on while they drive along a recording, every so many seconds, with
+    the profile as prior; a prediction uses the past alone [s]."""
     noise: bool = False
     """See the plants through the lab's state filter: at 50 Hz, with its noise."""
     disturbance: bool = False
@@ -102,6 +108,8 @@ class Compare(cli.Filmed, cli.LogReading):
         names = ("input", "horizons", "noise", "disturbance")
         options = {name: getattr(self, name) for name in names}
         options["terrain"] = self.terrain.spec
+        if self.adapt is not None:
+            options["adapt"] = self.adapt
         if self.since is not None:
             options["from"] = self.since
         if self.until is not None:
@@ -138,16 +146,26 @@ def compare(o: Compare) -> Comparison:
     recorded = reference == RECORDING
     truth = source.truth if recorded else runs[reference].motions
     gyro = find_gyro_judge(source) if recorded else None
+    adapted = _adapted(o, profile, source, runs)
+    runs |= {name: replace(runs[name], motions=each.path) for name, each in adapted.items()}
     scores = {}
     for name, run in runs.items():
-        motions = run.motions
+        motions = list(run.motions)
         metrics = Metrics({**compare_pieces(motions, truth), **compare_signals(motions, truth)})
         if metric is not None:
             metrics = metric(metrics, motions, truth)
-        by_gyro = None if gyro is None else gyro.judging(source, run.localiser.yaw_late)
         band = profile.section(name).bands.get(o.input) if o.bands else None
         horizons = o.horizons if recorded else ()
-        scores[name] = score(metrics, source.pieces, motions, horizons, by_gyro, band)
+        pieces = list(source.pieces)
+        late = [run.localiser.yaw_late]
+        if name in adapted:
+            pieces, motions, late, _ = adapted[name]
+        by_gyro = list[Piece]()
+        if gyro is not None:
+            judging = chain.from_iterable(gyro.judging(source, each) for each in late)
+            pairs = zip(judging, pieces, strict=True)
+            by_gyro = [replace(judge, begins=piece.begins) for judge, piece in pairs]
+        scores[name] = score(metrics, pieces, motions, horizons, by_gyro, band)
     for sentence in health_warnings(runs):
         cli.warn(sentence)
     return Comparison(
@@ -164,6 +182,23 @@ def compare(o: Compare) -> Comparison:
         gyro=gyro,
         remarks=[*doubts, *unknown, *_unjudged(o, scores, profile)],
     )
+
+
+def _adapted(
+    o: Compare, profile: Profile, source: Source, runs: Iterable[str]
+) -> dict[str, Adapted]:
+    """Return the predictions of the plants that are calibrated on while they drive."""
+    if o.adapt is None:
+        return {}
+    if source.reference != RECORDING:
+        raise ValueError(f"adapt needs a recording; {source.name} is a scenario")
+    names = [name for name in runs if plant_kind(name).together is not None]
+    if not names:
+        raise ValueError("adapt calibrates planar models on, and none is among the plants")
+    adapted = {}
+    for name in names:
+        adapted[name] = adapted_along(name, profile.section(name), source, o.input, o.adapt)
+    return adapted
 
 
 def _opened(o: Compare) -> tuple[Profile, Source]:

@@ -79,6 +79,8 @@ class Piece:
     headings: FloatArray | None = None
     """(M,) headings of a better judge than the reference's, as late as these [rad]; None without
     one."""
+    begins: tuple[float, float] = (-math.inf, math.inf)
+    """Stamps from which on and before which windows may begin [s]."""
     torques: FloatArray | None = None
     """(M, 2) true torques of the left and the right motors [N m], NaN where nobody knows them; None
     where none can be believed."""
@@ -102,6 +104,8 @@ class Piece:
         if self.moves is not None:
             moved = np.cumulative_sum(self.moves, include_initial=True)
         kept = (moved[ends + 1] == moved[starts]) == standing
+        first, stop = self.begins
+        kept &= (t[starts] >= first) & (t[starts] < stop)
         return starts[kept], ends[kept]
 
 

@@ -146,6 +146,11 @@ class Rater(ABC):
         columns = 2 * (self._cost.position_weight > 0.0) + (self._cost.yaw_weight > 0.0)
         return np.tile(self._blocks, columns)
 
+    @property
+    def ends(self) -> FloatArray:
+        """(K,) stamp at which each residual of poses is known [s]; only windows have one."""
+        raise NotImplementedError
+
     @abstractmethod
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (S, K, 2) errors of positions [m] and (S, K) of yaw [rad] of (S, M, 3) poses."""
@@ -313,6 +318,12 @@ class HorizonRater(Rater):
         self._moved[:, 2] = heading[self._ends] - heading[self._starts]
         blocks = block + np.floor((truth.t[self._starts] - truth.t[0]) / _BLOCK_S)
         super().__init__(piece, cost, np.concatenate(weights), blocks)
+
+    @property
+    def ends(self) -> FloatArray:
+        """(K,) stamp at which the window of each residual of poses ends [s]."""
+        stamps = true_motion(self.piece).t[self._ends]
+        return np.tile(stamps, len(self.pose_blocks) // len(stamps))
 
     def errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the errors of the relative pose over each window, see `Rater.errors`."""

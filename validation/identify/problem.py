@@ -137,8 +137,8 @@ class FitProblem:
             spreads.append(self.base.spread.get(name.partition("@")[0], np.nan))
         # a value of before may lie outside the bounds; its nearest point is the prior's centre
         within = np.clip(values, self.space.lower, self.space.upper)
-        self._before = self.space.points(within[None])[0]
-        known = np.array(spreads) / self.space.slopes(self._before)
+        self.begun = self.space.points(within[None])[0]
+        known = np.array(spreads) / self.space.slopes(self.begun)
         usual = np.where(np.isfinite(known), known, FROM_FILE)
         self.spread = usual if self.robust else np.full(len(known), np.inf)
         self._blocks = len(np.unique(self.blocks))
@@ -227,7 +227,7 @@ class FitProblem:
         bounds = np.full(len(points), np.inf) if limits is None else limits
         if isinstance(workers, str):
             return rate_there(workers, self, "costs", (points, bounds), on_share)
-        far = (points - self._before) / self.spread
+        far = (points - self.begun) / self.spread
         # nobody knows the size of errors, so their likelihood is a power of their mean size
         factor = np.exp((np.sqrt(1.0 + far**2) - 1.0).sum(axis=1) / self._blocks)
         costs = np.zeros(len(points))
@@ -277,7 +277,7 @@ class FitProblem:
             _, first, back = np.unique(own, axis=0, return_index=True, return_inverse=True)
             errors = self._side_by_side(partial(rate, day), day.tags, points[first], workers)
             columns.append(errors[back.ravel()])
-        pulls = self._pull * (points - self._before) / self.spread
+        pulls = self._pull * (points - self.begun) / self.spread
         columns.append(np.tile(pulls, self.pulls // len(self.space)))
         return np.concatenate(columns, axis=1)
 

@@ -104,6 +104,10 @@ def fitted_parameters(
     return tuple(rows)
 
 
+_LIMITS = ("acceleration", "torque_limit", "v_max", "w_max")
+"""Beginnings of the names of limits."""
+
+
 def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
     """Return a sentence for each parameter that a search left at a bound, with advice."""
     out = []
@@ -112,6 +116,8 @@ def bound_sentences(space: ParameterSpace, point: FloatArray) -> list[str]:
             continue
         end, bound = ("lower", p.lower) if x < 0.5 else ("upper", p.upper)
         advice = "give it wider bounds, or fix it"
+        if end == "upper" and p.name.startswith(_LIMITS):
+            advice = "where the source never reaches this limit, more fits as well; fix it"
         # no number lies beyond this bound, so wider bounds are no advice
         if bound in (p.least, p.greatest):
             beyond = "below" if end == "lower" else "above"

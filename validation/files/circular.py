@@ -152,11 +152,12 @@ def _error(
     moved = np.abs(rises) > _MOVED * np.median(np.diff(t[spans]))
     if np.count_nonzero(moved) < _FEWEST:
         return None
-    sums = integral(stamps, rates)
+    # each in one piece: interpolation would copy a column of all at every call
+    sums = np.ascontiguousarray(integral(stamps, rates).T)
 
     def error(lag: float) -> float:
         at = t[spans] + lag
-        design = np.column_stack([np.diff(np.interp(at, stamps, s))[:, 0] for s in sums.T])
+        design = np.column_stack([np.diff(np.interp(at, stamps, s))[:, 0] for s in sums])
         rest = np.abs(design @ np.linalg.lstsq(design, rises)[0] - rises)
         return float(np.median(rest[moved]))
 

@@ -42,6 +42,8 @@ from validation.plants.searchable import find, own_indices, with_values
 from validation.plants.table import plant_kind
 from validation.workers import rate_there
 
+_CHUNK = 256
+"""Candidates whose motions are kept at once where one loop drives them: tens of megabytes."""
 OnShare = Callable[[float], object] | None
 """Callback from any thread, with the share of a generation that is rated."""
 IGNORANCE = 12.0**-0.5
@@ -288,12 +290,12 @@ class FitProblem:
         points: FloatArray,
         workers: int,
     ) -> FloatArray:
-        """Rate (S, n) points on a log with some tags, all at once or each on a thread of its own.
+        """Rate (S, n) points on a log with some tags, many at once or each on a thread of its own.
 
         An interrupt drops those that have not begun.
         """
         candidates = [self.candidate(point, tags) for point in points]
-        size = len(points) if self._together else 1
+        size = _CHUNK if self._together else 1
 
         def share(first: int) -> FloatArray:
             which = slice(first, first + size)
@@ -303,7 +305,7 @@ class FitProblem:
         # a compiled loop has threads of its own; a simulator's plants are driven side by side
         pool = ThreadPoolExecutor(1 if self._together else workers)
         try:
-            return np.concatenate(list(pool.map(share, range(0, len(points), max(size, 1)))))
+            return np.concatenate(list(pool.map(share, range(0, len(points), size))))
         finally:
             pool.shutdown(cancel_futures=True)
 

@@ -251,14 +251,15 @@ class Comparison(Motions):
             paths = [track.pieces[i].pose[a : b + 1] for track in others]
             return any(np.ptp(path, axis=0).max() > _LEAST_MOTION for path in paths)
 
-        def error(window: tuple[int, int, int]) -> float:
-            i, a, b = window
-            ends = (np.array([a]), np.array([b]))
-            true = reference.pieces[i].pose
-            errors = [relative_pose_error(track.pieces[i].pose, true, *ends) for track in others]
-            return sum(float(position[0]) for position, _ in errors)
-
-        ranked = sorted(list(filter(moves, windows)) or windows, key=error)
+        shown = list(filter(moves, windows)) or windows
+        number, first, last = np.array(shown).T
+        errors = np.zeros(len(shown))
+        for i, piece in enumerate(reference.pieces):
+            inside = number == i
+            ends = (first[inside], last[inside])
+            for track in others:
+                errors[inside] += relative_pose_error(track.pieces[i].pose, piece.pose, *ends)[0]
+        ranked = [shown[k] for k in np.argsort(errors, kind="stable")]
         n = min(_WINDOWS, len(ranked))
         spread = [ranked[int((k + 0.5) / n * len(ranked))] for k in range(n)]
         return f"{n} of {len(windows)} {words}", spread

@@ -137,14 +137,16 @@ def _rates(
             turning[name] = _of_steps(*poses, _slopes(poses[0])[:, 2])
         elif name in ("wheels", "odom"):
             # where sides are refreshed in turn, a row has a rate that is new and one that is old
-            steady = {}
-            for side, values in group.columns.items():
-                new = refreshed(t, values[:, None])
-                steady[side] = np.interp(t, t[new], values[new])
-            twist = twist_of(replace(group, columns=steady))
+            for side in group.columns if name == "wheels" else ():
+                new = refreshed(t, group.columns[side][:, None])
+                steady = np.interp(t, t[new], group.columns[side][new])
+                group = replace(group, columns={**group.columns, side: steady})
+            twist = twist_of(group)
             if twist is not None:
-                speeds[name] = _Rate(t, twist[1], group)
-                turning[name] = _Rate(t, twist[2], group)
+                _, speed, yaw_rate = twist
+                new = refreshed(t, np.column_stack([speed, yaw_rate]))
+                speeds[name] = _Rate(t[new], speed[new], group)
+                turning[name] = _Rate(t[new], yaw_rate[new], group)
     return turning, speeds
 
 

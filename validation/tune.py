@@ -15,6 +15,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import tyro
 
 from ssmr.control.laws import LAWS
@@ -49,6 +50,7 @@ from validation.identify.report import (
 )
 from validation.identify.search import Search, Searching, search_for
 from validation.identify.tuning import (
+    TARGET_SHARE,
     TuneCase,
     TuneCost,
     TuneMeasure,
@@ -108,7 +110,7 @@ class Tune(Searching):
     from_scratch: tyro.conf.Suppress[bool] = False
     """Leave the gains it begins with out of the first population."""
     cost: TuneMeasure = "metres"
-    """metres: distance to the path and a fifth of that to the moving target; the thesis' path
+    """metres: distance to the path and a tenth of that to the moving target; the thesis' path
     (Sec. 4.3.3, 4.4.3), which is blind to time, or time: errors at equal times instead of distances
     between paths (Sec. 5). A greater path error than before is refused, whatever it costs."""
     guard: float = 0.1
@@ -406,6 +408,17 @@ def _report(
                 f"{base.name}, with which the search began, fails the stability guard, "
                 "so it had to be left."
             )
+    if kept is not base and not o.from_scratch:
+        before_there, there = _metres(problem, judged, {"baseline": base, "tuned": kept}, threads)
+        if not there <= before_there:
+            notes.append(
+                f"The gains that were found are refused: MuJoCo's robot is farther from path and "
+                f"target with them, {1e3 * there:.1f} mm for {1e3 * before_there:.1f}. "
+                f"{base.name} are kept."
+            )
+            kept = base
+            cost = problem.cost_of(base, threads)
+            point = space.points(values)
     notes += bound_sentences(space, point)
     shipped = shipped_gains(base.controller, profile.name)
     sets = {"tuned": kept, "baseline": base}
@@ -436,6 +449,19 @@ def _report(
         held_out={case.label: problem.rated(case, sets, threads) for case in held_out},
         judged={case.label: problem.rated(case, sets, threads) for case in judged},
     )
+
+
+def _metres(
+    problem: TuneProblem, cases: Sequence[TuneCase], sets: Mapping[str, GainSet], threads: int
+) -> list[float]:
+    """Return the mean metres of each set of gains over some cases; infinite for a lost robot."""
+    means = np.zeros(len(sets))
+    for case in cases:
+        runs = problem.rated(case, sets, threads).values()
+        for k, r in enumerate(runs):
+            metres = r.metrics["d_rms_m"] + TARGET_SHARE * r.metrics["sync_rms_m"]
+            means[k] += math.inf if r.run.lost else metres / len(cases)
+    return means.tolist()
 
 
 if __name__ == "__main__":

@@ -37,7 +37,7 @@ from validation.workers import rate_there
 
 TuneMeasure = Literal["metres", "path", "time"]
 """Measure of a tuning, see `TuneCost`."""
-TARGET_SHARE = 0.2
+TARGET_SHARE = 0.1
 """Weight of the distance to the moving target in the measure `metres`, beside that to the path: a
 robot that keeps to its path and comes late is preferred to one that hurries and leaves it."""
 GUARD_DISTANCE = 1.0

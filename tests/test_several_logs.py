@@ -202,3 +202,14 @@ def test_a_prediction_uses_the_past_alone(logs: list[Path], tmp_path: Path) -> N
         assert np.allclose(mine.pose[before], theirs.pose[before], atol=1e-9)
     later = both[0].motions[3].pose - both[1].motions[3].pose
     assert np.abs(later[early[0]]).max() > 1e-3
+
+
+def test_a_bound_that_is_hit_is_moved_once_and_named(tmp_path: Path) -> None:
+    """A localiser that is 1.3 s late lies beyond the usual bounds, of 1 s."""
+    late = drive(tmp_path, "late", {**BODY, "position_late": 1.3, "yaw_late": 1.3}, 5)
+    options: dict[str, Any] = {"profile": BARE, "plants": ("kinematic",), "trust": True}
+    report = calibrate(late, **options)
+    found = {p.name: p.value for p in report.fits[0].parameters}
+    assert found["position_late"] == pytest.approx(1.3, abs=0.02)
+    assert found["yaw_late"] == pytest.approx(1.3, abs=0.02)
+    assert any("hit a bound, which was moved once" in note for note in report.notes())

@@ -54,6 +54,8 @@ _ESSENTIAL = (
     *("command_half_track", "tracked_x", "tracked_y", "tracked_yaw"),
 )
 """Sizes of a robot and the place of its localiser: at a bound they stand for something else."""
+_WIDER = {*_ESSENTIAL, "drift", "position_late", "yaw_late"} - {"tracked_yaw"}
+"""Numbers whose bounds are widened once where they are hit."""
 _WIDENED = 0.5
 """Share of the bounds' width by which a bound that is hit is moved once [1]."""
 _EXPLAINED = 0.5
@@ -197,14 +199,14 @@ def _objections(f: Fitted, way: float) -> list[str]:
 
 
 def _wider(f: Fitted) -> dict[str, tuple[float, float]]:
-    """Return wider bounds of the sizes that ended at one, as far as physics allows."""
+    """Return wider bounds of sizes and delays that ended at one, as far as physics allows."""
     bounds = {}
-    for p in f.parameters:
+    for p, declared in zip(f.parameters, f.problem.space.parameters, strict=True):
         more = _WIDENED * (p.upper - p.lower)
-        if not p.at_bound or p.name not in _ESSENTIAL or p.name == "tracked_yaw":
+        if not p.at_bound or p.name.partition("@")[0] not in _WIDER:
             continue
-        low = p.lower - more
-        high = p.upper + more
+        low = max(p.lower - more, declared.least)
+        high = min(p.upper + more, declared.greatest)
         # a size keeps its sign
         if p.lower >= 0.0:
             low = max(low, 0.5 * p.lower)
@@ -436,9 +438,9 @@ def _fits(
 ) -> list[Fitted]:
     """Return the fits, each begun with the profile of the one before.
 
-    A fit that ends at a bound of a size is tried once more with wider ones. The last one may have
-    been interrupted. `spans` are the parts of the logs that are fitted to, and `way` is that of the
-    robot in 6 s [m].
+    A fit that ends at a bound of a size or a delay is tried once more with wider ones. The last one
+    may have been interrupted. `spans` are the parts of the logs that are fitted to, and `way` is
+    that of the robot in 6 s [m].
     """
     fits: list[Fitted] = []
     track = profile.robot.track
@@ -486,6 +488,9 @@ def _fits(
         if wider := _wider(done):
             options = replace(options, bounds={**options.bounds, **wider})
             done = run_fit(options, lambda warning: None, spans)
+            names = ", ".join(wider)
+            moved = f"{names} hit a bound, which was moved once, and the fit repeated"
+            done = replace(done, remarks=[*done.remarks, moved])
         if objections := _objections(done, way):
             done = replace(done, objections=[f"{'; '.join(objections)}."])
         fits.append(done)

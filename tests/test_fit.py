@@ -323,7 +323,7 @@ def test_a_checkpoint_of_another_fit_is_refused(
     for change, what in (
         (["--seed", "4"], "seed"),
         (["--bounds", "alpha_l=0.9:1.1"], "parameters or bounds"),
-        (["--objective", "sync"], "objective"),
+        (["--objective", "sync"], "objective, settings of the search"),
         (["--generations", "3"], "settings of the search"),
     ):
         settings = [] if "--generations" in change else ["--generations", "2"]

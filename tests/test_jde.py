@@ -71,7 +71,7 @@ def test_the_defaults_are_table_3_7() -> None:
         0.8,
         (0.0, 1.0),
     )
-    assert (jde.TAU, jde.PARTNERS, jde.SLOPE) == (0.1, 4, 0.2)
+    assert (jde.TAU, jde.PARTNERS, JdeSettings.slope) == (0.1, 4, 0.2)
     assert (JdeSettings.df, JdeSettings.population, JdeSettings.generations) == (1e-3, 50, 300)
 
 

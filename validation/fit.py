@@ -23,6 +23,7 @@ from ssmr.errors import SsmrError
 from ssmr.metrics.bands import Band
 from ssmr.models.law import PlanarLaw
 from ssmr.parameters import require_within
+from ssmr.search.jde import JdeSettings
 from ssmr.search.space import ParameterSpace
 from ssmr.types import FloatArray, Trajectory
 from validation import cli
@@ -84,22 +85,21 @@ if TYPE_CHECKING:
 Method = Literal["jde", "hybrid", "lsq"]
 """Searches of a fit: differential evolution; a short one, then least squares; or least squares from
 one start."""
-_SIZES: Mapping[tuple[Method, bool], tuple[int, int]] = {
-    ("jde", False): (50, 300),
-    ("jde", True): (20, 90),
-    ("hybrid", False): (20, 10),
-    ("hybrid", True): (20, 4),
-    ("lsq", False): (5, 1),  # of which only the first candidate counts
-    ("lsq", True): (5, 1),
+_USUAL: Mapping[tuple[Method, bool], JdeSettings] = {
+    ("jde", False): JdeSettings(50, 300),
+    ("jde", True): JdeSettings(20, 90),
+    ("hybrid", False): JdeSettings(20, 10),
+    ("hybrid", True): JdeSettings(20, 4),
+    ("lsq", False): JdeSettings(5, 1),  # of which only the first candidate counts
+    ("lsq", True): JdeSettings(5, 1),
 }
-"""Default population and generations of jDE for planar models (Tab. 3.7 of the thesis for `jde`)
-and for simulated bodies."""
+"""Usual settings of jDE for planar models (`jde`: Tab. 3.7 of the thesis) and simulated bodies."""
 _STARTS: Mapping[Method, int] = {"jde": 0, "hybrid": STARTS, "lsq": 1}
 """Greatest number of starts of least squares."""
-_JAGGED = (50, 100)
-"""Default population and generations of a hybrid search of planar models for the path objective:
-distances between samples make it jagged, so least squares go to the right place but not to the
-least cost there."""
+_JAGGED = JdeSettings(50, 150, patience=80, slope=0.0)
+"""Usual settings of a hybrid search of planar models for the path objective: distances between
+samples make it jagged, so least squares go to the right place but not to the least cost there.
+F and CR that are not lowered find it in half of the evaluations that the thesis' settings take."""
 _FITTED = "; fitted: "
 """What stands between a profile's description and the plants that were fitted."""
 # metrics in the table of scores
@@ -479,8 +479,7 @@ def run_fit(
     simulated = o.model in SIMULATED
     # sampled paths make the cost jagged, so differential evolution has to go farther
     jagged = o.search == "hybrid" and problem.cost.objective == "path" and not simulated
-    sizes = _JAGGED if jagged else _SIZES[o.search, simulated]
-    settings = o.settings(*sizes)
+    settings = o.settings(_JAGGED if jagged else _USUAL[o.search, simulated])
     search = search_for(problem, settings, o, start, _STARTS[o.search])
     total = settings.generations + 1 + search.starts
     o.progress(Progress(total, total, "standard errors and scores"))

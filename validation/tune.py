@@ -21,6 +21,7 @@ import tyro
 from ssmr.control.laws import LAWS
 from ssmr.control.loop import LoopSettings
 from ssmr.parameters import require_within
+from ssmr.search.jde import JdeSettings
 from validation import cli, output
 from validation.experiment.gains import (
     DEFAULT,
@@ -68,8 +69,8 @@ from validation.workers import threads_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# population and generations: a simulated run costs a hundred times that of a planar model
-_SIMULATED_SIZE = (24, 20)
+# a simulated run costs a hundred times that of a planar model
+_SIMULATED_SIZE = JdeSettings(24, 20)
 # a cost that the tuning has not seen which is so many times that of before is worth a sentence
 _WORSE = 1.1
 _SHOWN = ("d_rms_m", "sync_rms_m", "d_haus_m", "thesis_cost")  # in the table of references
@@ -330,7 +331,8 @@ def tune(o: Tune) -> Tuned:
     law = LAWS[o.controller]
     robots = [make_robot(profile, name) for name in o.plant]
     simulated = any(name in SIMULATED for name in o.plant)
-    settings = o.settings(*(_SIMULATED_SIZE if simulated else (law.population, law.generations)))
+    usual = _SIMULATED_SIZE if simulated else JdeSettings(law.population, law.generations)
+    settings = o.settings(usual)
     references = list(map(split_speed, o.reference))
     cases = o.cases(references, robots)
     fastest = max(case.waypoints.speed for case in cases)

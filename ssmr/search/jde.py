@@ -47,13 +47,11 @@ CR_BOUNDS = (0.0, 1.0)
 """Least and greatest CR [1]."""
 TAU = 0.1
 """Probability of a new F, and of a new CR (tau_1, tau_2) [1]."""
-SLOPE = 0.2
-"""Share of F and CR by which they are lowered, in proportion to the generations gone (slp) [1]."""
 PARTNERS = 4
 """Number of vectors, distinct and other than i, from which a donor is made (nr)."""
 Finished = Literal["", "generations", "improvement"]
 
-VERSION = "ssmr.jde/2"
+VERSION = "ssmr.jde/3"
 """Version of the layout of `Jde.state`, and of the order in which random numbers are drawn."""
 _MOST_VECTORS = 100_000
 _MOST_GENERATIONS = 1_000_000
@@ -74,6 +72,9 @@ class JdeSettings:
     """Stop when the best cost improved by no more than this share of its size [1] ..."""
     patience: int = 30
     """... over this many generations; more than `generations` turns the rule off."""
+    slope: float = 0.2
+    """Share of F and CR by which they are lowered, in proportion to the generations gone (slp) [1];
+    0 leaves them as they were drawn, as in the first publication of jDE (Brest et al. 2006)."""
 
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range."""
@@ -81,6 +82,7 @@ class JdeSettings:
         require_within(self, ("generations",), 1, _MOST_GENERATIONS, whole=True)
         require_within(self, ("patience",), 1, 1_000_000_000, whole=True)
         require_within(self, ("df",), 0.0, 1e6)
+        require_within(self, ("slope",), 0.0, 1.0)
 
 
 class Jde:
@@ -203,7 +205,9 @@ class Jde:
         draws = self._rng.random((choices + n) * size)
         rows = draws[: choices * size].reshape(choices, size)
         crossing = draws[choices * size :].reshape(size, n)
-        descent = SLOPE * self.generation / self.settings.generations  # ng - 1 are complete
+        descent = (
+            self.settings.slope * self.generation / self.settings.generations
+        )  # ng - 1 are complete
         f = adapt(self._f, rows[0:2], F_BOUNDS, descent)
         cr = adapt(self._cr, rows[2:4], CR_BOUNDS, descent)
         first = (rows[4] * n).astype(np.intp)

@@ -14,7 +14,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,8 @@ _LEFT_OUT = {
     "resume",
     "name",
 }
+# options that are settings of the optimiser
+_SIZES = ("population", "generations", "patience")
 _log = logging.getLogger(__name__)
 
 
@@ -69,8 +71,9 @@ class Searching(cli.Common):
     generations: int | None = None
     """Greatest number of generations of jDE after its first population; what is usual for the plant
     or the controller if not given."""
-    patience: int = 30
-    """Number of generations over which the best cost must improve by a thousandth, or jDE stops."""
+    patience: int | None = None
+    """Number of generations over which the best cost must improve by a thousandth, or jDE stops;
+    30 if not given, 80 for a hybrid search of a planar model by its path."""
     resume: bool = False
     """Continue from the checkpoint in the folder of --out."""
     name: str | None = None
@@ -79,7 +82,7 @@ class Searching(cli.Common):
     def __post_init__(self) -> None:
         """Raise a ValueError for a number out of its range."""
         super().__post_init__()
-        self.settings(JdeSettings.population, JdeSettings.generations)
+        self.settings(JdeSettings())
 
     @property
     def raters(self) -> int | str:
@@ -96,22 +99,19 @@ class Searching(cli.Common):
         result = "profile.toml" if self.folder().parts[1] == "fit" else "gains.toml"
         return (*super().writes(), result, CHECKPOINT)
 
-    def settings(self, population: int, generations: int) -> JdeSettings:
-        """Return the optimiser's settings, with these sizes where none are given.
+    def settings(self, usual: JdeSettings) -> JdeSettings:
+        """Return the optimiser's settings: the usual ones, with the sizes that are given.
 
         Raises:
             ValueError: a setting is out of its range.
         """
-        if self.population is not None:
-            population = self.population
-        if self.generations is not None:
-            generations = self.generations
-        return JdeSettings(population, generations, patience=self.patience)
+        given = {name: getattr(self, name) for name in _SIZES}
+        return replace(usual, **{name: size for name, size in given.items() if size is not None})
 
     def chosen(self, settings: JdeSettings) -> dict[str, Any]:
         """Return the options that decide numbers, with the sizes that the search had."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in _LEFT_OUT}
-        return {**values, "population": settings.population, "generations": settings.generations}
+        return values | {name: getattr(settings, name) for name in _SIZES}
 
 
 @dataclass

@@ -414,7 +414,7 @@ PRICES = {
         "these)",
     ),
     "validation/learning": Price(
-        6_200,
+        6_400,
         5,
         14,
         "reinforcement learning on the robot: Gymnasium and dm_control",

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from dm_env import test_utils
 
+import validation
 from ssmr.types import Commands, State
 from tests.conftest import ROUNDOFF, SYMMETRY
 from validation.experiment.waypoint_files import open_reference
@@ -274,6 +275,30 @@ def test_the_checker_of_gymnasium_finds_nothing(gymnasium: Any) -> None:
     seen, _ = environment.reset(seed=0)
     assert seen.dtype == np.float32
     environment.step(environment.action_space.sample())
+
+
+def test_an_environment_gives_a_frame_of_its_robot(gymnasium: Any) -> None:
+    environment = gymnasium.make(TRACK, render_mode="rgb_array")
+    environment.reset(seed=0)
+    try:
+        frame = environment.render()
+    except (RuntimeError, ImportError, AttributeError) as error:
+        pytest.skip(f"nothing draws here: {error}")
+    assert (frame.shape, frame.dtype) == ((240, 320, 3), np.uint8)
+    dark = np.all(frame < 90, axis=2)  # hull and tyres on a light floor
+    assert 0.02 < np.mean(dark) < 0.6
+    environment.close()
+
+
+def test_a_driver_without_limits_is_refused_by_name(tmp_path: Path) -> None:
+    shipped = (Path(validation.__file__).parents[1] / "models/jackal.toml").read_text(
+        encoding="utf-8"
+    )
+    kept = [line for line in shipped.splitlines() if not line.startswith(("v_max", "w_max"))]
+    path = tmp_path / "endless.toml"
+    path.write_text("\n".join(kept), encoding="utf-8")
+    with pytest.raises(ValueError, match="has no greatest speed or yaw rate"):
+        TrackBatch(TrackTask(robot=path))
 
 
 @pytest.mark.slow

@@ -213,6 +213,10 @@ class TrackBatch:
         """Return S, the number of robots."""
         return len(self._plants)
 
+    def place_of(self, row: int) -> FloatArray:
+        """Return the (nq,) positions of a row's robot in MuJoCo, to draw it."""
+        return self._bodies.qpos[row].copy()
+
     def seed(self, row: int, seed: Any) -> None:
         """Give a row a generator of this seed, for its next episode and all that follow."""
         self._generators[row] = np.random.default_rng(seed)

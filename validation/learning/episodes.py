@@ -129,7 +129,8 @@ class EpisodeSource:
         """Read profiles and reference.
 
         Raises:
-            ValueError: profiles or waypoints that cannot be read, several robots or kinds of motor,
+            ValueError: profiles or waypoints that cannot be read, a driver without a greatest speed
+                or yaw rate, several robots or kinds of motor,
                 or a physics step that does not divide the period of commands.
         """
         self.task = task
@@ -145,6 +146,12 @@ class EpisodeSource:
             section = profile.plants["mujoco"]
             parameters = replace(section.parameters, timestep=task.timestep)
             self.sections.append(replace(section, parameters=parameters))
+        for section in self.sections:
+            if not math.isfinite(section.drive.v_max + section.drive.w_max):
+                raise ValueError(
+                    f"the driver of {section.robot.name} has no greatest speed or yaw rate, of "
+                    "which actions are shares; set v_max and w_max in its file, under [drive]"
+                )
         first = self.sections[0]
         if len({s.parameters.wheel_shape for s in self.sections}) != 1:
             raise ValueError("all profiles must have one shape of tyre")

@@ -9,12 +9,15 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from ssmr.types import FloatArray
 from validation.learning.batch import TrackBatch
 from validation.learning.episodes import TrackTask
+from validation.simulator.composing import compose_robot
+from validation.simulator.description import Robot
 
 try:
     import gymnasium
@@ -35,15 +38,17 @@ FloatRow = NDArray[np.float32]
 class TrackEnv(gymnasium.Env):
     """One robot that follows a moving target; observations and actions are shares in [-1, 1]."""
 
-    metadata = {"render_modes": []}  # noqa: RUF012 # Gymnasium declares it without ClassVar
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 # Gymnasium declares it without ClassVar
     __signature__ = inspect.signature(TrackTask)
 
-    def __init__(self, **task: Any) -> None:
+    def __init__(self, render_mode: str | None = None, **task: Any) -> None:
         """Make the robot; `task` has the fields of `TrackTask`.
 
         Raises:
             ValueError: as `TrackBatch`.
         """
+        self.render_mode = render_mode
+        self._renderer: mujoco.Renderer | None = None
         self.batch = TrackBatch(TrackTask(**task), 1, 1)
         self.observation_space = spaces.Box(-1.0, 1.0, (len(self.batch.source.bounds),), np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -68,8 +73,41 @@ class TrackEnv(gymnasium.Env):
         reward = float(now.rewards[0])
         return seen, reward, bool(now.lost[0]), bool(now.over[0]), {"away": float(now.away[0])}
 
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a (240, 320, 3) picture of the robot if the mode is `rgb_array`, else None."""
+        if self.render_mode is None:
+            return None
+        if self._renderer is None:
+            self._renderer = mujoco.Renderer(_picture_model(self.batch.source.sections[0].robot))
+        model = self._renderer.model
+        data = mujoco.MjData(model)
+        data.qpos[:] = self.batch.place_of(0)
+        mujoco.mj_forward(model, data)
+        camera = mujoco.MjvCamera()
+        camera.lookat[:] = data.qpos[:3]
+        camera.distance = 4.0 * self.batch.source.track
+        camera.elevation = -30.0
+        self._renderer.update_scene(data, camera)
+        return self._renderer.render()
+
+    def close(self) -> None:
+        """Give back the memory of the pictures."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
     def _shares(self, observations: FloatArray) -> FloatRow:
         return (observations[0] / self.batch.source.bounds).astype(np.float32)
+
+
+def _picture_model(robot: Robot) -> mujoco.MjModel:
+    """Return a robot with its looks, which plants do without, on a grey floor under a lamp."""
+    spec = compose_robot(robot)
+    floor = mujoco.mjtGeom.mjGEOM_PLANE
+    spec.worldbody.add_geom(type=floor, size=[0.0, 0.0, 0.05], rgba=[0.75, 0.75, 0.75, 1.0])
+    sun = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    spec.worldbody.add_light(type=sun, pos=[0.0, 0.0, 10.0], dir=[0.3, 0.2, -1.0], castshadow=False)
+    return spec.compile()
 
 
 gymnasium.register(id=TRACK_ID, entry_point=TrackEnv)

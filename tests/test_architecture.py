@@ -452,9 +452,9 @@ PRICES = {
         "tables, pictures and rerun recordings of all programs",
     ),
     "validation/ros": Price(
-        13_300,
+        13_900,
         6,
-        36,
+        38,
         "the robot and its controller on a ROS 2 graph",
     ),
     "validation/simulator": Price(

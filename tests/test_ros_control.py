@@ -37,6 +37,7 @@ from validation.ros import messages as msg
 from validation.ros.__main__ import PROGRAM
 from validation.ros.control import STOP_TIME, Control, ControlNode
 from validation.ros.follower import FRESH, PathFollower, StoppedError
+from validation.ros.watch import BRAKING
 
 COMMAND = "/cmd_vel"
 POSE = msg.tracking_topic("husky")
@@ -75,11 +76,11 @@ def started(
 def test_driving_by_messages_is_the_closed_loop_of_the_process(lab: Profile, name: str) -> None:
     """Same instants, perfect messages, any start: the same motion, to the first tick."""
     controller = law(lab, name)
-    settings = LoopSettings("truth", disturbance=False, position_period=0.01)
+    settings = LoopSettings("truth", disturbance=False, position_period=0.01, rest=4.0)
     plant = make_plant(lab, "improved")
-    expected = run_loop(plant, controller, SHORT, settings, 0).motion
+    expected = run_loop(plant, controller, SHORT.braked(BRAKING), settings, 0).motion
     state = plant.reset(State(3.0, -2.0, 2.5))
-    follower = PathFollower(controller, SHORT)
+    follower = PathFollower(controller, SHORT, v_limit=1.0)
     command = (0.0, 0.0)
     steps = round(0.01 / plant.dt)
 
@@ -99,8 +100,9 @@ def test_driving_by_messages_is_the_closed_loop_of_the_process(lab: Profile, nam
             state = plant.step(command, plant.dt)
         k += 1
     run = follower.run()
-    np.testing.assert_allclose(run.columns("x", "y"), expected.xy, atol=1e-3)
-    np.testing.assert_allclose(run.column("yaw"), expected.yaw, atol=2e-3)
+    n = len(run.t)
+    np.testing.assert_allclose(run.columns("x", "y"), expected.xy[:n], atol=1e-3)
+    np.testing.assert_allclose(run.column("yaw"), expected.yaw[:n], atol=2e-3)
 
 
 def test_it_waits_for_a_robot_that_stands_and_speaks_steadily(lab: Profile) -> None:
@@ -143,7 +145,7 @@ def test_it_stops_on_stale_feedback_and_says_what_came_instead(lab: Profile) -> 
         (FRESH + 0.01, 0.0, "stamps of the feedback jumped"),
         (0.02, 0.5, r"pose jumped by 0\.50 m"),
         (0.02, -2.0, r"pose jumped by 2\.00 m"),
-        (0.4, 0.49, ""),
+        (0.4, 0.29, ""),
     ],
 )
 def test_it_stops_when_clock_or_pose_jump(lab: Profile, jump: float, x: float, why: str) -> None:
@@ -159,7 +161,7 @@ def test_it_stops_a_robot_that_goes_astray(lab: Profile) -> None:
 
     def go_backwards() -> None:
         for k in range(1, 400):
-            follower.update(now + 0.02 * k, REST._replace(x=-0.02 * k, v=-1.0), now + 0.02 * k)
+            follower.update(now + 0.02 * k, REST._replace(x=-0.02 * k), now + 0.02 * k)
 
     with pytest.raises(StoppedError, match="from its target"):
         go_backwards()
@@ -169,7 +171,7 @@ def test_commands_keep_their_limits_and_those_that_cannot_be_are_refused(lab: Pr
     follower = follower_of(lab, v_limit=0.26, w_limit=0.1)
     now = started(follower)
     sent = []
-    for k in range(1, 100):  # a robot that turns the wrong way and lags behind its target
+    for k in range(1, 55):  # a robot that turns the wrong way and lags behind its target
         follower.update(
             now + 0.05 * k, REST._replace(x=0.004 * k, v=0.08, yaw=-0.01 * k), now + 0.05 * k
         )
@@ -214,7 +216,7 @@ def test_a_tracking_system_judges_and_its_half_turns_are_no_jumps(lab: Profile) 
 
 def node_of(lab: Profile, **options: Any) -> tuple[ControlNode, FakeNode, PathFollower]:
     node = FakeNode()
-    follower = follower_of(lab)
+    follower = follower_of(lab, line(0.2, 1.2))
     topics = {"odometry": msg.FILTERED_TOPIC, "pose": POSE, "command": COMMAND}
     return (
         ControlNode(node, follower, Control("pid", **topics, **options), node.clock),
@@ -227,7 +229,9 @@ def speak(node: FakeNode, until: float, begin: float = 0.0, x: float | None = No
     """Let odometry come at 50 Hz."""
     for k in range(round(50.0 * begin), round(50.0 * until)):
         node.plan(
-            msg.FILTERED_TOPIC, 0.02 * k, odometry(0.02 * k + 1.0, 0.004 * k if x is None else x)
+            msg.FILTERED_TOPIC,
+            0.02 * k,
+            odometry(0.02 * k + 1.0, min(0.004 * k, 1.42) if x is None else x),
         )
 
 
@@ -252,7 +256,7 @@ def test_commands_come_at_20_hz_to_who_listens_and_end_in_a_stop(lab: Profile) -
     t, sent = commands(node)
     assert 1.0 <= t[0] < 1.2
     driving = t < t[-1] - STOP_TIME - 0.05
-    assert np.count_nonzero(driving) >= 20.0 * BEND.duration - 2
+    assert np.count_nonzero(driving) >= 20.0 * follower.waypoints.duration - 2
     np.testing.assert_allclose(np.diff(t[driving]), VELOCITY_PERIOD, atol=1e-9)
     assert np.count_nonzero(np.all(sent == 0.0, axis=1)) >= 9
     assert stands(node)
@@ -318,7 +322,7 @@ def test_a_flood_of_odometry_delays_no_command(
     lab: Profile, caplog: pytest.LogCaptureFixture
 ) -> None:
     loop, node, _ = node_of(lab)
-    speak(node, 10.0)
+    speak(node, 14.0)
     for k in range(3000):
         node.plan(msg.FILTERED_TOPIC, 1.0 + 1e-3 * k, odometry(2.0, NAN))
     with caplog.at_level(logging.INFO, "validation"):
@@ -330,9 +334,9 @@ def test_a_flood_of_odometry_delays_no_command(
 
 # --- a robot that does not obey ---
 
-AT_MOST = 1.2 * 0.2402, 1.2 * 0.2402
-"""Speed [m/s] and yaw rate [rad/s] after a hold: 1.2 times those of the path, or of a bend of 1
-m."""
+AT_MOST = 1.2 * 0.2402 / 0.97, 1.2 * 0.2402 / 0.97
+"""Commands of speed [m/s] and yaw rate [rad/s] after a hold: 1.2 times those of the path, or of a
+bend of 1 m, by the linear model's 0.97."""
 
 
 def with_robot(
@@ -368,9 +372,10 @@ def test_after_an_emergency_stop_the_robot_goes_on_gently(
     t, sent = commands(node)
     if text:
         assert np.all(sent[(t > 3.1) & (t < 9.0)] == 0.0)
-    assert np.all(np.abs(sent[t > 3.8]).max(axis=0) <= np.array(AT_MOST) + 1e-3)
+    gently = (t > 3.8) & (t < 9.6)
+    assert np.all(np.abs(sent[gently]).max(axis=0) <= np.array(AT_MOST) + 1e-3)
     run = follower.run()
-    assert run.t[-1] == pytest.approx(BEND.duration, abs=0.05)
+    assert run.t[-1] >= follower.waypoints.duration - 0.05
     assert np.hypot(*(run.columns("x", "y") - run.columns("target_x", "target_y")).T).max() < 0.15
 
 
@@ -450,7 +455,7 @@ class Drive:
             self.node.plan(
                 msg.FILTERED_TOPIC,
                 0.02 * k,
-                odometry(0.02 * k + 1.0, 0.25 * max(0.02 * k - 0.1, 0.0)),
+                odometry(0.02 * k + 1.0, min(0.25 * max(0.02 * k - 0.1, 0.0), 2.0)),
             )
 
     def interrupt_at(self, instant: float, *numbers: int) -> None:

@@ -144,8 +144,8 @@ MEMORY_NUMBERS = _SUMS + 4 * _SHIFTS
 _DRIVER = 0
 _AT = 4
 _SENT_AT = 5
-_MODEL_V = 6
-_MODEL_W = 7
+MODEL_V = 6
+MODEL_W = 7
 _VV = 8
 _V_SEEN = 9
 _WW = 10
@@ -192,8 +192,8 @@ def predictor_start(state: State, drive: Drive, period: float) -> FloatArray:
     memory = np.zeros(MEMORY_NUMBERS)
     memory[:_AT] = np.tile(rates, 2)
     memory[_SENT_AT] = -period
-    memory[_MODEL_V] = state.v_x
-    memory[_MODEL_W] = state.yaw_rate
+    memory[MODEL_V] = state.v_x
+    memory[MODEL_W] = state.yaw_rate
     memory[_POSE:LEARNT] = state.x, state.y, state.yaw
     memory[_EARLY:_GRID_AT] = *memory[:_AT], state.v_x, state.yaw_rate
     memory[_SEEN:_SQUARES] = state.v_x, state.yaw_rate
@@ -287,8 +287,8 @@ def learn(memory: FloatArray, changes: Command, seen: Observation, elapsed: floa
     speeds change, by `changes` in this time, counts for less.
     """
     share = min(elapsed / MEMORY, 1.0)
-    v = memory[_MODEL_V]
-    w = memory[_MODEL_W]
+    v = memory[MODEL_V]
+    w = memory[MODEL_W]
     change_v = changes.v / (elapsed * STEADY_V)
     change_w = changes.w / (elapsed * STEADY_W)
     share_v = share / (1.0 + change_v * change_v)
@@ -462,8 +462,8 @@ def predict_ahead(
     end = sends + max(model.horizon + late, 0.0)
     at = before
     sent_at = memory[_SENT_AT]
-    v = memory[_MODEL_V]
-    w = memory[_MODEL_W]
+    v = memory[MODEL_V]
+    w = memory[MODEL_W]
     driver = DriverEstimate(
         memory[_DRIVER],
         memory[_DRIVER + 1],
@@ -478,14 +478,14 @@ def predict_ahead(
         driver = advance_driver(past, sent_at, at, dt, driver, model=model, late=late)
         v, w = respond(v, w, driver, dt, model)
         at += dt
-    changes = Command(v - memory[_MODEL_V], w - memory[_MODEL_W])
+    changes = Command(v - memory[MODEL_V], w - memory[MODEL_W])
     memory[_DRIVER] = driver.v
     memory[_DRIVER + 1] = driver.w
     memory[_DRIVER + 2] = driver.lagged_v
     memory[_DRIVER + 3] = driver.lagged_w
     memory[_AT] = at
-    memory[_MODEL_V] = v
-    memory[_MODEL_W] = w
+    memory[MODEL_V] = v
+    memory[MODEL_W] = w
     if t - before > _ROUNDING:
         learn(memory, changes, seen, t - before)
     driver = learnt(memory)

@@ -24,6 +24,7 @@ SAME_PLACE = 1e-9
 """Neighbouring waypoints no farther apart than this are one place, where the target waits [m]."""
 SAME_TIME = 1e-9
 """Neighbouring waypoints no later than this are at one time, and give no speed [s]."""
+_BRAKING_STEPS = 20
 LARGEST_NUMBER = 1e12
 """Greatest coordinate [m] or time [s] that is believed: doubles lie 0.1 mm apart there."""
 
@@ -162,6 +163,29 @@ class Waypoints:
             ValueError: a speed that is not positive and finite.
         """
         return self._with_times(self.xy, speed, np.where(self.moving, 0.0, np.diff(self.t)))
+
+    def braked(self, braking: float) -> Waypoints:
+        """Return the same way, whose target comes to rest at its end by a constant braking [m/s2].
+
+        It begins to brake at most half the way before.
+        """
+        speed = float(self.segment_speeds[-1])
+        left = min(0.5 * speed**2 / braking, 0.5 * self.length)
+        if left < SAME_PLACE:
+            return self
+        along = np.cumulative_sum(self.lengths, include_initial=True)
+        before = along < self.length - left - 1e-3 * left
+        share = np.linspace(1.0, 0.0, _BRAKING_STEPS + 1)  # of the time that is left
+        places = self.length - left * share**2
+        if (
+            self.lengths[-1] < left / 5.0
+        ):  # corners between waypoints would turn the target in jumps
+            places = np.append(places[0], along[~before])
+            share = np.sqrt(np.clip((self.length - places) / left, 0.0, 1.0))
+        xy = np.column_stack([np.interp(places, along, self.xy[:, k]) for k in (0, 1)])
+        begin = np.interp(self.length - left, along, self.t)
+        t = begin + 2.0 * left / speed * (1.0 - share)
+        return Waypoints(np.append(self.t[before], t), np.vstack([self.xy[before], xy]))
 
     def __len__(self) -> int:
         """Return the number of waypoints, N."""

@@ -27,7 +27,8 @@ from validation.report.report import INTERRUPTED
 from validation.report.tracking import Tracked
 from validation.ros import messages as msg
 from validation.ros.dds import Graph, Node
-from validation.ros.follower import FRESH, LATE, PathFollower, StoppedError
+from validation.ros.follower import FRESH, PathFollower, StoppedError
+from validation.ros.watch import LATE
 
 _logger = logging.getLogger(__name__)
 
@@ -82,8 +83,9 @@ class Control(Graph):
     is. The Husky's if not given."""
     feedback: Literal["odometry", "pose"] = "odometry"
     """Pose that the controller sees: the odometry's or the tracking system's."""
-    v_limit: float = 1.0
-    """Greatest speed ever commanded [m/s]; the robot's own limit if that is less."""
+    v_limit: float | None = None
+    """Greatest speed ever commanded [m/s], 1.2 times the path's if not given; the robot's own limit
+    if that is less."""
     w_limit: float = 1.0
     """Greatest yaw rate ever commanded [rad/s]; the robot's own limit if that is less."""
     lookahead: float = 0.0
@@ -238,7 +240,7 @@ def late_sentence(late: float) -> str:
     return (
         f"the robot answers {late:.2f} s later than its profile says: "
         "its odometry is late, or its dead time is longer; "
-        "a law that plans by the profile overshoots then"
+        "mpc and laws with a predictor have learnt it, others overshoot"
     )
 
 
@@ -247,13 +249,12 @@ def control(options: Control) -> Tracked:
 
     It starts when feedback comes steadily from a robot that stands.
 
-    The robot is stopped
-    - at the reference's end, on Ctrl-C, and on any error;
-    - when feedback is older than 0.5 s, or its pose jumps by 0.5 m;
-    - when it is 3 m from its target.
+    The robot is stopped where it rests at the reference's end, on Ctrl-C, and on any error; when
+    feedback is older than 0.5 s, its pose jumps by 0.3 m, it is 0.5 m from its target, or it has
+    moved otherwise than by its commands for 0.4 s: somebody else drives it.
 
     The target waits while the emergency stop is on or the robot does not do what it is told. Then
-    the robot goes on with at most 1.2 times the path's speed.
+    the robot goes on with at most 1.2 times the path's speed until the target is within 50 mm.
 
     Writes track.json and track.png, also of a drive that was stopped.
 
@@ -299,12 +300,15 @@ def control(options: Control) -> Tracked:
     finally:
         node.close()
     run = follower.run()
+    waypoints = follower.waypoints
     conditions = _conditions(o, follower)
+    metrics = track_metrics(run, waypoints, conditions)
+    run = run.until(waypoints.duration)
     followed = Followed(
         plant="ros",
         run=run,
         target=reference_of(run, waypoints),
-        metrics=track_metrics(run, waypoints, conditions),
+        metrics=metrics,
         options=conditions,
         wall_s=loop.drove,
     )

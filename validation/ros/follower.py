@@ -23,16 +23,35 @@ from ssmr.control.loop import (
     VELOCITY_PERIOD,
     ClosedRun,
     LoopSettings,
+    PythonSide,
     make_trackers,
     robot_sides,
 )
-from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, LOST, Clock, is_lost, record
+from ssmr.control.predictor import (
+    LEARNT,
+    MODEL_V,
+    MODEL_W,
+    learnt,
+    predict_ahead,
+    remember,
+)
+from ssmr.control.tick import INITIAL_STATE, LOG_COLUMNS, Clock, record
 from ssmr.control.waypoints import Waypoints
 from ssmr.errors import SsmrError
 from ssmr.geometry import compose, invert, wrap_angle
 from ssmr.types import FloatArray, Motion
 from validation.experiment.loops import AnyController
 from validation.ros.messages import STAND_STILL, Twist
+from validation.ros.watch import (
+    ASTRAY,
+    BRAKING,
+    GENTLE,
+    JUMP,
+    STRANGE_FOR,
+    Watch,
+    even_run,
+    limited_motion,
+)
 
 FRESH = 0.5
 """Age from which feedback is too old to drive by [s]."""
@@ -47,19 +66,15 @@ _SHARE = 0.25
 """Least share of the commanded motion by which a robot counts as one that obeys [1]."""
 _ANSWER = 0.5
 """Time after its dead time within which a robot begins to obey [s]."""
-JUMP = 0.5
-"""Least distance between two poses beyond what the speed explains that is a jump [m]."""
-LATE = 0.15
-"""Lateness of the feedback that is worth a warning [s]: half of it is what robots take to
-speed up."""
-GENTLE = 1.2
-"""Greatest share of the path's greatest speed and yaw rate that is commanded of a robot that has
-just obeyed again [1]."""
-_GENTLE_TIME = 3.0
-"""Time for which that lasts [s]; it begins when half the time for the robot's answer is over."""
+_NEAR = 0.05
+"""Distance of a target that is reached again [m]."""
 _GENTLE_BEND = 1.0
 """Radius of the bend that is always allowed then at the path's greatest speed [m], so that a
 straight path can be found."""
+_AT_REST = 0.02
+"""Distance of the last waypoint at which it may rest [m]."""
+_SETTLING = 3.0
+"""Longest time for which the robot is driven behind the end until it rests [s]."""
 
 
 class StoppedError(SsmrError):
@@ -74,6 +89,7 @@ class _LastResponse(NamedTuple):
     seen: Observation
     rows: int  # number of rows that were recorded until then
     poses: int  # the same of poses
+    predictor: tuple[FloatArray, FloatArray]  # the commands and the memory of the predictor
 
 
 class PathFollower:
@@ -84,7 +100,7 @@ class PathFollower:
         controller: AnyController,
         waypoints: Waypoints,
         *,
-        v_limit: float = 1.0,
+        v_limit: float | None = None,
         w_limit: float = 1.0,
         lookahead: float = 0.0,
         patience: float = 30.0,
@@ -97,8 +113,8 @@ class PathFollower:
         Args:
             controller: the law.
             waypoints: the reference.
-            v_limit: greatest speed ever commanded [m/s]; the robot's own limit if that is less.
-            w_limit: greatest yaw rate ever commanded [rad/s], likewise.
+            v_limit: greatest speed ever commanded [m/s], `GENTLE` times the path's if not given.
+            w_limit: greatest yaw rate ever commanded [rad/s].
             lookahead: distance that the robot keeps behind its target [m].
             patience: time for which the target waits for a robot that does not obey [s].
 
@@ -107,13 +123,17 @@ class PathFollower:
             ValueError: a number out of its range, gains that the law refuses, or a reference faster
                 than the limit.
         """
+        course = waypoints.course()
+        fastest = float(course["v"].max())
+        waypoints = waypoints.braked(BRAKING)
+        if v_limit is None:
+            v_limit = min(GENTLE * fastest, 10.0)
         if not (0.0 < v_limit <= 10.0 and 0.0 < w_limit <= 10.0):
             raise ValueError(
                 f"v_limit = {v_limit:g}, w_limit = {w_limit:g}: "
                 "both must be positive and at most 10"
             )
         drive = controller.drive
-        fastest = float(waypoints.segment_speeds.max())
         self.v_limit = min(drive.v_max, v_limit)
         self.w_limit = min(drive.w_max, w_limit)
         self.lookahead = lookahead
@@ -131,16 +151,15 @@ class PathFollower:
         self.held = ""
         """Why the target waits; empty while it does not."""
         self.held_time = self.late = 0.0
-        """Time for which the target has waited, and greatest lateness of the feedback [s]."""
-        course = waypoints.course()
+        """Time for which the target has waited, and by which the robot answers later than its drive
+        says, messages included [s]."""
         self._patience = patience
         turn = max(float(np.abs(course["w"]).max()), fastest / _GENTLE_BEND)
         self._gentle = (GENTLE * fastest, GENTLE * turn)
-        self._gentle_until = -math.inf
+        self._gently = False
+        self._released = -math.inf
         self._sent = Command(*STAND_STILL)
-        self._asked = math.inf
-        self._first = 0.0
-        self._least_age = math.inf
+        self._watch = Watch()
         self._arrival = self._stamp = -math.inf
         self._fresh = 0
         self._repeated = 0
@@ -156,7 +175,6 @@ class PathFollower:
         self._start_law()
         self._run_position_loop(INITIAL_STATE.seen, 0.0, 0.02)
         self._run_velocity_loop(0.0)
-        is_lost(0.0, 0.0, 0.0, 0.0, 0.0)
         self._start_law()
 
     def _start_law(self) -> None:
@@ -166,18 +184,34 @@ class PathFollower:
         clock = Clock(VELOCITY_PERIOD, 1, 1, 1)
         trackers = make_trackers([law], [loop], self.waypoints, clock, self.waypoints.start)
         (self._side,) = robot_sides([law], [loop], self.waypoints, trackers)
+        self._model = self._side.tracker.predictor
 
     def _run_velocity_loop(self, t: float) -> Command:
-        self._side.velocity_tick(t, VELOCITY_PERIOD)
-        return self._side.state.command
+        side = self._side
+        side.velocity_tick(t + self._watch.lateness, VELOCITY_PERIOD)
+        command = side.state.command
+        if not side.tracker.predicts:
+            remember(
+                side.tracker.past, side.tracker.predictor_state, *command, t + self._watch.lateness
+            )
+        return command
 
     def _run_position_loop(self, seen: Observation, t: float, dt: float) -> FloatArray:
         """What a run records of this step; lateral speed, wheels and torques are not known."""
-        self._side.position_tick(seen, t, dt)
+        side = self._side
+        tracker = side.tracker
+        memory = tracker.predictor_state
+        if not isinstance(side, PythonSide):  # that one knows when its command is sent
+            horizon = self._model.horizon + self._watch.lateness
+            side.tracker = tracker._replace(predictor=self._model._replace(horizon=horizon))
+        if not tracker.predicts:  # what the robot should do is known under any law
+            predict_ahead(tracker.past, memory, seen, t, t, self._model)
+        side.position_tick(seen, t, dt)
         row = np.empty(len(LOG_COLUMNS))
         unknown = (0.0, 0.0, 0.0, 0.0)  # wheel rates and torques
         truth = Motion(seen.x, seen.y, seen.yaw, seen.v, 0.0, seen.w, *unknown)
-        record(row, truth, self._side.state, self._side.tracker)
+        record(row, truth, side.state, tracker)
+        row[-1] = memory[LEARNT]
         return row
 
     def track(self, stamp: float, seen: Observation) -> bool:
@@ -212,6 +246,7 @@ class PathFollower:
             return
         self._arrival = now
         self._repeated = 0
+        self._watch.message(now - stamp, dt)
         if self.phase == "waiting":
             self._start_if_settled(seen, dt)
         if self.phase != "driving":
@@ -222,7 +257,7 @@ class PathFollower:
         if jump >= JUMP:
             raise StoppedError(f"the pose jumped by {jump:.2f} m (at most {JUMP:g} m)")
         self._at = seen
-        self._watch_lateness(stamp, seen, now)
+        self._watch_motion(stamp, seen)
         if self._is_held(stamp, seen):
             return
         t = stamp - self._begin - self.held_time
@@ -232,28 +267,63 @@ class PathFollower:
         on_reference = Observation(x, y, yaw, seen.v, seen.w)
         self._rows.append(self._run_position_loop(on_reference, t, dt))
         self._times.append(t)
+        self._go_on(stamp, t, on_reference)
+
+    def _go_on(self, stamp: float, t: float, seen: Observation) -> None:
+        """Judge where the robot is on the reference: astray, near its target, or at its rest."""
         aim = self._side.state.target
-        if is_lost(x, y, seen.w, aim.x, aim.y):
-            away = math.hypot(x - aim.x, y - aim.y)
+        away = math.hypot(seen.x - aim.x, seen.y - aim.y)
+        if away > ASTRAY + self.lookahead:
             raise StoppedError(
-                f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {LOST:g} m)"
+                f"the robot is {away:.2f} m from its target at t = {t:.2f} s (at most {ASTRAY:g} m)"
             )
-        if t >= self.waypoints.duration - 1e-9:
+        if stamp > self._released + self._answer and away <= _NEAR + self.lookahead:
+            self._gently = False
+        if t > _SETTLING:  # motors at their limit at a start are no lateness
+            learnt_delay = float(self._side.tracker.predictor_state[LEARNT])
+            self.late = learnt_delay + self._watch.lateness
+        behind = t - self.waypoints.duration
+        rests = self._speed_of(seen.v, seen.w) < _MOVING and away <= _AT_REST + self.lookahead
+        if behind >= _SETTLING or (behind >= -1e-9 and rests):
             self.phase = "arrived"
+
+    @property
+    def _answer(self) -> float:
+        """Time within which a robot begins to obey [s]."""
+        return self._model.horizon + _ANSWER
+
+    def _speed_of(self, v: float, w: float) -> float:
+        """Return the speed [m/s] of the faster side's wheels, but for the sign of the bend."""
+        return math.hypot(v, self.controller.drive.command_half_track * w)
+
+    def _watch_motion(self, stamp: float, seen: Observation) -> None:
+        """Stop a robot that moves otherwise than by its commands: somebody else drives it."""
+        memory = self._side.tracker.predictor_state
+        driver = learnt(memory)
+        v = driver.gain_v * memory[MODEL_V]
+        w = driver.gain_w * memory[MODEL_W]
+        moves = 0.0 if self.emergency_stop else self._speed_of(seen.v, seen.w)
+        difference = self._speed_of(seen.v - v, seen.w - w)
+        if self._watch.is_strange(stamp, moves, self._speed_of(v, w), difference):
+            raise StoppedError(
+                f"the robot has moved otherwise than by its commands for {STRANGE_FOR:g} s: "
+                f"{seen.v:.2f} m/s and {seen.w:.2f} rad/s where {v:.2f} and {w:.2f} were expected; "
+                "does somebody else drive it?"
+            )
 
     def _is_held(self, stamp: float, seen: Observation) -> bool:
         """Whether the target waits; if so, drop the record since the robot last obeyed."""
-        drive = self.controller.drive
-        within = max(drive.delay_v, drive.delay_w) + _ANSWER
+        within = self._answer
         last = self._response
         if not self.emergency_stop and self._obeys(seen, within):
             self.held = ""
             t = stamp - self._begin - self.held_time
-            self._response = _LastResponse(stamp, t, seen, len(self._rows), len(self._poses))
+            self._response = self._responded(stamp, t, seen)
             return False
         waited = stamp - last.stamp
-        if self.emergency_stop or waited > 0.5 * within:
-            self._gentle_until = stamp + _GENTLE_TIME
+        if self.emergency_stop or (waited > 0.5 * within and last.t > 0.0):
+            self._gently = True
+            self._released = stamp
         if not self.emergency_stop and waited <= within and not self.held:
             return False
         if waited > self._patience:
@@ -262,11 +332,22 @@ class PathFollower:
             del self._rows[last.rows :]
             del self._times[last.rows :]
             del self._poses[last.poses :]
+            tracker = self._side.tracker
+            for array, kept in zip(
+                (tracker.past, tracker.predictor_state), last.predictor, strict=True
+            ):
+                array[:] = kept
         self.held = "it does not do what it is told"
         if self.emergency_stop:
             self.held = "the emergency stop is on"
         self.held_time = stamp - self._begin - last.t
         return True
+
+    def _responded(self, stamp: float, t: float, seen: Observation) -> _LastResponse:
+        tracker = self._side.tracker
+        predictor = (tracker.past.copy(), tracker.predictor_state.copy())
+        counts = (len(self._rows), len(self._poses))
+        return _LastResponse(stamp, t, seen, *counts, predictor=predictor)
 
     def _obeys(self, seen: Observation, within: float) -> bool:
         """Return whether the robot moves as commanded, or has since its last response.
@@ -275,26 +356,16 @@ class PathFollower:
             seen: its pose and speeds.
             within: time in which it answers [s].
         """
-        half = self.controller.drive.command_half_track
-        demand = math.hypot(self._sent.v, half * self._sent.w)
+        demand = self._speed_of(*self._sent)
         least = _SHARE * demand
-        if demand < _MOVING or math.hypot(seen.v, half * seen.w) > least:
+        if self._response.t >= self.waypoints.duration:
+            return True  # the target waits already
+        if demand < _MOVING or self._speed_of(seen.v, seen.w) > least:
             return True
         last = self._response.seen
-        turn = abs(wrap_angle(seen.yaw - last.yaw))
-        way = math.hypot(seen.x - last.x, seen.y - last.y) + half * turn
-        return bool(way > least * within)
-
-    def _watch_lateness(self, stamp: float, seen: Observation, now: float) -> None:
-        """Measure how late feedback is: behind the quickest, and the first command's effect."""
-        self._least_age = min(self._least_age, now - stamp)
-        self.late = max(self.late, now - stamp - self._least_age)
-        drive = self.controller.drive
-        if not math.isfinite(self._asked) or abs(seen.v) <= _SHARE * self._first:
-            return
-        expected = drive.delay_v + _SHARE * self._first / drive.acceleration_v
-        self.late = max(self.late, now - self._asked - expected)
-        self._asked = math.nan
+        turn = float(wrap_angle(seen.yaw - last.yaw))
+        way = math.hypot(seen.x - last.x, seen.y - last.y)
+        return self._speed_of(way, turn) > least * within
 
     def _start_if_settled(self, seen: Observation, dt: float) -> None:
         """Drive a robot that stands and whose feedback comes steadily."""
@@ -319,7 +390,7 @@ class PathFollower:
         self._begin = self._stamp
         self.phase = "driving"
         self._at = seen
-        self._response = _LastResponse(self._stamp, 0.0, seen, 0, len(self._poses))
+        self._response = self._responded(self._stamp, 0.0, seen)
         if self._poses and abs(self._poses[0][0] - self._stamp) <= _SAME_CLOCK:
             self._pose_to_reference = compose(origin, invert(self._poses[0][1:]))
 
@@ -345,20 +416,13 @@ class PathFollower:
         v, w = self._unlimited_twist(self._stamp - self._begin - self.held_time + age)
         if not (math.isfinite(v) and math.isfinite(w)):
             raise StoppedError(f"the controller asks for {v} m/s and {w} rad/s")
-        if self._stamp < self._gentle_until:  # both less, so that the bend stays
-            most_v, most_w = self._gentle
-            share = min(1.0, most_v / max(abs(v), 1e-9), most_w / max(abs(w), 1e-9))
-            v = share * v
-            w = share * w
+        if self._gently:
+            v, w = limited_motion((v, w), self._gentle, self._model)
         limits = np.array([self.v_limit, self.w_limit])
         sent = Command(*np.clip((v, w), -limits, limits).tolist())
-        if math.isinf(self._asked) and abs(sent.v) > _MOVING:
-            self._asked = now
-            self._first = abs(sent.v)
         self._sent = sent
         self._side.state = self._side.state._replace(command=sent)
-        if self._side.tracker.predicts:
-            self._side.tracker.past[-1] = sent
+        self._side.tracker.past[-1] = sent
         return sent
 
     def _unlimited_twist(self, t: float) -> Twist:
@@ -395,17 +459,9 @@ class PathFollower:
             raise StoppedError("the robot was not driven")
         times = np.array(self._times)
         rows = np.array(self._rows)
-        period = float(np.median(np.diff(times)))
-        count = int(times[-1] / period + 1e-6) + 1
-        t = period * np.arange(count, dtype=np.float64)
-        before = np.searchsorted(times, t + 1e-9, side="right") - 1
-        table: FloatArray = rows[before]
-        motion = rows[:, :3]
         if self.tracked and self._pose_to_reference is not None:
             poses = np.array(self._poses)
             poses[:, 3] = np.unwrap(poses[:, 3])
-            times = poses[1:, 0] - self._begin
             motion = compose(self._pose_to_reference, poses[1:, 1:])
-        for k in range(3):
-            table[:, k] = np.interp(t, times, motion[:, k])
-        return ClosedRun(t, table, lost=False)
+            return even_run(times, rows, poses[1:, 0] - self._begin, motion)
+        return even_run(times, rows, times, rows[:, :3])

@@ -1,0 +1,118 @@
+"""A follower in simulated time, on a MuJoCo robot with faults: what it notices, and what it does.
+
+`tests/ros_drive.py` holds the drive.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ssmr.control.references import circle, line
+from ssmr.control.waypoints import Waypoints
+from tests.ros_drive import Driven, Faults, drive_with_faults
+from validation.experiment.loops import chosen_controller, make_robot
+from validation.plants.profile import load_profile
+from validation.ros.watch import GENTLE, STRANGE_FOR, Watch
+
+PROFILES = ("thesis-lab", "husky-tile")
+
+
+@cache
+def robot_of(profile: str) -> Any:
+    return make_robot(load_profile(profile), "mujoco")
+
+
+def drive(profile: str, name: str = "mpc", faults: Faults | None = None) -> Driven:
+    robot = robot_of(profile)
+    law, _ = chosen_controller(name, load_profile(profile))
+    law = law.on(robot.drive)
+    return drive_with_faults(robot.body, law, circle(0.4), faults)
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_odometry_that_becomes_late_moves_the_robot_a_few_millimetres(profile: str) -> None:
+    done = drive(profile, faults=Faults(late=lambda t: 0.205 if t >= 0.0 else 0.005))
+    assert not done.stopped
+    assert done.off().max() <= 0.015
+    sent = done.table()[:, 5:]
+    limits = np.array([done.follower.v_limit, done.follower.w_limit])
+    assert np.mean(np.any(np.abs(sent) >= 0.999 * limits, axis=1)) < 0.01
+    assert done.follower.late == pytest.approx(0.2, abs=0.05)
+    assert done.rest_off <= 0.03
+
+
+def test_a_slow_clock_of_the_sender_is_not_called_late() -> None:
+    done = drive("thesis-lab", faults=Faults(rate=1.3))
+    assert not done.stopped
+    assert abs(done.follower.late) < 0.03
+    assert done.off().max() <= 0.01
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_after_an_emergency_stop_the_robot_itself_moves_gently(profile: str) -> None:
+    done = drive(profile, faults=Faults(stopped=lambda t: 0.0 <= t < 6.0))
+    assert not done.stopped
+    assert done.follower.held_time == pytest.approx(6.0, abs=0.6)
+    assert np.abs(done.table(6.0)[:, 3]).max() <= GENTLE * 0.4
+    assert done.off(6.0).max() <= 0.03
+    assert done.rest_off <= 0.03
+
+
+def test_somebody_else_who_drives_stops_the_drive() -> None:
+    done = drive("thesis-lab", faults=Faults(other=lambda t: (0.3, 0.8) if t >= 0.0 else None))
+    assert "does somebody else drive it?" in done.stopped
+    assert done.rows[-1][0] - 0.5 - done.fault_at <= 1.5
+
+
+def test_a_jump_of_the_pose_stops_the_drive() -> None:
+    done = drive("thesis-lab", faults=Faults(jump=lambda t: 0.4 if t >= 0.0 else 0.0))
+    assert done.stopped == "the pose jumped by 0.40 m (at most 0.3 m)"
+
+
+def test_silence_of_less_than_half_a_second_is_driven_through() -> None:
+    done = drive("husky-tile", faults=Faults(silent=lambda t: t >= 0.0 and t % 1.0 < 0.45))
+    assert not done.stopped
+    assert done.off().max() <= 0.02
+
+
+@pytest.mark.parametrize("name", ["lqr", "lqr-scheduled+predictor"])
+def test_other_laws_see_no_fault_where_none_is(name: str) -> None:
+    done = drive("husky-tile", name)
+    assert not done.stopped
+    assert done.rest_off <= 0.03
+
+
+def test_a_step_of_the_age_is_lateness_and_its_end_is_too() -> None:
+    watch = Watch()
+    ages = [9.0, *[9.0 + 0.004 * k for k in range(20)], 9.4, 9.4, 9.2, 9.08]
+    seen = []
+    for k, age in enumerate(ages):
+        watch.message(age, 0.02 if k else np.inf)
+        seen.append(watch.lateness)
+    assert max(seen[:21]) == 0.0
+    assert seen[21:] == pytest.approx([0.324, 0.324, 0.124, 0.004], abs=0.001)
+
+
+def test_motion_counts_as_strange_only_after_a_while() -> None:
+    watch = Watch()
+    assert not watch.is_strange(0.0, 0.4, 0.4, 0.01)
+    at = 0.02 * np.arange(1, 40)
+    strange = np.array([watch.is_strange(t, 0.4, 0.4, 0.3) for t in at])
+    assert at[strange.argmax()] == pytest.approx(STRANGE_FOR, abs=0.021)
+    assert not watch.is_strange(2.0, 0.0, 0.4, 0.4)
+    assert not watch.is_strange(3.0, 0.4, 0.4, 0.3)
+
+
+@pytest.mark.parametrize("way", [line(0.5), circle(0.4)], ids=["line", "circle"])
+def test_a_way_that_brakes_is_the_same_way(way: Waypoints) -> None:
+    braked = way.braked(0.5)
+    assert braked.length == pytest.approx(way.length, rel=1e-3)
+    speed = way.segment_speeds[-1]
+    assert braked.duration - way.duration == pytest.approx(0.5 * speed / 0.5, abs=0.01)
+    assert np.all(np.diff(braked.segment_speeds[-3:]) < 0.0)
+    assert braked.segment_speeds[-1] < 0.5 * speed
+    assert len(way.braked(1e9)) >= len(way)

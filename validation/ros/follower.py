@@ -161,8 +161,7 @@ class PathFollower:
         self._sent = Command(*STAND_STILL)
         self._watch = Watch()
         self._arrival = self._stamp = -math.inf
-        self._fresh = 0
-        self._repeated = 0
+        self._fresh = self._repeated = 0
         self._begin = 0.0
         self._at = INITIAL_STATE.seen
         self._response: _LastResponse

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ssmr._jit import jit, jit_alone
+from ssmr._jit import jit, jit_alone, source
 from ssmr.control.law import Command, Observation
 from ssmr.robot.drive import body_rates, ramp, saturate
 from ssmr.robot.vehicle import Drive
@@ -188,7 +188,9 @@ def commands_under_way(model: PredictorModel) -> int:
 def predictor_start(state: State, drive: Drive, period: float) -> FloatArray:
     """Return the memory of a predictor whose robot has rolled as in `state` before the start."""
     half_track = drive.command_half_track
-    rates = body_rates(state.wheel_left, state.wheel_right, half_track, drive.command_radius)
+    # the compiled one would be compiled anew at every start, which takes longer than a run
+    of_wheels = source(body_rates)
+    rates = of_wheels(state.wheel_left, state.wheel_right, half_track, drive.command_radius)
     memory = np.zeros(MEMORY_NUMBERS)
     memory[:_AT] = np.tile(rates, 2)
     memory[_SENT_AT] = -period

@@ -298,7 +298,7 @@ class FitProblem:
         size = _CHUNK if self._together else 1
 
         def share(first: int) -> FloatArray:
-            which = slice(first, first + size)
+            which = slice(first, min(first + size, len(points)))
             population = plant_kind(self.model).population(candidates[which], workers)
             return rate(population, which, workers if size > 1 else 1)
 

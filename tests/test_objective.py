@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
+import validation.identify.problem
 from ssmr.metrics.declared import compare_paths
 from ssmr.metrics.windows import overlapping_windows
 from ssmr.robot.localiser import Localiser
@@ -167,6 +169,16 @@ def test_workers_do_not_matter(lab: Profile, model: str) -> None:
         ).max()
         == EXACT
     )
+
+
+def test_more_candidates_than_are_kept_at_once_are_rated_as_few_are(lab: Profile) -> None:
+    p = problem(lab, scenario(lab), FitCost("sync"))
+    x = points(len(p.space), 7)
+    costs = p.costs(x)
+    errors = p.residuals(x)
+    with patch.object(validation.identify.problem, "_CHUNK", 3):
+        assert np.array_equal(p.costs(x), costs)
+        assert np.array_equal(p.residuals(x), errors, equal_nan=True)
 
 
 def test_a_cost_does_not_depend_on_the_company(lab: Profile) -> None:

@@ -7,7 +7,6 @@ import xml.etree.ElementTree as ElementTree  # nosec B405 # of trees that were p
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ssmr.types import FloatArray
 from validation.output import one_line
@@ -109,6 +108,8 @@ def _pose(pose: ElementTree.Element | None) -> FloatArray:
     text = "" if pose is None else (pose.text or "").strip()
     if pose is None or not text:
         return transform
+    from scipy.spatial.transform import Rotation  # here: it takes long to import
+
     numbers = _numbers(text, 6, "a pose", "x y z roll pitch yaw")
     turn = Rotation.from_euler("xyz", numbers[3:], degrees=_is_true(pose.get("degrees")))
     transform[:3, :3] = turn.as_matrix()
@@ -133,6 +134,8 @@ def _is_true(word: str | None) -> bool:
 
 def _origin(transform: FloatArray) -> ElementTree.Element:
     """Return the <origin> of a transform."""
+    from scipy.spatial.transform import Rotation  # here: it takes long to import
+
     with warnings.catch_warnings():
         # pitched by 90 degrees, roll and yaw are about one axis, and yaw is 0
         warnings.simplefilter("ignore", UserWarning)

@@ -24,7 +24,7 @@ from ssmr.models.kinematic import KinematicParameters
 from ssmr.models.law import PLANAR_MODELS
 from ssmr.models.linear import LinearParameters, matrices
 from ssmr.robot.drive import wheel_rates
-from ssmr.robot.sensors import SensorNoise
+from ssmr.robot.sensors import SensorModel, SensorNoise
 from ssmr.robot.vehicle import Drive, Vehicle
 from ssmr.simulation import PlanarModel, PlanarPlant
 from ssmr.types import FloatArray, State
@@ -340,6 +340,21 @@ def test_equal_seeds_give_equal_runs_and_others_do_not(husky: MujocoPlant) -> No
             assert np.abs(one.table - other.table).max() > 1e-6
         calm = [drive(robot, PUBLISHED["pid"], BEND, TRUTH, seed).table for seed in (5, 6)]
         assert np.array_equal(calm[0], calm[1])
+
+
+@pytest.mark.parametrize("bias", [-0.0156, 0.0156])
+def test_the_rest_before_the_start_tells_the_bias(bias: float) -> None:
+    """Without it the yaw drifts by the bias; with it the loops see the same whatever it is."""
+    loops = LoopSettings(feedback="ekf", disturbance=False)
+    biased = replace(loops, sensors=SensorModel(gyro_bias=bias))
+    law = PUBLISHED["lqr"]
+    known, same = (drive(IDEAL, law, BEND, around, seed=3) for around in (loops, biased))
+    # the bias is added and taken off again
+    assert np.allclose(same.table, known.table, rtol=0.0, atol=1e-9)
+    blind = drive(IDEAL, law, BEND, replace(biased, standing=0.0), seed=3)
+    drift = (blind.column("seen_yaw") - blind.column("yaw"))[-1]
+    apart = (known.column("seen_yaw") - known.column("yaw"))[-1]
+    assert drift - apart == pytest.approx(bias * blind.t[-1], rel=0.1)
 
 
 def test_noise_depends_on_the_seed_alone(husky: MujocoPlant) -> None:

@@ -361,3 +361,42 @@ def test_sensors_have_their_noise_their_bias_and_their_rate() -> None:
     assert np.allclose(uneven.t, np.arange(len(uneven.t)) / 130.0, rtol=0.0, atol=0.002)
     with pytest.raises(ValueError, match="rate"):
         simulate_sensors(moving, np.random.default_rng(9), model, rate=0.0)
+
+
+def test_a_bias_is_taken_at_rest() -> None:
+    """A bias of sd 0.0156 rad/s: the mean NEES of the pose, of 3, stays below 6.
+
+    50 robots stand for 10 s, then drive a circle for 30 s. Only the rest's share of the errors is
+    in it: the drawn mean of 500 readings, of which the filter does not know how sure it is.
+    """
+    t = 0.02 * np.arange(2000)
+    driving = t >= 10.0
+    w = np.where(driving, 0.4, 0.0)
+    v = np.where(driving, 0.4, 0.0)
+    yaw = np.cumsum(np.append(0.0, 0.02 * w[1:]))
+    middle = yaw - 0.01 * w
+    pose = np.column_stack(
+        [np.cumsum(0.02 * v * np.cos(middle)), np.cumsum(0.02 * v * np.sin(middle)), yaw]
+    )
+    left, right = wheel_rates(v, w, STOCK.half_track, STOCK.radius)
+    true = Trajectory(t, pose, np.column_stack([v, 0.0 * v, w]), np.column_stack([left, right]))
+    means = {}
+    for standing in (0.0, 10.0):
+        seen = []
+        for seed in range(50):
+            rng = np.random.default_rng(seed)
+            sensors = SensorModel(gyro_bias=0.0156 * rng.standard_normal())
+            log = simulate_sensors(true, rng, sensors)
+            run = run_ekf(log, STOCK, State(), standing)
+            errors = (run.pose - true.pose)[driving]
+            seen.append(nees(errors, run.channels["pose_covariance"][driving]))
+        means[standing] = float(np.mean(seen))
+    assert means[0.0] > 100.0
+    assert means[10.0] < 6.0
+
+
+def test_rest_without_a_gyro_is_refused() -> None:
+    t = 0.02 * np.arange(100)
+    log = SensorLog(t, 0.0 * t, 0.0 * t, np.full(100, math.nan))
+    with pytest.raises(ValueError, match="gave nothing in the 1 s of rest"):
+        run_ekf(log, STOCK, State(), 1.0)

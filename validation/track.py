@@ -95,8 +95,10 @@ class TrackOptions(cli.Filmed):
     no_disturbance: bool = False
     """Do not push the robot's yaw at random (Sec. 3.4.5)."""
     gyro_bias: float = 0.0
-    """Reading of the gyro at rest [rad/s], of which the filter is not told. It needs --feedback
-    ekf."""
+    """Reading of the gyro at rest [rad/s]. It needs --feedback ekf."""
+    standing: float = 10.0
+    """Time at rest before the start [s], in which the filter takes the gyro's bias; with 0 it is
+    not told."""
     late: float = 0.0
     """Time by which the robot answers later than its controller knows [s]."""
     terrain: Terrain = FLAT
@@ -119,7 +121,9 @@ class TrackOptions(cli.Filmed):
                 f"start has a yaw of {yaw:g} rad, wanted at most pi (30 degrees are 0.5236 rad)"
             )
         require_in_range(self, "late", 0.0, 2.0)
-        LoopSettings(self.seen, sensors=self.sensors, lookahead=self.lookahead)
+        LoopSettings(
+            self.seen, sensors=self.sensors, standing=self.standing, lookahead=self.lookahead
+        )
         if self.seen != "ekf" and self.gyro_bias:
             raise ValueError(
                 f"gyro_bias needs the feedback ekf; nobody reads the sensors under {self.seen}"
@@ -210,8 +214,21 @@ def track(o: TrackOptions) -> Tracked:
         profile=profile,
         seed=o.seed,
         terrain=o.terrain,
-        filter=odometry_of(robots[0].drive) if o.seen == "ekf" else None,
+        filter=_settings(o, robots[0]).filter_at_start(o.seed) if o.seen == "ekf" else None,
         remarks=remarks,
+    )
+
+
+def _settings(o: TrackOptions, robot: ClosedLoopRobot) -> LoopSettings:
+    """Return the settings of a robot's closed loop."""
+    return LoopSettings(
+        o.seen,
+        sensors=o.sensors,
+        filter=odometry_of(robot.drive),
+        standing=o.standing,
+        disturbance=not (o.no_noise or o.no_disturbance),
+        lookahead=o.lookahead,
+        rest=REST,
     )
 
 
@@ -223,14 +240,7 @@ def _driven(
     label: str,
 ) -> Followed:
     """Drive a robot along the reference; one that is lost on the way gives the part it drove."""
-    around = LoopSettings(
-        o.seen,
-        sensors=o.sensors,
-        filter=odometry_of(robot.drive),
-        disturbance=not (o.no_noise or o.no_disturbance),
-        lookahead=o.lookahead,
-        rest=REST,
-    )
+    around = _settings(o, robot)
     # the start is seen from that of the reference
     at = waypoints.start
     x, y, yaw = o.start
@@ -255,6 +265,7 @@ def _driven(
             "disturbance": around.disturbance,
             "lookahead_m": around.lookahead,
             "gyro_bias_rad_s": o.gyro_bias,
+            "standing_s": o.standing,
             "late_s": o.late,
             "start": list(o.start),
             **robot.limits,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -73,6 +73,9 @@ class LoopSettings:
     """Encoders and gyro of the EKF."""
     filter: EkfSettings = field(default_factory=EkfSettings)
     """Settings of the EKF."""
+    standing: float = 10.0
+    """Time for which the robot stands before it starts [s]. The gyro's mean reading in it is the
+    bias that the EKF takes off; with 0 it is that of `filter`."""
     disturbance: bool = True
     """Push the yaw at random (Sec. 3.4.5)."""
     lookahead: float = 0.0
@@ -90,6 +93,7 @@ class LoopSettings:
             raise ValueError(f"unknown feedback '{self.feedback}'; there are: truth, noisy, ekf")
         require_in_range(self, "lookahead", 0.0, LOST / 2.0)
         require_in_range(self, "rest", 0.0, 60.0)
+        require_in_range(self, "standing", 0.0, 3600.0)
         for name in ("position_period", "velocity_period"):
             require_in_range(self, name, 0.0, 10.0, open_low=True)
 
@@ -98,6 +102,19 @@ class LoopSettings:
         n = self.noise
         stds = np.sqrt([n.x, n.y, n.yaw, n.v_x, n.yaw_rate])
         return Observation(*map(float, stds * (self.feedback == "noisy")))
+
+    def filter_at_start(self, seed: int) -> EkfSettings:
+        """Return the settings of the EKF after the rest before the start; `seed` is the run's.
+
+        The mean of n readings of white noise, one every position period, has an n-th of their
+        variance, and is drawn as such.
+        """
+        n = round(self.standing / self.position_period)
+        if n == 0:
+            return self.filter
+        drawn = np.random.default_rng([seed, 2]).standard_normal()
+        error = math.sqrt(self.sensors.variance_gyro / n) * drawn
+        return replace(self.filter, gyro_bias=self.sensors.gyro_bias + float(error))
 
 
 def make_clock(waypoints: Waypoints, settings: LoopSettings, dt: float) -> Clock:
@@ -153,8 +170,11 @@ def make_trackers(
     waypoints: Waypoints,
     clock: Clock,
     state: State,
+    seeds: Sequence[int] = (0,),
 ) -> list[Tracker]:
     """Return the robots' side of closed loops whose filters begin in `state`.
+
+    `seeds` are taken in turn; they draw what the filters took for the gyro's bias.
 
     Raises:
         ValueError: no regulator exists for a controller's weights.
@@ -167,7 +187,7 @@ def make_trackers(
         models.append(predictor_model(a, np.array(law.b), law.drive, period))
     most = max(map(commands_under_way, models))
     trackers = []
-    for law, around, model in zip(controllers, settings, models, strict=True):
+    for i, (law, around, model) in enumerate(zip(controllers, settings, models, strict=True)):
         tracker = Tracker(
             law=law.number,
             gains=law.packed().copy(),
@@ -179,7 +199,7 @@ def make_trackers(
             lookahead=float(around.lookahead),
             by_filter=around.feedback == "ekf",
             belief=initial_belief(state),
-            filter=around.filter.packed(),
+            filter=around.filter_at_start(seeds[i % len(seeds)]).packed(),
             noise=around.deviations(),
             sensors=packed(around.sensors),
             clock=clock,
@@ -412,7 +432,7 @@ def run_loop(
     clock = make_clock(waypoints, settings, plant.dt)
     draws, disturbance = draw(clock, settings, seed)
     state = plant.reset(start or waypoints.start)
-    trackers = make_trackers([controller], [settings], waypoints, clock, state)
+    trackers = make_trackers([controller], [settings], waypoints, clock, state, [seed])
     (side,) = robot_sides([controller], [settings], waypoints, trackers)
     log = np.empty((clock.ticks, len(LOG_COLUMNS)))
     for k in range(clock.n + 1):

@@ -299,7 +299,7 @@ def run_bodies(
     state = start or waypoints.start
     bodies = bodies_at(state)
     numbers = [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
-    trackers = make_trackers(controllers, settings, waypoints, clock, state)
+    trackers = make_trackers(controllers, settings, waypoints, clock, state, seeds)
     batch = _batch_of(trackers, numbers, clock, state)
     objects = isinstance(controllers[0], PythonController)
     sides = robot_sides(controllers, settings, waypoints, trackers) if objects else []
@@ -376,7 +376,7 @@ def run_loops(
         )
     clock = make_clock(waypoints, first, dt)
     state = start or waypoints.start
-    trackers = make_trackers(controllers, settings, waypoints, clock, state)
+    trackers = make_trackers(controllers, settings, waypoints, clock, state, seeds)
     numbers = [drive_numbers(drive, first.velocity_period, dt) for drive in drives]
     robots = [model.packed(dt) for model in models]
     random = [draw(clock, first, seed) for seed in seeds]

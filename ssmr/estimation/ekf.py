@@ -14,6 +14,7 @@ so that they run as well inside other compiled loops.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -155,7 +156,7 @@ def filter_step(belief: Belief, sample: SensorLog, dt: float, numbers: Any) -> N
     v, w = body_rates(sample.left, sample.right, numbers.half_track, numbers.radius)
     update(belief, V, v, numbers.variance_v)
     update(belief, W, w, numbers.variance_wheel_yaw_rate)
-    update(belief, W, sample.gyro, numbers.variance_gyro)
+    update(belief, W, sample.gyro - numbers.gyro_bias, numbers.variance_gyro)
 
 
 @jit_alone
@@ -189,21 +190,25 @@ def initial_belief(state: State) -> Belief:
     return Belief(mean.copy(), np.zeros((5, 5)))
 
 
-def run_ekf(log: SensorLog, settings: EkfSettings, start: State) -> Trajectory:
+def run_ekf(
+    log: SensorLog, settings: EkfSettings, start: State, standing: float = 0.0
+) -> Trajectory:
     """Filter a whole log.
 
     Args:
         log: readings at instants that may be irregular; NaN where the gyro gave nothing.
         settings: assumptions about robot and sensors.
         start: state of the robot at the first instant, whose sample is used as well.
+        standing: time for which the robot stands at the log's beginning [s]. Unless it is 0, the
+            gyro's mean reading in it is the bias, whatever `settings` say.
 
     Returns:
         The estimate after each sample, with the wheels as measured. Channels are `pose_std` (M, 3)
         and its square's whole `pose_covariance` (M, 3, 3).
 
     Raises:
-        ValueError: lengths differ, time does not increase, or a number other than a missing gyro
-            sample is not finite.
+        ValueError: lengths differ, time does not increase, a number other than a missing gyro
+            sample is not finite, or the gyro gave nothing while the robot stood.
     """
     times = increasing_times(log.t)
     count = (len(times),)
@@ -211,6 +216,11 @@ def run_ekf(log: SensorLog, settings: EkfSettings, start: State) -> Trajectory:
     right = frozen_array(log.right, "right", count)
     gyro = np.array(log.gyro, dtype=np.float64)
     frozen_array(np.where(np.isnan(gyro), 0.0, gyro), "gyro", count)
+    if standing > 0.0:
+        at_rest = gyro[times < times[0] + standing]
+        if np.isnan(at_rest).all():
+            raise ValueError(f"the gyro gave nothing in the {standing:g} s of rest")
+        settings = replace(settings, gyro_bias=float(np.nanmean(at_rest)))
     belief = initial_belief(start)
     n = len(belief.mean)
     out = np.empty((len(times), 2 * n + 9))

@@ -52,6 +52,8 @@ class EkfSettings:
     for noise; if it is infinite, the wheels' yaw rate is not used."""
     variance_gyro: float = parameter(3.5298e-05, unit="rad2/s2", low=0.0, open_low=True)
     """Variance of the gyro's yaw rate [rad2/s2]; Tab. 3.4, of the filter's output as well."""
+    gyro_bias: float = parameter(0.0, unit="rad/s", low=-1e6, high=1e6)
+    """Reading of the gyro at rest [rad/s], which is taken off its readings."""
 
     def __post_init__(self) -> None:
         """Check the ranges.

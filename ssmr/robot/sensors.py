@@ -114,8 +114,7 @@ class SensorModel:
     variance_gyro: float = parameter(3.5298e-05, unit="rad2/s2", low=0.0, high=1e6)
     """Variance of the yaw rate [rad2/s2]; Tab. 3.4."""
     gyro_bias: float = parameter(0.0, unit="rad/s", low=-1e6, high=1e6)
-    """Reading of the gyro at rest [rad/s], which the filter does not know. A real Husky's on tile
-    is -0.0156."""
+    """Reading of the gyro at rest [rad/s]. A real Husky's on tile is -0.0156."""
 
     def __post_init__(self) -> None:
         """Check the ranges; ValueError for a negative variance, or a number that is not finite."""

@@ -104,6 +104,28 @@ def fitted_parameters(
     return tuple(rows)
 
 
+_MEANINGS = {
+    "alpha_l": "left radius factor",
+    "alpha_r": "right radius factor",
+    "y_l": "left half-track",
+    "y_r": "right half-track",
+    "x_icr": "ICR ahead of middle",
+    "drift": "outward drift in bends",
+    "tracked_x": "pose source ahead",
+    "tracked_yaw": "pose source turned left",
+    "position_late": "delay of positions",
+    "yaw_late": "delay of headings",
+}
+"""What parameters are whose names are symbols, or might be read as something else."""
+
+
+def meaning_of(name: str) -> str:
+    """Return in words what a parameter is; an empty text where its name says it."""
+    number, at, log = name.partition("@")
+    words = _MEANINGS.get(number, "")
+    return f"{words}{at}{log}" if words else ""
+
+
 _LIMITS = ("acceleration", "torque_limit", "v_max", "w_max")
 """Beginnings of the names of limits."""
 
@@ -163,9 +185,9 @@ class SearchReport(Report, ABC):
     def effort(self) -> str:
         """The cost, and what the search took, in words."""
         c = self.course
-        cost = f"{self.cost_name} cost {self.cost:.4g}"
-        done = f"{c.evaluations} evaluations in {c.jde.generation} generations"
-        return f"{cost} · {done} · {c.wall_s:.1f} s · stopped by {c.stopped_by}"
+        least = f"cost by {self.cost_name} {self.cost:.4g}, smaller is better"
+        done = f"{c.evaluations} candidates in {c.jde.generation} generations"
+        return f"{least} · {done} · {c.wall_s:.1f} s · stopped by {c.stopped_by}"
 
     def searched(self) -> dict[str, Any]:
         """Return the common part of the JSON files of fits and tunings."""
@@ -189,12 +211,15 @@ class SearchReport(Report, ABC):
         `heading` names their column, and `before` that of their values before the search.
         """
         has_errors = any(p.standard_error is not None for p in self.parameters)
+        has_meanings = any(meaning_of(p.name) for p in self.parameters)
         rows = []
         for p in self.parameters:
+            meaning = {"meaning": meaning_of(p.name)} if has_meanings else {}
             error = {"standard_error": p.standard_error} if has_errors else {}
             rows.append(
                 {
                     heading: p.name,
+                    **meaning,
                     "unit": "" if p.unit == "1" else p.unit,
                     "value": p.value,
                     **error,
@@ -253,7 +278,8 @@ def _draw_strips(report: SearchReport, ink: Ink, before: str, ax: Axes) -> None:
     """Draw the parameters within their bounds: value, 95 % interval and value of before."""
     ax.set(xlim=(0.0, 1.0), ylim=(len(report.parameters) - 0.45, -0.6), xticks=[])
     ax.set_title(f"Values within their bounds, 95 % intervals (bars) and {before} (ticks)")
-    ax.set_yticks(range(len(report.parameters)), [p.name for p in report.parameters])
+    names = [f"{meaning_of(p.name)}  {p.name}".strip() for p in report.parameters]
+    ax.set_yticks(range(len(names)), names)
     ax.tick_params(length=0.0, pad=46.0)
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)

@@ -302,7 +302,7 @@ def _plots(robots: Sequence[Followed]) -> dict[str, Series]:
         for r in robots:
             ink = bright(r.plant)
             inks = [mix(ink, WHITE, 0.5), mix(ink, BLACK, 0.3)]
-            names = [f"{r.plant} wanted", f"{r.plant} command"]
+            names = [f"{r.plant} request", f"{r.plant} command"]
             both = r.run.columns(*columns)
             plots[f"{quantity}/{r.plant}_wanted"] = Series(
                 names, unit, inks, r.run.t, both, held=True

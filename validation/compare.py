@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -42,7 +42,6 @@ from validation.experiment.sources import (
 )
 from validation.experiment.user_law import add_user_model, load_user_metric
 from validation.files.formats import profile_of_log
-from validation.identify.adapting import Adapted, adapted_along
 from validation.output import file_name, one_line
 from validation.plants.profile import Profile, choose_profile, make_plant
 from validation.plants.table import PLANTS, USUAL_PLANTS, is_plant, known_plants, plant_kind
@@ -50,6 +49,9 @@ from validation.report.comparison import Comparison
 from validation.report.motions import health_warnings
 from validation.simulator.description import with_robot
 from validation.simulator.terrain import FLAT, Terrain
+
+if TYPE_CHECKING:
+    from validation.identify.adapting import Adapted
 
 
 @dataclass(frozen=True)
@@ -195,6 +197,8 @@ def _adapted(
     names = [name for name in runs if plant_kind(name).together is not None]
     if not names:
         raise ValueError("adapt calibrates planar models on, and none is among the plants")
+    from validation.identify.adapting import adapted_along  # here: it takes long to import
+
     adapted = {}
     for name in names:
         adapted[name] = adapted_along(name, profile.section(name), source, o.input, o.adapt)

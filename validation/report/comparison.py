@@ -407,10 +407,10 @@ class Comparison(Motions):
 
 
 def _mean_load(channel: str, wheel: int, piece: Trajectory) -> FloatArray:
-    from scipy.ndimage import uniform_filter1d  # here: it takes a tenth of a second to import
-
     size = 1
     if len(piece) > 1:
         period = float(np.median(np.diff(piece.t)))
         size = max(1, round(_MEAN_TIME / period))
-    return np.asarray(uniform_filter1d(piece.channels[channel][:, wheel], size, mode="nearest"))
+    ends = (size // 2, size - 1 - size // 2)
+    loads = np.pad(piece.channels[channel][:, wheel], ends, mode="edge")
+    return np.convolve(loads, np.full(size, 1.0 / size), mode="valid")

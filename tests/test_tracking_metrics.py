@@ -15,7 +15,7 @@ from ssmr.metrics.declared import command_measures, cross_track_max
 from tests.conftest import ROUNDOFF
 from validation.experiment import tracked
 from validation.plants.profile import Profile
-from validation.track import track
+from validation.track import MORE_DELAY, track
 
 
 def off(waypoints: Waypoints, xy: np.ndarray, t: np.ndarray, reach: float = 3.0) -> float:
@@ -93,3 +93,20 @@ def test_the_report_shows_the_robot_itself_and_not_what_it_sees(lab: Profile) ->
     left = np.cos(yaw) * aim[:, 1] - np.sin(yaw) * aim[:, 0]
     assert np.asarray(drawn.get_ydata()) == pytest.approx(1e3 * left, abs=1e-9)
     assert np.std(run.column("e_y") - left) > 0.001  # the controller sees noise
+
+
+def test_the_report_says_what_more_delay_would_do() -> None:
+    """The sentence holds the path error of a robot that is driven as late as it says."""
+    tracked = track("pid", "generic@0.5", plant="improved", seed=2)
+    later = track("pid", "generic@0.5", plant="improved", seed=2, late=MORE_DELAY)
+    mm = [f"{1e3 * each.metrics['d_rms_m']:.0f}" for each in (later, tracked)]
+    assert mm[0] != mm[1]
+    wanted = f"With 0.1 s more delay improved would be {mm[0]} mm off its path (d_rms), {mm[1]} mm"
+    assert any(note.startswith(wanted) for note in tracked.notes())
+    path, loop = tracked.tables()
+    assert path.rows[0]["rest_off_m"] == tracked.metrics["rest_off_m"]
+    # nothing is learnt without a predictor
+    assert "dead_time_learnt_s" not in loop.rows[0]
+    learning = track("lqr+predictor", "line", plant="improved")
+    learnt = learning.tables()[1].rows[0]["dead_time_learnt_s"]
+    assert learnt == learning.metrics["dead_time_learnt_s"]

@@ -27,6 +27,7 @@ from ssmr.control.waypoints import Waypoints
 from ssmr.geometry import rotate_body_to_world
 from ssmr.parameters import require_in_range
 from ssmr.robot.sensors import SensorModel
+from ssmr.simulation import PlanarModel
 from ssmr.types import State
 from validation import cli
 from validation.experiment.gains import GainSet, origin_sentence
@@ -41,15 +42,26 @@ from validation.experiment.loops import (
     run_robots,
 )
 from validation.experiment.sources import driver_warnings
-from validation.experiment.tracked import MOST_BESIDE, Followed, reference_of, track_metrics
+from validation.experiment.tracked import (
+    MOST_BESIDE,
+    Followed,
+    lost_text,
+    reference_of,
+    track_metrics,
+)
 from validation.experiment.user_law import load_user_metric
 from validation.output import Progress, file_name
 from validation.plants.profile import Pace, choose_profile, odometry_of
 from validation.report.tracking import Tracked
+from validation.simulator.plant import MujocoPlant
 from validation.simulator.terrain import FLAT, Terrain
 
 REST = 2.0
 """Time for which a robot is followed behind the reference's end, until it rests [s]."""
+MORE_DELAY = 0.1
+"""Delay that a robot is driven with once more, to say how much it matters [s]."""
+SHORT = 40.0
+"""Duration of a reference up to which that is done, so that it takes about a second [s]."""
 
 
 @dataclass(frozen=True)
@@ -206,6 +218,10 @@ def track(o: TrackOptions) -> Tracked:
             metrics = metric(tracked.metrics, [tracked.run.motion], [whole])
             tracked = replace(tracked, metrics=metrics)
         driven.append(tracked)
+    if gains is not None and waypoints.duration <= SHORT:
+        late = make_robot(profile, plants[0], o.terrain, o.late + MORE_DELAY)
+        if isinstance(late.body, PlanarModel | MujocoPlant):
+            remarks.append(_what_delay_does(driven[0], _driven(o, late, law, waypoints, label)))
     return Tracked.of(
         driven,
         law.name,
@@ -218,6 +234,15 @@ def track(o: TrackOptions) -> Tracked:
         filter=_settings(o, robots[0]).filter_at_start(o.seed) if o.seen == "ekf" else None,
         remarks=remarks,
     )
+
+
+def _what_delay_does(as_it_is: Followed, later: Followed) -> str:
+    """Return a sentence on a robot that was driven with `MORE_DELAY`, and as it is."""
+    begin = f"With {MORE_DELAY:g} s more delay {as_it_is.plant} would"
+    if later.run.lost:
+        return f"{begin} be {lost_text(later.run)}."
+    before, after = (1e3 * robot.metrics["d_rms_m"] for robot in (as_it_is, later))
+    return f"{begin} be {after:.0f} mm off its path (d_rms), {before:.0f} mm as it is."
 
 
 def _settings(o: TrackOptions, robot: ClosedLoopRobot) -> LoopSettings:

@@ -125,11 +125,12 @@ OF_THE_PATH = (
     "sync_rms_m",
     "yaw_rms_rad",
     "cross_track_max_m",
+    "rest_off_m",
 )
 """Metrics of each robot that compare its motion with the reference."""
 OF_THE_LOOP = (
     *("e_rho_rms_m", "e_y_rms_m", "e_alpha_rms_rad", "u_rms_ratio", "saturated_fraction"),
-    *("command_effort", "command_jerk"),
+    *("command_effort", "command_jerk", "dead_time_learnt_s"),
 )
 """Metrics of each robot that the controller's errors and commands give."""
 

@@ -141,6 +141,9 @@ class Tracked(Report):
             caption += f" · feedback {one_line(feedback)}"
         if self.filter is not None:
             caption += " · the thesis' filter"
+        # a law without a predictor learns no dead time
+        known = {name for r in self.robots for name, x in r.metrics.items() if math.isfinite(x)}
+        measured = [name for name in OF_THE_LOOP if name in known]
         path = list[Row]()
         loop = list[Row]()
         for r in self.robots:
@@ -148,7 +151,7 @@ class Tracked(Report):
             undeclared = [name for name in r.metrics if name not in TRACK_METRICS]
             of_the_path = {name: r.metrics[name] for name in (*OF_THE_PATH, *undeclared)}
             path.append({"plant": label, **of_the_path})
-            of_the_loop = {name: r.metrics[name] for name in OF_THE_LOOP}
+            of_the_loop = {name: r.metrics[name] for name in measured}
             loop.append({"plant": label, **of_the_loop, REAL_TIME.name: r.real_time_factor})
         return [
             Table(f"{self.title} · profile {one_line(self.profile_label)}", path),

@@ -137,5 +137,5 @@ def warthog_on_grass(seed: int = 3, commands: int = 40, name: str = "warthog") -
 
 def _effort(rates: FloatArray, chassis: Chassis, slip: float) -> tuple[FloatArray, FloatArray]:
     """Return (2, n) forces over friction limits, (n,) headings of a robot without acceleration."""
-    twist = quasi_static_twist(rates, chassis.geometry, slip)
-    return side_forces(rates, chassis.geometry, slip), np.cumsum(twist[2]) * _FINE
+    twist = quasi_static_twist(rates, chassis.vehicle, slip)
+    return side_forces(rates, chassis.vehicle, slip), np.cumsum(twist[2]) * _FINE

@@ -31,7 +31,7 @@ from ssmr.types import Commands, State, Trajectory
 from validation.plants.profile import Profile
 from validation.replicate.control import TrackedTables
 from validation.replicate.lab import late, variance_above
-from validation.replicate.published import table, value
+from validation.replicate.published import printed, value
 
 AGREEMENT = 0.03
 """The published models lie within 0.0145 to 0.0150 m (d_rms, trajectory 4) of the same robot, so
@@ -81,7 +81,7 @@ def test_defaults_are_the_published_parameters() -> None:
 
 def test_scenarios_and_noise_are_the_published_ones() -> None:
     for name, scenario in TRAJECTORIES.items():
-        row = table("3.6")["rows"][name]
+        row = printed("3.6")["rows"][name]
         assert (scenario.speed, scenario.frequency, scenario.amplitude) == (
             row["u_cmd_m_s"],
             row["frequency_hz"],
@@ -351,7 +351,7 @@ def test_46_three_bounds_of_the_search_let_unstable_gains_in() -> None:
     model = linear.matrices(robot.vehicle, LinearParameters(), robot.drive)
     start = State(y=1e-3, v_x=0.5, wheel_left=0.5 / 0.1651, wheel_right=0.5 / 0.1651)
     for name, (bound, row, column) in bounds.items():
-        gains = table("4.4")["rows"][row]
+        gains = printed("4.4")["rows"][row]
         values = (gains["optimised"], 0.95 * bound, 1.05 * bound, gains["search"][1])
         laws = [design("pid", {name: value}, *model) for value in values]
         runs = run_loops([robot] * 4, laws, [seen] * 4, line(0.5, 20.0), [0], start)

@@ -215,7 +215,7 @@ def test_currents_of_a_synthetic_log_are_its_torques() -> None:
     assert "motors' currents" in said
     known = np.isfinite(torques)
     assert 0.1 < known.mean() < 0.9
-    true = constant * FRICTION * side_forces(log.rates, HUSKY_CHASSIS.geometry, SLIP).T
+    true = constant * FRICTION * side_forces(log.rates, HUSKY_CHASSIS.vehicle, SLIP).T
     scale = (torques[known] @ true[known]) / (true[known] @ true[known])
     assert scale == pytest.approx(1.0, abs=0.04)  # as well as friction and losses are known
     assert np.std(torques[known] - true[known]) < 1.3 * constant * RIPPLE
@@ -229,6 +229,6 @@ def test_a_battery_needs_no_constant() -> None:
     torques, said = torques_of(log, WARTHOG_CHASSIS, 0.0, 0.0)
     assert torques is not None
     assert "the battery's power" in said
-    true = TORQUE_LIMIT * side_forces(log.rates, WARTHOG_CHASSIS.geometry, SLIP).T
+    true = TORQUE_LIMIT * side_forces(log.rates, WARTHOG_CHASSIS.vehicle, SLIP).T
     known = np.isfinite(torques)
     assert np.median(np.abs(torques[known] - true[known])) < 0.08 * TORQUE_LIMIT

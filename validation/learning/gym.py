@@ -7,6 +7,8 @@ both.
 from __future__ import annotations
 
 import inspect
+import os
+import sys
 from typing import Any
 
 import mujoco
@@ -33,6 +35,8 @@ TRACK_ID = "ssmr/Track-v0"
 """Name of the environment."""
 
 FloatRow = NDArray[np.float32]
+# variables of the environment by which MuJoCo draws on Linux
+_DRAWS_BY = {"DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"}
 
 
 class TrackEnv(gymnasium.Env):
@@ -74,10 +78,20 @@ class TrackEnv(gymnasium.Env):
         return seen, reward, bool(now.lost[0]), bool(now.over[0]), {"away": float(now.away[0])}
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Return a (240, 320, 3) picture of the robot if the mode is `rgb_array`, else None."""
+        """Return a (240, 320, 3) picture of the robot if the mode is `rgb_array`, else None.
+
+        Raises:
+            RuntimeError: there is neither a display nor a choice of how to draw without one.
+        """
         if self.render_mode is None:
             return None
         if self._renderer is None:
+            # MuJoCo chooses when it is imported, and fails with a message of X11's
+            if sys.platform == "linux" and _DRAWS_BY.isdisjoint(os.environ):
+                raise RuntimeError(
+                    "there is no display to draw on; set MUJOCO_GL=egl, or osmesa, in the "
+                    "environment before Python starts"
+                )
             self._renderer = mujoco.Renderer(_picture_model(self.batch.source.sections[0].robot))
         model = self._renderer.model
         data = mujoco.MjData(model)

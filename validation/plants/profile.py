@@ -374,9 +374,10 @@ def make_plant(
     Raises:
         ValueError: an unknown name, or numbers that do not go together.
     """
+    kind = plant_kind(name)
     section = profile.section(name)
     section = replace(section, drive=section.drive.later(late))
     try:
-        return plant_kind(name).build(section, terrain, settings)
+        return kind.build(section, terrain, settings)
     except ParameterError as error:
         raise ValueError(f"profile {profile.name}, plant {name}: {error}") from error

@@ -32,7 +32,7 @@ def value(number: str, row: str, key: str = "value") -> float:
     """Return one number of a table, in the SI unit that its row or key names.
 
     Args:
-        number: the table's number, as for `table`.
+        number: the table's number, as for `printed`.
         row: the row's name, such as "u_x", "traj4" or "line_0.25".
         key: which of the row's numbers: "value" for a parameter, "d_rms_m" and its like for a
             metric.

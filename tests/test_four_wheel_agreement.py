@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import math
 import runpy
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+
+from ssmr.models.four_wheel_plant import FourWheelPlant
+from ssmr.robot.sensors import yaw_disturbance
+from ssmr.types import Commands, FloatArray, Plant, State
+from validation.plants.profile import load_profile, make_plant
 
 page = SimpleNamespace(
     **runpy.run_path(
@@ -71,3 +78,36 @@ def test_loads_of_a_start_a_curve_and_a_stop_agree() -> None:
     moved = np.abs(loads - loads.mean()).max()
     assert np.abs(loads - others).max() < 0.06 * moved
     assert np.abs(others - page.quasi_static(other)[quiet]).max() < 0.02 * moved
+
+
+def test_pushes_differ_by_the_swing_of_the_body_on_its_tyres() -> None:
+    """Stiff tyres feel a push as MuJoCo's; soft ones let a robot that stands swing, not turn.
+
+    They are springs of yaw: under constant pushes the yaw is I eps / k, with
+    k = C m g (L^2 + B^2) / (4 sigma), and after a step it swings to twice that.
+    """
+    tile = load_profile("husky-tile")
+    mujoco = make_plant(tile, "mujoco")
+    soft = make_plant(tile, "four_wheel")
+    p = soft.parameters
+    stiff = FourWheelPlant(
+        replace(p, stiffness_x=1000.0, stiffness_y=1000.0, relaxation=0.05), soft.drive
+    )
+
+    def pushes(plant: Plant) -> FloatArray:
+        return yaw_disturbance(10.0, plant.dt, np.random.default_rng(0))
+
+    def swing(plant: Any, v: float, w: float) -> tuple[FloatArray, FloatArray]:
+        commands = Commands(0.05, np.tile([v, w], (200, 1)))
+        calm = plant.run(commands, State(), 0.01)
+        pushed = plant.run(commands, State(), 0.01, disturbance=pushes(plant))
+        return pushed.yaw - calm.yaw, pushed.twist[:, 2] - calm.twist[:, 2]
+
+    one, other = (swing(plant, 0.25, 0.25)[1].std() for plant in (mujoco, stiff))
+    assert 0.5 < other / one < 2.0
+    lever = (0.5 * p.wheelbase) ** 2 + p.half_track**2
+    spring = p.stiffness_y * p.mass * 9.81 * lever / (p.relaxation * p.wheel_radius)
+    still = p.yaw_inertia / spring * np.abs(pushes(soft)).max()
+    most = np.abs(swing(soft, 0.0, 0.0)[0]).max()
+    # a push may come while the last one still swings
+    assert still < most < 3.0 * still

@@ -12,6 +12,7 @@ SEEN = 50.0
 fitted = fit("kinematic", to=LOG, input="wheels", until=SEEN, generations=10, seed=1)
 print(fitted.table())
 fitted.profile.save("runs/examples/fit_a_log.toml")
+fitted.figure().savefig("runs/examples/fit_a_log.png")
 
 for name, profile in (("husky-tile", "husky-tile"), ("fitted", fitted.profile)):
     judged = compare(

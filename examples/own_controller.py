@@ -29,3 +29,4 @@ if __name__ == "__main__":
             controller, "slalom", plant=("improved", "mujoco"), profile="thesis-lab", speed=0.4
         )
         print(run.table())
+        run.save(f"runs/examples/own_controller/{run.controller}", recording=False)

@@ -5,6 +5,9 @@ of the two differences from the robot as it is.
 """
 
 from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.pyplot as plt
 
 from ssmr.metrics.declared import compare_paths, compare_signals
 from ssmr.scenarios import TRAJECTORIES
@@ -82,3 +85,12 @@ def differences(variant):
 
 swept = sweep(VARIANTS, {"trajectory 4": differences}, workers=None, progress=silent)
 print(text_tables([Table("A tenth of one number on trajectory 4", swept.rows)], swept.notes))
+
+moved = {row["variant"]: 1e3 * row["sync_rms_m"] for row in swept.rows}
+figure, ax = plt.subplots(figsize=(7.0, 6.0), layout="constrained")
+ax.barh(list(moved), list(moved.values()))
+ax.invert_yaxis()
+ax.set(xlabel="moved at equal times, rms [mm]")
+picture = Path("runs/examples/sensitivity.png")
+picture.parent.mkdir(parents=True, exist_ok=True)
+figure.savefig(picture)

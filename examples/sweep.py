@@ -1,6 +1,9 @@
 """Drive the MuJoCo robot with more and less friction beside the improved model."""
 
 from dataclasses import replace
+from pathlib import Path
+
+import matplotlib.pyplot as plt
 
 from validation import load_profile, sweep
 from validation.compare import compare
@@ -17,8 +20,16 @@ def errors(friction):
     return {"friction": friction, "sync_rms_m": comparison.scores["mujoco"].metrics["sync_rms_m"]}
 
 
-for row in sweep({f"{mu:g}": mu for mu in (0.3, 0.4, 0.5, 0.6)}, {"traj4": errors}).rows:
+rows = sweep({f"{mu:g}": mu for mu in (0.3, 0.4, 0.5, 0.6)}, {"traj4": errors}).rows
+for row in rows:
     print(
         f"friction {row['friction']:.1f}: {1e3 * row['sync_rms_m']:.0f} mm from the improved "
         "model at equal times"
     )
+
+figure, ax = plt.subplots(figsize=(6.0, 4.0), layout="constrained")
+ax.plot([row["friction"] for row in rows], [1e3 * row["sync_rms_m"] for row in rows], "o-")
+ax.set(xlabel="friction", ylabel="apart at equal times, rms [mm]", ylim=(0.0, None))
+picture = Path("runs/examples/sweep.png")
+picture.parent.mkdir(parents=True, exist_ok=True)
+figure.savefig(picture)

@@ -9,6 +9,8 @@ import json
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -89,3 +91,10 @@ def test_a_start_page_runs_from_top_to_bottom(
     assert len(measured) > 4
     for name, *words in measured:
         assert exit_status(program_named(name), *words) == 0, (name, words)
+
+
+@pytest.mark.slow
+def test_numbers_of_the_pages_are_those_of_runs(tmp_path: Path) -> None:
+    script = [sys.executable, str(DOCS / "write_numbers.py"), "--check"]
+    done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr

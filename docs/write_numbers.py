@@ -1,0 +1,133 @@
+"""Write the marked numbers of README and the Start pages from runs, or say which are stale.
+
+`python docs/write_numbers.py` writes; `--check` names stale ones and exits with status 1. A mark is
+`<!--=KEY-->`, what is written, and `<!--/-->`. A number is stale that is off by more than 2 % and
+one of its last digits; real time, the last column of a table, differs between computers.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from validation.calibrate import calibrate
+from validation.compare import compare
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))
+MARK = re.compile(r"(<!--=([\w.]+)-->)(.*?)(<!--/-->)", re.DOTALL)
+REAL_TIME = re.compile(r"(?<=\d) +\d+(?:\.\d+)?$", re.MULTILINE)
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+NEW = "--wheelbase 0.512 --track 0.571 --wheel-radius 0.165 --wheel-width 0.125 --mass 73"
+"""The robot of docs/your_robot.md."""
+AFTER = "6"
+"""Horizon whose errors the pages have [s]."""
+
+
+def is_fresh(old: str, new: str) -> bool:
+    """Return whether two texts have the same words and nearly the same numbers."""
+    texts = [REAL_TIME.sub("", text) for text in (old, new)]
+    words = [NUMBER.sub("#", text).split() for text in texts]
+    if words[0] != words[1]:
+        return False
+    for a, b in zip(*map(NUMBER.findall, texts), strict=True):
+        digit = 0.1 ** len(b.partition(".")[2])
+        if not math.isclose(float(a), float(b), rel_tol=0.02, abs_tol=1.01 * digit):
+            return False
+    return True
+
+
+def of_scenario() -> dict[str, str]:
+    """Return what `compare traj4` says."""
+    result = compare("traj4")
+    plants = result.as_dict()["plants"]
+    text = result.table(102).partition("Wheel loads")[0]
+    lines = [line.rstrip() for line in text.splitlines() if line.strip()]
+    return {
+        "traj4": "\n```text\n" + "\n".join(lines) + "\n```\n",
+        "traj4.improved": f"{1e3 * plants['improved']['d_rms_m']:.1f}",
+        "traj4.kinematic": f"{1e3 * plants['kinematic']['d_rms_m']:.0f}",
+        "traj4.kinematic.sync": f"{1e3 * plants['kinematic']['sync_rms_m']:.0f}",
+    }
+
+
+def of_log() -> dict[str, str]:
+    """Return what `compare husky` says of its windows."""
+    plants = compare("husky", input="wheels", horizons=(6.0,)).as_dict()["plants"]
+    errors = [plant["horizons"][AFTER]["overlapping"] for plant in plants.values()]
+    places = [1e3 * error["position_median_m"] for error in errors]
+    turns = [math.degrees(error["yaw_median_rad"]) for error in errors]
+    of_turns = f"{min(turns):.1f} to {max(turns):.1f}"
+    return {"husky.positions": f"{min(places):.0f} to {max(places):.0f}", "husky.turns": of_turns}
+
+
+def with_interval(error: Mapping[str, Any], key: str, scale: float, unit: str) -> str:
+    """Return a median and its interval as a cell of a table."""
+    median, low, high = (scale * error[key.format(part)] for part in ("median", "low", "high"))
+    digits = ".2g" if unit == "°" else ".3f"
+    return f"{median:{digits}}{unit} ({low:{digits}}–{high:{digits}})"
+
+
+def of_calibration() -> dict[str, str]:
+    """Return what the robot of a tape measure does before and after its calibration."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "validation.robots", "new", "mine", *NEW.split()]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        robot = Path(folder) / "mine.toml"
+        plants = ("mujoco", "kinematic")
+        compared = compare("husky", robot=robot, input="wheels", plants=plants, horizons=(6.0,))
+        fitted = calibrate("husky", robot=robot, plants=("kinematic",)).as_dict()["plants"]
+    by_wheels = fitted["kinematic"]
+    lines = ["", "| error after 6 s on the last third | before | after |", "|---|---|---|"]
+    for title, errors in (("wheel rates", by_wheels), ("commands", by_wheels["commands"])):
+        both = errors["before"][AFTER], errors["after"][AFTER]
+        places = [with_interval(error, "position_{}_m", 1.0, " m") for error in both]
+        turns = [with_interval(error, "yaw_{}_rad", 180.0 / math.pi, "°") for error in both]
+        lines += [f"| from {title}: position | {' | '.join(places)} |"]
+        lines += [f"| from {title}: heading | {' | '.join(turns)} |"]
+    known = by_wheels["parameters"]
+    medians = {
+        f"before.{name}": f"{plant['horizons'][AFTER]['overlapping']['position_median_m']:.2f}"
+        for name, plant in compared.as_dict()["plants"].items()
+    }
+    radii = {name: f"{known[name]['value']:.3f}" for name in ("alpha_l", "alpha_r")}
+    return {"calibrated": "\n".join([*lines, ""]), **medians, **radii}
+
+
+def of_results() -> dict[str, str]:
+    """Return the verdicts that docs/results.md has, which the replication writes."""
+    text = (ROOT / "docs" / "results.md").read_text(encoding="utf-8")
+    names = ("rows", "agree", "assumed", "differ", "vague", "cannot", "independent")
+    numbers = re.findall(r"\d+", text.partition("**Of ")[2].partition(" independent ")[0])
+    return {f"thesis.{name}": number for name, number in zip(names, numbers, strict=True)}
+
+
+def main(check: bool) -> int:
+    """Write the numbers, or only check them; return the exit status."""
+    values = of_scenario() | of_log() | of_calibration() | of_results()
+    stale = []
+    for page in PAGES:
+
+        def new(mark: re.Match[str], page: Path = page) -> str:
+            begin, key, old, end = mark.groups()
+            if is_fresh(old, values[key]):
+                return mark[0]
+            stale.append(f"{page.name}: {key} is {old.strip()}, now {values[key].strip()}")
+            return f"{begin}{values[key]}{end}"
+
+        text = page.read_text(encoding="utf-8")
+        written = MARK.sub(new, text)
+        if written != text and not check:
+            page.write_text(written, encoding="utf-8")
+    print("\n".join(stale) or "all numbers are those of today")
+    return int(check and bool(stale))
+
+
+if __name__ == "__main__":
+    sys.exit(main("--check" in sys.argv[1:]))

@@ -17,6 +17,7 @@ import tyro
 
 from validation import cli
 from validation.output import write_text
+from validation.report.columns import NOTHING
 from validation.report.report import Report
 from validation.report.table import Row, Table
 
@@ -24,7 +25,7 @@ _SHOWN = (
     *("source", "robot", "profile", "controller", "reference", "model"),
     *("cost", "train.d_rms_m", "d_rms_m", "sync_rms_m", "yaw_rms_rad"),
     *("metrics.d_rms_m", "metrics.e_y_rms_m", "metrics.cross_track_max_m"),
-    *("horizons.6.position_median_m", "horizons.6.yaw_median_rad"),
+    *("horizons.6.overlapping.position_median_m", "horizons.6.overlapping.yaw_median_rad"),
     *("before.6.position_median_m", "after.6.position_median_m", "after.6.yaw_median_rad"),
 )
 """Columns that are shown where none are named, those of them that the results have."""
@@ -68,7 +69,10 @@ class SideBySide(Report):
 
     def tables(self) -> list[Table]:
         """Return the table."""
-        return [Table(self.title, self.rows)]
+        caption = f"{NOTHING} where a run has no such value; --columns chooses"
+        if not any(None in row.values() for row in self.rows):
+            caption = ""
+        return [Table(self.title, self.rows, caption)]
 
     def document(self) -> dict[str, Any]:
         """Return the schema."""

@@ -11,13 +11,14 @@ import pytest
 
 from ssmr.geometry import wrap_angle
 from ssmr.types import FloatArray
+from tests.conftest import ROUNDOFF
 from tests.robots import HUSKY
 from tests.test_log_faults import drive
 from tests.test_objective import scenario
 from validation.fit import fit
 from validation.identify.objective import FitCost, PathRater, path_offsets
 from validation.identify.problem import FitProblem
-from validation.identify.refine import Remembered, arrivals, descend
+from validation.identify.refine import Corrected, Remembered, arrivals, descend
 from validation.plants.profile import Profile
 from validation.plants.searchable import find, make_space
 from validation.plants.table import plant_kind
@@ -202,6 +203,33 @@ def test_errors_of_a_log_count_by_their_size() -> None:
         errors[robust] = float(np.abs(end - [0.3, 0.4]).max())
     assert errors[True] < 0.03
     assert errors[False] > 0.1
+
+
+def test_errors_that_are_a_little_wrong_are_corrected_where_a_descent_begins() -> None:
+    """A line whose wrong twin lies higher by more than its errors, and with other slopes.
+
+    The true line is asked where a descent begins, not for each derivative.
+    """
+    true = Line(0)
+    wrong = Line(0)
+    wrong.y = true.y + 0.05 + 0.02 * true.x
+    asked = []
+
+    def errors(points: FloatArray) -> FloatArray:
+        asked.append(len(points))
+        return true.residuals(points, 1)
+
+    memory = Corrected(lambda points: wrong.residuals(points, 1), errors)
+    begin = np.array([0.9, 0.9])
+    end, _ = descend(wrong, begin, memory, 1, lambda: None)
+    wanted, _ = descend(true, begin, Remembered(), 1, lambda: None)
+    uncorrected, _ = descend(wrong, begin, Remembered(), 1, lambda: None)
+    assert np.abs(end - wanted).max() < 1e-4
+    assert np.abs(uncorrected - wanted).max() > 0.01
+    assert asked == [1]  # there is one descent where errors count by their square
+    memory.correct(end)
+    looked_up = memory.look_up(end[None], lambda points: wrong.residuals(points, 1))
+    assert looked_up == pytest.approx(true.residuals(end[None], 1), abs=ROUNDOFF)
 
 
 def test_offsets_of_a_path_are_perpendicular_to_it() -> None:

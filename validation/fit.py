@@ -523,7 +523,7 @@ def _report(
     notes += bound_sentences(problem.space, point)
     if not search.interrupted:
         try:
-            sure = estimate(problem, point, o.raters, search.driven)
+            sure = estimate(search.coarser or problem, point, o.raters, search.driven)
             notes += sentences(problem, sure)
             notes.append(f"Standard errors come from: {sure.method}.")
             # the mean localiser of several logs is that of those which tell it best

@@ -74,6 +74,9 @@ class Residuals(Protocol):
 class Remembered(dict[bytes, FloatArray]):
     """Errors that least squares have driven: (K,) by the bytes of their (n,) point."""
 
+    def correct(self, point: FloatArray) -> None:
+        """Learn how wrong errors are around an (n,) point where a descent begins: not at all."""
+
     def look_up(self, points: FloatArray, drive: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """Return (S, K) errors of (S, n) points; `drive` is called with the new ones alone."""
         new = [i for i, point in enumerate(points) if point.tobytes() not in self]
@@ -81,6 +84,35 @@ class Remembered(dict[bytes, FloatArray]):
             for point, errors in zip(points[new], drive(points[new]), strict=True):
                 self[point.tobytes()] = np.array(errors)
         return np.array([self[point.tobytes()] for point in points])
+
+
+class Corrected(Remembered):
+    """Errors of a problem that costs less, with the true ones where a descent begins.
+
+    Nearby they differ from the true ones by what both have changed since, and that is little: the
+    true problem is driven once for each descent, and derivatives are those of the other.
+    """
+
+    shift: FloatArray | float = 0.0
+    """(K,) true errors less the others, where the last descent began."""
+
+    def __init__(
+        self,
+        other: Callable[[FloatArray], FloatArray],
+        true: Callable[[FloatArray], FloatArray],
+    ) -> None:
+        """Begin with functions that return (S, K) errors of (S, n) points."""
+        super().__init__()
+        self._other = other
+        self._true = true
+
+    def look_up(self, points: FloatArray, drive: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Return (S, K) corrected errors, see `Remembered`."""
+        return super().look_up(points, drive) + self.shift
+
+    def correct(self, point: FloatArray) -> None:
+        """Correct errors from now on by the true ones at an (n,) point."""
+        self.shift = (self._true(point[None]) - super().look_up(point[None], self._other))[0]
 
 
 def arrivals(
@@ -238,6 +270,7 @@ def descend(
     if math.isfinite(goal):
         descents.insert(0, TRIAL)
     for most in descents:
+        driven.correct(begin)
         end = least_squares(
             errors,
             begin,

@@ -15,6 +15,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from ssmr.search.jde import Jde, JdeSettings
 from ssmr.types import FloatArray
 from validation import cli, output
 from validation.identify.problem import FitProblem
-from validation.identify.refine import Remembered, arrivals
+from validation.identify.refine import Corrected, Remembered, arrivals
 from validation.identify.tuning import TuneProblem
 from validation.output import Progress
 
@@ -132,6 +133,8 @@ class Search:
     """Whether Ctrl-C ended it."""
     driven: Remembered = field(default_factory=Remembered)
     """Errors of all candidates that least squares have driven after the optimiser."""
+    coarser: FitProblem | None = None
+    """The problem with a longer physics step; None where all candidates have the profile's."""
     refined: tuple[FloatArray, float] | None = None
     """The best point that least squares found, and its cost; None where they found none that is
     better."""
@@ -195,10 +198,22 @@ class Search:
                 save()
                 tell(0.0)
 
+    def take_longer_steps(self, problem: FitProblem, workers: int | str) -> None:
+        """Rate candidates with a longer physics step where the problem allows it."""
+        coarser = problem.coarser()
+        if coarser is not None:
+            rate = partial(coarser.residuals, workers=workers)
+            memory = Corrected(rate, partial(problem.residuals, workers=workers))
+            memory.update(self.driven)
+            self.driven = memory
+            self.coarser = coarser
+
     def refine(self, problem: FitProblem, o: Searching) -> None:
         """Go on by least squares from the best candidate and others far from it.
 
-        One start alone begins at the first candidate, be it the best or not: it is the user's.
+        One start alone begins at the first candidate, be it the best or not: it is the user's. With
+        a longer physics step errors are corrected where each descent begins, and costs of ends are
+        those of the profile's step.
         """
         points = self.jde.population
         costs = self.jde.costs
@@ -215,8 +230,12 @@ class Search:
                 text = f"{start}: cost {self.cost:.5g}, {len(self.driven)} motions"
                 o.progress(Progress(before + self.ends, before + self.starts, text))
 
+            rough = self.coarser or problem
+            if rough is not problem:
+                best = self.jde.best
+                self.refined = best, float(problem.costs(best[None], None, o.raters)[0])
             ends = arrivals(
-                problem, points, costs, self.starts, self.driven, workers=o.raters, on_step=step
+                rough, points, costs, self.starts, self.driven, workers=o.raters, on_step=step
             )
             for end in ends:
                 self.ends += 1
@@ -224,6 +243,7 @@ class Search:
                 cost = float(problem.costs(end[None], None, o.raters)[0])
                 if cost < self.cost:
                     self.refined = end, cost
+            self.driven.correct(self.best)
 
     @contextlib.contextmanager
     def _timed(self) -> Iterator[Callable[[], None]]:
@@ -321,7 +341,10 @@ def search_for(
             _log.warning("there is no %s to resume from; the search begins anew", o.checkpoint)
     search.starts = starts
     search.checkpoint = o.checkpoint
-    search.evolve(problem, o)
+    # candidates that differential evolution alone rates have the profile's step
+    if starts and isinstance(problem, FitProblem):
+        search.take_longer_steps(problem, o.raters)
+    search.evolve(search.coarser or problem, o)
     if not math.isfinite(search.jde.best_cost):
         if search.interrupted:
             raise KeyboardInterrupt

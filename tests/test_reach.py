@@ -54,10 +54,11 @@ def test_the_tile_husky_turns_at_less_than_an_eight_asks_for(plant: str) -> None
 
 def test_it_is_said_at_the_start_and_kept_in_the_result() -> None:
     tracked = track("lqr", "eight@0.5", "improved", "husky-tile", "tuned")
-    origin, demand, fast = tracked.remarks
+    origin, demand, fast, late = tracked.remarks
     assert origin.startswith(
         "The gains lqr-tuned were found on the profile thesis-lab, not on husky-tile"
     )
     assert demand.startswith("eight at 0.5 m/s asks improved of husky-tile")
     assert "husky-tile was fitted at 0.35 m/s" in fast
-    assert {origin, demand, fast} <= set(tracked.as_dict()["notes"])
+    assert "0.1 s" in late
+    assert {origin, demand, fast, late} <= set(tracked.as_dict()["notes"])

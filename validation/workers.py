@@ -81,10 +81,10 @@ def completed(
                 raise RuntimeError("no worker is left")
             for future in sorted(done, key=numbers.__getitem__):
                 yield numbers[future], future.result()
-    except (SsmrError, ValueError):  # of the function
-        raise
     except Exception as error:  # dask has no common one
-        if client is None:
+        # also a ValueError: that of the function, or dask's own for a future that it lost
+        is_ours = isinstance(error, SsmrError | ValueError)
+        if client is None or (is_ours and client.status == "running"):
             raise
         raise _gone(workers, error) from error
     finally:

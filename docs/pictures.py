@@ -71,6 +71,7 @@ PICTURES = {
     ),
     "four_wheel": Picture("make_four_wheel_figure.py", 1.0),
     "learning": Picture("examples/learn_to_track.py", 4.0, "learning.png"),
+    "ppo": Picture("examples/learn_with_ppo.py", 3.0, "ppo.png"),
     "printed_parameters": Picture("make_printed_figure.py", 1.0),
     "references": Picture("make_references_figure.py", 0.1),
     "results": Picture("replicate", 60.0, "replicate.png", unsigned=False),

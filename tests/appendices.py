@@ -23,6 +23,7 @@ APPENDICES: Mapping[str, Sequence[str]] = {
         "tests/test_learning.py",
         "docs/learning.md",
         "docs/examples/learn_to_track.py",
+        "docs/examples/learn_with_ppo.py",
     ),
     "study": (
         "validation/study",

@@ -349,3 +349,16 @@ def test_the_policy_of_the_page_learns(tmp_path: Path) -> None:
     assert not measured["sine"]["learnt"]["lost"]
     module.draw(history, module.pid_reward(8), measured, tmp_path / "learning.png")
     assert (tmp_path / "learning.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_ppo_learns() -> None:
+    pytest.importorskip("stable_baselines3")
+    path = Path(__file__).resolve().parents[1] / "docs" / "examples" / "learn_with_ppo.py"
+    module = importlib.util.module_from_spec(
+        importlib.util.spec_from_file_location("learn_with_ppo", path)  # type: ignore[arg-type]
+    )
+    module.__spec__.loader.exec_module(module)  # type: ignore[union-attr]
+    curve = module.learn(300_000)
+    assert curve[0][1] < 0.1
+    assert curve[-1][1] > 0.6

@@ -31,7 +31,7 @@ from validation.experiment.loops import make_robot, slowed_to_feasible
 from validation.track import track
 
 SEED = 2023
-"""Of the paths; noise and pushes have this one and those that follow."""
+"""Seed of the paths. Noise and pushes of the runs have this seed and those that follow it."""
 PATHS = 3
 SPEED = 0.5
 """Greatest speed of a path [m/s]."""
@@ -101,13 +101,13 @@ class RegulatedPurePursuit:
 
 
 class PredictedPursuit(RegulatedPurePursuit):
-    """The same behind this project's predictor."""
+    """Pure pursuit that starts from the pose which this project's predictor expects."""
 
     ahead = True
 
 
 class ShortPursuit(PredictedPursuit):
-    """The same with a look-ahead of half the time."""
+    """Pure pursuit with a predictor that looks half as far ahead along the path."""
 
     look_time = 0.75
     look_least = 0.15
@@ -185,7 +185,7 @@ class Mppi:
 
 
 class PredictedMppi(Mppi):
-    """The same behind this project's predictor."""
+    """MPPI that starts from the pose which this project's predictor expects."""
 
     ahead = True
 

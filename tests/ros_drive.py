@@ -21,7 +21,7 @@ from validation.simulator.plant import MujocoPlant
 
 @dataclass
 class Faults:
-    """What goes wrong, as functions of the time since the fault began [s]; negative before."""
+    """Faults of a drive: functions of the time since they began [s], which is negative before."""
 
     late: Callable[[float], float] = lambda t: 0.005
     """Time that a message takes [s]."""
@@ -32,7 +32,7 @@ class Faults:
     stopped: Callable[[float], bool] = lambda t: False
     """Whether the emergency stop is on."""
     other: Callable[[float], tuple[float, float] | None] = lambda t: None
-    """What somebody else commands."""
+    """Function that returns the command of somebody else, or None while nobody else commands."""
     rate: float = 1.0
     """Seconds of the receiver's clock in one of the robot's."""
     begin: float = 4.0
@@ -41,7 +41,7 @@ class Faults:
 
 @dataclass
 class Driven:
-    """What happened on a drive."""
+    """The outcome of a drive."""
 
     follower: PathFollower
     stopped: str = ""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import sys
 import threading
 from collections.abc import Iterator
@@ -32,6 +31,8 @@ from validation.sweep import sweep
 from validation.tune import tune
 
 distributed = pytest.importorskip("distributed")
+wire = pytest.importorskip("distributed.protocol.pickle")
+"""The functions by which dask sends a problem."""
 
 
 @pytest.fixture
@@ -103,13 +104,13 @@ def test_a_model_of_the_users_own_travels_by_its_file(
     points = np.linspace(0.0, 1.0, 3)[:, None]
     with patch.dict(OWN_MODELS):
         here = problems[0].costs(points)
-        sent = pickle.dumps(problems[0])
+        sent = wire.dumps(problems[0])
     file.unlink()
     with patch.dict(OWN_MODELS), patch.dict(sys.modules):
         OWN_MODELS.pop("slip", None)
         del sys.modules["user_mine"]
         plant_kind.cache_clear()
-        there = pickle.loads(sent).costs(points)  # noqa: S301 - our own
+        there = wire.loads(sent).costs(points)
     plant_kind.cache_clear()
     assert np.abs(here - there).max() == EXACT
 

@@ -359,7 +359,7 @@ PLAIN = "t,x,y\n0,1.5,-2e-3\n0.1,,0.30000000000000004\n0.2,+3,1e5\n"
 def test_a_large_file_is_read_as_a_small_one_is(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What pyarrow does not read as the careful reader does is left to that."""
+    """Files that pyarrow would read in another way are read by the careful reader."""
     path = tmp_path / "log.csv"
     path.write_text(text, encoding="utf-8", newline="")
     found: list[object] = []

@@ -1,4 +1,4 @@
-"""What a notebook has: readable signatures, motions, changed numbers, tables as frames and HTML."""
+"""A notebook shows readable signatures, and has motions, changed numbers and tables as HTML."""
 
 from __future__ import annotations
 

@@ -45,8 +45,8 @@ STRONG = Drive(delay_v=0.2, delay_w=0.2, torque_limit=1e3)
 A, B = (tuple(map(tuple, m.tolist())) for m in matrices(Vehicle(), LinearParameters(), STRONG))
 WEAVE = sine(0.5, 0.3, 2.0, 1.5)
 COMMANDS = [LOG_COLUMNS.index(name) for name in ("u_ref", "w_ref", "dead_time_learnt")]
-"""What the position loop asks for: a controller without one has its command there. A Python object
-always has a predictor."""
+"""Columns of the speeds that a controller asks for. One without a position loop has its command
+there, and a law in Python always has a predictor."""
 
 
 def linear(drive: Drive) -> PlanarModel:

@@ -334,18 +334,24 @@ def learnt(memory: FloatArray) -> DriverEstimate:
 
 
 @jit
-def sample_early(past: FloatArray, memory: FloatArray, model: PredictorModel) -> None:
-    """Take the model that answers `EARLIEST` before on by one sample, in place."""
-    at = memory[_GRID_AT]
-    driver = DriverEstimate(
-        memory[_EARLY],
-        memory[_EARLY + 1],
-        memory[_EARLY + 2],
-        memory[_EARLY + 3],
+def nominal_driver(memory: FloatArray, first: int) -> DriverEstimate:
+    """Return the driver's references, kept from the number `first` on, without learnt gains."""
+    return DriverEstimate(
+        memory[first],
+        memory[first + 1],
+        memory[first + 2],
+        memory[first + 3],
         gain_v=1.0,
         gain_w=1.0,
         slip=0.0,
     )
+
+
+@jit
+def sample_early(past: FloatArray, memory: FloatArray, model: PredictorModel) -> None:
+    """Take the model that answers `EARLIEST` before on by one sample, in place."""
+    at = memory[_GRID_AT]
+    driver = nominal_driver(memory, _EARLY)
     sent_at = memory[_SENT_AT]
     driver = advance_driver(past, sent_at, at, GRID, driver, model=model, late=-EARLIEST)
     v, w = respond(memory[_EARLY + 4], memory[_EARLY + 5], driver, GRID, model)
@@ -466,15 +472,7 @@ def predict_ahead(
     sent_at = memory[_SENT_AT]
     v = memory[MODEL_V]
     w = memory[MODEL_W]
-    driver = DriverEstimate(
-        memory[_DRIVER],
-        memory[_DRIVER + 1],
-        memory[_DRIVER + 2],
-        memory[_DRIVER + 3],
-        gain_v=1.0,
-        gain_w=1.0,
-        slip=0.0,
-    )
+    driver = nominal_driver(memory, _DRIVER)
     while at < t - _ROUNDING:
         dt = min(model.step, t - at)
         driver = advance_driver(past, sent_at, at, dt, driver, model=model, late=late)

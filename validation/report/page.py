@@ -78,5 +78,6 @@ def html_page(title: str, parts: Iterable[str | Figure]) -> str:
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{html.escape(title)}</title><style>{_LOOK}</style></head>\n<body>{body}</body></html>\n"
+        f"<title>{html.escape(title)}</title><style>{_LOOK}</style></head>\n"
+        f"<body>{body}</body></html>\n"
     )

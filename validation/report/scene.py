@@ -74,7 +74,7 @@ _VIEWS = (
     {
         "position_error": "Position error",
         "yaw_error": "Yaw error",
-        "e_rho": "e_rho: distance to the target",
+        "e_rho": "e_rho: how far ahead the target is",
         "e_y": "e_y: its offset to the left",
         "e_alpha": "e_alpha: error of heading",
     },

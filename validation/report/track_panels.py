@@ -64,7 +64,9 @@ def _legend(robots: Sequence[Followed]) -> list[Line2D]:
         d_rms = f"d_rms {unit.text(r.metrics['d_rms_m'])} {unit.symbol}"
         looks[f"{r.plant}\n{d_rms}"] = {"color": ink_of(r.plant), "linewidth": 2.4}
     looks["reference\n"] = _REFERENCE
-    looks["speed\nrequest"] = {"color": _WANTED, "linewidth": 0.8, "alpha": 0.6}
+    # several robots' requests have their own colours, but pale
+    request = "speed\nrequest" if len(robots) == 1 else "pale: speed\nrequest"
+    looks[request] = {"color": _WANTED, "linewidth": 0.8, "alpha": 0.6}
     if len(robots) == 1:
         looks["command to\nthe drive"] = {"color": _COMMAND}
         saturated = {"color": _SATURATED, "linewidth": 7.0, "alpha": 0.2}
@@ -259,7 +261,7 @@ def draw_track(robots: Sequence[Followed], title: str, gains: str, foot: str) ->
         gains: the controller's gains, in words.
         foot: how they were driven.
     """
-    titles = ("distance to the target", "offset to the left", "heading")
+    titles = ("how far ahead the target is", "its offset to the left", "its heading")
     units = error_units(robots)
     panels = []
     for error, (column, unit) in zip(titles, units.items(), strict=True):

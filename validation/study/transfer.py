@@ -452,7 +452,7 @@ def _panels(label: str, result: Mapping[str, Any]) -> list[drawing.PanelRow]:
             ax.plot([], [], marker, color=ink, label=plant)
         ax.set(
             xscale="log",
-            xlabel="metres, as the tables have them [m] (a cross lost a run)",
+            xlabel="path error + distance to the moving target / 10 [m] (cross: lost on a run)",
         )
         ax.set_title(f"{label}: the best on {JUDGE} at the top")
         ax.set_ylim(len(order) - 0.4, -0.6)

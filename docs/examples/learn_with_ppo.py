@@ -1,14 +1,15 @@
 """Learn to follow paths with Stable-Baselines3's PPO, beside the shipped PID and LQR.
 
-Usage: `python docs/examples/learn_with_ppo.py [STEPS]`, with `pip install stable-baselines3`. The
+Usage: `python docs/examples/learn_with_ppo.py [FOLDER]`, with `pip install stable-baselines3`. The
 policy is linear in the observation; the critic is a network. The reward is judged on 64 episodes
-that no training saw, those of `learn_to_track.py`. Writes `ppo.png` into the current folder.
+that no training saw. Writes `ppo.png` into the folder, the current one if none is given.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -126,19 +127,19 @@ def learn(steps: int) -> list[tuple[float, float]]:
     return watch.curve
 
 
-def main(steps: int) -> None:
+def main(folder: Path) -> None:
     """Learn and draw."""
     rules = {name: mean_reward(shipped(name)) for name in ("pid", "lqr")}
     print(rules)
-    curve = learn(steps)
+    curve = learn(STEPS)
     figure, axes = plt.subplots(figsize=(5.0, 3.0), layout="constrained")
     axes.plot(*zip(*curve, strict=True), color="#0072b2", label="PPO, linear policy")
     for (name, reward), colour in zip(rules.items(), ("#d55e00", "#009e73"), strict=True):
         axes.axhline(reward, color=colour, linestyle="--", label=f"{name}, published")
     axes.set(xlabel="processor time [s]", ylabel="mean reward", ylim=(0.0, 1.0))
     axes.legend()
-    figure.savefig("ppo.png", dpi=90)
+    figure.savefig(folder / "ppo.png", dpi=90)
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else STEPS)
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path())

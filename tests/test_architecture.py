@@ -464,9 +464,9 @@ PRICES = {
         "a robot's description becomes a MuJoCo model that moves",
     ),
     "validation/study": Price(
-        14_000,
-        13,
-        41,
+        15_700,
+        12,
+        44,
         "answers: contact of a robot with its weight in the middle, transfer, drive train, runs",
     ),
     "validation/experiment": Price(

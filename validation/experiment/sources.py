@@ -14,10 +14,9 @@ from ssmr.scenarios import TRAJECTORIES
 from ssmr.simulation import SAMPLE_DT
 from ssmr.types import CommandKind, Commands, FloatArray, IndexArray, State, Trajectory
 from validation.descriptions.loading import load_robot
-from validation.files.abilities import too_short
+from validation.files.abilities import Inspected, inspect, too_short
 from validation.files.faults import LEAST_COMMAND, WHEELS_MEAN_S, WHEELS_TURN
 from validation.files.formats import SHIPPED_LOGS, is_log, log_path, read_log, readable
-from validation.files.inspection import Inspected, inspect
 from validation.files.log import COMMAND_COLUMNS, PLAIN, POSE_COLUMNS, Group, Log, ReadOptions
 from validation.files.reading import exists
 from validation.files.signals import (

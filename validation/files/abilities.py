@@ -1,14 +1,17 @@
-"""The signals for which a log is good enough, and what to drive where it is not."""
+"""What a log shows by itself, found once where it is opened, and what it is good enough for."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ssmr.types import FloatArray
 from validation.files.circular import new_poses
+from validation.files.faults import Faults, Rest, find_faults, find_rest
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Group, Log, LogFault
+from validation.files.offsets import Offset, estimate_offsets
 
 FATAL = (
     *("sign", "swapped", "scale", "handedness", "circular", "positions", "setpoints"),
@@ -29,6 +32,25 @@ _SLOW = 0.03
 """Speed below which wheels and localisers tell little but noise [m/s]."""
 _STEADY = 0.05
 """Deviation of speed and yaw rate, over their means, of a constant circle [1]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inspected:
+    """A log, and what it shows by itself."""
+
+    log: Log
+    """The log that was looked at."""
+    faults: Faults
+    """Its faults."""
+    offsets: tuple[Offset, ...]
+    """Delays between its signals."""
+    rest: Rest | None
+    """The gyro's readings while the robot stands; None without any."""
+
+
+def inspect(log: Log, radius: float | None = None) -> Inspected:
+    """Look at a log; `radius` is that of the robot's wheels [m], None where it is unknown."""
+    return Inspected(log, find_faults(log, radius), tuple(estimate_offsets(log)), find_rest(log))
 
 
 def too_short(group: Group) -> str:

@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +31,19 @@ from validation.output import Progress, file_name, one_line, shortened
 from validation.plants.profile import Profile, bare_profile, choose_profile, make_plant
 from validation.plants.table import PLANTS
 from validation.report import drawing
-from validation.report.columns import DEGREES, METRES, Unit
 from validation.report.comparison import Comparison
 from validation.report.motions import alike_sentences
 from validation.report.table import Row, Table
 from validation.study.common import AnyStudy, Study
+from validation.study.runs_tables import (
+    BOTH,
+    INTERVAL,
+    OTHERS,
+    OWN,
+    errors_table,
+    robots_panel,
+    worth,
+)
 from validation.sweep import sweep
 from validation.workers import threads_of
 
@@ -48,8 +57,7 @@ _COSTS = {"mujoco": 1.0, "four_wheel": 0.2}
 """Processor time of fit and judgement over the length of a log, by plant [1]."""
 _COST = 0.05
 """The same for every other plant."""
-_INTERVAL = ("position_median_m", "position_low_m", "position_high_m")
-_MEDIANS = (*_INTERVAL, "yaw_median_rad")
+_MEDIANS = (*INTERVAL, "yaw_median_rad")
 """Columns of a row that come from the errors over the windows of one horizon."""
 
 
@@ -81,12 +89,12 @@ class RunsStudy(AnyStudy):
         return tuple(names)
 
 
-FittedLog = tuple[str, Profile]
-"""A log, and the profile that its fits begin with."""
+FittedLog = tuple[str, Profile, list[str]]
+"""A log, the profile that its fits begin with, and the other logs of its robot."""
 
 
 def _runs(o: RunsStudy) -> dict[str, FittedLog]:
-    """Return the runs by name, each log with its robot.
+    """Return the runs by name, each log with its robot and the other logs of that.
 
     A run begins without any fit of the robot: a shipped profile may know the second half of the
     log.
@@ -94,7 +102,7 @@ def _runs(o: RunsStudy) -> dict[str, FittedLog]:
     Raises:
         ValueError: an unknown robot, or two logs of one name.
     """
-    runs: dict[str, FittedLog] = {}
+    profiles: dict[str, tuple[str, Profile]] = {}
     for given in o.logs:
         log = given
         robot = o.robot
@@ -104,14 +112,23 @@ def _runs(o: RunsStudy) -> dict[str, FittedLog]:
             robot = robot_of_log or robot
         profile = choose_profile(None, robot, profile_of_log(log))
         name = file_name(Path(log).stem.removesuffix("_train"))
-        if name in runs:
+        if name in profiles:
             raise ValueError(f"two logs have the name {name}; give one of them another")
-        runs[name] = (log, bare_profile(profile.robot))
+        profiles[name] = (log, bare_profile(profile.robot))
+    runs = {}
+    for name, (log, profile) in profiles.items():
+        others = []
+        for other, of_other in profiles.values():
+            if other != log and of_other.robot.name == profile.robot.name:
+                others.append(other)
+        runs[name] = (log, profile, others)
     return runs
 
 
-def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
+def _measure(o: RunsStudy, name: str, log: str, profile: Profile, others: list[str]) -> Row:
     """Fit every plant to the first half of a log's motion and judge all on the second.
+
+    The kinematic one is also fitted to the robot's other logs, and from there to that half.
 
     Files of a finished run lie in the study's folder: `NAME.json`, and then `NAME.toml`, the
     profile with all fits. A run that was finished before is read back.
@@ -124,7 +141,9 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
         "plants": list(o.plants),
         "seed": o.seed,
         "versions": dict(output.versions()),
-        "log": hashlib.sha256(log_path(log).read_bytes()).hexdigest(),
+        "logs": [
+            hashlib.sha256(log_path(each).read_bytes()).hexdigest() for each in (log, *others)
+        ],
         "robot": profile.robot.name,
     }
     # the profile is written last: a run that has both files is finished
@@ -133,16 +152,20 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
         if before.get("asked") == request:
             return {"found": before}
     middle = _middle_of_motion(log)
+    by_robot = dict[str, Profile]()
+    if others and FIRST_FITTED in o.plants:
+        pooled = _fit(o, FIRST_FITTED, others, profile, folder / name / "others").profile
+        own = _fit(o, FIRST_FITTED, log, pooled, folder / name / "both", until=middle)
+        by_robot = {OTHERS: pooled, BOTH: own.profile}
     numbers: dict[str, Row] = {}
     for plant, fitted in _fit_all(o, log, profile, middle, folder / name):
         profile = fitted.profile
         numbers[plant] = {
             p.name if p.unit == "1" else f"{p.name}_{p.unit}": p.value for p in fitted.parameters
         }
-    judged = compare(
+    judge = partial(
+        compare,
         log,
-        profile,
-        plants=o.plants,
         input="wheels",
         since=middle,
         horizons=_HORIZONS,
@@ -150,16 +173,24 @@ def _measure(o: RunsStudy, name: str, log: str, profile: Profile) -> Row:
         seed=o.seed,
         workers=1,
     )
+    judged = judge(profile, plants=o.plants)
     pairs = judged.alike
+    rows = _rows_of(name, judged)
+    compared = []
+    if by_robot:
+        compared = [{**row, "fitted_to": OWN} for row in rows if row["plant"] == FIRST_FITTED]
+    for fitted_to, each in by_robot.items():
+        again = _rows_of(name, judge(each, plants=(FIRST_FITTED,)))
+        compared += [{**row, "fitted_to": fitted_to} for row in again]
     found = {
         "schema": SCHEMA,
         "files": [fitted_profile.name],
         "asked": request,
-        "rows": _rows_of(name, judged),
+        "rows": rows,
+        "rows_by_robot": compared,
         "numbers": numbers,
         "alike": pairs,
         "told": alike_sentences(judged.scores, pairs),
-        "heading_judge": "gyro" if judged.gyro_first else "localiser",
     }
     output.write_json(file, found)
     profile.save(fitted_profile)
@@ -180,20 +211,33 @@ def _fit_all(
     # first the kinematic model: others than planar ones begin with the body that it finds
     for plant in sorted(o.plants, key=lambda plant: plant != FIRST_FITTED):
         heavy = plant not in PLANAR_MODELS and FIRST_FITTED in o.plants
-        fitted = fit(
-            plant,
-            log,
-            profile=profile,
-            input="wheels",
-            until=until,
-            seed=o.seed,
-            workers=o.workers if isinstance(o.workers, str) else 1,
-            search="lsq" if heavy else "hybrid",
-            guess=begin_at(plant, BODY, profile) if heavy else None,
-            out=folder / plant,
-        )
+        begun: dict[str, Any] = {}
+        if heavy:
+            begun = {"search": "lsq", "guess": begin_at(plant, BODY, profile)}
+        fitted = _fit(o, plant, log, profile, folder / plant, until=until, **begun)
         profile = fitted.profile
         yield plant, fitted
+
+
+def _fit(
+    o: RunsStudy,
+    plant: str,
+    logs: str | Sequence[str],
+    profile: Profile,
+    folder: Path,
+    **settings: Any,
+) -> Fitted:
+    """Return the fit of a plant to logs by their wheel rates; `settings` are options of `fit`."""
+    return fit(
+        plant,
+        logs,
+        profile=profile,
+        input="wheels",
+        seed=o.seed,
+        workers=o.workers if isinstance(o.workers, str) else 1,
+        out=folder,
+        **settings,
+    )
 
 
 def _rows_of(name: str, judged: Comparison) -> Sequence[Row]:
@@ -206,6 +250,7 @@ def _rows_of(name: str, judged: Comparison) -> Sequence[Row]:
             for part, share in result.coverage.get(horizon, {}).items():
                 row[f"coverage_90_{part}"] = share
             row["n"] = errors.n
+            row["heading_judge"] = "gyro" if judged.gyro_first else "localiser"
             if by_gyro := result.by_gyro.get(horizon):
                 row["yaw_gyro_median_rad"] = by_gyro.summary().yaw_median_rad
             rows.append(row)
@@ -219,7 +264,8 @@ def study_runs(o: RunsStudy) -> Study:
     Halves are those of the time in motion.
 
     Planar models are fitted by the hybrid search from the robot's profile, and others by least
-    squares that begin where the kinematic one ends.
+    squares that begin where the kinematic one ends. Where a robot has several logs, the kinematic
+    one is also fitted to a log's others, and from there to its first half.
 
     Writes study.json, study.md and study.png, and for each log its profile with all fits. A study
     that was broken off goes on where it was.
@@ -232,7 +278,7 @@ def study_runs(o: RunsStudy) -> Study:
     # a fault of a plant shows before hours of fits
     for plant in o.plants:
         warm_up(make_plant(next(iter(runs.values()))[1], plant))
-    seconds = sum(float(np.ptp(read_log(log_path(log)).t)) for log, _ in runs.values())
+    seconds = sum(float(np.ptp(read_log(log_path(log)).t)) for log, _, _ in runs.values())
     minutes = sum(_COSTS.get(plant, _COST) for plant in o.plants) * seconds / 60.0
     o.progress(Progress(0, len(runs), f"at most {math.ceil(minutes)} minutes of one processor"))
     measures = {"fit and judgement": lambda variant: _measure(o, *variant)}
@@ -240,7 +286,12 @@ def study_runs(o: RunsStudy) -> Study:
     # a scheduler gets the candidates of each fit: logs and files stay here
     swept = sweep(variants, measures, workers=threads_of(o.workers), progress=o.progress)
     logs = {row["variant"]: row["found"] for row in swept.rows if "found" in row}
-    tables = [_table(name, run["rows"], run["heading_judge"]) for name, run in logs.items()]
+    tables = [errors_table(one_line(name), run["rows"]) for name, run in logs.items()]
+    by_robot = list(chain.from_iterable(run["rows_by_robot"] for run in logs.values()))
+    if by_robot:
+        title = "What a robot's other logs are worth: kinematic on each second half"
+        told = [row for row in by_robot if row["horizon_s"] in (6.0, 30.0)]
+        tables.append(errors_table(title, told, ("log", "fitted_to")))
     for plant in o.plants:
         numbers = [{"log": name, **run["numbers"][plant]} for name, run in logs.items()]
         tables.append(Table(f"{plant} on each ground", numbers))
@@ -252,6 +303,9 @@ def study_runs(o: RunsStudy) -> Study:
         for note in run["told"]:
             logs_by_note.setdefault(note, []).append(name)
     notes = [f"{', '.join(names)}: {note}" for note, names in logs_by_note.items()]
+    notes += [worth(by_robot, fitted_to) for fitted_to in (OTHERS, BOTH) if by_robot]
+    panels = _panels(logs)
+    panels += [drawing.PanelRow(3.0, [robots_panel(by_robot)])] * bool(by_robot)
     return Study(
         title=f"{len(logs)} logs, each fitted on its first half and judged on its second",
         shown=tables,
@@ -261,46 +315,17 @@ def study_runs(o: RunsStudy) -> Study:
             "schema": SCHEMA,
             "study": "runs",
             "rows": rows,
+            "rows_by_robot": by_robot,
             "winners": {name: run["alike"] for name, run in logs.items()},
             "numbers": {name: run["numbers"] for name, run in logs.items()},
         },
-        panels=_panels(logs),
+        panels=panels,
     )
-
-
-def _table(name: str, rows: list[Row], judge: str) -> Table:
-    inside = "coverage_90_yaw_gyro" if judge == "gyro" else "coverage_90_yaw"
-    ordered = sorted(rows, key=lambda row: (row["horizon_s"], PLANTS.index(row["plant"])))
-    shown = [
-        {
-            "horizon_s": row["horizon_s"],
-            "plant": row["plant"],
-            "position_median_m": tuple(row[key] for key in _INTERVAL),
-            "yaw_median_rad": row["yaw_median_rad"],
-            "yaw_gyro_median_rad": row.get("yaw_gyro_median_rad"),
-            "position_inside_share": row.get("coverage_90_position"),
-            "yaw_inside_share": row.get(inside),
-            "windows": row["n"],
-        }
-        for row in ordered
-    ]
-    units = {
-        "horizon_s": Unit("s", 1.0, 0, significant=3),
-        "position_median_m": METRES,
-        "yaw_median_rad": DEGREES,
-        "yaw_gyro_median_rad": DEGREES,
-    }
-    caption = (
-        "in brackets: an interval that holds the median with 90 %\n"
-        "inside: share of windows within the band, which promises 90 %; "
-        f"the {judge} is the judge of heading"
-    )
-    return Table(one_line(name), shown, caption, group="horizon_s", units=units)
 
 
 def _panels(logs: dict[str, Any]) -> list[drawing.PanelRow]:
     """Return panels of the median error of position over the horizon, a panel for each log."""
-    keys = ("horizon_s", *_INTERVAL)
+    keys = ("horizon_s", *INTERVAL)
 
     def panel(name: str, ax: Axes) -> None:
         rows = logs[name]["rows"]

@@ -123,7 +123,7 @@ def photograph(recording: Path, picture: Path) -> None:
 
     viewer = ViewerClient.spawn(headless=True, port=9977)
     viewer.open(str(recording))
-    time.sleep(10.0)
+    time.sleep(20.0)
     viewer.save_screenshot(str(picture))
     viewer.quit()
 

@@ -4,9 +4,9 @@ The recording carries its own layout.
 The world is in metres, z up, on the timeline `sim_time`; lines over time are in the units of the
 picture:
 
-- `world/NAME/robot`: the reference point on the ground over time; below it `base` and the four
-  wheels, `contact_force`, the force of the ground on each wheel, and `rotation_centre`;
-- `world/NAME/path`, `.../end`: the whole path, and the robot's name where it ends;
+- `world/NAME/robot`: the reference point on the ground over time; below it `base`, the four wheels,
+  the robot's `name`, `contact_force`, the force of the ground on each wheel, and `rotation_centre`;
+- `world/NAME/path`: the whole path;
 - `world/target`: the moving target of a controller, an arrow along its heading;
 - `plots/QUANTITY/NAME`: lines over time;
 - `report`: the report as text.
@@ -68,6 +68,10 @@ _LEAST_TURNING = 0.05
 """Yaw rate below which the centre of rotation is far off, and noise moves it by metres [rad/s]."""
 _NEAR = 1.5
 """Distance up to which that centre is drawn, of a robot of a Husky's size [m]."""
+_ABOVE = 0.07
+"""Height of a name above the one before, over the distance of the eye: names never overlap."""
+_LEGEND = 0.45
+"""The time that is left free for the legend, to the right of all lines, over theirs."""
 _MOST_SAMPLES = 45_000
 """Samples of a line over time, at most: twenty for each point of a screen's width."""
 _VIEWS = (
@@ -174,6 +178,7 @@ def _fill(recording: rr.RecordingStream, scene: Scene) -> None:
     for rank, track in enumerate(scene.tracks):
         _write_robot(recording, track, rank == 0)
         _write_path(recording, track, rank)
+        _write_name(recording, track, rank, extent)
     if scene.target is not None:
         _write_path(recording, scene.target, 0)
         _write_target(recording, scene.target, extent.scale)
@@ -305,11 +310,8 @@ def _shapes(kind: str, solids: Sequence[Solid], track: Track, opaque: bool) -> A
 
 
 def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
-    """Log the path, one strip a piece, and the robot's name at its end.
-
-    The name stands the higher, the later the robot's rank.
-    """
-    entity = f"world/{track.name}"
+    """Log the path, one strip a piece."""
+    entity = f"world/{track.name}/path"
     ink = colour(track.name)
     height = 0.008 if rank else 0.012
     strips = []
@@ -317,15 +319,21 @@ def _write_path(recording: rr.RecordingStream, track: Track, rank: int) -> None:
         xy = piece.xy[kept]
         strips.append(np.column_stack([xy, np.full(len(xy), height)]))
     width = rr.Radius.ui_points(2.0 if rank else 3.0)
-    recording.log(f"{entity}/path", rr.LineStrips3D(strips, colors=[ink], radii=width), static=True)
-    name_height = (1.5 + 0.3 * rank) * looks_of(track.robot).size[2]
+    recording.log(entity, rr.LineStrips3D(strips, colors=[ink], radii=width), static=True)
+
+
+def _write_name(recording: rr.RecordingStream, track: Track, rank: int, extent: Extent) -> None:
+    """Log the robot's name above it, the higher, the later its rank."""
+    height = looks_of(track.robot).size[2] + _ABOVE * (rank + 1.5) * extent.distance
     label = rr.Points3D(
-        [np.append(track.body[-1, :2], name_height)],
+        [[0.0, 0.0, height]],
         labels=[track.name],
-        colors=[mix(ink, BLACK, 0.5)],
+        colors=[
+            mix(colour(track.name), BLACK, 0.65)
+        ],  # on grey of a dark theme, and on light ground
         radii=rr.Radius.ui_points(1.0),
     )
-    recording.log(f"{entity}/end", label, static=True)
+    recording.log(f"world/{track.name}/robot/name", label, static=True)
 
 
 def _write_target(recording: rr.RecordingStream, target: Track, scale: float) -> None:
@@ -367,8 +375,9 @@ def _write_series(
     mode = rr.components.InterpolationMode.Linear
     if series.held:
         mode = rr.components.InterpolationMode.StepAfter
-    names = [f"{name} [{series.unit}]" for name in series.names]
-    style = rr.SeriesLines(names=names, colors=list(series.colours), interpolation_mode=mode)
+    names = list(series.names)
+    colours = list(series.colours)
+    style = rr.SeriesLines(names=names, colors=colours, interpolation_mode=mode)
     recording.log(entity, style, static=True)
     step = math.ceil(len(series.t) / _MOST_SAMPLES)
     samples = rr.Scalars.columns(scalars=series.values[::step])
@@ -414,7 +423,7 @@ def plots_of(track: Track, length: Unit) -> dict[str, Series]:
             plots[f"{quantity}/{name}"] = Series(wheels, "N", inks, track.t, forces)
     loads = track.channel(QUASI_STATIC)
     if loads is not None:
-        labels = [f"{wheel} quasi-static" for wheel in wheels]
+        labels = ["quasi-static"] * len(wheels)  # one entry of the legend
         pale = [mix(ink, WHITE, 0.5) for ink in inks]
         plots[f"wheel_load/{name}_quasi_static"] = Series(labels, "N", pale, track.t, loads)
     return plots
@@ -436,6 +445,13 @@ def rotation_centre(track: Track) -> FloatArray:
 def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Blueprint:
     """Return the layout: robots and report on the left, plots on the right; it plays at once."""
     units = {entity.partition("/")[0]: series.unit for entity, series in plots.items()}
+    ends = [series.t[[0, -1]] for series in plots.values() if len(series.t)]
+    first = min(t[0] for t in ends)
+    last = max(t[1] for t in ends)
+    shown = rr.TimeRange(
+        start=rr.TimeRangeBoundary.absolute(seconds=first),
+        end=rr.TimeRangeBoundary.absolute(seconds=last + _LEGEND * (last - first)),
+    )
     groups = []
     for group in _VIEWS:
         views = []
@@ -444,6 +460,7 @@ def _layout(scene: Scene, plots: Mapping[str, Series], extent: Extent) -> rrb.Bl
                 view = rrb.TimeSeriesView(
                     origin=f"/plots/{quantity}",
                     name=f"{title} [{units[quantity]}]",
+                    axis_x=rrb.TimeAxis(view_range=shown),
                     plot_legend=rrb.Corner2D.RightTop,
                 )
                 views.append(view)
@@ -463,7 +480,7 @@ def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
     """Return the whole scene with the report behind it, above a view of the first robot."""
     first = scene.tracks[0]
     scale = extent.scale
-    distance = max(3.0 * scale, 0.9 * extent.reach)
+    distance = extent.distance
     across = np.array([-extent.along[1], extent.along[0]])
     overview = np.append(extent.middle - 0.75 * distance * across, 0.7 * distance)
     whole = _view(
@@ -474,7 +491,7 @@ def _views_of_robots(scene: Scene, extent: Extent) -> rrb.Vertical:
     hull = looks_of(first.robot).solids["base"][0].kind
     close = _view(
         f"Following {first.name}",
-        [f"- /world/{track.name}/end/**" for track in scene.tracks],
+        [f"- /world/{track.name}/robot/name" for track in scene.tracks],
         position=np.append(behind, 1.15 * scale),
         look_target=np.append(start[:2], 0.2 * scale),
         tracking_entity=f"/world/{first.name}/robot/base/{hull}",

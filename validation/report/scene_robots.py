@@ -225,6 +225,11 @@ class Extent(NamedTuple):
     scale: float
     """Size of the robots over a Husky's."""
 
+    @property
+    def distance(self) -> float:
+        """Distance from which an eye sees all paths [m]."""
+        return max(3.0 * self.scale, 0.9 * self.reach)
+
 
 def extent_of(tracks: Sequence[Track]) -> Extent:
     """Return the extent of robots in motion."""

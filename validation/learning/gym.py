@@ -42,7 +42,8 @@ _DRAWS_BY = {"DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"}
 class TrackEnv(gymnasium.Env):
     """One robot that follows a moving target; observations and actions are shares in [-1, 1]."""
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012 # Gymnasium declares it without ClassVar
+    # Gymnasium declares it without ClassVar
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}  # noqa: RUF012
     __signature__ = inspect.signature(TrackTask)
 
     def __init__(self, render_mode: str | None = None, **task: Any) -> None:

@@ -32,7 +32,7 @@ from validation.files.formats import log_path, profile_of_log, read_log
 from validation.files.log import COMMAND_COLUMNS, POSE_COLUMNS, Log, LogFault
 from validation.fit import Fit, Fitted, run_fit
 from validation.identify.targets import Input, Span, split_ground
-from validation.output import Progress, file_name, one_line
+from validation.output import Progress, file_name, one_line, said_once
 from validation.plants.kind import SEEN
 from validation.plants.profile import Profile, choose_profile
 from validation.plants.searchable import OF_A_LOG, find
@@ -312,9 +312,8 @@ class Calibrated(Report):
     def notes(self) -> list[str]:
         """Return a verdict on each fit, the remarks, and the fits' notes."""
         notes = [*map(_verdict, self.fits), *self.remarks]
-        for f in self.fits:
-            # the first note of a fit that is no better says so, and the verdict does too
-            notes += [f"{_label(f)}: {note}" for note in f.notes()[not f.better :]]
+        # the first note of a fit that is no better says so, and the verdict does too
+        notes += said_once({_label(f): f.notes()[not f.better :] for f in self.fits})
         return [*super().notes(), *map(one_line, dict.fromkeys(notes))]
 
     def document(self) -> dict[str, Any]:

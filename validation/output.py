@@ -25,7 +25,7 @@ import platform
 import re
 import secrets
 import unicodedata
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -58,6 +58,22 @@ def visible(text: object) -> str:
     if whole.isprintable():
         return whole
     return "".join(map(_escape, whole))
+
+
+def said_once(notes: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the notes of several results, each behind the names of those that have it.
+
+    One that all share has no name.
+    """
+    names: dict[str, list[str]] = {}
+    for name, sentences in notes.items():
+        for sentence in sentences:
+            names.setdefault(sentence, []).append(name)
+    said = []
+    for sentence, of in names.items():
+        lead = "" if len(of) == len(notes) else f"{', '.join(of)}: "
+        said.append(lead + sentence)
+    return said
 
 
 def one_line(text: object) -> str:

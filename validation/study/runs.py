@@ -27,7 +27,7 @@ from validation.experiment.runs import warm_up
 from validation.experiment.sources import open_source
 from validation.files.formats import log_path, profile_of_log, read_log
 from validation.fit import Fitted, fit
-from validation.output import Progress, file_name, one_line, shortened
+from validation.output import Progress, file_name, one_line, said_once, shortened
 from validation.plants.profile import Profile, bare_profile, choose_profile, make_plant
 from validation.plants.table import PLANTS
 from validation.report import drawing
@@ -295,14 +295,8 @@ def study_runs(o: RunsStudy) -> Study:
     for plant in o.plants:
         numbers = [{"log": name, **run["numbers"][plant]} for name, run in logs.items()]
         tables.append(Table(f"{plant} on each ground", numbers))
-    rows: list[Row] = []
-    # a note that several logs share is said once
-    logs_by_note: dict[str, list[str]] = {}
-    for name, run in logs.items():
-        rows += run["rows"]
-        for note in run["told"]:
-            logs_by_note.setdefault(note, []).append(name)
-    notes = [f"{', '.join(names)}: {note}" for note, names in logs_by_note.items()]
+    rows = list(chain.from_iterable(run["rows"] for run in logs.values()))
+    notes = said_once({name: run["told"] for name, run in logs.items()})
     notes += [worth(by_robot, fitted_to) for fitted_to in (OTHERS, BOTH) if by_robot]
     panels = _panels(logs)
     panels += [drawing.PanelRow(3.0, [robots_panel(by_robot)])] * bool(by_robot)

@@ -121,9 +121,8 @@ _MEANINGS = {
 
 def meaning_of(name: str) -> str:
     """Return in words what a parameter is; an empty text where its name says it."""
-    number, at, log = name.partition("@")
-    words = _MEANINGS.get(number, "")
-    return f"{words}{at}{log}" if words else ""
+    number, _, _ = name.partition("@")
+    return _MEANINGS.get(number, "")
 
 
 _LIMITS = ("acceleration", "torque_limit", "v_max", "w_max")

@@ -18,7 +18,7 @@ import numpy as np
 
 from ssmr.metrics.windows import OverlappingErrors
 from ssmr.types import FloatArray
-from validation.output import shortened, write_atomic
+from validation.output import abridged, shortened, write_atomic
 from validation.report.palette import BLACK, colour, mix
 from validation.simulator.terrain import FLAT, Terrain
 
@@ -265,6 +265,10 @@ class PanelRow:
     """Words over all of them."""
 
 
+_LONGEST_TITLE = 105
+"""Characters that the width has room for."""
+
+
 def draw_page(
     title: str,
     rows: Sequence[PanelRow],
@@ -308,7 +312,8 @@ def draw_page(
             len(heights), 1, height_ratios=heights, squeeze=False
         ).flat
         edge = EDGE_IN / WIDTH_IN
-        head.text(edge, 1.0 - EDGE_IN / heights[0], title, va="top", color=ink, **_TITLE)
+        heading = abridged(title, _LONGEST_TITLE)
+        head.text(edge, 1.0 - EDGE_IN / heights[0], heading, va="top", color=ink, **_TITLE)
         if legend:
             head.legend(handles=legend, loc="lower left", ncols=across, **_KEY)
         for part, row in zip(parts, rows, strict=True):
